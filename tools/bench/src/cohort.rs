@@ -7,8 +7,12 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
 
-/// Runs the command line at the path `plantar` on the data set in the folder `data`.
-pub fn measure(plantar: &Path, data: &Path, figures: &mut Figures) -> Result<()> {
+/// Number of steps.
+const STEPS: usize = jiku::WALKERS * jiku::TRIALS;
+
+/// Runs the command line at the path `plantar` on the data set in the folder `data`, and the Python package with Dask if `python` is
+/// an interpreter that has it.
+pub fn measure(plantar: &Path, python: Option<&Path>, data: &Path, figures: &mut Figures) -> Result<()> {
     let directory = tempfile::tempdir()?;
     let people = directory.path().join("people");
     for walker in 0..jiku::WALKERS {
@@ -16,27 +20,37 @@ pub fn measure(plantar: &Path, data: &Path, figures: &mut Figures) -> Result<()>
         std::fs::create_dir_all(&folder)?;
         jiku::import(data, walker, 0..jiku::TRIALS, &mut |_, _| ())?.write(folder.join("walk.parquet"))?;
     }
+    let table = |name: &str| directory.path().join(name);
+    let seconds = time(Command::new(plantar).arg("cohort").arg(&people).arg("--out").arg(table("table")))?;
+    figures.add(
+        "cohort_s",
+        (seconds * 100.0).round() / 100.0,
+        &format!("at most 60: time of `plantar cohort` for {STEPS} steps of ten walkers on all cores, s"),
+    );
+    if let Some(python) = python {
+        let mut command = Command::new(python);
+        let dask_s = time(command.args(["-m", "plantar.cohort"]).arg(&people).arg("--out").arg(table("dask")))?;
+        figures.add(
+            "cohort_dask_overhead",
+            (dask_s / seconds * 100.0).round() / 100.0,
+            "at most 3: time of `python -m plantar.cohort` in threads, with the start of Python and Dask, over cohort_s",
+        );
+    }
+    Ok(())
+}
+
+/// The time of a command that fits all steps, s.
+fn time(command: &mut Command) -> Result<f64> {
+    let program = command.get_program().to_string_lossy().into_owned();
     let start = Instant::now();
-    let output = Command::new(plantar)
-        .arg("cohort")
-        .arg(&people)
-        .arg("--out")
-        .arg(directory.path().join("table"))
-        .output()
-        .with_context(|| format!("cannot run {}", plantar.display()))?;
+    let output = command.output().with_context(|| format!("cannot run {program}"))?;
     let seconds = start.elapsed().as_secs_f64();
     if !output.status.success() {
         bail!("the cohort failed: {}", String::from_utf8_lossy(&output.stderr));
     }
     let stdout = String::from_utf8(output.stdout)?;
-    let steps = jiku::WALKERS * jiku::TRIALS;
-    if !stdout.contains(&format!("{steps} steps")) {
-        bail!("the cohort did not fit {steps} steps: {stdout}");
+    if !stdout.contains(&format!("{STEPS} steps")) {
+        bail!("the cohort did not fit {STEPS} steps: {stdout}");
     }
-    figures.add(
-        "cohort_s",
-        (seconds * 100.0).round() / 100.0,
-        &format!("at most 60: time of `plantar cohort` for {steps} steps of ten walkers on all cores, s"),
-    );
-    Ok(())
+    Ok(seconds)
 }

@@ -30,6 +30,9 @@ struct Arguments {
     /// A Python interpreter with NumPy and SciPy.
     #[arg(long, required_unless_present = "stack_json")]
     python: Option<PathBuf>,
+    /// A Python interpreter with the package of this project, to measure the time of its cohort.
+    #[arg(long, requires = "plantar")]
+    package_python: Option<PathBuf>,
     /// The folder SpeedPP2DS of the Python package jiku-data. With this option, the identification is also measured on its
     /// walkers.
     #[arg(long, requires = "plantar")]
@@ -73,7 +76,7 @@ fn main() -> Result<()> {
             cells::measure(jiku, arguments.recordings.as_deref(), &mut figures)?;
             closed_loop::measure(&arguments.firmware, jiku, &mut figures)?;
             walkers::measure(jiku, &mut figures)?;
-            cohort::measure(plantar, jiku, &mut figures)?;
+            cohort::measure(plantar, arguments.package_python.as_deref(), jiku, &mut figures)?;
         }
     } else {
         stack::measure(&arguments.firmware, &mut figures)?;

@@ -101,7 +101,7 @@ fn replay(path: &Path) -> Result<usize> {
     let mut device = Box::new(Insole::<f32, MAX_CELLS>::new());
     device.set_up(insole.setup, insole.cells.iter().copied())?;
     device.set_tissue(&Parameters::typical(InsoleSize::default()).tissue())?;
-    let mut scans = insole.scans_of_file(reader);
+    let mut scans = insole.scans(reader);
     let mut steps = 0;
     while let Some(scan) = scans.next_scan()? {
         if device.frame(scan.index as u32, scan.codes) {

@@ -4,22 +4,22 @@ mod summary;
 mod table;
 
 use crate::fit::{Search, write};
-use crate::people::{self, Person};
+use crate::people;
 use crate::repeat::output;
 use crate::replay::progress;
 use crate::setup::{ContactArgs, rule_in_words};
-use crate::table::Row;
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use fit::agreement::repeatability;
-use fit::{NotFitted, Step, cohort, fit_step};
+use fit::{NotFitted, cohort};
 use plantar::Region;
 use rayon::prelude::*;
-use std::borrow::Cow;
+use recording::RecordingReader;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-use table::Origin;
+use study::table::{STEPS_FILE, partition};
+use study::{Person, fits};
 
 /// Fits each step of many participants separately, as the paper does, and computes means by insole size and repeatability.
 ///
@@ -92,7 +92,7 @@ impl Cohort {
         let bar = progress(names.len() as u64, "participants");
         let results = names.par_iter().with_max_len(1).map(|name| {
             let mut left_out = Vec::new();
-            let path = table::path(&self.out, name);
+            let path = self.file_of(name);
             let done = self.participant(name, &path, &mut left_out).map_err(|error| {
                 left_out.push(format!("{error:#}"));
                 // Otherwise a file of an earlier run would remain in the table, without being part of the summary.
@@ -115,11 +115,16 @@ impl Cohort {
         Ok(left_out.is_empty())
     }
 
+    /// The file of a participant in the table.
+    fn file_of(&self, participant: &str) -> PathBuf {
+        self.out.join(partition(participant)).join(STEPS_FILE)
+    }
+
     /// Prints a note on stderr for each participant in the table that has no folder.
     fn note_others(&self, names: &[String]) -> Result<()> {
-        let known: Vec<_> = names.iter().map(|name| table::path(&self.out, name)).collect();
+        let known: Vec<_> = names.iter().map(|name| self.file_of(name)).collect();
         for entry in fs::read_dir(&self.out)? {
-            let path = entry?.path().join("steps.parquet");
+            let path = entry?.path().join(STEPS_FILE);
             if path.exists() && !known.contains(&path) {
                 eprintln!(
                     "note: the table has {}, but this participant has no folder: remove the file unless you need it",
@@ -133,7 +138,8 @@ impl Cohort {
     /// Writes the participant's rows to the file `path` of the table, unless that file is up to date. For each recording that
     /// cannot be used, appends the reason to `left_out`.
     fn participant(&self, name: &str, path: &Path, left_out: &mut Vec<String>) -> Result<Processed> {
-        let person = Person::open(&self.participants.join(name), &self.search, &self.contact)?;
+        let folder = self.participants.join(name);
+        let (person, recordings) = people::open(&folder, &self.search, &self.contact)?;
         let done = |rows: &[_], is_cached| Processed {
             person: cohort::Person {
                 name: name.into(),
@@ -144,7 +150,7 @@ impl Cohort {
             },
             is_cached,
         };
-        let made_from = made_from(&person)?;
+        let made_from = made_from(&person, &recordings)?;
         // A file that cannot be read counts as out of date and is replaced.
         if let Ok((before, rows)) = table::read(path)
             && before == made_from
@@ -152,19 +158,20 @@ impl Cohort {
             return Ok(done(&rows, true));
         }
         let mut rows = Vec::new();
-        for recording in &person.recordings {
-            match rows_of(&person, recording) {
+        for path in &recordings {
+            let reader = RecordingReader::open(path).map_err(Into::into);
+            match reader.and_then(|reader| fits::rows(&person, reader, path)) {
                 Ok(more) => rows.extend(more),
                 Err(error) => left_out.push(format!("{error:#}")),
             }
         }
         if rows.is_empty() {
-            let count = person.recordings.len();
-            bail!("{}: {count} recordings (*.parquet), {}", person.folder.display(), NotFitted::NoSteps);
+            let count = recordings.len();
+            bail!("{}: {count} recordings (*.parquet), {}", folder.display(), NotFitted::NoSteps);
         }
         // Without a description of its inputs the file is out of date, so the next run tries the unusable recordings again.
         let made_from = if left_out.is_empty() { made_from } else { String::new() };
-        crate::table::write(path, Some((table::KEY, &made_from)), &rows)?;
+        study::table::write(path, Some((table::KEY, &made_from)), &rows)?;
         Ok(done(&table::read(path)?.1, false))
     }
 
@@ -213,33 +220,14 @@ impl Cohort {
     }
 }
 
-/// Describes everything that determines a participant's rows: the files with their sizes and times, the options and the program's
-/// version.
-fn made_from(person: &Person) -> Result<String> {
-    let Person { settings, size, options, contact, .. } = person;
-    let mut text = format!("{} {size} {settings:?} {options:?} {contact:?}", env!("PLANTAR_VERSION"));
-    for path in person.recordings.iter().chain(&settings.zero) {
+/// Describes everything that determines a participant's rows: the recordings with their sizes and times, the settings and options,
+/// and the program's version.
+fn made_from(person: &Person, recordings: &[PathBuf]) -> Result<String> {
+    let mut text = format!("{} {}", env!("PLANTAR_VERSION"), person.description());
+    for path in recordings {
         let file = path.metadata().with_context(|| format!("cannot read {}", path.display()))?;
         let name = path.file_name().unwrap_or_default();
         text += &format!("\n{name:?} {} {:?}", file.len(), file.modified()?);
     }
     Ok(text)
-}
-
-/// The rows of a recording: each region of each step, fitted separately.
-fn rows_of(person: &Person, path: &Path) -> Result<Vec<Row<Cow<'static, str>>>> {
-    let (_, steps) = person.steps(path)?;
-    let origin = Origin {
-        size: person.size,
-        settings: &person.settings,
-        recording: &path.file_name().unwrap_or_default().to_string_lossy(),
-        contact: person.contact,
-        options: person.options,
-    };
-    let regions = steps.iter().flat_map(|step| Region::ALL.map(|region| (step, region)));
-    let row = |(step, region): (&Step, Region)| {
-        let fit = fit_step(step, region as usize, &person.options).map(|(fit, _)| fit);
-        table::row(&origin, step, region, fit)
-    };
-    Ok(regions.map(row).collect())
 }

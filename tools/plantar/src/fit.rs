@@ -10,13 +10,13 @@ use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use fit::interval::RESAMPLES;
 use fit::pins::COMPRESSION;
-use fit::{Bounds, Filter, Measured, Method, Options, Step, Study};
+use fit::{Filter, Method, Options, Step, Study};
 use live::LiveSource;
 use parameters::{InsoleSize, TissueMeasurements};
-use plantar::Region;
 use plantar::checksum::crc32;
 use plantar::pipeline::contact::ContactRule;
 use recording::Recording;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -130,48 +130,40 @@ impl FromStr for StepRange {
 }
 
 impl Search {
-    /// Converts the options to those of the library. `resamples` is the number of bootstrap resamples of the steps.
-    pub fn options(&self, resamples: u64) -> Result<Options> {
-        if !(0.05..=0.95).contains(&self.compression) {
-            bail!("--compression {}: expected a fraction of the thickness, 0.05 to 0.95", self.compression);
-        }
-        let tissue = self.tissue()?;
-        let typical_m = self.size.thickness_m();
-        let thickness_m = std::array::from_fn(|region| tissue.0[region].thickness_m.unwrap_or(typical_m[region]));
-        let measured = tissue.0.map(|region| Measured {
-            has_thickness: region.thickness_m.is_some(),
-            peak_strain: region.peak_strain,
-            curvature_m: region.curvature_m,
-        });
-        let (bounds, prior) = match self.bounds {
-            BoundsName::Free => (Bounds::USUAL, Some(fit::prior::WALKERS)),
-            BoundsName::Paper => (Bounds::PAPER, None),
-        };
-        let (method, usual_filter) = match self.method {
-            MethodName::Projection => (Method::Projection, Filter::Direct),
-            MethodName::Paper => (Method::Paper, Filter::Smoothed),
-        };
-        let filter = self.filter.map_or(usual_filter, |name| match name {
+    /// These options in the form of the library.
+    pub fn of_study(&self) -> study::Search {
+        let filter = self.filter.map(|name| match name {
             FilterName::Direct => Filter::Direct,
             FilterName::Live => Filter::Live,
             FilterName::Smoothed => Filter::Smoothed,
         });
-        let (size_scale, compression) = (self.size.scale(), self.compression);
-        Ok(Options { filter, method, bounds, prior, thickness_m, size_scale, compression, measured, resamples })
+        let method = match self.method {
+            MethodName::Projection => Method::Projection,
+            MethodName::Paper => Method::Paper,
+        };
+        study::Search {
+            filter,
+            method,
+            has_paper_bounds: matches!(self.bounds, BoundsName::Paper),
+            tissue: self.thickness.clone(),
+            size: self.size,
+            compression: self.compression,
+        }
     }
 
-    /// Reads the file of tissue measurements, and prints a note on stderr for each value that is out of range.
-    fn tissue(&self) -> Result<TissueMeasurements> {
-        let Some(path) = &self.thickness else { return Ok(TissueMeasurements::default()) };
-        let tissue = TissueMeasurements::read(path)?;
-        for (region, measurements) in Region::ALL.iter().zip(&tissue.0) {
-            measurements
-                .rejected
-                .iter()
-                .for_each(|value| eprintln!("note: {}: {}: {value}", path.display(), region.name()));
-        }
-        Ok(tissue)
+    /// The options of the fit. Prints a note on stderr for each value of the tissue that is out of range. `resamples` is the number
+    /// of bootstrap resamples of the steps.
+    pub fn options(&self, resamples: u64) -> Result<Options> {
+        let search = self.of_study();
+        let (tissue, notes) = search.tissue(&|path| fs::read(path))?;
+        print_notes(&notes);
+        search.options(&tissue, resamples).with_context(|| format!("--compression {}", self.compression))
     }
+}
+
+/// Prints notes on stderr.
+pub fn print_notes(notes: &[String]) {
+    notes.iter().for_each(|note| eprintln!("note: {note}"));
 }
 
 impl Fit {

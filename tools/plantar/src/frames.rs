@@ -7,33 +7,13 @@ use parquet::data_type::DoubleType;
 use parquet::file::properties::WriterProperties;
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::Type;
+use plantar::Real;
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
-use plantar::{Real, Region};
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-
-/// The columns of each region. Their names in the file have the prefix `<region>_`.
-const REGION_COLUMNS: [&str; 14] = [
-    "area_mm2",
-    "measured_force_n",
-    "deformation_mm",
-    "model_force_n",
-    "cop_x_mm",
-    "cop_y_mm",
-    "ellipse_x_mm",
-    "ellipse_y_mm",
-    "ellipse_r_a_mm",
-    "ellipse_r_b_mm",
-    "ellipse_angle_deg",
-    "saturated",
-    "clamped",
-    "masked_cells",
-];
-
-/// The columns of the contact rule, the same in every row.
-const RULE_COLUMNS: [&str; 3] = ["contact_on_kpa", "contact_off_kpa", "contact_full_kpa"];
+use study::frames;
 
 /// Number of rows in a row group of a Parquet file.
 const GROUP: usize = 16_384;
@@ -55,7 +35,7 @@ enum Sink {
 impl FrameWriter {
     /// Creates a file; its extension, .csv or .parquet, selects the format.
     pub fn create(path: &Path, rule: ContactRule) -> Result<Self> {
-        let names = column_names();
+        let names = frames::column_names();
         let create = || File::create(path).with_context(|| format!("cannot write {}", path.display()));
         let sink = match path.extension().and_then(|e| e.to_str()) {
             Some("csv") => {
@@ -80,33 +60,8 @@ impl FrameWriter {
 
     /// Writes the values of the insole's last frame, at time `t_s`.
     pub fn push<R: Real, const N: usize>(&mut self, t_s: f64, insole: &Insole<R, N>) -> Result<()> {
-        let loads = insole.loads();
-        let total_n: f64 = loads.iter().map(|load| load.frame.force.force_n.to_f64()).sum();
-        let row = &mut self.row;
-        row.clear();
-        row.extend([Some(t_s), Some(total_n)]);
-        for (i, load) in loads.iter().enumerate() {
-            let cop = insole.centre_of_pressure_mm(i);
-            let ellipse = insole.ellipse(i);
-            row.extend([
-                Some(load.frame.area.area_mm2::<f64>()),
-                Some(load.frame.force.force_n.to_f64()),
-                Some(load.tissue.deformation_m.to_f64() * 1e3),
-                Some(load.tissue.model_n.to_f64()),
-                cop.map(|(x, _)| x.to_f64()),
-                cop.map(|(_, y)| y.to_f64()),
-                ellipse.map(|e| e.x_mm.to_f64()),
-                ellipse.map(|e| e.y_mm.to_f64()),
-                ellipse.map(|e| e.r_a_mm.to_f64()),
-                ellipse.map(|e| e.r_b_mm.to_f64()),
-                ellipse.map(|e| f64::from(e.angle_deg())),
-                Some(f64::from(u8::from(load.frame.saturated))),
-                Some(f64::from(u8::from(load.tissue.clamped))),
-                Some(f64::from(insole.faults().masked_cells[i])),
-            ]);
-        }
-        let ContactRule { on_kpa, off_kpa, full_kpa } = self.rule;
-        row.extend([on_kpa, off_kpa, full_kpa].map(|kpa| Some(f64::from(kpa))));
+        self.row.clear();
+        frames::push_row(&mut self.row, t_s, insole, self.rule);
         self.write_row().with_context(|| format!("cannot write {}", self.path.display()))
     }
 
@@ -139,14 +94,6 @@ impl FrameWriter {
         };
         closed.with_context(|| format!("cannot write {}", self.path.display()))
     }
-}
-
-/// The names of all columns, in the order of the values in a row.
-fn column_names() -> Vec<String> {
-    let regions =
-        Region::ALL.iter().flat_map(|r| REGION_COLUMNS.iter().map(move |column| format!("{}_{column}", r.name())));
-    let rule = RULE_COLUMNS.iter().map(|column| (*column).into());
-    ["t_s".into(), "total_force_n".into()].into_iter().chain(regions).chain(rule).collect()
 }
 
 /// Writes the columns as one row group and empties them.

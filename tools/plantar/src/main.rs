@@ -23,7 +23,6 @@ mod replay;
 mod serve;
 mod setup;
 mod summary;
-mod table;
 mod update;
 mod view;
 mod zero;

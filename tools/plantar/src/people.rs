@@ -1,32 +1,11 @@
 //! The participants of a study: one folder per person, with recordings and, optionally, a file `participant.toml`.
 
-use crate::fit::Search;
-use crate::setup::{self, ContactArgs, ZeroArgs};
+use crate::fit::{Search, print_notes};
+use crate::setup::ContactArgs;
 use anyhow::{Context, Result, bail};
-use fit::steps::isolate;
-use fit::{Options, Step};
-use parameters::{InsoleSize, Participant};
-use plantar::Side;
-use plantar::pipeline::contact::ContactRule;
-use recording::RecordingReader;
 use std::fs;
 use std::path::{Path, PathBuf};
-
-/// A participant and the options for this person.
-pub struct Person {
-    /// The person's folder.
-    pub folder: PathBuf,
-    /// The recordings in the folder, sorted by name.
-    pub recordings: Vec<PathBuf>,
-    /// The values of participant.toml, or none without this file.
-    pub settings: Participant,
-    /// The size in participant.toml, or else the option --size.
-    pub size: InsoleSize,
-    /// The options of the fit, for this person's size and tissue thickness.
-    pub options: Options,
-    /// The contact rule.
-    pub contact: ContactRule,
-}
+use study::Person;
 
 /// The names of the participants' folders in the folder of a study, sorted. The folder `except` is not one of them.
 pub fn names(study: &Path, except: Option<&Path>) -> Result<Vec<String>> {
@@ -48,52 +27,15 @@ pub fn names(study: &Path, except: Option<&Path>) -> Result<Vec<String>> {
     Ok(names)
 }
 
-impl Person {
-    /// Reads a participant's folder.
-    pub fn open(folder: &Path, search: &Search, contact: &ContactArgs) -> Result<Self> {
-        let file = folder.join("participant.toml");
-        let settings = if file.exists() { Participant::read(&file)? } else { Participant::default() };
-        let mut recordings = Vec::new();
-        for entry in fs::read_dir(folder).with_context(|| format!("cannot read {}", folder.display()))? {
-            recordings.push(entry?.path());
-        }
-        recordings.retain(|path| path.extension().is_some_and(|ending| ending == "parquet"));
-        recordings.sort();
-        Self::new(folder, recordings, settings, search, contact)
+/// The participant in a folder, and the paths of the recordings there, sorted by name.
+pub fn open(folder: &Path, search: &Search, contact: &ContactArgs) -> Result<(Person, Vec<PathBuf>)> {
+    let person = Person::open(folder, &search.of_study(), contact.rule(None)?, &|path| fs::read(path))?;
+    print_notes(&person.notes);
+    let mut recordings = Vec::new();
+    for entry in fs::read_dir(folder).with_context(|| format!("cannot read {}", folder.display()))? {
+        recordings.push(entry?.path());
     }
-
-    /// A participant with these recordings and settings.
-    pub fn new(
-        folder: &Path,
-        recordings: Vec<PathBuf>,
-        settings: Participant,
-        search: &Search,
-        contact: &ContactArgs,
-    ) -> Result<Self> {
-        let mut search = search.clone();
-        search.size = settings.size.unwrap_or(search.size);
-        search.thickness = settings.thickness.clone().or(search.thickness);
-        Ok(Self {
-            folder: folder.into(),
-            recordings,
-            size: search.size,
-            options: search.options(0)?,
-            contact: contact.rule(None)?,
-            settings,
-        })
-    }
-
-    /// The foot and the complete steps of a recording.
-    pub fn steps(&self, path: &Path) -> Result<(Side, Vec<Step>)> {
-        let reader = RecordingReader::open(path)?;
-        let side = reader.head.side;
-        let isolated = || {
-            let mut insole = setup::insole_of(&reader, self.contact)?;
-            ZeroArgs { zero: self.settings.zero.clone() }.apply(&mut insole)?;
-            Ok(isolate(&insole, insole.scans_of_file(reader), 0, &mut |_| ())?.0)
-        };
-        let steps: Result<_> = isolated();
-        let steps = steps.with_context(|| format!("{}: the recording cannot be evaluated", path.display()))?;
-        Ok((side, steps))
-    }
+    recordings.retain(|path| path.extension().is_some_and(|ending| ending == "parquet"));
+    recordings.sort();
+    Ok((person, recordings))
 }

@@ -5,19 +5,19 @@ use crate::cells::CellRecorder;
 use crate::monitor::{Sink, follow};
 use crate::records::Records;
 use crate::summary;
-use crate::table::{self, Row, Value};
 use crate::view::View;
 use anyhow::{Result, bail};
 use clap::Args;
 use client::{Axis, ReconnectPolicy};
 use parameters::DeformationScale;
 use plantar::protocol::{
-    Alert, Bout, BoutRegion, CellFrame, CellStream, Flag, Live, LiveRegion, LoadRecord, Quantity, Resolution, Step,
-    StepFoot, StepRegion, ToDevice,
+    Alert, Bout, BoutRegion, CellFrame, CellStream, Live, LiveRegion, LoadRecord, Resolution, ToDevice,
 };
 use plantar::{Region, Side};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
+use study::records::{columns, flag_columns, step_row};
+use study::table::{self, Row, Value};
 
 /// Stores live frames, steps, load bouts and alerts of an insole in a folder of Parquet files.
 ///
@@ -209,11 +209,13 @@ impl Sink for Recorder<'_> {
         self.pending.push(record.number());
         let start = Value::Real(axis.start_us(record).map(seconds));
         for (i, region) in Region::ALL.iter().enumerate() {
-            let (rows, mut row) = match record {
-                LoadRecord::Step(step) => (&mut self.steps, step_row(self.session, step, i, region.name())),
-                LoadRecord::Bout(bout) => (&mut self.bouts, bout_row(self.session, bout, i, region.name())),
-                LoadRecord::Alert(alert) => (&mut self.alerts, alert_row(self.session, alert, i, region.name())),
+            let (rows, columns) = match record {
+                LoadRecord::Step(step) => (&mut self.steps, step_row(step, i)),
+                LoadRecord::Bout(bout) => (&mut self.bouts, bout_row(bout, i, region.name())),
+                LoadRecord::Alert(alert) => (&mut self.alerts, alert_row(alert, i, region.name())),
             };
+            let mut row: Row = vec![("session", self.session.into())];
+            row.extend(columns);
             row.push(("start_unix_s", start.clone()));
             rows.push(row);
         }
@@ -245,32 +247,9 @@ fn seconds(us: u64) -> f64 {
     us as f64 / 1e6
 }
 
-/// The row of the region with index `i` and name `region` in a step. The order of the columns is part of the table's format.
-fn step_row(session: i32, step: &Step, i: usize, region: &str) -> Row {
-    let r = &step.regions[i];
-    let (nested, quantities): (Vec<_>, Vec<_>) = StepRegion::QUANTITIES.iter().partition(|q| q.path().0.is_some());
-    let (counts, quantities): (Vec<_>, Vec<_>) = quantities.into_iter().partition(|q| q.is_count());
-    let (unscaled, scaled): (Vec<_>, Vec<_>) = quantities.into_iter().partition(|q| q.per_unit == 1);
-    let mut row: Row = vec![("session", session.into()), ("side", step.side.name().into())];
-    row.extend(columns(Step::QUANTITIES, step));
-    row.push(("region", region.into()));
-    row.extend(columns(unscaled, r));
-    row.extend(flag_columns(Step::FLAGS, step, i));
-    row.extend(columns(counts, r));
-    row.extend([
-        ("contact_on_kpa", f64::from(step.contact_rule.on_kpa).into()),
-        ("contact_off_kpa", f64::from(step.contact_rule.off_kpa).into()),
-        ("contact_full_kpa", f64::from(step.contact_rule.full_kpa).into()),
-    ]);
-    row.extend(columns(scaled, r));
-    row.extend(columns(nested, r));
-    row.extend(columns(StepFoot::QUANTITIES, &step.foot));
-    row
-}
-
 /// The row of the region with index `i` and name `region` in a load bout.
-fn bout_row(session: i32, bout: &Bout, i: usize, region: &str) -> Row {
-    let mut row: Row = vec![("session", session.into()), ("side", bout.side.name().into())];
+fn bout_row(bout: &Bout, i: usize, region: &str) -> Row {
+    let mut row: Row = vec![("side", bout.side.name().into())];
     row.extend(columns(Bout::QUANTITIES, bout));
     row.extend([("kind", bout.kind.name().into()), ("region", region.into())]);
     row.extend(columns(BoutRegion::QUANTITIES, &bout.regions[i]));
@@ -278,31 +257,10 @@ fn bout_row(session: i32, bout: &Bout, i: usize, region: &str) -> Row {
 }
 
 /// The row of the region with index `i` and name `region` in an alert.
-fn alert_row(session: i32, alert: &Alert, i: usize, region: &str) -> Row {
-    let mut row: Row = vec![("session", session.into()), ("side", alert.side.name().into())];
+fn alert_row(alert: &Alert, i: usize, region: &str) -> Row {
+    let mut row: Row = vec![("side", alert.side.name().into())];
     row.extend(columns(Alert::QUANTITIES, alert));
     row.push(("region", region.into()));
     row.extend(flag_columns(Alert::FLAGS, alert, i));
     row
-}
-
-/// The columns of these quantities, with the values that they have in `of`: a live frame, a step, a load bout or a region.
-fn columns<T: 'static>(
-    quantities: impl IntoIterator<Item = &'static Quantity<T>>,
-    of: &T,
-) -> impl Iterator<Item = (&'static str, Value)> {
-    quantities.into_iter().map(move |quantity| {
-        let integer = || (quantity.value)(of).and_then(|value| i32::try_from(value).ok());
-        let value = if quantity.is_count() { Value::Integer(integer()) } else { Value::Real(quantity.in_unit(of)) };
-        (quantity.name, value)
-    })
-}
-
-/// The columns of these flags, with the values that they have in `of` for the region with this index.
-fn flag_columns<T: 'static>(
-    flags: &'static [Flag<T>],
-    of: &T,
-    region: usize,
-) -> impl Iterator<Item = (&'static str, Value)> {
-    flags.iter().map(move |flag| (flag.name, flag.is_set(of, region).into()))
 }

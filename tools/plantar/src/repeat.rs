@@ -2,19 +2,21 @@
 
 pub mod output;
 
-use crate::fit::{Search, stem, write};
-use crate::people::{self, Person};
+use crate::fit::{Search, print_notes, write};
+use crate::people;
 use crate::replay::progress;
 use crate::setup::{ContactArgs, rule_in_words};
 use anyhow::{Context, Result, bail};
 use clap::Args;
-use fit::NotFitted;
 use fit::agreement::{FootRepeatability, SingleTrial, repeatability};
 use fit::trials::Trial;
 use parameters::Participant;
 use rayon::prelude::*;
+use recording::RecordingReader;
 use std::collections::BTreeSet;
+use std::fs;
 use std::path::{Path, PathBuf};
+use study::{Person, fits};
 
 /// Compares the values that are identified from repeated trials of the same people.
 ///
@@ -122,13 +124,14 @@ impl Repeat {
         let names = people::names(study, None)?;
         let bar = progress(names.len() as u64, "participants");
         let all = names.par_iter().with_max_len(1).map(|name| {
-            let trials = match Person::open(&study.join(name), &self.search, &self.contact) {
-                Ok(person) if person.recordings.is_empty() => Trials {
+            let folder = study.join(name);
+            let trials = match people::open(&folder, &self.search, &self.contact) {
+                Ok((_, recordings)) if recordings.is_empty() => Trials {
                     name: name.clone(),
                     trials: Vec::new(),
-                    left_out: vec![format!("{}: no recordings (*.parquet)", person.folder.display())],
+                    left_out: vec![format!("{}: no recordings (*.parquet)", folder.display())],
                 },
-                Ok(person) => trials_of(name, &person),
+                Ok((person, recordings)) => trials_of(name, &person, &recordings),
                 Err(error) => Trials { name: name.clone(), trials: Vec::new(), left_out: vec![format!("{error:#}")] },
             };
             bar.inc(1);
@@ -149,8 +152,9 @@ impl Repeat {
             }
         }
         let settings = Participant { zero: self.zero.clone(), ..Participant::default() };
-        let person = Person::new(Path::new(""), self.inputs.clone(), settings, &self.search, &self.contact)?;
-        Ok(trials_of("the person", &person))
+        let person = Person::new(settings, &self.search.of_study(), self.contact.rule(None)?, &|path| fs::read(path))?;
+        print_notes(&person.notes);
+        Ok(trials_of("the person", &person, &self.inputs))
     }
 }
 
@@ -159,8 +163,9 @@ fn is_parquet(path: &Path) -> bool {
 }
 
 /// Fits each recording of a person.
-fn trials_of(name: &str, person: &Person) -> Trials {
-    let results: Vec<Result<Trial>> = person.recordings.par_iter().map(|path| trial(person, path)).collect();
+fn trials_of(name: &str, person: &Person, recordings: &[PathBuf]) -> Trials {
+    let results: Vec<Result<Trial>> =
+        recordings.par_iter().map(|path| fits::trial(person, RecordingReader::open(path)?, path)).collect();
     let mut of_person = Trials { name: name.into(), trials: Vec::new(), left_out: Vec::new() };
     for result in results {
         match result {
@@ -169,19 +174,6 @@ fn trials_of(name: &str, person: &Person) -> Trials {
         }
     }
     of_person
-}
-
-/// Fits each region to all steps of a recording.
-fn trial(person: &Person, path: &Path) -> Result<Trial> {
-    let (side, steps) = person.steps(path)?;
-    if steps.is_empty() {
-        bail!("{}: {}", path.display(), NotFitted::NoSteps);
-    }
-    let fits = fit::fit(&steps, &person.options, &|_| ());
-    if fits.iter().all(Result::is_err) {
-        bail!("{}: no region could be fitted", path.display());
-    }
-    Ok(Trial::of(stem(path), side, &fits))
 }
 
 /// The reason why a person's only trial of a foot is left out, with the remedy.

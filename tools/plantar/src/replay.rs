@@ -14,7 +14,7 @@ use plantar::insole::Insole;
 use plantar::pipeline::alert::AlertRules;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::{Alert, Bout, Step};
-use recording::{MAX_CELLS, RecordingReader, Scan, VirtualInsole};
+use recording::{FrameSource, MAX_CELLS, Recording, RecordingReader, Scan, VirtualInsole};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -64,16 +64,17 @@ enum Precision {
 impl Replay {
     pub fn run(&self) -> Result<()> {
         let reader = RecordingReader::open(&self.recording)?;
-        let (frames, cells) = (reader.frames(), reader.head.cells());
+        let (frame_count, head) = (reader.frames(), reader.head.clone());
+        let source = reader.into();
         let parameters = self.wearer.parameters()?;
         let tissue = parameters.tissue();
         let start = Instant::now();
-        let mut insole = setup::insole_of(&reader, self.contact.rule(parameters.identified.as_ref())?)
+        let mut insole = study::virtual_insole(&source, self.contact.rule(parameters.identified.as_ref())?)
             .with_context(|| self.recording.display().to_string())?;
         self.zero.apply(&mut insole)?;
         let records = match self.precision {
-            Precision::F32 => self.replay::<f32>(reader, &insole, &tissue)?,
-            Precision::F64 => self.replay::<f64>(reader, &insole, &tissue)?,
+            Precision::F32 => self.replay::<f32>(source, &head, frame_count, &insole, &tissue)?,
+            Precision::F64 => self.replay::<f64>(source, &head, frame_count, &insole, &tissue)?,
         };
         let seconds = start.elapsed().as_secs_f64();
         if let Some(path) = &self.json {
@@ -84,14 +85,16 @@ impl Replay {
         }
         records.print(&parameters.deformation);
         setup::note_unless_applicable(&parameters, self.wearer.size, &records.steps);
-        eprintln!("{frames} frames of {cells} cells in {seconds:.2} s");
+        eprintln!("{frame_count} frames of {} cells in {seconds:.2} s", head.cells());
         Ok(())
     }
 
     /// Computes the steps in the arithmetic `R`, and writes the files of --frames and --picture.
     fn replay<R: Real>(
         &self,
-        reader: RecordingReader,
+        source: FrameSource,
+        head: &Recording,
+        frame_count: usize,
         virtual_insole: &VirtualInsole,
         tissue: &Tissue,
     ) -> Result<Records> {
@@ -105,9 +108,8 @@ impl Replay {
         let mut frames =
             self.frames.as_deref().map(|path| FrameWriter::create(path, virtual_insole.setup.contact)).transpose()?;
         let mut picture = self.picture.is_some().then(|| Picture::new(virtual_insole));
-        let bar = progress(reader.frames() as u64, "frames");
-        let head = reader.head.clone();
-        let mut scans = virtual_insole.scans_of_file(reader);
+        let bar = progress(frame_count as u64, "frames");
+        let mut scans = virtual_insole.scans(source);
         let mut records = Records::default();
         while let Some(Scan { index: i, t_s, codes }) = scans.next_scan()? {
             let toe_off = insole.frame(i as u32, codes);
@@ -137,7 +139,7 @@ impl Replay {
         }
         summary::print_faults(insole.faults(), head.cells());
         if let (Some(picture), Some(path)) = (picture, &self.picture) {
-            picture.write(path, &head, virtual_insole)?;
+            picture.write(path, head, virtual_insole)?;
         }
         Ok(records)
     }

@@ -1,15 +1,14 @@
 //! Options that several commands share: the wearer's parameters, the contact rule and the baseline of the cells.
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result};
 use clap::Args;
 use parameters::{Identified, InsoleSize, LIVE, Parameters, SMOOTHED, SmoothedArea, TypicalRange};
 use plantar::Region;
 use plantar::pipeline::contact::ContactRule;
-use plantar::pipeline::setup::PERIOD_US;
-use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::{Step, StepRegion};
-use recording::{Recording, RecordingReader, VirtualInsole, Zero};
+use recording::{Recording, VirtualInsole, Zero};
 use std::path::PathBuf;
+use study::ContactOptions;
 
 #[derive(Args)]
 pub struct WearerArgs {
@@ -88,32 +87,20 @@ pub struct ContactArgs {
 }
 
 impl ContactArgs {
+    fn values(&self) -> ContactOptions {
+        ContactOptions { on_kpa: self.contact_on, off_kpa: self.contact_off, full_kpa: self.contact_full }
+    }
+
     /// This rule, with the values of the given options.
     pub fn changed(&self, rule: ContactRule) -> ContactRule {
-        ContactRule {
-            on_kpa: self.contact_on.unwrap_or(rule.on_kpa),
-            off_kpa: self.contact_off.unwrap_or(rule.off_kpa),
-            full_kpa: self.contact_full.unwrap_or(rule.full_kpa),
-        }
+        self.values().changed(rule)
     }
 
     /// Returns the contact rule: the rule with which the parameters were identified, or else the usual one, changed by the given
     /// options. Prints a note on stderr if the result differs from the rule with which the parameters were identified.
     pub fn rule(&self, identified: Option<&Identified>) -> Result<ContactRule> {
         let default = identified.map_or(ContactRule::COVERED, |i| i.contact);
-        // Another contact threshold leaves the ratio of the two thresholds unchanged.
-        let off_kpa = default.off_kpa / default.on_kpa * self.contact_on.unwrap_or(default.on_kpa);
-        let rule = self.changed(ContactRule { off_kpa, ..default });
-        if !rule.is_valid() {
-            bail!(
-                "invalid contact rule, on at {} kPa, off below {} kPa, whole cell from {} kPa: --contact-off must be \
-                 positive, --contact-off may not be above --contact-on, --contact-on not above 1000, and \
-                 --contact-full either 0, for whole cells, or from --contact-on to 2000",
-                rule.on_kpa,
-                rule.off_kpa,
-                rule.full_kpa
-            );
-        }
+        let rule = self.values().rule(default).context("--contact-on, --contact-off and --contact-full")?;
         if let Some(identified) = identified {
             note_unless_same_rule(&identified.contact, &rule);
             match identified.filter.as_str() {
@@ -162,23 +149,7 @@ pub fn rule_in_words(rule: &ContactRule) -> String {
 
 /// Makes a virtual insole for a recording. Returns an error if an insole cannot have the recording's frame rate.
 pub fn insole(recording: &Recording, rule: ContactRule) -> Result<VirtualInsole> {
-    insole_up_to(recording.largest_kpa(), recording, rule)
-}
-
-/// As [`insole`], for a recording whose frames are not in memory.
-pub fn insole_of(reader: &RecordingReader, rule: ContactRule) -> Result<VirtualInsole> {
-    insole_up_to(reader.largest_kpa()?, &reader.head, rule)
-}
-
-fn insole_up_to(largest_kpa: f32, head: &Recording, rule: ContactRule) -> Result<VirtualInsole> {
-    let insole = VirtualInsole::up_to(largest_kpa, head, rule, StanceRule::ADAPTIVE);
-    if !PERIOD_US.contains(&insole.setup.period_us) {
-        bail!(
-            "the recording has {:.2} frames per second, and 20 to 500 are supported: import it again with --rate 100",
-            head.rate_hz
-        );
-    }
-    Ok(insole)
+    study::virtual_insole(&recording.into(), rule)
 }
 
 #[derive(Args, Default)]

@@ -58,7 +58,7 @@ pub use layout::{Cell, Layout, MAX_CELLS};
 pub use names::area_title;
 pub use reader::RecordingReader;
 pub use recording::Recording;
-pub use scans::{Scan, Scans};
+pub use scans::{FrameSource, Scan, Scans};
 pub use standing::StandingTrial;
 pub use streamed::StreamedCells;
 pub use zero::{FootZero, Zero};

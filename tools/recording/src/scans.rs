@@ -5,6 +5,47 @@ use crate::{Recording, RecordingReader, Result, VirtualInsole};
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::thread;
 
+/// A recording in memory, or a stored one.
+pub enum FrameSource<'a> {
+    /// A recording in memory.
+    Memory(&'a Recording),
+    /// A stored recording.
+    File(RecordingReader),
+}
+
+impl FrameSource<'_> {
+    /// The description of the recording. Whether it contains the frames depends on the source.
+    pub fn head(&self) -> &Recording {
+        match self {
+            Self::Memory(recording) => recording,
+            Self::File(reader) => &reader.head,
+        }
+    }
+
+    /// The largest pressure, kPa.
+    ///
+    /// # Errors
+    /// See [`RecordingReader::largest_kpa`].
+    pub fn largest_kpa(&self) -> Result<f32> {
+        match self {
+            Self::Memory(recording) => Ok(recording.largest_kpa()),
+            Self::File(reader) => reader.largest_kpa(),
+        }
+    }
+}
+
+impl<'a> From<&'a Recording> for FrameSource<'a> {
+    fn from(recording: &'a Recording) -> Self {
+        Self::Memory(recording)
+    }
+}
+
+impl From<RecordingReader> for FrameSource<'_> {
+    fn from(reader: RecordingReader) -> Self {
+        Self::File(reader)
+    }
+}
+
 /// The scans of a virtual insole: the frames of a recording, and repetitions of its last frame, which confirm a toe off at the end.
 pub struct Scans<'a> {
     insole: &'a VirtualInsole,
@@ -38,13 +79,12 @@ enum Frames<'a> {
 }
 
 impl VirtualInsole {
-    /// The scans of a recording in memory.
-    pub fn scans<'a>(&'a self, recording: &'a Recording) -> Scans<'a> {
-        Scans::new(self, Frames::Memory(recording))
-    }
-
-    /// The scans of a stored recording. They are decoded by other threads, a few blocks of frames ahead.
-    pub fn scans_of_file(&self, reader: RecordingReader) -> Scans<'_> {
+    /// The scans of a recording. A file is decoded by other threads, a few blocks of frames ahead.
+    pub fn scans<'a>(&'a self, source: impl Into<FrameSource<'a>>) -> Scans<'a> {
+        let reader = match source.into() {
+            FrameSource::Memory(recording) => return Scans::new(self, Frames::Memory(recording)),
+            FrameSource::File(reader) => reader,
+        };
         let (sender, blocks) = sync_channel(1);
         let insole = self.clone();
         thread::spawn(move || {

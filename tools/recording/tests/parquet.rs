@@ -234,7 +234,7 @@ fn the_scans_of_a_file_equal_those_of_the_recording_in_memory() {
     assert_eq!((reader.frames(), reader.largest_kpa().unwrap()), (recording.frames(), 1300.0));
     let in_memory = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
     let of_file = VirtualInsole::up_to(1300.0, &reader.head, ContactRule::COUNTED, StanceRule::ADAPTIVE);
-    let (mut expected, mut scans) = (in_memory.scans(&recording), of_file.scans_of_file(reader));
+    let (mut expected, mut scans) = (in_memory.scans(&recording), of_file.scans(reader));
     while let Some(expected) = expected.next_scan().unwrap() {
         let scan = scans.next_scan().unwrap().expect("a scan");
         assert_eq!((scan.index, scan.t_s, scan.codes), (expected.index, expected.t_s, expected.codes));
@@ -259,7 +259,7 @@ fn the_scans_of_a_file_end_with_its_error() {
     write(&path, Some(TWO_CELLS), ["t_s", "c0_kpa", "c1_kpa"], &[0.0, 0.03], [&[1.0, 2.0], &[4.0, 3.0]]);
     let reader = RecordingReader::open(&path).unwrap();
     let insole = VirtualInsole::up_to(4.0, &reader.head, ContactRule::COUNTED, StanceRule::ADAPTIVE);
-    let error = insole.scans_of_file(reader).next_scan().err().expect("an error").to_string();
+    let error = insole.scans(reader).next_scan().err().expect("an error").to_string();
     assert!(error.contains("row 2, column t_s: 0.030000 s after"), "{error}");
 }
 

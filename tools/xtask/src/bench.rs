@@ -4,7 +4,7 @@ use crate::arguments::{FiguresFile, Soak};
 use crate::build::{bootloader, build_firmware, build_host, firmware};
 use crate::command::{built, run_command};
 use crate::test::recordings;
-use crate::{BOARDS, EMULATED, image, page, setup};
+use crate::{BOARDS, EMULATED, image, package, page, setup};
 use anyhow::{Context, Result};
 use serde_json::{Map, Value};
 use std::path::Path;
@@ -23,8 +23,10 @@ pub fn bench() -> Result<Figures> {
     build_host("plantar-cli")?;
     let plantar = built("release/plantar");
     let recordings = recordings();
-    let options: [(&str, &Path); 5] = [
+    let package_python = setup::program(&package::build()?, "python");
+    let options: [(&str, &Path); 6] = [
         ("--python", &python.interpreter),
+        ("--package-python", &package_python),
         ("--jiku", &python.jiku),
         ("--moticon", &python.moticon),
         ("--plantar", &plantar),

@@ -22,12 +22,15 @@ pub fn run(program: &str, arguments: &[&str]) -> Result<()> {
     run_command(Command::new(program).args(arguments))
 }
 
-/// Prints a command and runs it in the repository's folder. Returns an error if the command fails.
+/// Prints a command and runs it, in the repository's folder unless it names another one. Returns an error if the command fails.
 pub fn run_command(command: &mut Command) -> Result<()> {
     let words: Vec<_> = std::iter::once(command.get_program()).chain(command.get_args()).collect();
     let line = words.iter().map(|word| word.to_string_lossy()).collect::<Vec<_>>().join(" ");
     eprintln!("> {line}");
-    let status = command.current_dir(root()).status().with_context(|| format!("cannot run {line}"))?;
+    if command.get_current_dir().is_none() {
+        command.current_dir(root());
+    }
+    let status = command.status().with_context(|| format!("cannot run {line}"))?;
     if !status.success() {
         bail!("{line} failed");
     }

@@ -8,6 +8,7 @@ mod demo;
 mod fuzz;
 mod image;
 mod limits;
+mod package;
 mod page;
 mod setup;
 mod test;

@@ -17,6 +17,24 @@ const SCIPY: &str = "scipy>=1.13,<2";
 /// A library that simulates phones and Bluetooth controllers.
 const BUMBLE: &str = "bumble==0.0.236";
 
+/// The packages that build and test the Python package.
+const PACKAGE_TOOLS: [&str; 14] = [
+    "dask==2026.8.0",
+    "distributed==2026.8.0",
+    "fsspec==2026.9.0",
+    "ipykernel==7.4.0",
+    "matplotlib==3.11.2",
+    "maturin==1.16.0",
+    "mypy==2.4.1",
+    "nbclient==0.11.0",
+    "numpy==2.4.6",
+    "pandas==3.1.1",
+    "pandas-stubs==3.1.0.261029",
+    "pyarrow==26.0.1",
+    "pytest==9.2.0",
+    "xarray==2026.9.0",
+];
+
 /// A private Python environment.
 pub struct Python {
     /// The path of its interpreter, which has NumPy, SciPy and bumble.
@@ -36,6 +54,7 @@ pub fn all() -> Result<Python> {
     cargo_fuzz()?;
     cargo_deny()?;
     bus()?;
+    package()?;
     python()
 }
 
@@ -152,15 +171,11 @@ pub fn python() -> Result<Python> {
     let walks = format!("{WALKS_PACKAGE}=={WALKS_VERSION}");
     let packages = format!("{SAMPLE_PACKAGE} {walks} {NUMPY} {SCIPY} {BUMBLE}");
     let sources = environment.join("sources");
-    let bin = if cfg!(windows) { "Scripts" } else { "bin" };
-    let interpreter = environment.join(bin).join("python");
+    let interpreter = program(&environment, "python");
     if std::fs::read_to_string(&stamp).ok().as_deref() != Some(&packages) {
         std::fs::create_dir_all(cache())?;
         create_environment(&environment)?;
-        let python = interpreter.to_string_lossy();
-        let pip = |options: &[&str]| {
-            run(&python, &[&["-m", "pip", "--disable-pip-version-check", "--quiet"], options].concat())
-        };
+        let pip = |options: &[&str]| pip(&environment, options);
         let (source, folder) = (["--no-deps", "--no-binary", WALKS_PACKAGE, &walks], sources.to_string_lossy());
         pip(&["install", "--no-deps", SAMPLE_PACKAGE, NUMPY, SCIPY])
             .and_then(|()| pip(&["install", BUMBLE]))
@@ -173,6 +188,33 @@ pub fn python() -> Result<Python> {
     })?;
     let moticon = sources.join(format!("{}-{WALKS_VERSION}.tar.gz", WALKS_PACKAGE.replace('-', "_")));
     Ok(Python { interpreter, jiku, moticon })
+}
+
+/// Creates the private Python environment with the tools for the Python package, if it is missing or the list of its packages has
+/// changed. Returns its folder.
+pub fn package() -> Result<PathBuf> {
+    let environment = cache().join("package");
+    let stamp = environment.join(PYTHON_STAMP);
+    let packages = PACKAGE_TOOLS.join(" ");
+    if std::fs::read_to_string(&stamp).ok().as_deref() != Some(&packages) {
+        std::fs::create_dir_all(cache())?;
+        create_environment(&environment)?;
+        pip(&environment, &[&["install"], &PACKAGE_TOOLS[..]].concat())
+            .context("the tools for the Python package come from PyPI: check the network connection")?;
+        std::fs::write(&stamp, packages)?;
+    }
+    Ok(environment)
+}
+
+/// The path of a program in an environment.
+pub fn program(environment: &Path, name: &str) -> PathBuf {
+    environment.join(if cfg!(windows) { "Scripts" } else { "bin" }).join(name)
+}
+
+/// Runs pip in an environment.
+pub fn pip(environment: &Path, options: &[&str]) -> Result<()> {
+    let python = program(environment, "python");
+    run(&python.to_string_lossy(), &[&["-m", "pip", "--disable-pip-version-check", "--quiet"], options].concat())
 }
 
 /// Creates a new, empty environment in this folder.

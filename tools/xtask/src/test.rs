@@ -4,12 +4,13 @@ use crate::arguments::{FUZZ_MINUTES, Soak};
 use crate::build::{bootloader, build_firmware, build_whole_host, cargo_firmware, firmware};
 use crate::command::{built, root, run, run_command};
 use crate::setup::Python;
-use crate::{BOARDS, EMULATED, TARGET, bench, fuzz, limits, page, setup};
+use crate::{BOARDS, EMULATED, TARGET, bench, fuzz, limits, package, page, setup};
 use anyhow::Result;
 use std::path::PathBuf;
 use std::process::Command;
 
-const DENY_WARNINGS: [&str; 3] = ["--", "--deny", "warnings"];
+/// Options of Clippy.
+pub const DENY_WARNINGS: [&str; 3] = ["--", "--deny", "warnings"];
 
 /// The name of the module with tests that need recordings of people. These recordings are not public.
 const UNPUBLISHED: &str = "unpublished::";
@@ -43,6 +44,7 @@ pub fn all() -> Result<()> {
     build_whole_host()?;
     page::test(&built("release/plantar"), &firmware(EMULATED))?;
     host_tests(&python)?;
+    package::test()?;
     Soak { short: true, json: None }.run()?;
     fuzz::run(FUZZ_MINUTES)?;
     limits::check(&bench::bench()?)

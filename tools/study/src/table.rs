@@ -15,11 +15,15 @@ use std::sync::Arc;
 pub type Row<Name = &'static str> = Vec<(Name, Value)>;
 
 /// A value of one of the types that columns have; `None` is null.
-#[derive(Clone)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Value {
+    /// A text.
     Text(Option<String>),
+    /// A count, or a number of a record.
     Integer(Option<i32>),
+    /// A real number.
     Real(Option<f64>),
+    /// True or false.
     Flag(Option<bool>),
 }
 
@@ -67,6 +71,12 @@ impl From<i32> for Value {
 
 /// Writes rows as a Parquet file. There must be at least one row, and all rows must have the same columns. An existing file is
 /// replaced only when the new one is complete. `metadata` is a key of the file's metadata with its value.
+///
+/// # Errors
+/// If the file cannot be written.
+///
+/// # Panics
+/// Panics without rows.
 pub fn write<Name: AsRef<str>>(path: &Path, metadata: Option<(&str, &str)>, rows: &[Row<Name>]) -> Result<()> {
     let written = || -> Result<()> {
         fs::create_dir_all(path.parent().unwrap_or(Path::new(".")))?;
@@ -124,3 +134,16 @@ fn write_column<T: DataType>(
     column.typed::<T>().write_batch(&values, Some(&defined), None)?;
     Ok(())
 }
+
+/// The name of a participant's folder in the table of a study. Programs that read the table split this name at `=` into a key and
+/// a value, so special characters are encoded as in Hive.
+pub fn partition(participant: &str) -> String {
+    let encode = |c: char| match c.is_ascii_control() || "\"#%'*/:=?\\{[]^".contains(c) {
+        true => format!("%{:02X}", c as u32),
+        false => c.into(),
+    };
+    format!("participant={}", participant.chars().map(encode).collect::<String>())
+}
+
+/// The name of the file in such a folder.
+pub const STEPS_FILE: &str = "steps.parquet";

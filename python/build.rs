@@ -1,0 +1,5 @@
+//! Sets the variable `PLANTAR_VERSION`: the version of the package and the commit.
+
+fn main() {
+    build_support::version();
+}

@@ -1,0 +1,27 @@
+"""Pressure recordings of feet: regional loads, contact ellipses and tissue parameters.
+
+The computations are those of Plantar's insoles and of the command line ``plantar``. Names of columns end with their units.
+``plantar.cohort`` evaluates a whole study; it is a module of its own, because it needs Dask.
+"""
+
+from plantar._core import version as __version__
+from plantar.fitting import Fit, fit, fit_steps, repeat
+from plantar.insole import Event, Insole
+from plantar.options import Options
+from plantar.recording import REGIONS, Recording, Replay, read, replay
+
+__all__ = [
+    "REGIONS",
+    "Event",
+    "Fit",
+    "Insole",
+    "Options",
+    "Recording",
+    "Replay",
+    "__version__",
+    "fit",
+    "fit_steps",
+    "read",
+    "repeat",
+    "replay",
+]

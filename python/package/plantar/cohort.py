@@ -1,0 +1,254 @@
+"""Evaluation of a whole study on Dask, with the table of ``plantar cohort``.
+
+``python -m plantar.cohort STUDY --out TABLE`` evaluates the participants in parallel: in threads or processes of this computer, or on
+the workers of a Dask scheduler. ``STUDY`` and ``TABLE`` are folders or addresses that fsspec knows, such as ``s3://bucket/study``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import os
+import sys
+import time
+import uuid
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import distributed
+import fsspec
+import pyarrow
+import pyarrow.parquet
+from dask.system import CPU_COUNT
+
+from plantar import _core
+from plantar.options import Options
+
+_MADE_FROM = b"plantar.made_from"
+"""The metadata key of the description of a file's inputs: the file is up to date if these are the present inputs."""
+_STAMPS = ("size", "mtime", "created", "LastModified", "ETag", "etag", "md5Hash")
+"""What file systems report of a file, of which at least one value differs after a change."""
+_CONNECT_TIMEOUT = "5s"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The result of one participant."""
+
+    participant: str
+    steps: int
+    is_cached: bool
+    """The rows in the table were already up to date."""
+    left_out: tuple[str, ...] = ()
+    """The reasons why recordings or the participant could not be used."""
+    notes: tuple[str, ...] = ()
+    """Values of the participant that were not used."""
+
+
+def participants(study: str, out: str) -> list[str]:
+    """The names of the participants' folders in a study, sorted. The folder of the table is not one of them."""
+    files, root = fsspec.url_to_fs(study)
+    files.invalidate_cache(root)
+    _, table = fsspec.url_to_fs(out)
+    try:
+        entries = [entry for entry in files.ls(root, detail=True) if entry["type"] == "directory"]
+    except (FileNotFoundError, NotADirectoryError) as error:
+        raise OSError(f"cannot read {study}: it must be a folder with one folder per participant") from error
+    paths = [entry["name"].rstrip("/") for entry in entries]
+    names = sorted(path.rsplit("/", 1)[-1] for path in paths if path != table.rstrip("/"))
+    names = [name for name in names if not name.startswith(".")]
+    if not names:
+        raise OSError(f"{study}: no participant: it must contain one folder per participant, with recordings")
+    return names
+
+
+def evaluate(participant: str, study: str, out: str, options: Options) -> Outcome:
+    """Fits each step of a participant, and writes the rows to the table, unless they are up to date there.
+
+    This is the task of an engine: it needs nothing but its arguments, and can be repeated at any time.
+    """
+    files, root = fsspec.url_to_fs(study)
+    table_files, table = fsspec.url_to_fs(out)
+    target = f"{table}/{_core.partition(participant)}"
+    try:
+        return _evaluate(participant, files, f"{root}/{participant}", table_files, target, options)
+    except (OSError, ValueError) as error:
+        # Otherwise a file of an earlier run would remain in the table.
+        if table_files.exists(target):
+            table_files.rm_file(target)
+        return Outcome(participant, 0, False, (str(error),))
+
+
+def _evaluate(participant: str, files: Any, folder: str, table_files: Any, target: str, options: Options) -> Outcome:
+    person = _core.Person.open(folder, options, files.cat_file)
+    files.invalidate_cache(folder)
+    recordings = [entry for entry in files.ls(folder, detail=True) if entry["name"].endswith(".parquet")]
+    recordings.sort(key=lambda entry: entry["name"])
+    stamps = [f"\n{entry['name']} {[(key, entry[key]) for key in _STAMPS if key in entry]}" for entry in recordings]
+    made_from = f"{_core.version} python {person.description}{''.join(stamps)}".encode()
+    if (rows := _rows_of(table_files, target, made_from)) is not None:
+        return Outcome(participant, rows // 8, True, (), tuple(person.notes))
+    batches, left_out = [], []
+    for entry in recordings:
+        try:
+            recording = _core.Recording.parse(files.cat_file(entry["name"]), entry["name"])
+            batches.append(person.rows(recording))
+        except (OSError, ValueError) as error:
+            left_out.append(str(error))
+    steps = sum(batch.num_rows for batch in batches) // 8
+    if steps == 0:
+        problem = f"{folder}: {len(recordings)} recordings (*.parquet), but no whole step"
+        raise ValueError("; ".join([*left_out, problem]))
+    # Without a description of its inputs the file is out of date, so the next run tries the unusable recordings again.
+    metadata = {_MADE_FROM: b"" if left_out else made_from}
+    rows_table = pyarrow.Table.from_batches(batches).replace_schema_metadata(metadata)
+    _write(table_files, target, rows_table)
+    return Outcome(participant, steps, False, tuple(left_out), tuple(person.notes))
+
+
+def _rows_of(files: Any, path: str, made_from: bytes) -> int | None:
+    """The number of rows of an existing file that was made from these inputs. A file that cannot be read is out of date."""
+    try:
+        with files.open(path, "rb") as file:
+            metadata = pyarrow.parquet.read_metadata(file)
+    except (OSError, pyarrow.ArrowInvalid):
+        return None
+    return metadata.num_rows if (metadata.metadata or {}).get(_MADE_FROM) == made_from else None
+
+
+def _write(files: Any, path: str, table: pyarrow.Table) -> None:
+    """Writes a file. An existing one is replaced only when the new one is complete."""
+    folder = path.rsplit("/", 1)[0]
+    files.makedirs(folder, exist_ok=True)
+    # Two workers may write the same file if one of them was believed to be lost. Programs that read the table ignore the dot.
+    temporary = f"{folder}/.{uuid.uuid4().hex}.part"
+    with files.open(temporary, "wb") as file:
+        pyarrow.parquet.write_table(table, file)
+    files.mv(temporary, path)
+
+
+def _client(scheduler: str) -> distributed.Client:
+    """A client of this scheduler, or of a local cluster."""
+    if scheduler in ("threads", "processes"):
+        is_processes = scheduler == "processes"
+        cluster = distributed.LocalCluster(
+            n_workers=CPU_COUNT if is_processes else 1,
+            threads_per_worker=1 if is_processes else CPU_COUNT,
+            processes=is_processes,
+            dashboard_address=None,
+        )
+        return distributed.Client(cluster)
+    try:
+        return distributed.Client(scheduler, timeout=_CONNECT_TIMEOUT)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise ConnectionError(
+            f"the scheduler {scheduler} cannot be reached: start it with `dask scheduler`, and check the address, which has the "
+            f"form tcp://HOST:8786 ({error})"
+        ) from error
+
+
+def run(
+    study: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    *,
+    scheduler: str = "threads",
+    options: Options = Options(),
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Outcome]:
+    """Evaluates all participants of a study, and returns their outcomes in the order of their names.
+
+    ``scheduler`` is ``threads``, ``processes``, or the address of a Dask scheduler, whose workers need access to ``study`` and
+    ``out``. ``progress`` receives the number of finished participants and of all. After an interruption, the same call evaluates
+    only the remaining participants. Raises a ``ConnectionError`` if the scheduler cannot be reached or is lost.
+    """
+    study, out = _address(study), _address(out)
+    names = participants(study, out)
+    outcomes: dict[str, Outcome] = {}
+    client = _client(scheduler)
+    try:
+        # Equal calls of another run have equal arguments, but possibly other files.
+        futures = client.map(evaluate, names, study=study, out=out, options=options, pure=False)
+        name_of = {future.key: name for future, name in zip(futures, names, strict=True)}
+        for future in distributed.as_completed(futures):
+            name = name_of[future.key]
+            if future.status == "finished":
+                outcomes[name] = future.result()
+            elif future.status == "error":
+                outcomes[name] = Outcome(name, 0, False, (f"{name}: {future.exception()!r}",))
+            else:
+                raise ConnectionError(
+                    f"the scheduler {scheduler} was lost: run the same command again; what was finished is in {out}"
+                )
+            future.release()
+            if progress is not None:
+                progress(len(outcomes), len(names))
+    finally:
+        cluster = client.cluster
+        client.close()
+        if cluster is not None:
+            cluster.close()
+    return [outcomes[name] for name in names]
+
+
+def _address(path: str | os.PathLike[str]) -> str:
+    """The path in a form that has the same meaning in every process."""
+    files, root = fsspec.url_to_fs(os.fspath(path))
+    return str(files.unstrip_protocol(root.rstrip("/")))
+
+
+def _options(parser: argparse.ArgumentParser) -> None:
+    """The options of the evaluation, as those of ``plantar cohort``."""
+    parser.add_argument("--size", type=int, default=42, help="European shoe size of participants without a size [42]")
+    parser.add_argument("--filter", choices=["direct", "live", "smoothed"], help="filter of the contact area")
+    parser.add_argument("--method", choices=["projection", "paper"], default="projection", help="search [projection]")
+    parser.add_argument("--bounds", choices=["free", "paper"], default="free", help="bounds of the exponents [free]")
+    parser.add_argument("--tissue", metavar="FILE", help="tissue measurements, on a path of all workers")
+    parser.add_argument("--compression", type=float, metavar="FRACTION", help="assumed largest compression of the tissue")
+    for name in ("on", "off", "full"):
+        parser.add_argument(f"--contact-{name}", type=float, metavar="KPA", dest=f"contact_{name}_kpa")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the command. Exit status: 0 if all participants and recordings were used, 3 if some could not be used, 1 otherwise."""
+    parser = argparse.ArgumentParser(prog="python -m plantar.cohort", description=run.__doc__)
+    parser.add_argument("study", metavar="STUDY", help="the folder with one folder per participant")
+    parser.add_argument("--out", required=True, metavar="TABLE", help="the folder of the table to write")
+    parser.add_argument("--scheduler", default="threads", help="threads, processes or tcp://HOST:8786 [threads]")
+    _options(parser)
+    given = vars(parser.parse_args(arguments))
+    study, out, scheduler = (given.pop(name) for name in ("study", "out", "scheduler"))
+    options = dataclasses.replace(Options(), **given)
+
+    def progress(done: int, total: int) -> None:
+        if sys.stderr.isatty():
+            print(f"\r{done} of {total} participants", end="\n" if done == total else "", file=sys.stderr, flush=True)
+
+    start_s = time.monotonic()
+    try:
+        outcomes = run(study, out, scheduler=scheduler, options=options, progress=progress)
+    except (OSError, ValueError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    left_out = [reason for outcome in outcomes for reason in outcome.left_out]
+    for note in (note for outcome in outcomes for note in outcome.notes):
+        print(f"note: {note}", file=sys.stderr)
+    for reason in left_out:
+        print(f"left out: {reason}", file=sys.stderr)
+    cached = sum(outcome.is_cached for outcome in outcomes)
+    fitted = [outcome for outcome in outcomes if outcome.steps and not outcome.is_cached]
+    if cached == len(fitted) == 0:
+        print(f"error: {study}: no step of any participant was found, for the reasons above", file=sys.stderr)
+        return 1
+    print(
+        f"wrote {out}: {sum(outcome.steps for outcome in fitted)} steps of {len(fitted)} participants in "
+        f"{time.monotonic() - start_s:.1f} s; {cached} participants were already up to date"
+    )
+    return 3 if left_out else 0
+
+
+if __name__ == "__main__":
+    # The workers import the functions from the package, and do not know this module by the name `__main__`.
+    from plantar import cohort
+
+    sys.exit(cohort.main())

@@ -1,0 +1,141 @@
+"""The identification of tissue parameters."""
+
+from __future__ import annotations
+
+import json
+import os
+import pathlib
+import warnings
+from collections.abc import Iterable
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from plantar import _core
+from plantar.options import Options
+from plantar.recording import Path, Recording, read
+
+if TYPE_CHECKING:
+    import pyarrow
+    from matplotlib.figure import Figure
+
+Recordings = Recording | Path | Iterable[Recording | Path]
+
+
+def _recordings(recordings: Recordings) -> list[Recording]:
+    """All recordings, read from their files if necessary."""
+    every = [recordings] if isinstance(recordings, (Recording, str, os.PathLike)) else recordings
+    return [recording if isinstance(recording, Recording) else read(recording) for recording in every]
+
+
+def _warn(notes: list[str]) -> None:
+    for note in notes:
+        warnings.warn(note, stacklevel=3)
+
+
+def fit(recordings: Recordings, *, participant: str | None = None, options: Options = Options()) -> Fit:
+    """Identifies the tissue parameters of one person from recordings of walking, as ``plantar fit``.
+
+    Several trials and both feet may be given. ``participant`` is the name of the person, by default that of the first file.
+    """
+    every = _recordings(recordings)
+    if not every:
+        raise ValueError("no recording: give one or more recordings of a person")
+    name = pathlib.Path(every[0].path).stem if participant is None else participant
+    core, notes = _core.identify([recording._core for recording in every], name, options)
+    _warn(notes)
+    return Fit(core)
+
+
+def fit_steps(recording: Recording | Path, *, options: Options = Options()) -> pyarrow.Table:
+    """Fits each region of each step of a recording separately, as ``plantar cohort``.
+
+    The table has one row for each region of each step. It needs no other recording and has no state, so that any engine can call
+    this function for the recordings of a study.
+    """
+    import pyarrow
+
+    [one] = _recordings(recording)
+    person = _core.Person(options)
+    _warn(person.notes)
+    return pyarrow.Table.from_batches([person.rows(one._core)])
+
+
+def repeat(people: Recordings | dict[str, Recordings], *, options: Options = Options()) -> pd.DataFrame:
+    """Repeatability between trials: ICC(2,1), standard error of measurement and minimal detectable change, as ``plantar repeat``.
+
+    ``people`` has the recordings of each person by the person's name. The recordings of one person alone are possible, too; there
+    is no ICC then. The table has one row for each foot, variable and region.
+    """
+    person = _core.Person(options)
+    _warn(person.notes)
+
+    def trials(recordings: Recordings) -> list[_core.Trial]:
+        return [person.trial(recording._core) for recording in _recordings(recordings)]
+
+    if isinstance(people, dict):
+        table = _core.repeatability([(name, trials(of)) for name, of in people.items()], 2)
+    else:
+        table = _core.repeatability([("the person", trials(people))], 1)
+    frame: pd.DataFrame = table.to_pandas()
+    return frame.set_index(["side", "variable", "region"])
+
+
+class Fit:
+    """The identified tissue parameters of one person."""
+
+    def __init__(self, core: _core.Fitted) -> None:
+        self._core = core
+
+    @cached_property
+    def results(self) -> dict[str, Any]:
+        """All results, as in the JSON file of ``plantar fit``."""
+        results: dict[str, Any] = json.loads(self._core.json())
+        return results
+
+    def table(self) -> pd.DataFrame:
+        """One row for each region: the paper's eight parameters, the identified ones with their 95 % intervals, the errors in
+        percent of the peak force, and for a region that was not fitted the reason."""
+        rows = []
+        for region, of in self.results["regions"].items():
+            row: dict[str, Any] = {"region": region, "fitted": of["fitted"], "reason": of.get("reason")}
+            if of["fitted"]:
+                row |= {"steps": len(of["steps"]), "area_max_mm2": of["area_max_mm2"], **of["ellipsoid"]}
+                intervals = (of["uncertainty"] or {}).get("intervals_95", {})
+                for name, value in of["identified"].items():
+                    name, unit = ("ab_mm2", 1e6) if name == "ab_m2" else (name, 1.0)
+                    interval = intervals.get("ab_m2" if name == "ab_mm2" else name, {})
+                    ends = _widest(interval.get("jacobian"), interval.get("bootstrap"))
+                    row[name] = value * unit
+                    row[f"{name}_low"], row[f"{name}_high"] = (end * unit for end in ends)
+                row |= {f"nrmse_{name}_percent": value for name, value in of["nrmse_percent"].items()}
+                row["verdict"] = of["verdict"]
+            rows.append(row)
+        return pd.DataFrame(rows).set_index("region")
+
+    @cached_property
+    def curves(self) -> pd.DataFrame:
+        """Area, measured force and model force of each fitted region in each step, from the start of the region's contact."""
+        table: pd.DataFrame = self._core.curves().to_pandas()
+        return table
+
+    def write(self, path: Path) -> None:
+        """Writes the parameter file, for ``replay(params=...)``, the command line and ``Insole.push``."""
+        pathlib.Path(path).write_text(self._core.toml(), encoding="utf-8")
+
+    def report(self, path: Path) -> None:
+        """Writes the report of ``plantar fit`` as an HTML file, without its repetition with other choices of the method."""
+        pathlib.Path(path).write_text(self._core.html(), encoding="utf-8")
+
+    def plot(self) -> Figure:
+        """Draws the measured and the model force of each region over all steps, with the parameters and their errors."""
+        from plantar import plots
+
+        return plots.fit(self)
+
+
+def _widest(*intervals: list[float] | None) -> tuple[float, float]:
+    """The widest of the intervals that exist, or NaN."""
+    known = [(low, high) for low, high in filter(None, intervals)]
+    return max(known, key=lambda ends: ends[1] - ends[0], default=(float("nan"), float("nan")))

@@ -1,0 +1,98 @@
+"""A session with an insole over the network or a serial port."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Iterator
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any
+
+from plantar import _core
+from plantar.recording import Path
+
+
+@dataclass(frozen=True)
+class Event:
+    """A message of an insole, or a change of its link."""
+
+    kind: str
+    """``live`` for a frame, ``step``, ``bout`` and ``alert`` for records, ``started`` and ``lost`` for the link."""
+    values: dict[str, Any]
+    """The values; docs/quantities.md describes the names."""
+
+
+class Insole:
+    """A connected insole: a context manager, an iterator of events, and an asynchronous iterator of events.
+
+    A lost link is opened again. The insole deletes a record once the next event after it is requested: a record whose processing
+    raised an exception arrives again in the next session.
+    """
+
+    def __init__(self, core: _core.Insole) -> None:
+        self._core = core
+        self._pending: int | None = None
+
+    @classmethod
+    def connect(cls, *, tcp: str | None = None, serial: str | None = None, baud: int = 460_800) -> Insole:
+        """Opens a session with the insole at a network address, ``HOST:PORT``, or on a serial port such as ``/dev/ttyACM0``.
+
+        Raises a ``ConnectionError`` if no insole answers.
+        """
+        if (tcp is None) == (serial is None):
+            raise ValueError("give either tcp or serial")
+        if tcp is not None:
+            return cls(_core.Insole.connect(tcp, None))
+        assert serial is not None
+        return cls(_core.Insole.connect(serial, baud))
+
+    @property
+    def hello(self) -> dict[str, Any]:
+        """Side, firmware, cells, frame rate and contact rule of the insole."""
+        hello: dict[str, Any] = json.loads(self._core.hello())
+        return hello
+
+    def push(self, params: Path) -> None:
+        """Sends a parameter file to the insole, which uses it from its next frame on and stores it.
+
+        An insole refuses parameters of another contact rule than its own; ``plantar params push`` sets the rule first.
+        """
+        self._core.push(params)
+
+    def next_event(self) -> Event | None:
+        """The next event; ``None`` if none arrived within a moment."""
+        if self._pending is not None:
+            self._core.acknowledge(self._pending)
+            self._pending = None
+        event = self._core.next_event()
+        if event is None:
+            return None
+        kind, values = event[0], json.loads(event[1])
+        if kind in ("step", "bout", "alert"):
+            self._pending = values["step" if kind == "step" else "number"]
+        return Event(kind, values)
+
+    def __iter__(self) -> Iterator[Event]:
+        while True:
+            event = self.next_event()
+            if event is not None:
+                yield event
+
+    async def __aiter__(self) -> AsyncIterator[Event]:
+        while True:
+            event = await asyncio.to_thread(self.next_event)
+            if event is not None:
+                yield event
+
+    def close(self) -> None:
+        """Closes the link."""
+        self._core.close()
+
+    def __enter__(self) -> Insole:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

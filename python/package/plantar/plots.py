@@ -1,0 +1,117 @@
+"""Figures of a foot, a step and a fit, with matplotlib."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.collections import PatchCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from plantar.fitting import Fit
+from plantar.recording import REGIONS, Recording, Replay
+
+_MEASURED = "0.35"
+_MODEL = "tab:red"
+_MARGIN_MM = 70.0
+"""Width of the names of the regions beside a foot."""
+
+
+def foot(recording: Recording) -> Figure:
+    """The peak pressure of each cell over the recording, in foot coordinates, with the names of the regions."""
+    cells = recording.cells
+    peak_kpa = recording.pressure_kpa.max(axis=0)
+    side_mm = np.sqrt(cells["area_mm2"].to_numpy())
+    corners = zip(cells["x_mm"] - side_mm / 2, cells["y_mm"] - side_mm / 2, side_mm, strict=True)
+    squares = PatchCollection([Rectangle((x_mm, y_mm), mm, mm) for x_mm, y_mm, mm in corners], cmap="viridis")
+    squares.set_array(peak_kpa)
+    figure, axes = plt.subplots(figsize=(6.0, 7.0), layout="constrained")
+    axes.add_collection(squares)
+    edges_mm = (float(cells["x_mm"].min()) - side_mm.max(), float(cells["x_mm"].max()) + side_mm.max())
+    middle_mm = sum(edges_mm) / 2
+    # A right foot seen from above has its lateral side on the right, a left foot on the left.
+    margins_mm = (edges_mm[0] - _MARGIN_MM, edges_mm[1] + _MARGIN_MM)
+    axes.set_xlim(margins_mm if recording.side == "right" else margins_mm[::-1])
+    axes.set_ylim(float(cells["y_mm"].min()) - side_mm.max(), float(cells["y_mm"].max()) + side_mm.max())
+    for region, of in cells.groupby("region", sort=False):
+        # The names are beside the foot, so that they do not hide cells.
+        x_mm, y_mm = float(of["x_mm"].mean()), float(of["y_mm"].mean())
+        is_lateral = bool(x_mm > middle_mm)
+        is_left = is_lateral != (recording.side == "right")
+        axes.annotate(_title(str(region)), (x_mm, y_mm), (edges_mm[is_lateral], y_mm), fontsize=8, va="center",
+                      ha="right" if is_left else "left", arrowprops={"arrowstyle": "-", "color": "0.6", "linewidth": 0.6})
+    axes.set(aspect="equal", xlabel="to the lateral side, mm", ylabel="from heel to toes, mm")
+    axes.set_title(f"Peak pressure, {recording.side} foot")
+    figure.colorbar(squares, ax=axes, label="kPa", shrink=0.6)
+    return figure
+
+
+def step(replay: Replay, number: int | None = None) -> Figure:
+    """The measured force and the live model force of the regions in a step, by default the first one."""
+    known = replay.steps.index.unique("step")
+    if known.empty:
+        raise ValueError(f"{replay.recording.path} has no complete step")
+    number = int(known[0]) if number is None else number
+    if number not in known:
+        raise ValueError(f"there is no step {number}: the steps are {known[0]} to {known[-1]}")
+    of = replay.steps.xs(number, level="step").iloc[0]
+    start_s = float(replay.recording.t_s[0] + of["start_s"])
+    frames = replay.frames.loc[start_s : start_s + float(of["duration_s"])]
+    t_s = frames.index.to_numpy() - start_s
+    figure, panels = _panels("time since heel strike, s")
+    for region, axes in panels:
+        axes.plot(t_s, frames[f"{region}_measured_force_n"], color=_MEASURED, label="measured")
+        axes.plot(t_s, frames[f"{region}_model_force_n"], color=_MODEL, label="model")
+    axes.legend(fontsize=8)
+    figure.suptitle(f"Step {number}, {replay.recording.side} foot: measured force, and model force of the live stream")
+    return figure
+
+
+def fit(fitted: Fit) -> Figure:
+    """The measured force and the model force of each region over all steps, with K, n and the errors."""
+    table, curves = fitted.table(), fitted.curves
+    figure, panels = _panels("time since contact, s")
+    for region, axes in panels:
+        row = table.loc[region]
+        if not row["fitted"]:
+            axes.text(0.5, 0.5, "not fitted", transform=axes.transAxes, ha="center", color="0.5")
+            continue
+        for index, (_, of) in enumerate(_steps(curves, region)):
+            label = index == 0
+            axes.plot(of["t_s"], of["measured_force_n"], color=_MEASURED, lw=0.6, label="measured" if label else None)
+            axes.plot(of["t_s"], of["model_force_n"], color=_MODEL, lw=0.6, label="model" if label else None)
+        axes.legend(fontsize=7, loc="upper right")
+        kind: str = "fitted" if pd.isna(row["nrmse_predicted_percent"]) else "predicted"
+        axes.text(0.02, 0.97, f"K {row['stiffness_pa'] / 1e3:.3g} kPa, n {row['n']:.2f}\nNRMSE, {kind}: {row[f'nrmse_{kind}_percent']:.1f} %",
+                  transform=axes.transAxes, va="top", fontsize=7)
+        # The text is above the curves.
+        axes.set_ylim(0, axes.get_ylim()[1] * 1.35)
+    figure.suptitle(f"Tissue of {fitted.results['participant']}: measured force, and model force with one set of parameters")
+    return figure
+
+
+def _steps(curves: pd.DataFrame, region: str) -> Iterator[tuple[object, pd.DataFrame]]:
+    return iter(curves[curves["region"] == region].groupby(["recording", "step"]))
+
+
+def _panels(x_label: str) -> tuple[Figure, list[tuple[str, Axes]]]:
+    """A figure with one panel for each region."""
+    figure, grid = plt.subplots(2, 4, figsize=(13, 6), layout="constrained", squeeze=False)
+    panels = list(zip(REGIONS, grid.flat, strict=True))
+    for region, axes in panels:
+        axes.set_title(_title(region), fontsize=10)
+        axes.set_ylabel("force, N", fontsize=8)
+        axes.tick_params(labelsize=8)
+    for axes in grid[1]:
+        axes.set_xlabel(x_label, fontsize=8)
+    return figure, panels
+
+
+def _title(region: str) -> str:
+    """The name of a region in words."""
+    words = {"metatarsals_12": "metatarsals 1-2", "metatarsals_35": "metatarsals 3-5", "toe_2": "toe 2", "toes_35": "toes 3-5"}
+    return words.get(region, region.replace("_", " "))

@@ -1,0 +1,202 @@
+"""Recordings, and the insole's own code on them."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from plantar import _core
+from plantar.options import Options
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.figure import Figure
+
+REGIONS = (
+    "heel",
+    "posterior_midfoot",
+    "anterior_midfoot",
+    "metatarsals_12",
+    "metatarsals_35",
+    "hallux",
+    "toe_2",
+    "toes_35",
+)
+"""The names of the regions, from heel to toes."""
+
+Path = str | os.PathLike[str]
+
+
+def read(path: Path) -> Recording:
+    """Reads a recording: a Parquet file, or a folder with the parts of one.
+
+    Raises an ``OSError`` if the file cannot be read, and a ``ValueError`` that names the place and the remedy if it is no recording.
+    """
+    return Recording(_core.Recording.read(path))
+
+
+def replay(
+    recording: Recording | Path,
+    *,
+    params: Path | None = None,
+    precision: Literal["f32", "f64"] = "f32",
+    options: Options = Options(),
+) -> Replay:
+    """The steps of a recording as an insole computes them, as ``plantar replay``. See ``Recording.replay``."""
+    return (recording if isinstance(recording, Recording) else read(recording)).replay(
+        params=params, precision=precision, options=options
+    )
+
+
+class Recording:
+    """The pressure under one foot over time. Arrays share the memory of the recording, and cannot be changed."""
+
+    def __init__(self, core: _core.Recording) -> None:
+        self._core = core
+
+    def __repr__(self) -> str:
+        frames, cells = self.pressure_kpa.shape
+        return f"<Recording {self.path}: {self.side} foot, {frames} frames of {cells} cells at {self.rate_hz:g} Hz>"
+
+    @property
+    def path(self) -> str:
+        """The file."""
+        return self._core.path
+
+    @property
+    def side(self) -> Literal["left", "right"]:
+        """The foot."""
+        return self._core.side
+
+    @property
+    def rate_hz(self) -> float:
+        """Frames per second."""
+        return self._core.rate_hz
+
+    @property
+    def source(self) -> str:
+        """Provenance: the origin of the measurement and its processing, in sentences."""
+        return self._core.source
+
+    @cached_property
+    def t_s(self) -> npt.NDArray[np.float64]:
+        """Time of each frame, s."""
+        times: npt.NDArray[np.float64] = self._core.t_s().to_numpy()
+        return times
+
+    @cached_property
+    def pressure_kpa(self) -> npt.NDArray[np.float32]:
+        """Pressure, kPa: one row for each frame, one column for each cell."""
+        values: npt.NDArray[np.float32] = self._core.pressure_kpa().to_numpy()
+        return values.reshape(len(self.t_s), -1)
+
+    @cached_property
+    def cells(self) -> pd.DataFrame:
+        """The cells in foot coordinates: ``x_mm`` to the lateral side, ``y_mm`` from heel to toes, ``area_mm2``, ``region``."""
+        cells: pd.DataFrame = self._core.cells().to_pandas()
+        return cells.set_index("cell")
+
+    @property
+    def force_n(self) -> npt.NDArray[np.float64]:
+        """Force on all cells in each frame, N."""
+        # 1 kPa on 1 mm2 is 1 mN.
+        force_n: npt.NDArray[np.float64] = self.pressure_kpa @ self.cells["area_mm2"].to_numpy() * 1e-3
+        return force_n
+
+    def to_pandas(self) -> pd.DataFrame:
+        """A table of the pressures with the columns of the file, ``c0_kpa``, ``c1_kpa``, ..., indexed by ``t_s``."""
+        names = [f"c{cell}_kpa" for cell in self.cells.index]
+        return pd.DataFrame(self.pressure_kpa, index=pd.Index(self.t_s, name="t_s"), columns=names, copy=False)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """A data set with ``pressure_kpa`` along ``t_s`` and ``cell``; the cells have coordinates."""
+        import xarray
+
+        coordinates: dict[str, Any] = {str(name): ("cell", of.to_numpy()) for name, of in self.cells.items()}
+        return xarray.Dataset(
+            {"pressure_kpa": (("t_s", "cell"), self.pressure_kpa)},
+            coords={"t_s": self.t_s, "cell": self.cells.index.to_numpy(), **coordinates},
+            attrs={"side": self.side, "rate_hz": self.rate_hz, "source": self.source},
+        )
+
+    def replay(
+        self,
+        *,
+        params: Path | None = None,
+        precision: Literal["f32", "f64"] = "f32",
+        options: Options = Options(),
+    ) -> Replay:
+        """The steps as an insole computes them, with the same code.
+
+        ``params`` is a parameter file. Without one, typical parameters of ``options.size`` are used, and a warning states that they
+        are not personal. ``precision`` is that of the insole, ``f32``, or ``f64``.
+        """
+        return Replay(self, params, precision, options)
+
+    def plot(self) -> Figure:
+        """Draws the peak pressure of each cell over the whole recording."""
+        from plantar import plots
+
+        return plots.foot(self)
+
+
+class Replay:
+    """The steps of a recording as an insole computes them."""
+
+    def __init__(
+        self, recording: Recording, params: Path | None, precision: Literal["f32", "f64"], options: Options
+    ) -> None:
+        self.recording = recording
+        self._arguments = (options, params, precision)
+        steps, _, notes = _core.replay(recording._core, *self._arguments, False)
+        for note in notes:
+            warnings.warn(note, stacklevel=3)
+        index = pd.MultiIndex.from_arrays([[], []], names=["step", "region"])
+        self.steps: pd.DataFrame = (
+            pd.DataFrame(index=index) if steps is None else steps.to_pandas().set_index(["step", "region"])
+        )
+        """One row for each region of each step, indexed by ``step`` and ``region``. docs/quantities.md describes the columns."""
+
+    @cached_property
+    def frames(self) -> pd.DataFrame:
+        """The live values of every frame, indexed by ``t_s``: columns such as ``heel_area_mm2`` and ``total_force_n``."""
+        _, frames, _ = _core.replay(self.recording._core, *self._arguments, True)
+        assert frames is not None
+        table: pd.DataFrame = frames.to_pandas()
+        return table.set_index("t_s")
+
+    def normalised(
+        self, quantity: str, points: int = 101, *, region: str | None = None
+    ) -> npt.NDArray[np.float64]:
+        """A column of ``frames`` over the stance of each step, by linear interpolation from heel strike to toe off.
+
+        The result has one row for each step, in the order of ``steps``, and ``points`` columns: the form that spm1d expects. With a
+        region, ``quantity`` is the name without the prefix, such as ``area_mm2``.
+        """
+        column = quantity if region is None else f"{region}_{quantity}"
+        if column not in self.frames:
+            known = [name for name in map(str, self.frames) if region is None or name.startswith(f"{region}_")]
+            raise ValueError(f"there is no quantity {column}: the quantities are {', '.join(known)}")
+        if points < 2:
+            raise ValueError(f"points = {points}: expected at least 2")
+        if self.steps.empty:
+            return np.empty((0, points))
+        values = self.frames[column].to_numpy(float)
+        t_s = self.recording.t_s
+        steps = self.steps.groupby(level="step", sort=False)[["start_s", "duration_s"]].first()
+        start_s = t_s[0] + steps["start_s"].to_numpy()
+        at_s = start_s[:, None] + steps["duration_s"].to_numpy()[:, None] * np.linspace(0.0, 1.0, points)
+        curves: npt.NDArray[np.float64] = np.interp(at_s, t_s, values)
+        return curves
+
+    def plot(self, step: int | None = None) -> Figure:
+        """Draws the measured and the model force of the regions in a step, by default the first one."""
+        from plantar import plots
+
+        return plots.step(self, step)

@@ -1,0 +1,125 @@
+//! The identification of one person's parameters, as in `plantar fit`.
+
+use crate::batch::{Table, table};
+use crate::exception;
+use crate::options::Options;
+use crate::recordings::Recording;
+use anyhow::Context;
+use arrow_pyarrow::PyArrowType;
+use fit::interval::RESAMPLES;
+use fit::quality::Evaluated;
+use fit::{Study, results};
+use parameters::InsoleSize;
+use plantar::Region;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use recording::Zero;
+use std::path::PathBuf;
+use std::sync::Arc;
+use study::table::{Row, Value};
+use study::virtual_insole;
+
+/// An identification.
+#[pyclass(frozen, module = "plantar._core")]
+pub struct Fitted {
+    study: Study,
+    size: InsoleSize,
+}
+
+/// Identifies a person's parameters from recordings. Also returns notes for the user.
+#[pyfunction]
+pub fn identify(
+    py: Python,
+    recordings: Vec<PyRef<Recording>>,
+    participant: String,
+    options: Options,
+) -> PyResult<(Fitted, Vec<String>)> {
+    let recordings: Vec<(Arc<recording::Recording>, PathBuf)> =
+        recordings.iter().map(|recording| (recording.inner.clone(), recording.path.clone())).collect();
+    for (i, (recording, path)) in recordings.iter().enumerate() {
+        // Steps would be predicted from copies of themselves.
+        if recordings[..i].iter().any(|(before, _)| before.pressure_kpa == recording.pressure_kpa) {
+            let problem = format!("{} is given twice: give each recording once", path.display());
+            return Err(PyValueError::new_err(problem));
+        }
+    }
+    let (search, contact, size) = (options.search()?, options.contact(None)?, options.size()?);
+    let identified = move || -> anyhow::Result<(Fitted, Vec<String>)> {
+        let (tissue, notes) = search.tissue(&|path| std::fs::read(path))?;
+        let mut study = Study::new(participant, contact, search.options(&tissue, RESAMPLES)?);
+        for (recording, path) in &recordings {
+            let name = path.display().to_string();
+            let problem = || format!("{name}: the recording cannot be evaluated");
+            let mut insole = virtual_insole(&recording.into(), contact).with_context(problem)?;
+            if let Some(zero) = &options.zero {
+                Zero::read(zero)?.apply_to(&mut insole, &zero.display().to_string())?;
+            }
+            study.add(name.clone(), recording, &insole, &mut |_| ()).with_context(problem)?;
+        }
+        study.fit(&|_| ());
+        for (fit, measurements) in study.fits.iter_mut().zip(tissue.0) {
+            if let Ok(fit) = fit {
+                fit.defects.extend(measurements.rejected.iter().map(ToString::to_string));
+            }
+        }
+        Ok((Fitted { study, size }, notes))
+    };
+    py.detach(identified).map_err(exception)
+}
+
+#[pymethods]
+impl Fitted {
+    /// All results, as JSON.
+    fn json(&self) -> String {
+        results::to_json(&self.study).to_string()
+    }
+
+    /// The parameter file.
+    fn toml(&self) -> String {
+        results::to_toml(&self.study, self.size)
+    }
+
+    /// The report as an HTML file.
+    fn html(&self, py: Python) -> String {
+        py.detach(|| report::html(&self.study))
+    }
+
+    /// The measured force and the model force of each fitted region in each step. The time starts with the contact of the region.
+    fn curves(&self, py: Python) -> PyResult<Table> {
+        py.detach(|| {
+            let mut rows: Vec<Row> = Vec::new();
+            for (region, fit) in Region::ALL.into_iter().zip(&self.study.fits) {
+                let Ok(fit) = fit else { continue };
+                for &index in &fit.steps {
+                    let step = &self.study.steps[index];
+                    let curves = &step.regions[region as usize];
+                    let Some(of) = Evaluated::new(curves, self.study.options.filter, &fit.law) else { continue };
+                    let samples = of.area_mm2.iter().zip(&of.measured_n).zip(&of.model_n).enumerate();
+                    rows.extend(samples.map(|(i, ((area_mm2, measured_n), model_n))| {
+                        row(step, region, i as f64 * of.sample_s, *area_mm2, *measured_n, *model_n)
+                    }));
+                }
+            }
+            let columns = match self.study.steps.first() {
+                Some(step) => row(step, Region::Heel, 0.0, 0.0, 0.0, 0.0),
+                None => return Err(PyValueError::new_err("the recordings have no complete step")),
+            };
+            Ok(PyArrowType(table(&columns, &rows)?))
+        })
+    }
+}
+
+/// A sample of the curves of a region.
+fn row(step: &fit::Step, region: Region, t_s: f64, area_mm2: f64, measured_n: f64, model_n: f64) -> Row {
+    // A recording has fewer steps than an i32 can count.
+    let count = |count: usize| Value::Integer(i32::try_from(count).ok());
+    vec![
+        ("recording", count(step.recording)),
+        ("step", count(step.number as usize)),
+        ("region", region.name().into()),
+        ("t_s", t_s.into()),
+        ("area_mm2", area_mm2.into()),
+        ("measured_force_n", measured_n.into()),
+        ("model_force_n", model_n.into()),
+    ]
+}

@@ -1,0 +1,172 @@
+//! A session with an insole over the network or a serial port.
+
+use crate::exception;
+use anyhow::{Context, anyhow};
+use client::{Carrier, Error, Event, Framed, Link, READ_TIMEOUT, ReconnectPolicy};
+use client::{alert_to_json, bout_to_json, step_to_json};
+use parameters::Parameters;
+use plantar::Region;
+use plantar::protocol::{Live, LiveRegion, LoadRecord, ToDevice, ToHost};
+use pyo3::exceptions::{PyConnectionError, PyRuntimeError};
+use pyo3::prelude::*;
+use serde_json::{Map, Value as Json, json};
+use std::net::{TcpStream, ToSocketAddrs};
+use std::path::PathBuf;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use study::records::{columns, flag_columns};
+use study::table::Value;
+
+type AnyLink = Link<Box<dyn Carrier + Send>>;
+
+/// A connected insole.
+#[pyclass(frozen, module = "plantar._core")]
+pub struct Insole {
+    /// `None` after `close`.
+    link: Mutex<Option<AnyLink>>,
+    name: String,
+}
+
+#[pymethods]
+impl Insole {
+    /// Opens a session with the insole at a network address, HOST:PORT, or at a serial port with this bit rate.
+    #[staticmethod]
+    fn connect(py: Python, address: String, baud: Option<u32>) -> PyResult<Self> {
+        let name = address.clone();
+        let open = move || carrier(&address, baud).map_err(|error| Error::Open(error.into()));
+        let link =
+            py.detach(|| Link::connect(Box::new(open), ReconnectPolicy::STREAM)).map_err(|e| failure(&name, e))?;
+        Ok(Self { link: Mutex::new(Some(link)), name })
+    }
+
+    /// Side, firmware and settings of the insole, as JSON.
+    fn hello(&self, py: Python) -> PyResult<String> {
+        self.with_link(py, |link| {
+            let hello = link.client().hello();
+            let rule = hello.contact_rule;
+            Ok(json!({
+                "side": hello.side.name(),
+                "firmware": hello.firmware.as_str(),
+                "board": hello.board.as_str(),
+                "cells": hello.cells,
+                "rate_hz": 1e6 / f64::from(hello.period_us),
+                "tissue_id": hello.tissue_id,
+                "contact_on_kpa": rule.on_kpa,
+                "contact_off_kpa": rule.off_kpa,
+                "contact_full_kpa": rule.full_kpa,
+            })
+            .to_string())
+        })
+    }
+
+    /// The next event: its kind, and its values as JSON. `None` if none arrived within a moment; after the link was lost, the call
+    /// makes one attempt to open it again.
+    fn next_event(&self, py: Python) -> PyResult<Option<(&'static str, String)>> {
+        let event = self.with_link(py, |link| link.next_event())?;
+        Ok(match event {
+            Event::Message(ToHost::Live(live)) => Some(("live", live_to_json(&live).to_string())),
+            Event::Message(message) => LoadRecord::of(&message).map(|record| match record {
+                LoadRecord::Step(step) => ("step", step_to_json(&step).to_string()),
+                LoadRecord::Bout(bout) => ("bout", bout_to_json(&bout).to_string()),
+                LoadRecord::Alert(alert) => ("alert", alert_to_json(&alert).to_string()),
+            }),
+            Event::Started(_) => Some(("started", "{}".into())),
+            Event::Lost(error) if error.is_link_failure() => {
+                Some(("lost", json!({ "reason": format!("{:#}", anyhow!(error)) }).to_string()))
+            }
+            Event::Lost(error) => return Err(failure(&self.name, error)),
+            Event::Timeout => None,
+        })
+    }
+
+    /// Lets the insole delete its records up to this number.
+    fn acknowledge(&self, py: Python, step: u32) -> PyResult<()> {
+        self.with_link(py, |link| {
+            link.send(ToDevice::Acknowledge { step });
+            Ok(())
+        })
+    }
+
+    /// Sends the parameters in a file to the insole, which stores them.
+    fn push(&self, py: Python, path: PathBuf) -> PyResult<()> {
+        let parameters = Parameters::read(&path).map_err(exception)?;
+        let tissue = parameters.tissue();
+        match &parameters.identified {
+            None => self.with_link(py, |link| link.client().set_tissue(&tissue)),
+            Some(identified) => {
+                let on_insole = identified.on_insole().map_err(exception)?;
+                self.with_link(py, |link| link.client().set_identified_tissue(&tissue, on_insole))
+            }
+        }
+    }
+
+    /// Closes the link.
+    fn close(&self, py: Python) {
+        py.detach(|| *self.locked() = None);
+    }
+}
+
+impl Insole {
+    /// A thread that panicked cannot have left the link half changed: the next call at worst finds it lost.
+    fn locked(&self) -> MutexGuard<'_, Option<AnyLink>> {
+        self.link.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn with_link<T: Send>(&self, py: Python, of: impl FnOnce(&mut AnyLink) -> Result<T, Error> + Send) -> PyResult<T> {
+        let result = py.detach(|| self.locked().as_mut().map(of));
+        match result {
+            Some(result) => result.map_err(|error| failure(&self.name, error)),
+            None => Err(PyRuntimeError::new_err(format!("{}: the connection was closed", self.name))),
+        }
+    }
+}
+
+/// The Python exception of a failed session: a `ConnectionError` for the link, otherwise a `RuntimeError`.
+fn failure(name: &str, error: Error) -> PyErr {
+    let is_link_failure = error.is_link_failure();
+    let message = format!("{name}: {:#}", anyhow!(error));
+    if is_link_failure { PyConnectionError::new_err(message) } else { PyRuntimeError::new_err(message) }
+}
+
+/// Opens the serial port with this bit rate, or a network connection without one.
+fn carrier(address: &str, baud: Option<u32>) -> anyhow::Result<Box<dyn Carrier + Send>> {
+    if let Some(baud) = baud {
+        let port = serialport::new(address, baud).timeout(READ_TIMEOUT).open();
+        return Ok(Box::new(Framed::new(port.context("the serial port cannot be opened: is the insole plugged in?")?)));
+    }
+    let remedy = "is the insole or its bridge running there, or is another program connected to it?";
+    let mut last = anyhow!("the address has the form HOST:PORT");
+    for address in address.to_socket_addrs()? {
+        match TcpStream::connect_timeout(&address, ReconnectPolicy::STREAM.answer) {
+            Ok(stream) => {
+                stream.set_read_timeout(Some(READ_TIMEOUT))?;
+                stream.set_nodelay(true)?;
+                return Ok(Box::new(Framed::new(stream)));
+            }
+            Err(error) => last = anyhow!(error).context(remedy),
+        }
+    }
+    Err(last)
+}
+
+/// A live frame as an object; the key `regions` has an object for each region by its name.
+fn live_to_json(live: &Live) -> Json {
+    let object = |values: &mut dyn Iterator<Item = (&'static str, Value)>| -> Map<String, Json> {
+        values.map(|(name, value)| (name.into(), value_to_json(value))).collect()
+    };
+    let mut frame = object(&mut columns(Live::QUANTITIES, live));
+    let regions = Region::ALL.iter().zip(&live.regions).enumerate().map(|(i, (region, of))| {
+        let mut values = columns(LiveRegion::QUANTITIES, of).chain(flag_columns(Live::FLAGS, live, i));
+        (region.name().into(), object(&mut values).into())
+    });
+    frame.insert("regions".into(), regions.collect::<Map<_, _>>().into());
+    frame.into()
+}
+
+fn value_to_json(value: Value) -> Json {
+    match value {
+        Value::Text(text) => text.into(),
+        Value::Integer(value) => value.into(),
+        Value::Real(value) => value.into(),
+        Value::Flag(value) => value.into(),
+    }
+}

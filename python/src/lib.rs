@@ -1,0 +1,50 @@
+//! The compiled part of the Python package `plantar`. The classes and functions of this module are wrapped by the modules in
+//! `python/package`, which have the documentation for users. Every call that can take more than a millisecond releases the global
+//! interpreter lock, so that other Python threads continue.
+
+mod batch;
+mod fitting;
+mod insole;
+mod options;
+mod person;
+mod recordings;
+mod replay;
+
+use pyo3::PyErr;
+use pyo3::exceptions::PyValueError;
+use std::io;
+
+#[pyo3::pymodule]
+mod _core {
+    #[pymodule_export]
+    use super::fitting::{Fitted, identify};
+    #[pymodule_export]
+    use super::insole::Insole;
+    #[pymodule_export]
+    use super::person::{Person, Trial, partition, repeatability};
+    #[pymodule_export]
+    use super::recordings::Recording;
+    #[pymodule_export]
+    use super::replay::replay;
+
+    #[pymodule_export]
+    #[allow(non_upper_case_globals, reason = "the name of the constant in Python")]
+    const version: &str = env!("PLANTAR_VERSION");
+}
+
+/// The Python exception of an error: an `OSError` of the right kind if a file could not be read, otherwise a `ValueError`.
+fn exception(error: impl Into<anyhow::Error>) -> PyErr {
+    let error: anyhow::Error = error.into();
+    let message = format!("{error:#}");
+    let kind = error.chain().find_map(|cause| match cause.downcast_ref() {
+        Some(recording::Error::Io { reason, .. }) => Some(reason.kind()),
+        _ => match cause.downcast_ref() {
+            Some(parameters::Error::Io(_, reason)) => Some(reason.kind()),
+            _ => cause.downcast_ref::<io::Error>().map(io::Error::kind),
+        },
+    });
+    match kind {
+        Some(kind) => io::Error::new(kind, message).into(),
+        None => PyValueError::new_err(message),
+    }
+}

@@ -1,0 +1,122 @@
+//! A participant of a study, and the evaluation of this person's recordings.
+
+use crate::batch::{Table, schema, table};
+use crate::exception;
+use crate::options::Options;
+use crate::recordings::Recording;
+use arrow_pyarrow::PyArrowType;
+use arrow_schema::Schema;
+use fit::agreement;
+use fit::trials;
+use parameters::Participant;
+use plantar::Region;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use std::io;
+use std::path::{Path, PathBuf};
+use study::fits;
+use study::table::{Row, STEPS_FILE, Value};
+
+/// A participant and the options for this person.
+#[pyclass(frozen, module = "plantar._core")]
+pub struct Person(study::Person);
+
+/// The fitted values of one recording.
+#[pyclass(frozen, module = "plantar._core")]
+pub struct Trial(trials::Trial);
+
+#[pymethods]
+impl Person {
+    /// A participant without a folder.
+    #[new]
+    fn new(py: Python, options: Options) -> PyResult<Self> {
+        let settings = Participant { zero: options.zero.clone(), ..Participant::default() };
+        let (search, contact) = (options.search()?, options.contact(None)?);
+        py.detach(|| study::Person::new(settings, &search, contact, &|path| std::fs::read(path)))
+            .map(Self)
+            .map_err(exception)
+    }
+
+    /// The participant in a folder. `read` returns the content of a file; it raises a `FileNotFoundError` if there is none.
+    #[staticmethod]
+    fn open(folder: PathBuf, options: Options, read: Bound<'_, PyAny>) -> PyResult<Self> {
+        let read = |path: &Path| -> io::Result<Vec<u8>> {
+            let content = read.call1((path.to_string_lossy(),)).and_then(|content| content.extract::<Vec<u8>>());
+            content.map_err(io::Error::from)
+        };
+        study::Person::open(&folder, &options.search()?, options.contact(None)?, &read).map(Self).map_err(exception)
+    }
+
+    /// Values that were not used, in sentences.
+    #[getter]
+    fn notes(&self) -> Vec<String> {
+        self.0.notes.clone()
+    }
+
+    /// Everything besides the recordings and the version that determines the rows of this person, as text.
+    #[getter]
+    fn description(&self) -> String {
+        self.0.description()
+    }
+
+    /// The columns of `rows`.
+    #[getter]
+    fn schema(&self) -> PyArrowType<Schema> {
+        PyArrowType(schema(&fits::columns(&self.0)))
+    }
+
+    /// Fits each step of a recording separately: one row for each region of each step.
+    fn rows(&self, py: Python, recording: &Recording) -> PyResult<Table> {
+        py.detach(|| {
+            let rows = fits::rows(&self.0, &recording.inner, &recording.path).map_err(exception)?;
+            Ok(PyArrowType(table(&fits::columns(&self.0), &rows)?))
+        })
+    }
+
+    /// Fits each region to all steps of a recording.
+    fn trial(&self, py: Python, recording: &Recording) -> PyResult<Trial> {
+        py.detach(|| fits::trial(&self.0, &recording.inner, &recording.path)).map(Trial).map_err(exception)
+    }
+}
+
+/// The path of a participant's file in the table of a study.
+#[pyfunction]
+pub fn partition(participant: &str) -> String {
+    format!("{}/{STEPS_FILE}", study::table::partition(participant))
+}
+
+/// The repeatability of the trials of people: one row for each foot, variable and region. `least_people` is 1 for the trials of
+/// one person, and otherwise 2.
+#[pyfunction]
+pub fn repeatability(people: Vec<(String, Vec<PyRef<Trial>>)>, least_people: usize) -> PyResult<Table> {
+    let people: Vec<(String, Vec<trials::Trial>)> =
+        people.into_iter().map(|(name, all)| (name, all.iter().map(|trial| trial.0.clone()).collect())).collect();
+    let people: Vec<(&str, &[trials::Trial])> = people.iter().map(|(name, all)| (name.as_str(), &all[..])).collect();
+    let (feet, _) = agreement::repeatability(&people, least_people);
+    let mut rows: Vec<Row> = Vec::new();
+    for foot in &feet {
+        for row in &foot.rows {
+            for (region, agreement) in Region::ALL.into_iter().zip(&row.regions) {
+                let Some(agreement) = agreement else { continue };
+                let count = |count: usize| Value::Integer(i32::try_from(count).ok());
+                rows.push(vec![
+                    ("side", foot.side.name().into()),
+                    ("variable", Value::Text(Some(row.variable.name().into_owned()))),
+                    ("region", region.name().into()),
+                    ("people", count(agreement.people)),
+                    ("trials", count(foot.trials)),
+                    ("mean", agreement.mean.into()),
+                    ("icc_2_1", Value::Real(agreement.icc)),
+                    ("sem", agreement.sem.into()),
+                    ("mdc_95", agreement.mdc.into()),
+                ]);
+            }
+        }
+    }
+    match rows.first() {
+        Some(first) => Ok(PyArrowType(table(first, &rows)?)),
+        None => Err(PyValueError::new_err(format!(
+            "{least_people} or more people with two or more usable recordings of the same foot are needed: record another trial"
+        ))),
+    }
+}

@@ -1,0 +1,101 @@
+//! A recording, and its values as Arrow arrays.
+
+use crate::batch::{Table, table};
+use crate::exception;
+use arrow_array::{Array, Float32Array, Float64Array};
+use arrow_buffer::{Buffer, ScalarBuffer};
+use arrow_data::ArrayData;
+use arrow_pyarrow::PyArrowType;
+use bytes::Bytes;
+use pyo3::prelude::*;
+use std::path::PathBuf;
+use std::sync::Arc;
+use study::table::{Row, Value};
+
+/// A recording. It never changes, so that all Python objects that are made of it use the same memory.
+#[pyclass(frozen, module = "plantar._core")]
+pub struct Recording {
+    pub inner: Arc<recording::Recording>,
+    pub path: PathBuf,
+}
+
+/// Keeps a recording in memory while an array uses its times or pressures.
+struct Shared(Arc<recording::Recording>, fn(&recording::Recording) -> &[u8]);
+
+impl AsRef<[u8]> for Shared {
+    fn as_ref(&self) -> &[u8] {
+        self.1(&self.0)
+    }
+}
+
+#[pymethods]
+impl Recording {
+    /// Reads a recording: a file, or a folder with its parts.
+    #[staticmethod]
+    fn read(py: Python, path: PathBuf) -> PyResult<Self> {
+        let inner = py.detach(|| recording::Recording::read(&path)).map_err(exception)?;
+        Ok(Self { inner: Arc::new(inner), path })
+    }
+
+    /// As `read`, from the content of a file.
+    #[staticmethod]
+    fn parse(py: Python, content: &[u8], path: PathBuf) -> PyResult<Self> {
+        let inner = py.detach(|| recording::Recording::parse(content.to_vec(), &path)).map_err(exception)?;
+        Ok(Self { inner: Arc::new(inner), path })
+    }
+
+    #[getter]
+    fn path(&self) -> String {
+        self.path.display().to_string()
+    }
+
+    #[getter]
+    fn side(&self) -> &'static str {
+        self.inner.side.name()
+    }
+
+    #[getter]
+    fn rate_hz(&self) -> f64 {
+        self.inner.rate_hz
+    }
+
+    #[getter]
+    fn source(&self) -> &str {
+        &self.inner.source
+    }
+
+    #[getter]
+    fn layout(&self) -> &str {
+        &self.inner.layout.name
+    }
+
+    /// The times, s.
+    fn t_s(&self) -> PyArrowType<ArrayData> {
+        let bytes = Bytes::from_owner(Shared(self.inner.clone(), |recording| bytemuck::cast_slice(&recording.t_s)));
+        let values = ScalarBuffer::new(Buffer::from(bytes), 0, self.inner.t_s.len());
+        PyArrowType(Float64Array::new(values, None).into_data())
+    }
+
+    /// The pressures, kPa, frame by frame.
+    fn pressure_kpa(&self) -> PyArrowType<ArrayData> {
+        let shared = Shared(self.inner.clone(), |recording| bytemuck::cast_slice(&recording.pressure_kpa));
+        let values = ScalarBuffer::new(Buffer::from(Bytes::from_owner(shared)), 0, self.inner.pressure_kpa.len());
+        PyArrowType(Float32Array::new(values, None).into_data())
+    }
+
+    /// The cells.
+    fn cells(&self) -> PyResult<Table> {
+        let row = |(index, cell): (usize, &recording::Cell)| -> Row {
+            vec![
+                ("cell", Value::Integer(i32::try_from(index).ok())),
+                ("x_mm", cell.x_mm.into()),
+                ("y_mm", cell.y_mm.into()),
+                ("area_mm2", cell.area_mm2.into()),
+                ("region", cell.region.name().into()),
+            ]
+        };
+        let rows: Vec<Row> = self.inner.layout.cells.iter().enumerate().map(row).collect();
+        // The check of a recording ensures that it has cells.
+        Ok(PyArrowType(table(&rows[0], &rows)?))
+    }
+}

@@ -1,0 +1,106 @@
+//! The insole's own code on the steps of a recording, as in `plantar replay`.
+
+use crate::batch::{Table, numbers, table};
+use crate::exception;
+use crate::options::Options;
+use crate::recordings::Recording;
+use anyhow::Context;
+use arrow_pyarrow::PyArrowType;
+use parameters::Parameters;
+use plantar::insole::Insole;
+use plantar::pipeline::tissue::Tissue;
+use plantar::protocol::Step;
+use plantar::{Real, Region};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use recording::{MAX_CELLS, Scan, VirtualInsole, Zero};
+use std::path::PathBuf;
+use study::records::step_row;
+use study::{frames, virtual_insole};
+
+/// The steps and, if `has_frames`, the live values of every frame.
+struct Replayed {
+    steps: Vec<Step>,
+    frames: Vec<Vec<Option<f64>>>,
+}
+
+/// Computes the steps of a recording as an insole would, and the live values of every frame if `has_frames`. Without `params`, a
+/// file, the parameters are typical ones. `precision` is `f32` or `f64`. Returns no steps if there are none. Also returns notes for
+/// the user.
+#[pyfunction]
+pub fn replay(
+    py: Python,
+    recording: &Recording,
+    options: Options,
+    params: Option<PathBuf>,
+    precision: &str,
+    has_frames: bool,
+) -> PyResult<(Option<Table>, Option<Table>, Vec<String>)> {
+    let parameters = match &params {
+        Some(path) => Parameters::read(path).map_err(exception)?,
+        None => Parameters::typical(options.size()?),
+    };
+    let contact = options.contact(Some(&parameters))?;
+    let mut notes = Vec::new();
+    if !parameters.personal {
+        notes.push(format!(
+            "parameters \"{}\" are not personal: model force and deformation are rough estimates",
+            parameters.subject
+        ));
+    }
+    if let Some(identified) = parameters.identified.as_ref().filter(|identified| identified.contact != contact) {
+        notes.push(format!(
+            "the parameters were identified with another contact rule, {:?}: model force and deformation are not valid",
+            identified.contact
+        ));
+    }
+    let run = match precision {
+        "f32" => run::<f32>,
+        "f64" => run::<f64>,
+        other => return Err(PyValueError::new_err(format!("precision = \"{other}\": expected \"f32\" or \"f64\""))),
+    };
+    let (inner, path) = (&recording.inner, recording.path.display().to_string());
+    py.detach(|| {
+        let replayed = || {
+            let mut insole = virtual_insole(&inner.into(), contact)?;
+            if let Some(zero) = &options.zero {
+                Zero::read(zero)?.apply_to(&mut insole, &zero.display().to_string())?;
+            }
+            run(inner, &insole, &parameters.tissue(), has_frames)
+        };
+        let Replayed { steps, frames } =
+            replayed().with_context(|| format!("{path}: the recording cannot be evaluated")).map_err(exception)?;
+        let rows: Vec<_> = steps.iter().flat_map(|step| (0..Region::ALL.len()).map(|i| step_row(step, i))).collect();
+        let steps = rows.first().map(|row| table(row, &rows)).transpose()?.map(PyArrowType);
+        let frames = if has_frames { Some(PyArrowType(numbers(&frames::column_names(), frames)?)) } else { None };
+        Ok((steps, frames, notes))
+    })
+}
+
+/// Runs an insole with the arithmetic `R`.
+fn run<R: Real>(
+    recording: &recording::Recording,
+    virtual_insole: &VirtualInsole,
+    tissue: &Tissue,
+    has_frames: bool,
+) -> anyhow::Result<Replayed> {
+    let mut insole = Box::new(Insole::<R, MAX_CELLS>::new());
+    insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied())?;
+    insole.set_tissue(tissue)?;
+    let (mut steps, mut columns, mut row) = (Vec::new(), vec![Vec::new(); frames::column_names().len()], Vec::new());
+    let mut scans = virtual_insole.scans(recording);
+    while let Some(Scan { index, t_s, codes }) = scans.next_scan()? {
+        let toe_off = insole.frame(index as u32, codes);
+        if toe_off && let Some(step) = insole.whole_step() {
+            steps.push(Step::new(&step));
+        }
+        // The insole numbers steps and load bouts together.
+        insole.take_bout();
+        if has_frames && let Some(t_s) = t_s {
+            row.clear();
+            frames::push_row(&mut row, t_s, &insole, virtual_insole.setup.contact);
+            columns.iter_mut().zip(&row).for_each(|(column, value)| column.push(*value));
+        }
+    }
+    Ok(Replayed { steps, frames: columns })
+}

@@ -1,0 +1,187 @@
+"""The cohort on Dask: equal to the command line, restartable, and robust."""
+
+import contextlib
+import os
+import pathlib
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import distributed
+import fsspec
+import pandas as pd
+import pytest
+from conftest import plantar as command
+
+import plantar
+from plantar import cohort
+
+COMMAND = [sys.executable, "-m", "plantar.cohort"]
+
+
+def table(folder: pathlib.Path) -> pd.DataFrame:
+    """All rows, as pandas reads them."""
+    rows: pd.DataFrame = pd.read_parquet(folder)
+    return rows.sort_values(["participant", "recording", "step", "region"], ignore_index=True)
+
+
+@pytest.fixture(scope="module")
+def expected(study_folder: pathlib.Path, tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
+    """The rows of the command line."""
+    out = tmp_path_factory.mktemp("expected") / "table"
+    command("cohort", study_folder, "--out", out)
+    return table(out)
+
+
+@contextlib.contextmanager
+def dask(*words: object) -> Iterator[subprocess.Popen[bytes]]:
+    """A process of Dask's command line, which is ended at the end."""
+    with subprocess.Popen([sys.executable, "-m", "dask", *map(str, words)], stderr=subprocess.DEVNULL) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def free_port() -> int:
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        port: int = listener.getsockname()[1]
+        return port
+
+
+@contextlib.contextmanager
+def scheduler(workers: int) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    """A scheduler with worker processes, as a user starts them."""
+    address = f"tcp://127.0.0.1:{free_port()}"
+    with contextlib.ExitStack() as stack:
+        port = address.rsplit(":", 1)[1]
+        stack.enter_context(dask("scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard"))
+        worker = ("worker", address, "--nthreads", 1, "--no-dashboard", "--no-nanny", "--host", "127.0.0.1")
+        processes = [stack.enter_context(dask(*worker)) for _ in range(workers)]
+        with distributed.Client(address, timeout="60s") as client:
+            client.wait_for_workers(workers, timeout=60)
+        yield address, processes
+
+
+@pytest.mark.parametrize("local", ["threads", "processes"])
+def test_a_local_run_has_the_rows_of_the_command_line(
+    local: str, study_folder: pathlib.Path, expected: pd.DataFrame, tmp_path: pathlib.Path
+) -> None:
+    done = subprocess.run(
+        [*COMMAND, study_folder, "--out", tmp_path / "table", "--scheduler", local], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "16 steps of 4 participants" in done.stdout
+    assert len(expected) == 8 * 16
+    pd.testing.assert_frame_equal(table(tmp_path / "table"), expected)
+
+
+def test_options_are_those_of_the_command_line(study_folder: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    options = ["--size", "44", "--bounds", "paper", "--filter", "live", "--contact-on", "12", "--compression", "0.4"]
+    assert cohort.main([str(study_folder), "--out", str(tmp_path / "dask"), *options]) == 0
+    command("cohort", study_folder, "--out", tmp_path / "rust", *options)
+    pd.testing.assert_frame_equal(table(tmp_path / "dask"), table(tmp_path / "rust"))
+
+
+def test_two_worker_processes_of_a_scheduler_have_equal_rows(
+    study_folder: pathlib.Path, expected: pd.DataFrame, tmp_path: pathlib.Path
+) -> None:
+    with scheduler(2) as (address, _):
+        outcomes = cohort.run(study_folder, tmp_path / "table", scheduler=address)
+    assert [outcome.steps for outcome in outcomes] == [4] * 4
+    pd.testing.assert_frame_equal(table(tmp_path / "table"), expected)
+
+
+def test_a_worker_that_is_killed_midway_changes_nothing(
+    study_folder: pathlib.Path, expected: pd.DataFrame, tmp_path: pathlib.Path
+) -> None:
+    with scheduler(2) as (address, workers):
+        killed: list[int] = []
+
+        def kill(done: int, total: int) -> None:
+            # Three participants are left: each of the workers has at least one.
+            if not killed:
+                workers[0].send_signal(signal.SIGKILL)
+                killed.append(workers[0].wait())
+
+        cohort.run(study_folder, tmp_path / "table", scheduler=address, progress=kill)
+        assert killed
+    pd.testing.assert_frame_equal(table(tmp_path / "table"), expected)
+
+
+def test_a_second_run_evaluates_only_the_remaining_participants(
+    study_folder: pathlib.Path, expected: pd.DataFrame, tmp_path: pathlib.Path
+) -> None:
+    out = tmp_path / "table"
+    assert cohort.evaluate("ann", str(study_folder), str(out), plantar.Options()).steps == 4
+    written = next(out.glob("participant=ann/*.parquet")).stat().st_mtime_ns
+    outcomes = cohort.run(study_folder, out)
+    assert [(outcome.is_cached, outcome.steps) for outcome in outcomes] == [(True, 4)] + [(False, 4)] * 3
+    assert next(out.glob("participant=ann/*.parquet")).stat().st_mtime_ns == written
+    pd.testing.assert_frame_equal(table(out), expected)
+    assert all(outcome.is_cached for outcome in cohort.run(study_folder, out))
+
+
+def test_an_unreachable_scheduler_is_an_error_that_names_the_remedy(
+    study_folder: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
+    address = f"tcp://127.0.0.1:{free_port()}"
+    with pytest.raises(ConnectionError, match=f"{address} cannot be reached: start it with `dask scheduler`"):
+        cohort.run(study_folder, tmp_path / "table", scheduler=address)
+    with pytest.raises(ConnectionError, match="form tcp://HOST:8786"):
+        cohort.run(study_folder, tmp_path / "table", scheduler="nonsense")
+    assert cohort.main([str(study_folder), "--out", str(tmp_path / "table"), "--scheduler", address]) == 1
+    assert not (tmp_path / "table").exists()
+
+
+def test_an_unusable_recording_is_reported_and_tried_again(
+    study_folder: pathlib.Path, expected: pd.DataFrame, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study, out = tmp_path / "study", tmp_path / "table"
+    shutil.copytree(study_folder, study)
+    damaged = study / "ann" / "0.parquet"
+    good = damaged.read_bytes()
+    damaged.write_bytes(good[:1000])
+    (study / "nobody").mkdir()
+    (study / "dan" / "participant.toml").write_text("size = 99")
+    assert cohort.main([str(study), "--out", str(out)]) == 3
+    text = capsys.readouterr().err
+    for words in ("ann/0.parquet: the file is cut off", "nobody: 0 recordings", "dan/participant.toml"):
+        assert words in text
+    rows = table(out)
+    assert rows.groupby("participant", observed=True).size().to_dict() == {"ann": 16, "bob=b.": 32, "cid": 32}
+    damaged.write_bytes(good)
+    (study / "nobody").rmdir()
+    (study / "dan" / "participant.toml").unlink()
+    outcomes = cohort.run(study, out)
+    assert [outcome.is_cached for outcome in outcomes] == [False, True, True, False]
+    pd.testing.assert_frame_equal(table(out), expected)
+    # Another option and another file each cause an evaluation.
+    os.utime(damaged)
+    assert [outcome.is_cached for outcome in cohort.run(study, out)] == [False, True, True, True]
+    assert not any(o.is_cached for o in cohort.run(study, out, options=plantar.Options(compression=0.3)))
+
+
+def test_a_study_in_object_storage_has_equal_rows(
+    study_folder: pathlib.Path, expected: pd.DataFrame, tmp_path: pathlib.Path
+) -> None:
+    # The storage in memory of fsspec has the interface of the others, and no folders and renames of its own.
+    memory = fsspec.filesystem("memory")
+    memory.put(str(study_folder), "/bucket/study", recursive=True)
+    outcomes = cohort.run("memory://bucket/study", "memory://bucket/table")
+    assert [outcome.steps for outcome in outcomes] == [4] * 4
+    assert all(outcome.is_cached for outcome in cohort.run("memory://bucket/study", "memory://bucket/table"))
+    memory.get("/bucket/table", str(tmp_path), recursive=True)
+    pd.testing.assert_frame_equal(table(tmp_path / "table"), expected)
+
+
+def test_a_study_without_participants_is_an_error(tmp_path: pathlib.Path) -> None:
+    with pytest.raises(OSError, match="one folder per participant"):
+        cohort.run(tmp_path / "nowhere", tmp_path / "table")
+    (tmp_path / "study").mkdir()
+    with pytest.raises(OSError, match="no participant"):
+        cohort.run(tmp_path / "study", tmp_path / "table")

@@ -1,0 +1,84 @@
+"""Fits and repeatability, compared with the command line and with closed forms."""
+
+import json
+import pathlib
+import tomllib
+
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import plantar, walk
+
+import plantar as package
+
+
+def test_a_fit_is_that_of_the_command_line(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    options = ["--size", 40, "--contact-full", 0]
+    files = ["--out", tmp_path / "params.toml", "--json", tmp_path / "fit.json"]
+    plantar("fit", walk_file, *options, *files)
+    expected = json.loads((tmp_path / "fit.json").read_text())
+    fit = package.fit(walk_file, options=package.Options(size=40, contact_full_kpa=0))
+    table = fit.table()
+    assert list(table.index) == list(package.REGIONS) and table["fitted"].sum() >= 5
+    for region, of in expected["regions"].items():
+        row = table.loc[region]
+        assert row["fitted"] == of["fitted"]
+        if not of["fitted"]:
+            assert row["reason"] == of["reason"]
+            continue
+        for name, value in {**of["ellipsoid"], "stiffness_pa": of["identified"]["stiffness_pa"]}.items():
+            assert row[name] == pytest.approx(value, rel=1e-12), (region, name)
+        assert row["n_low"] <= row["n"] <= row["n_high"]
+        # The eight parameters result in the same force as the five: K = k C^(n+1) / d0^n.
+        stiffness_pa = row["k_n_m3"] * (row["c_mm"] * 1e-3) ** (row["n"] + 1) / (row["d0_mm"] * 1e-3) ** row["n"]
+        assert stiffness_pa == pytest.approx(row["stiffness_pa"], rel=1e-9)
+    fit.write(tmp_path / "own.toml")
+    own, other = (tomllib.loads((tmp_path / name).read_text()) for name in ("own.toml", "params.toml"))
+    assert own == other
+    fit.report(tmp_path / "report.html")
+    assert "<svg" in (tmp_path / "report.html").read_text()
+
+
+def test_the_curves_of_a_fit_have_its_error(walk_file: pathlib.Path) -> None:
+    fit = package.fit(walk_file)
+    steps = fit.curves.groupby(["region", "recording", "step"])
+    # NRMSE (Eq. 20): root mean square of model minus measured force, divided by the largest measured force.
+    error = steps.apply(
+        lambda of: float(
+            np.sqrt(((of["model_force_n"] - of["measured_force_n"]) ** 2).mean()) / of["measured_force_n"].max() * 100
+        )
+    )
+    means = error.groupby(level="region").mean()
+    table = fit.table().query("fitted")
+    assert set(means.index) == set(table.index)
+    np.testing.assert_allclose(means[table.index], table["nrmse_fitted_percent"].astype(float), rtol=1e-9)
+
+
+def test_a_recording_may_not_be_given_twice(walk_file: pathlib.Path) -> None:
+    with pytest.raises(ValueError, match="walk.parquet is given twice"):
+        package.fit([walk_file, walk_file])
+    with pytest.raises(ValueError, match="no recording"):
+        package.fit([])
+
+
+def test_repeatability_is_that_of_the_command_line(study_folder: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    (study_folder.parent / "people").mkdir()
+    people = {}
+    for name in ("ann", "cid", "dan"):
+        files = sorted((study_folder / name).glob("*.parquet"))
+        folder = study_folder.parent / "people" / name
+        folder.mkdir()
+        people[name] = [folder / file.name for file in files]
+        for file in files:
+            (folder / file.name).write_bytes(file.read_bytes())
+    plantar("repeat", study_folder.parent / "people", "--csv", tmp_path / "repeat.csv")
+    expected = pd.read_csv(tmp_path / "repeat.csv").set_index(["side", "variable", "region"])
+    found = package.repeat({name: list(files) for name, files in people.items()})
+    pd.testing.assert_frame_equal(found, expected, check_dtype=False, rtol=1e-12)
+    with pytest.raises(ValueError, match="record another trial"):
+        package.repeat(people["ann"][:1])
+
+
+def test_a_single_step_has_no_predicted_error(tmp_path: pathlib.Path) -> None:
+    table = package.fit(walk(tmp_path / "one.parquet", "--steps", 1)).table().query("fitted")
+    assert table["nrmse_predicted_percent"].isna().all() and table["nrmse_fitted_percent"].notna().all()

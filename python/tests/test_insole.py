@@ -1,0 +1,106 @@
+"""Sessions with a simulated insole, whose side of the session is the code of the firmware."""
+
+import asyncio
+import contextlib
+import os
+import pathlib
+import subprocess
+from collections.abc import Iterator
+
+import pytest
+
+import plantar
+
+PROGRAM = os.environ.get("PLANTAR_INSOLE", "")
+
+needs_insole = pytest.mark.skipif(not PROGRAM, reason="PLANTAR_INSOLE does not name the example simulated_insole")
+
+
+@contextlib.contextmanager
+def simulated(steps: int) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+    """The address of an insole with this number of steps, and its process, which prints acknowledgements."""
+    with subprocess.Popen([PROGRAM, str(steps)], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        try:
+            yield process.stdout.readline().strip(), process
+        finally:
+            process.kill()
+
+
+@needs_insole
+def test_each_step_is_acknowledged_once_the_next_event_is_requested() -> None:
+    with simulated(3) as (address, process), plantar.Insole.connect(tcp=address) as insole:
+        assert insole.hello["side"] in ("left", "right") and insole.hello["cells"] > 0
+        kinds = []
+        for event in insole:
+            kinds.append(event.kind)
+            if event.kind == "step":
+                heel = event.values["regions"]["heel"]
+                assert heel["measured_force_peak_n"] > 0
+                if event.values["step"] == 2:
+                    break
+        assert kinds.count("step") == 3 and "started" in kinds
+        insole.next_event()
+        assert process.stdout is not None
+        assert [process.stdout.readline() for _ in range(3)] == [f"acknowledged {step}\n" for step in range(3)]
+
+
+@needs_insole
+def test_a_step_whose_processing_failed_arrives_again() -> None:
+    with simulated(2) as (address, _):
+        for _ in range(2):
+            with plantar.Insole.connect(tcp=address) as insole, pytest.raises(RuntimeError, match="processing"):
+                for event in insole:
+                    if event.kind == "step":
+                        assert event.values["step"] == 0
+                        raise RuntimeError("processing failed")
+
+
+@needs_insole
+def test_live_frames_and_steps_arrive_asynchronously() -> None:
+    async def follow(address: str) -> tuple[set[str], int]:
+        turns = 0
+
+        async def count() -> None:
+            nonlocal turns
+            while True:
+                turns += 1
+                await asyncio.sleep(0)
+
+        kinds = set()
+        counter = asyncio.create_task(count())
+        with plantar.Insole.connect(tcp=address) as insole:
+            async for event in insole:
+                kinds.add(event.kind)
+                if event.kind == "live":
+                    assert event.values["regions"]["hallux"]["area_mm2"] >= 0
+                if {"live", "step"} <= kinds:
+                    break
+        counter.cancel()
+        return kinds, turns
+
+    with simulated(1) as (address, _):
+        kinds, turns = asyncio.run(follow(address))
+    assert {"started", "live", "step"} <= kinds
+    # Other tasks run while the iterator waits.
+    assert turns > 1
+
+
+def test_errors_name_the_insole_and_the_remedy(tmp_path: pathlib.Path) -> None:
+    with pytest.raises(ConnectionError, match="127.0.0.1:1: .*is the insole or its bridge running there"):
+        plantar.Insole.connect(tcp="127.0.0.1:1")
+    with pytest.raises(ConnectionError, match="is the insole plugged in"):
+        plantar.Insole.connect(serial=str(tmp_path / "nowhere"))
+    with pytest.raises(ValueError, match="either tcp or serial"):
+        plantar.Insole.connect()
+
+
+@needs_insole
+def test_a_closed_insole_and_unknown_parameters_are_errors(tmp_path: pathlib.Path) -> None:
+    with simulated(0) as (address, _):
+        insole = plantar.Insole.connect(tcp=address)
+        with pytest.raises(FileNotFoundError, match=r"params\.toml"):
+            insole.push(tmp_path / "params.toml")
+        insole.close()
+        with pytest.raises(RuntimeError, match="the connection was closed"):
+            insole.next_event()

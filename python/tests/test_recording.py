@@ -1,0 +1,144 @@
+"""Recordings, replay and normalised steps, compared with pyarrow, NumPy and the command line."""
+
+import json
+import pathlib
+import sys
+import threading
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+from conftest import plantar
+
+import plantar as package
+
+
+def test_a_recording_has_the_values_of_its_file(walk_file: pathlib.Path) -> None:
+    file = pq.read_table(walk_file)
+    layout = json.loads(file.schema.metadata[b"plantar"])
+    recording = package.read(walk_file)
+    assert (recording.side, recording.rate_hz) == (layout["side"], layout["rate_hz"])
+    assert recording.source == layout["source"]
+    cells = pd.DataFrame(layout["layout"]["cells"])
+    pd.testing.assert_frame_equal(recording.cells, cells.rename_axis("cell"), check_dtype=False, check_index_type=False)
+    expected = file.to_pandas().set_index("t_s")
+    pd.testing.assert_frame_equal(recording.to_pandas(), expected)
+    np.testing.assert_allclose(recording.force_n, expected.to_numpy(float) @ cells["area_mm2"].to_numpy() / 1000, rtol=1e-6)
+    data = recording.to_xarray()
+    assert data["pressure_kpa"].dims == ("t_s", "cell") and data.attrs["side"] == recording.side
+    heel = data["pressure_kpa"].sel(cell=data["region"] == "heel").to_numpy()
+    np.testing.assert_array_equal(heel, expected.to_numpy()[:, (cells["region"] == "heel").to_numpy()])
+
+
+def test_arrays_share_the_memory_of_the_recording_and_outlive_it(walk_file: pathlib.Path) -> None:
+    recording = package.read(walk_file)
+    pressure_kpa, again = recording.pressure_kpa, recording._core.pressure_kpa().to_numpy()
+    assert np.shares_memory(pressure_kpa, again)
+    assert not pressure_kpa.flags.writeable
+    total = pressure_kpa.sum()
+    del recording, again
+    assert pressure_kpa.sum() == total > 0
+
+
+def test_errors_name_the_file_and_the_remedy(tmp_path: pathlib.Path, walk_file: pathlib.Path) -> None:
+    with pytest.raises(FileNotFoundError, match="nowhere.parquet"):
+        package.read(tmp_path / "nowhere.parquet")
+    damaged = tmp_path / "damaged.parquet"
+    damaged.write_bytes(walk_file.read_bytes()[:-1000])
+    with pytest.raises(ValueError, match="damaged.parquet: the file is cut off.*copy it again"):
+        package.read(damaged)
+    recording = package.read(walk_file)
+    with pytest.raises(ValueError, match="from 35 to 46"):
+        recording.replay(options=package.Options(size=50))
+    with pytest.raises(ValueError, match="contact-off may not be above"):
+        recording.replay(options=package.Options(contact_on_kpa=5, contact_off_kpa=6))
+    with pytest.raises(ValueError, match='"projection" or "paper"'):
+        package.fit(recording, options=package.Options(method="other"))  # type: ignore[arg-type]
+
+
+@pytest.mark.filterwarnings("ignore:parameters .* are not personal")
+def test_replayed_steps_are_those_of_the_command_line(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    plantar("replay", walk_file, "--json", tmp_path / "steps.json", "--frames", tmp_path / "frames.parquet")
+    replay = package.replay(walk_file)
+    steps = json.loads((tmp_path / "steps.json").read_text())
+    assert list(replay.steps.index.unique("step")) == [step["step"] for step in steps]
+    assert len(replay.steps) == 8 * len(steps) == 48
+    for step in steps:
+        for region, expected in step["regions"].items():
+            row = replay.steps.loc[(step["step"], region)]
+            assert row["start_s"] == step["start_s"] and row["duration_s"] == step["duration_s"]
+            assert row["foot_force_peak_n"] == step["foot"]["foot_force_peak_n"]
+            for name in ("measured_force_peak_n", "area_peak_mm2", "model_force_peak_n", "peak_pressure_kpa", "clamped"):
+                assert row[name] == expected[name], (step["step"], region, name)
+            assert row["ellipse_x_mm"] == expected["ellipse_at_peak"]["x_mm"]
+    frames = pq.read_table(tmp_path / "frames.parquet").to_pandas().set_index("t_s")
+    pd.testing.assert_frame_equal(replay.frames, frames)
+    double = package.replay(walk_file, precision="f64").frames
+    assert not double.equals(frames)
+    np.testing.assert_allclose(double["total_force_n"], frames["total_force_n"], rtol=1e-5, atol=1e-3)
+
+
+def test_typical_parameters_are_reported_and_personal_ones_are_not(
+    walk_file: pathlib.Path, tmp_path: pathlib.Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    package.replay(walk_file)
+    assert "not personal" in str(recwarn.pop().message)
+    package.fit(walk_file).write(tmp_path / "params.toml")
+    package.replay(walk_file, params=tmp_path / "params.toml")
+    assert not recwarn.list
+
+
+@pytest.mark.filterwarnings("ignore:parameters .* are not personal")
+def test_normalised_steps_are_interpolated_from_heel_strike_to_toe_off(
+    walk_file: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
+    plantar("replay", walk_file, "--json", tmp_path / "steps.json", "--frames", tmp_path / "frames.parquet")
+    frames = pq.read_table(tmp_path / "frames.parquet").to_pandas()
+    replay = package.replay(walk_file)
+    for quantity, region in (("total_force_n", None), ("area_mm2", "heel")):
+        curves = replay.normalised(quantity, region=region)
+        assert curves.shape == (6, 101)
+        column = frames[quantity if region is None else f"{region}_{quantity}"]
+        for curve, step in zip(curves, json.loads((tmp_path / "steps.json").read_text()), strict=True):
+            at_s = frames["t_s"][0] + step["start_s"] + np.arange(101) / 100 * step["duration_s"]
+            np.testing.assert_allclose(curve, np.interp(at_s, frames["t_s"], column), rtol=1e-12, atol=1e-9)
+            if region is None:
+                # The step begins and ends near the threshold of stance, and its peak is that of the step record.
+                assert curve[0] < 0.2 * curve.max() and curve[-1] < 0.2 * curve.max()
+                assert curve.max() == pytest.approx(step["foot"]["foot_force_peak_n"], rel=0.02)
+    assert replay.normalised("total_force_n", 11).shape == (6, 11)
+    with pytest.raises(ValueError, match="heel_area_mm2"):
+        replay.normalised("area", region="heel")
+
+
+def test_a_recording_without_steps_has_empty_tables(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    table = pq.read_table(walk_file)
+    pq.write_table(table.slice(0, 20), tmp_path / "short.parquet")
+    replay = package.replay(tmp_path / "short.parquet")
+    assert replay.steps.empty and replay.normalised("total_force_n").shape == (0, 101)
+    rows = package.fit_steps(tmp_path / "short.parquet")
+    assert rows.num_rows == 0 and "secant_modulus_kpa" in rows.column_names
+
+
+def test_other_threads_continue_while_a_recording_is_fitted(walk_file: pathlib.Path) -> None:
+    recording = package.read(walk_file)
+    has_begun, is_done = threading.Event(), []
+
+    def evaluate() -> None:
+        has_begun.set()
+        package.fit(recording)
+        is_done.append(True)
+
+    interval_s = sys.getswitchinterval()
+    # Threads now change only when the running one releases the lock by itself.
+    sys.setswitchinterval(1000)
+    try:
+        thread = threading.Thread(target=evaluate)
+        thread.start()
+        has_begun.wait()
+        was_done = bool(is_done)
+    finally:
+        sys.setswitchinterval(interval_s)
+    thread.join()
+    assert is_done and not was_done

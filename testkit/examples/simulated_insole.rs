@@ -1,0 +1,48 @@
+//! A simulated insole at a network port, for tests of other programs: `cargo run -p testkit --example simulated_insole -- STEPS`.
+//! The code of the firmware's session serves one host after the other. The program prints its address, and then each
+//! acknowledgement that arrives.
+
+use plantar::protocol::session::Session;
+use plantar::protocol::{Decoder, MAX_FRAME, MAX_MESSAGE, ToDevice, decode, frame};
+use std::io::{self, Read, Write};
+use std::net::{TcpListener, TcpStream};
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let steps: u32 = std::env::args().nth(1).ok_or("name the number of steps")?.parse()?;
+    let listener = TcpListener::bind("127.0.0.1:0")?;
+    println!("{}", listener.local_addr()?);
+    let mut session = Session::new();
+    (0..steps).for_each(|number| session.push_record(testkit::step(number)));
+    for host in listener.incoming() {
+        // A host may close its connection at any time.
+        let _ = serve(&mut session, host?);
+    }
+    Ok(())
+}
+
+/// Serves a host until it disconnects. A live frame follows each message of the host.
+fn serve(session: &mut Session, mut host: TcpStream) -> io::Result<()> {
+    let mut decoder = Decoder::new();
+    let mut received = [0; 256];
+    loop {
+        let count = host.read(&mut received)?;
+        if count == 0 {
+            return Ok(());
+        }
+        for &byte in &received[..count] {
+            let Some(message) = decoder.push(byte).and_then(decode::<ToDevice>) else { continue };
+            if let ToDevice::Acknowledge { step } = message {
+                println!("acknowledged {step}");
+            }
+            session.receive(message, 0);
+        }
+        if let Some(number) = session.next_live() {
+            session.push_live(testkit::live(number));
+        }
+        let (mut buffer, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
+        while let Some(message) = session.next(&testkit::hello(), testkit::status, &mut buffer) {
+            let len = frame(message, &mut framed);
+            host.write_all(&framed[..len])?;
+        }
+    }
+}

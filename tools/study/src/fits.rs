@@ -1,0 +1,125 @@
+//! The rows of a recording: each region of each step, fitted separately, as the paper does.
+
+use crate::Person;
+use crate::table::{Row, Value};
+use anyhow::{Result, bail};
+use fit::trials::Trial;
+use fit::variable::Variable;
+use fit::{NotFitted, RegionFit, Step, fit_step};
+use plantar::{Region, Side};
+use recording::FrameSource;
+use std::borrow::Cow;
+use std::path::Path;
+
+/// A row: the names of the columns with their values.
+pub type FitRow = Row<Cow<'static, str>>;
+
+/// The columns of the five identified parameters. Each has a value, the two ends of its 95 % interval, and whether the value is
+/// at a bound of the search.
+const PARAMETER_COLUMNS: [[&str; 4]; 5] = [
+    ["ab_mm2", "ab_mm2_low", "ab_mm2_high", "ab_at_bound"],
+    ["stiffness_pa", "stiffness_pa_low", "stiffness_pa_high", "stiffness_at_bound"],
+    ["damping_pa_s", "damping_pa_s_low", "damping_pa_s_high", "damping_at_bound"],
+    ["n", "n_low", "n_high", "n_at_bound"],
+    ["m", "m_low", "m_high", "m_at_bound"],
+];
+
+/// The rows of a recording of a person: eight for each complete step. `path` is the file of the recording; its name is a column.
+///
+/// # Errors
+/// If the recording cannot be evaluated. The message names `path`.
+pub fn rows<'a>(person: &Person, recording: impl Into<FrameSource<'a>>, path: &Path) -> Result<Vec<FitRow>> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let steps = person.steps(recording.into(), path)?;
+    let regions = steps.iter().flat_map(|step| Region::ALL.map(|region| (step, region)));
+    let row = |(step, region): (&Step, Region)| {
+        let fit = fit_step(step, region as usize, &person.options).map(|(fit, _)| fit);
+        row(person, &name, step, region, fit)
+    };
+    Ok(regions.map(row).collect())
+}
+
+/// The values of a recording of a person: each region fitted to all of its steps. `path` is the file of the recording.
+///
+/// # Errors
+/// If the recording cannot be evaluated, has no complete step, or no region could be fitted. The message names `path`.
+pub fn trial<'a>(person: &Person, recording: impl Into<FrameSource<'a>>, path: &Path) -> Result<Trial> {
+    let source = recording.into();
+    let side = source.head().side;
+    let steps = person.steps(source, path)?;
+    if steps.is_empty() {
+        bail!("{}: {}", path.display(), NotFitted::NoSteps);
+    }
+    let fits = fit::fit(&steps, &person.options, &|_| ());
+    if fits.iter().all(Result::is_err) {
+        bail!("{}: no region could be fitted", path.display());
+    }
+    let name = path.file_stem().unwrap_or_default().to_string_lossy();
+    Ok(Trial::of(name.into_owned(), side, &fits))
+}
+
+/// A row without any values of a step, which shows the columns and their types.
+pub fn columns(person: &Person) -> FitRow {
+    let step = Step {
+        recording: 0,
+        number: 0,
+        side: Side::Left,
+        start_s: 0.0,
+        duration_s: 0.0,
+        peak_n: 0.0,
+        regions: Default::default(),
+    };
+    row(person, "", &step, Region::Heel, Err(NotFitted::NoSteps))
+}
+
+/// The row of one region of a step: its origin, the quantities, then the parameters and the errors.
+fn row(person: &Person, recording: &str, step: &Step, region: Region, fit: Result<RegionFit, NotFitted>) -> FitRow {
+    let text = |text: &str| Value::Text(Some(text.into()));
+    let integer = |value: Option<usize>| Value::Integer(value.and_then(|v| i32::try_from(v).ok()));
+    let real = |value: Option<f64>| Value::Real(value.filter(|v| v.is_finite()));
+    let kpa = |value: f32| real(Some(value.into()));
+    let Person { contact, options, settings, .. } = person;
+    let (_, force_n, _) = step.regions[region as usize].of(options.filter);
+    let origin: [(&'static str, Value); 19] = [
+        ("insole_size", integer(Some(person.size.eur().into()))),
+        ("age_years", real(settings.age_years)),
+        ("sex", Value::Text(settings.sex.map(|sex| sex.name().into()))),
+        ("mass_kg", real(settings.mass_kg)),
+        ("height_cm", real(settings.height_cm)),
+        ("side", text(step.side.name())),
+        ("recording", text(recording)),
+        ("step", integer(Some(step.number as usize))),
+        ("start_s", real(Some(step.start_s))),
+        ("duration_s", real(Some(step.duration_s))),
+        ("region", text(region.name())),
+        ("fitted", Value::Flag(Some(fit.is_ok()))),
+        ("reason", Value::Text(fit.as_ref().err().map(NotFitted::to_string))),
+        ("contact_on_kpa", kpa(contact.on_kpa)),
+        ("contact_off_kpa", kpa(contact.off_kpa)),
+        ("contact_full_kpa", kpa(contact.full_kpa)),
+        ("filter", text(options.filter.name())),
+        ("method", text(options.method.name())),
+        ("measured_peak_n", real(Some(force_n.iter().copied().fold(0.0, f64::max)))),
+    ];
+    let mut row: FitRow = origin.map(|(name, value)| (name.into(), value)).into();
+    let fit = fit.ok();
+    let fit = fit.as_ref();
+    let value = |variable: Variable| (variable.name(), real(fit.and_then(|fit| variable.of(fit))));
+    row.extend(Variable::quantities().map(value));
+    for (i, [name, low, high, at_bound]) in PARAMETER_COLUMNS.into_iter().enumerate() {
+        let unit = if i == 0 { 1e6 } else { 1.0 };
+        let interval = fit.and_then(|fit| fit.uncertainty.as_ref()).map(|u| &u.intervals[i]);
+        row.extend(Variable::all().filter(|variable| variable.name() == name).map(value));
+        row.push((low.into(), real(interval.map(|i| i.jacobian[0] * unit))));
+        row.push((high.into(), real(interval.map(|i| i.jacobian[1] * unit))));
+        row.push((at_bound.into(), Value::Flag(interval.map(|i| i.at_bound))));
+    }
+    let rest: Vec<_> =
+        Variable::all().map(value).filter(|(name, _)| row.iter().all(|(other, _)| other != name)).collect();
+    row.extend(rest);
+    let quality = fit.map(|fit| &fit.quality);
+    row.push(("floor_percent".into(), real(quality.map(|q| q.floor * 100.0))));
+    row.push(("peak_bias_percent".into(), real(quality.map(|q| q.peak_bias * 100.0))));
+    row.push(("evaluations".into(), integer(fit.map(|fit| fit.evaluations))));
+    row
+}

@@ -1,0 +1,161 @@
+//! The options of an evaluation: filter, method and bounds of the search, the tissue, and the contact rule.
+
+use crate::ReadFile;
+use anyhow::{Context, Result, bail};
+use fit::pins::COMPRESSION;
+use fit::{Bounds, Filter, Measured, Method, Options};
+use parameters::{InsoleSize, TissueMeasurements};
+use plantar::Region;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::setup::PERIOD_US;
+use plantar::pipeline::stance_rule::StanceRule;
+use recording::{FrameSource, VirtualInsole};
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Filter, method and bounds of an identification, and the tissue.
+#[derive(Clone, Debug)]
+pub struct Search {
+    /// The filter of the contact area; `None` for the usual one of the method.
+    pub filter: Option<Filter>,
+    /// The search.
+    pub method: Method,
+    /// True for the bounds of the paper and least squares, false for the usual bounds and the prior.
+    pub has_paper_bounds: bool,
+    /// The file of tissue measurements.
+    pub tissue: Option<PathBuf>,
+    /// The size, which determines the thickness of regions without a measurement.
+    pub size: InsoleSize,
+    /// Assumed largest compression of the tissue, as a fraction of its thickness, 0.05 to 0.95.
+    pub compression: f64,
+}
+
+impl Default for Search {
+    fn default() -> Self {
+        Self {
+            filter: None,
+            method: Method::Projection,
+            has_paper_bounds: false,
+            tissue: None,
+            size: InsoleSize::default(),
+            compression: COMPRESSION,
+        }
+    }
+}
+
+impl Search {
+    /// The options of the fit. `resamples` is the number of bootstrap resamples of the steps.
+    ///
+    /// # Errors
+    /// If the compression is out of range.
+    pub fn options(&self, tissue: &TissueMeasurements, resamples: u64) -> Result<Options> {
+        if !(0.05..=0.95).contains(&self.compression) {
+            bail!(
+                "a largest compression of {} is out of range: expected a fraction of the thickness, 0.05 to 0.95",
+                self.compression
+            );
+        }
+        let typical_m = self.size.thickness_m();
+        let thickness_m = std::array::from_fn(|region| tissue.0[region].thickness_m.unwrap_or(typical_m[region]));
+        let measured = tissue.0.each_ref().map(|region| Measured {
+            has_thickness: region.thickness_m.is_some(),
+            peak_strain: region.peak_strain,
+            curvature_m: region.curvature_m,
+        });
+        let (bounds, prior) =
+            if self.has_paper_bounds { (Bounds::PAPER, None) } else { (Bounds::USUAL, Some(fit::prior::WALKERS)) };
+        let usual_filter = match self.method {
+            Method::Projection => Filter::Direct,
+            Method::Paper => Filter::Smoothed,
+        };
+        Ok(Options {
+            filter: self.filter.unwrap_or(usual_filter),
+            method: self.method,
+            bounds,
+            prior,
+            thickness_m,
+            size_scale: self.size.scale(),
+            compression: self.compression,
+            measured,
+            resamples,
+        })
+    }
+
+    /// Reads the file of tissue measurements. Also returns a note for each value that is out of range.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or has another form.
+    pub fn tissue(&self, read: ReadFile) -> Result<(TissueMeasurements, Vec<String>)> {
+        let Some(path) = &self.tissue else { return Ok(Default::default()) };
+        let tissue = TissueMeasurements::parse(&text(path, read(path))?, path)?;
+        let regions = Region::ALL.iter().zip(&tissue.0);
+        let note = |(region, value)| format!("{}: {}: {value}", path.display(), Region::name(region));
+        let notes = regions.flat_map(|(&region, of)| of.rejected.iter().map(move |value| (region, value))).map(note);
+        let notes = notes.collect();
+        Ok((tissue, notes))
+    }
+}
+
+/// The content of the file `path` as text.
+pub(crate) fn text(path: &Path, content: io::Result<Vec<u8>>) -> Result<String> {
+    let bytes = content.with_context(|| format!("cannot read {}", path.display()))?;
+    String::from_utf8(bytes).with_context(|| format!("{} is not text in UTF-8: save it as such", path.display()))
+}
+
+/// Values that replace those of a contact rule, kPa.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct ContactOptions {
+    /// A cell comes into contact at this pressure.
+    pub on_kpa: Option<f32>,
+    /// A cell loses contact below this pressure.
+    pub off_kpa: Option<f32>,
+    /// A cell counts as a whole from this pressure on; 0 to count whole cells only.
+    pub full_kpa: Option<f32>,
+}
+
+impl ContactOptions {
+    /// This rule, with the values that are given.
+    pub fn changed(&self, rule: ContactRule) -> ContactRule {
+        ContactRule {
+            on_kpa: self.on_kpa.unwrap_or(rule.on_kpa),
+            off_kpa: self.off_kpa.unwrap_or(rule.off_kpa),
+            full_kpa: self.full_kpa.unwrap_or(rule.full_kpa),
+        }
+    }
+
+    /// This rule with the values that are given. Another contact threshold leaves the ratio of the two thresholds unchanged.
+    ///
+    /// # Errors
+    /// If the result is no valid rule.
+    pub fn rule(&self, default: ContactRule) -> Result<ContactRule> {
+        let off_kpa = default.off_kpa / default.on_kpa * self.on_kpa.unwrap_or(default.on_kpa);
+        let rule = self.changed(ContactRule { off_kpa, ..default });
+        if !rule.is_valid() {
+            bail!(
+                "invalid contact rule, on at {} kPa, off below {} kPa, whole cell from {} kPa: contact-off must be positive, \
+                 contact-off may not be above contact-on, contact-on not above 1000, and contact-full either 0, for whole \
+                 cells, or from contact-on to 2000",
+                rule.on_kpa,
+                rule.off_kpa,
+                rule.full_kpa
+            );
+        }
+        Ok(rule)
+    }
+}
+
+/// Makes a virtual insole for a recording.
+///
+/// # Errors
+/// If an insole cannot have the recording's frame rate, or the recording cannot be read.
+pub fn virtual_insole(source: &FrameSource, rule: ContactRule) -> Result<VirtualInsole> {
+    let recording = source.head();
+    let insole = VirtualInsole::up_to(source.largest_kpa()?, recording, rule, StanceRule::ADAPTIVE);
+    if !PERIOD_US.contains(&insole.setup.period_us) {
+        bail!(
+            "the recording has {:.2} frames per second, and 20 to 500 are supported: import it again with --rate 100",
+            recording.rate_hz
+        );
+    }
+    Ok(insole)
+}

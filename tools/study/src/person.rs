@@ -1,0 +1,88 @@
+//! A participant of a study: the settings and options for this person.
+
+use crate::ReadFile;
+use crate::options::{Search, text, virtual_insole};
+use anyhow::{Context, Result};
+use fit::steps::isolate;
+use fit::{Options, Step};
+use parameters::{InsoleSize, Participant};
+use plantar::pipeline::contact::ContactRule;
+use recording::{FrameSource, VirtualInsole, Zero};
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// A participant and the options for this person.
+#[derive(Clone, Debug)]
+pub struct Person {
+    /// The values of participant.toml, or none without this file.
+    pub settings: Participant,
+    /// The size in participant.toml, or else that of the options.
+    pub size: InsoleSize,
+    /// The options of the fit, for this person's size and tissue thickness.
+    pub options: Options,
+    /// The contact rule.
+    pub contact: ContactRule,
+    /// Values that were not used, in sentences.
+    pub notes: Vec<String>,
+    /// The baseline of the cells, and its file.
+    zero: Option<(PathBuf, Zero)>,
+}
+
+impl Person {
+    /// The participant in this folder, with the settings in its `participant.toml`, if there is one.
+    ///
+    /// # Errors
+    /// If a file cannot be read or used, or an option is out of range.
+    pub fn open(folder: &Path, search: &Search, contact: ContactRule, read: ReadFile) -> Result<Self> {
+        let path = folder.join("participant.toml");
+        let settings = match read(&path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Participant::default(),
+            content => Participant::parse(&text(&path, content)?, &path)?,
+        };
+        Self::new(settings, search, contact, read)
+    }
+
+    /// A participant with these settings.
+    ///
+    /// # Errors
+    /// If a file cannot be read or used, or an option is out of range.
+    pub fn new(settings: Participant, search: &Search, contact: ContactRule, read: ReadFile) -> Result<Self> {
+        let size = settings.size.unwrap_or(search.size);
+        let search = Search { size, tissue: settings.thickness.clone().or(search.tissue.clone()), ..search.clone() };
+        let (tissue, notes) = search.tissue(read)?;
+        let baseline =
+            |path: &PathBuf| Ok::<_, anyhow::Error>((path.clone(), Zero::parse(&text(path, read(path))?, path)?));
+        let zero = settings.zero.as_ref().map(baseline).transpose()?;
+        Ok(Self { size, options: search.options(&tissue, 0)?, contact, notes, zero, settings })
+    }
+
+    /// Everything besides the recordings that determines the rows of this person, as text.
+    pub fn description(&self) -> String {
+        let Self { settings, size, options, contact, zero, .. } = self;
+        format!("{size} {settings:?} {options:?} {contact:?} {zero:?}")
+    }
+
+    /// The virtual insole of a recording, with the baseline of this person.
+    ///
+    /// # Errors
+    /// If an insole cannot have the recording's frame rate, or the baseline is of other cells.
+    pub fn insole(&self, source: &FrameSource) -> Result<VirtualInsole> {
+        let mut insole = virtual_insole(source, self.contact)?;
+        if let Some((path, zero)) = &self.zero {
+            zero.apply_to(&mut insole, &path.display().to_string())?;
+        }
+        Ok(insole)
+    }
+
+    /// The complete steps of a recording.
+    ///
+    /// # Errors
+    /// If the recording cannot be evaluated. Messages name `path`.
+    pub fn steps(&self, source: FrameSource, path: &Path) -> Result<Vec<Step>> {
+        let steps = || {
+            let insole = self.insole(&source)?;
+            Ok::<_, anyhow::Error>(isolate(&insole, insole.scans(source), 0, &mut |_| ())?.0)
+        };
+        steps().with_context(|| format!("{}: the recording cannot be evaluated", path.display()))
+    }
+}

@@ -1,0 +1,52 @@
+//! The columns of steps and of their quantities, as an insole reports them.
+
+use crate::table::{Row, Value};
+use plantar::Region;
+use plantar::protocol::{Flag, Quantity, Step, StepFoot, StepRegion};
+
+/// The row of the region with index `i` of [`Region::ALL`] in a step. The order of the columns is part of the format of tables.
+///
+/// # Panics
+/// Panics if there is no region `i`.
+pub fn step_row(step: &Step, i: usize) -> Row {
+    let r = &step.regions[i];
+    let (nested, quantities): (Vec<_>, Vec<_>) = StepRegion::QUANTITIES.iter().partition(|q| q.path().0.is_some());
+    let (counts, quantities): (Vec<_>, Vec<_>) = quantities.into_iter().partition(|q| q.is_count());
+    let (unscaled, scaled): (Vec<_>, Vec<_>) = quantities.into_iter().partition(|q| q.per_unit == 1);
+    let mut row: Row = vec![("side", step.side.name().into())];
+    row.extend(columns(Step::QUANTITIES, step));
+    row.push(("region", Region::ALL[i].name().into()));
+    row.extend(columns(unscaled, r));
+    row.extend(flag_columns(Step::FLAGS, step, i));
+    row.extend(columns(counts, r));
+    row.extend([
+        ("contact_on_kpa", f64::from(step.contact_rule.on_kpa).into()),
+        ("contact_off_kpa", f64::from(step.contact_rule.off_kpa).into()),
+        ("contact_full_kpa", f64::from(step.contact_rule.full_kpa).into()),
+    ]);
+    row.extend(columns(scaled, r));
+    row.extend(columns(nested, r));
+    row.extend(columns(StepFoot::QUANTITIES, &step.foot));
+    row
+}
+
+/// The columns of these quantities, with the values that they have in `of`: a live frame, a step, a load bout or a region.
+pub fn columns<T: 'static>(
+    quantities: impl IntoIterator<Item = &'static Quantity<T>>,
+    of: &T,
+) -> impl Iterator<Item = (&'static str, Value)> {
+    quantities.into_iter().map(move |quantity| {
+        let integer = || (quantity.value)(of).and_then(|value| i32::try_from(value).ok());
+        let value = if quantity.is_count() { Value::Integer(integer()) } else { Value::Real(quantity.in_unit(of)) };
+        (quantity.name, value)
+    })
+}
+
+/// The columns of these flags, with the values that they have in `of` for the region with this index.
+pub fn flag_columns<T: 'static>(
+    flags: &'static [Flag<T>],
+    of: &T,
+    region: usize,
+) -> impl Iterator<Item = (&'static str, Value)> {
+    flags.iter().map(move |flag| (flag.name, flag.is_set(of, region).into()))
+}

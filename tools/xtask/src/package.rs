@@ -1,0 +1,44 @@
+//! Builds and tests the Python package.
+
+use crate::build::{build_example, build_host};
+use crate::command::{built, root, run, run_command};
+use crate::setup;
+use crate::test::DENY_WARNINGS;
+use anyhow::Result;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// Builds the wheel of the package and installs it in the private environment. Returns the folder of the environment.
+pub fn build() -> Result<PathBuf> {
+    let (environment, wheels) = (setup::package()?, built("wheels"));
+    // Wheels of earlier versions would be installed as well.
+    if wheels.exists() {
+        fs::remove_dir_all(&wheels)?;
+    }
+    run_tool(&environment, "maturin", &["build", "--release", "--locked", "--out", &wheels.to_string_lossy()])?;
+    for wheel in fs::read_dir(&wheels)? {
+        let wheel = wheel?.path();
+        setup::pip(&environment, &["install", "--force-reinstall", "--no-deps", &wheel.to_string_lossy()])?;
+    }
+    Ok(environment)
+}
+
+/// Builds and installs the package, and checks its lints, types, tests and notebook.
+pub fn test() -> Result<()> {
+    run("cargo", &[&["clippy", "--locked", "--release", "--package", "plantar-python"], &DENY_WARNINGS[..]].concat())?;
+    build_host("plantar-cli")?;
+    build_example("testkit", "simulated_insole")?;
+    let environment = build()?;
+    run_tool(&environment, "mypy", &[])?;
+    run_tool(&environment, "pytest", &["--quiet"])
+}
+
+/// Runs a program of the environment in the folder of the package.
+fn run_tool(environment: &Path, name: &str, arguments: &[&str]) -> Result<()> {
+    let mut command = Command::new(setup::program(environment, name));
+    command.args(arguments).current_dir(root().join("python"));
+    command.env("PLANTAR", built("release/plantar"));
+    command.env("PLANTAR_INSOLE", built("release/examples/simulated_insole"));
+    run_command(&mut command)
+}
