@@ -30,7 +30,8 @@ struct Arguments {
     /// A Python interpreter with NumPy and SciPy.
     #[arg(long, required_unless_present = "stack_json")]
     python: Option<PathBuf>,
-    /// A Python interpreter with the package of this project, to measure the time of its cohort.
+    /// A Python interpreter with the package of this project, and with pandas, to measure the time of its cohort
+    /// and of a replay.
     #[arg(long, requires = "plantar")]
     package_python: Option<PathBuf>,
     /// The folder SpeedPP2DS of the Python package jiku-data. With this option, the identification is also measured on its
@@ -69,7 +70,7 @@ fn main() -> Result<()> {
         if let Some(moticon) = &arguments.moticon {
             wear::measure(python, moticon, &mut figures)?;
         }
-        if let Some(plantar) = &arguments.plantar {
+        if let (Some(plantar), Some(python)) = (&arguments.plantar, &arguments.package_python) {
             replay_file::measure(python, plantar, &mut figures)?;
         }
         if let (Some(jiku), Some(plantar)) = (&arguments.jiku, &arguments.plantar) {

@@ -4,7 +4,7 @@ use anyhow::{Context, Result, bail};
 use serde_json::{Map, Value};
 
 /// Keys of figures, each with its smallest and its largest allowed value.
-const LIMITS: [(&str, f64, f64); 46] = [
+const LIMITS: [(&str, f64, f64); 47] = [
     ("frame_instructions", 0.0, 12_400.0),
     ("cells_instructions", 0.0, 6_000.0),
     ("tracking_instructions", 0.0, 2_000.0),
@@ -25,6 +25,7 @@ const LIMITS: [(&str, f64, f64); 46] = [
     ("flash_bytes.wb55-bootloader", 0.0, 32_768.0),
     ("ram_bytes.emulated", 0.0, 98_304.0),
     ("ram_bytes.wb55", 0.0, 98_304.0),
+    ("replay_file_peak_mb", 0.0, 300.0),
     ("fit_evaluations", 0.0, 600.0),
     ("fit_exact_nrmse", 0.0, 0.01),
     ("fit_exact_parameters", 0.0, 1e-4),
