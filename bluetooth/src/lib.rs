@@ -11,6 +11,7 @@ mod bonds;
 mod gate;
 mod table;
 
+use bt_hci::cmd::le::LeRand;
 use bt_hci_serial::SerialTransport;
 use embassy_futures::select::{select, select3};
 use embassy_sync::blocking_mutex::raw::{CriticalSectionRawMutex, NoopRawMutex};
@@ -36,6 +37,8 @@ pub const MAX_VALUE: usize = 244;
 const RADIO_RETRY: Duration = Duration::from_secs(1);
 /// Time before a packet is requested again from an exhausted pool.
 const POOL_RETRY: Duration = Duration::from_millis(10);
+/// Time between two checks whether the radio answers.
+const RADIO_CHECK: Duration = Duration::from_secs(1);
 /// Time between two checks whether the central is still connected.
 const CONNECTION_CHECK: Duration = Duration::from_millis(200);
 
@@ -64,7 +67,7 @@ pub async fn run(from_radio: &'static HciPipe, to_radio: &'static HciPipe, insol
         select3(rx.run(), control.run(), async {
             // Without a radio, sender and server would wait in a busy loop, so they start after the first answer of the radio.
             answered.wait().await;
-            select(tx.run(), serve(&stack, table, insole)).await
+            select3(tx.run(), serve(&stack, table, insole), check_radio(&stack, insole)).await
         })
         .await;
         insole.close();
@@ -106,6 +109,17 @@ fn set_up<'a>(
 
 /// The Bluetooth host.
 type Host<'s> = Stack<'s, Gate<'s, Radio>, DefaultPacketPool>;
+
+/// Lets the radio execute a command every second. Returns if the radio refuses it; a radio that does not answer is found by the
+/// supervision.
+async fn check_radio(stack: &Host<'_>, insole: &dyn GattServer) -> Result<(), Error> {
+    loop {
+        // If advertising fails, the host is set up again within this time, and no heartbeat is counted.
+        Timer::after(RADIO_CHECK).await;
+        stack.command(LeRand::new()).await.map_err(|_| Error::Other)?;
+        insole.radio_answered();
+    }
+}
 
 /// Advertises and serves centrals. Returns if the radio fails.
 async fn serve(stack: &Host<'_>, (table, server): &(Table, Server<'_>), insole: &dyn GattServer) -> Result<(), Error> {

@@ -1,13 +1,14 @@
 //! Persists steps, load bouts, alerts, acknowledgements, parameters and bonds, and executes the commands of a host.
 
 use super::shared::Shared;
-use super::trial::Trial;
+use super::supervise::Part;
+use super::trial::{Trial, Verdict};
 use crate::log;
 use crate::protocol::session::{Command, CommandResult};
-use crate::protocol::update::{Header, Progress, Refusal as UpdateRefusal};
+use crate::protocol::update::{Header, Progress, Refusal as UpdateRefusal, Request};
 use crate::protocol::{Identity, LoadRecord, Refusal};
 use crate::storage::update::{self, Update};
-use crate::storage::{Bonds, IdentifiedRecord, IdentityRecord, SettingsRecord, StorageError, Store};
+use crate::storage::{Bonds, IdentifiedRecord, IdentityRecord, RadioRecord, SettingsRecord, StorageError, Store};
 use core::future::poll_fn;
 use core::pin::{Pin, pin};
 use core::task::{Context, Poll};
@@ -20,6 +21,9 @@ const RESTART_DELAY: Duration = Duration::from_millis(500);
 
 /// Time between two attempts to store the load of the day: a loss of power loses at most this part of it.
 const DAILY_LOAD_PERIOD: Duration = Duration::from_secs(300);
+
+/// Longest time between two heartbeats of this task.
+const IDLE: Duration = Duration::from_secs(10);
 
 /// The state of persisting.
 struct Persist<'a> {
@@ -35,6 +39,8 @@ struct Persist<'a> {
     daily_load_at: Instant,
     /// The trial of the running image; `None` if no trial is in progress.
     trial: Option<Trial>,
+    /// The chip states that the radio has answered on this board.
+    is_radio_known: bool,
 }
 
 /// Persists steps, load bouts, acknowledgements, parameters and bonds. Never returns. An item that the chip fails to store is
@@ -51,6 +57,8 @@ pub async fn persist(
         Some(flash) => update::is_on_trial(flash).await == Ok(true),
         None => false,
     };
+    let radio: Option<RadioRecord> = store.get(0).await.ok().flatten();
+    let is_radio_known = radio.is_some_and(|radio| radio.has_answered);
     let mut state = Persist {
         shared,
         has_more_in_log: true,
@@ -58,12 +66,14 @@ pub async fn persist(
         update: Update::new(),
         restart_at: Instant::MAX,
         daily_load_at: Instant::now() + DAILY_LOAD_PERIOD,
-        trial: is_on_trial.then(|| Trial::new(&shared.scan.heartbeats)),
+        trial: is_on_trial.then(|| Trial::new(&shared.scan.heartbeats, is_radio_known)),
+        is_radio_known,
     };
     if is_on_trial {
         log::info!("update: this image is on trial");
     }
     loop {
+        shared.scan.heartbeats.progressed(Part::Storage);
         state.store_records(store).await;
         state.store_acknowledgement(store).await;
         if state.has_more_in_log && shared.session.borrow().has_room() {
@@ -72,6 +82,7 @@ pub async fn persist(
         if shared.bonds_changed.take() && store.put(0, &Bonds(shared.bonds())).await.is_err() {
             shared.count_not_stored();
         }
+        state.note_radio(store).await;
         state.execute_command(store, image, restart).await;
         if Instant::now() >= state.daily_load_at {
             state.store_daily_load(store).await;
@@ -79,12 +90,17 @@ pub async fn persist(
         shared.contents.set(store.contents());
         shared.signal_changed();
         let next_check = state.trial.as_ref().map_or(Instant::MAX, Trial::next_check);
-        select(shared.to_persist.wait(), Timer::at(state.restart_at.min(next_check).min(state.daily_load_at))).await;
+        let wake_at = state.restart_at.min(next_check).min(state.daily_load_at).min(Instant::now() + IDLE);
+        select(shared.to_persist.wait(), Timer::at(wake_at)).await;
         if Instant::now() >= state.restart_at {
             state.store_daily_load(store).await;
             restart();
         }
-        state.check_trial(store).await;
+        if state.check_trial(store).await == Verdict::Failed {
+            log::error!("update: the image has failed its trial, restarting to swap it back");
+            state.store_daily_load(store).await;
+            restart();
+        }
     }
 }
 
@@ -229,6 +245,10 @@ impl Persist<'_> {
                 restart()
             }
             Command::Update(request) => {
+                if let Some(trial) = self.trial.as_mut().filter(|_| request == Request::Confirm) {
+                    trial.confirm_by_host();
+                    self.end_trial(store).await;
+                }
                 let progress = match store.flash() {
                     Some(flash) => {
                         let mut handled = pin!(self.update.handle(flash, image, &update::KEY, &request));
@@ -241,13 +261,32 @@ impl Persist<'_> {
         }
     }
 
-    /// Confirms the running image once it has passed its trial.
-    async fn check_trial(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
-        if !self.trial.as_mut().is_some_and(|trial| trial.is_passed(&self.shared.scan.heartbeats)) {
-            return;
+    /// Stores that the radio has answered on this board.
+    async fn note_radio(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
+        if !self.is_radio_known && self.shared.scan.heartbeats.count(Part::Radio) > 0 {
+            // After a failure the attempt is repeated at the next start.
+            self.is_radio_known = true;
+            let _ = store.put(0, &RadioRecord { has_answered: true }).await;
         }
-        self.trial = None;
-        if let Some(flash) = store.flash() {
+    }
+
+    /// Checks the running image if a check is due, and ends its trial once it has passed.
+    async fn check_trial(&mut self, store: &mut Store<impl MultiwriteNorFlash>) -> Verdict {
+        let Some(trial) = self.trial.as_mut().filter(|trial| Instant::now() >= trial.next_check()) else {
+            return Verdict::Pending;
+        };
+        let is_sound = store.is_sound().await;
+        trial.check(&self.shared.scan.heartbeats, is_sound);
+        self.end_trial(store).await
+    }
+
+    /// Confirms the running image if it has passed its trial. Without a trial, the image has passed.
+    async fn end_trial(&mut self, store: &mut Store<impl MultiwriteNorFlash>) -> Verdict {
+        let verdict = self.trial.as_ref().map_or(Verdict::Passed, Trial::verdict);
+        if verdict == Verdict::Passed
+            && self.trial.take().is_some()
+            && let Some(flash) = store.flash()
+        {
             // An image that cannot be confirmed is swapped back at the next start, and the hello then reports the old version.
             if update::confirm(flash).await.is_ok() {
                 log::info!("update: the image is confirmed");
@@ -255,6 +294,7 @@ impl Persist<'_> {
                 log::error!("update: the image could not be confirmed");
             }
         }
+        verdict
     }
 }
 

@@ -15,8 +15,8 @@ mod store;
 pub mod update;
 
 pub use records::{
-    Bonds, BootCounters, CalibrationRecord, CellsRecord, IdentifiedRecord, IdentityRecord, MAX_BONDS_BYTES, Record,
-    SettingsRecord,
+    Bonds, BootCounters, CalibrationRecord, CellsRecord, IdentifiedRecord, IdentityRecord, MAX_BONDS_BYTES,
+    RadioRecord, Record, SettingsRecord,
 };
 pub use store::Store;
 

@@ -76,6 +76,13 @@ impl<F: MultiwriteNorFlash> Store<F> {
         self.flash.as_mut()
     }
 
+    /// True if the chip returns the count of boots that this boot has stored, and the log can be read.
+    pub async fn is_sound(&mut self) -> bool {
+        let boots: Result<Option<BootCounters>, _> = self.get(0).await;
+        boots.is_ok_and(|boots| boots.is_some_and(|boots| boots.total() == self.contents.start))
+            && self.records(None, |_| false).await.is_ok()
+    }
+
     /// Erases the range unless it is blank. With `count_as_loss`, an erased range is counted in [`Contents::erased`]. A chip that
     /// fails here fails again at the next write, which is reported.
     async fn clear(&mut self, range: Range<u32>, count_as_loss: bool) {

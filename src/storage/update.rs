@@ -63,6 +63,9 @@ impl Update {
             Request::Begin(offer) => self.begin(flash, running, offer).await,
             Request::Chunk { number, chunk } => self.chunk(flash, *number, chunk).await,
             Request::Finish => self.finish(flash, key).await,
+            // The trial is observed, and ended, by the caller.
+            Request::Confirm if is_on_trial(flash).await? => Err(Refusal::OnTrial),
+            Request::Confirm => Ok(Progress::Confirmed),
         }
     }
 

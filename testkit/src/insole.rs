@@ -21,8 +21,9 @@ use plantar::firmware::{persist, process, scan, serve};
 use plantar::protocol::update::{CHUNK, Header};
 use plantar::protocol::{Reset, Settings};
 use plantar::storage::boot::{BUFFER, Blocking, config};
-use plantar::storage::flash_map::{HEADER, HEADER_BYTES};
+use plantar::storage::flash_map::{HEADER, HEADER_BYTES, LOG};
 use plantar::storage::partition::Partition;
+use serde::Deserialize;
 use std::cell::RefCell;
 use std::rc::Rc;
 
@@ -37,18 +38,39 @@ const RESET_US: u64 = 20_000;
 
 /// Name of the board in images.
 pub const BOARD: &str = "host";
-/// Value of the byte after the header in an image that stalls: its task `model`, which processes frames, never runs.
-const STALLED_IMAGE: u8 = 0xee;
+/// Time after which an image with [`Defect::Crash`] panics.
+const CRASH_S: u64 = 20;
 
-/// A signed image for the host board. Its task `model`, which processes frames, stalls unless `is_working`.
+/// A defect of an image; the byte after the header of an image states it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Defect {
+    /// The image works.
+    #[default]
+    None,
+    /// Processing of frames stalls from the start on.
+    Model,
+    /// The radio does not answer.
+    Radio,
+    /// The chip loses what is written to it.
+    Storage,
+    /// Every run panics after some seconds.
+    Crash,
+}
+
+impl Defect {
+    const ALL: [Self; 5] = [Self::None, Self::Model, Self::Radio, Self::Storage, Self::Crash];
+}
+
+/// A signed image for the host board.
 ///
 /// # Panics
 /// If the version is longer than 16 bytes.
-pub fn image(version: &str, is_working: bool) -> Image {
+pub fn image(version: &str, defect: Defect) -> Image {
     let mut bytes = vec![0xa5; 40 * CHUNK];
     let header = Header::new(BOARD, version).bytes();
     bytes[HEADER as usize..][..header.len()].copy_from_slice(&header);
-    bytes[(HEADER + HEADER_BYTES) as usize] = if is_working { 0 } else { STALLED_IMAGE };
+    bytes[(HEADER + HEADER_BYTES) as usize] = defect as u8;
     let secret = firmware_image::development_key().expect("the development key is valid");
     Image::sign(bytes, &secret).expect("the image has a header")
 }
@@ -91,7 +113,7 @@ impl HostInsole {
     /// A new insole that is switched on now. Its flash chip contains only the firmware.
     pub fn new(codes: Rc<Codes>) -> Self {
         let mut chip = NorFlashChip::new(FLASH_BYTES);
-        let active = image(env!("CARGO_PKG_VERSION"), true);
+        let active = image(env!("CARGO_PKG_VERSION"), Defect::None);
         chip.bytes[ACTIVE_IMAGE.start as usize..][..active.bytes().len()].copy_from_slice(active.bytes());
         Self {
             wearer: Rc::new(RefCell::new(Wearer::new(codes))),
@@ -208,11 +230,12 @@ impl HostInsole {
             // A chip that fails here fails again in the firmware.
             let _ = BootLoader::new(config(&chip, active)).prepare_boot(AlignedBuffer([0; BUFFER]).as_mut());
         }
-        let (header, is_working) = {
+        let (header, defect) = {
             let chip = self.chip.0.borrow();
             let active = &chip.bytes[ACTIVE_IMAGE.start as usize..ACTIVE_IMAGE.end as usize];
             let header = active[HEADER as usize..].first_chunk().and_then(Header::read);
-            (header.expect("the active image has a header"), active[(HEADER + HEADER_BYTES) as usize] != STALLED_IMAGE)
+            let defect = Defect::ALL[usize::from(active[(HEADER + HEADER_BYTES) as usize])];
+            (header.expect("the active image has a header"), defect)
         };
         // Without its chip, the insole has no settings.
         let settings = self.settings.filter(|_| !is_fallback);
@@ -227,10 +250,18 @@ impl HostInsole {
             cable: self.cable.clone(),
             radio: self.radio.clone(),
         };
+        self.chip.0.borrow_mut().forgets_writes_below = None;
         let mut executor = Executor::new(from_us);
         resources.spawn(&mut executor, from_us);
-        if !is_working {
-            executor.stall("model");
+        match defect {
+            Defect::None => {}
+            Defect::Model => executor.stall("model"),
+            Defect::Radio => executor.stall("gatt"),
+            Defect::Storage => self.chip.0.borrow_mut().forgets_writes_below = Some(LOG.end),
+            Defect::Crash => executor.spawn("crash", async {
+                Timer::after_secs(CRASH_S).await;
+                reset(ResetCause::Panic)
+            }),
         }
         self.executor = Some(executor);
     }

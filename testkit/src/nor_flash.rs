@@ -33,6 +33,8 @@ pub struct NorFlashChip {
     pub written: u64,
     /// The operation in which power fails, counted from 0, and the moment of the power cut. Power stays off afterwards.
     pub cut: Option<(u64, Torn)>,
+    /// Write operations below this address succeed but change nothing.
+    pub forgets_writes_below: Option<u32>,
     random: fastrand::Rng,
 }
 
@@ -60,6 +62,7 @@ impl NorFlashChip {
             bytes,
             written: 0,
             cut: None,
+            forgets_writes_below: None,
             random: fastrand::Rng::with_seed(1),
         }
     }
@@ -135,6 +138,9 @@ impl NorFlash for NorFlashChip {
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), PowerOff> {
         self.written += bytes.len() as u64;
+        if self.forgets_writes_below.is_some_and(|end| offset < end) {
+            return if self.is_off() { Err(PowerOff) } else { Ok(()) };
+        }
         self.operate(offset, bytes.len(), |i, before| before & bytes[i])
     }
 }

@@ -4,7 +4,7 @@
 //! has an example of every event. The invariants of [`Outcome::verify`] must hold after any events.
 
 use crate::host::{Host, LinkKind};
-use crate::insole::image;
+use crate::insole::{Defect, image};
 use crate::virtual_time::now_us;
 use crate::walk::Posture;
 use crate::world::{InsoleEvent, SharedWorld, World};
@@ -202,14 +202,12 @@ pub enum Event {
     Update {
         /// The version of the image.
         version: String,
-        /// False for an image whose processing of frames stalls.
-        #[serde(default = "yes")]
-        works: bool,
+        /// The defect of the image.
+        #[serde(default)]
+        defect: Defect,
     },
-}
-
-fn yes() -> bool {
-    true
+    /// The host states that the running image serves it.
+    ConfirmUpdate,
 }
 
 fn usual_rate() -> u32 {
@@ -419,8 +417,9 @@ fn request(world: &SharedWorld, host: &mut Host, insole: usize, event: &Event) -
             client.set_identity(identity.side, serial).map(drop)
         }
         Event::Restart => client.send(ToDevice::Restart),
-        Event::Update { version, works } => {
-            let image = image(version, *works);
+        Event::ConfirmUpdate => client.update(Request::Confirm).map(drop),
+        Event::Update { version, defect } => {
+            let image = image(version, *defect);
             let Progress::Next(first) = client.update(Request::Begin(image.offer()))? else { return Ok(()) };
             for number in first..image.offer().chunks {
                 client.update(Request::Chunk { number, chunk: image.chunk(number) })?;

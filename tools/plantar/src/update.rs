@@ -12,7 +12,7 @@ use plantar::protocol::update::{CHUNK, Header, Progress, Refusal, Request};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-/// Longest duration of the trial of a new image, at the end of which the insole confirms it.
+/// Longest time within which an insole has checked a new image that works.
 const TRIAL: Duration = Duration::from_secs(30);
 
 /// Sends signed firmware to an insole, and waits until the insole runs the firmware and has confirmed it.
@@ -90,19 +90,18 @@ impl Update {
     }
 }
 
-/// Waits until the insole has confirmed the new image. An insole on trial refuses every offer of an image, so the trial is over
-/// when an offer is accepted.
+/// Confirms the new image, and waits until the insole has checked it.
 fn wait_for_trial(image: &Image, insole: &mut Insole) -> Result<()> {
     let start = Instant::now();
     loop {
-        match insole.client().update(Request::Begin(image.offer())) {
+        match insole.client().update(Request::Confirm) {
             Ok(_) => return Ok(()),
             Err(Error::Refused(protocol::Refusal::Update(Refusal::OnTrial))) if start.elapsed() < TRIAL => {
                 std::thread::sleep(ReconnectPolicy::RESTART.retry);
             }
             Err(Error::Refused(protocol::Refusal::Update(Refusal::OnTrial))) => bail!(
-                "{} runs but does not measure, so it is not confirmed: switch the insole off and on, which restores \
-                 the previous version",
+                "{} runs but does not measure, store or answer by radio, so it is not confirmed: the insole restores the \
+                 previous version within 15 minutes, or at once when you switch it off and on",
                 image.header().version()
             ),
             Err(error) => return Err(error.into()),
