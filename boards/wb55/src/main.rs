@@ -2,6 +2,7 @@
 #![no_std]
 #![no_main]
 
+mod channels;
 mod flash;
 mod matrix;
 mod radio;
