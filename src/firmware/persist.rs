@@ -7,6 +7,7 @@ use crate::log;
 use crate::protocol::session::{Command, CommandResult};
 use crate::protocol::update::{Header, Progress, Refusal as UpdateRefusal, Request};
 use crate::protocol::{Identity, LoadRecord, Refusal};
+use crate::storage::previous;
 use crate::storage::update::{self, Update};
 use crate::storage::{Bonds, IdentifiedRecord, IdentityRecord, RadioRecord, SettingsRecord, StorageError, Store};
 use core::future::poll_fn;
@@ -25,6 +26,9 @@ const DAILY_LOAD_PERIOD: Duration = Duration::from_secs(300);
 /// Longest time between two heartbeats of this task.
 const IDLE: Duration = Duration::from_secs(10);
 
+/// Time after the start at which the image has shown that it works: the previous image does not return any more.
+const PROVEN: Duration = Duration::from_secs(3600);
+
 /// The state of persisting.
 struct Persist<'a> {
     shared: &'a Shared,
@@ -41,6 +45,9 @@ struct Persist<'a> {
     trial: Option<Trial>,
     /// The chip states that the radio has answered on this board.
     is_radio_known: bool,
+    /// The previous image may return.
+    has_previous: bool,
+    image: &'a Header,
 }
 
 /// Persists steps, load bouts, acknowledgements, parameters and bonds. Never returns. An item that the chip fails to store is
@@ -68,6 +75,8 @@ pub async fn persist(
         daily_load_at: Instant::now() + DAILY_LOAD_PERIOD,
         trial: is_on_trial.then(|| Trial::new(&shared.scan.heartbeats, is_radio_known)),
         is_radio_known,
+        has_previous: true,
+        image,
     };
     if is_on_trial {
         log::info!("update: this image is on trial");
@@ -83,12 +92,15 @@ pub async fn persist(
             shared.count_not_stored();
         }
         state.note_radio(store).await;
-        state.execute_command(store, image, restart).await;
+        state.execute_command(store, restart).await;
         if Instant::now() >= state.daily_load_at {
             state.store_daily_load(store).await;
         }
         shared.contents.set(store.contents());
         shared.signal_changed();
+        if state.has_previous && state.trial.is_none() && Instant::now() >= Instant::MIN + PROVEN {
+            state.forget_previous(store).await;
+        }
         let next_check = state.trial.as_ref().map_or(Instant::MAX, Trial::next_check);
         let wake_at = state.restart_at.min(next_check).min(state.daily_load_at).min(Instant::now() + IDLE);
         select(shared.to_persist.wait(), Timer::at(wake_at)).await;
@@ -175,14 +187,9 @@ impl Persist<'_> {
     }
 
     /// Executes the pending command of a host, if there is one, and completes it.
-    async fn execute_command(
-        &mut self,
-        store: &mut Store<impl MultiwriteNorFlash>,
-        image: &Header,
-        restart: fn() -> !,
-    ) {
+    async fn execute_command(&mut self, store: &mut Store<impl MultiwriteNorFlash>, restart: fn() -> !) {
         let Some(command) = self.shared.session.borrow().command() else { return };
-        let result = self.execute(store, image, command, restart).await;
+        let result = self.execute(store, command, restart).await;
         if result == Ok(CommandResult::Update(Progress::Accepted)) {
             log::info!("update: the image is accepted, restarting");
             self.restart_at = Instant::now() + RESTART_DELAY;
@@ -196,7 +203,6 @@ impl Persist<'_> {
     async fn execute(
         &mut self,
         store: &mut Store<impl MultiwriteNorFlash>,
-        image: &Header,
         command: Command,
         restart: fn() -> !,
     ) -> Result<CommandResult, Refusal> {
@@ -251,7 +257,7 @@ impl Persist<'_> {
                 }
                 let progress = match store.flash() {
                     Some(flash) => {
-                        let mut handled = pin!(self.update.handle(flash, image, &update::KEY, &request));
+                        let mut handled = pin!(self.update.handle(flash, self.image, &update::KEY, &request));
                         poll_fn(|context| poll_separately(handled.as_mut(), context)).await
                     }
                     None => Err(UpdateRefusal::Chip),
@@ -267,6 +273,14 @@ impl Persist<'_> {
             // After a failure the attempt is repeated at the next start.
             self.is_radio_known = true;
             let _ = store.put(0, &RadioRecord { has_answered: true }).await;
+        }
+    }
+
+    /// Makes sure that the previous image does not return.
+    async fn forget_previous(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
+        if let Some(flash) = store.flash() {
+            // After a failure the attempt is repeated with the next event.
+            self.has_previous = previous::forget(flash).await.is_err();
         }
     }
 
@@ -288,7 +302,7 @@ impl Persist<'_> {
             && let Some(flash) = store.flash()
         {
             // An image that cannot be confirmed is swapped back at the next start, and the hello then reports the old version.
-            if update::confirm(flash).await.is_ok() {
+            if update::confirm(flash, self.image).await.is_ok() {
                 log::info!("update: the image is confirmed");
             } else {
                 log::error!("update: the image could not be confirmed");

@@ -10,6 +10,7 @@ pub mod flash_map;
 mod log;
 mod migration;
 pub mod partition;
+pub mod previous;
 mod records;
 mod store;
 pub mod update;

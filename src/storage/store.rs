@@ -2,7 +2,7 @@
 
 use super::flash_map::{LOG, RECORDS, SECTOR};
 use super::log::Entry;
-use super::records::{BootCounters, CalibrationRecord, CellsRecord, Key, Record, VERSIONS};
+use super::records::{Bonds, BootCounters, CalibrationRecord, CellsRecord, Key, Record, VERSIONS};
 use super::{BUFFER, StorageError};
 use crate::protocol::{BLOCK_CELLS, CalibrationBlock, CalibrationId, Contents, LoadRecord, Reset, decode, encode};
 use crate::sequence::is_after;
@@ -27,9 +27,21 @@ fn empty_cache() -> LogCache {
     Cache::new(CalculatedPageStates::new(((LOG.end - LOG.start) / SECTOR) as usize), Uncached, Uncached)
 }
 
+/// What the store does with its chip.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Use {
+    /// It reads and writes everything.
+    All,
+    /// It reads the bonds.
+    Bonds,
+    /// Nothing.
+    None,
+}
+
 /// The flash chip and its contents.
 pub struct Store<F> {
     flash: Option<F>,
+    used_for: Use,
     log_cache: LogCache,
     buffer: [u8; BUFFER],
     contents: Contents,
@@ -39,7 +51,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// Determines the contents of the chip, erases areas that cannot be used, and counts this boot. Without a chip, or if it
     /// fails, the contents are unknown and nothing is stored.
     pub async fn open(flash: Option<F>, reset: Reset) -> Self {
-        let mut store = Self { flash, log_cache: empty_cache(), buffer: [0; BUFFER], contents: Contents::default() };
+        let mut store = Self::new(flash, Use::All);
         // A new chip is blank. A chip with foreign data, or damaged beyond repair, could not store anything unless it is erased.
         let records = store.survey_records().await;
         let log = store.survey_log().await;
@@ -64,6 +76,21 @@ impl<F: MultiwriteNorFlash> Store<F> {
         // A chip that fails here fails again at the next write, which is reported.
         let _ = store.put(0, &boots).await;
         store
+    }
+
+    /// A store for the recovery mode: it stores nothing, and returns nothing but the bonds, these only if `has_bonds`. The chip
+    /// remains accessible by [`Store::flash`].
+    pub fn recovery(flash: Option<F>, has_bonds: bool) -> Self {
+        Self::new(flash, if has_bonds { Use::Bonds } else { Use::None })
+    }
+
+    fn new(flash: Option<F>, used_for: Use) -> Self {
+        Self { flash, used_for, log_cache: empty_cache(), buffer: [0; BUFFER], contents: Contents::default() }
+    }
+
+    /// An error in recovery mode.
+    fn check_use(&self) -> Result<(), StorageError> {
+        if self.used_for == Use::All { Ok(()) } else { Err(StorageError::Chip) }
     }
 
     /// The contents: determined by [`Store::open`] and updated since.
@@ -115,7 +142,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
 
     /// Counts the log entries, and determines the number of the next step.
     async fn survey_log(&mut self) -> Result<u32, StorageError> {
-        let Self { flash, log_cache, buffer, contents } = self;
+        let Self { flash, log_cache, buffer, contents, .. } = self;
         with_log(flash, log_cache, async |log| {
             let mut entries = log.iter().await?;
             let mut count = 0;
@@ -160,11 +187,15 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// The encoded record with this key. This function and [`Store::store`] are not generic, so that they exist once in the
     /// firmware.
     async fn fetch(&mut self, key: Key) -> Result<Option<&[u8]>, StorageError> {
+        if !(self.used_for == Use::All || self.used_for == Use::Bonds && key[0] == Bonds::KIND) {
+            return Err(StorageError::Chip);
+        }
         Ok(records(&mut self.flash)?.fetch_item::<&[u8]>(&mut self.buffer, &key).await?)
     }
 
     /// Replaces the encoded record with this key, and removes its older versions.
     async fn store(&mut self, key: Key, bytes: &[u8]) -> Result<(), StorageError> {
+        self.check_use()?;
         // An unchanged record is not written, which saves wear.
         if self.fetch(key).await? == Some(bytes) {
             return Ok(());
@@ -261,6 +292,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
     async fn push(&mut self, entry: &Entry) -> Result<u32, StorageError> {
         let mut bytes = [0; BUFFER];
         let bytes = entry.encode(&mut bytes);
+        self.check_use()?;
         let Self { flash, log_cache, buffer, .. } = self;
         with_log(flash, log_cache, async |log| {
             match log.push(bytes, false).await {
@@ -280,6 +312,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// # Errors
     /// See [`StorageError`].
     pub async fn acknowledge(&mut self, number: u32) -> Result<(), StorageError> {
+        self.check_use()?;
         let next = number.wrapping_add(1);
         // All stored records are acknowledged, so the log would become empty and lose the number of the next one; this entry
         // preserves it. The acknowledged record can be later than all stored ones, if it could not be stored.
@@ -287,7 +320,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
             self.push(&Entry::Acknowledged { next }).await?;
             self.contents.next_record = next;
         }
-        let Self { flash, log_cache, buffer, contents } = self;
+        let Self { flash, log_cache, buffer, contents, .. } = self;
         with_log(flash, log_cache, async |log| {
             let mut entries = log.iter().await?;
             while let Some(entry) = entries.next(buffer).await? {
@@ -317,7 +350,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
         after: Option<u32>,
         mut take: impl FnMut(LoadRecord) -> bool,
     ) -> Result<bool, StorageError> {
-        let Self { flash, log_cache, buffer, contents } = self;
+        self.check_use()?;
+        let Self { flash, log_cache, buffer, contents, .. } = self;
         with_log(flash, log_cache, async |log| {
             let mut entries = log.iter().await?;
             while let Some(entry) = entries.next(buffer).await? {

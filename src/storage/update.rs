@@ -5,6 +5,7 @@
 
 use super::flash_map::{HEADER, MAX_IMAGE, OTHER, SECTOR};
 use super::partition::{Partition, STATE_WORD, state_partition};
+use super::previous;
 use crate::protocol::update::{CHUNK, Chunk, Header, Offer, Progress, Refusal, Request};
 use embassy_boot::{FirmwareState, FirmwareUpdater, FirmwareUpdaterConfig, FirmwareUpdaterError, State};
 use embassy_sync::mutex::Mutex;
@@ -99,6 +100,9 @@ impl Update {
         // A chunk with any other number is ignored: it is stored already, or an earlier chunk was lost.
         if number == self.next && number < offer.chunks {
             let at = OTHER.start + u32::from(number) * CHUNK as u32;
+            if number == 0 {
+                previous::forget(flash).await?;
+            }
             if at.is_multiple_of(SECTOR) {
                 flash.erase(at, at + SECTOR).await.map_err(|error| error.kind())?;
             }
@@ -140,11 +144,12 @@ pub async fn is_on_trial<F: NorFlash>(flash: &mut F) -> Result<bool, Refusal> {
     Ok(FirmwareState::new(state_partition(&chip), &mut word).get_state().await? == State::Swap)
 }
 
-/// Confirms the running image.
+/// Confirms the running image, of which `running` is the header.
 ///
 /// # Errors
 /// [`Refusal::Chip`] if the chip fails.
-pub async fn confirm<F: NorFlash>(flash: &mut F) -> Result<(), Refusal> {
+pub async fn confirm<F: NorFlash>(flash: &mut F, running: &Header) -> Result<(), Refusal> {
+    previous::remember(flash, running).await?;
     let (chip, mut word) = (Mutex::new(flash), [0; STATE_WORD]);
     Ok(FirmwareState::new(state_partition(&chip), &mut word).mark_booted().await?)
 }

@@ -15,7 +15,7 @@ use firmware_image::Image;
 use plantar::firmware::ble::GattSession;
 use plantar::firmware::board::Ticker;
 use plantar::firmware::scan::ScanCounters;
-use plantar::firmware::start::{BootReport, Configuration, Memory, Started, start};
+use plantar::firmware::start::{BootReport, Configuration, MAX_FAILED_STARTS, Memory, Started, start};
 use plantar::firmware::supervise::{CHECK_PERIOD_MS, HEALTHY_CHECKS, Watchdog};
 use plantar::firmware::{persist, process, scan, serve};
 use plantar::protocol::update::{CHUNK, Header};
@@ -29,8 +29,6 @@ use std::rc::Rc;
 
 /// Number of frames in the queue between scan and processing, as on the reference board.
 const FRAMES: usize = 3;
-/// Number of successive failed starts after which the firmware starts without its stored data, as on the boards.
-const MAX_FAILED_STARTS: u32 = 3;
 /// Uptime after which a start counts as successful, us.
 const HEALTHY_US: u64 = (HEALTHY_CHECKS * CHECK_PERIOD_MS) as u64 * 1_000;
 /// Duration from a reset to the start of the firmware, us.
@@ -222,7 +220,6 @@ impl HostInsole {
             Reset::Watchdog | Reset::Panic if run_us < HEALTHY_US => self.failed_starts + 1,
             _ => 0,
         };
-        let is_fallback = self.failed_starts >= MAX_FAILED_STARTS;
         {
             let mut chip = self.chip.0.borrow_mut();
             let chip = Mutex::new(&mut *chip);
@@ -237,14 +234,14 @@ impl HostInsole {
             let defect = Defect::ALL[usize::from(active[(HEADER + HEADER_BYTES) as usize])];
             (header.expect("the active image has a header"), defect)
         };
-        // Without its chip, the insole has no settings.
-        let settings = self.settings.filter(|_| !is_fallback);
+        // In recovery mode, the insole has no settings.
+        let settings = self.settings.filter(|_| self.failed_starts < MAX_FAILED_STARTS);
         let reference = Rc::new(RefCell::new(Reference::new(&self.wearer.borrow(), settings)));
         let from_us = now_us();
         self.boots.push(Boot { reset: reason, reference: reference.clone(), is_cut_short: false, from_us });
         let resources = BootResources {
-            chip: (!is_fallback).then(|| self.chip.clone()),
-            report: BootReport { reset: reason, fault: cause.and_then(crash_text), is_fallback },
+            chip: Some(self.chip.clone()),
+            report: BootReport { reset: reason, fault: cause.and_then(crash_text), failed_starts: self.failed_starts },
             image: Box::leak(Box::new(header)),
             matrix: HostMatrix { wearer: self.wearer.clone(), reference },
             cable: self.cable.clone(),
@@ -305,7 +302,8 @@ impl BootResources {
         let slots = (slot(), slot(), slot(), slot(), slot());
         let (for_scan, for_process, for_serve, for_persist, for_gatt) = slots.clone();
         executor.spawn("start", async move {
-            let configuration = Configuration { setup, cells, serial_bytes_per_s: 46_080, fault: None };
+            let restart = || reset(ResetCause::Software);
+            let configuration = Configuration { setup, cells, serial_bytes_per_s: 46_080, fault: None, restart };
             let started = start(memory, chip, report, image, configuration, counters, || 0).await;
             let Started { insole, store, shared, to_process, scanned, period_us } = started;
             for_scan.replace(Some((Ticker::new(period_us), to_process)));

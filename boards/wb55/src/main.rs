@@ -185,17 +185,14 @@ async fn main(spawner: Spawner) {
     let is_started_by_user = matches!(boot.reset, Reset::Power | Reset::Pin);
     // No other task runs yet, so the start may block. The state of the start is then on the stack and not in the static memory of
     // this task.
-    let chip = if boot.is_fallback {
-        None
-    } else {
-        Some(block_on(flash::open(p.SPI2, p.PB13, p.PB15, p.PB14, p.DMA1_CH2, p.DMA1_CH3, select)))
-    };
+    let chip = Some(block_on(flash::open(p.SPI2, p.PB13, p.PB15, p.PB14, p.DMA1_CH2, p.DMA1_CH3, select)));
     let configuration = Configuration {
         setup: layout::setup(side),
         cells: layout::cells(),
         // A byte is ten bits.
         serial_bytes_per_s: LINK_BIT_HZ / 10,
         fault: None,
+        restart: cortex_m::peripheral::SCB::sys_reset,
     };
     let stack_bytes = cortex_m_platform::stack_bytes;
     let started = block_on(start(&MEMORY, chip, boot, image, configuration, &SCAN_COUNTERS, stack_bytes));

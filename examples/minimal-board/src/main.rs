@@ -160,6 +160,7 @@ async fn main(spawner: Spawner) {
         cells: layout::cells(),
         serial_bytes_per_s: 11_520,
         fault: None,
+        restart: cortex_m::peripheral::SCB::sys_reset,
     };
     let stack_bytes = cortex_m_platform::stack_bytes;
     let started = block_on(start(&MEMORY, Some(NoChip), boot, image, configuration, &SCAN_COUNTERS, stack_bytes));

@@ -110,7 +110,10 @@ impl Insole {
         if accepted {
             self.boot();
             match self.trial {
-                Trial::Passes => block_on(confirm(&mut self.chip)).expect("the chip works"),
+                Trial::Passes => {
+                    let running = self.running();
+                    block_on(confirm(&mut self.chip, &running)).expect("the chip works");
+                }
                 Trial::Crashes => self.boot(),
             }
         }
