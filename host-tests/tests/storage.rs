@@ -350,6 +350,56 @@ fn a_chip_with_any_content_becomes_usable() {
     }
 }
 
+/// The first reads after power-on return zeros, ones or noise: any number of reads up to those of a whole survey. The stored steps
+/// and records remain.
+#[test]
+fn a_chip_whose_first_reads_are_wrong_is_not_erased() {
+    let mut chip = chip();
+    let mut store = open(&mut chip);
+    assert_eq!(block_on(store.put(0, &*TISSUE)), Ok(()));
+    for number in 0..1500 {
+        assert_eq!(block_on(store.push_record(step(number))), Ok(0));
+    }
+    let chip = chip.restarted();
+    for wrong_byte in [Some(0), Some(0xff), None] {
+        for wrong_reads in (0..40).chain([100, 500, 2000]) {
+            let mut chip = NorFlashChip { wrong_reads, wrong_byte, ..chip.clone() };
+            let mut store = open(&mut chip);
+            let place = format!("{wrong_reads} reads of {wrong_byte:?}: {:?}", store.contents());
+            assert_eq!((store.contents().erased, numbers(&mut store).len()), (0, 1500), "{place}");
+            assert_eq!(block_on(store.get(0)), Ok(Some(*TISSUE)), "{place}");
+            assert!(chip.erasures.iter().all(|erasures| *erasures == 0), "{place}");
+        }
+    }
+}
+
+/// A chip that returns noise at all times is neither erased nor written, and this is reported.
+#[test]
+fn a_chip_without_two_equal_surveys_is_not_used() {
+    let mut chip = chip();
+    let mut store = open(&mut chip);
+    for number in 0..100 {
+        assert_eq!(block_on(store.push_record(step(number))), Ok(0));
+    }
+    let before = chip.restarted();
+    let mut chip = NorFlashChip { wrong_reads: u64::MAX, operations: 0, ..before.clone() };
+    let mut store = open(&mut chip);
+    assert_eq!(block_on(store.push_record(step(100))), Err(StorageError::Chip));
+    let contents = store.contents();
+    assert!(contents.contradictions > 0 && contents.erased == 0, "{contents:?}");
+    assert!(chip.operations == 0 && chip.bytes == before.bytes, "{contents:?}");
+}
+
+/// All reads that would show that the chip was in use before fail. The erased areas are counted nevertheless.
+#[test]
+fn an_area_with_more_than_a_first_entry_is_counted_when_it_is_erased() {
+    let mut chip = chip();
+    let mut random = fastrand::Rng::with_seed(9);
+    random.fill(&mut chip.bytes[..4 * SECTOR as usize]);
+    random.fill(&mut chip.bytes[LOG.start as usize..]);
+    assert_eq!(open(&mut chip).contents().erased, 2);
+}
+
 #[test]
 fn a_defective_chip_is_reported() {
     let mut chip = chip();

@@ -150,7 +150,7 @@ fn any_step() -> impl Strategy<Value = Step> {
 }
 
 fn any_status() -> impl Strategy<Value = Status> {
-    any::<(u64, [u32; 22])>().prop_map(|(uptime_us, v)| Status {
+    any::<(u64, [u32; 23])>().prop_map(|(uptime_us, v)| Status {
         uptime_us,
         frames: v[0],
         frames_missed: v[1],
@@ -172,6 +172,7 @@ fn any_status() -> impl Strategy<Value = Status> {
             newer_kinds: v[19],
             newer_records: v[20],
             erased: v[21],
+            contradictions: v[22],
         },
     })
 }
@@ -620,6 +621,7 @@ fn longest_messages_fit_their_limits() {
             newer_kinds: u32::MAX,
             newer_records: u32::MAX,
             erased: u32::MAX,
+            contradictions: u32::MAX,
         },
     });
     let most = Fault { kind: FaultKind::Crosstalk, place: Place::Cell(u16::MAX), found_ms: u32::MAX };
@@ -841,7 +843,7 @@ const GET_DAILY_LOAD: &str = "0618db776ec100";
 const SNOOZE: &str = "0819d804e3ca3aa200";
 const ALERT_RULES_REFUSED: &str = "07050c91aa183500";
 const BOUT: &str = "10112a0102c0a8a504b097991d40e2010204020106210340e2010204020106210340e2010204020106210340e2010204020106210340e2010204020106210340e2010204020106210340e2010204020106210340e201020402010321030e018080f9c0c1c482037b37f30a00";
-const STATUS: &str = "290380f882ad16d8040102ac02ab020c0304050607c0b80290bf05801008090a0b0c0d0e0f85ac266400";
+const STATUS: &str = "2a0380f882ad16d8040102ac02ab020c0304050607c0b80290bf05801008090a0b0c0d0e0f10eaae035200";
 const CONNECT: &str = "0102010553e85ae600";
 const STREAM_CELLS: &str = "090f01010210f5f08f00";
 const STREAM_OF_CELLS: &str = "080b0101024762920100";

@@ -55,4 +55,7 @@ pub struct Contents {
     pub newer_records: u32,
     /// Number of areas, records or log, that were damaged beyond repair and were erased at this start.
     pub erased: u32,
+    /// Number of surveys at this start that contradicted the survey before. A chip without two surveys in a row that agree is not
+    /// used.
+    pub contradictions: u32,
 }

@@ -2,17 +2,18 @@
 
 use super::flash_map::{LOG, RECORDS, SECTOR};
 use super::log::Entry;
-use super::records::{Bonds, BootCounters, CalibrationRecord, CellsRecord, Key, Record, VERSIONS};
+use super::records::{Bonds, BootCounters, CalibrationRecord, CellsRecord, Key, Record};
 use super::{BUFFER, StorageError};
-use crate::protocol::{BLOCK_CELLS, CalibrationBlock, CalibrationId, Contents, LoadRecord, Reset, decode, encode};
+use crate::protocol::{BLOCK_CELLS, CalibrationBlock, CalibrationId, Contents, LoadRecord, decode, encode};
 use crate::sequence::is_after;
-use core::ops::Range;
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 use sequential_storage::Error;
 use sequential_storage::cache::page_states::CalculatedPageStates;
 use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::map::{MapConfig, MapStorage};
 use sequential_storage::queue::{QueueConfig, QueueStorage};
+
+mod survey;
 
 /// Largest number of attempts to write a record. An attempt fails if the record cannot be read back.
 const WRITE_ATTEMPTS: usize = 3;
@@ -48,36 +49,6 @@ pub struct Store<F> {
 }
 
 impl<F: MultiwriteNorFlash> Store<F> {
-    /// Determines the contents of the chip, erases areas that cannot be used, and counts this boot. Without a chip, or if it
-    /// fails, the contents are unknown and nothing is stored.
-    pub async fn open(flash: Option<F>, reset: Reset) -> Self {
-        let mut store = Self::new(flash, Use::All);
-        // A new chip is blank. A chip with foreign data, or damaged beyond repair, could not store anything unless it is erased.
-        let records = store.survey_records().await;
-        let log = store.survey_log().await;
-        let boots = store.get::<BootCounters>(0).await;
-        let has_boots = matches!(boots, Ok(Some(_)));
-        // This firmware has used the chip before if the chip has a count of boots or a step number. The first boot on a new chip
-        // may have been interrupted: then it has at most the first log entry, with step number 0, and nothing is lost by erasing.
-        let is_in_use = has_boots || store.contents.next_record != 0;
-        // An area is not erased if anything in it can be read, because a newer firmware may have written the rest.
-        let is_empty = |count| matches!(count, Ok(0) | Err(StorageError::Contents));
-        if is_empty(records) && matches!(boots, Ok(None) | Err(StorageError::Contents)) {
-            store.clear(RECORDS, is_in_use).await;
-        }
-        if is_empty(log) {
-            store.clear(LOG, is_in_use).await;
-            // From here on the log always has an entry, so that numbering continues after a restart.
-            let _ = store.push(&Entry::Acknowledged { next: 0 }).await;
-        }
-        let mut boots = store.get::<BootCounters>(0).await.ok().flatten().unwrap_or_default();
-        boots.count(reset);
-        store.contents.start = boots.total();
-        // A chip that fails here fails again at the next write, which is reported.
-        let _ = store.put(0, &boots).await;
-        store
-    }
-
     /// A store for the recovery mode: it stores nothing, and returns nothing but the bonds, these only if `has_bonds`. The chip
     /// remains accessible by [`Store::flash`].
     pub fn recovery(flash: Option<F>, has_bonds: bool) -> Self {
@@ -108,54 +79,6 @@ impl<F: MultiwriteNorFlash> Store<F> {
         let boots: Result<Option<BootCounters>, _> = self.get(0).await;
         boots.is_ok_and(|boots| boots.is_some_and(|boots| boots.total() == self.contents.start))
             && self.records(None, |_| false).await.is_ok()
-    }
-
-    /// Erases the range unless it is blank. With `count_as_loss`, an erased range is counted in [`Contents::erased`]. A chip that
-    /// fails here fails again at the next write, which is reported.
-    async fn clear(&mut self, range: Range<u32>, count_as_loss: bool) {
-        let Some(flash) = &mut self.flash else { return };
-        let mut bytes = [0; 128];
-        for at in range.clone().step_by(bytes.len()) {
-            if flash.read(at, &mut bytes).await.is_ok() && bytes.iter().any(|byte| *byte != 0xff) {
-                self.contents.erased += u32::from(count_as_loss);
-                self.log_cache = empty_cache();
-                let _ = flash.erase(range.start, range.end).await;
-                return;
-            }
-        }
-    }
-
-    /// Counts the stored items, and notes kinds with a newer version. Each version of a record is an item.
-    async fn survey_records(&mut self) -> Result<u32, StorageError> {
-        let mut records = records(&mut self.flash)?;
-        let mut items = records.fetch_all_items(&mut self.buffer).await?;
-        let mut count = 0;
-        while let Some(([kind, _, version], _)) = items.next::<&[u8]>(&mut self.buffer).await? {
-            count += 1;
-            let known = VERSIONS.iter().find(|(known, _)| *known == kind).map_or(0, |(_, version)| *version);
-            if version > known {
-                self.contents.newer_kinds |= 1 << (kind % 32);
-            }
-        }
-        Ok(count)
-    }
-
-    /// Counts the log entries, and determines the number of the next step.
-    async fn survey_log(&mut self) -> Result<u32, StorageError> {
-        let Self { flash, log_cache, buffer, contents, .. } = self;
-        with_log(flash, log_cache, async |log| {
-            let mut entries = log.iter().await?;
-            let mut count = 0;
-            while let Some(entry) = entries.next(buffer).await? {
-                count += 1;
-                match Entry::decode(&entry) {
-                    Some(entry) => contents.next_record = entry.next_record(),
-                    None => contents.newer_records += 1,
-                }
-            }
-            Ok(count)
-        })
-        .await
     }
 
     /// Reads part `part` of the record `R`; `None` if there is none that this firmware can read.

@@ -35,6 +35,10 @@ pub struct NorFlashChip {
     pub cut: Option<(u64, Torn)>,
     /// Write operations below this address succeed but change nothing.
     pub forgets_writes_below: Option<u32>,
+    /// Number of read operations from now on that return something else than the content, as from a chip with a slow supply.
+    pub wrong_reads: u64,
+    /// The bytes of a wrong read; `None` for random bytes.
+    pub wrong_byte: Option<u8>,
     random: fastrand::Rng,
 }
 
@@ -63,6 +67,8 @@ impl NorFlashChip {
             written: 0,
             cut: None,
             forgets_writes_below: None,
+            wrong_reads: 0,
+            wrong_byte: None,
             random: fastrand::Rng::with_seed(1),
         }
     }
@@ -116,6 +122,13 @@ impl ReadNorFlash for NorFlashChip {
             return Err(PowerOff);
         }
         bytes.copy_from_slice(&self.bytes[offset as usize..][..bytes.len()]);
+        if self.wrong_reads > 0 {
+            self.wrong_reads -= 1;
+            match self.wrong_byte {
+                Some(byte) => bytes.fill(byte),
+                None => self.random.fill(bytes),
+            }
+        }
         Ok(())
     }
 

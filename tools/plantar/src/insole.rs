@@ -181,6 +181,11 @@ fn show(connection: &Connection) -> Result<()> {
             contents.erased > 0,
             "a part of the insole's flash chip was damaged and had to be erased, so its contents are lost",
         ),
+        (
+            contents.contradictions > 0,
+            "the insole's flash chip returned different contents at its start, so its supply may be too slow: if data are not \
+             stored, switch the insole off and on",
+        ),
         (status.records_dropped > 0, "the insole's log was full, so the oldest steps were dropped"),
     ];
     for (_, warning) in warnings.iter().filter(|(applies, _)| *applies) {
