@@ -8,7 +8,7 @@ use emulation::ACTIVE_IMAGE;
 use emulation::FLASH_BYTES;
 use firmware_image::{Image, SigningKey};
 use plantar::protocol::update::{CHUNK, Header, Offer, Progress, Refusal, Request};
-use plantar::storage::boot::{BUFFER, Blocking, config};
+use plantar::storage::boot::{BUFFER, Blocking, config, poll_at_most};
 use plantar::storage::flash_map::LOG;
 use plantar::storage::flash_map::{HEADER, MAX_IMAGE, OTHER, PREVIOUS, SECTOR, STATE};
 use plantar::storage::partition::Partition;
@@ -81,6 +81,25 @@ fn accepted() -> NorFlashChip {
     let mut chip = chip();
     assert_eq!(send(&mut Update::new(), &mut chip, &NEW), Ok(Progress::Accepted));
     chip.restarted()
+}
+
+/// The bootloader waits for a busy chip for a limited time, and then starts the image without a swap.
+#[test]
+fn a_wait_for_a_chip_that_stays_busy_ends() {
+    let mut polls = 0;
+    let busy_for = async |times: u32| {
+        for _ in 0..times {
+            embassy_futures::yield_now().await;
+        }
+    };
+    assert_eq!(poll_at_most(100, busy_for(99)), Some(()));
+    assert_eq!(poll_at_most(100, busy_for(100)), None);
+    let counted = std::future::poll_fn(|_| {
+        polls += 1;
+        std::task::Poll::<()>::Pending
+    });
+    assert_eq!(poll_at_most(100, counted), None);
+    assert_eq!(polls, 100);
 }
 
 #[test]
@@ -308,7 +327,7 @@ fn a_loss_of_power_anywhere_in_the_return_of_the_previous_image_leaves_one_of_th
         }
     };
     let mut returned = 0;
-    let count = cuts(&confirmed(), 1, work, |chip, at, torn| {
+    let count = cuts(&confirmed(), 7, work, |chip, at, torn| {
         boot(chip).expect("the chip works");
         let image = active(chip).unwrap_or_else(|| panic!("{at} {torn:?}: a mixture of both images"));
         returned += usize::from(image.header() == OLD.header());

@@ -14,6 +14,7 @@ use crate::storage::{IdentifiedRecord, IdentityRecord, SettingsRecord, Store, pr
 use core::fmt::{Display, Write};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
+use embassy_time::{Duration, with_timeout};
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 use heapless::{String, Vec};
 use static_cell::{ConstStaticCell, StaticCell};
@@ -100,7 +101,15 @@ pub struct Started<F: 'static> {
     pub period_us: u32,
 }
 
-/// Opens the store on `chip`, configures the insole, restores the persisted state, and composes the hello. `image` is the header
+/// Longest time in which the flash chip must answer.
+const CHIP_ANSWERS: Duration = Duration::from_secs(2);
+/// Longest time in which the store must be opened. Erasing a chip with foreign contents takes that long. It is shorter than the time
+/// in which the supervision expects the parts to start ([`super::supervise::START_CHECKS`]).
+const STORE_OPENS: Duration = Duration::from_secs(110);
+/// The text of [`Hello::last_panic`] after a start without the chip.
+const NO_CHIP: &str = "the flash chip does not answer: nothing is stored, check the chip and its supply";
+
+/// Opens the store on the chip that `chip` returns (`None` if there is none that can be used), configures the insole, restores the persisted state, and composes the hello. `image` is the header
 /// of the running image; `stack_bytes` returns the deepest use of the stack so far, bytes.
 ///
 /// After [`MAX_FAILED_STARTS`] the previous image is swapped back, which restarts the board, if an update had replaced it a short
@@ -110,7 +119,7 @@ pub struct Started<F: 'static> {
 /// When called twice with the same memory.
 pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     memory: &'static Memory<F, FRAMES>,
-    chip: Option<F>,
+    chip: impl Future<Output = Option<F>>,
     boot: BootReport,
     image: &Header,
     configuration: Configuration<impl Iterator<Item = SetupCell> + Clone>,
@@ -122,7 +131,12 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
         log::error!("start: the previous run ended by: {}", fault.as_str());
     }
     let Configuration { mut setup, cells, serial_bytes_per_s, fault, restart } = configuration;
-    let store = memory.store.init(open_store(chip, &boot, image, restart).await);
+    // Whatever the chip does, the insole starts.
+    let chip = with_timeout(CHIP_ANSWERS, chip).await.ok().flatten();
+    let no_chip = chip.is_none();
+    let opened = with_timeout(STORE_OPENS, open_store(chip, &boot, image, restart)).await.ok();
+    let no_chip = (no_chip || opened.is_none()).then(|| truncated(NO_CHIP));
+    let store = memory.store.init(opened.unwrap_or_else(|| Store::recovery(None, false)));
     let contents = store.contents();
     log::info!("storage: boot {}, next record {}", contents.start, contents.next_record);
     if contents.erased > 0 {
@@ -165,8 +179,13 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     let is_of_rule = identified.is_none_or(|identified| identified.contact == setup.contact);
     let unused = (!is_of_rule).then(|| truncated(OTHER_RULE));
     log::info!("settings: layout {}, calibration {:x}", setup.layout_id, calibration_id);
-    let mut hello =
-        hello(image, &setup, insole, boot.reset, boot.fault.or(fault).or(refused.map(truncated)).or(unused));
+    let mut hello = hello(
+        image,
+        &setup,
+        insole,
+        boot.reset,
+        boot.fault.or(fault).or(no_chip).or(refused.map(truncated)).or(unused),
+    );
     hello.layout_id = settings.map_or(setup.layout_id, |settings| settings.id(setup.layout_id));
     let (to_process, scanned) = memory.channel.init(Channel::new(memory.frames.take())).split();
     let shared = init_shared(&memory.shared, hello, serial_bytes_per_s, counters, stack_bytes);

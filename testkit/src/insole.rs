@@ -99,6 +99,8 @@ pub struct HostInsole {
     pub boots: Vec<Boot>,
     /// The settings that the insole has accepted from a host. They are in force from its next start on.
     pub settings: Option<Settings>,
+    /// The flash chip does not answer from the next start on.
+    pub is_chip_silent: bool,
     executor: Option<Executor>,
     /// Number of successive starts that ended in a crash before they counted as successful.
     failed_starts: u32,
@@ -120,6 +122,7 @@ impl HostInsole {
             radio: Rc::default(),
             boots: Vec::new(),
             settings: None,
+            is_chip_silent: false,
             executor: None,
             failed_starts: 0,
             restart: Some((now_us(), Reset::Power, None)),
@@ -240,7 +243,8 @@ impl HostInsole {
         let from_us = now_us();
         self.boots.push(Boot { reset: reason, reference: reference.clone(), is_cut_short: false, from_us });
         let resources = BootResources {
-            chip: Some(self.chip.clone()),
+            chip: self.chip.clone(),
+            is_chip_silent: self.is_chip_silent,
             report: BootReport { reset: reason, fault: cause.and_then(crash_text), failed_starts: self.failed_starts },
             image: Box::leak(Box::new(header)),
             matrix: HostMatrix { wearer: self.wearer.clone(), reference },
@@ -266,7 +270,9 @@ impl HostInsole {
 
 /// The resources of one boot.
 struct BootResources {
-    chip: Option<SharedChip>,
+    chip: SharedChip,
+    /// The chip never answers.
+    is_chip_silent: bool,
     report: BootReport,
     image: &'static Header,
     matrix: HostMatrix,
@@ -295,7 +301,7 @@ impl BootResources {
     /// Spawns the task `start` and the firmware's loops, each of which waits for its values from `start`. The static memory of a
     /// boot is leaked, because a test has few boots.
     fn spawn(self, executor: &mut Executor, from_us: u64) {
-        let Self { chip, report, image, matrix, cable, radio } = self;
+        let Self { chip, is_chip_silent, report, image, matrix, cable, radio } = self;
         let counters: &'static ScanCounters = Box::leak(Box::new(ScanCounters::new()));
         let memory: &'static Memory<SharedChip, FRAMES> = Box::leak(Box::new(Memory::new()));
         let (setup, cells) = (matrix.wearer.borrow().setup(), matrix.wearer.borrow().cells());
@@ -304,6 +310,12 @@ impl BootResources {
         executor.spawn("start", async move {
             let restart = || reset(ResetCause::Software);
             let configuration = Configuration { setup, cells, serial_bytes_per_s: 46_080, fault: None, restart };
+            let chip = async {
+                if is_chip_silent {
+                    std::future::pending::<()>().await;
+                }
+                Some(chip)
+            };
             let started = start(memory, chip, report, image, configuration, counters, || 0).await;
             let Started { insole, store, shared, to_process, scanned, period_us } = started;
             for_scan.replace(Some((Ticker::new(period_us), to_process)));

@@ -142,6 +142,8 @@ pub enum Event {
     SensorFault(String),
     /// A part of the firmware stalls, as in an endless loop.
     Stall(Part),
+    /// The flash chip does not answer from the next start on.
+    ChipSilent,
     /// The firmware panics.
     Panic,
 
@@ -346,6 +348,7 @@ fn insole_event(event: &Event) -> Option<InsoleEvent> {
         Event::Stall(Part::Model) => InsoleEvent::Stall("model"),
         Event::Stall(Part::Link) => InsoleEvent::Stall("link"),
         Event::Panic => InsoleEvent::Panic,
+        Event::ChipSilent => InsoleEvent::ChipSilent,
         _ => return None,
     })
 }

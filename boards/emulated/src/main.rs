@@ -139,7 +139,7 @@ async fn run(boot: BootReport, image: &'static Header) {
     let config = stored.as_ref().map_or_else(|| EmulatorConfig::new(layout::setup(Side::Left)), |(config, _)| *config);
     injected_fault::plan(config.fault.filter(|planned| planned.is_repeated || boot.reset == Reset::Power));
     inject(&[InjectedFault::Panic]);
-    let chip = Some(FlashFile::open(config.power_cut));
+    let chip = async { Some(FlashFile::open(config.power_cut)) };
     // No other task runs yet, so the start may block. The state of the start is then on the stack and not in the static memory of
     // this task.
     let started = match stored {
@@ -170,7 +170,7 @@ async fn run(boot: BootReport, image: &'static Header) {
 }
 
 async fn start_with(
-    chip: Option<FlashFile>,
+    chip: impl Future<Output = Option<FlashFile>>,
     boot: BootReport,
     image: &Header,
     setup: Setup,
