@@ -7,6 +7,7 @@
 
 pub mod boot;
 pub mod flash_map;
+mod guard;
 mod log;
 mod migration;
 pub mod partition;

@@ -1,18 +1,20 @@
 //! The store: records and the step log in the flash chip.
 
 use super::flash_map::{LOG, RECORDS, SECTOR};
+use super::guard::{Guard, Guarded};
 use super::log::Entry;
 use super::records::{Bonds, BootCounters, CalibrationRecord, CellsRecord, Key, Record};
 use super::{BUFFER, StorageError};
 use crate::protocol::{BLOCK_CELLS, CalibrationBlock, CalibrationId, Contents, LoadRecord, decode, encode};
 use crate::sequence::is_after;
-use embedded_storage_async::nor_flash::MultiwriteNorFlash;
+use embedded_storage_async::nor_flash::{MultiwriteNorFlash, NorFlashErrorKind};
 use sequential_storage::Error;
 use sequential_storage::cache::page_states::CalculatedPageStates;
 use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::map::{MapConfig, MapStorage};
 use sequential_storage::queue::{QueueConfig, QueueStorage};
 
+mod erase;
 mod survey;
 
 /// Largest number of attempts to write a record. An attempt fails if the record cannot be read back.
@@ -42,6 +44,7 @@ enum Use {
 /// The flash chip and its contents.
 pub struct Store<F> {
     flash: Option<F>,
+    guard: Guard,
     used_for: Use,
     log_cache: LogCache,
     buffer: [u8; BUFFER],
@@ -56,7 +59,14 @@ impl<F: MultiwriteNorFlash> Store<F> {
     }
 
     fn new(flash: Option<F>, used_for: Use) -> Self {
-        Self { flash, used_for, log_cache: empty_cache(), buffer: [0; BUFFER], contents: Contents::default() }
+        Self {
+            flash,
+            guard: Guard::default(),
+            used_for,
+            log_cache: empty_cache(),
+            buffer: [0; BUFFER],
+            contents: Contents::default(),
+        }
     }
 
     /// An error in recovery mode.
@@ -113,7 +123,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         if !(self.used_for == Use::All || self.used_for == Use::Bonds && key[0] == Bonds::KIND) {
             return Err(StorageError::Chip);
         }
-        Ok(records(&mut self.flash)?.fetch_item::<&[u8]>(&mut self.buffer, &key).await?)
+        Ok(records(&mut self.flash, &mut self.guard)?.fetch_item::<&[u8]>(&mut self.buffer, &key).await?)
     }
 
     /// Replaces the encoded record with this key, and removes its older versions.
@@ -124,12 +134,14 @@ impl<F: MultiwriteNorFlash> Store<F> {
             return Ok(());
         }
         for _ in 0..WRITE_ATTEMPTS {
-            records(&mut self.flash)?.store_item(&mut self.buffer, &key, &bytes).await?;
+            records(&mut self.flash, &mut self.guard)?.store_item(&mut self.buffer, &key, &bytes).await?;
             // A location with a stuck bit reads as no item; the next attempt uses another location.
             if self.fetch(key).await? == Some(bytes) {
                 let [kind, part, version] = key;
                 for older in 1..version {
-                    records(&mut self.flash)?.remove_item(&mut self.buffer, &[kind, part, older]).await?;
+                    records(&mut self.flash, &mut self.guard)?
+                        .remove_item(&mut self.buffer, &[kind, part, older])
+                        .await?;
                 }
                 return Ok(());
             }
@@ -216,8 +228,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
         let mut bytes = [0; BUFFER];
         let bytes = entry.encode(&mut bytes);
         self.check_use()?;
-        let Self { flash, log_cache, buffer, .. } = self;
-        with_log(flash, log_cache, async |log| {
+        let Self { flash, guard, log_cache, buffer, .. } = self;
+        with_log(flash, guard, log_cache, async |log| {
             match log.push(bytes, false).await {
                 Err(Error::FullStorage) => {}
                 pushed => return pushed.map(|()| 0),
@@ -243,8 +255,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
             self.push(&Entry::Acknowledged { next }).await?;
             self.contents.next_record = next;
         }
-        let Self { flash, log_cache, buffer, contents, .. } = self;
-        with_log(flash, log_cache, async |log| {
+        let Self { flash, guard, log_cache, buffer, contents, .. } = self;
+        with_log(flash, guard, log_cache, async |log| {
             let mut entries = log.iter().await?;
             while let Some(entry) = entries.next(buffer).await? {
                 match Entry::decode(&entry) {
@@ -274,8 +286,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
         mut take: impl FnMut(LoadRecord) -> bool,
     ) -> Result<bool, StorageError> {
         self.check_use()?;
-        let Self { flash, log_cache, buffer, contents, .. } = self;
-        with_log(flash, log_cache, async |log| {
+        let Self { flash, guard, log_cache, buffer, contents, .. } = self;
+        with_log(flash, guard, log_cache, async |log| {
             let mut entries = log.iter().await?;
             while let Some(entry) = entries.next(buffer).await? {
                 let Some((boot, record)) = Entry::decode(&entry).and_then(Entry::record) else { continue };
@@ -290,20 +302,25 @@ impl<F: MultiwriteNorFlash> Store<F> {
     }
 }
 
-type Records<'f, F> = MapStorage<Key, &'f mut F, Cache<Uncached, Uncached, Uncached, Key>>;
+type Records<'f, F> = MapStorage<Key, Guarded<'f, F>, Cache<Uncached, Uncached, Uncached, Key>>;
 
 /// Access to the records.
-fn records<F: MultiwriteNorFlash>(flash: &mut Option<F>) -> Result<Records<'_, F>, StorageError> {
-    Ok(MapStorage::new(flash.as_mut().ok_or(StorageError::Chip)?, MapConfig::new(RECORDS), Cache::new_uncached()))
+fn records<'f, F: MultiwriteNorFlash>(
+    flash: &'f mut Option<F>,
+    guard: &'f mut Guard,
+) -> Result<Records<'f, F>, StorageError> {
+    let flash = Guarded { flash: flash.as_mut().ok_or(StorageError::Chip)?, guard };
+    Ok(MapStorage::new(flash, MapConfig::new(RECORDS), Cache::new_uncached()))
 }
 
 /// Gives `work` access to the log, and preserves the cached state of its pages unless `work` fails.
 async fn with_log<F: MultiwriteNorFlash, T>(
     flash: &mut Option<F>,
+    guard: &mut Guard,
     cache: &mut LogCache,
-    work: impl AsyncFnOnce(&mut QueueStorage<&mut F, LogCache>) -> Result<T, Error<F::Error>>,
+    work: impl AsyncFnOnce(&mut QueueStorage<Guarded<'_, F>, LogCache>) -> Result<T, Error<NorFlashErrorKind>>,
 ) -> Result<T, StorageError> {
-    let flash = flash.as_mut().ok_or(StorageError::Chip)?;
+    let flash = Guarded { flash: flash.as_mut().ok_or(StorageError::Chip)?, guard };
     let mut log = QueueStorage::new(flash, QueueConfig::new(LOG), core::mem::replace(cache, empty_cache()));
     let done = work(&mut log).await;
     if done.is_ok() {
@@ -314,9 +331,9 @@ async fn with_log<F: MultiwriteNorFlash, T>(
 
 /// Number of the oldest load record in the log.
 async fn oldest<F: MultiwriteNorFlash>(
-    log: &mut QueueStorage<&mut F, LogCache>,
+    log: &mut QueueStorage<Guarded<'_, F>, LogCache>,
     buffer: &mut [u8],
-) -> Result<Option<u32>, Error<F::Error>> {
+) -> Result<Option<u32>, Error<NorFlashErrorKind>> {
     let mut entries = log.iter().await?;
     while let Some(entry) = entries.next(buffer).await? {
         if let Some((_, record)) = Entry::decode(&entry).and_then(Entry::record) {

@@ -21,11 +21,18 @@ struct Survey {
     /// Number of entries of the log.
     log: Result<u32, StorageError>,
     boots: Result<Option<BootCounters>, StorageError>,
+    contents: Contents,
+    /// A part is damaged, and reading it would change the chip.
+    needs_repair: bool,
 }
 
 impl Survey {
     // A new chip is blank. An area with foreign data, or damaged beyond repair, could not store anything unless it is erased. It is
     // not erased if anything in it can be read, because a newer firmware may have written the rest.
+
+    fn needs_change(&self) -> bool {
+        self.needs_repair || self.has_no_records() || self.has_no_log()
+    }
 
     fn has_no_records(&self) -> bool {
         is_empty(self.records) && matches!(self.boots, Ok(None) | Err(StorageError::Contents))
@@ -54,14 +61,20 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// fails, the contents are unknown and nothing is stored.
     pub async fn open(flash: Option<F>, reset: Reset) -> Self {
         let mut store = Self::new(flash, Use::All);
+        store.guard.is_read_only = true;
+        // The first reads after power-on may be wrong, so two surveys in a row must agree. Before an area is written, repaired or
+        // erased because it is empty or damaged, all of its bytes must agree, too; reading them takes half a second on a real chip.
         let mut survey = store.survey().await;
-        // An area without contents is surveyed again before it is erased or written, because the first reads after power-on may
-        // be wrong. The bytes of the whole area must agree, too; reading them takes half a second on a real chip.
-        while survey.has_no_records() || survey.has_no_log() {
-            let areas = [store.read_area(RECORDS).await, store.read_area(LOG).await];
+        loop {
+            let areas = store.areas(&survey).await;
             let again = store.survey().await;
-            if again == survey && areas == [store.read_area(RECORDS).await, store.read_area(LOG).await] {
-                store.clear(&survey, areas).await;
+            if again == survey && areas == store.areas(&survey).await {
+                store.guard.is_read_only = false;
+                if let Some(areas) = areas {
+                    // This survey repairs the areas, where possible.
+                    let repaired = if survey.needs_repair { store.survey().await } else { survey };
+                    store.clear(&repaired, areas).await;
+                }
                 break;
             }
             survey = again;
@@ -103,6 +116,14 @@ impl<F: MultiwriteNorFlash> Store<F> {
         }
     }
 
+    /// Reads all bytes of both areas if one of them must be changed.
+    async fn areas(&mut self, survey: &Survey) -> Option<[Area; 2]> {
+        if !survey.needs_change() {
+            return None;
+        }
+        Some([self.read_area(RECORDS).await, self.read_area(LOG).await])
+    }
+
     /// Reads all bytes of an area.
     async fn read_area(&mut self, range: Range<u32>) -> Area {
         let Self { flash, buffer, .. } = self;
@@ -126,13 +147,16 @@ impl<F: MultiwriteNorFlash> Store<F> {
     async fn survey(&mut self) -> Survey {
         self.contents = Contents { contradictions: self.contents.contradictions, ..Contents::default() };
         self.log_cache = empty_cache();
+        self.guard.has_refused = false;
         let (records, log) = (self.survey_records().await, self.survey_log().await);
-        Survey { records, log, boots: self.get(0).await }
+        let boots = self.get(0).await;
+        let contents = Contents { contradictions: 0, ..self.contents };
+        Survey { records, log, boots, contents, needs_repair: self.guard.has_refused }
     }
 
     /// Counts the stored items, and notes kinds with a newer version. Each version of a record is an item.
     async fn survey_records(&mut self) -> Result<u32, StorageError> {
-        let mut records = records(&mut self.flash)?;
+        let mut records = records(&mut self.flash, &mut self.guard)?;
         let mut items = records.fetch_all_items(&mut self.buffer).await?;
         let mut count = 0;
         while let Some(([kind, _, version], _)) = items.next::<&[u8]>(&mut self.buffer).await? {
@@ -147,8 +171,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
 
     /// Counts the log entries, and determines the number of the next step.
     async fn survey_log(&mut self) -> Result<u32, StorageError> {
-        let Self { flash, log_cache, buffer, contents, .. } = self;
-        with_log(flash, log_cache, async |log| {
+        let Self { flash, guard, log_cache, buffer, contents, .. } = self;
+        with_log(flash, guard, log_cache, async |log| {
             let mut entries = log.iter().await?;
             let mut count = 0;
             while let Some(entry) = entries.next(buffer).await? {
