@@ -162,7 +162,8 @@ impl<B: BluetoothBoard> GattServer for GattSession<'_, B> {
     fn write(&self, channel: GattChannel, value: &[u8]) -> Result<(), WriteError> {
         let accepted = match channel {
             GattChannel::Time => current_time::from_current_time(value)
-                .map(|unix_us| self.shared.set_clock(unix_us))
+                .filter(|&unix_us| self.shared.set_clock(unix_us))
+                .map(drop)
                 .ok_or(WriteError::Value),
             channel => self.join(channel, value),
         };

@@ -198,6 +198,12 @@ impl Persist<'_> {
             self.shared.count_not_stored();
         }
         self.shared.session.borrow_mut().complete(result);
+        if command == Command::EraseWearer && result.is_ok() {
+            // Nothing must be stored between the erasure and the restart, in which the answer is sent.
+            self.shared.signal_changed();
+            Timer::after(RESTART_DELAY).await;
+            restart();
+        }
     }
 
     async fn execute(
@@ -244,6 +250,11 @@ impl Persist<'_> {
                 store.put(0, &rules).await?;
                 log::info!("settings: the rules of alerts are stored");
                 Ok(CommandResult::Stored)
+            }
+            Command::EraseWearer => {
+                log::info!("erase: the data of the wearer");
+                store.erase_wearer(|| self.shared.scan.heartbeats.progressed(Part::Storage)).await?;
+                Ok(CommandResult::Identity(identity))
             }
             Command::Restart => {
                 self.store_daily_load(store).await;

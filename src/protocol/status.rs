@@ -40,6 +40,10 @@ pub struct Status {
     pub not_stored: u32,
     /// Contents of the flash chip.
     pub contents: Contents,
+    /// The wall clock is set: it is lost at each start.
+    pub is_clock_set: bool,
+    /// Identifies the key with which updates must be signed, by its first four bytes.
+    pub update_key: u32,
 }
 
 /// The contents of the flash chip, as far as they are known.

@@ -11,12 +11,23 @@ use embassy_boot::{FirmwareState, FirmwareUpdater, FirmwareUpdaterConfig, Firmwa
 use embassy_sync::mutex::Mutex;
 use embedded_storage_async::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind};
 
+/// The public half of the development key, in hex. Its secret half is published (`docs/security.md`).
+pub const DEVELOPMENT_KEY: &str = "68335e1b188bb8cd9c390c584b54e2ad61f1604f71091415177d09ab23c3970c";
+
 /// The public half of the key that images must be signed with: the build reads it from `PLANTAR_UPDATE_KEY`, in hex. The default
-/// is the development key, of which the secret half is published (`docs/security.md`).
+/// is the development key.
 pub const KEY: [u8; 32] = from_hex(match option_env!("PLANTAR_UPDATE_KEY") {
     Some(key) => key,
-    None => "68335e1b188bb8cd9c390c584b54e2ad61f1604f71091415177d09ab23c3970c",
+    None => DEVELOPMENT_KEY,
 });
+
+/// Identifies a key by its first four bytes.
+pub const fn key_id(key: &[u8; 32]) -> u32 {
+    u32::from_be_bytes([key[0], key[1], key[2], key[3]])
+}
+
+/// The identifier of the development key.
+pub const DEVELOPMENT_KEY_ID: u32 = key_id(&from_hex(DEVELOPMENT_KEY));
 
 const fn from_hex(text: &str) -> [u8; 32] {
     const fn digit(digit: u8) -> u8 {

@@ -251,6 +251,8 @@ pub fn status() -> Status {
             erased: 15,
             contradictions: 16,
         },
+        is_clock_set: true,
+        update_key: 17,
     }
 }
 

@@ -198,6 +198,8 @@ pub enum Event {
     SnoozeAlerts(u16),
     /// The host sets the serial number.
     SetSerial(String),
+    /// The host erases the data of the wearer.
+    EraseWearer,
     /// The host restarts the insole.
     Restart,
     /// The host sends a firmware image.
@@ -419,6 +421,7 @@ fn request(world: &SharedWorld, host: &mut Host, insole: usize, event: &Event) -
             let serial = Serial::new(serial).unwrap_or(Serial::NONE);
             client.set_identity(identity.side, serial).map(drop)
         }
+        Event::EraseWearer => client.erase_wearer(),
         Event::Restart => client.send(ToDevice::Restart),
         Event::ConfirmUpdate => client.update(Request::Confirm).map(drop),
         Event::Update { version, defect } => {
@@ -543,13 +546,15 @@ impl Outcome {
                 (records, boot.is_cut_short)
             });
             let last = insole.boots.last();
+            // A start waits for a silent chip.
+            let start_us = if insole.is_chip_silent { 2_000_000 } else { 0 };
             let hello = host.hellos.last();
             let period_us = u64::from(hello.map_or(insole.wearer.borrow().setup().period_us, |hello| hello.period_us));
             InsoleOutcome {
                 status,
                 computed: computed.collect(),
                 frames: last.map_or(0, |boot| boot.reference.borrow().frames),
-                elapsed_frames: last.map_or(0, |boot| ((now_us() - boot.from_us) / period_us) as u32),
+                elapsed_frames: last.map_or(0, |boot| ((now_us() - boot.from_us - start_us) / period_us) as u32),
                 resets: insole.boots.iter().map(|boot| boot.reset.name().to_owned()).collect(),
                 host,
             }
