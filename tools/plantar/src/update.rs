@@ -9,6 +9,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use plantar::protocol;
 use plantar::protocol::Hello;
 use plantar::protocol::update::{CHUNK, Header, Progress, Refusal, Request};
+use plantar::storage::update::DEVELOPMENT_KEY_ID;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -35,6 +36,12 @@ impl Update {
         let hello = insole.client().hello();
         let before = hello.firmware.clone();
         self.check(&image, hello)?;
+        if insole.client().status()?.update_key == DEVELOPMENT_KEY_ID {
+            eprintln!(
+                "warning: anyone can sign an update for this insole, because it accepts the public development key: flash firmware \
+                 that was built with PLANTAR_UPDATE_KEY before others use it"
+            );
+        }
         println!(
             "the insole runs {before}; {} is {}, {} KiB",
             self.file.display(),
