@@ -19,6 +19,7 @@ use embassy_stm32::gpio::{AnyPin, Input, Level, Output, Pull, Speed};
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_stm32::pac;
 use embassy_stm32::pac::iwdg::vals::{Key, Pr};
+use embassy_stm32::pac::rcc::regs::Hsecr;
 use embassy_stm32::peripherals::{IPCC, USART1};
 use embassy_stm32::rcc::{self, mux};
 use embassy_stm32::time::Hertz;
@@ -57,6 +58,17 @@ const WATCHDOG_MS: u16 = 1_000;
 /// program they take 100 ms; a crystal needs 2 ms.
 const CRYSTAL_CHECKS: u32 = 1_000;
 const CRYSTAL_CHECK_CYCLES: u32 = 3_200;
+
+/// The trim of the crystal's load capacitance, 0 to 63, from `PLANTAR_HSE_TUNE`; without it, the value after a reset remains.
+const CRYSTAL_TRIM: Option<u8> = match option_env!("PLANTAR_HSE_TUNE") {
+    None => None,
+    Some(text) => match u8::from_str_radix(text, 10) {
+        Ok(trim @ 0..64) => Some(trim),
+        _ => panic!("PLANTAR_HSE_TUNE must be a number from 0 to 63"),
+    },
+};
+/// Allows the next write to the register with the trim.
+const UNLOCK_TRIM: u32 = 0xcafe_cafe;
 
 /// The fault that the hello reports if the crystal does not oscillate.
 const NO_CRYSTAL: &str = "the crystal does not oscillate: no Bluetooth, and times are accurate to 1 % only";
@@ -107,6 +119,10 @@ fn start_watchdog() {
 
 /// Starts the crystal's oscillator. False, and the oscillator is off, if it does not oscillate.
 fn start_crystal() -> bool {
+    if let Some(trim) = CRYSTAL_TRIM {
+        pac::RCC.hsecr().write_value(Hsecr(UNLOCK_TRIM));
+        pac::RCC.hsecr().modify(|w| w.set_hsetune(trim));
+    }
     pac::RCC.cr().modify(|w| w.set_hseon(true));
     for _ in 0..CRYSTAL_CHECKS {
         if pac::RCC.cr().read().hserdy() {

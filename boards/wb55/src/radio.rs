@@ -5,6 +5,7 @@
 
 use crate::channels;
 use bluetooth::{BONDING_WINDOW, HciPipe};
+use core::future::pending;
 use core::mem::MaybeUninit;
 use core::ptr::{addr_of, addr_of_mut};
 use embassy_futures::join::join;
@@ -15,6 +16,7 @@ use embassy_time::Instant;
 use embedded_io_async::Read;
 use heapless::Vec;
 use plantar::firmware::board::BluetoothBoard;
+use wb55_mailbox::system::{SystemEvent, reply_status};
 use wb55_mailbox::{
     BLE_INIT_OPCODE, Ble, BleInit, COMMAND, EVENT, H4_COMMAND, H4_DATA, H4_EVENT, H4_SYSTEM_COMMAND, Memory, Node,
     POOL_BYTES, POOLED, References, Shared, System,
@@ -137,13 +139,34 @@ fn init_tables() {
     }
 }
 
-/// Starts the radio's core, then passes packets in both directions. Never returns. If the radio's core has no firmware, it never
-/// answers, and the board runs without Bluetooth.
+/// Logs the events of the system in these packets. True unless the radio's core has no wireless firmware.
+fn has_firmware(packets: &Packets) -> bool {
+    let mut has_firmware = true;
+    for &packet in packets {
+        match SystemEvent::decode(bytes(packet)) {
+            Some(SystemEvent::Ready) => defmt::info!("radio: the wireless firmware runs"),
+            Some(SystemEvent::UpdateService) => {
+                defmt::error!("radio: ST's update service runs, because there is no wireless firmware: install it");
+                has_firmware = false;
+            }
+            Some(SystemEvent::Error(code)) => defmt::error!("radio: the radio's core reports error {=u8}", code),
+            Some(SystemEvent::Other(code)) => defmt::warn!("radio: system event {=u16:x}", code),
+            None => {}
+        }
+    }
+    has_firmware
+}
+
+/// Starts the radio's core, then passes packets in both directions. Never returns. If the radio's core has no firmware, or refuses
+/// its parameters, the board runs without Bluetooth, and the log has the reason.
 pub async fn run(ipcc: Peri<'static, IPCC>, from_radio: &HciPipe, to_radio: &HciPipe) -> ! {
     init_tables();
     channels::start(ipcc);
     // The first event reports that the radio's core runs. Its packet is not returned, because the others suffice.
-    let _started = channels::receive(channels::SYSTEM, || drain(at!(system_events))).await;
+    let started = channels::receive(channels::SYSTEM, || drain(at!(system_events))).await;
+    if !has_firmware(&started) {
+        pending::<()>().await;
+    }
     channels::send(channels::SYSTEM, || {
         let [low, high] = BLE_INIT_OPCODE.to_le_bytes();
         let parameters = BleInit::PERIPHERAL.bytes();
@@ -153,6 +176,13 @@ pub async fn run(ipcc: Peri<'static, IPCC>, from_radio: &HciPipe, to_radio: &Hci
     .await;
     // The radio's core empties the channel when the command is complete.
     channels::emptied(channels::SYSTEM).await;
+    match reply_status(bytes(at!(system_command)), BLE_INIT_OPCODE) {
+        Some(0) => {}
+        status => {
+            defmt::error!("radio: Bluetooth does not start, status {}", status);
+            pending::<()>().await;
+        }
+    }
     join(receive(from_radio), send(to_radio)).await.0
 }
 
@@ -162,6 +192,7 @@ async fn receive(host: &HciPipe) -> ! {
         let ble = channels::receive(channels::BLE, || drain(at!(ble_events)));
         let system = channels::receive(channels::SYSTEM, || drain(at!(system_events)));
         let (Either::First(packets) | Either::Second(packets)) = select(ble, system).await;
+        has_firmware(&packets);
         for packet in packets {
             let h4 = bytes(packet);
             // System events are not for the host.
