@@ -66,6 +66,8 @@ pub struct Insole<R, const N: usize> {
     has_ended_second: bool,
     /// Number of the last frame.
     last_seq: Option<u32>,
+    /// Number of times that the frame number has wrapped.
+    wraps: u32,
     /// Number of the next record.
     records: u32,
 }
@@ -119,6 +121,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             earlier: DailyLoad::NONE,
             has_ended_second: false,
             last_seq: None,
+            wraps: 0,
             records: 0,
         }
     }
@@ -155,7 +158,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             self.alert_rules = AlertRules::OFF;
         }
         self.loads = [RegionLoad::NONE; 8];
-        self.last_seq = None;
+        (self.last_seq, self.wraps) = (None, 0);
         self.setup = setup;
         Ok(())
     }
@@ -224,6 +227,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         let (mut per_s, mut frames) = (self.frame_rate_hz, 1);
         if let Some(last) = self.last_seq.replace(seq) {
             let elapsed = seq.wrapping_sub(last);
+            self.wraps += u32::from(seq < last && elapsed < 1 << 31);
             if elapsed > 1 {
                 per_s = per_s / R::of_u32(elapsed);
                 frames = elapsed.min(1 + BRIDGED_FRAMES);
@@ -249,6 +253,18 @@ impl<R: Real, const N: usize> Insole<R, N> {
             self.sum_residuals();
         }
         is_toe_off
+    }
+
+    /// Time of a recent frame by its number, us: the number of frame times since frame 0, also after the number has wrapped.
+    pub fn time_us(&self, seq: u32) -> u64 {
+        // A frame with a greater number than the last one was before the last wrap.
+        let wraps = self.wraps - u32::from(self.wraps > 0 && self.last_seq.is_some_and(|last| seq > last));
+        (u64::from(wraps) << 32 | u64::from(seq)) * u64::from(self.setup.period_us)
+    }
+
+    /// The time of which a stage has computed the lower part, from a frame number that wraps.
+    fn unwrapped_us(&self, time_us: u64) -> u64 {
+        self.time_us(time_us.checked_div(u64::from(self.setup.period_us)).unwrap_or(0) as u32)
     }
 
     /// Computes the centre of pressure of the foot.

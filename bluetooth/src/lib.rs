@@ -11,13 +11,15 @@ mod bonds;
 mod gate;
 mod table;
 
+use bt_hci::cmd::le::LeRand;
 use bt_hci_serial::SerialTransport;
 use embassy_futures::select::{select, select3};
 use embassy_sync::blocking_mutex::raw::{CriticalSectionRawMutex, NoopRawMutex};
 use embassy_sync::pipe::Pipe;
 use embassy_sync::signal::Signal;
-use embassy_time::{Duration, Timer};
+use embassy_time::{Duration, Instant, Timer};
 use gate::Gate;
+use plantar::firmware::admission::Admission;
 use plantar::firmware::ble::GattServer;
 use plantar::protocol::gatt::{self, GattChannel, WriteError};
 use static_cell::StaticCell;
@@ -36,6 +38,8 @@ pub const MAX_VALUE: usize = 244;
 const RADIO_RETRY: Duration = Duration::from_secs(1);
 /// Time before a packet is requested again from an exhausted pool.
 const POOL_RETRY: Duration = Duration::from_millis(10);
+/// Time between two checks whether the radio answers.
+const RADIO_CHECK: Duration = Duration::from_secs(1);
 /// Time between two checks whether the central is still connected.
 const CONNECTION_CHECK: Duration = Duration::from_millis(200);
 
@@ -54,6 +58,7 @@ type Radio = ExternalController<SerialTransport<NoopRawMutex, &'static HciPipe, 
 pub async fn run(from_radio: &'static HciPipe, to_radio: &'static HciPipe, insole: &'static dyn GattServer) -> ! {
     let radio: Radio = ExternalController::new(SerialTransport::new(from_radio, to_radio));
     let table = build_table(insole);
+    let mut admission = Admission::new();
     let mut resources = Resources::new();
     let answered = Signal::new();
     loop {
@@ -64,7 +69,7 @@ pub async fn run(from_radio: &'static HciPipe, to_radio: &'static HciPipe, insol
         select3(rx.run(), control.run(), async {
             // Without a radio, sender and server would wait in a busy loop, so they start after the first answer of the radio.
             answered.wait().await;
-            select(tx.run(), serve(&stack, table, insole)).await
+            select3(tx.run(), serve(&stack, table, insole, &mut admission), check_radio(&stack, insole)).await
         })
         .await;
         insole.close();
@@ -107,8 +112,24 @@ fn set_up<'a>(
 /// The Bluetooth host.
 type Host<'s> = Stack<'s, Gate<'s, Radio>, DefaultPacketPool>;
 
+/// Lets the radio execute a command every second. Returns if the radio refuses it; a radio that does not answer is found by the
+/// supervision.
+async fn check_radio(stack: &Host<'_>, insole: &dyn GattServer) -> Result<(), Error> {
+    loop {
+        // If advertising fails, the host is set up again within this time, and no heartbeat is counted.
+        Timer::after(RADIO_CHECK).await;
+        stack.command(LeRand::new()).await.map_err(|_| Error::Other)?;
+        insole.radio_answered();
+    }
+}
+
 /// Advertises and serves centrals. Returns if the radio fails.
-async fn serve(stack: &Host<'_>, (table, server): &(Table, Server<'_>), insole: &dyn GattServer) -> Result<(), Error> {
+async fn serve(
+    stack: &Host<'_>,
+    (table, server): &(Table, Server<'_>),
+    insole: &dyn GattServer,
+    admission: &mut Admission,
+) -> Result<(), Error> {
     let mut peripheral = stack.peripheral();
     let (mut advertised, mut scanned) = ([0; 31], [0; 31]);
     let len = AdStructure::encode_slice(
@@ -139,8 +160,14 @@ async fn serve(stack: &Host<'_>, (table, server): &(Table, Server<'_>), insole: 
             core::future::pending::<()>().await
         });
         // The host drops the event of a disconnection if its queue is full, so the connection is also checked periodically.
+        let connected_at = Instant::now();
         select(serving, async {
             while connection.raw().is_connected() {
+                let limit = admission.time_limit(connection.raw().is_bonded_peer(), insole.allows_bonding());
+                if guard(&connection).is_err() && connected_at.elapsed() >= limit {
+                    connection.raw().disconnect();
+                    admission.expelled();
+                }
                 Timer::after(CONNECTION_CHECK).await;
             }
         })

@@ -1,12 +1,13 @@
 //! Links the application of the STM32WB55.
 
-use build_support::{Program, Region, link};
+use build_support::{Program, Region, link, require_update_key};
 
 /// The memory that is shared with the radio's core, which expects the tables at the beginning of SRAM2A unless option byte
 /// IPCCDBA has another value.
 const MAILBOX: Region = Region { name: "MAILBOX", origin: 0x2003_0000, bytes: 10 << 10 };
 
 fn main() {
+    require_update_key();
     // SRAM1 has 192 KiB. The firmware uses 128 KiB of it, because the smallest board has no more.
     link(Program::Application, 0x2000_0000..0x2002_0000, &[MAILBOX]);
 }

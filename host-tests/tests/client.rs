@@ -362,7 +362,15 @@ fn messages_that_arrive_while_the_stream_is_turned_on_are_delivered_in_order() {
 fn a_status_arrives_on_request() {
     let (_, mut client) = connected();
     client.send(ToDevice::GetStatus).expect("the link works");
-    let expected = Status { live_due: 0, live_sent: 0, records_dropped: 0, faults: 0, rezeroed: 0, ..status() };
+    let expected = Status {
+        live_due: 0,
+        live_sent: 0,
+        records_dropped: 0,
+        faults: 0,
+        rezeroed: 0,
+        is_clock_set: false,
+        ..status()
+    };
     assert_eq!(receive_all(&mut client), [ToHost::Status(expected)]);
 }
 

@@ -342,7 +342,15 @@ fn steps_are_sent_before_live_frames_and_live_frames_before_the_status() {
     push_live(&mut session);
     let sent = all(&mut session);
     assert_eq!(sent[..3], [Sent::Step(0), Sent::Live(0), Sent::Live(1)]);
-    let expected = Status { live_due: 2, live_sent: 2, records_dropped: 0, faults: 0, rezeroed: 0, ..status() };
+    let expected = Status {
+        live_due: 2,
+        live_sent: 2,
+        records_dropped: 0,
+        faults: 0,
+        rezeroed: 0,
+        is_clock_set: false,
+        ..status()
+    };
     assert_eq!(sent[3..], [Sent::Status(expected)]);
     assert_eq!(all(&mut session), [], "there must be one status for each request");
 }

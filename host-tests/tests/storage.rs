@@ -350,6 +350,102 @@ fn a_chip_with_any_content_becomes_usable() {
     }
 }
 
+/// The first reads after power-on return zeros, ones or noise: any number of reads up to those of a whole survey. The stored steps
+/// and records remain.
+#[test]
+fn a_chip_whose_first_reads_are_wrong_is_not_erased() {
+    let mut chip = chip();
+    let mut store = open(&mut chip);
+    assert_eq!(block_on(store.put(0, &*TISSUE)), Ok(()));
+    for number in 0..1500 {
+        assert_eq!(block_on(store.push_record(step(number))), Ok(0));
+    }
+    let chip = chip.restarted();
+    for wrong_byte in [Some(0), Some(0xff), None] {
+        for wrong_reads in (0..40).chain([100, 500, 2000]) {
+            let mut chip = chip.clone();
+            (chip.wrong_reads, chip.wrong_byte) = (wrong_reads, wrong_byte);
+            chip.erasures.fill(0);
+            let mut store = open(&mut chip);
+            let place = format!("{wrong_reads} reads of {wrong_byte:?}: {:?}", store.contents());
+            assert_eq!((store.contents().erased, numbers(&mut store).len()), (0, 1500), "{place}");
+            assert_eq!(block_on(store.get(0)), Ok(Some(*TISSUE)), "{place}");
+            assert!(chip.erasures.iter().all(|erasures| *erasures == 0), "{place}");
+        }
+    }
+}
+
+/// A chip that returns noise at all times is neither erased nor written, and this is reported.
+#[test]
+fn a_chip_without_two_equal_surveys_is_not_used() {
+    let mut chip = chip();
+    let mut store = open(&mut chip);
+    for number in 0..100 {
+        assert_eq!(block_on(store.push_record(step(number))), Ok(0));
+    }
+    let before = chip.restarted();
+    let mut chip = before.clone();
+    (chip.wrong_reads, chip.operations) = (u64::MAX, 0);
+    let mut store = open(&mut chip);
+    assert_eq!(block_on(store.push_record(step(100))), Err(StorageError::Chip));
+    let contents = store.contents();
+    assert!(contents.contradictions > 0 && contents.erased == 0, "{contents:?}");
+    assert!(chip.operations == 0 && chip.bytes == before.bytes, "{contents:?}");
+}
+
+/// All reads that would show that the chip was in use before fail. The erased areas are counted nevertheless.
+#[test]
+fn an_area_with_more_than_a_first_entry_is_counted_when_it_is_erased() {
+    let mut chip = chip();
+    let mut random = fastrand::Rng::with_seed(9);
+    random.fill(&mut chip.bytes[..4 * SECTOR as usize]);
+    random.fill(&mut chip.bytes[LOG.start as usize..]);
+    assert_eq!(open(&mut chip).contents().erased, 2);
+}
+
+/// True if a chip contains these bytes anywhere.
+fn contains(chip: &NorFlashChip, bytes: &[u8]) -> bool {
+    chip.bytes.windows(bytes.len()).any(|window| window == bytes)
+}
+
+#[test]
+fn an_erasure_leaves_no_byte_about_the_wearer_and_keeps_the_rest() {
+    let mut chip = chip();
+    let mut store = open(&mut chip);
+    let serial = Serial::new("P-0001").expect("the serial number is valid");
+    let identity = IdentityRecord { side: Side::Right, serial };
+    let keys: Vec<u8> = (0..150_u32).map(|i| (i * 37 % 251) as u8).collect();
+    let block = [CellCalibration { offset: 300, gain: 1.5 }; BLOCK_CELLS];
+    let mut id = plantar::protocol::CalibrationId::new();
+    id.add(&block);
+    assert_eq!(block_on(store.put(0, &identity)), Ok(()));
+    assert_eq!(block_on(store.put_calibration_block(0, &block)), Ok(()));
+    assert_eq!(block_on(store.put_calibration(7, 16, id.id())), Ok(true));
+    assert_eq!(block_on(store.put(0, &*TISSUE)), Ok(()));
+    assert_eq!(block_on(store.put(0, &Bonds(keys.iter().copied().collect()))), Ok(()));
+    for number in 0..100 {
+        assert_eq!(block_on(store.push_record(step(number))), Ok(0));
+    }
+    let tissue = plantar::protocol::encode(&*TISSUE, &mut [0; 500]).expect("it fits").to_vec();
+    let regions = plantar::protocol::encode(&step(50).regions, &mut [0; 500]).expect("it fits").to_vec();
+    let mut before = chip.restarted();
+    assert!([&keys, &tissue, &regions].iter().all(|bytes| contains(&before, bytes)));
+    let beats = std::cell::Cell::new(0);
+    assert_eq!(block_on(open(&mut before).erase_wearer(|| beats.set(beats.get() + 1))), Ok(()));
+    assert!([&keys, &tissue, &regions].iter().all(|bytes| !contains(&before, bytes)));
+    assert!(beats.get() > 256, "a heartbeat for each sector");
+
+    let mut store = open(&mut before);
+    assert_eq!((store.contents().next_record, store.contents().erased, store.contents().newer_kinds), (100, 0, 0));
+    assert_eq!(block_on(store.get::<IdentityRecord>(0)), Ok(Some(identity)));
+    assert!(matches!(block_on(store.calibration(7, 16)), Ok(Some(_))));
+    assert_eq!(block_on(store.get::<Tissue>(0)), Ok(None));
+    assert_eq!(block_on(store.get::<Bonds>(0)), Ok(None));
+    assert!(numbers(&mut store).is_empty());
+    assert_eq!(block_on(store.push_record(step(100))), Ok(0));
+    assert_eq!(numbers(&mut store), [100]);
+}
+
 #[test]
 fn a_defective_chip_is_reported() {
     let mut chip = chip();

@@ -8,10 +8,11 @@ use emulation::ACTIVE_IMAGE;
 use emulation::FLASH_BYTES;
 use firmware_image::{Image, SigningKey};
 use plantar::protocol::update::{CHUNK, Header, Offer, Progress, Refusal, Request};
-use plantar::storage::boot::{BUFFER, Blocking, config};
+use plantar::storage::boot::{BUFFER, Blocking, config, poll_at_most};
 use plantar::storage::flash_map::LOG;
-use plantar::storage::flash_map::{HEADER, MAX_IMAGE, OTHER, SECTOR, STATE};
+use plantar::storage::flash_map::{HEADER, MAX_IMAGE, OTHER, PREVIOUS, SECTOR, STATE};
 use plantar::storage::partition::Partition;
+use plantar::storage::previous;
 use plantar::storage::update::{Update, confirm, is_on_trial};
 use proptest::prelude::*;
 use std::sync::LazyLock;
@@ -82,6 +83,25 @@ fn accepted() -> NorFlashChip {
     chip.restarted()
 }
 
+/// The bootloader waits for a busy chip for a limited time, and then starts the image without a swap.
+#[test]
+fn a_wait_for_a_chip_that_stays_busy_ends() {
+    let mut polls = 0;
+    let busy_for = async |times: u32| {
+        for _ in 0..times {
+            embassy_futures::yield_now().await;
+        }
+    };
+    assert_eq!(poll_at_most(100, busy_for(99)), Some(()));
+    assert_eq!(poll_at_most(100, busy_for(100)), None);
+    let counted = std::future::poll_fn(|_| {
+        polls += 1;
+        std::task::Poll::<()>::Pending
+    });
+    assert_eq!(poll_at_most(100, counted), None);
+    assert_eq!(polls, 100);
+}
+
 #[test]
 fn a_signed_image_is_swapped_in_and_back_unless_it_is_confirmed() {
     let mut chip = accepted();
@@ -91,7 +111,7 @@ fn a_signed_image_is_swapped_in_and_back_unless_it_is_confirmed() {
     assert_eq!(send(&mut Update::new(), &mut chip, &NEW), Err(Refusal::OnTrial));
 
     let mut confirmed = chip.clone();
-    assert_eq!(block_on(confirm(&mut confirmed)), Ok(()));
+    assert_eq!(block_on(confirm(&mut confirmed, NEW.header())), Ok(()));
     assert_eq!(boot(&mut confirmed), Ok(State::Boot));
     assert!(active(&confirmed) == Some(&NEW) && block_on(is_on_trial(&mut confirmed)) == Ok(false));
 
@@ -236,7 +256,7 @@ fn a_loss_of_power_anywhere_in_the_swap_ends_in_the_new_image() {
         let booted = boot(chip);
         let is_swapped_back = active(chip) == Some(&*OLD) && torn == Torn::After;
         assert!(booted == Ok(State::Swap) && (active(chip) == Some(&*NEW) || is_swapped_back), "{at} {torn:?}");
-        block_on(confirm(chip)).expect("the chip works");
+        block_on(confirm(chip, NEW.header())).expect("the chip works");
         assert_eq!(boot(chip), Ok(State::Boot), "{at} {torn:?}");
     });
     println!("{count} cuts");
@@ -262,7 +282,7 @@ fn a_loss_of_power_during_the_confirmation_leaves_one_of_the_two_images() {
     let mut before = accepted();
     boot(&mut before).expect("the chip works");
     let work = |chip: &mut NorFlashChip| {
-        let _ = block_on(confirm(chip));
+        let _ = block_on(confirm(chip, NEW.header()));
     };
     let count = cuts(&before.restarted(), 1, work, |chip, at, torn| {
         boot(chip).expect("the chip works");
@@ -274,6 +294,80 @@ fn a_loss_of_power_during_the_confirmation_leaves_one_of_the_two_images() {
     println!("{count} cuts");
 }
 
+/// A chip on which [`NEW`] is active and confirmed, and [`OLD`] is the previous image.
+fn confirmed() -> NorFlashChip {
+    let mut chip = accepted();
+    boot(&mut chip).expect("the chip works");
+    block_on(confirm(&mut chip, NEW.header())).expect("the chip works");
+    assert_eq!(boot(&mut chip), Ok(State::Boot));
+    chip.restarted()
+}
+
+#[test]
+fn a_confirmed_image_that_crashes_is_swapped_back_once() {
+    let mut chip = confirmed();
+    assert_eq!(block_on(previous::swap_back(&mut chip, NEW.header())), Ok(true));
+    assert_eq!(boot(&mut chip), Ok(State::Swap));
+    assert_eq!((active(&chip), block_on(is_on_trial(&mut chip))), (Some(&*OLD), Ok(false)));
+    assert_eq!(block_on(previous::swap_back(&mut chip, OLD.header())), Ok(false));
+    assert_eq!(block_on(previous::swap_back(&mut chip, NEW.header())), Ok(false));
+    assert_eq!(boot(&mut chip), Ok(State::Revert));
+    assert_eq!(active(&chip), Some(&*OLD));
+    // The new image can be installed again.
+    assert_eq!(send(&mut Update::new(), &mut chip, &NEW), Ok(Progress::Accepted));
+    boot(&mut chip).expect("the chip works");
+    assert_eq!(active(&chip), Some(&*NEW));
+}
+
+#[test]
+fn a_loss_of_power_anywhere_in_the_return_of_the_previous_image_leaves_one_of_the_two_images() {
+    let work = |chip: &mut NorFlashChip| {
+        if block_on(previous::swap_back(chip, NEW.header())) == Ok(true) {
+            let _ = boot(chip);
+        }
+    };
+    let mut returned = 0;
+    let count = cuts(&confirmed(), 7, work, |chip, at, torn| {
+        boot(chip).expect("the chip works");
+        let image = active(chip).unwrap_or_else(|| panic!("{at} {torn:?}: a mixture of both images"));
+        returned += usize::from(image.header() == OLD.header());
+        assert_eq!(block_on(is_on_trial(chip)), Ok(false), "{at} {torn:?}");
+        assert_eq!(send(&mut Update::new(), chip, &NEW), Ok(Progress::Accepted), "{at} {torn:?}");
+    });
+    // The swap itself has far more operations than its mark.
+    assert!(returned > count / 2, "{returned} of {count}");
+    println!("{count} cuts");
+}
+
+/// An image that a host sends is written before it is verified. It must not run instead of the previous one.
+#[test]
+fn only_the_image_that_was_replaced_returns() {
+    let other_key =
+        Image::sign(image("9.0.0", 60 * SECTOR as usize).bytes().to_vec(), &SigningKey::from_bytes(&[8; 32]))
+            .expect("the image has a header");
+    for chunks in [1, 16, 17, other_key.offer().chunks] {
+        let (mut chip, mut update) = (confirmed(), Update::new());
+        let mut ask = |request| block_on(update.handle(&mut chip, NEW.header(), &key(), &request));
+        ask(Request::Begin(other_key.offer())).expect("the offer is accepted");
+        for number in 0..chunks {
+            ask(chunk(&other_key, number)).expect("the chunk is accepted");
+        }
+        if chunks == other_key.offer().chunks {
+            assert_eq!(ask(Request::Finish), Err(Refusal::Signature));
+        }
+        assert_eq!(block_on(previous::swap_back(&mut chip, NEW.header())), Ok(false), "after {chunks} chunks");
+        assert_eq!((boot(&mut chip), active(&chip)), (Ok(State::Boot), Some(&*NEW)));
+    }
+    // Another image was flashed since, or a bit of the previous image is damaged, or the new image has proven itself.
+    assert_eq!(block_on(previous::swap_back(&mut confirmed(), OLD.header())), Ok(false));
+    let mut damaged = confirmed();
+    damaged.bytes[(OTHER.start + 9 * SECTOR) as usize + 77] ^= 2;
+    assert_eq!(block_on(previous::swap_back(&mut damaged, NEW.header())), Ok(false));
+    let mut proven = confirmed();
+    block_on(previous::forget(&mut proven)).expect("the chip works");
+    assert_eq!(block_on(previous::swap_back(&mut proven, NEW.header())), Ok(false));
+}
+
 #[test]
 fn an_update_erases_only_the_areas_of_images_and_state() {
     let mut chip = accepted();
@@ -281,7 +375,7 @@ fn an_update_erases_only_the_areas_of_images_and_state() {
     boot(&mut chip).expect("the chip works");
     for (sector, erasures) in chip.erasures.iter().enumerate() {
         let at = sector as u32 * SECTOR;
-        let is_allowed = [STATE, OTHER, ACTIVE_IMAGE].iter().any(|range| range.contains(&at));
+        let is_allowed = [STATE, PREVIOUS, OTHER, ACTIVE_IMAGE].iter().any(|range| range.contains(&at));
         assert!(*erasures == 0 || is_allowed, "{at:#x}");
     }
     const { assert!(LOG.end <= STATE.start) };

@@ -170,7 +170,7 @@ fn an_update_runs_after_the_restart_and_remains_once_it_is_confirmed() {
     let again = Request::Begin(image.offer());
     assert_eq!(refusal(session.update(again)), Some(Refusal::OnTrial), "an image is on trial until it has scanned");
     board.play();
-    while refusal(session.update(again)) == Some(Refusal::OnTrial) {}
+    while refusal(session.update(Request::Confirm)) == Some(Refusal::OnTrial) {}
     // An older image is refused now, including the previous one.
     let previous = flash_image(&insole.firmware).expect("the firmware is built");
     let previous = signed(previous, &Header::new(BOARD, OLD), &development());

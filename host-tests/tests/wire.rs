@@ -150,7 +150,7 @@ fn any_step() -> impl Strategy<Value = Step> {
 }
 
 fn any_status() -> impl Strategy<Value = Status> {
-    any::<(u64, [u32; 22])>().prop_map(|(uptime_us, v)| Status {
+    any::<(u64, [u32; 23])>().prop_map(|(uptime_us, v)| Status {
         uptime_us,
         frames: v[0],
         frames_missed: v[1],
@@ -172,7 +172,10 @@ fn any_status() -> impl Strategy<Value = Status> {
             newer_kinds: v[19],
             newer_records: v[20],
             erased: v[21],
+            contradictions: v[22],
         },
+        is_clock_set: v[0] % 2 == 1,
+        update_key: v[1],
     })
 }
 
@@ -293,6 +296,7 @@ fn to_host() -> impl Strategy<Value = ToHost> {
             ToHost::Zero(ZeroResult { changed, without_baseline, residual_dn })
         }),
         Just(ToHost::Update(Progress::Accepted)),
+        Just(ToHost::Update(Progress::Confirmed)),
         any::<(u32, u64, [i16; 5])>().prop_map(|(sequence, t_us, [x_dmm, y_dmm, r_a_cmm, r_b_cmm, angle_ddeg])| {
             let ellipse = ContactEllipse { x_dmm, y_dmm, r_a_cmm, r_b_cmm, angle_ddeg };
             ToHost::Ellipses(Ellipses { sequence, t_us, regions: [ellipse; 8] })
@@ -340,6 +344,7 @@ fn to_device() -> impl Strategy<Value = ToDevice> {
         any::<u16>().prop_map(|snoozed_s| ToDevice::SnoozeAlerts { snoozed_s }),
         any::<u8>().prop_map(|every| ToDevice::StreamEllipses { every }),
         Just(ToDevice::Zero),
+        Just(ToDevice::EraseWearer),
     ]
 }
 
@@ -620,7 +625,10 @@ fn longest_messages_fit_their_limits() {
             newer_kinds: u32::MAX,
             newer_records: u32::MAX,
             erased: u32::MAX,
+            contradictions: u32::MAX,
         },
+        is_clock_set: true,
+        update_key: u32::MAX,
     });
     let most = Fault { kind: FaultKind::Crosstalk, place: Place::Cell(u16::MAX), found_ms: u32::MAX };
     let longest_faults = ToHost::Faults(Faults {
@@ -733,6 +741,8 @@ fn messages_have_the_bytes_of_this_version() {
         ("update: begin", framed(&ToDevice::Update(Request::Begin(OFFER))), BEGIN),
         ("update: chunk", framed(&ToDevice::Update(Request::Chunk { number: 300, chunk: [[7; 32]; 8] })), CHUNK),
         ("update: finish", framed(&ToDevice::Update(Request::Finish)), FINISH),
+        ("update: confirm", framed(&ToDevice::Update(Request::Confirm)), CONFIRM),
+        ("update: confirmed", framed(&ToHost::Update(Progress::Confirmed)), CONFIRMED),
         ("update: next", framed(&ToHost::Update(Progress::Next(300))), NEXT),
         ("update: accepted", framed(&ToHost::Update(Progress::Accepted)), ACCEPTED),
         ("refused: update", framed(&ToHost::Refused(Refusal::Update(update::Refusal::Signature))), UPDATE_REFUSED),
@@ -765,6 +775,8 @@ fn messages_have_the_bytes_of_this_version() {
         ("snooze", framed(&ToDevice::SnoozeAlerts { snoozed_s: 600 }), SNOOZE),
         ("refused: rules of alerts", framed(&ToHost::Refused(Refusal::AlertRules)), ALERT_RULES_REFUSED),
         ("zero", framed(&ToDevice::Zero), ZERO),
+        ("erase", framed(&ToDevice::EraseWearer), ERASE_WEARER),
+        ("refused: clock", framed(&ToHost::Refused(Refusal::Clock)), CLOCK_REFUSED),
         ("result of zero", framed(&ToHost::Zero(ZERO_RESULT)), ZERO_RESULT_BYTES),
         ("refused: not lifted", framed(&ToHost::Refused(Refusal::NotLifted)), NOT_LIFTED),
         ("stream ellipses", framed(&ToDevice::StreamEllipses { every: 4 }), STREAM_ELLIPSES),
@@ -831,6 +843,10 @@ const LIVE: &str = "5501ac0290b298d012400220a5012efb40e803d007b80ba00fe903d107b9
 const STEP: &str = "0302290e80e497d012c0c029904e028104010320410103f04001084842401fdc1ea022d4174a01401ffe013c0f5f01920193012403c701b60497011007cbfe3e08130770064d018effd712e8034c04b00414057805dc054006bc02c80d2c0170fe340898083efe6c070507c40996082003e204d41714151e6c07e9034d04b10415057905dd054106bd02c9122d016ffe350899083ffe6d070106c50997082103e304d51715151f6d07ea034e04b20416057a05de054206be02ca122e016efe36089a0840fe6e070205c60998082203e404d6171615206e07eb034f04b30417057b05df054306bf02cb122f016dfe37089b0841fe6f070304c70999082303e504d7171715216f07ec035004b40418057c05e0054406c002cc1230016cfe38089c0842fe70070403c8099a082403e604d8171815227007ed035104b50419057d05e1054506c102cd1231016bfe39089d0843fe71070502c9099b082503e704d9171915237107ee035204b6041a057e05e2054606c202ce1232016afe3a089e0844fe72070601ca099c082603e804da171a15247207ef035304b7041b057f05e3054706c302cf0e330169fe3b089f0845fe73070704cb099d082703e904db171b042573070f0180c097d1edff9603208840360700";
 const ZERO: &str = "061b6126675800";
 const ZERO_RESULT_BYTES: &str = "1816ac0201020304050607082d2d2d2d2d2d2d2d395318b500";
+const ERASE_WEARER: &str = "061cc2b303c600";
+const CLOCK_REFUSED: &str = "07050f2bfb11ac00";
+const CONFIRM: &str = "070e03cb6e534600";
+const CONFIRMED: &str = "070a02599b385500";
 const NOT_LIFTED: &str = "07050ebdcb16db00";
 const ALERT: &str = "0e122b01c0d6d0ad0329018407030e018080f9c0c1c48203c9e48caa00";
 const ALERT_RULES: &str = "0213010c48436666964084075f50ff01010104b009140573e5f8c800";
@@ -841,7 +857,7 @@ const GET_DAILY_LOAD: &str = "0618db776ec100";
 const SNOOZE: &str = "0819d804e3ca3aa200";
 const ALERT_RULES_REFUSED: &str = "07050c91aa183500";
 const BOUT: &str = "10112a0102c0a8a504b097991d40e2010204020106210340e2010204020106210340e2010204020106210340e2010204020106210340e2010204020106210340e2010204020106210340e2010204020106210340e201020402010321030e018080f9c0c1c482037b37f30a00";
-const STATUS: &str = "290380f882ad16d8040102ac02ab020c0304050607c0b80290bf05801008090a0b0c0d0e0f85ac266400";
+const STATUS: &str = "2c0380f882ad16d8040102ac02ab020c0304050607c0b80290bf05801008090a0b0c0d0e0f100111c6c48da700";
 const CONNECT: &str = "0102010553e85ae600";
 const STREAM_CELLS: &str = "090f01010210f5f08f00";
 const STREAM_OF_CELLS: &str = "080b0101024762920100";

@@ -6,6 +6,7 @@
 
 use super::board::BluetoothBoard;
 use super::shared::{Carrier, Shared};
+use super::supervise::Part;
 use crate::protocol::fragment::{FragmentError, Joiner, Splitter};
 use crate::protocol::gatt::{self, GattChannel, WriteError};
 use crate::protocol::{ToDevice, current_time, decode};
@@ -46,6 +47,9 @@ pub trait GattServer {
     fn next(&self, value: &mut [u8]) -> Option<(GattChannel, usize)>;
     /// Ends the session after the central disconnected.
     fn close(&self);
+    /// Counts a heartbeat of the radio: it has executed a command. To be called every second while centrals can connect or one is
+    /// connected.
+    fn radio_answered(&self);
 }
 
 /// The insole as a GATT server.
@@ -158,7 +162,8 @@ impl<B: BluetoothBoard> GattServer for GattSession<'_, B> {
     fn write(&self, channel: GattChannel, value: &[u8]) -> Result<(), WriteError> {
         let accepted = match channel {
             GattChannel::Time => current_time::from_current_time(value)
-                .map(|unix_us| self.shared.set_clock(unix_us))
+                .filter(|&unix_us| self.shared.set_clock(unix_us))
+                .map(drop)
                 .ok_or(WriteError::Value),
             channel => self.join(channel, value),
         };
@@ -187,5 +192,9 @@ impl<B: BluetoothBoard> GattServer for GattSession<'_, B> {
         self.shared.close(Carrier::Bluetooth);
         self.joiner.borrow_mut().1 = Joiner::new();
         self.splitter.borrow_mut().1 = Splitter::new();
+    }
+
+    fn radio_answered(&self) {
+        self.shared.scan.heartbeats.progressed(Part::Radio);
     }
 }

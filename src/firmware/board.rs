@@ -73,6 +73,6 @@ pub trait BluetoothBoard {
     /// Charge of the battery, percent.
     fn battery_percent(&self) -> u8;
 
-    /// True while the owner allows a central to bond: shortly after power-on, or while a button is held.
+    /// True while the owner allows a central to bond, such as shortly after power-on.
     fn allows_bonding(&self) -> bool;
 }

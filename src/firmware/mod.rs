@@ -15,6 +15,7 @@ pub mod scan;
 pub mod shared;
 pub mod process;
 pub mod serve;
+pub mod admission;
 pub mod ble;
 pub mod persist;
 mod trial;

@@ -1,13 +1,15 @@
 //! Persists steps, load bouts, alerts, acknowledgements, parameters and bonds, and executes the commands of a host.
 
 use super::shared::Shared;
-use super::trial::Trial;
+use super::supervise::Part;
+use super::trial::{Trial, Verdict};
 use crate::log;
 use crate::protocol::session::{Command, CommandResult};
-use crate::protocol::update::{Header, Progress, Refusal as UpdateRefusal};
+use crate::protocol::update::{Header, Progress, Refusal as UpdateRefusal, Request};
 use crate::protocol::{Identity, LoadRecord, Refusal};
+use crate::storage::previous;
 use crate::storage::update::{self, Update};
-use crate::storage::{Bonds, IdentifiedRecord, IdentityRecord, SettingsRecord, StorageError, Store};
+use crate::storage::{Bonds, IdentifiedRecord, IdentityRecord, RadioRecord, SettingsRecord, StorageError, Store};
 use core::future::poll_fn;
 use core::pin::{Pin, pin};
 use core::task::{Context, Poll};
@@ -20,6 +22,12 @@ const RESTART_DELAY: Duration = Duration::from_millis(500);
 
 /// Time between two attempts to store the load of the day: a loss of power loses at most this part of it.
 const DAILY_LOAD_PERIOD: Duration = Duration::from_secs(300);
+
+/// Longest time between two heartbeats of this task.
+const IDLE: Duration = Duration::from_secs(10);
+
+/// Time after the start at which the image has shown that it works: the previous image does not return any more.
+const PROVEN: Duration = Duration::from_secs(3600);
 
 /// The state of persisting.
 struct Persist<'a> {
@@ -35,6 +43,11 @@ struct Persist<'a> {
     daily_load_at: Instant,
     /// The trial of the running image; `None` if no trial is in progress.
     trial: Option<Trial>,
+    /// The chip states that the radio has answered on this board.
+    is_radio_known: bool,
+    /// The previous image may return.
+    has_previous: bool,
+    image: &'a Header,
 }
 
 /// Persists steps, load bouts, acknowledgements, parameters and bonds. Never returns. An item that the chip fails to store is
@@ -51,6 +64,8 @@ pub async fn persist(
         Some(flash) => update::is_on_trial(flash).await == Ok(true),
         None => false,
     };
+    let radio: Option<RadioRecord> = store.get(0).await.ok().flatten();
+    let is_radio_known = radio.is_some_and(|radio| radio.has_answered);
     let mut state = Persist {
         shared,
         has_more_in_log: true,
@@ -58,12 +73,16 @@ pub async fn persist(
         update: Update::new(),
         restart_at: Instant::MAX,
         daily_load_at: Instant::now() + DAILY_LOAD_PERIOD,
-        trial: is_on_trial.then(|| Trial::new(&shared.scan.heartbeats)),
+        trial: is_on_trial.then(|| Trial::new(&shared.scan.heartbeats, is_radio_known)),
+        is_radio_known,
+        has_previous: true,
+        image,
     };
     if is_on_trial {
         log::info!("update: this image is on trial");
     }
     loop {
+        shared.scan.heartbeats.progressed(Part::Storage);
         state.store_records(store).await;
         state.store_acknowledgement(store).await;
         if state.has_more_in_log && shared.session.borrow().has_room() {
@@ -72,19 +91,28 @@ pub async fn persist(
         if shared.bonds_changed.take() && store.put(0, &Bonds(shared.bonds())).await.is_err() {
             shared.count_not_stored();
         }
-        state.execute_command(store, image, restart).await;
+        state.note_radio(store).await;
+        state.execute_command(store, restart).await;
         if Instant::now() >= state.daily_load_at {
             state.store_daily_load(store).await;
         }
         shared.contents.set(store.contents());
         shared.signal_changed();
+        if state.has_previous && state.trial.is_none() && Instant::now() >= Instant::MIN + PROVEN {
+            state.forget_previous(store).await;
+        }
         let next_check = state.trial.as_ref().map_or(Instant::MAX, Trial::next_check);
-        select(shared.to_persist.wait(), Timer::at(state.restart_at.min(next_check).min(state.daily_load_at))).await;
+        let wake_at = state.restart_at.min(next_check).min(state.daily_load_at).min(Instant::now() + IDLE);
+        select(shared.to_persist.wait(), Timer::at(wake_at)).await;
         if Instant::now() >= state.restart_at {
             state.store_daily_load(store).await;
             restart();
         }
-        state.check_trial(store).await;
+        if state.check_trial(store).await == Verdict::Failed {
+            log::error!("update: the image has failed its trial, restarting to swap it back");
+            state.store_daily_load(store).await;
+            restart();
+        }
     }
 }
 
@@ -159,14 +187,9 @@ impl Persist<'_> {
     }
 
     /// Executes the pending command of a host, if there is one, and completes it.
-    async fn execute_command(
-        &mut self,
-        store: &mut Store<impl MultiwriteNorFlash>,
-        image: &Header,
-        restart: fn() -> !,
-    ) {
+    async fn execute_command(&mut self, store: &mut Store<impl MultiwriteNorFlash>, restart: fn() -> !) {
         let Some(command) = self.shared.session.borrow().command() else { return };
-        let result = self.execute(store, image, command, restart).await;
+        let result = self.execute(store, command, restart).await;
         if result == Ok(CommandResult::Update(Progress::Accepted)) {
             log::info!("update: the image is accepted, restarting");
             self.restart_at = Instant::now() + RESTART_DELAY;
@@ -175,12 +198,17 @@ impl Persist<'_> {
             self.shared.count_not_stored();
         }
         self.shared.session.borrow_mut().complete(result);
+        if command == Command::EraseWearer && result.is_ok() {
+            // Nothing must be stored between the erasure and the restart, in which the answer is sent.
+            self.shared.signal_changed();
+            Timer::after(RESTART_DELAY).await;
+            restart();
+        }
     }
 
     async fn execute(
         &mut self,
         store: &mut Store<impl MultiwriteNorFlash>,
-        image: &Header,
         command: Command,
         restart: fn() -> !,
     ) -> Result<CommandResult, Refusal> {
@@ -223,15 +251,24 @@ impl Persist<'_> {
                 log::info!("settings: the rules of alerts are stored");
                 Ok(CommandResult::Stored)
             }
+            Command::EraseWearer => {
+                log::info!("erase: the data of the wearer");
+                store.erase_wearer(|| self.shared.scan.heartbeats.progressed(Part::Storage)).await?;
+                Ok(CommandResult::Identity(identity))
+            }
             Command::Restart => {
                 self.store_daily_load(store).await;
                 log::info!("restart: requested by the host");
                 restart()
             }
             Command::Update(request) => {
+                if let Some(trial) = self.trial.as_mut().filter(|_| request == Request::Confirm) {
+                    trial.confirm_by_host();
+                    self.end_trial(store).await;
+                }
                 let progress = match store.flash() {
                     Some(flash) => {
-                        let mut handled = pin!(self.update.handle(flash, image, &update::KEY, &request));
+                        let mut handled = pin!(self.update.handle(flash, self.image, &update::KEY, &request));
                         poll_fn(|context| poll_separately(handled.as_mut(), context)).await
                     }
                     None => Err(UpdateRefusal::Chip),
@@ -241,20 +278,48 @@ impl Persist<'_> {
         }
     }
 
-    /// Confirms the running image once it has passed its trial.
-    async fn check_trial(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
-        if !self.trial.as_mut().is_some_and(|trial| trial.is_passed(&self.shared.scan.heartbeats)) {
-            return;
+    /// Stores that the radio has answered on this board.
+    async fn note_radio(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
+        if !self.is_radio_known && self.shared.scan.heartbeats.count(Part::Radio) > 0 {
+            // After a failure the attempt is repeated at the next start.
+            self.is_radio_known = true;
+            let _ = store.put(0, &RadioRecord { has_answered: true }).await;
         }
-        self.trial = None;
+    }
+
+    /// Makes sure that the previous image does not return.
+    async fn forget_previous(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
         if let Some(flash) = store.flash() {
+            // After a failure the attempt is repeated with the next event.
+            self.has_previous = previous::forget(flash).await.is_err();
+        }
+    }
+
+    /// Checks the running image if a check is due, and ends its trial once it has passed.
+    async fn check_trial(&mut self, store: &mut Store<impl MultiwriteNorFlash>) -> Verdict {
+        let Some(trial) = self.trial.as_mut().filter(|trial| Instant::now() >= trial.next_check()) else {
+            return Verdict::Pending;
+        };
+        let is_sound = store.is_sound().await;
+        trial.check(&self.shared.scan.heartbeats, is_sound);
+        self.end_trial(store).await
+    }
+
+    /// Confirms the running image if it has passed its trial. Without a trial, the image has passed.
+    async fn end_trial(&mut self, store: &mut Store<impl MultiwriteNorFlash>) -> Verdict {
+        let verdict = self.trial.as_ref().map_or(Verdict::Passed, Trial::verdict);
+        if verdict == Verdict::Passed
+            && self.trial.take().is_some()
+            && let Some(flash) = store.flash()
+        {
             // An image that cannot be confirmed is swapped back at the next start, and the hello then reports the old version.
-            if update::confirm(flash).await.is_ok() {
+            if update::confirm(flash, self.image).await.is_ok() {
                 log::info!("update: the image is confirmed");
             } else {
                 log::error!("update: the image could not be confirmed");
             }
         }
+        verdict
     }
 }
 

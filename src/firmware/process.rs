@@ -21,20 +21,19 @@ pub async fn process(
     shared: &Shared,
     stopwatch: impl Stopwatch,
 ) -> ! {
-    let period_us = insole.setup().map_or(0, |setup| u64::from(setup.period_us));
     loop {
         let frame = frames.receive().await;
         adopt_tissue(insole, shared);
         let start = stopwatch.start();
         let seq = frame.seq;
-        let is_toe_off = evaluate_frame(insole, shared, seq, &frame.codes, u64::from(seq) * period_us);
+        let is_toe_off = evaluate_frame(insole, shared, seq, &frame.codes);
         let cycles = stopwatch.cycles_since(start);
         frames.receive_done();
         let ellipses_due = shared.session.borrow_mut().ellipses.due();
         if let Some(sequence) = ellipses_due {
-            push_ellipses(insole, shared, sequence, u64::from(seq) * period_us);
+            push_ellipses(insole, shared, sequence, insole.time_us(seq));
         }
-        shared.frame_us.set(u64::from(seq) * period_us);
+        shared.frame_us.set(insole.time_us(seq));
         {
             let mut counters = shared.counters.borrow_mut();
             if insole.on_ground() {
@@ -75,11 +74,11 @@ fn push_ellipses(insole: &DeviceInsole, shared: &Shared, sequence: u32, t_us: u6
 /// This function, [`evaluate_region`] and [`assemble_step`] are not generic. So they are compiled with this library, for speed, and
 /// not with the board, for size.
 #[inline(never)]
-fn evaluate_frame(insole: &mut DeviceInsole, shared: &Shared, seq: u32, codes: &[u16], t_us: u64) -> bool {
+fn evaluate_frame(insole: &mut DeviceInsole, shared: &Shared, seq: u32, codes: &[u16]) -> bool {
     let is_toe_off = insole.frame(seq, codes);
     let mut session = shared.session.borrow_mut();
     if let Some(sequence) = session.next_live() {
-        let live = Live::new(sequence, t_us, insole.loads(), insole.masked(), insole.foot_centre_mm());
+        let live = Live::new(sequence, insole.time_us(seq), insole.loads(), insole.masked(), insole.foot_centre_mm());
         session.push_live(live);
     }
     session.push_cells(seq, codes.get(..insole.cells()).unwrap_or_default());

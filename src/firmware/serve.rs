@@ -1,6 +1,7 @@
 //! The insole's side of a session over a byte carrier, such as a serial port.
 
 use super::shared::{Carrier, Shared};
+use super::supervise::Part;
 use crate::protocol::{Decoder, MAX_FRAME, MAX_MESSAGE, decode, frame};
 use embassy_futures::join::join;
 use embassy_futures::select::select;
@@ -42,14 +43,14 @@ async fn send(mut tx: impl Write, shared: &Shared) -> ! {
     let (mut message, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
     loop {
         select(shared.changed(Carrier::Serial).wait(), Timer::after(IDLE)).await;
-        shared.scan.heartbeats.link_progressed();
+        shared.scan.heartbeats.progressed(Part::Link);
         while let Some(message) = shared.next(Carrier::Serial, &mut message) {
             let len = frame(message, &mut framed);
             if tx.write_all(&framed[..len]).await.is_err() {
                 shared.close(Carrier::Serial);
                 break;
             }
-            shared.scan.heartbeats.link_progressed();
+            shared.scan.heartbeats.progressed(Part::Link);
         }
     }
 }

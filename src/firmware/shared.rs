@@ -6,6 +6,7 @@ use crate::pipeline::cadence::Cadence;
 use crate::pipeline::stance::Rejected;
 use crate::protocol::session::Session;
 use crate::protocol::{CellStream, Contents, Hello, Identity, LoadRecord, Refusal, Status, ToDevice, gatt};
+use crate::storage::update::{KEY, key_id};
 use crate::storage::{Bonds, IdentityRecord, MAX_BONDS_BYTES, Store};
 use core::cell::{Cell, RefCell};
 use core::sync::atomic::Ordering;
@@ -207,9 +208,9 @@ impl Shared {
         self.session.borrow().unix_us(self.now_us())
     }
 
-    /// Sets the wall clock, us since 1970.
-    pub(super) fn set_clock(&self, unix_us: u64) {
-        self.session.borrow_mut().set_clock(unix_us, self.now_us());
+    /// Sets the wall clock, us since 1970. False for a time that is not accepted.
+    pub(super) fn set_clock(&self, unix_us: u64) -> bool {
+        self.session.borrow_mut().set_clock(unix_us, self.now_us())
     }
 
     /// Number of times that the wall clock was set; wraps.
@@ -231,6 +232,7 @@ impl Shared {
             stack_bytes: (self.stack_bytes)(),
             not_stored: self.not_stored.get(),
             contents: self.contents.get(),
+            update_key: key_id(&KEY),
             ..Status::default()
         }
     }

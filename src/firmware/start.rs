@@ -10,13 +10,18 @@ use crate::pipeline::setup::{DEVICE_CELLS, Setup, SetupCell, SetupError};
 use crate::pipeline::tissue::{Identified, Tissue};
 use crate::protocol::update::Header;
 use crate::protocol::{BLOCK_CELLS, Hello, MAJOR, MAX_FAULT_TEXT, MINOR, Reset, Serial, Settings};
-use crate::storage::{IdentifiedRecord, IdentityRecord, SettingsRecord, Store};
+use crate::storage::{IdentifiedRecord, IdentityRecord, SettingsRecord, Store, previous};
 use core::fmt::{Display, Write};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
+use embassy_time::{Duration, with_timeout};
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 use heapless::{String, Vec};
 use static_cell::{ConstStaticCell, StaticCell};
+
+/// Number of successive failed starts after which the insole starts in recovery mode. A start has failed if a crash or a stall ends it
+/// within [`HEALTHY_CHECKS`](super::supervise::HEALTHY_CHECKS).
+pub const MAX_FAILED_STARTS: u32 = 3;
 
 /// The circumstances of a start.
 pub struct BootReport {
@@ -24,8 +29,15 @@ pub struct BootReport {
     pub reset: Reset,
     /// The failure that ended the previous run; `None` if there was none.
     pub fault: Option<String<MAX_FAULT_TEXT>>,
-    /// Several successive starts failed, so this start does not use stored data.
-    pub is_fallback: bool,
+    /// Number of successive starts that failed before this one.
+    pub failed_starts: u32,
+}
+
+impl BootReport {
+    /// True if the insole starts in recovery mode: with its built-in configuration, and without stored data except the bonds.
+    pub fn is_recovery(&self) -> bool {
+        self.failed_starts >= MAX_FAILED_STARTS
+    }
 }
 
 /// A board's configuration: the rules and cells of its insole.
@@ -38,6 +50,8 @@ pub struct Configuration<C> {
     pub serial_bytes_per_s: u32,
     /// Why the board does not have the configuration that it should have; `None` if it has.
     pub fault: Option<String<MAX_FAULT_TEXT>>,
+    /// Restarts the board.
+    pub restart: fn() -> !,
 }
 
 /// The static memory of the loops. `FRAMES` is the length of the frame queue: the evaluation of a step may take as many frame
@@ -87,14 +101,25 @@ pub struct Started<F: 'static> {
     pub period_us: u32,
 }
 
-/// Opens the store on `chip`, configures the insole, restores the persisted state, and composes the hello. `image` is the header
+/// Longest time in which the flash chip must answer.
+const CHIP_ANSWERS: Duration = Duration::from_secs(2);
+/// Longest time in which the store must be opened. Erasing a chip with foreign contents takes that long. It is shorter than the time
+/// in which the supervision expects the parts to start ([`super::supervise::START_CHECKS`]).
+const STORE_OPENS: Duration = Duration::from_secs(110);
+/// The text of [`Hello::last_panic`] after a start without the chip.
+const NO_CHIP: &str = "the flash chip does not answer: nothing is stored, check the chip and its supply";
+
+/// Opens the store on the chip that `chip` returns (`None` if there is none that can be used), configures the insole, restores the persisted state, and composes the hello. `image` is the header
 /// of the running image; `stack_bytes` returns the deepest use of the stack so far, bytes.
+///
+/// After [`MAX_FAILED_STARTS`] the previous image is swapped back, which restarts the board, if an update had replaced it a short
+/// time ago. Otherwise the insole starts in recovery mode: it scans and communicates, stores nothing, and accepts updates.
 ///
 /// # Panics
 /// When called twice with the same memory.
 pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     memory: &'static Memory<F, FRAMES>,
-    chip: Option<F>,
+    chip: impl Future<Output = Option<F>>,
     boot: BootReport,
     image: &Header,
     configuration: Configuration<impl Iterator<Item = SetupCell> + Clone>,
@@ -105,8 +130,13 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     if let Some(fault) = &boot.fault {
         log::error!("start: the previous run ended by: {}", fault.as_str());
     }
-    let Configuration { mut setup, cells, serial_bytes_per_s, fault } = configuration;
-    let store = memory.store.init(Store::open(chip, boot.reset).await);
+    let Configuration { mut setup, cells, serial_bytes_per_s, fault, restart } = configuration;
+    // Whatever the chip does, the insole starts.
+    let chip = with_timeout(CHIP_ANSWERS, chip).await.ok().flatten();
+    let no_chip = chip.is_none();
+    let opened = with_timeout(STORE_OPENS, open_store(chip, &boot, image, restart)).await.ok();
+    let no_chip = (no_chip || opened.is_none()).then(|| truncated(NO_CHIP));
+    let store = memory.store.init(opened.unwrap_or_else(|| Store::recovery(None, false)));
     let contents = store.contents();
     log::info!("storage: boot {}, next record {}", contents.start, contents.next_record);
     if contents.erased > 0 {
@@ -149,8 +179,13 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     let is_of_rule = identified.is_none_or(|identified| identified.contact == setup.contact);
     let unused = (!is_of_rule).then(|| truncated(OTHER_RULE));
     log::info!("settings: layout {}, calibration {:x}", setup.layout_id, calibration_id);
-    let mut hello =
-        hello(image, &setup, insole, boot.reset, boot.fault.or(fault).or(refused.map(truncated)).or(unused));
+    let mut hello = hello(
+        image,
+        &setup,
+        insole,
+        boot.reset,
+        boot.fault.or(fault).or(no_chip).or(refused.map(truncated)).or(unused),
+    );
     hello.layout_id = settings.map_or(setup.layout_id, |settings| settings.id(setup.layout_id));
     let (to_process, scanned) = memory.channel.init(Channel::new(memory.frames.take())).split();
     let shared = init_shared(&memory.shared, hello, serial_bytes_per_s, counters, stack_bytes);
@@ -168,6 +203,29 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
         }
     }
     Started { insole, store, shared, to_process, scanned, period_us: setup.period_us }
+}
+
+/// Opens the store of a start.
+async fn open_store<F: MultiwriteNorFlash>(
+    mut chip: Option<F>,
+    boot: &BootReport,
+    image: &Header,
+    restart: fn() -> !,
+) -> Store<F> {
+    if !boot.is_recovery() {
+        return Store::open(chip, boot.reset).await;
+    }
+    log::error!("start: {} starts have failed: recovery mode", boot.failed_starts);
+    // If one of these accesses to the chip crashes, the next start does without them.
+    let is_first = boot.failed_starts == MAX_FAILED_STARTS;
+    if is_first
+        && let Some(flash) = &mut chip
+        && previous::swap_back(flash, image).await == Ok(true)
+    {
+        log::error!("update: this image crashes, restarting to swap back the previous one");
+        restart();
+    }
+    Store::recovery(chip, is_first)
 }
 
 /// Initialises the shared state, in a function of its own: the stack that its move needs is not reserved while the chip is read.

@@ -1,39 +1,84 @@
-//! An image on trial after an update: it is confirmed once scanning, processing and link have made progress for some seconds.
+//! An image on trial after an update.
+//!
+//! It is confirmed once scanning, processing, link, storage and the radio have made progress for some seconds and the host has
+//! confirmed it. Without a host it is confirmed after it has made progress for [`UNATTENDED_CHECKS`]. An image that is not confirmed
+//! within [`MOST_CHECKS`] has failed.
 
-use super::supervise::Heartbeats;
+use super::supervise::{Heartbeats, PARTS, Part};
 use embassy_time::{Duration, Instant};
 
-/// Number of successive checks, all with progress, after which the image is confirmed.
-const CHECKS: u8 = 5;
-/// Time between checks.
-const PERIOD: Duration = Duration::from_secs(1);
+/// Time between checks. Every part has a heartbeat at least every second.
+const PERIOD: Duration = Duration::from_secs(2);
+/// Number of successive checks, all with progress, after which the host's confirmation counts: 10 s.
+const CHECKS: u16 = 5;
+/// Number of successive checks, all with progress, after which the image is confirmed without a host: 10 minutes.
+const UNATTENDED_CHECKS: u16 = 300;
+/// Number of checks after which an image that is not confirmed has failed: 15 minutes.
+const MOST_CHECKS: u16 = 450;
+
+/// The state of a trial.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Verdict {
+    /// The trial continues.
+    Pending,
+    /// The image works.
+    Passed,
+    /// The image must be swapped back.
+    Failed,
+}
 
 /// Observes an image that was just swapped in.
 pub(super) struct Trial {
-    checks_left: u8,
+    /// Number of checks so far.
+    checks: u16,
+    /// Number of successive checks with progress up to now.
+    healthy_checks: u16,
+    is_confirmed_by_host: bool,
+    /// The radio has answered on this board before.
+    needs_radio: bool,
     next_check: Instant,
     /// The counts of the heartbeats at the last check.
-    previous_counts: [u32; 3],
+    previous_counts: [u32; PARTS.len()],
 }
 
 impl Trial {
-    pub(super) fn new(heartbeats: &Heartbeats) -> Self {
-        Self { checks_left: CHECKS, next_check: Instant::now() + PERIOD, previous_counts: heartbeats.counts() }
+    pub(super) fn new(heartbeats: &Heartbeats, needs_radio: bool) -> Self {
+        Self {
+            checks: 0,
+            healthy_checks: 0,
+            is_confirmed_by_host: false,
+            needs_radio,
+            next_check: Instant::now() + PERIOD,
+            previous_counts: heartbeats.counts(),
+        }
     }
 
     pub(super) fn next_check(&self) -> Instant {
         self.next_check
     }
 
-    /// Checks the image if a check is due. True once scanning, processing and link have each made progress before each of
-    /// [`CHECKS`] successive checks.
-    pub(super) fn is_passed(&mut self, heartbeats: &Heartbeats) -> bool {
-        if Instant::now() >= self.next_check {
-            let counts = heartbeats.counts();
-            let has_progress = counts.iter().zip(&self.previous_counts).all(|(count, previous)| count != previous);
-            let checks_left = if has_progress { self.checks_left - 1 } else { CHECKS };
-            *self = Self { checks_left, next_check: Instant::now() + PERIOD, previous_counts: counts };
+    /// The host states that the image serves it.
+    pub(super) fn confirm_by_host(&mut self) {
+        self.is_confirmed_by_host = true;
+    }
+
+    /// Counts a check, which is due at [`Trial::next_check`]. `is_storage_sound` is the result of the storage's own check.
+    pub(super) fn check(&mut self, heartbeats: &Heartbeats, is_storage_sound: bool) {
+        let counts = heartbeats.counts();
+        let is_unused = |part| part == Part::Radio as usize && !self.needs_radio;
+        let has_progress = (0..PARTS.len()).all(|part| counts[part] != self.previous_counts[part] || is_unused(part));
+        self.healthy_checks = if has_progress && is_storage_sound { self.healthy_checks + 1 } else { 0 };
+        self.checks += 1;
+        self.next_check = Instant::now() + PERIOD;
+        self.previous_counts = counts;
+    }
+
+    pub(super) fn verdict(&self) -> Verdict {
+        let needed = if self.is_confirmed_by_host { CHECKS } else { UNATTENDED_CHECKS };
+        match self.checks {
+            _ if self.healthy_checks >= needed => Verdict::Passed,
+            MOST_CHECKS.. => Verdict::Failed,
+            _ => Verdict::Pending,
         }
-        self.checks_left == 0
     }
 }

@@ -85,6 +85,6 @@ impl<R: Real, const N: usize> Insole<R, N> {
     pub fn take_alert(&mut self) -> Option<AlertRecord> {
         let alert = self.alerts.take(&self.alert_rules, self.setup.side, self.records, self.setup.period_us)?;
         self.records = self.records.wrapping_add(1);
-        Some(alert)
+        Some(AlertRecord { start_us: self.unwrapped_us(alert.start_us), ..alert })
     }
 }

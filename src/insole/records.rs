@@ -66,7 +66,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         Some(StepRecord {
             side: setup.side,
             step,
-            start_us: u64::from(self.stance.start_seq()) * u64::from(setup.period_us),
+            start_us: self.time_us(self.stance.start_seq()),
             duration_us: self.stance.frames() * setup.period_us,
             sample_us: self.stance.curves().stride() * setup.period_us,
             bridged_frames: self.stance.bridged().min(u32::from(u16::MAX)) as u16,
@@ -82,7 +82,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
     pub fn take_bout(&mut self) -> Option<BoutRecord<R>> {
         let bout = self.stance.take_bout(self.setup.side, self.records)?;
         self.records = self.records.wrapping_add(1);
-        Some(bout)
+        Some(BoutRecord { start_us: self.unwrapped_us(bout.start_us), ..bout })
     }
 
     /// Completes and returns the load bout in progress, at the end of a recording. To be called until it returns `None`.

@@ -36,6 +36,8 @@ pub enum Command {
     Settings(Option<Settings>),
     /// Store rules of alerts, which are in force from then on.
     AlertRules(AlertRules),
+    /// Erase everything about the wearer, and restart.
+    EraseWearer,
 }
 
 impl Command {
@@ -69,6 +71,7 @@ impl Command {
             }
             ToDevice::SetAlertRules(rules) => accept(rules.is_valid(), Refusal::AlertRules, Self::AlertRules(rules)),
             ToDevice::Restart => Some(Ok(Self::Restart)),
+            ToDevice::EraseWearer => Some(Ok(Self::EraseWearer)),
             ToDevice::Update(request) => Some(Ok(Self::Update(request))),
             _ => None,
         }

@@ -47,6 +47,8 @@ pub enum Refusal {
     },
     /// The foot was not lifted, so the baselines were not measured.
     NotLifted,
+    /// A wall clock outside of [`CLOCK_US`](super::session::CLOCK_US).
+    Clock,
 }
 
 impl From<TissueError> for Refusal {
@@ -116,6 +118,7 @@ impl fmt::Display for Refusal {
                  {WINDOW_PARTS} s, relieved_percent above 0 and below sustained_percent, a dose of 0 to 1e7 kPa s, 60 to 43200 s without \
                  another alert",
             ),
+            Self::Clock => f.write_str("the time is before 2020 or after 2099: set the clock of this computer or phone"),
             Self::EllipseRate { every } => {
                 write!(f, "ellipses are streamed at 25 Hz at most: request one of every {every} frames")
             }

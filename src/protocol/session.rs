@@ -16,7 +16,7 @@ use super::{Hello, Live, LoadRecord, MAJOR, MAX_LIVE, Refusal, SETUP_CELLS, Stat
 use crate::faults::Faults;
 use crate::pipeline::alert::{DailyLoad, MAX_SNOOZE_S};
 use crate::sequence;
-pub use configuration::ToInsole;
+pub use configuration::{CLOCK_US, ToInsole};
 use heapless::{Deque, Vec};
 
 /// Live frames that can wait for the carrier.
@@ -116,7 +116,11 @@ impl Session {
             ToDevice::GetStatus => self.answer(Answer::Status),
             ToDevice::GetTissue => self.answer(Answer::Tissue),
             ToDevice::GetTime { host_us } => self.answer(Answer::Time { host_us, device_us: now_us }),
-            ToDevice::SetClock { unix_us } => self.set_clock(unix_us, now_us),
+            ToDevice::SetClock { unix_us } => {
+                if !self.set_clock(unix_us, now_us) {
+                    self.answer(Answer::Refused(Refusal::Clock));
+                }
+            }
             ToDevice::GetFaults => self.answer(Answer::Faults),
             ToDevice::GetIdentity => self.answer(Answer::Identity),
             ToDevice::StreamCells(stream) => {
@@ -339,6 +343,7 @@ impl Session {
                     records_dropped: self.records_dropped,
                     faults: self.faults.found,
                     rezeroed: self.faults.rezeroed,
+                    is_clock_set: self.unix_offset_us.is_some(),
                     ..status()
                 }),
                 Answer::Tissue => ToHost::Tissue(self.configured.tissue),

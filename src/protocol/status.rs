@@ -40,6 +40,10 @@ pub struct Status {
     pub not_stored: u32,
     /// Contents of the flash chip.
     pub contents: Contents,
+    /// The wall clock is set: it is lost at each start.
+    pub is_clock_set: bool,
+    /// Identifies the key with which updates must be signed, by its first four bytes.
+    pub update_key: u32,
 }
 
 /// The contents of the flash chip, as far as they are known.
@@ -55,4 +59,7 @@ pub struct Contents {
     pub newer_records: u32,
     /// Number of areas, records or log, that were damaged beyond repair and were erased at this start.
     pub erased: u32,
+    /// Number of surveys at this start that contradicted the survey before. A chip without two surveys in a row that agree is not
+    /// used.
+    pub contradictions: u32,
 }

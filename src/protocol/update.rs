@@ -110,6 +110,9 @@ pub enum Request {
     },
     /// Ends the transfer: the insole checks the signature and restarts with the new image.
     Finish,
+    /// States that the running image serves this host; answered by [`Progress::Confirmed`], or by [`Refusal::OnTrial`] while the
+    /// insole still checks the image. The insole then confirms the image without another request.
+    Confirm,
 }
 
 /// The progress of an update.
@@ -119,6 +122,8 @@ pub enum Progress {
     Next(u16),
     /// The signature is valid, and the insole restarts.
     Accepted,
+    /// The running image is confirmed.
+    Confirmed,
 }
 
 /// Why an image was not accepted; the running image remains in use.
@@ -151,7 +156,7 @@ impl fmt::Display for Refusal {
             Self::Older => "the image is older than the running firmware: choose a newer one",
             Self::Length => "the image is empty or too long for the insole",
             Self::OnTrial => {
-                "the running firmware was just updated and is still on trial: wait half a minute, then try again"
+                "the running firmware was just updated and is still on trial: wait half a minute, confirm it, then try again"
             }
             Self::NotBegun => "the insole restarted during the transfer: send the image again",
             Self::Incomplete => "parts of the image are missing: send it again",

@@ -3,6 +3,8 @@
 use super::flash_map::{OTHER, SECTOR};
 use super::partition::{Partition, STATE_WORD, state_partition};
 use crate::protocol::update::CHUNK;
+use core::pin::pin;
+use core::task::{Context, Poll, Waker};
 use embassy_boot::BootLoaderConfig;
 use embassy_futures::block_on;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
@@ -12,6 +14,15 @@ use embedded_storage_async::nor_flash as asynchronous;
 
 /// Size of the largest block that is copied at once, bytes.
 pub const BUFFER: usize = SECTOR as usize;
+
+/// Polls a future, which need not wake anything, until it is ready; `None` if it is not after this number of polls.
+pub fn poll_at_most<T>(polls: u32, future: impl Future<Output = T>) -> Option<T> {
+    let mut future = pin!(future);
+    (0..polls).find_map(|_| match future.as_mut().poll(&mut Context::from_waker(Waker::noop())) {
+        Poll::Ready(output) => Some(output),
+        Poll::Pending => None,
+    })
+}
 
 /// A chip, with blocking operations.
 pub struct Blocking<F>(pub F);

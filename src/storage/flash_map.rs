@@ -20,6 +20,8 @@ pub const RECORDS: Range<u32> = 0..16 * SECTOR;
 pub const LOG: Range<u32> = RECORDS.end..RECORDS.end + 256 * SECTOR;
 /// The state of the bootloader, in the flash chip.
 pub const STATE: Range<u32> = 0x12_0000..0x12_0000 + SECTOR;
+/// The note about the previous image ([`super::previous`]), in the flash chip.
+pub const PREVIOUS: Range<u32> = STATE.end..STATE.end + SECTOR;
 /// The image that is being received, or after a swap the previous image, in the flash chip. The bootloader swaps it with
 /// [`ACTIVE`], for which it needs one more sector.
 pub const OTHER: Range<u32> = 0x14_0000..0x14_0000 + MAX_IMAGE + SECTOR;
@@ -29,4 +31,4 @@ pub const HEADER: u32 = 0x200;
 /// Size that is reserved for the header, bytes.
 pub const HEADER_BYTES: u32 = 64;
 
-const _: () = assert!(LOG.end <= STATE.start && STATE.end <= OTHER.start && OTHER.end <= CHIP_BYTES);
+const _: () = assert!(LOG.end <= STATE.start && PREVIOUS.end <= OTHER.start && OTHER.end <= CHIP_BYTES);

@@ -7,16 +7,18 @@
 
 pub mod boot;
 pub mod flash_map;
+mod guard;
 mod log;
 mod migration;
 pub mod partition;
+pub mod previous;
 mod records;
 mod store;
 pub mod update;
 
 pub use records::{
-    Bonds, BootCounters, CalibrationRecord, CellsRecord, IdentifiedRecord, IdentityRecord, MAX_BONDS_BYTES, Record,
-    SettingsRecord,
+    Bonds, BootCounters, CalibrationRecord, CellsRecord, IdentifiedRecord, IdentityRecord, MAX_BONDS_BYTES,
+    RadioRecord, Record, SettingsRecord,
 };
 pub use store::Store;
 

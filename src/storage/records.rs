@@ -69,6 +69,13 @@ pub struct IdentifiedRecord {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Bonds(pub Vec<u8, MAX_BONDS_BYTES>);
 
+/// Whether the radio has ever answered on this board: an update that loses the radio must not confirm itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RadioRecord {
+    /// True if the radio has answered.
+    pub has_answered: bool,
+}
+
 /// Number of boots for each variant of [`Reset`], in their order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct BootCounters(pub [u32; 6]);
@@ -111,6 +118,7 @@ records! {
     IdentifiedRecord: 8, 1;
     AlertRules: 9, 1;
     DailyLoad: 10, 1;
+    RadioRecord: 11, 1;
 }
 
 /// Key of a record: kind, part (for blocks of a calibration; otherwise 0) and version. The version is in the key so that a record

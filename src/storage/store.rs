@@ -1,18 +1,21 @@
 //! The store: records and the step log in the flash chip.
 
 use super::flash_map::{LOG, RECORDS, SECTOR};
+use super::guard::{Guard, Guarded};
 use super::log::Entry;
-use super::records::{BootCounters, CalibrationRecord, CellsRecord, Key, Record, VERSIONS};
+use super::records::{Bonds, BootCounters, CalibrationRecord, CellsRecord, Key, Record};
 use super::{BUFFER, StorageError};
-use crate::protocol::{BLOCK_CELLS, CalibrationBlock, CalibrationId, Contents, LoadRecord, Reset, decode, encode};
+use crate::protocol::{BLOCK_CELLS, CalibrationBlock, CalibrationId, Contents, LoadRecord, decode, encode};
 use crate::sequence::is_after;
-use core::ops::Range;
-use embedded_storage_async::nor_flash::MultiwriteNorFlash;
+use embedded_storage_async::nor_flash::{MultiwriteNorFlash, NorFlashErrorKind};
 use sequential_storage::Error;
 use sequential_storage::cache::page_states::CalculatedPageStates;
 use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::map::{MapConfig, MapStorage};
 use sequential_storage::queue::{QueueConfig, QueueStorage};
+
+mod erase;
+mod survey;
 
 /// Largest number of attempts to write a record. An attempt fails if the record cannot be read back.
 const WRITE_ATTEMPTS: usize = 3;
@@ -27,43 +30,48 @@ fn empty_cache() -> LogCache {
     Cache::new(CalculatedPageStates::new(((LOG.end - LOG.start) / SECTOR) as usize), Uncached, Uncached)
 }
 
+/// What the store does with its chip.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Use {
+    /// It reads and writes everything.
+    All,
+    /// It reads the bonds.
+    Bonds,
+    /// Nothing.
+    None,
+}
+
 /// The flash chip and its contents.
 pub struct Store<F> {
     flash: Option<F>,
+    guard: Guard,
+    used_for: Use,
     log_cache: LogCache,
     buffer: [u8; BUFFER],
     contents: Contents,
 }
 
 impl<F: MultiwriteNorFlash> Store<F> {
-    /// Determines the contents of the chip, erases areas that cannot be used, and counts this boot. Without a chip, or if it
-    /// fails, the contents are unknown and nothing is stored.
-    pub async fn open(flash: Option<F>, reset: Reset) -> Self {
-        let mut store = Self { flash, log_cache: empty_cache(), buffer: [0; BUFFER], contents: Contents::default() };
-        // A new chip is blank. A chip with foreign data, or damaged beyond repair, could not store anything unless it is erased.
-        let records = store.survey_records().await;
-        let log = store.survey_log().await;
-        let boots = store.get::<BootCounters>(0).await;
-        let has_boots = matches!(boots, Ok(Some(_)));
-        // This firmware has used the chip before if the chip has a count of boots or a step number. The first boot on a new chip
-        // may have been interrupted: then it has at most the first log entry, with step number 0, and nothing is lost by erasing.
-        let is_in_use = has_boots || store.contents.next_record != 0;
-        // An area is not erased if anything in it can be read, because a newer firmware may have written the rest.
-        let is_empty = |count| matches!(count, Ok(0) | Err(StorageError::Contents));
-        if is_empty(records) && matches!(boots, Ok(None) | Err(StorageError::Contents)) {
-            store.clear(RECORDS, is_in_use).await;
+    /// A store for the recovery mode: it stores nothing, and returns nothing but the bonds, these only if `has_bonds`. The chip
+    /// remains accessible by [`Store::flash`].
+    pub fn recovery(flash: Option<F>, has_bonds: bool) -> Self {
+        Self::new(flash, if has_bonds { Use::Bonds } else { Use::None })
+    }
+
+    fn new(flash: Option<F>, used_for: Use) -> Self {
+        Self {
+            flash,
+            guard: Guard::default(),
+            used_for,
+            log_cache: empty_cache(),
+            buffer: [0; BUFFER],
+            contents: Contents::default(),
         }
-        if is_empty(log) {
-            store.clear(LOG, is_in_use).await;
-            // From here on the log always has an entry, so that numbering continues after a restart.
-            let _ = store.push(&Entry::Acknowledged { next: 0 }).await;
-        }
-        let mut boots = store.get::<BootCounters>(0).await.ok().flatten().unwrap_or_default();
-        boots.count(reset);
-        store.contents.start = boots.total();
-        // A chip that fails here fails again at the next write, which is reported.
-        let _ = store.put(0, &boots).await;
-        store
+    }
+
+    /// An error in recovery mode.
+    fn check_use(&self) -> Result<(), StorageError> {
+        if self.used_for == Use::All { Ok(()) } else { Err(StorageError::Chip) }
     }
 
     /// The contents: determined by [`Store::open`] and updated since.
@@ -76,52 +84,11 @@ impl<F: MultiwriteNorFlash> Store<F> {
         self.flash.as_mut()
     }
 
-    /// Erases the range unless it is blank. With `count_as_loss`, an erased range is counted in [`Contents::erased`]. A chip that
-    /// fails here fails again at the next write, which is reported.
-    async fn clear(&mut self, range: Range<u32>, count_as_loss: bool) {
-        let Some(flash) = &mut self.flash else { return };
-        let mut bytes = [0; 128];
-        for at in range.clone().step_by(bytes.len()) {
-            if flash.read(at, &mut bytes).await.is_ok() && bytes.iter().any(|byte| *byte != 0xff) {
-                self.contents.erased += u32::from(count_as_loss);
-                self.log_cache = empty_cache();
-                let _ = flash.erase(range.start, range.end).await;
-                return;
-            }
-        }
-    }
-
-    /// Counts the stored items, and notes kinds with a newer version. Each version of a record is an item.
-    async fn survey_records(&mut self) -> Result<u32, StorageError> {
-        let mut records = records(&mut self.flash)?;
-        let mut items = records.fetch_all_items(&mut self.buffer).await?;
-        let mut count = 0;
-        while let Some(([kind, _, version], _)) = items.next::<&[u8]>(&mut self.buffer).await? {
-            count += 1;
-            let known = VERSIONS.iter().find(|(known, _)| *known == kind).map_or(0, |(_, version)| *version);
-            if version > known {
-                self.contents.newer_kinds |= 1 << (kind % 32);
-            }
-        }
-        Ok(count)
-    }
-
-    /// Counts the log entries, and determines the number of the next step.
-    async fn survey_log(&mut self) -> Result<u32, StorageError> {
-        let Self { flash, log_cache, buffer, contents } = self;
-        with_log(flash, log_cache, async |log| {
-            let mut entries = log.iter().await?;
-            let mut count = 0;
-            while let Some(entry) = entries.next(buffer).await? {
-                count += 1;
-                match Entry::decode(&entry) {
-                    Some(entry) => contents.next_record = entry.next_record(),
-                    None => contents.newer_records += 1,
-                }
-            }
-            Ok(count)
-        })
-        .await
+    /// True if the chip returns the count of boots that this boot has stored, and the log can be read.
+    pub async fn is_sound(&mut self) -> bool {
+        let boots: Result<Option<BootCounters>, _> = self.get(0).await;
+        boots.is_ok_and(|boots| boots.is_some_and(|boots| boots.total() == self.contents.start))
+            && self.records(None, |_| false).await.is_ok()
     }
 
     /// Reads part `part` of the record `R`; `None` if there is none that this firmware can read.
@@ -153,22 +120,28 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// The encoded record with this key. This function and [`Store::store`] are not generic, so that they exist once in the
     /// firmware.
     async fn fetch(&mut self, key: Key) -> Result<Option<&[u8]>, StorageError> {
-        Ok(records(&mut self.flash)?.fetch_item::<&[u8]>(&mut self.buffer, &key).await?)
+        if !(self.used_for == Use::All || self.used_for == Use::Bonds && key[0] == Bonds::KIND) {
+            return Err(StorageError::Chip);
+        }
+        Ok(records(&mut self.flash, &mut self.guard)?.fetch_item::<&[u8]>(&mut self.buffer, &key).await?)
     }
 
     /// Replaces the encoded record with this key, and removes its older versions.
     async fn store(&mut self, key: Key, bytes: &[u8]) -> Result<(), StorageError> {
+        self.check_use()?;
         // An unchanged record is not written, which saves wear.
         if self.fetch(key).await? == Some(bytes) {
             return Ok(());
         }
         for _ in 0..WRITE_ATTEMPTS {
-            records(&mut self.flash)?.store_item(&mut self.buffer, &key, &bytes).await?;
+            records(&mut self.flash, &mut self.guard)?.store_item(&mut self.buffer, &key, &bytes).await?;
             // A location with a stuck bit reads as no item; the next attempt uses another location.
             if self.fetch(key).await? == Some(bytes) {
                 let [kind, part, version] = key;
                 for older in 1..version {
-                    records(&mut self.flash)?.remove_item(&mut self.buffer, &[kind, part, older]).await?;
+                    records(&mut self.flash, &mut self.guard)?
+                        .remove_item(&mut self.buffer, &[kind, part, older])
+                        .await?;
                 }
                 return Ok(());
             }
@@ -254,8 +227,9 @@ impl<F: MultiwriteNorFlash> Store<F> {
     async fn push(&mut self, entry: &Entry) -> Result<u32, StorageError> {
         let mut bytes = [0; BUFFER];
         let bytes = entry.encode(&mut bytes);
-        let Self { flash, log_cache, buffer, .. } = self;
-        with_log(flash, log_cache, async |log| {
+        self.check_use()?;
+        let Self { flash, guard, log_cache, buffer, .. } = self;
+        with_log(flash, guard, log_cache, async |log| {
             match log.push(bytes, false).await {
                 Err(Error::FullStorage) => {}
                 pushed => return pushed.map(|()| 0),
@@ -273,6 +247,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// # Errors
     /// See [`StorageError`].
     pub async fn acknowledge(&mut self, number: u32) -> Result<(), StorageError> {
+        self.check_use()?;
         let next = number.wrapping_add(1);
         // All stored records are acknowledged, so the log would become empty and lose the number of the next one; this entry
         // preserves it. The acknowledged record can be later than all stored ones, if it could not be stored.
@@ -280,8 +255,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
             self.push(&Entry::Acknowledged { next }).await?;
             self.contents.next_record = next;
         }
-        let Self { flash, log_cache, buffer, contents } = self;
-        with_log(flash, log_cache, async |log| {
+        let Self { flash, guard, log_cache, buffer, contents, .. } = self;
+        with_log(flash, guard, log_cache, async |log| {
             let mut entries = log.iter().await?;
             while let Some(entry) = entries.next(buffer).await? {
                 match Entry::decode(&entry) {
@@ -310,8 +285,9 @@ impl<F: MultiwriteNorFlash> Store<F> {
         after: Option<u32>,
         mut take: impl FnMut(LoadRecord) -> bool,
     ) -> Result<bool, StorageError> {
-        let Self { flash, log_cache, buffer, contents } = self;
-        with_log(flash, log_cache, async |log| {
+        self.check_use()?;
+        let Self { flash, guard, log_cache, buffer, contents, .. } = self;
+        with_log(flash, guard, log_cache, async |log| {
             let mut entries = log.iter().await?;
             while let Some(entry) = entries.next(buffer).await? {
                 let Some((boot, record)) = Entry::decode(&entry).and_then(Entry::record) else { continue };
@@ -326,20 +302,25 @@ impl<F: MultiwriteNorFlash> Store<F> {
     }
 }
 
-type Records<'f, F> = MapStorage<Key, &'f mut F, Cache<Uncached, Uncached, Uncached, Key>>;
+type Records<'f, F> = MapStorage<Key, Guarded<'f, F>, Cache<Uncached, Uncached, Uncached, Key>>;
 
 /// Access to the records.
-fn records<F: MultiwriteNorFlash>(flash: &mut Option<F>) -> Result<Records<'_, F>, StorageError> {
-    Ok(MapStorage::new(flash.as_mut().ok_or(StorageError::Chip)?, MapConfig::new(RECORDS), Cache::new_uncached()))
+fn records<'f, F: MultiwriteNorFlash>(
+    flash: &'f mut Option<F>,
+    guard: &'f mut Guard,
+) -> Result<Records<'f, F>, StorageError> {
+    let flash = Guarded { flash: flash.as_mut().ok_or(StorageError::Chip)?, guard };
+    Ok(MapStorage::new(flash, MapConfig::new(RECORDS), Cache::new_uncached()))
 }
 
 /// Gives `work` access to the log, and preserves the cached state of its pages unless `work` fails.
 async fn with_log<F: MultiwriteNorFlash, T>(
     flash: &mut Option<F>,
+    guard: &mut Guard,
     cache: &mut LogCache,
-    work: impl AsyncFnOnce(&mut QueueStorage<&mut F, LogCache>) -> Result<T, Error<F::Error>>,
+    work: impl AsyncFnOnce(&mut QueueStorage<Guarded<'_, F>, LogCache>) -> Result<T, Error<NorFlashErrorKind>>,
 ) -> Result<T, StorageError> {
-    let flash = flash.as_mut().ok_or(StorageError::Chip)?;
+    let flash = Guarded { flash: flash.as_mut().ok_or(StorageError::Chip)?, guard };
     let mut log = QueueStorage::new(flash, QueueConfig::new(LOG), core::mem::replace(cache, empty_cache()));
     let done = work(&mut log).await;
     if done.is_ok() {
@@ -350,9 +331,9 @@ async fn with_log<F: MultiwriteNorFlash, T>(
 
 /// Number of the oldest load record in the log.
 async fn oldest<F: MultiwriteNorFlash>(
-    log: &mut QueueStorage<&mut F, LogCache>,
+    log: &mut QueueStorage<Guarded<'_, F>, LogCache>,
     buffer: &mut [u8],
-) -> Result<Option<u32>, Error<F::Error>> {
+) -> Result<Option<u32>, Error<NorFlashErrorKind>> {
     let mut entries = log.iter().await?;
     while let Some(entry) = entries.next(buffer).await? {
         if let Some((_, record)) = Entry::decode(&entry).and_then(Entry::record) {

@@ -5,17 +5,29 @@
 
 use super::flash_map::{HEADER, MAX_IMAGE, OTHER, SECTOR};
 use super::partition::{Partition, STATE_WORD, state_partition};
+use super::previous;
 use crate::protocol::update::{CHUNK, Chunk, Header, Offer, Progress, Refusal, Request};
 use embassy_boot::{FirmwareState, FirmwareUpdater, FirmwareUpdaterConfig, FirmwareUpdaterError, State};
 use embassy_sync::mutex::Mutex;
 use embedded_storage_async::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind};
 
+/// The public half of the development key, in hex. Its secret half is published (`docs/security.md`).
+pub const DEVELOPMENT_KEY: &str = "68335e1b188bb8cd9c390c584b54e2ad61f1604f71091415177d09ab23c3970c";
+
 /// The public half of the key that images must be signed with: the build reads it from `PLANTAR_UPDATE_KEY`, in hex. The default
-/// is the development key, of which the secret half is published (`docs/security.md`).
+/// is the development key.
 pub const KEY: [u8; 32] = from_hex(match option_env!("PLANTAR_UPDATE_KEY") {
     Some(key) => key,
-    None => "68335e1b188bb8cd9c390c584b54e2ad61f1604f71091415177d09ab23c3970c",
+    None => DEVELOPMENT_KEY,
 });
+
+/// Identifies a key by its first four bytes.
+pub const fn key_id(key: &[u8; 32]) -> u32 {
+    u32::from_be_bytes([key[0], key[1], key[2], key[3]])
+}
+
+/// The identifier of the development key.
+pub const DEVELOPMENT_KEY_ID: u32 = key_id(&from_hex(DEVELOPMENT_KEY));
 
 const fn from_hex(text: &str) -> [u8; 32] {
     const fn digit(digit: u8) -> u8 {
@@ -63,6 +75,9 @@ impl Update {
             Request::Begin(offer) => self.begin(flash, running, offer).await,
             Request::Chunk { number, chunk } => self.chunk(flash, *number, chunk).await,
             Request::Finish => self.finish(flash, key).await,
+            // The trial is observed, and ended, by the caller.
+            Request::Confirm if is_on_trial(flash).await? => Err(Refusal::OnTrial),
+            Request::Confirm => Ok(Progress::Confirmed),
         }
     }
 
@@ -96,6 +111,9 @@ impl Update {
         // A chunk with any other number is ignored: it is stored already, or an earlier chunk was lost.
         if number == self.next && number < offer.chunks {
             let at = OTHER.start + u32::from(number) * CHUNK as u32;
+            if number == 0 {
+                previous::forget(flash).await?;
+            }
             if at.is_multiple_of(SECTOR) {
                 flash.erase(at, at + SECTOR).await.map_err(|error| error.kind())?;
             }
@@ -137,11 +155,12 @@ pub async fn is_on_trial<F: NorFlash>(flash: &mut F) -> Result<bool, Refusal> {
     Ok(FirmwareState::new(state_partition(&chip), &mut word).get_state().await? == State::Swap)
 }
 
-/// Confirms the running image.
+/// Confirms the running image, of which `running` is the header.
 ///
 /// # Errors
 /// [`Refusal::Chip`] if the chip fails.
-pub async fn confirm<F: NorFlash>(flash: &mut F) -> Result<(), Refusal> {
+pub async fn confirm<F: NorFlash>(flash: &mut F, running: &Header) -> Result<(), Refusal> {
+    previous::remember(flash, running).await?;
     let (chip, mut word) = (Mutex::new(flash), [0; STATE_WORD]);
     Ok(FirmwareState::new(state_partition(&chip), &mut word).mark_booted().await?)
 }

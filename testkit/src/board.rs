@@ -284,6 +284,17 @@ impl RadioLink {
 
 /// Acts as the Bluetooth stack: sends values while a central is connected, and closes the session when it disconnects.
 pub async fn run_gatt(server: Rc<dyn GattServer>, radio: Rc<RefCell<RadioLink>>) {
+    let beats = async {
+        loop {
+            Timer::after_secs(1).await;
+            server.radio_answered();
+        }
+    };
+    embassy_futures::join::join(beats, serve_central(server.clone(), radio)).await;
+}
+
+/// Serves one central after the other.
+async fn serve_central(server: Rc<dyn GattServer>, radio: Rc<RefCell<RadioLink>>) {
     loop {
         until(&radio, |radio| radio.is_connected).await;
         let sending = async {

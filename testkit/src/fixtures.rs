@@ -243,7 +243,16 @@ pub fn status() -> Status {
         faults: 8,
         rezeroed: 9,
         not_stored: 10,
-        contents: Contents { start: 11, next_record: 12, newer_kinds: 13, newer_records: 14, erased: 15 },
+        contents: Contents {
+            start: 11,
+            next_record: 12,
+            newer_kinds: 13,
+            newer_records: 14,
+            erased: 15,
+            contradictions: 16,
+        },
+        is_clock_set: true,
+        update_key: 17,
     }
 }
 

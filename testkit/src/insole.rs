@@ -15,21 +15,20 @@ use firmware_image::Image;
 use plantar::firmware::ble::GattSession;
 use plantar::firmware::board::Ticker;
 use plantar::firmware::scan::ScanCounters;
-use plantar::firmware::start::{BootReport, Configuration, Memory, Started, start};
+use plantar::firmware::start::{BootReport, Configuration, MAX_FAILED_STARTS, Memory, Started, start};
 use plantar::firmware::supervise::{CHECK_PERIOD_MS, HEALTHY_CHECKS, Watchdog};
 use plantar::firmware::{persist, process, scan, serve};
 use plantar::protocol::update::{CHUNK, Header};
 use plantar::protocol::{Reset, Settings};
 use plantar::storage::boot::{BUFFER, Blocking, config};
-use plantar::storage::flash_map::{HEADER, HEADER_BYTES};
+use plantar::storage::flash_map::{HEADER, HEADER_BYTES, LOG};
 use plantar::storage::partition::Partition;
+use serde::Deserialize;
 use std::cell::RefCell;
 use std::rc::Rc;
 
 /// Number of frames in the queue between scan and processing, as on the reference board.
 const FRAMES: usize = 3;
-/// Number of successive failed starts after which the firmware starts without its stored data, as on the boards.
-const MAX_FAILED_STARTS: u32 = 3;
 /// Uptime after which a start counts as successful, us.
 const HEALTHY_US: u64 = (HEALTHY_CHECKS * CHECK_PERIOD_MS) as u64 * 1_000;
 /// Duration from a reset to the start of the firmware, us.
@@ -37,18 +36,39 @@ const RESET_US: u64 = 20_000;
 
 /// Name of the board in images.
 pub const BOARD: &str = "host";
-/// Value of the byte after the header in an image that stalls: its task `model`, which processes frames, never runs.
-const STALLED_IMAGE: u8 = 0xee;
+/// Time after which an image with [`Defect::Crash`] panics.
+const CRASH_S: u64 = 20;
 
-/// A signed image for the host board. Its task `model`, which processes frames, stalls unless `is_working`.
+/// A defect of an image; the byte after the header of an image states it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Defect {
+    /// The image works.
+    #[default]
+    None,
+    /// Processing of frames stalls from the start on.
+    Model,
+    /// The radio does not answer.
+    Radio,
+    /// The chip loses what is written to it.
+    Storage,
+    /// Every run panics after some seconds.
+    Crash,
+}
+
+impl Defect {
+    const ALL: [Self; 5] = [Self::None, Self::Model, Self::Radio, Self::Storage, Self::Crash];
+}
+
+/// A signed image for the host board.
 ///
 /// # Panics
 /// If the version is longer than 16 bytes.
-pub fn image(version: &str, is_working: bool) -> Image {
+pub fn image(version: &str, defect: Defect) -> Image {
     let mut bytes = vec![0xa5; 40 * CHUNK];
     let header = Header::new(BOARD, version).bytes();
     bytes[HEADER as usize..][..header.len()].copy_from_slice(&header);
-    bytes[(HEADER + HEADER_BYTES) as usize] = if is_working { 0 } else { STALLED_IMAGE };
+    bytes[(HEADER + HEADER_BYTES) as usize] = defect as u8;
     let secret = firmware_image::development_key().expect("the development key is valid");
     Image::sign(bytes, &secret).expect("the image has a header")
 }
@@ -79,6 +99,8 @@ pub struct HostInsole {
     pub boots: Vec<Boot>,
     /// The settings that the insole has accepted from a host. They are in force from its next start on.
     pub settings: Option<Settings>,
+    /// The flash chip does not answer from the next start on.
+    pub is_chip_silent: bool,
     executor: Option<Executor>,
     /// Number of successive starts that ended in a crash before they counted as successful.
     failed_starts: u32,
@@ -91,7 +113,7 @@ impl HostInsole {
     /// A new insole that is switched on now. Its flash chip contains only the firmware.
     pub fn new(codes: Rc<Codes>) -> Self {
         let mut chip = NorFlashChip::new(FLASH_BYTES);
-        let active = image(env!("CARGO_PKG_VERSION"), true);
+        let active = image(env!("CARGO_PKG_VERSION"), Defect::None);
         chip.bytes[ACTIVE_IMAGE.start as usize..][..active.bytes().len()].copy_from_slice(active.bytes());
         Self {
             wearer: Rc::new(RefCell::new(Wearer::new(codes))),
@@ -100,6 +122,7 @@ impl HostInsole {
             radio: Rc::default(),
             boots: Vec::new(),
             settings: None,
+            is_chip_silent: false,
             executor: None,
             failed_starts: 0,
             restart: Some((now_us(), Reset::Power, None)),
@@ -200,7 +223,6 @@ impl HostInsole {
             Reset::Watchdog | Reset::Panic if run_us < HEALTHY_US => self.failed_starts + 1,
             _ => 0,
         };
-        let is_fallback = self.failed_starts >= MAX_FAILED_STARTS;
         {
             let mut chip = self.chip.0.borrow_mut();
             let chip = Mutex::new(&mut *chip);
@@ -208,29 +230,39 @@ impl HostInsole {
             // A chip that fails here fails again in the firmware.
             let _ = BootLoader::new(config(&chip, active)).prepare_boot(AlignedBuffer([0; BUFFER]).as_mut());
         }
-        let (header, is_working) = {
+        let (header, defect) = {
             let chip = self.chip.0.borrow();
             let active = &chip.bytes[ACTIVE_IMAGE.start as usize..ACTIVE_IMAGE.end as usize];
             let header = active[HEADER as usize..].first_chunk().and_then(Header::read);
-            (header.expect("the active image has a header"), active[(HEADER + HEADER_BYTES) as usize] != STALLED_IMAGE)
+            let defect = Defect::ALL[usize::from(active[(HEADER + HEADER_BYTES) as usize])];
+            (header.expect("the active image has a header"), defect)
         };
-        // Without its chip, the insole has no settings.
-        let settings = self.settings.filter(|_| !is_fallback);
+        // In recovery mode, the insole has no settings.
+        let settings = self.settings.filter(|_| self.failed_starts < MAX_FAILED_STARTS);
         let reference = Rc::new(RefCell::new(Reference::new(&self.wearer.borrow(), settings)));
         let from_us = now_us();
         self.boots.push(Boot { reset: reason, reference: reference.clone(), is_cut_short: false, from_us });
         let resources = BootResources {
-            chip: (!is_fallback).then(|| self.chip.clone()),
-            report: BootReport { reset: reason, fault: cause.and_then(crash_text), is_fallback },
+            chip: self.chip.clone(),
+            is_chip_silent: self.is_chip_silent,
+            report: BootReport { reset: reason, fault: cause.and_then(crash_text), failed_starts: self.failed_starts },
             image: Box::leak(Box::new(header)),
             matrix: HostMatrix { wearer: self.wearer.clone(), reference },
             cable: self.cable.clone(),
             radio: self.radio.clone(),
         };
+        self.chip.0.borrow_mut().forgets_writes_below = None;
         let mut executor = Executor::new(from_us);
         resources.spawn(&mut executor, from_us);
-        if !is_working {
-            executor.stall("model");
+        match defect {
+            Defect::None => {}
+            Defect::Model => executor.stall("model"),
+            Defect::Radio => executor.stall("gatt"),
+            Defect::Storage => self.chip.0.borrow_mut().forgets_writes_below = Some(LOG.end),
+            Defect::Crash => executor.spawn("crash", async {
+                Timer::after_secs(CRASH_S).await;
+                reset(ResetCause::Panic)
+            }),
         }
         self.executor = Some(executor);
     }
@@ -238,7 +270,9 @@ impl HostInsole {
 
 /// The resources of one boot.
 struct BootResources {
-    chip: Option<SharedChip>,
+    chip: SharedChip,
+    /// The chip never answers.
+    is_chip_silent: bool,
     report: BootReport,
     image: &'static Header,
     matrix: HostMatrix,
@@ -267,14 +301,21 @@ impl BootResources {
     /// Spawns the task `start` and the firmware's loops, each of which waits for its values from `start`. The static memory of a
     /// boot is leaked, because a test has few boots.
     fn spawn(self, executor: &mut Executor, from_us: u64) {
-        let Self { chip, report, image, matrix, cable, radio } = self;
+        let Self { chip, is_chip_silent, report, image, matrix, cable, radio } = self;
         let counters: &'static ScanCounters = Box::leak(Box::new(ScanCounters::new()));
         let memory: &'static Memory<SharedChip, FRAMES> = Box::leak(Box::new(Memory::new()));
         let (setup, cells) = (matrix.wearer.borrow().setup(), matrix.wearer.borrow().cells());
         let slots = (slot(), slot(), slot(), slot(), slot());
         let (for_scan, for_process, for_serve, for_persist, for_gatt) = slots.clone();
         executor.spawn("start", async move {
-            let configuration = Configuration { setup, cells, serial_bytes_per_s: 46_080, fault: None };
+            let restart = || reset(ResetCause::Software);
+            let configuration = Configuration { setup, cells, serial_bytes_per_s: 46_080, fault: None, restart };
+            let chip = async {
+                if is_chip_silent {
+                    std::future::pending::<()>().await;
+                }
+                Some(chip)
+            };
             let started = start(memory, chip, report, image, configuration, counters, || 0).await;
             let Started { insole, store, shared, to_process, scanned, period_us } = started;
             for_scan.replace(Some((Ticker::new(period_us), to_process)));

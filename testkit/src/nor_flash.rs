@@ -33,6 +33,12 @@ pub struct NorFlashChip {
     pub written: u64,
     /// The operation in which power fails, counted from 0, and the moment of the power cut. Power stays off afterwards.
     pub cut: Option<(u64, Torn)>,
+    /// Write operations below this address succeed but change nothing.
+    pub forgets_writes_below: Option<u32>,
+    /// Number of read operations from now on that return something else than the content, as from a chip with a slow supply.
+    pub wrong_reads: u64,
+    /// The bytes of a wrong read; `None` for random bytes.
+    pub wrong_byte: Option<u8>,
     random: fastrand::Rng,
 }
 
@@ -60,6 +66,9 @@ impl NorFlashChip {
             bytes,
             written: 0,
             cut: None,
+            forgets_writes_below: None,
+            wrong_reads: 0,
+            wrong_byte: None,
             random: fastrand::Rng::with_seed(1),
         }
     }
@@ -113,6 +122,13 @@ impl ReadNorFlash for NorFlashChip {
             return Err(PowerOff);
         }
         bytes.copy_from_slice(&self.bytes[offset as usize..][..bytes.len()]);
+        if self.wrong_reads > 0 {
+            self.wrong_reads -= 1;
+            match self.wrong_byte {
+                Some(byte) => bytes.fill(byte),
+                None => self.random.fill(bytes),
+            }
+        }
         Ok(())
     }
 
@@ -135,6 +151,9 @@ impl NorFlash for NorFlashChip {
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), PowerOff> {
         self.written += bytes.len() as u64;
+        if self.forgets_writes_below.is_some_and(|end| offset < end) {
+            return if self.is_off() { Err(PowerOff) } else { Ok(()) };
+        }
         self.operate(offset, bytes.len(), |i, before| before & bytes[i])
     }
 }

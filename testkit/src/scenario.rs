@@ -4,7 +4,7 @@
 //! has an example of every event. The invariants of [`Outcome::verify`] must hold after any events.
 
 use crate::host::{Host, LinkKind};
-use crate::insole::image;
+use crate::insole::{Defect, image};
 use crate::virtual_time::now_us;
 use crate::walk::Posture;
 use crate::world::{InsoleEvent, SharedWorld, World};
@@ -142,6 +142,8 @@ pub enum Event {
     SensorFault(String),
     /// A part of the firmware stalls, as in an endless loop.
     Stall(Part),
+    /// The flash chip does not answer from the next start on.
+    ChipSilent,
     /// The firmware panics.
     Panic,
 
@@ -196,20 +198,20 @@ pub enum Event {
     SnoozeAlerts(u16),
     /// The host sets the serial number.
     SetSerial(String),
+    /// The host erases the data of the wearer.
+    EraseWearer,
     /// The host restarts the insole.
     Restart,
     /// The host sends a firmware image.
     Update {
         /// The version of the image.
         version: String,
-        /// False for an image whose processing of frames stalls.
-        #[serde(default = "yes")]
-        works: bool,
+        /// The defect of the image.
+        #[serde(default)]
+        defect: Defect,
     },
-}
-
-fn yes() -> bool {
-    true
+    /// The host states that the running image serves it.
+    ConfirmUpdate,
 }
 
 fn usual_rate() -> u32 {
@@ -348,6 +350,7 @@ fn insole_event(event: &Event) -> Option<InsoleEvent> {
         Event::Stall(Part::Model) => InsoleEvent::Stall("model"),
         Event::Stall(Part::Link) => InsoleEvent::Stall("link"),
         Event::Panic => InsoleEvent::Panic,
+        Event::ChipSilent => InsoleEvent::ChipSilent,
         _ => return None,
     })
 }
@@ -418,9 +421,11 @@ fn request(world: &SharedWorld, host: &mut Host, insole: usize, event: &Event) -
             let serial = Serial::new(serial).unwrap_or(Serial::NONE);
             client.set_identity(identity.side, serial).map(drop)
         }
+        Event::EraseWearer => client.erase_wearer(),
         Event::Restart => client.send(ToDevice::Restart),
-        Event::Update { version, works } => {
-            let image = image(version, *works);
+        Event::ConfirmUpdate => client.update(Request::Confirm).map(drop),
+        Event::Update { version, defect } => {
+            let image = image(version, *defect);
             let Progress::Next(first) = client.update(Request::Begin(image.offer()))? else { return Ok(()) };
             for number in first..image.offer().chunks {
                 client.update(Request::Chunk { number, chunk: image.chunk(number) })?;
@@ -541,13 +546,15 @@ impl Outcome {
                 (records, boot.is_cut_short)
             });
             let last = insole.boots.last();
+            // A start waits for a silent chip.
+            let start_us = if insole.is_chip_silent { 2_000_000 } else { 0 };
             let hello = host.hellos.last();
             let period_us = u64::from(hello.map_or(insole.wearer.borrow().setup().period_us, |hello| hello.period_us));
             InsoleOutcome {
                 status,
                 computed: computed.collect(),
                 frames: last.map_or(0, |boot| boot.reference.borrow().frames),
-                elapsed_frames: last.map_or(0, |boot| ((now_us() - boot.from_us) / period_us) as u32),
+                elapsed_frames: last.map_or(0, |boot| ((now_us() - boot.from_us - start_us) / period_us) as u32),
                 resets: insole.boots.iter().map(|boot| boot.reset.name().to_owned()).collect(),
                 host,
             }

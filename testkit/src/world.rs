@@ -64,6 +64,8 @@ pub enum InsoleEvent {
     Stall(&'static str),
     /// The firmware panics.
     Panic,
+    /// The flash chip does not answer from the next start on.
+    ChipSilent,
     /// A cut cable is repaired.
     CableRepaired,
 }
@@ -169,6 +171,7 @@ impl World {
             InsoleEvent::SensorFault(fault) => insole.wearer.borrow_mut().add_fault(fault, now_us()),
             InsoleEvent::Stall(part) => insole.stall(part),
             InsoleEvent::Panic => insole.crash(),
+            InsoleEvent::ChipSilent => insole.is_chip_silent = true,
         }
     }
 }

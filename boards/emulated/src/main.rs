@@ -135,11 +135,11 @@ fn main() -> ! {
 async fn run(boot: BootReport, image: &'static Header) {
     // SAFETY: this task runs on an executor of this program, so its context is that of an `embassy-executor` task.
     let spawner = unsafe { Spawner::for_current_executor().await };
-    let stored = emulation::configuration().filter(|_| !boot.is_fallback);
+    let stored = emulation::configuration().filter(|_| !boot.is_recovery());
     let config = stored.as_ref().map_or_else(|| EmulatorConfig::new(layout::setup(Side::Left)), |(config, _)| *config);
     injected_fault::plan(config.fault.filter(|planned| planned.is_repeated || boot.reset == Reset::Power));
     inject(&[InjectedFault::Panic]);
-    let chip = (!boot.is_fallback).then(|| FlashFile::open(config.power_cut));
+    let chip = async { Some(FlashFile::open(config.power_cut)) };
     // No other task runs yet, so the start may block. The state of the start is then on the stack and not in the static memory of
     // this task.
     let started = match stored {
@@ -170,14 +170,15 @@ async fn run(boot: BootReport, image: &'static Header) {
 }
 
 async fn start_with(
-    chip: Option<FlashFile>,
+    chip: impl Future<Output = Option<FlashFile>>,
     boot: BootReport,
     image: &Header,
     setup: Setup,
     cells: impl Iterator<Item = SetupCell> + Clone,
     fault: Option<String<MAX_FAULT_TEXT>>,
 ) -> Started<FlashFile> {
-    let configuration = Configuration { setup, cells, serial_bytes_per_s: SERIAL_BYTES_PER_S, fault };
+    let restart = cortex_m::peripheral::SCB::sys_reset;
+    let configuration = Configuration { setup, cells, serial_bytes_per_s: SERIAL_BYTES_PER_S, fault, restart };
     start(&MEMORY, chip, boot, image, configuration, &SCAN_COUNTERS, cortex_m_platform::stack_bytes).await
 }
 

@@ -9,11 +9,11 @@ use embassy_stm32::peripherals::{DMA1_CH2, DMA1_CH3, PB13, PB14, PB15, SPI2};
 use embassy_stm32::spi::mode::Master;
 use embassy_stm32::spi::{self, Spi};
 use embassy_stm32::time::Hertz;
-use embassy_stm32::{Peri, bind_interrupts, dma};
-use embassy_time::Delay;
+use embassy_stm32::{Peri, bind_interrupts, dma, pac};
+use embassy_time::{Delay, Timer};
 use embedded_hal_bus::spi::ExclusiveDevice;
 use plantar::storage::flash_map::CHIP_BYTES;
-use w25::{Q, W25};
+use w25::{JedecId, MajorDeviceId, Q, W25};
 
 bind_interrupts!(struct Irqs {
     DMA1_CHANNEL2 => dma::InterruptHandler<DMA1_CH2>;
@@ -26,7 +26,26 @@ const BIT_HZ: u32 = 16_000_000;
 /// The chip.
 pub type Chip = W25<Q, ExclusiveDevice<Spi<'static, Async, Master>, Output<'static>, Delay>, (), ()>;
 
-/// Opens the chip once it is ready. A missing chip reads 0, which means that it is ready; every write to it then fails.
+/// The level of the voltage detector: 2.8 V. The chip works from 2.7 V on.
+const SUPPLY_LEVEL: u8 = 5;
+/// Number of times that the identity of the chip is read, a millisecond apart.
+const IDENTITY_READS: usize = 5;
+
+/// Waits until the supply is high enough for the chip.
+async fn supplied() {
+    pac::PWR.cr2().modify(|w| {
+        w.set_pls(SUPPLY_LEVEL);
+        w.set_pvde(true);
+    });
+    // The detector needs some microseconds.
+    Timer::after_millis(1).await;
+    while pac::PWR.sr2().read().pvdo() {
+        Timer::after_millis(1).await;
+    }
+}
+
+/// Opens the chip once its supply is high enough and it is ready; the caller limits the time. Returns `None` if the chip does not
+/// return the same valid identity each time: a missing chip reads 0, and so does one that does not work yet.
 pub async fn open(
     spi: Peri<'static, SPI2>,
     clock: Peri<'static, PB13>,
@@ -35,7 +54,8 @@ pub async fn open(
     send: Peri<'static, DMA1_CH2>,
     receive: Peri<'static, DMA1_CH3>,
     select: Output<'static>,
-) -> Chip {
+) -> Option<Chip> {
+    supplied().await;
     let mut config = spi::Config::default();
     config.frequency = Hertz(BIT_HZ);
     config.miso_pull = Pull::Down;
@@ -43,5 +63,13 @@ pub async fn open(
     // Neither a pin of this controller nor its SPI as master can fail. `unwrap` is not used, because it needs errors with `Debug`,
     // which one of them lacks, and because the texts of the other would take kilobytes.
     let device = ExclusiveDevice::new(spi, select, Delay).unwrap_or_else(|_| unreachable!());
-    W25::new_no_pins(device, CHIP_BYTES).await.unwrap_or_else(|_| unreachable!())
+    let mut chip = W25::new_no_pins(device, CHIP_BYTES).await.unwrap_or_else(|_| unreachable!());
+    for _ in 0..IDENTITY_READS {
+        let identity = chip.jedec_id().await.ok().filter(|id| id.manufacturer() == JedecId::MANUFACTURER)?;
+        if (identity.major_device_id().ok()? as u8) < MajorDeviceId::W25_16 as u8 {
+            return None;
+        }
+        Timer::after_millis(1).await;
+    }
+    Some(chip)
 }

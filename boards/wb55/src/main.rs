@@ -2,6 +2,7 @@
 #![no_std]
 #![no_main]
 
+mod channels;
 mod flash;
 mod matrix;
 mod radio;
@@ -17,12 +18,12 @@ use embassy_stm32::adc::AdcChannel;
 use embassy_stm32::gpio::{AnyPin, Input, Level, Output, Pull, Speed};
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_stm32::pac;
-use embassy_stm32::pac::iwdg::vals::Key;
+use embassy_stm32::pac::iwdg::vals::{Key, Pr};
+use embassy_stm32::pac::rcc::regs::Hsecr;
 use embassy_stm32::peripherals::{IPCC, USART1};
 use embassy_stm32::rcc::{self, mux};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{self, BufferedUart};
-use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Peri, bind_interrupts, interrupt};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::{Receiver, Sender};
@@ -50,8 +51,27 @@ const LINK_BIT_HZ: u32 = 460_800;
 /// The core's clock, kHz.
 const CORE_KHZ: u32 = 64_000;
 
-/// The independent watchdog resets the board after this time without a check by the supervision, us.
-const WATCHDOG_US: u32 = 1_000_000;
+/// The independent watchdog resets the board after this time without a check by the supervision, ms.
+const WATCHDOG_MS: u16 = 1_000;
+
+/// Number of checks whether the crystal oscillates, and cycles between them. At the 32 MHz with which the bootloader starts this
+/// program they take 100 ms; a crystal needs 2 ms.
+const CRYSTAL_CHECKS: u32 = 1_000;
+const CRYSTAL_CHECK_CYCLES: u32 = 3_200;
+
+/// The trim of the crystal's load capacitance, 0 to 63, from `PLANTAR_HSE_TUNE`; without it, the value after a reset remains.
+const CRYSTAL_TRIM: Option<u8> = match option_env!("PLANTAR_HSE_TUNE") {
+    None => None,
+    Some(text) => match u8::from_str_radix(text, 10) {
+        Ok(trim @ 0..64) => Some(trim),
+        _ => panic!("PLANTAR_HSE_TUNE must be a number from 0 to 63"),
+    },
+};
+/// Allows the next write to the register with the trim.
+const UNLOCK_TRIM: u32 = 0xcafe_cafe;
+
+/// The fault that the hello reports if the crystal does not oscillate.
+const NO_CRYSTAL: &str = "the crystal does not oscillate: no Bluetooth, and times are accurate to 1 % only";
 
 bind_interrupts!(struct Irqs {
     USART1 => usart::BufferedInterruptHandler<USART1>;
@@ -88,20 +108,50 @@ impl Stopwatch for CycleCounter {
     }
 }
 
+/// Starts the independent watchdog. It runs from an oscillator of its own, and nothing can stop it.
+fn start_watchdog() {
+    pac::IWDG.kr().write(|w| w.set_key(Key::ENABLE));
+    // 32 kHz / 32: one count is a millisecond.
+    pac::IWDG.pr().write(|w| w.set_pr(Pr::DIVIDE_BY32));
+    pac::IWDG.rlr().write(|w| w.set_rl(WATCHDOG_MS));
+    pac::IWDG.kr().write(|w| w.set_key(Key::START));
+}
+
+/// Starts the crystal's oscillator. False, and the oscillator is off, if it does not oscillate.
+fn start_crystal() -> bool {
+    if let Some(trim) = CRYSTAL_TRIM {
+        pac::RCC.hsecr().write_value(Hsecr(UNLOCK_TRIM));
+        pac::RCC.hsecr().modify(|w| w.set_hsetune(trim));
+    }
+    pac::RCC.cr().modify(|w| w.set_hseon(true));
+    for _ in 0..CRYSTAL_CHECKS {
+        if pac::RCC.cr().read().hserdy() {
+            return true;
+        }
+        cortex_m::asm::delay(CRYSTAL_CHECK_CYCLES);
+    }
+    pac::RCC.cr().modify(|w| w.set_hseon(false));
+    false
+}
+
 /// The clocks: 64 MHz, the maximum of this core, from the 32 MHz crystal, which the radio needs in any case and which makes frame
-/// times accurate. The converter runs at 64 MHz, too, which is also its maximum.
-fn clocks() -> rcc::Config {
+/// times accurate. The converter runs at 64 MHz, too, which is also its maximum. Without a crystal, the internal oscillator of 16 MHz
+/// replaces it.
+fn clocks(has_crystal: bool) -> rcc::Config {
     let mut clocks = rcc::Config::new();
-    clocks.hse =
-        Some(rcc::Hse { freq: Hertz(32_000_000), mode: rcc::HseMode::Oscillator, prescaler: rcc::HsePrescaler::DIV1 });
-    clocks.pll = Some(rcc::Pll {
-        source: rcc::PllSource::HSE,
-        prediv: rcc::PllPreDiv::DIV2,
-        mul: rcc::PllMul::MUL12,
-        divp: None,
-        divq: None,
-        divr: Some(rcc::PllRDiv::DIV3), // 32 MHz / 2 * 12 / 3
-    });
+    let (source, prediv) = if has_crystal {
+        let mode = rcc::HseMode::Oscillator;
+        clocks.hse = Some(rcc::Hse { freq: Hertz(32_000_000), mode, prescaler: rcc::HsePrescaler::DIV1 });
+        // The sleep clock of the radio is HSE / 1024, which saves a second crystal.
+        clocks.mux.rfwkpsel = mux::Rfwkpsel::HSE_DIV_1024;
+        (rcc::PllSource::HSE, rcc::PllPreDiv::DIV2)
+    } else {
+        clocks.hsi = true;
+        (rcc::PllSource::HSI, rcc::PllPreDiv::DIV1)
+    };
+    // 16 MHz * 12 / 3
+    let (mul, divr) = (rcc::PllMul::MUL12, Some(rcc::PllRDiv::DIV3));
+    clocks.pll = Some(rcc::Pll { source, prediv, mul, divp: None, divq: None, divr });
     clocks.sys = rcc::Sysclk::PLL1_R;
     // The maximum of the radio's core is 32 MHz.
     clocks.core2_ahb_pre = rcc::AHBPrescaler::DIV2;
@@ -109,8 +159,6 @@ fn clocks() -> rcc::Config {
     // The random number generator of the radio's core needs this clock.
     clocks.hsi48 = Some(rcc::Hsi48Config { sync_from_usb: false });
     clocks.ls = rcc::LsConfig::off();
-    // The sleep clock of the radio is HSE / 1024, which saves a second crystal.
-    clocks.mux.rfwkpsel = mux::Rfwkpsel::HSE_DIV_1024;
     clocks.mux.adcsel = mux::Adcsel::SYS;
     clocks
 }
@@ -136,17 +184,19 @@ fn take_reset_reason() -> Reset {
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
+    // First of all, so that nothing below can stop the board for ever.
+    start_watchdog();
     let boot = cortex_m_platform::boot_report(Some(take_reset_reason()));
     // The compiler must not assume the content of the header, because a tool may have patched it in the image.
     let image = black_box(&IMAGE);
     let mut config = embassy_stm32::Config::default();
-    config.rcc = clocks();
+    let has_crystal = start_crystal();
+    config.rcc = clocks(has_crystal);
     let p = embassy_stm32::init(config);
     // SAFETY: `main` runs once and other code of this program only reads the cycle counter and requests a reset.
     let mut core = unsafe { cortex_m::Peripherals::steal() };
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
-    IndependentWatchdog::new(p.IWDG, WATCHDOG_US).unleash();
     core.SYST.set_clock_source(SystClkSource::Core);
     core.SYST.set_reload(CORE_KHZ * CHECK_PERIOD_MS - 1);
     core.SYST.clear_current();
@@ -184,17 +234,15 @@ async fn main(spawner: Spawner) {
     let is_started_by_user = matches!(boot.reset, Reset::Power | Reset::Pin);
     // No other task runs yet, so the start may block. The state of the start is then on the stack and not in the static memory of
     // this task.
-    let chip = if boot.is_fallback {
-        None
-    } else {
-        Some(block_on(flash::open(p.SPI2, p.PB13, p.PB15, p.PB14, p.DMA1_CH2, p.DMA1_CH3, select)))
-    };
+    let chip = flash::open(p.SPI2, p.PB13, p.PB15, p.PB14, p.DMA1_CH2, p.DMA1_CH3, select);
     let configuration = Configuration {
         setup: layout::setup(side),
         cells: layout::cells(),
         // A byte is ten bits.
         serial_bytes_per_s: LINK_BIT_HZ / 10,
-        fault: None,
+        // The text is short enough.
+        fault: if has_crystal { None } else { NO_CRYSTAL.try_into().ok() },
+        restart: cortex_m::peripheral::SCB::sys_reset,
     };
     let stack_bytes = cortex_m_platform::stack_bytes;
     let started = block_on(start(&MEMORY, chip, boot, image, configuration, &SCAN_COUNTERS, stack_bytes));
@@ -213,7 +261,10 @@ async fn main(spawner: Spawner) {
     spawner.spawn(run_serve(link, shared).unwrap());
     spawner.spawn(run_persist(store, shared, image).unwrap());
     spawner.spawn(bluetooth::run(&FROM_RADIO, &TO_RADIO, gatt).unwrap());
-    spawner.spawn(run_radio(p.IPCC).unwrap());
+    // Without a crystal, the radio's core does not run.
+    if has_crystal {
+        spawner.spawn(run_radio(p.IPCC).unwrap());
+    }
 }
 
 #[embassy_executor::task]

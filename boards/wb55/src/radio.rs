@@ -1,32 +1,26 @@
 //! Bluetooth of the STM32WB55: HCI to the radio's core through memory that both cores share.
 //!
 //! The packets of the mailbox have the format of H4, the transport of HCI over a serial port, so the byte stream is the same as
-//! that of a serial controller. While the flag of a channel is set, the queue of the channel belongs to the receiver, and
-//! otherwise to the sender. In this file, the host is the Bluetooth host on this core (package `bluetooth`).
+//! that of a serial controller. In this file, the host is the Bluetooth host on this core (package `bluetooth`).
 
+use crate::channels;
 use bluetooth::{BONDING_WINDOW, HciPipe};
+use core::future::pending;
 use core::mem::MaybeUninit;
 use core::ptr::{addr_of, addr_of_mut};
 use embassy_futures::join::join;
 use embassy_futures::select::{Either, select};
-use embassy_stm32::ipcc::{
-    Config, Ipcc, IpccRxChannel, IpccTxChannel, ReceiveInterruptHandler, TransmitInterruptHandler,
-};
 use embassy_stm32::peripherals::IPCC;
-use embassy_stm32::{Peri, bind_interrupts, uid};
+use embassy_stm32::{Peri, uid};
 use embassy_time::Instant;
 use embedded_io_async::Read;
 use heapless::Vec;
 use plantar::firmware::board::BluetoothBoard;
+use wb55_mailbox::system::{SystemEvent, reply_status};
 use wb55_mailbox::{
     BLE_INIT_OPCODE, Ble, BleInit, COMMAND, EVENT, H4_COMMAND, H4_DATA, H4_EVENT, H4_SYSTEM_COMMAND, Memory, Node,
     POOL_BYTES, POOLED, References, Shared, System,
 };
-
-bind_interrupts!(struct Irqs {
-    IPCC_C1_RX => ReceiveInterruptHandler;
-    IPCC_C1_TX => TransmitInterruptHandler;
-});
 
 #[unsafe(link_section = ".mailbox")]
 static mut SHARED: MaybeUninit<Shared> = MaybeUninit::uninit();
@@ -145,38 +139,60 @@ fn init_tables() {
     }
 }
 
-/// Starts the radio's core, then passes packets in both directions. Never returns. If the radio's core has no firmware, it never
-/// answers, and the board runs without Bluetooth.
+/// Logs the events of the system in these packets. True unless the radio's core has no wireless firmware.
+fn has_firmware(packets: &Packets) -> bool {
+    let mut has_firmware = true;
+    for &packet in packets {
+        match SystemEvent::decode(bytes(packet)) {
+            Some(SystemEvent::Ready) => defmt::info!("radio: the wireless firmware runs"),
+            Some(SystemEvent::UpdateService) => {
+                defmt::error!("radio: ST's update service runs, because there is no wireless firmware: install it");
+                has_firmware = false;
+            }
+            Some(SystemEvent::Error(code)) => defmt::error!("radio: the radio's core reports error {=u8}", code),
+            Some(SystemEvent::Other(code)) => defmt::warn!("radio: system event {=u16:x}", code),
+            None => {}
+        }
+    }
+    has_firmware
+}
+
+/// Starts the radio's core, then passes packets in both directions. Never returns. If the radio's core has no firmware, or refuses
+/// its parameters, the board runs without Bluetooth, and the log has the reason.
 pub async fn run(ipcc: Peri<'static, IPCC>, from_radio: &HciPipe, to_radio: &HciPipe) -> ! {
     init_tables();
-    let [(ble_command, ble_events), (mut system_command, mut system_events), _, (release, _), _, (data, _)] =
-        Ipcc::new(ipcc, Irqs, Config::default()).split();
+    channels::start(ipcc);
     // The first event reports that the radio's core runs. Its packet is not returned, because the others suffice.
-    let _started = system_events.receive(|| drain(at!(system_events))).await;
-    system_command
-        .send(|| {
-            let [low, high] = BLE_INIT_OPCODE.to_le_bytes();
-            let parameters = BleInit::PERIPHERAL.bytes();
-            fill(at!(system_command), &[H4_SYSTEM_COMMAND, low, high, parameters.len() as u8]);
-            fill(at!(system_command) + 4, parameters);
-        })
-        .await;
-    // The radio's core clears the flag of the channel when the command is complete.
-    system_command.flush().await;
-    join(receive(ble_events, system_events, release, from_radio), send(ble_command, data, to_radio)).await.0
+    let started = channels::receive(channels::SYSTEM, || drain(at!(system_events))).await;
+    if !has_firmware(&started) {
+        pending::<()>().await;
+    }
+    channels::send(channels::SYSTEM, || {
+        let [low, high] = BLE_INIT_OPCODE.to_le_bytes();
+        let parameters = BleInit::PERIPHERAL.bytes();
+        fill(at!(system_command), &[H4_SYSTEM_COMMAND, low, high, parameters.len() as u8]);
+        fill(at!(system_command) + 4, parameters);
+    })
+    .await;
+    // The radio's core empties the channel when the command is complete.
+    channels::emptied(channels::SYSTEM).await;
+    match reply_status(bytes(at!(system_command)), BLE_INIT_OPCODE) {
+        Some(0) => {}
+        status => {
+            defmt::error!("radio: Bluetooth does not start, status {}", status);
+            pending::<()>().await;
+        }
+    }
+    join(receive(from_radio), send(to_radio)).await.0
 }
 
 /// Passes packets from the radio's core to the host.
-async fn receive(
-    mut ble_events: IpccRxChannel<'_>,
-    mut system_events: IpccRxChannel<'_>,
-    mut release: IpccTxChannel<'_>,
-    host: &HciPipe,
-) -> ! {
+async fn receive(host: &HciPipe) -> ! {
     loop {
-        let ble = ble_events.receive(|| drain(at!(ble_events)));
-        let system = system_events.receive(|| drain(at!(system_events)));
+        let ble = channels::receive(channels::BLE, || drain(at!(ble_events)));
+        let system = channels::receive(channels::SYSTEM, || drain(at!(system_events)));
         let (Either::First(packets) | Either::Second(packets)) = select(ble, system).await;
+        has_firmware(&packets);
         for packet in packets {
             let h4 = bytes(packet);
             // System events are not for the host.
@@ -185,14 +201,14 @@ async fn receive(
             }
             // Answers have buffers of their own, which are not returned.
             if ![at!(ble_command), at!(ble_status)].contains(&packet) {
-                release.send(|| append(at!(free), packet)).await;
+                channels::send(channels::RELEASE, || append(at!(free), packet)).await;
             }
         }
     }
 }
 
 /// Passes packets from the host to the radio's core.
-async fn send(mut command: IpccTxChannel<'_>, mut data: IpccTxChannel<'_>, mut host: &HciPipe) -> ! {
+async fn send(mut host: &HciPipe) -> ! {
     let mut packet = [0; COMMAND];
     loop {
         // A pipe neither ends nor fails, and no packet of the host is longer than its kind allows.
@@ -205,11 +221,11 @@ async fn send(mut command: IpccTxChannel<'_>, mut data: IpccTxChannel<'_>, mut h
             _ => (H4_COMMAND, 4 + usize::from(packet[3])),
         };
         let (buffer, channel) =
-            if kind == H4_DATA { (at!(ble_data), &mut data) } else { (at!(ble_command), &mut command) };
+            if kind == H4_DATA { (at!(ble_data), channels::DATA) } else { (at!(ble_command), channels::BLE) };
         let head = if kind == H4_DATA { 5 } else { 4 };
         let Some(rest) = packet.get_mut(head..len) else { continue };
         let _ = host.read_exact(rest).await;
-        channel.send(|| fill(buffer, &packet[..len])).await;
+        channels::send(channel, || fill(buffer, &packet[..len])).await;
     }
 }
 

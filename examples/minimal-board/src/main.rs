@@ -160,9 +160,11 @@ async fn main(spawner: Spawner) {
         cells: layout::cells(),
         serial_bytes_per_s: 11_520,
         fault: None,
+        restart: cortex_m::peripheral::SCB::sys_reset,
     };
     let stack_bytes = cortex_m_platform::stack_bytes;
-    let started = block_on(start(&MEMORY, Some(NoChip), boot, image, configuration, &SCAN_COUNTERS, stack_bytes));
+    let started =
+        block_on(start(&MEMORY, async { Some(NoChip) }, boot, image, configuration, &SCAN_COUNTERS, stack_bytes));
     let Started { insole, store, shared, to_process, scanned, period_us } = started;
     // Each task has static memory of its own and is spawned once, so spawning cannot fail.
     SCAN_EXECUTOR.start(SpareInterrupt).spawn(run_scan(Ticker::new(period_us), to_process).unwrap());

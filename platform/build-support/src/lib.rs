@@ -1,6 +1,7 @@
 //! Code that the build scripts share: the linker's memory regions of a board, and the version of a build.
 
 use plantar::storage::flash_map::{ACTIVE, BOOTLOADER, HEADER, HEADER_BYTES};
+use plantar::storage::update::DEVELOPMENT_KEY;
 use std::fmt::Write;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -81,6 +82,34 @@ pub fn link(program: Program, ram: Range<u32>, regions: &[Region]) {
     version();
 }
 
+/// Ends the build with an error unless `PLANTAR_UPDATE_KEY` is a key of its own, or the feature `development-key` of the package is
+/// enabled.
+///
+/// # Panics
+/// In this case, with the remedy.
+pub fn require_update_key() {
+    println!("cargo:rerun-if-env-changed=PLANTAR_UPDATE_KEY");
+    let key = env::var("PLANTAR_UPDATE_KEY").ok();
+    if let Err(error) = check_update_key(key.as_deref(), env::var_os("CARGO_FEATURE_DEVELOPMENT_KEY").is_some()) {
+        panic!("{error}");
+    }
+}
+
+/// Checks the key with which updates must be signed; `None` stands for the development key.
+///
+/// # Errors
+/// If it is the development key and this is not allowed.
+pub fn check_update_key(key: Option<&str>, is_development_allowed: bool) -> Result<(), String> {
+    let is_development = key.is_none_or(|key| key.eq_ignore_ascii_case(DEVELOPMENT_KEY));
+    if is_development && !is_development_allowed {
+        return Err("this firmware would accept updates signed with the development key, of which the secret half is public: set \
+             PLANTAR_UPDATE_KEY to the key that `cargo xtask key --out insole.key` prints, or, for a board of your own, build with \
+             `--features development-key`"
+            .into());
+    }
+    Ok(())
+}
+
 /// Sets the environment variable `PLANTAR_VERSION` for the package under build: the version of the package and, if the sources
 /// are a git checkout, the commit, as in `0.2.0+1a2b3c4`. Only the three numbers decide which of two versions is newer.
 pub fn version() {
@@ -119,4 +148,21 @@ fn out_dir() -> PathBuf {
 /// If the file cannot be written, which ends the build with the reason.
 fn write(path: &Path, text: &str) {
     fs::write(path, text).unwrap_or_else(|error| panic!("cannot write {}: {error}", path.display()));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{DEVELOPMENT_KEY, check_update_key};
+
+    #[test]
+    fn a_product_refuses_the_development_key_unless_a_feature_allows_it() {
+        let own = "ab".repeat(32);
+        for is_allowed in [false, true] {
+            assert_eq!(check_update_key(Some(&own), is_allowed), Ok(()));
+            for key in [None, Some(DEVELOPMENT_KEY), Some(&*DEVELOPMENT_KEY.to_uppercase())] {
+                assert_eq!(check_update_key(key, is_allowed).is_ok(), is_allowed, "{key:?}");
+            }
+        }
+        assert!(check_update_key(None, false).is_err_and(|error| error.contains("PLANTAR_UPDATE_KEY")));
+    }
 }

@@ -8,12 +8,9 @@ use core::ptr::{addr_of, addr_of_mut};
 use cortex_m::peripheral::SCB;
 use embassy_sync::blocking_mutex::CriticalSectionMutex;
 use heapless::String;
-use plantar::firmware::start::BootReport;
+use plantar::firmware::start::{BootReport, MAX_FAILED_STARTS};
 use plantar::firmware::supervise::{CHECK_PERIOD_MS, HEALTHY_CHECKS, Heartbeats, PARTS, Watchdog};
 use plantar::protocol::{MAX_FAULT_TEXT, Reset};
-
-/// Number of successive starts that failed within [`HEALTHY_CHECKS`], after which stored data are not used.
-const FAILED_STARTS: u32 = 3;
 
 /// Distinguishes a crash record from the contents of RAM after power-on.
 const MAGIC: u32 = 0x504c_414f;
@@ -181,19 +178,18 @@ pub fn boot_report(controller_reset: Option<Reset>) -> BootReport {
     // A run that ended otherwise, as by the user, did not fail.
     let failed_starts =
         before.filter(|_| matches!(reset, Reset::Panic | Reset::Watchdog)).map_or(0, |before| before.failed_starts);
-    let is_fallback = failed_starts >= FAILED_STARTS;
     let next_failed = failed_starts.saturating_add(1);
     write_record(CrashRecord { magic: MAGIC, failed_starts: next_failed, cause: 0, checks: 0, calls: [0; CALLS] });
     let mut text = Text::default();
-    if is_fallback {
-        text.push("fallback after ").push_number(failed_starts).push(" failed starts: ");
+    if failed_starts >= MAX_FAILED_STARTS {
+        text.push("recovery after ").push_number(failed_starts).push(" failed starts: ");
     }
     match before {
         Some(before) if cause != 0 => text.push_record(&before),
         _ if reset == Reset::Watchdog => text.push("stalled with interrupts disabled"),
         _ => &mut text,
     };
-    BootReport { reset, fault: Some(text.0).filter(|text| !text.is_empty()), is_fallback }
+    BootReport { reset, fault: Some(text.0).filter(|text| !text.is_empty()), failed_starts }
 }
 
 /// A text that is composed without `core::fmt`.

@@ -6,6 +6,9 @@
 #![no_std]
 #![allow(missing_docs, reason = "the fields have the names and the meaning of ST's headers")]
 
+pub mod channels;
+pub mod system;
+
 /// Length of the longest command, bytes. Like every packet, it begins with its H4 byte, which states the kind of the packet.
 pub const COMMAND: usize = 1 + 3 + 255;
 /// Length of the longest event, bytes.

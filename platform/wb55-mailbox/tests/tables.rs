@@ -1,7 +1,8 @@
 //! Compares the tables with ST's publications: STM32CubeWB's mbox_def.h, tl.h and shci.h, and AN5289.
 
 use std::mem::{offset_of, size_of};
-use wb55_mailbox::{BleInit, COMMAND, DATA, EVENT, Memory, POOL_BYTES, Packet, References, Shared};
+use wb55_mailbox::system::{SystemEvent, reply_status};
+use wb55_mailbox::{BLE_INIT_OPCODE, BleInit, COMMAND, DATA, EVENT, Memory, POOL_BYTES, Packet, References, Shared};
 
 #[test]
 fn tables_have_the_published_layout() {
@@ -41,4 +42,24 @@ fn parameters_of_bluetooth_have_the_published_layout() {
     }
     let bytes = BleInit::PERIPHERAL.bytes();
     assert_eq!((bytes[14], bytes[23], bytes[31]), (1, 4, 1));
+}
+
+/// The layouts of TL_EvtPacket_t, TL_AsynchEvt_t and TL_CcEvt_t, with the codes of shci.h.
+#[test]
+fn events_and_replies_of_the_system_are_understood() {
+    let event = |code: u16, parameter: u8| {
+        let [low, high] = code.to_le_bytes();
+        SystemEvent::decode(&[0x12, 0xff, 3, low, high, parameter])
+    };
+    assert_eq!(event(0x9200, 0), Some(SystemEvent::Ready), "WIRELESS_FW_RUNNING");
+    assert_eq!(event(0x9200, 1), Some(SystemEvent::UpdateService), "FUS_FW_RUNNING");
+    assert_eq!(event(0x9201, 7), Some(SystemEvent::Error(7)), "SHCI_SUB_EVT_ERROR_NOTIF");
+    assert_eq!(event(0x9204, 0), Some(SystemEvent::Other(0x9204)));
+    for damaged in [&[0x12, 0xff, 3, 0, 0x92][..], &[0x12, 0xff], &[], &[4, 0xff, 3, 0, 0x92, 0]] {
+        assert!(!matches!(SystemEvent::decode(damaged), Some(SystemEvent::Ready)), "{damaged:?}");
+    }
+    let reply = [0x11, 0x0e, 4, 1, 0x66, 0xfc, 0x12];
+    assert_eq!(reply_status(&reply, BLE_INIT_OPCODE), Some(0x12));
+    assert_eq!(reply_status(&reply, 0xfc67), None, "the reply to another command");
+    assert_eq!(reply_status(&reply[..6], BLE_INIT_OPCODE), None);
 }

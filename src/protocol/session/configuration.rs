@@ -6,6 +6,10 @@ use crate::pipeline::baseline::ZeroResult;
 use crate::pipeline::setup::{Setup, SetupCell};
 use crate::pipeline::tissue::{Identified, Tissue};
 use crate::protocol::{Identity, Refusal, Settings};
+use core::ops::RangeInclusive;
+
+/// The times to which the wall clock can be set, us since 1970: the years 2020 to 2099.
+pub const CLOCK_US: RangeInclusive<u64> = 1_577_836_800_000_000..=4_102_444_799_999_999;
 
 /// Requests of a host that the insole itself executes, at the end of a second.
 #[derive(Clone, Copy, Debug)]
@@ -102,10 +106,14 @@ impl Session {
         self.configured.identified.is_some()
     }
 
-    /// Sets the wall clock.
-    pub fn set_clock(&mut self, unix_us: u64, now_us: u64) {
+    /// Sets the wall clock. Returns false, and changes nothing, for a time outside of [`CLOCK_US`].
+    pub fn set_clock(&mut self, unix_us: u64, now_us: u64) -> bool {
+        if !CLOCK_US.contains(&unix_us) {
+            return false;
+        }
         self.unix_offset_us = Some(unix_us.wrapping_sub(now_us));
         self.clock_sets = self.clock_sets.wrapping_add(1);
+        true
     }
 
     /// Number of times that the wall clock was set; wraps.

@@ -14,6 +14,9 @@ use plantar::protocol::{
 };
 use std::time::Duration;
 
+/// Longest time in which an insole erases the data of the wearer.
+const ERASURE: Duration = Duration::from_secs(120);
+
 /// The errors of each request are [`Error::NoAnswer`], [`Error::Refused`] and those of the carrier.
 impl<C: Carrier> Client<C> {
     /// The insole's counters. They arrive after all messages that were due before the request.
@@ -174,6 +177,16 @@ impl<C: Carrier> Client<C> {
             ToHost::Identity(identity) => Some(*identity),
             _ => None,
         })
+    }
+
+    /// Erases everything about the wearer: parameters, rules of alerts, load of the day, bonds, and all stored steps, load bouts and
+    /// alerts. The insole restarts afterwards.
+    ///
+    /// # Errors
+    /// See the `impl` block.
+    pub fn erase_wearer(&mut self) -> Result<(), Error> {
+        let is_identity = |message: &ToHost| matches!(message, ToHost::Identity(_)).then_some(());
+        self.request_within(ERASURE, ToDevice::EraseWearer, is_identity)
     }
 
     /// Stores the calibrations of all cells in the order of the insole's layout; they are in force from the insole's

@@ -4,6 +4,7 @@ use crate::counters::LinkCounters;
 use crate::delivered::Delivered;
 use crate::order::{Arrival, RecordOrder};
 use crate::{Axis, Carrier, Error};
+use plantar::protocol::session::CLOCK_US;
 use plantar::protocol::{Hello, LiveCounter, LoadRecord, MAJOR, MINOR, ToDevice, ToHost};
 use std::collections::VecDeque;
 use std::io;
@@ -102,7 +103,10 @@ impl<C: Carrier> Client<C> {
     /// # Errors
     /// [`Error::NoAnswer`]; errors of the carrier.
     pub fn stream(&mut self) -> Result<(), Error> {
-        self.send(ToDevice::SetClock { unix_us: C::unix_us() })?;
+        // An insole refuses the time of a host without a clock.
+        if CLOCK_US.contains(&C::unix_us()) {
+            self.send(ToDevice::SetClock { unix_us: C::unix_us() })?;
+        }
         self.device_us()?;
         self.send(ToDevice::Stream { live: true })?;
         self.status().map(drop)

@@ -2,7 +2,7 @@
 //! the message (u16), all little endian, and the message.
 
 use crate::create_new;
-use plantar::protocol::{MAX_MESSAGE, ToHost, encode};
+use plantar::protocol::{LoadRecord, MAX_MESSAGE, ToHost, encode};
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -32,7 +32,8 @@ impl StreamFile {
     }
 
     /// Writes a message with the time since the start. All messages except live frames are flushed to the file, with the live
-    /// frames before them.
+    /// frames before them. Steps, load bouts and alerts, which the insole deletes once they are acknowledged, are also synchronised:
+    /// they survive a loss of power of this computer.
     ///
     /// # Errors
     /// If the message cannot be written. The text of the error names the file.
@@ -40,6 +41,9 @@ impl StreamFile {
         let t_ms = self.start.elapsed().as_millis() as u32;
         let written = append(&mut self.out, t_ms, insole, message).and_then(|()| match message {
             ToHost::Live(_) => Ok(()),
+            message if LoadRecord::of(message).is_some() => {
+                self.out.flush().and_then(|()| self.out.get_ref().sync_data())
+            }
             _ => self.out.flush(),
         });
         written.map_err(|error| io::Error::new(error.kind(), format!("cannot write {}: {error}", self.path.display())))

@@ -20,7 +20,9 @@ impl<C: Carrier> Client<C> {
     /// [`Error::NoAnswer`] if no attempt was answered; [`Error::Refused`]; errors of the carrier.
     pub fn update(&mut self, request: Request) -> Result<Progress, Error> {
         let is_answer = |progress: Progress| match (request, progress) {
-            (Request::Begin(_), Progress::Next(_)) | (Request::Finish, Progress::Accepted) => true,
+            (Request::Begin(_), Progress::Next(_))
+            | (Request::Finish, Progress::Accepted)
+            | (Request::Confirm, Progress::Confirmed) => true,
             // Any lower number is the answer to a repetition of an earlier chunk.
             (Request::Chunk { number, .. }, Progress::Next(next)) => next > number,
             _ => false,

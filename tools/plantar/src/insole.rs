@@ -72,6 +72,17 @@ pub enum Insole {
         #[command(flatten)]
         connection: Connection,
     },
+    /// Erase everything about the wearer from an insole, for example before another person wears it. The insole restarts afterwards.
+    ///
+    /// Erases parameters, rules of alerts, load of the day, bonds, and all steps, load bouts and alerts that no host has received. Foot,
+    /// serial number, calibration and settings remain.
+    Erase {
+        /// Confirms that the data are to be erased.
+        #[arg(long, required = true)]
+        yes: bool,
+        #[command(flatten)]
+        connection: Connection,
+    },
     /// Restart an insole.
     Restart {
         #[command(flatten)]
@@ -138,6 +149,14 @@ impl Insole {
                 print(&identity);
                 Ok(())
             }
+            Self::Erase { yes: _, connection } => {
+                let mut insole = connection.open(ReconnectPolicy::RESTART)?;
+                insole.client().erase_wearer()?;
+                println!(
+                    "the data of the wearer are erased, and the insole restarts: pair your phones and computers again"
+                );
+                Ok(())
+            }
             Self::Restart { connection } => restart(&mut connection.open(ReconnectPolicy::RESTART)?),
         }
     }
@@ -180,6 +199,15 @@ fn show(connection: &Connection) -> Result<()> {
         (
             contents.erased > 0,
             "a part of the insole's flash chip was damaged and had to be erased, so its contents are lost",
+        ),
+        (
+            contents.contradictions > 0,
+            "the insole's flash chip returned different contents at its start, so its supply may be too slow: if data are not \
+             stored, switch the insole off and on",
+        ),
+        (
+            !status.is_clock_set,
+            "the insole's clock is not set since its last start: steps have no time of day until a host streams from it",
         ),
         (status.records_dropped > 0, "the insole's log was full, so the oldest steps were dropped"),
     ];

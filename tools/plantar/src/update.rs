@@ -9,10 +9,11 @@ use indicatif::{ProgressBar, ProgressStyle};
 use plantar::protocol;
 use plantar::protocol::Hello;
 use plantar::protocol::update::{CHUNK, Header, Progress, Refusal, Request};
+use plantar::storage::update::DEVELOPMENT_KEY_ID;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-/// Longest duration of the trial of a new image, at the end of which the insole confirms it.
+/// Longest time within which an insole has checked a new image that works.
 const TRIAL: Duration = Duration::from_secs(30);
 
 /// Sends signed firmware to an insole, and waits until the insole runs the firmware and has confirmed it.
@@ -35,6 +36,12 @@ impl Update {
         let hello = insole.client().hello();
         let before = hello.firmware.clone();
         self.check(&image, hello)?;
+        if insole.client().status()?.update_key == DEVELOPMENT_KEY_ID {
+            eprintln!(
+                "warning: anyone can sign an update for this insole, because it accepts the public development key: flash firmware \
+                 that was built with PLANTAR_UPDATE_KEY before others use it"
+            );
+        }
         println!(
             "the insole runs {before}; {} is {}, {} KiB",
             self.file.display(),
@@ -90,19 +97,18 @@ impl Update {
     }
 }
 
-/// Waits until the insole has confirmed the new image. An insole on trial refuses every offer of an image, so the trial is over
-/// when an offer is accepted.
+/// Confirms the new image, and waits until the insole has checked it.
 fn wait_for_trial(image: &Image, insole: &mut Insole) -> Result<()> {
     let start = Instant::now();
     loop {
-        match insole.client().update(Request::Begin(image.offer())) {
+        match insole.client().update(Request::Confirm) {
             Ok(_) => return Ok(()),
             Err(Error::Refused(protocol::Refusal::Update(Refusal::OnTrial))) if start.elapsed() < TRIAL => {
                 std::thread::sleep(ReconnectPolicy::RESTART.retry);
             }
             Err(Error::Refused(protocol::Refusal::Update(Refusal::OnTrial))) => bail!(
-                "{} runs but does not measure, so it is not confirmed: switch the insole off and on, which restores \
-                 the previous version",
+                "{} runs but does not measure, store or answer by radio, so it is not confirmed: the insole restores the \
+                 previous version within 15 minutes, or at once when you switch it off and on",
                 image.header().version()
             ),
             Err(error) => return Err(error.into()),

@@ -13,7 +13,7 @@ use plantar::protocol::{self, Decoder, Hello, MAX_FRAME, MAX_MESSAGE, Refusal, S
 use plantar::storage::boot::{BUFFER, Blocking, config};
 use plantar::storage::flash_map::HEADER;
 use plantar::storage::partition::Partition;
-use plantar::storage::update::{Update, confirm};
+use plantar::storage::update::{DEVELOPMENT_KEY_ID, Update, confirm};
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener};
 use std::path::Path;
@@ -89,6 +89,9 @@ impl Insole {
         let mut received = [0; 64];
         let (running, key) = (self.running(), secret().verifying_key().to_bytes());
         let hello = Hello { firmware: running.version().try_into().expect("it is short"), ..testkit::hello() };
+        // Until the update, the insole accepts the development key.
+        let update_key = if running.version() == OLD { DEVELOPMENT_KEY_ID } else { 0 };
+        let status = Status { update_key, ..Status::default() };
         let mut accepted = false;
         while !accepted && let Ok(count @ 1..) = host.read(&mut received) {
             for &byte in &received[..count] {
@@ -102,7 +105,7 @@ impl Insole {
                 session.complete(progress.map(CommandResult::Update).map_err(Refusal::Update));
             }
             let (mut message, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
-            while let Some(message) = session.next(&hello, Status::default, &mut message) {
+            while let Some(message) = session.next(&hello, || status, &mut message) {
                 let len = protocol::frame(message, &mut framed);
                 host.write_all(&framed[..len]).expect("the host is connected");
             }
@@ -110,7 +113,10 @@ impl Insole {
         if accepted {
             self.boot();
             match self.trial {
-                Trial::Passes => block_on(confirm(&mut self.chip)).expect("the chip works"),
+                Trial::Passes => {
+                    let running = self.running();
+                    block_on(confirm(&mut self.chip, &running)).expect("the chip works");
+                }
                 Trial::Crashes => self.boot(),
             }
         }
@@ -148,8 +154,11 @@ fn a_signed_image_is_sent_and_the_new_version_is_reported() {
     let text = String::from_utf8(output.stdout).expect("text");
     assert!(output.status.success(), "{text} {}", String::from_utf8_lossy(&output.stderr));
     assert!(text.contains(&format!("runs {OLD}")) && text.contains(&format!("runs {NEW} (before: {OLD})")), "{text}");
-    let insole = insole.lock().expect("no panic");
-    assert!(insole.chip.bytes[ACTIVE_IMAGE.start as usize..].starts_with(new.bytes()));
+    assert!(insole.lock().expect("no panic").chip.bytes[ACTIVE_IMAGE.start as usize..].starts_with(new.bytes()));
+    let warnings = String::from_utf8(output.stderr).expect("text");
+    assert!(warnings.contains("anyone can sign an update"), "{warnings}");
+    let output = update(&file, address);
+    assert!(output.status.success() && !String::from_utf8_lossy(&output.stderr).contains("anyone can sign"));
 }
 
 #[test]

@@ -393,6 +393,7 @@ impl Page {
                 | ToDevice::Update(_)
                 | ToDevice::SetCalibrationBlock { .. }
                 | ToDevice::SetCalibration { .. }
+                | ToDevice::EraseWearer
                 | ToDevice::Restart,
             )
             | None => link.receive_unknown(),

@@ -3,6 +3,7 @@
 use crate::command::{built, run};
 use crate::{BOARDS, TARGET, setup};
 use anyhow::{Result, bail};
+use std::env;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -26,10 +27,21 @@ pub fn build_firmware(board: &str) -> Result<()> {
     [bootloader(board).as_str(), board].into_iter().try_for_each(|package| cargo_firmware("build", package, &[]))
 }
 
-/// Runs a cargo command such as `build` for a board's package, with the profile and the target of firmware.
+/// The board that is made for users: its package refuses the public development key unless a feature allows it.
+const PRODUCT: &str = "wb55";
+
+/// Runs a cargo command such as `build` for a board's package, with the profile and the target of firmware. Without a key of its own,
+/// the build accepts the development key, with a warning.
 pub fn cargo_firmware(command: &str, package: &str, arguments: &[&str]) -> Result<()> {
     let common = [command, "--locked", "--profile", "firmware", "--target", TARGET, "--package", package];
-    run("cargo", &[&common, arguments].concat())
+    let has_key = env::var_os("PLANTAR_UPDATE_KEY").is_some();
+    let allowed: &[&str] = if package == PRODUCT && !has_key { &["--features", "development-key"] } else { &[] };
+    if !allowed.is_empty() {
+        eprintln!(
+            "warning: {package} accepts updates that anyone can sign: set PLANTAR_UPDATE_KEY for insoles of others"
+        );
+    }
+    run("cargo", &[&common, allowed, arguments].concat())
 }
 
 /// Set once all host programs are built.

@@ -1,5 +1,8 @@
 //! The bootloader of the STM32WB55: swaps the images if a swap is due, and starts the active image.
 //!
+//! The watchdog starts first, and no wait is longer than its timeout. If the flash chip does not answer, the active image starts
+//! without a swap.
+//!
 //! Only the bootloader writes the controller's own flash; the radio's core does not run yet.
 #![no_std]
 #![no_main]
@@ -7,12 +10,12 @@
 use core::cell::RefCell;
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::entry;
-use embassy_boot_stm32::{BootLoader, State};
+use embassy_boot_stm32::BootLoader;
 use embassy_embedded_hal::adapter::BlockingAsync;
 use embassy_embedded_hal::flash::partition::BlockingPartition;
-use embassy_futures::block_on;
 use embassy_stm32::flash::Flash;
 use embassy_stm32::gpio::{Level, Output, Pull, Speed};
+use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::rcc::{LsConfig, MSIRange};
 use embassy_stm32::spi::{self, Spi};
 use embassy_stm32::time::Hertz;
@@ -21,13 +24,53 @@ use embassy_sync::blocking_mutex::Mutex as BlockingMutex;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::mutex::Mutex;
 use embedded_hal_bus::spi::ExclusiveDevice;
-use plantar::storage::boot::{BUFFER, config};
+use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
+use plantar::storage::boot::{BUFFER, config, poll_at_most};
 use plantar::storage::flash_map::{ACTIVE, BOOTLOADER, CHIP_BYTES, MAX_IMAGE};
 use w25::{Q, W25};
 
-/// Time within which an image on trial must set up the watchdog itself, us. Otherwise the watchdog resets the board, and the image
-/// is swapped back.
-const TRIAL_US: u32 = 20_000_000;
+/// The watchdog resets the board after this time, us: if the swap of one sector takes longer, which takes less than a second, or if
+/// the started image does not feed the watchdog. An image on trial is then swapped back.
+const WATCHDOG_US: u32 = 20_000_000;
+
+/// Number of times that a busy chip is asked again, at some 10 us each. The longest operation of the chip takes 0.4 s.
+const BUSY_POLLS: u32 = 100_000;
+
+/// The controller's own flash. Each erase operation, one for each sector of a swap, feeds the watchdog.
+struct Fed<F> {
+    flash: F,
+    watchdog: IndependentWatchdog<'static, IWDG>,
+}
+
+impl<F: ErrorType> ErrorType for Fed<F> {
+    type Error = F::Error;
+}
+
+impl<F: ReadNorFlash> ReadNorFlash for Fed<F> {
+    const READ_SIZE: usize = F::READ_SIZE;
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), F::Error> {
+        self.flash.read(offset, bytes)
+    }
+
+    fn capacity(&self) -> usize {
+        self.flash.capacity()
+    }
+}
+
+impl<F: NorFlash> NorFlash for Fed<F> {
+    const WRITE_SIZE: usize = F::WRITE_SIZE;
+    const ERASE_SIZE: usize = F::ERASE_SIZE;
+
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), F::Error> {
+        self.watchdog.pet();
+        self.flash.erase(from, to)
+    }
+
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), F::Error> {
+        self.flash.write(offset, bytes)
+    }
+}
 
 #[entry]
 fn main() -> ! {
@@ -37,6 +80,8 @@ fn main() -> ! {
     clocks.rcc.hsi48 = None;
     clocks.rcc.ls = LsConfig::off();
     let p = embassy_stm32::init(clocks);
+    let mut watchdog = IndependentWatchdog::new(p.IWDG, WATCHDOG_US);
+    watchdog.unleash();
 
     let mut pins = spi::Config::default();
     pins.frequency = Hertz(16_000_000);
@@ -45,23 +90,22 @@ fn main() -> ! {
     let bus = Spi::new_blocking(p.SPI2, p.PB13, p.PB15, p.PB14, pins);
     let select = Output::new(p.PB12, Level::High, Speed::VeryHigh);
     let Ok(device) = ExclusiveDevice::new_no_delay(BlockingAsync::new(bus), select);
-    // Opening waits only while the chip is busy.
-    let Ok(chip) = block_on(W25::<Q, _, _, _>::new_no_pins(device, CHIP_BYTES)) else { SCB::sys_reset() };
-    let chip = Mutex::new(chip);
-    let own = BlockingMutex::<NoopRawMutex, _>::new(RefCell::new(
-        Flash::new_blocking(p.FLASH).into_blocking_regions().bank1_region,
-    ));
-    let active = BlockingPartition::new(&own, ACTIVE.start - BOOTLOADER.start, MAX_IMAGE);
-    let swapped = BootLoader::try_prepare::<_, _, _, BUFFER>(config(&chip, active));
-    let Ok(loader) = swapped else {
-        // The swap failed half-way, so no image would run. It continues after the reset.
-        SCB::sys_reset()
-    };
-    if loader.state == State::Swap {
-        IndependentWatchdog::new(p.IWDG, TRIAL_US).unleash();
+    // Opening waits only while the chip is busy. A chip that stays busy does not prevent the start.
+    if let Some(Ok(chip)) = poll_at_most(BUSY_POLLS, W25::<Q, _, _, _>::new_no_pins(device, CHIP_BYTES)) {
+        let chip = Mutex::new(chip);
+        let flash = Flash::new_blocking(p.FLASH).into_blocking_regions().bank1_region;
+        let own = BlockingMutex::<NoopRawMutex, _>::new(RefCell::new(Fed { flash, watchdog }));
+        let active = BlockingPartition::new(&own, ACTIVE.start - BOOTLOADER.start, MAX_IMAGE);
+        if BootLoader::try_prepare::<_, _, _, BUFFER>(config(&chip, active)).is_err() {
+            // The swap failed half-way, so no image would run. It continues after the reset.
+            SCB::sys_reset()
+        }
     }
     // SAFETY: an image is at this address, and the drivers used here leave no interrupt enabled.
-    unsafe { loader.load(ACTIVE.start) }
+    unsafe {
+        (*SCB::PTR).vtor.write(ACTIVE.start);
+        cortex_m::asm::bootload(ACTIVE.start as *const u32)
+    }
 }
 
 #[panic_handler]

@@ -1,0 +1,40 @@
+//! Centrals that occupy an insole without an encrypted link, in virtual time.
+
+use plantar::firmware::admission::Admission;
+use testkit::virtual_time::{advance_to, now_us};
+
+const STEP_US: u64 = 200_000;
+
+/// Connects a central that never encrypts its link, again and again, for this time; returns the fraction of the time in which it
+/// occupied the insole, and its longest connection, us. The insole advertises for half a second between two connections.
+fn occupied(admission: &mut Admission, is_known: bool, allows_bonding: bool, for_us: u64) -> (f64, u64) {
+    let start_us = now_us();
+    let (mut occupied_us, mut longest_us) = (0, 0);
+    while now_us() < start_us + for_us {
+        let connected_us = now_us();
+        while now_us() - connected_us < admission.time_limit(is_known, allows_bonding).as_micros() {
+            advance_to(now_us() + STEP_US);
+        }
+        admission.expelled();
+        occupied_us += now_us() - connected_us;
+        longest_us = longest_us.max(now_us() - connected_us);
+        advance_to(now_us() + 500_000);
+    }
+    (occupied_us as f64 / (now_us() - start_us) as f64, longest_us)
+}
+
+#[test]
+fn a_stranger_cannot_hold_the_connection_and_the_owner_is_soon_next() {
+    let mut admission = Admission::new();
+    assert_eq!(admission.time_limit(false, false).as_secs(), 30);
+    let (_, longest_us) = occupied(&mut admission, false, false, 1);
+    assert_eq!(longest_us, 30_000_000);
+    // From then on the insole is free for an owner's phone at least every other second or so, for as long as the stranger goes on.
+    let (fraction, longest_us) = occupied(&mut admission, false, false, 3_600_000_000);
+    assert!(longest_us <= 2_000_000 + STEP_US && fraction < 0.85, "{longest_us} us, {fraction}");
+    // The owner's phone still has the full time, and so has a new phone while bonding is open.
+    assert_eq!(admission.time_limit(true, false).as_secs(), 30);
+    assert_eq!(admission.time_limit(false, true).as_secs(), 30);
+    advance_to(now_us() + 300_000_000);
+    assert_eq!(admission.time_limit(false, false).as_secs(), 30, "the suspicion ends");
+}

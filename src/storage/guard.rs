@@ -1,0 +1,60 @@
+//! The chip, with write and erase operations that can be refused.
+
+use embedded_storage_async::nor_flash::{
+    ErrorType, MultiwriteNorFlash, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
+};
+
+/// Whether the chip may be changed: `sequential-storage` repairs what appears to be damaged, also while it reads.
+#[derive(Default)]
+pub(super) struct Guard {
+    /// Write and erase operations fail.
+    pub is_read_only: bool,
+    /// An operation has failed for this reason.
+    pub has_refused: bool,
+}
+
+/// A chip behind its guard.
+pub(super) struct Guarded<'f, F> {
+    pub flash: &'f mut F,
+    pub guard: &'f mut Guard,
+}
+
+impl<F> Guarded<'_, F> {
+    fn check(&mut self) -> Result<(), NorFlashErrorKind> {
+        self.guard.has_refused |= self.guard.is_read_only;
+        if self.guard.is_read_only { Err(NorFlashErrorKind::Other) } else { Ok(()) }
+    }
+}
+
+impl<F> ErrorType for Guarded<'_, F> {
+    type Error = NorFlashErrorKind;
+}
+
+impl<F: ReadNorFlash> ReadNorFlash for Guarded<'_, F> {
+    const READ_SIZE: usize = F::READ_SIZE;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
+        self.flash.read(offset, bytes).await.map_err(|error| error.kind())
+    }
+
+    fn capacity(&self) -> usize {
+        self.flash.capacity()
+    }
+}
+
+impl<F: NorFlash> NorFlash for Guarded<'_, F> {
+    const WRITE_SIZE: usize = F::WRITE_SIZE;
+    const ERASE_SIZE: usize = F::ERASE_SIZE;
+
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
+        self.check()?;
+        self.flash.erase(from, to).await.map_err(|error| error.kind())
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
+        self.check()?;
+        self.flash.write(offset, bytes).await.map_err(|error| error.kind())
+    }
+}
+
+impl<F: MultiwriteNorFlash> MultiwriteNorFlash for Guarded<'_, F> {}

@@ -1,0 +1,61 @@
+//! Erases what the chip contains about the wearer.
+
+use super::{Store, empty_cache, records};
+use crate::pipeline::alert::{AlertRules, DailyLoad};
+use crate::pipeline::tissue::Tissue;
+use crate::storage::StorageError;
+use crate::storage::flash_map::{LOG, RECORDS, SECTOR};
+use crate::storage::log::Entry;
+use crate::storage::records::{Bonds, IdentifiedRecord, Key, Record};
+use embedded_storage_async::nor_flash::MultiwriteNorFlash;
+
+/// The kinds of records about the wearer.
+const OF_WEARER: [u8; 5] = [Tissue::KIND, IdentifiedRecord::KIND, Bonds::KIND, AlertRules::KIND, DailyLoad::KIND];
+
+/// Key of a record without meaning. Writing it again and again reuses all sectors of the records.
+const FILLER: Key = [0xff, 0, 1];
+const FILLER_BYTES: usize = 400;
+/// Number of fillers that occupy more than all sectors.
+const FILLERS: u32 = (RECORDS.end - RECORDS.start + 2 * SECTOR) / FILLER_BYTES as u32;
+
+impl<F: MultiwriteNorFlash> Store<F> {
+    /// Erases all records about the wearer, of all versions, and the log; the numbering of load records continues. Nothing of it
+    /// remains in the chip. Calls `progressed` after each step. After a loss of power, a part may remain.
+    ///
+    /// # Errors
+    /// See [`StorageError`].
+    pub async fn erase_wearer(&mut self, progressed: impl Fn()) -> Result<(), StorageError> {
+        self.check_use()?;
+        while let Some(key) = self.key_of_wearer().await? {
+            records(&mut self.flash, &mut self.guard)?.remove_item(&mut self.buffer, &key).await?;
+            progressed();
+        }
+        // A removed record can be read until its sector is reused.
+        let mut filler = [0; FILLER_BYTES];
+        for _ in 0..FILLERS {
+            records(&mut self.flash, &mut self.guard)?.store_item(&mut self.buffer, &FILLER, &&filler[..]).await?;
+            filler[0] ^= 1;
+            progressed();
+        }
+        records(&mut self.flash, &mut self.guard)?.remove_item(&mut self.buffer, &FILLER).await?;
+        self.log_cache = empty_cache();
+        for sector in LOG.step_by(SECTOR as usize) {
+            let flash = self.flash.as_mut().ok_or(StorageError::Chip)?;
+            flash.erase(sector, sector + SECTOR).await.map_err(|_| StorageError::Chip)?;
+            progressed();
+        }
+        self.push(&Entry::Acknowledged { next: self.contents.next_record }).await.map(drop)
+    }
+
+    /// The key of a stored record about the wearer.
+    async fn key_of_wearer(&mut self) -> Result<Option<Key>, StorageError> {
+        let mut records = records(&mut self.flash, &mut self.guard)?;
+        let mut items = records.fetch_all_items(&mut self.buffer).await?;
+        while let Some((key, _)) = items.next::<&[u8]>(&mut self.buffer).await? {
+            if OF_WEARER.contains(&key[0]) {
+                return Ok(Some(key));
+            }
+        }
+        Ok(None)
+    }
+}
