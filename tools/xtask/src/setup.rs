@@ -17,6 +17,21 @@ const SCIPY: &str = "scipy>=1.13,<2";
 /// A library that simulates phones and Bluetooth controllers.
 const BUMBLE: &str = "bumble==0.0.236";
 
+/// Programs that read exported files, for tests: C3D, OpenSim's storage files, MATLAB files, BIDS and CSV. One environment has all
+/// of them, without their optional dependencies.
+const FORMAT_READERS: [&str; 10] = [
+    "ezc3d==1.7.2",
+    "c3d==0.6.0",
+    "opensim==4.6",
+    "scipy==1.17.1",
+    "numpy==2.4.6",
+    "pandas==3.1.1",
+    "python-dateutil==4.0.0",
+    "tzdata==2026.6",
+    "bids-validator-deno==3.0.2",
+    "deno==2.9.8",
+];
+
 /// A private Python environment.
 pub struct Python {
     /// The path of its interpreter, which has NumPy, SciPy and bumble.
@@ -36,6 +51,8 @@ pub fn all() -> Result<Python> {
     cargo_fuzz()?;
     cargo_deny()?;
     bus()?;
+    octave()?;
+    formats()?;
     python()
 }
 
@@ -142,37 +159,65 @@ fn bus() -> Result<()> {
     install(&Package { title: "D-Bus", apt: "dbus-daemon", dnf: "dbus-daemon", pacman: "dbus", brew: "dbus" })
 }
 
-/// The file in the Python environment with the list of the packages that were installed.
+/// Installs GNU Octave, which reads exported MATLAB files in a test. Debian's package without the recommended ones lacks the windows
+/// and the documentation.
+fn octave() -> Result<()> {
+    if has("octave-cli") {
+        return Ok(());
+    }
+    let apt = "--no-install-recommends octave";
+    install(&Package { title: "GNU Octave", apt, dnf: "octave", pacman: "octave", brew: "octave" })
+}
+
+/// The file in a Python environment with the list of the packages that were installed.
 const PYTHON_STAMP: &str = "holds.txt";
 
 /// Creates the private Python environment, if it is missing or the list of its packages has changed.
 pub fn python() -> Result<Python> {
     let environment = cache().join("python");
-    let stamp = environment.join(PYTHON_STAMP);
     let walks = format!("{WALKS_PACKAGE}=={WALKS_VERSION}");
     let packages = format!("{SAMPLE_PACKAGE} {walks} {NUMPY} {SCIPY} {BUMBLE}");
     let sources = environment.join("sources");
-    let bin = if cfg!(windows) { "Scripts" } else { "bin" };
-    let interpreter = environment.join(bin).join("python");
-    if std::fs::read_to_string(&stamp).ok().as_deref() != Some(&packages) {
-        std::fs::create_dir_all(cache())?;
-        create_environment(&environment)?;
-        let python = interpreter.to_string_lossy();
-        let pip = |options: &[&str]| {
-            run(&python, &[&["-m", "pip", "--disable-pip-version-check", "--quiet"], options].concat())
-        };
+    let interpreter = environment_with(&environment, &packages, |pip| {
         let (source, folder) = (["--no-deps", "--no-binary", WALKS_PACKAGE, &walks], sources.to_string_lossy());
         pip(&["install", "--no-deps", SAMPLE_PACKAGE, NUMPY, SCIPY])
             .and_then(|()| pip(&["install", BUMBLE]))
             .and_then(|()| pip(&[&["download", "--dest", &folder], &source[..]].concat()))
-            .context("the walks, NumPy, SciPy and bumble come from PyPI: check the network connection")?;
-        std::fs::write(&stamp, packages)?;
-    }
+            .context("the walks, NumPy, SciPy and bumble come from PyPI: check the network connection")
+    })?;
     let jiku = find(&environment, Path::new("jikudata/datasets/SpeedPP2DS")).with_context(|| {
         format!("{SAMPLE_PACKAGE} lacks its data set: remove {} and run the command again", environment.display())
     })?;
     let moticon = sources.join(format!("{}-{WALKS_VERSION}.tar.gz", WALKS_PACKAGE.replace('-', "_")));
     Ok(Python { interpreter, jiku, moticon })
+}
+
+/// Creates the private Python environment with [`FORMAT_READERS`], if it is missing or has other packages. Returns its interpreter.
+pub fn formats() -> Result<PathBuf> {
+    environment_with(&cache().join("formats"), &FORMAT_READERS.join(" "), |pip| {
+        pip(&[&["install", "--no-deps"], &FORMAT_READERS[..]].concat())
+            .context("the readers of exported files come from PyPI and need Python 3.11 or newer: check the network connection")
+    })
+}
+
+/// Creates a Python environment in this folder, unless it was completed with the same list of packages. `fill` installs them with
+/// the arguments that it passes to pip. Returns the interpreter.
+fn environment_with(
+    environment: &Path,
+    packages: &str,
+    fill: impl FnOnce(&dyn Fn(&[&str]) -> Result<()>) -> Result<()>,
+) -> Result<PathBuf> {
+    let stamp = environment.join(PYTHON_STAMP);
+    let bin = if cfg!(windows) { "Scripts" } else { "bin" };
+    let interpreter = environment.join(bin).join("python");
+    if std::fs::read_to_string(&stamp).ok().as_deref() != Some(packages) {
+        std::fs::create_dir_all(cache())?;
+        create_environment(environment)?;
+        let python = interpreter.to_string_lossy();
+        fill(&|options| run(&python, &[&["-m", "pip", "--disable-pip-version-check", "--quiet"], options].concat()))?;
+        std::fs::write(&stamp, packages)?;
+    }
+    Ok(interpreter)
 }
 
 /// Creates a new, empty environment in this folder.
