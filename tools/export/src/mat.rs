@@ -14,7 +14,7 @@ use std::path::Path;
 const MOST_BYTES: u64 = i32::MAX as u64;
 
 /// Writes a file with the variables `rate_hz`, `t_s`, `regions` (the names of the eight regions), and a structure `left` or `right`
-/// for each foot. Rows are frames or steps, columns are regions or cells; absent values are NaN.
+/// for each foot. Rows are frames or steps, columns are regions or cells; absent values are NaN. Texts are in ASCII.
 ///
 /// # Errors
 /// Fails if the file cannot be written, its path is not UTF-8, or the pressures exceed the 2 GiB of a variable.
@@ -53,7 +53,7 @@ fn foot(foot: &Foot) -> Vec<(&'static str, MatVariable)> {
     let cells = foot.layout.cells.len();
     let of_cells = (0..cells).flat_map(|cell| foot.pressure_kpa.iter().skip(cell).step_by(cells).copied());
     vec![
-        ("source", MatVariable::from(foot.source.as_str())),
+        ("source", text(&foot.source)),
         ("layout", structure(layout(foot))),
         ("total_force_n", column(frames.iter().map(|frame| frame.total_force_n()).collect())),
         ("cop_mm", matrix(frames.len(), cop(|(x_mm, _)| x_mm).chain(cop(|(_, y_mm)| y_mm)).collect())),
@@ -70,7 +70,7 @@ fn foot(foot: &Foot) -> Vec<(&'static str, MatVariable)> {
 fn layout(foot: &Foot) -> Vec<(&'static str, MatVariable)> {
     let cells = |of: fn(&recording::Cell) -> f64| column(foot.layout.cells.iter().map(of).collect());
     vec![
-        ("name", MatVariable::from(foot.layout.name.as_str())),
+        ("name", text(&foot.layout.name)),
         ("x_mm", cells(|cell| cell.x_mm)),
         ("y_mm", cells(|cell| cell.y_mm)),
         ("area_mm2", cells(|cell| cell.area_mm2)),
@@ -115,8 +115,14 @@ fn array(rows: usize, columns: usize, values: MatlabType) -> MatVariable {
     MatVariable::NumericArray(array.expect("there is one value for each row and column"))
 }
 
+/// A text in ASCII, because the library loses other characters.
+fn text(text: &str) -> MatVariable {
+    let ascii: String = text.chars().map(|character| if character.is_ascii() { character } else { '?' }).collect();
+    MatVariable::from(ascii.as_str())
+}
+
 fn texts<const N: usize>(texts: [&str; N]) -> MatVariable {
-    let cells = CellArray::new(vec![N, 1], texts.map(MatVariable::from).into());
+    let cells = CellArray::new(vec![N, 1], texts.map(text).into());
     MatVariable::CellArray(cells.expect("there is one text for each cell"))
 }
 

@@ -6,7 +6,7 @@ end
 
 path = argv(){end};
 file = load(path);
-found = struct("rate_hz", file.rate_hz, "t_s", {plain(file.t_s)}, "channels", struct(), "events", {{}}, "feet", struct());
+found = struct("rate_hz", file.rate_hz, "t_s", {plain(file.t_s)}, "channels", struct(), "feet", struct());
 for name = {"left", "right"}
   side = name{1};
   if ! isfield(file, side)
@@ -21,13 +21,9 @@ for name = {"left", "right"}
     found.channels.([region "_measured_force_n"]) = plain(foot.measured_force_n(:, i));
     found.channels.([region "_area_mm2"]) = plain(foot.area_mm2(:, i));
   end
-  for t_s = foot.heel_strike_s'
-    found.events{end + 1} = {t_s, [side "_heel_strike"]};
-  end
-  for t_s = foot.toe_off_s'
-    found.events{end + 1} = {t_s, [side "_toe_off"]};
-  end
   read = struct("source", foot.source, "pressure_kpa", {plain(foot.pressure_kpa)}, "layout", struct(), "steps", struct());
+  read.heel_strike_s = plain(foot.heel_strike_s);
+  read.toe_off_s = plain(foot.toe_off_s);
   for field = {"x_mm", "y_mm", "area_mm2", "region"}
     read.layout.(field{1}) = plain(foot.layout.(field{1}));
   end

@@ -97,7 +97,7 @@ def read_scipy(path):
 
     file = loadmat(path, simplify_cells=True)
     assert list(file["regions"]) == REGIONS
-    found = {"rate_hz": file["rate_hz"], "t_s": plain(file["t_s"]), "channels": {}, "events": [], "feet": {}}
+    found = {"rate_hz": file["rate_hz"], "t_s": plain(file["t_s"]), "channels": {}, "feet": {}}
     for side in ("left", "right"):
         if side not in file:
             continue
@@ -107,13 +107,13 @@ def read_scipy(path):
         channels |= {f"{region}_measured_force_n": foot["measured_force_n"][:, i] for i, region in enumerate(REGIONS)}
         channels |= {f"{region}_area_mm2": foot["area_mm2"][:, i] for i, region in enumerate(REGIONS)}
         found["channels"] |= {f"{side}_{name}": plain(values) for name, values in channels.items()}
-        for event in ("heel_strike", "toe_off"):
-            found["events"] += [[float(t_s), f"{side}_{event}"] for t_s in np.atleast_1d(foot[f"{event}_s"])]
         found["feet"][side] = {
             "pressure_kpa": plain(foot["pressure_kpa"]),
             "layout": {name: plain(foot["layout"][name]) for name in ("x_mm", "y_mm", "area_mm2", "region")},
             "steps": {name: plain(values) for name, values in foot["steps"].items()},
             "source": foot["source"],
+            "heel_strike_s": plain(foot["heel_strike_s"]),
+            "toe_off_s": plain(foot["toe_off_s"]),
         }
     return found
 
