@@ -1,7 +1,8 @@
-//! C3D with analog channels and events, in Intel byte order and single precision. The format is described at <https://www.c3d.org>.
+//! C3D with analog channels and events, in Intel byte order and single precision. The format is described at
+//! <https://www.c3d.org>.
 //!
-//! A file consists of blocks of 512 bytes: the header, the parameters, and the data. It has no points, so that a frame consists of
-//! one sample of each analog channel.
+//! A file consists of blocks of 512 bytes: the header, the parameters, and the data. It has no points, so that a frame consists
+//! of one sample of each analog channel.
 
 use crate::session::content;
 use crate::{Event, EventKind, Session, output};
@@ -24,8 +25,8 @@ const FOUR_CHARACTERS: u16 = 12345;
 const MOST_FRAMES: usize = u16::MAX as usize;
 const MOST_ELEMENTS: usize = u8::MAX as usize;
 
-/// Writes a C3D file. The channels have the units and descriptions of the session; the value of an absent centre of pressure is 0.
-/// Event times begin with 0 at the first frame.
+/// Writes a C3D file. The channels have the units and descriptions of the session; the value of an absent centre of pressure is
+/// 0. Event times begin with 0 at the first frame.
 ///
 /// # Errors
 /// Fails if the file cannot be written, or the events exceed the section of the parameters, which has 127 KiB.
@@ -152,8 +153,8 @@ impl Parameters {
         self.rows(group, name, -1, Some(length as u8), &rows.iter().map(String::as_bytes).collect::<Vec<_>>());
     }
 
-    /// Adds rows of elements of this type and number. A dimension is at most 255, so further rows become parameters with the suffix
-    /// 2, 3 and so on, as readers expect of labels.
+    /// Adds rows of elements of this type and number. A dimension is at most 255, so further rows become parameters with the
+    /// suffix 2, 3 and so on, as readers expect of labels.
     fn rows(&mut self, group: i8, name: &str, kind: i8, columns: Option<u8>, rows: &[&[u8]]) {
         let mut parts = rows.chunks(MOST_ELEMENTS).enumerate();
         let (_, first) = parts.next().unwrap_or_default();
@@ -170,8 +171,8 @@ impl Parameters {
         }
     }
 
-    /// Adds a parameter, or a group, which has a negative number and no content. An entry begins with the length and the characters
-    /// of its name and with the distance to the next entry.
+    /// Adds a parameter, or a group, which has a negative number and no content. An entry begins with the length and the
+    /// characters of its name and with the distance to the next entry.
     fn entry(&mut self, group: i8, name: &str, content: &[u8]) {
         let description_length: &[u8] = if group < 0 { &[0] } else { &[] };
         self.0.extend([name.len() as u8, group as u8]);

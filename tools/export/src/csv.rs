@@ -8,8 +8,8 @@ use std::path::Path;
 /// The value of the column `region` for quantities of the whole foot.
 const FOOT: &str = "foot";
 
-/// Writes a CSV file with the columns `t_s`, `side`, `region`, `quantity` and `value`. The unit is part of the name of a quantity.
-/// Heel strikes and toe offs are rows with the number of the step as value. Absent values have no row.
+/// Writes a CSV file with the columns `t_s`, `side`, `region`, `quantity` and `value`. The unit is part of the name of a
+/// quantity. Heel strikes and toe offs are rows with the number of the step as value. Absent values have no row.
 ///
 /// # Errors
 /// Fails if the file cannot be written.

@@ -13,8 +13,8 @@ use std::path::Path;
 /// Largest number of bytes of a variable in this version of the format.
 const MOST_BYTES: u64 = i32::MAX as u64;
 
-/// Writes a file with the variables `rate_hz`, `t_s`, `regions` (the names of the eight regions), and a structure `left` or `right`
-/// for each foot. Rows are frames or steps, columns are regions or cells; absent values are NaN. Texts are in ASCII.
+/// Writes a file with the variables `rate_hz`, `t_s`, `regions` (the names of the eight regions), and a structure `left` or
+/// `right` for each foot. Rows are frames or steps, columns are regions or cells; absent values are NaN. Texts are in ASCII.
 ///
 /// # Errors
 /// Fails if the file cannot be written, its path is not UTF-8, or the pressures exceed the 2 GiB of a variable.
@@ -42,7 +42,7 @@ pub fn write(session: &Session, path: &Path) -> Result<()> {
         let variables = 3 + session.feet.len();
         let name = incomplete.to_str().ok_or_else(|| io::Error::other("the path is not UTF-8"))?;
         save_matfile_v7(name, file, true).map_err(|error| io::Error::other(error.to_string()))?;
-        check_complete(&mut File::open(incomplete)?, variables)
+        check_complete(&mut File::options().read(true).write(true).open(incomplete)?, variables)
     })
 }
 
@@ -78,8 +78,8 @@ fn layout(foot: &Foot) -> Vec<(&'static str, MatVariable)> {
     ]
 }
 
-/// The quantities of steps: a column for each quantity of the foot, a matrix for each quantity of the regions. The time of the heel
-/// strike is a field of the foot, on its clock.
+/// The quantities of steps: a column for each quantity of the foot, a matrix for each quantity of the regions. The time of the
+/// heel strike is a field of the foot, on its clock.
 fn steps(steps: &[Step]) -> Vec<(&'static str, MatVariable)> {
     let value = |of: Option<f64>| of.unwrap_or(f64::NAN);
     let of_step = Step::QUANTITIES.iter().filter(|quantity| !["start_s", "starts_ago"].contains(&quantity.name));
@@ -130,8 +130,8 @@ fn structure(fields: Vec<(&'static str, MatVariable)>) -> MatVariable {
     MatVariable::Structure(Structure::new(fields.into_iter().map(|(name, value)| (name.into(), value)).collect()))
 }
 
-/// Checks that the file ends with its last variable, because the library does not report that a disk is full. A variable begins with
-/// a type and the number of bytes that follow.
+/// Checks that the file ends with its last variable, because the library does not report that a disk is full. A variable begins
+/// with a type and the number of bytes that follow.
 fn check_complete(file: &mut File, variables: usize) -> io::Result<()> {
     const HEADER: u64 = 128;
     let mut end = HEADER;

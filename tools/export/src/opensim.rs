@@ -1,7 +1,7 @@
 //! OpenSim's external loads, as a .mot or .sto file: force, point of application and torque of each foot.
 //!
-//! The axes are those of OpenSim's models, x forwards, y upwards and z to the right, but fixed to the insole, because an insole does
-//! not know where it is: the origin is at the back of the heel on the medial edge. An insole measures normal force only.
+//! The axes are those of OpenSim's models, x forwards, y upwards and z to the right, but fixed to the insole, because an insole
+//! does not know where it is: the origin is at the back of the heel on the medial edge. An insole measures normal force only.
 
 use crate::{Foot, Session, output};
 use plantar::Side;
@@ -9,8 +9,8 @@ use recording::Result;
 use std::io::{self, Write};
 use std::path::Path;
 
-/// Writes the external loads: time in s, force in N, point of application in m, torque in N m. All of them are 0 while the foot is
-/// off the ground.
+/// Writes the external loads: time in s, force in N, point of application in m, torque in N m. All of them are 0 while the foot
+/// is off the ground.
 ///
 /// # Errors
 /// Fails if the file cannot be written.

@@ -33,7 +33,7 @@ impl Frame {
 }
 
 /// A step on the clock of the session.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct TimedStep {
     /// Time of the heel strike, s.
     pub heel_strike_s: f64,
@@ -70,7 +70,7 @@ impl Foot {
     /// Computes the frames and steps of a recording as its virtual insole would. `file` is the name of the recording in messages.
     ///
     /// # Errors
-    /// Fails if the insole refuses the recording or the parameters, or a result is not finite.
+    /// Fails if the insole refuses the recording or the parameters.
     pub fn new(recording: Recording, virtual_insole: &VirtualInsole, tissue: &Tissue, file: &str) -> Result<Self> {
         let refused = |problem: String| {
             content(file, format!("the recording cannot be evaluated ({problem})"), "import the measurement again")
@@ -103,10 +103,6 @@ impl Foot {
             if i <= last {
                 frames.push(frame(&insole));
             }
-        }
-        if let Some(i) = frames.iter().position(|frame| !frame.total_force_n().is_finite()) {
-            let problem = format!("the force is not finite at {} s", recording.t_s[i]);
-            return Err(content(file, problem, "repair or remove this frame, and import the measurement again"));
         }
         let Recording { side, layout, rate_hz, source, t_s, pressure_kpa } = recording;
         Ok(Self { side, source, layout, pressure_kpa, frames, steps, file: file.into(), rate_hz, t_s })
@@ -212,18 +208,17 @@ impl Session {
         }
         let begins = feet.iter().map(|foot| foot.t_s[0]).chain(from_s).fold(f64::NEG_INFINITY, f64::max);
         let ends = feet.iter().map(|foot| foot.t_s[foot.t_s.len() - 1]).chain(to_s).fold(f64::INFINITY, f64::min);
-        let files = feet.iter().map(|foot| foot.file.as_str()).collect::<Vec<_>>().join(" and ");
-        if begins > ends {
+        let first_s = feet[0].t_s[feet[0].nearest(begins)];
+        let firsts: Vec<usize> = feet.iter().map(|foot| foot.nearest(first_s)).collect();
+        let counts = feet.iter().zip(&firsts).map(|(foot, first)| (foot.nearest(ends) + 1).saturating_sub(*first));
+        let count = counts.min().unwrap_or(0);
+        if begins > ends || count == 0 {
+            let files = feet.iter().map(|foot| foot.file.as_str()).collect::<Vec<_>>().join(" and ");
             let times = feet.iter().map(|foot| format!("{} to {} s", foot.t_s[0], foot.t_s[foot.t_s.len() - 1]));
             let times = times.collect::<Vec<_>>().join(" and ");
             let problem = format!("no frame in common between the times of the frames ({times}), --from and --to");
             return Err(content(&files, problem, "name times within the recording, and recordings on one clock"));
         }
-        let first = feet[0].nearest(begins);
-        let begins = feet[0].t_s[first];
-        let firsts: Vec<usize> = feet.iter().map(|foot| foot.nearest(begins)).collect();
-        let counts = feet.iter().zip(&firsts).map(|(foot, first)| foot.nearest(ends) + 1 - first);
-        let count = counts.min().unwrap_or(0);
         for (foot, first) in feet.iter_mut().zip(firsts) {
             foot.crop(first, count);
         }

@@ -1,8 +1,8 @@
 """Reads an exported file with an independent program, and prints its content as JSON.
 
 Arguments: the reader (ezc3d, c3d, opensim, scipy, pandas or bids) and the path. The object has the rate in Hz (`rate_hz`) or the
-times in s (`t_s`), the values of each channel by its name (`channels`, with null for an absent value), the events as pairs of a time
-in s and a name (`events`), and the units of the channels (`units`), as far as the format has them.
+times in s (`t_s`), the values of each channel by its name (`channels`, with null for an absent value), the events as pairs of a
+time in s and a name (`events`), and the units of the channels (`units`), as far as the format has them.
 """
 
 import json

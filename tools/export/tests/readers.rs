@@ -136,6 +136,31 @@ fn the_session_has_the_forces_and_the_centre_of_pressure_of_the_recording() {
     }
 }
 
+/// The names of the files in a folder.
+fn names(folder: &Path) -> Vec<std::ffi::OsString> {
+    std::fs::read_dir(folder).expect("a folder").flatten().map(|entry| entry.file_name()).collect()
+}
+
+#[test]
+fn what_exceeds_a_format_is_refused_with_the_remedy() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut session = both_feet();
+    // Three thousand steps have more events than the parameters of a C3D file can hold, two thousand have not.
+    session.feet[0].steps = session.feet[0].steps[1..2].repeat(2000);
+    c3d::write(&session, &folder.path().join("walk.c3d")).expect("the events fit");
+    std::fs::remove_file(folder.path().join("walk.c3d")).expect("removed");
+    session.feet[0].steps = session.feet[0].steps[1..2].repeat(3000);
+    let events = c3d::write(&session, &folder.path().join("walk.c3d"));
+    // Ten million frames of 60 cells have 4 GB.
+    session.t_s = vec![0.0; 10_000_000];
+    let bytes = mat::write(&session, &folder.path().join("walk.mat"));
+    for (refused, problem) in [(events, "events"), (bytes, "2 GiB")] {
+        let text = refused.expect_err("it does not fit").to_string();
+        assert!(text.contains("walk.parquet") && text.contains(problem) && text.contains("--from"), "{text}");
+    }
+    assert_eq!(names(folder.path()), Vec::<std::ffi::OsString>::new());
+}
+
 /// A step is found where the recorded force rises and falls.
 #[test]
 fn events_are_where_the_recorded_force_rises_and_falls() {
@@ -180,6 +205,29 @@ fn a_long_c3d_file_has_all_frames_and_events() {
         assert_eq!(found["event_count"], session.events().len());
         compare_channels(&found, &session, 0.0, SINGLE);
         compare_events(&found, &session, session.t_s[0]);
+    }
+}
+
+#[test]
+#[ignore = "needs Python with the readers of the formats, whose path PLANTAR_FORMATS contains"]
+fn a_part_without_load_and_events_is_read() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name);
+    let session = Session::new(vec![foot(walk(Side::Left, 2, 60))], Some(3.0), Some(3.3)).expect("a swing");
+    assert_eq!((session.frames(), session.events().len(), session.feet[0].steps.len()), (31, 0, 0));
+    c3d::write(&session, &path("walk.c3d")).expect("written");
+    mat::write(&session, &path("walk.mat")).expect("written");
+    let names = Names { subject: "01".into(), task: "walking".into() };
+    motion_bids::write(&session, &names, "Plantar test", &path("study")).expect("written");
+    for (reader, name, absent) in [
+        ("ezc3d", "walk.c3d", 0.0),
+        ("c3d", "walk.c3d", 0.0),
+        ("scipy", "walk.mat", f64::NAN),
+        ("bids", "study", f64::NAN),
+    ] {
+        let found = read(reader, &path(name));
+        compare_channels(&found, &session, absent, SINGLE_TEXT);
+        assert!(found.get("errors").is_none_or(|errors| *errors == serde_json::json!([])), "{found}");
     }
 }
 

@@ -1,7 +1,7 @@
 //! `plantar export`: writes recordings in the formats of other programs.
 
 use crate::setup::{self, ContactArgs, WearerArgs, ZeroArgs};
-use anyhow::Result;
+use anyhow::{Result, bail};
 use clap::{Args, Subcommand};
 use export::motion_bids::Names;
 use export::{Foot, Session};
@@ -46,10 +46,10 @@ pub struct Options {
     #[arg(long, value_name = "PATH")]
     out: PathBuf,
     /// Export from this time on, s, on the clock of the recording. The insole's code still begins with the first frame.
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", value_parser = time)]
     from: Option<f64>,
     /// Export up to this time, s, on the clock of the recording.
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", value_parser = time)]
     to: Option<f64>,
     #[command(flatten)]
     wearer: WearerArgs,
@@ -57,6 +57,10 @@ pub struct Options {
     contact: ContactArgs,
     #[command(flatten)]
     zero: ZeroArgs,
+}
+
+fn time(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|t_s: &f64| t_s.is_finite()).ok_or_else(|| "give a time in seconds".into())
 }
 
 impl Export {
@@ -67,8 +71,12 @@ impl Export {
         | Self::Mat(options)
         | Self::MotionBids { options, .. }
         | Self::Csv(options)) = self;
-        let session = options.session()?;
         let out = &options.out;
+        let is_out = |recording: &PathBuf| recording.canonicalize().ok() == out.canonicalize().ok();
+        if out.exists() && options.recordings.iter().any(is_out) {
+            bail!("{}: the export would replace the recording: name another file", out.display());
+        }
+        let session = options.session()?;
         match self {
             Self::C3d(_) => export::c3d::write(&session, out)?,
             Self::Mot(_) | Self::Sto(_) => export::opensim::write(&session, out)?,

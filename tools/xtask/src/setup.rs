@@ -17,8 +17,8 @@ const SCIPY: &str = "scipy>=1.13,<2";
 /// A library that simulates phones and Bluetooth controllers.
 const BUMBLE: &str = "bumble==0.0.236";
 
-/// Programs that read exported files, for tests: C3D, OpenSim's storage files, MATLAB files, BIDS and CSV. One environment has all
-/// of them, without their optional dependencies.
+/// Programs that read exported files, for tests: C3D, OpenSim's storage files, MATLAB files, BIDS and CSV. One environment has
+/// all of them, without their optional dependencies.
 const FORMAT_READERS: [&str; 10] = [
     "ezc3d==1.7.2",
     "c3d==0.6.0",
@@ -159,8 +159,7 @@ fn bus() -> Result<()> {
     install(&Package { title: "D-Bus", apt: "dbus-daemon", dnf: "dbus-daemon", pacman: "dbus", brew: "dbus" })
 }
 
-/// Installs GNU Octave, which reads exported MATLAB files in a test. Debian's package without the recommended ones lacks the windows
-/// and the documentation.
+/// Installs GNU Octave, which reads exported MATLAB files in a test. On Debian, packages that it only recommends are omitted.
 fn octave() -> Result<()> {
     if has("octave-cli") {
         return Ok(());
@@ -192,11 +191,13 @@ pub fn python() -> Result<Python> {
     Ok(Python { interpreter, jiku, moticon })
 }
 
-/// Creates the private Python environment with [`FORMAT_READERS`], if it is missing or has other packages. Returns its interpreter.
+/// Creates the private Python environment with [`FORMAT_READERS`], if it is missing or has other packages. Returns its
+/// interpreter.
 pub fn formats() -> Result<PathBuf> {
     environment_with(&cache().join("formats"), &FORMAT_READERS.join(" "), |pip| {
-        pip(&[&["install", "--no-deps"], &FORMAT_READERS[..]].concat())
-            .context("the readers of exported files come from PyPI and need Python 3.11 or newer: check the network connection")
+        pip(&[&["install", "--no-deps"], &FORMAT_READERS[..]].concat()).context(
+            "the readers of exported files come from PyPI and need Python 3.11 or newer: check the network connection",
+        )
     })
 }
 
