@@ -4,6 +4,7 @@ mod carrier;
 mod cells;
 mod cohort;
 mod emulate;
+mod export;
 mod fit;
 mod frames;
 mod gait;
@@ -45,6 +46,7 @@ use std::process::ExitCode;
 ///   plantar repeat study --csv repeatability.csv
 ///   plantar replay walk.parquet --params params.toml --json steps.json
 ///   plantar emulate walk.parquet
+///   plantar export c3d walk.parquet --out walk.c3d
 ///   plantar gait walk.plantar --json gait.json
 ///   plantar params push params.toml --serial /dev/ttyACM0
 ///   plantar identify --serial /dev/ttyACM0 --out me
@@ -74,6 +76,12 @@ enum Command {
     Cohort(cohort::Cohort),
     Repeat(repeat::Repeat),
     Emulate(emulate::Emulate),
+    /// Write recordings in the formats of other programs.
+    ///
+    /// The exports contain what the insole's own code computes from a recording, as in `plantar replay`. docs/exporting.md describes
+    /// the formats.
+    #[command(subcommand)]
+    Export(export::Export),
     Gait(gait::GaitCommand),
     Monitor(monitor::Monitor),
     Record(record::Record),
@@ -102,6 +110,7 @@ fn main() -> ExitCode {
         Command::Cohort(cohort) => return status(cohort.run()),
         Command::Repeat(repeat) => return status(repeat.run()),
         Command::Emulate(emulate) => emulate.run(),
+        Command::Export(export) => export.run(),
         Command::Gait(gait) => gait.run(),
         Command::Update(update) => update.run(),
         Command::Monitor(monitor) => monitor.run(),

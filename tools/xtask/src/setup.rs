@@ -35,6 +35,21 @@ const PACKAGE_TOOLS: [&str; 14] = [
     "xarray==2026.9.0",
 ];
 
+/// Programs that read exported files, for tests: C3D, OpenSim's storage files, MATLAB files, BIDS and CSV. One environment has
+/// all of them, without their optional dependencies.
+const FORMAT_READERS: [&str; 10] = [
+    "ezc3d==1.7.2",
+    "c3d==0.6.0",
+    "opensim==4.6",
+    "scipy==1.17.1",
+    "numpy==2.4.6",
+    "pandas==3.1.1",
+    "python-dateutil==4.0.0",
+    "tzdata==2026.6",
+    "bids-validator-deno==3.0.2",
+    "deno==2.9.8",
+];
+
 /// A private Python environment.
 pub struct Python {
     /// The path of its interpreter, which has NumPy, SciPy and bumble.
@@ -54,6 +69,8 @@ pub fn all() -> Result<Python> {
     cargo_fuzz()?;
     cargo_deny()?;
     bus()?;
+    octave()?;
+    formats()?;
     package()?;
     python()
 }
@@ -161,28 +178,33 @@ fn bus() -> Result<()> {
     install(&Package { title: "D-Bus", apt: "dbus-daemon", dnf: "dbus-daemon", pacman: "dbus", brew: "dbus" })
 }
 
-/// The file in the Python environment with the list of the packages that were installed.
+/// Installs GNU Octave, which reads exported MATLAB files in a test. On Debian, packages that it only recommends are omitted.
+fn octave() -> Result<()> {
+    if has("octave-cli") {
+        return Ok(());
+    }
+    let apt = "--no-install-recommends octave";
+    install(&Package { title: "GNU Octave", apt, dnf: "octave", pacman: "octave", brew: "octave" })
+}
+
+/// The file in a Python environment with the list of the packages that were installed.
 const PYTHON_STAMP: &str = "holds.txt";
 
 /// Creates the private Python environment, if it is missing or the list of its packages has changed.
 pub fn python() -> Result<Python> {
     let environment = cache().join("python");
-    let stamp = environment.join(PYTHON_STAMP);
     let walks = format!("{WALKS_PACKAGE}=={WALKS_VERSION}");
     let packages = format!("{SAMPLE_PACKAGE} {walks} {NUMPY} {SCIPY} {BUMBLE}");
     let sources = environment.join("sources");
     let interpreter = program(&environment, "python");
-    if std::fs::read_to_string(&stamp).ok().as_deref() != Some(&packages) {
-        std::fs::create_dir_all(cache())?;
-        create_environment(&environment)?;
+    environment_with(&environment, &packages, || {
         let pip = |options: &[&str]| pip(&environment, options);
         let (source, folder) = (["--no-deps", "--no-binary", WALKS_PACKAGE, &walks], sources.to_string_lossy());
         pip(&["install", "--no-deps", SAMPLE_PACKAGE, NUMPY, SCIPY])
             .and_then(|()| pip(&["install", BUMBLE]))
             .and_then(|()| pip(&[&["download", "--dest", &folder], &source[..]].concat()))
-            .context("the walks, NumPy, SciPy and bumble come from PyPI: check the network connection")?;
-        std::fs::write(&stamp, packages)?;
-    }
+            .context("the walks, NumPy, SciPy and bumble come from PyPI: check the network connection")
+    })?;
     let jiku = find(&environment, Path::new("jikudata/datasets/SpeedPP2DS")).with_context(|| {
         format!("{SAMPLE_PACKAGE} lacks its data set: remove {} and run the command again", environment.display())
     })?;
@@ -190,20 +212,39 @@ pub fn python() -> Result<Python> {
     Ok(Python { interpreter, jiku, moticon })
 }
 
-/// Creates the private Python environment with the tools for the Python package, if it is missing or the list of its packages has
-/// changed. Returns its folder.
+/// Creates the private Python environment with the tools for the Python package, if it is missing or has other packages. Returns
+/// its folder.
 pub fn package() -> Result<PathBuf> {
     let environment = cache().join("package");
-    let stamp = environment.join(PYTHON_STAMP);
-    let packages = PACKAGE_TOOLS.join(" ");
-    if std::fs::read_to_string(&stamp).ok().as_deref() != Some(&packages) {
-        std::fs::create_dir_all(cache())?;
-        create_environment(&environment)?;
+    environment_with(&environment, &PACKAGE_TOOLS.join(" "), || {
         pip(&environment, &[&["install"], &PACKAGE_TOOLS[..]].concat())
-            .context("the tools for the Python package come from PyPI: check the network connection")?;
+            .context("the tools for the Python package come from PyPI: check the network connection")
+    })?;
+    Ok(environment)
+}
+
+/// Creates the private Python environment with [`FORMAT_READERS`], if it is missing or has other packages. Returns its
+/// interpreter.
+pub fn formats() -> Result<PathBuf> {
+    let environment = cache().join("formats");
+    environment_with(&environment, &FORMAT_READERS.join(" "), || {
+        pip(&environment, &[&["install", "--no-deps"], &FORMAT_READERS[..]].concat()).context(
+            "the readers of exported files come from PyPI and need Python 3.11 or newer: check the network connection",
+        )
+    })?;
+    Ok(program(&environment, "python"))
+}
+
+/// Creates a Python environment in this folder, unless it was completed with the same list of packages. `fill` installs them.
+fn environment_with(environment: &Path, packages: &str, fill: impl FnOnce() -> Result<()>) -> Result<()> {
+    let stamp = environment.join(PYTHON_STAMP);
+    if std::fs::read_to_string(&stamp).ok().as_deref() != Some(packages) {
+        std::fs::create_dir_all(cache())?;
+        create_environment(environment)?;
+        fill()?;
         std::fs::write(&stamp, packages)?;
     }
-    Ok(environment)
+    Ok(())
 }
 
 /// The path of a program in an environment.

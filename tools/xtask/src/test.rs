@@ -68,6 +68,7 @@ fn host_tests(python: &Python) -> Result<()> {
     command
         .args(["test", "--locked", "--release", "--no-fail-fast", "--", "--include-ignored"])
         .env("PLANTAR_FIRMWARE", firmware(EMULATED))
+        .env("PLANTAR_FORMATS", setup::formats()?)
         .env("PLANTAR_JIKU", &python.jiku)
         .env("PLANTAR_MOTICON", &python.moticon)
         .env("PLANTAR_PYTHON", &python.interpreter);

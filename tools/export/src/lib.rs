@@ -1,0 +1,18 @@
+//! Exports recordings to the formats of other programs.
+//!
+//! A [`Session`] is what is exported: the quantities that the insole's own code computes in every frame of a recording, the steps
+//! and the recorded pressures, of one foot or of both feet on one clock. Each module writes one format. A file has its name only
+//! once it is complete.
+
+pub mod c3d;
+pub mod csv;
+pub mod mat;
+pub mod motion_bids;
+pub mod opensim;
+
+mod channel;
+mod output;
+mod session;
+
+pub use channel::{Channel, Quantity};
+pub use session::{Event, EventKind, Foot, Frame, RegionFrame, Session, TimedStep};

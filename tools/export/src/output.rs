@@ -1,0 +1,31 @@
+//! Files and folders that have their names only once they are complete.
+
+use recording::{Error, Result};
+use std::ffi::OsString;
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+/// Writes a file. If this fails, an existing file with this name remains as it is.
+pub fn file(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> Result<()> {
+    at(path, |incomplete| {
+        let mut to = BufWriter::new(File::create(incomplete)?);
+        write(&mut to)?;
+        to.flush()?;
+        // A full disk is sometimes noticed only here.
+        to.get_ref().sync_all()
+    })
+}
+
+/// Writes a file or a folder, at the path that `write` receives.
+pub fn at(path: &Path, write: impl FnOnce(&Path) -> io::Result<()>) -> Result<()> {
+    let mut name = OsString::from(path);
+    name.push(".incomplete");
+    let incomplete = PathBuf::from(name);
+    let written = write(&incomplete).and_then(|()| fs::rename(&incomplete, path));
+    written.map_err(|reason| {
+        // What cannot be removed was not written either.
+        let _ = fs::remove_file(&incomplete).or_else(|_| fs::remove_dir_all(&incomplete));
+        Error::Io { file: path.into(), reason }
+    })
+}

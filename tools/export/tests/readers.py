@@ -1,0 +1,160 @@
+"""Reads an exported file with an independent program, and prints its content as JSON.
+
+Arguments: the reader (ezc3d, c3d, opensim, scipy, pandas or bids) and the path. The object has the rate in Hz (`rate_hz`) or the
+times in s (`t_s`), the values of each channel by its name (`channels`, with null for an absent value), the events as pairs of a
+time in s and a name (`events`), and the units of the channels (`units`), as far as the format has them.
+"""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+REGIONS = [
+    "heel", "posterior_midfoot", "anterior_midfoot", "metatarsals_12", "metatarsals_35", "hallux", "toe_2", "toes_35",
+]
+EVENTS = {"Foot Strike": "heel_strike", "Foot Off": "toe_off"}
+
+
+def plain(values):
+    return [None if np.isnan(value) else float(value) for value in np.asarray(values, float).ravel()]
+
+
+def events(times, contexts, labels):
+    named = zip(np.asarray(times, float).reshape(-1, 2), contexts, labels, strict=True)
+    return [[minutes * 60 + seconds, f"{context.lower()}_{EVENTS[label]}"] for (minutes, seconds), context, label in named]
+
+
+def in_parts(name, get):
+    """The values of a parameter and of its continuations, which have the suffixes 2, 3 and so on."""
+    values = list(get(name))
+    number = 2
+    while (more := get(f"{name}{number}")) is not None:
+        values.extend(more)
+        number += 1
+    return values
+
+
+def read_ezc3d(path):
+    import ezc3d
+
+    file = ezc3d.c3d(str(path))
+    analog, event = file["parameters"]["ANALOG"], file["parameters"]["EVENT"]
+    get = lambda name: np.asarray(event[name]["value"]).T if name in event else None
+    times = in_parts("TIMES", get)
+    values = file["data"]["analogs"][0]
+    return {
+        "rate_hz": analog["RATE"]["value"][0],
+        "channels": dict(zip(analog["LABELS"]["value"], map(plain, values), strict=True)),
+        "units": dict(zip(analog["LABELS"]["value"], analog["UNITS"]["value"], strict=True)),
+        "events": events(times, in_parts("CONTEXTS", get), in_parts("LABELS", get)),
+        "event_count": int(event["USED"]["value"][0]),
+        "frames": int(file["header"]["points"]["last_frame"] - file["header"]["points"]["first_frame"] + 1),
+    }
+
+
+def read_c3d(path):
+    import c3d
+
+    with open(path, "rb") as handle:
+        file = c3d.Reader(handle)
+        samples = np.concatenate([analog for _, _, analog in file.read_frames()], axis=1)
+        labels = [label.strip() for label in file.analog_labels]
+
+        def get(name):
+            parameter = file.get(f"EVENT:{name}")
+            if parameter is None or parameter.num_elements == 0:
+                return None if parameter is None else []
+            return parameter.float_array.reshape(-1, 2) if name.startswith("TIMES") else parameter.string_array
+
+        strip = lambda texts: [text.strip() for text in texts]
+        return {
+            "rate_hz": float(file.analog_rate),
+            "channels": dict(zip(labels, map(plain, samples), strict=True)),
+            "units": dict(zip(labels, strip(file.get("ANALOG:UNITS").string_array), strict=True)),
+            "events": events(in_parts("TIMES", get), strip(in_parts("CONTEXTS", get)), strip(in_parts("LABELS", get))),
+            "event_count": int(file.get("EVENT:USED").uint16_value),
+            "frames": int(file.frame_count),
+        }
+
+
+def read_opensim(path):
+    import opensim
+
+    opensim.Logger.setLevelString("Error")
+    table = opensim.TimeSeriesTable(str(path))
+    values = table.getMatrix().to_numpy()
+    return {
+        "t_s": plain(table.getIndependentColumn()),
+        "channels": {label: plain(values[:, i]) for i, label in enumerate(table.getColumnLabels())},
+    }
+
+
+def read_scipy(path):
+    from scipy.io import loadmat
+
+    file = loadmat(path, simplify_cells=True)
+    assert list(file["regions"]) == REGIONS
+    found = {"rate_hz": file["rate_hz"], "t_s": plain(file["t_s"]), "channels": {}, "feet": {}}
+    for side in ("left", "right"):
+        if side not in file:
+            continue
+        foot = file[side]
+        channels = {"total_force_n": foot["total_force_n"]}
+        channels |= {f"cop_{axis}_mm": foot["cop_mm"][:, i] for i, axis in enumerate("xy")}
+        channels |= {f"{region}_measured_force_n": foot["measured_force_n"][:, i] for i, region in enumerate(REGIONS)}
+        channels |= {f"{region}_area_mm2": foot["area_mm2"][:, i] for i, region in enumerate(REGIONS)}
+        found["channels"] |= {f"{side}_{name}": plain(values) for name, values in channels.items()}
+        found["feet"][side] = {
+            "pressure_kpa": plain(foot["pressure_kpa"]),
+            "layout": {name: plain(foot["layout"][name]) for name in ("x_mm", "y_mm", "area_mm2", "region")},
+            "steps": {name: plain(values) for name, values in foot["steps"].items()},
+            "source": foot["source"],
+            "heel_strike_s": plain(foot["heel_strike_s"]),
+            "toe_off_s": plain(foot["toe_off_s"]),
+        }
+    return found
+
+
+def read_pandas(path):
+    import pandas
+
+    table = pandas.read_csv(path)
+    is_event = table.quantity.isin(list(EVENTS.values()))
+    rows = table[is_event]
+    table = table[~is_event]
+    prefix = table.region.where(table.region != "foot", "").map(lambda region: region and region + "_")
+    wide = table.assign(channel=table.side + "_" + prefix + table.quantity).pivot(index="t_s", columns="channel", values="value")
+    return {
+        "t_s": plain(wide.index),
+        "channels": {name: plain(wide[name]) for name in wide},
+        "events": [[row.t_s, f"{row.side}_{row.quantity}"] for row in rows.itertuples()],
+    }
+
+
+def read_bids(path):
+    import pandas
+
+    validator = Path(sys.executable).parent / "bids-validator-deno"
+    # The exit status is that of the findings, which the test judges.
+    report = subprocess.run([validator, path, "--format", "json", "--max-rows", "-1"], stdout=subprocess.PIPE)
+    issues = json.loads(report.stdout)["issues"]["issues"]
+    motion = next(Path(path).glob("sub-*/motion"))
+    table = lambda suffix: next(motion.glob(f"*_{suffix}.tsv"))
+    channels = pandas.read_csv(table("channels"), sep="\t", keep_default_na=False)
+    samples = pandas.read_csv(table("motion"), sep="\t", header=None, na_values="n/a")
+    marks = pandas.read_csv(table("events"), sep="\t")
+    sidecar = json.loads(next(motion.glob("*_motion.json")).read_text())
+    return {
+        "rate_hz": sidecar["SamplingFrequency"],
+        "channels": {name: plain(samples[i]) for i, name in enumerate(channels.name)},
+        "units": dict(zip(channels.name, channels.units)),
+        "events": [[row.onset, row.trial_type] for row in marks.itertuples()],
+        "errors": [issue for issue in issues if issue["severity"] == "error"],
+        "warnings": [issue for issue in issues if issue["severity"] == "warning"],
+    }
+
+
+json.dump(globals()[f"read_{sys.argv[1]}"](sys.argv[2]), sys.stdout)

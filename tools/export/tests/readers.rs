@@ -1,0 +1,348 @@
+//! Exported files, read by independent programs, contain what was measured.
+
+use export::motion_bids::Names;
+use export::{EventKind, Foot, Quantity, Session, c3d, csv, mat, motion_bids, opensim};
+use parameters::{InsoleSize, Parameters};
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::stance_rule::StanceRule;
+use plantar::protocol::{Step, StepFoot, StepRegion};
+use plantar::{Region, Side};
+use recording::synthetic::{self, SyntheticWalk};
+use recording::{Recording, VirtualInsole};
+use serde_json::Value;
+use std::path::Path;
+use std::process::Command;
+
+/// The right foot walks this much after the left one.
+const LAG_S: f64 = 0.5;
+
+/// A walk; its time begins at 3 s for the left foot.
+fn walk(side: Side, steps: usize, cells: usize) -> Recording {
+    let walk = SyntheticWalk { side, steps, cells, ..SyntheticWalk::default() };
+    let mut recording = synthetic::walk(&walk).recording;
+    let begins_s = if side == Side::Left { 3.0 } else { 3.0 + LAG_S };
+    recording.t_s.iter_mut().for_each(|t_s| *t_s += begins_s);
+    recording
+}
+
+fn foot(recording: Recording) -> Foot {
+    let insole = VirtualInsole::new(&recording, ContactRule::COVERED, StanceRule::ADAPTIVE);
+    Foot::new(recording, &insole, &Parameters::typical(InsoleSize::default()).tissue(), "walk.parquet")
+        .expect("the recording is valid")
+}
+
+fn both_feet() -> Session {
+    let feet = [Side::Right, Side::Left].map(|side| foot(walk(side, 5, 60)));
+    Session::new(feet.into(), None, None).expect("one clock")
+}
+
+/// The content of a file, as readers.py prints it.
+fn read(reader: &str, path: &Path) -> Value {
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/readers.py");
+    let python =
+        std::env::var_os("PLANTAR_FORMATS").expect("PLANTAR_FORMATS names a Python with the readers of the formats");
+    let mut command = Command::new(python);
+    json(command.args([script, reader]).arg(path))
+}
+
+fn json(command: &mut Command) -> Value {
+    let output = command.output().expect("the reader starts");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).expect("JSON")
+}
+
+fn numbers(values: &Value) -> Vec<f64> {
+    values.as_array().expect("an array").iter().map(|value| value.as_f64().unwrap_or(f64::NAN)).collect()
+}
+
+/// Compares numbers within a relative tolerance. NaN is equal to NaN.
+fn compare(name: &str, found: &Value, expected: impl IntoIterator<Item = f64>, tolerance: f64) {
+    let (found, expected) = (numbers(found), expected.into_iter().collect::<Vec<_>>());
+    assert_eq!(found.len(), expected.len(), "{name}");
+    for (i, (found, expected)) in found.iter().zip(&expected).enumerate() {
+        let is_near = (found - expected).abs() <= tolerance * expected.abs();
+        assert!(is_near || found.is_nan() && expected.is_nan(), "{name} {i}: {found} for {expected}");
+    }
+}
+
+/// Compares all channels, with `absent` for the values that are absent, and the units if the format has them.
+fn compare_channels(found: &Value, session: &Session, absent: f64, tolerance: f64) {
+    let channels = session.channels();
+    assert_eq!(found["channels"].as_object().map(|them| them.len()), Some(channels.len()));
+    for channel in &channels {
+        let values = (0..session.frames()).map(|i| channel.value(i).unwrap_or(absent));
+        compare(&channel.name(), &found["channels"][channel.name()], values, tolerance);
+        if let Some(unit) = found["units"].get(channel.name()) {
+            assert_eq!(unit, channel.quantity.unit());
+        }
+    }
+}
+
+/// Compares the events, with times from `begins_s` on.
+fn compare_events(found: &Value, session: &Session, begins_s: f64) {
+    let mut found: Vec<(f64, &str)> = found["events"]
+        .as_array()
+        .expect("events")
+        .iter()
+        .map(|event| (event[0].as_f64().expect("a time"), event[1].as_str().expect("a name")))
+        .collect();
+    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let expected = session.events();
+    assert_eq!(found.len(), expected.len());
+    assert!(expected.len() > 10, "{expected:?}");
+    for (found, expected) in found.iter().zip(expected) {
+        assert_eq!(found.1, format!("{}_{}", expected.side.name(), expected.kind.name()));
+        assert!((found.0 - (expected.t_s - begins_s)).abs() < 5e-6, "{found:?} for {expected:?}");
+    }
+}
+
+/// Largest difference of single precision, relative, in binary and in the decimals that identify the binary number.
+const SINGLE: f64 = 6e-8;
+const SINGLE_TEXT: f64 = 2.0 * SINGLE;
+
+/// The quantities of the frames, from the pressures of the cells alone.
+#[test]
+fn the_session_has_the_forces_and_the_centre_of_pressure_of_the_recording() {
+    let recordings = [Side::Left, Side::Right].map(|side| walk(side, 5, 60));
+    let session = both_feet();
+    // The right foot begins later, and ends later.
+    assert_eq!(session.t_s[0], recordings[1].t_s[0]);
+    assert_eq!(session.t_s.last(), recordings[0].t_s.last());
+    let lag = (LAG_S * session.rate_hz) as usize;
+    for (recording, (foot, first)) in recordings.iter().zip(session.feet.iter().zip([lag, 0])) {
+        assert_eq!(foot.side, recording.side);
+        let mut loaded = 0;
+        for (i, frame) in foot.frames.iter().enumerate() {
+            let kpa = recording.frame(first + i);
+            assert_eq!(foot.cells_kpa(i), kpa);
+            let cells =
+                || recording.layout.cells.iter().zip(kpa).map(|(c, &kpa)| (c, f64::from(kpa) * c.area_mm2 / 1e3));
+            // Sensors have a resolution, which is coarse near zero.
+            let near = |found: f64, expected: f64| (found - expected).abs() <= 0.002 * expected + 0.2;
+            for region in Region::ALL {
+                let force_n: f64 = cells().filter(|(cell, _)| cell.region == region).map(|(_, force_n)| force_n).sum();
+                assert!(near(frame.regions[region as usize].force_n, force_n), "{frame:?} for {force_n} N");
+            }
+            let force_n: f64 = cells().map(|(_, force_n)| force_n).sum();
+            assert!(near(frame.total_force_n(), force_n));
+            assert!(frame.cop_mm.is_some() || force_n < 100.0, "{frame:?} at {} s", session.t_s[i]);
+            if let Some((x_mm, y_mm)) = frame.cop_mm.filter(|_| force_n > 50.0) {
+                let centre = |of: fn(&recording::Cell) -> f64| cells().map(|(c, n)| n * of(c)).sum::<f64>() / force_n;
+                assert!((x_mm - centre(|cell| cell.x_mm)).abs() < 0.2 && (y_mm - centre(|cell| cell.y_mm)).abs() < 0.2);
+                loaded += 1;
+            }
+        }
+        assert!(loaded > foot.frames.len() / 3);
+    }
+}
+
+/// The names of the files in a folder.
+fn names(folder: &Path) -> Vec<std::ffi::OsString> {
+    std::fs::read_dir(folder).expect("a folder").flatten().map(|entry| entry.file_name()).collect()
+}
+
+#[test]
+fn what_exceeds_a_format_is_refused_with_the_remedy() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut session = both_feet();
+    // Three thousand steps have more events than the parameters of a C3D file can hold, two thousand have not.
+    session.feet[0].steps = session.feet[0].steps[1..2].repeat(2000);
+    c3d::write(&session, &folder.path().join("walk.c3d")).expect("the events fit");
+    std::fs::remove_file(folder.path().join("walk.c3d")).expect("removed");
+    session.feet[0].steps = session.feet[0].steps[1..2].repeat(3000);
+    let events = c3d::write(&session, &folder.path().join("walk.c3d"));
+    // Ten million frames of 60 cells have 4 GB.
+    session.t_s = vec![0.0; 10_000_000];
+    let bytes = mat::write(&session, &folder.path().join("walk.mat"));
+    for (refused, problem) in [(events, "events"), (bytes, "2 GiB")] {
+        let text = refused.expect_err("it does not fit").to_string();
+        assert!(text.contains("walk.parquet") && text.contains(problem) && text.contains("--from"), "{text}");
+    }
+    assert_eq!(names(folder.path()), Vec::<std::ffi::OsString>::new());
+}
+
+/// A step is found where the recorded force rises and falls.
+#[test]
+fn events_are_where_the_recorded_force_rises_and_falls() {
+    let session = both_feet();
+    for event in session.events() {
+        let recording = walk(event.side, 5, 60);
+        let at = recording.t_s.iter().position(|t_s| (t_s - event.t_s).abs() < 1e-9).expect("the time of a frame");
+        let [before_n, after_n] = [at - 5, at + 5].map(|i| recording.force_n(i));
+        let is_heel_strike = event.kind == EventKind::HeelStrike;
+        let (lifted_n, loaded_n) = if is_heel_strike { (before_n, after_n) } else { (after_n, before_n) };
+        assert!(lifted_n < 20.0 && loaded_n > 50.0, "{event:?}: {before_n} N, {after_n} N");
+    }
+}
+
+#[test]
+#[ignore = "needs Python with the readers of the formats, whose path PLANTAR_FORMATS contains"]
+fn c3d_is_read_by_ezc3d_and_c3d() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("walk.c3d");
+    let session = both_feet();
+    c3d::write(&session, &path).expect("written");
+    for reader in ["ezc3d", "c3d"] {
+        let found = read(reader, &path);
+        assert_eq!(found["rate_hz"], 100.0);
+        assert_eq!(found["frames"], session.frames());
+        compare_channels(&found, &session, 0.0, SINGLE);
+        compare_events(&found, &session, session.t_s[0]);
+    }
+}
+
+/// More frames than the 65,535 of the header, and more events than the 255 of a parameter.
+#[test]
+#[ignore = "needs Python with the readers of the formats, whose path PLANTAR_FORMATS contains"]
+fn a_long_c3d_file_has_all_frames_and_events() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("walk.c3d");
+    let session = Session::new(vec![foot(walk(Side::Left, 640, 20))], None, None).expect("a foot");
+    assert!(session.frames() > 65_535 && session.events().len() > 3 * 255);
+    c3d::write(&session, &path).expect("written");
+    for reader in ["ezc3d", "c3d"] {
+        let found = read(reader, &path);
+        assert_eq!(found["event_count"], session.events().len());
+        compare_channels(&found, &session, 0.0, SINGLE);
+        compare_events(&found, &session, session.t_s[0]);
+    }
+}
+
+#[test]
+#[ignore = "needs Python with the readers of the formats, whose path PLANTAR_FORMATS contains"]
+fn a_part_without_load_and_events_is_read() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name);
+    let session = Session::new(vec![foot(walk(Side::Left, 2, 60))], Some(3.0), Some(3.3)).expect("a swing");
+    assert_eq!((session.frames(), session.events().len(), session.feet[0].steps.len()), (31, 0, 0));
+    c3d::write(&session, &path("walk.c3d")).expect("written");
+    mat::write(&session, &path("walk.mat")).expect("written");
+    let names = Names { subject: "01".into(), task: "walking".into() };
+    motion_bids::write(&session, &names, "Plantar test", &path("study")).expect("written");
+    for (reader, name, absent) in [
+        ("ezc3d", "walk.c3d", 0.0),
+        ("c3d", "walk.c3d", 0.0),
+        ("scipy", "walk.mat", f64::NAN),
+        ("bids", "study", f64::NAN),
+    ] {
+        let found = read(reader, &path(name));
+        compare_channels(&found, &session, absent, SINGLE_TEXT);
+        assert!(found.get("errors").is_none_or(|errors| *errors == serde_json::json!([])), "{found}");
+    }
+}
+
+#[test]
+#[ignore = "needs Python with the readers of the formats, whose path PLANTAR_FORMATS contains"]
+fn external_loads_are_read_by_opensim() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let session = both_feet();
+    for name in ["walk.mot", "walk.sto"] {
+        let path = folder.path().join(name);
+        opensim::write(&session, &path).expect("written");
+        let found = read("opensim", &path);
+        compare("t_s", &found["t_s"], session.t_s.iter().copied(), 1e-15);
+        assert_eq!(found["channels"].as_object().map(|them| them.len()), Some(18));
+        // The lateral side of the left foot is at its left, at negative z.
+        for (foot, side, right) in [(&session.feet[0], 'l', -1.0), (&session.feet[1], 'r', 1.0)] {
+            let column = |name: &str, value: fn(f64, (f64, f64)) -> f64| {
+                let values = foot.frames.iter().map(|frame| {
+                    frame.cop_mm.map_or(0.0, |(x_mm, y_mm)| value(frame.total_force_n(), (right * x_mm, y_mm)))
+                });
+                compare(name, &found["channels"][name], values, 1e-12);
+            };
+            column(&format!("ground_force_{side}_vy"), |force_n, _| force_n);
+            column(&format!("ground_force_{side}_px"), |_, (_, y_mm)| y_mm / 1e3);
+            column(&format!("ground_force_{side}_pz"), |_, (x_mm, _)| x_mm / 1e3);
+            for zero in ["force_S_vx", "force_S_vz", "force_S_py", "torque_S_x", "torque_S_y", "torque_S_z"] {
+                column(&format!("ground_{}", zero.replace('S', &side.to_string())), |_, _| 0.0);
+            }
+        }
+    }
+}
+
+#[test]
+#[ignore = "needs Python with the readers of the formats, whose path PLANTAR_FORMATS contains"]
+fn a_matlab_file_is_read_by_scipy_and_octave() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("walk.mat");
+    let mut session = both_feet();
+    session.feet[0].source = "A plate of 2 m², with \"quotes\".".into();
+    mat::write(&session, &path).expect("written");
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/readers.m");
+    let octave = json(Command::new("octave-cli").args(["--no-init-file", script]).arg(&path));
+    for found in [read("scipy", &path), octave] {
+        compare("t_s", &found["t_s"], session.t_s.iter().copied(), 0.0);
+        compare_channels(&found, &session, f64::NAN, 1e-15);
+        for foot in &session.feet {
+            let read = &found["feet"][foot.side.name()];
+            assert_eq!(read["source"], foot.source.replace('²', "?"));
+            compare("heel_strike_s", &read["heel_strike_s"], foot.steps.iter().map(|step| step.heel_strike_s), 0.0);
+            compare("toe_off_s", &read["toe_off_s"], foot.steps.iter().map(|step| step.toe_off_s), 0.0);
+            compare("pressure", &read["pressure_kpa"], foot.pressure_kpa.iter().copied().map(f64::from), 0.0);
+            let cells = &foot.layout.cells;
+            compare("x_mm", &read["layout"]["x_mm"], cells.iter().map(|cell| cell.x_mm), 0.0);
+            compare("y_mm", &read["layout"]["y_mm"], cells.iter().map(|cell| cell.y_mm), 0.0);
+            compare("area_mm2", &read["layout"]["area_mm2"], cells.iter().map(|cell| cell.area_mm2), 0.0);
+            compare(
+                "region",
+                &read["layout"]["region"],
+                cells.iter().map(|cell| f64::from(cell.region as u8 + 1)),
+                0.0,
+            );
+            compare_steps(&read["steps"], &foot.steps.iter().map(|step| step.step).collect::<Vec<_>>());
+        }
+    }
+}
+
+/// Compares the tables of the steps: matrices with a row for each step.
+fn compare_steps(found: &Value, steps: &[Step]) {
+    let absent = f64::NAN;
+    for quantity in Step::QUANTITIES.iter().filter(|it| !["start_s", "starts_ago"].contains(&it.name)) {
+        let values = steps.iter().map(|step| quantity.in_unit(step).unwrap_or(absent));
+        compare(quantity.name, &found[quantity.name], values, 0.0);
+    }
+    for quantity in StepFoot::QUANTITIES {
+        let values = steps.iter().map(|step| quantity.in_unit(&step.foot).unwrap_or(absent));
+        compare(quantity.name, &found[quantity.name], values, 0.0);
+    }
+    for quantity in StepRegion::QUANTITIES {
+        let regions = steps.iter().flat_map(|step| &step.regions);
+        compare(quantity.name, &found[quantity.name], regions.map(|it| quantity.in_unit(it).unwrap_or(absent)), 0.0);
+    }
+}
+
+#[test]
+#[ignore = "needs Python with the readers of the formats, whose path PLANTAR_FORMATS contains"]
+fn a_motion_bids_folder_is_valid_and_has_all_channels() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("study");
+    let session = both_feet();
+    let names = Names { subject: "ann".into(), task: "walking".into() };
+    motion_bids::write(&session, &names, "Plantar test", &path).expect("written");
+    let found = read("bids", &path);
+    assert_eq!(found["errors"], serde_json::json!([]), "{found}");
+    // It recommends information that nobody gave: authors, licence, manufacturer and so on.
+    let optional =
+        ["JSON_KEY_RECOMMENDED", "SIDECAR_KEY_RECOMMENDED", "NO_AUTHORS", "TOO_FEW_AUTHORS"].map(Value::from);
+    for warning in found["warnings"].as_array().expect("warnings") {
+        assert!(optional.contains(&warning["code"]), "{warning}");
+    }
+    assert_eq!(found["rate_hz"], 100.0);
+    compare_channels(&found, &session, f64::NAN, SINGLE_TEXT);
+    compare_events(&found, &session, session.t_s[0]);
+}
+
+#[test]
+#[ignore = "needs Python with the readers of the formats, whose path PLANTAR_FORMATS contains"]
+fn csv_is_read_by_pandas() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("walk.csv");
+    let session = both_feet();
+    csv::write(&session, &path).expect("written");
+    let found = read("pandas", &path);
+    compare("t_s", &found["t_s"], session.t_s.iter().copied(), 1e-15);
+    compare_channels(&found, &session, f64::NAN, SINGLE_TEXT);
+    compare_events(&found, &session, 0.0);
+    // Two feet with eight regions.
+    assert_eq!(Quantity::all().count() * 2, found["channels"].as_object().map_or(0, |them| them.len()));
+}

@@ -1,0 +1,110 @@
+//! `plantar export`: writes recordings in the formats of other programs.
+
+use crate::setup::{self, ContactArgs, WearerArgs, ZeroArgs};
+use anyhow::{Result, bail};
+use clap::{Args, Subcommand};
+use export::motion_bids::Names;
+use export::{Foot, Session};
+use recording::Recording;
+use std::path::PathBuf;
+
+#[derive(Subcommand)]
+pub enum Export {
+    /// Write a C3D file: analog channels of force, centre of pressure, and force and area of the regions, and the events.
+    ///
+    /// The events are "Foot Strike" and "Foot Off" with the contexts "Left" and "Right".
+    C3d(Options),
+    /// Write OpenSim's external loads (.mot): force, point of application and torque of each foot.
+    ///
+    /// The columns are ground_force_l_vx and so on. The axes are fixed to the insole: x forwards, y upwards, z to the right.
+    Mot(Options),
+    /// Write OpenSim's external loads as a .sto file, with the same columns as .mot.
+    Sto(Options),
+    /// Write a MATLAB file (.mat, version 7): layout, frames, pressures of the cells, and all quantities of the steps.
+    Mat(Options),
+    /// Write a folder in the layout of Motion-BIDS.
+    MotionBids {
+        /// The name of the participant, in letters and digits.
+        #[arg(long, value_name = "NAME", default_value = "01")]
+        subject: String,
+        /// The name of the task, in letters and digits.
+        #[arg(long, value_name = "NAME", default_value = "walking")]
+        task: String,
+        #[command(flatten)]
+        options: Options,
+    },
+    /// Write a CSV file in long form: a row for each time, quantity and region.
+    Csv(Options),
+}
+
+#[derive(Args)]
+pub struct Options {
+    /// The recording of one foot, or the recordings of both feet on one clock.
+    #[arg(required = true, num_args = 1..=2, value_name = "RECORDING")]
+    recordings: Vec<PathBuf>,
+    /// The file or folder to write.
+    #[arg(long, value_name = "PATH")]
+    out: PathBuf,
+    /// Export from this time on, s, on the clock of the recording. The insole's code still begins with the first frame.
+    #[arg(long, value_name = "S", value_parser = time)]
+    from: Option<f64>,
+    /// Export up to this time, s, on the clock of the recording.
+    #[arg(long, value_name = "S", value_parser = time)]
+    to: Option<f64>,
+    #[command(flatten)]
+    wearer: WearerArgs,
+    #[command(flatten)]
+    contact: ContactArgs,
+    #[command(flatten)]
+    zero: ZeroArgs,
+}
+
+fn time(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|t_s: &f64| t_s.is_finite()).ok_or_else(|| "give a time in seconds".into())
+}
+
+impl Export {
+    pub fn run(&self) -> Result<()> {
+        let (Self::C3d(options)
+        | Self::Mot(options)
+        | Self::Sto(options)
+        | Self::Mat(options)
+        | Self::MotionBids { options, .. }
+        | Self::Csv(options)) = self;
+        let out = &options.out;
+        let is_out = |recording: &PathBuf| recording.canonicalize().ok() == out.canonicalize().ok();
+        if out.exists() && options.recordings.iter().any(is_out) {
+            bail!("{}: the export would replace the recording: name another file", out.display());
+        }
+        let session = options.session()?;
+        match self {
+            Self::C3d(_) => export::c3d::write(&session, out)?,
+            Self::Mot(_) | Self::Sto(_) => export::opensim::write(&session, out)?,
+            Self::Mat(_) => export::mat::write(&session, out)?,
+            Self::MotionBids { subject, task, .. } => {
+                let names = Names { subject: subject.clone(), task: task.clone() };
+                export::motion_bids::write(&session, &names, concat!("Plantar ", env!("PLANTAR_VERSION")), out)?;
+            }
+            Self::Csv(_) => export::csv::write(&session, out)?,
+        }
+        let steps: usize = session.feet.iter().map(|foot| foot.steps.len()).sum();
+        eprintln!("{}: {} frames, {steps} steps", out.display(), session.frames());
+        Ok(())
+    }
+}
+
+impl Options {
+    /// Computes what is exported.
+    fn session(&self) -> Result<Session> {
+        let parameters = self.wearer.parameters()?;
+        let rule = self.contact.rule(parameters.identified.as_ref())?;
+        let foot = |path: &PathBuf| {
+            let recording = Recording::read(path)?;
+            let mut insole = setup::insole(&recording, rule)?;
+            self.zero.apply(&mut insole)?;
+            anyhow::Ok(Foot::new(recording, &insole, &parameters.tissue(), &path.display().to_string())?)
+        };
+        let feet = self.recordings.iter().map(foot).collect::<Result<_>>()?;
+        Ok(Session::new(feet, self.from, self.to)?)
+    }
+}

@@ -1,0 +1,116 @@
+//! `plantar export` writes complete files only, and names the remedy if it cannot write one.
+
+use plantar::Side;
+use recording::Recording;
+use recording::synthetic::{SyntheticWalk, walk};
+use std::path::Path;
+use std::process::{Command, Output};
+use tempfile::TempDir;
+
+/// A folder with recordings of both feet on one clock, and with a right foot at another rate.
+fn folder() -> TempDir {
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, side, rate_hz| {
+        let walk = walk(&SyntheticWalk { side, steps: 2, rate_hz, ..SyntheticWalk::default() });
+        walk.recording.write(folder.path().join(name)).expect("written");
+    };
+    write("left.parquet", Side::Left, 100.0);
+    write("right.parquet", Side::Right, 100.0);
+    write("slow.parquet", Side::Right, 50.0);
+    folder
+}
+
+fn export(folder: &Path, arguments: &str) -> Output {
+    // The shell limits the size of files to 16 blocks where a test asks for it, as a full disk would.
+    let limit = if arguments.contains("full") { "trap '' XFSZ; ulimit -f 16; " } else { "" };
+    let mut command = Command::new("sh");
+    command.args(["-c", &format!("{limit}exec \"$0\" export {arguments}"), env!("CARGO_BIN_EXE_plantar")]);
+    command.current_dir(folder).output().expect("the shell starts")
+}
+
+/// The names in a folder, in order.
+fn names(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).expect("a folder").flatten();
+    let mut names: Vec<_> = entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+    names.sort();
+    names
+}
+
+/// Asserts that an export fails with a message that contains all of `words`, and leaves nothing behind.
+fn fail(folder: &Path, arguments: &str, words: &[&str]) {
+    let before = names(folder);
+    let output = export(folder, arguments);
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{arguments}: {text}");
+    for word in words {
+        assert!(text.contains(word), "{arguments}: no \"{word}\" in: {text}");
+    }
+    assert_eq!(names(folder), before, "{arguments}");
+}
+
+const FORMATS: [&str; 6] = ["c3d", "mot", "sto", "mat", "motion-bids", "csv"];
+
+#[test]
+fn every_format_is_written_for_one_foot_and_for_both() {
+    let folder = folder();
+    for format in FORMATS {
+        for recordings in ["left.parquet", "right.parquet left.parquet"] {
+            let out = format!("{format}-{}", recordings.len());
+            let output = export(folder.path(), &format!("{format} {recordings} --out {out}"));
+            let text = String::from_utf8_lossy(&output.stderr);
+            assert!(output.status.success() && text.contains("steps"), "{out}: {text}");
+            assert!(folder.path().join(&out).exists());
+        }
+    }
+    let incomplete: Vec<_> = names(folder.path()).into_iter().filter(|name| name.contains("incomplete")).collect();
+    assert!(incomplete.is_empty(), "{incomplete:?}");
+}
+
+#[test]
+fn a_part_of_a_recording_is_exported() {
+    let folder = folder();
+    let recording = Recording::read(folder.path().join("left.parquet")).expect("a recording");
+    let output = export(folder.path(), "csv left.parquet --from 0.5 --to 1.25 --out part.csv");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = std::fs::read_to_string(folder.path().join("part.csv")).expect("a file");
+    let time = |line: &str| line.split(',').next().and_then(|field| field.parse::<f64>().ok()).expect("a time");
+    let mut times: Vec<f64> = text.lines().skip(1).map(time).collect();
+    times.dedup();
+    let expected: Vec<f64> = recording.t_s.into_iter().filter(|t_s| (0.499..=1.251).contains(t_s)).collect();
+    assert_eq!(times, expected);
+}
+
+#[test]
+fn recordings_that_do_not_fit_are_refused() {
+    let folder = folder();
+    let folder = folder.path();
+    fail(folder, "csv missing.parquet --out a", &["missing.parquet", "check the path"]);
+    fail(folder, "csv left.parquet left.parquet --out a", &["left foot", "one recording for each foot"]);
+    fail(folder, "csv left.parquet slow.parquet --out a", &["slow.parquet", "50", "--rate"]);
+    fail(folder, "csv left.parquet --from 100 --out a", &["left.parquet", "--from", "within the recording"]);
+    fail(folder, "csv left.parquet --out ./left.parquet", &["replace the recording", "another file"]);
+    fail(folder, "motion-bids left.parquet --task one_two --out a", &["one_two", "letters and digits"]);
+    fail(folder, "motion-bids left.parquet --subject '' --out a", &["letters and digits"]);
+}
+
+#[test]
+fn an_output_that_cannot_be_written_is_named_and_leaves_nothing() {
+    let folder = folder();
+    let folder = folder.path();
+    std::fs::create_dir(folder.join("existing")).expect("created");
+    for format in FORMATS {
+        fail(folder, &format!("{format} left.parquet --out nowhere/a"), &["nowhere/a", "check the path"]);
+        fail(folder, &format!("{format} left.parquet --out existing"), &["existing"]);
+        fail(folder, &format!("{format} left.parquet --out full"), &["full", "the free disk space"]);
+    }
+}
+
+/// A file that exists is replaced only by a complete one.
+#[test]
+fn a_failed_export_leaves_the_existing_file() {
+    let folder = folder();
+    let path = folder.path().join("full.mat");
+    std::fs::write(&path, "precious").expect("written");
+    fail(folder.path(), "mat left.parquet --out full.mat", &["full.mat"]);
+    assert_eq!(std::fs::read_to_string(&path).expect("a file"), "precious");
+}
