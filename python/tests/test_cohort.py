@@ -4,7 +4,6 @@ import contextlib
 import os
 import pathlib
 import shutil
-import signal
 import socket
 import subprocess
 import sys
@@ -55,13 +54,13 @@ def free_port() -> int:
 
 @contextlib.contextmanager
 def scheduler(workers: int) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    """A scheduler with worker processes, as a user starts them."""
+    """The address of a scheduler, and its process and those of its workers, as a user starts them."""
     address = f"tcp://127.0.0.1:{free_port()}"
     with contextlib.ExitStack() as stack:
         port = address.rsplit(":", 1)[1]
-        stack.enter_context(dask("scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard"))
+        head = stack.enter_context(dask("scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard"))
         worker = ("worker", address, "--nthreads", 1, "--no-dashboard", "--no-nanny", "--host", "127.0.0.1")
-        processes = [stack.enter_context(dask(*worker)) for _ in range(workers)]
+        processes = [head, *(stack.enter_context(dask(*worker)) for _ in range(workers))]
         with distributed.Client(address, timeout="60s") as client:
             client.wait_for_workers(workers, timeout=60)
         yield address, processes
@@ -99,18 +98,35 @@ def test_two_worker_processes_of_a_scheduler_have_equal_rows(
 def test_a_worker_that_is_killed_midway_changes_nothing(
     study_folder: pathlib.Path, expected: pd.DataFrame, tmp_path: pathlib.Path
 ) -> None:
-    with scheduler(2) as (address, workers):
+    with scheduler(2) as (address, processes):
         killed: list[int] = []
 
         def kill(done: int, total: int) -> None:
             # Three participants are left: each of the workers has at least one.
             if not killed:
-                workers[0].send_signal(signal.SIGKILL)
-                killed.append(workers[0].wait())
+                processes[1].kill()
+                killed.append(processes[1].wait())
 
         cohort.run(study_folder, tmp_path / "table", scheduler=address, progress=kill)
         assert killed
     pd.testing.assert_frame_equal(table(tmp_path / "table"), expected)
+
+
+def test_what_was_finished_stays_when_the_scheduler_is_lost(
+    study_folder: pathlib.Path, expected: pd.DataFrame, tmp_path: pathlib.Path
+) -> None:
+    out = tmp_path / "table"
+    with scheduler(1) as (address, (head, _)):
+
+        def kill(done: int, total: int) -> None:
+            head.kill()
+            head.wait()
+
+        with pytest.raises(ConnectionError, match=f"{address} was lost: run the same command again"):
+            cohort.run(study_folder, out, scheduler=address, progress=kill)
+    assert list(out.glob("participant=*/steps.parquet"))
+    assert any(outcome.is_cached for outcome in cohort.run(study_folder, out))
+    pd.testing.assert_frame_equal(table(out), expected)
 
 
 def test_a_second_run_evaluates_only_the_remaining_participants(
@@ -143,6 +159,8 @@ def test_an_unusable_recording_is_reported_and_tried_again(
 ) -> None:
     study, out = tmp_path / "study", tmp_path / "table"
     shutil.copytree(study_folder, study)
+    (study / "cid").rename(tmp_path / "elsewhere")
+    (study / "cid").symlink_to(tmp_path / "elsewhere")
     damaged = study / "ann" / "0.parquet"
     good = damaged.read_bytes()
     damaged.write_bytes(good[:1000])

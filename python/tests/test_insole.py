@@ -5,9 +5,11 @@ import contextlib
 import os
 import pathlib
 import subprocess
+import tomllib
 from collections.abc import Iterator
 
 import pytest
+from conftest import plantar as command
 
 import plantar
 
@@ -84,6 +86,24 @@ def test_live_frames_and_steps_arrive_asynchronously() -> None:
     assert {"started", "live", "step"} <= kinds
     # Other tasks run while the iterator waits.
     assert turns > 1
+
+
+@needs_insole
+def test_pushed_parameters_are_those_that_the_command_line_reads_from_the_insole(tmp_path: pathlib.Path) -> None:
+    command("params", "typical", "--size", 38, "--out", tmp_path / "params.toml")
+    with simulated(0) as (address, _):
+        with plantar.Insole.connect(tcp=address) as insole:
+            insole.push(tmp_path / "params.toml")
+        command("params", "pull", "--tcp", address, "--out", tmp_path / "pulled.toml")
+    pushed, pulled = (tomllib.loads((tmp_path / name).read_text())["regions"] for name in ("params.toml", "pulled.toml"))
+    for region in plantar.REGIONS:
+        for of in (stiffness_pa, lambda values: values["n"], lambda values: values["a_mm"] * values["b_mm"]):
+            assert of(pulled[region]) == pytest.approx(of(pushed[region]), rel=1e-6), region
+
+
+def stiffness_pa(values: dict[str, float]) -> float:
+    """K = k C^(n+1) / d0^n, in SI units."""
+    return values["k_n_m3"] * (values["c_mm"] * 1e-3) ** (values["n"] + 1) / (values["d0_mm"] * 1e-3) ** values["n"]
 
 
 def test_errors_name_the_insole_and_the_remedy(tmp_path: pathlib.Path) -> None:

@@ -1,8 +1,8 @@
 //! A simulated insole at a network port, for tests of other programs: `cargo run -p testkit --example simulated_insole -- STEPS`.
-//! The code of the firmware's session serves one host after the other. The program prints its address, and then each
-//! acknowledgement that arrives.
+//! The code of the firmware's session serves one host after the other; it stores parameters, but computes nothing with them. The
+//! program prints its address, and then each acknowledgement that arrives.
 
-use plantar::protocol::session::Session;
+use plantar::protocol::session::{CommandResult, Session};
 use plantar::protocol::{Decoder, MAX_FRAME, MAX_MESSAGE, ToDevice, decode, frame};
 use std::io::{self, Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -35,6 +35,9 @@ fn serve(session: &mut Session, mut host: TcpStream) -> io::Result<()> {
                 println!("acknowledged {step}");
             }
             session.receive(message, 0);
+            if session.command().is_some() {
+                session.complete(Ok(CommandResult::Stored));
+            }
         }
         if let Some(number) = session.next_live() {
             session.push_live(testkit::live(number));

@@ -12,6 +12,7 @@ import os
 import sys
 import time
 import uuid
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -52,10 +53,14 @@ def participants(study: str, out: str) -> list[str]:
     files.invalidate_cache(root)
     _, table = fsspec.url_to_fs(out)
     try:
-        entries = [entry for entry in files.ls(root, detail=True) if entry["type"] == "directory"]
+        entries = files.ls(root, detail=True)
     except (FileNotFoundError, NotADirectoryError) as error:
         raise OSError(f"cannot read {study}: it must be a folder with one folder per participant") from error
-    paths = [entry["name"].rstrip("/") for entry in entries]
+
+    def is_folder(entry: dict[str, Any]) -> bool:
+        return bool(entry["type"] == "directory" or (entry.get("islink") and files.isdir(entry["name"])))
+
+    paths = [entry["name"].rstrip("/") for entry in entries if is_folder(entry)]
     names = sorted(path.rsplit("/", 1)[-1] for path in paths if path != table.rstrip("/"))
     names = [name for name in names if not name.startswith(".")]
     if not names:
@@ -136,15 +141,15 @@ def _client(scheduler: str) -> distributed.Client:
             n_workers=CPU_COUNT if is_processes else 1,
             threads_per_worker=1 if is_processes else CPU_COUNT,
             processes=is_processes,
-            dashboard_address=None,
+            dashboard_address="127.0.0.1:0",
         )
         return distributed.Client(cluster)
     try:
         return distributed.Client(scheduler, timeout=_CONNECT_TIMEOUT)
     except (OSError, ValueError, TimeoutError) as error:
         raise ConnectionError(
-            f"the scheduler {scheduler} cannot be reached: start it with `dask scheduler`, and check the address, which has the "
-            f"form tcp://HOST:8786 ({error})"
+            f"the scheduler {scheduler} cannot be reached: start it with `dask scheduler`, and check the address, which "
+            f"has the form tcp://HOST:8786 ({error})"
         ) from error
 
 
@@ -167,6 +172,9 @@ def run(
     outcomes: dict[str, Outcome] = {}
     client = _client(scheduler)
     try:
+        if not client.nthreads():
+            problem = f"the scheduler {scheduler} has no worker yet: start one with `dask worker {scheduler}`"
+            warnings.warn(problem, stacklevel=2)
         # Equal calls of another run have equal arguments, but possibly other files.
         futures = client.map(evaluate, names, study=study, out=out, options=options, pure=False)
         name_of = {future.key: name for future, name in zip(futures, names, strict=True)}
@@ -204,7 +212,7 @@ def _options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--method", choices=["projection", "paper"], default="projection", help="search [projection]")
     parser.add_argument("--bounds", choices=["free", "paper"], default="free", help="bounds of the exponents [free]")
     parser.add_argument("--tissue", metavar="FILE", help="tissue measurements, on a path of all workers")
-    parser.add_argument("--compression", type=float, metavar="FRACTION", help="assumed largest compression of the tissue")
+    parser.add_argument("--compression", type=float, metavar="FRACTION", help="assumed compression of the tissue")
     for name in ("on", "off", "full"):
         parser.add_argument(f"--contact-{name}", type=float, metavar="KPA", dest=f"contact_{name}_kpa")
 

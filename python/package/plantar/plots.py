@@ -42,8 +42,15 @@ def foot(recording: Recording) -> Figure:
         x_mm, y_mm = float(of["x_mm"].mean()), float(of["y_mm"].mean())
         is_lateral = bool(x_mm > middle_mm)
         is_left = is_lateral != (recording.side == "right")
-        axes.annotate(_title(str(region)), (x_mm, y_mm), (edges_mm[is_lateral], y_mm), fontsize=8, va="center",
-                      ha="right" if is_left else "left", arrowprops={"arrowstyle": "-", "color": "0.6", "linewidth": 0.6})
+        axes.annotate(
+            _title(str(region)),
+            (x_mm, y_mm),
+            (edges_mm[is_lateral], y_mm),
+            fontsize=8,
+            va="center",
+            ha="right" if is_left else "left",
+            arrowprops={"arrowstyle": "-", "color": "0.6", "linewidth": 0.6},
+        )
     axes.set(aspect="equal", xlabel="to the lateral side, mm", ylabel="from heel to toes, mm")
     axes.set_title(f"Peak pressure, {recording.side} foot")
     figure.colorbar(squares, ax=axes, label="kPa", shrink=0.6)
@@ -86,11 +93,13 @@ def fit(fitted: Fit) -> Figure:
             axes.plot(of["t_s"], of["model_force_n"], color=_MODEL, lw=0.6, label="model" if label else None)
         axes.legend(fontsize=7, loc="upper right")
         kind: str = "fitted" if pd.isna(row["nrmse_predicted_percent"]) else "predicted"
-        axes.text(0.02, 0.97, f"K {row['stiffness_pa'] / 1e3:.3g} kPa, n {row['n']:.2f}\nNRMSE, {kind}: {row[f'nrmse_{kind}_percent']:.1f} %",
-                  transform=axes.transAxes, va="top", fontsize=7)
+        error_percent = row[f"nrmse_{kind}_percent"]
+        text = f"K {row['stiffness_pa'] / 1e3:.3g} kPa, n {row['n']:.2f}\nNRMSE, {kind}: {error_percent:.1f} %"
+        axes.text(0.02, 0.97, text, transform=axes.transAxes, va="top", fontsize=7)
         # The text is above the curves.
         axes.set_ylim(0, axes.get_ylim()[1] * 1.35)
-    figure.suptitle(f"Tissue of {fitted.results['participant']}: measured force, and model force with one set of parameters")
+    name = fitted.results["participant"]
+    figure.suptitle(f"Tissue of {name}: measured force, and model force with one set of parameters")
     return figure
 
 
@@ -113,5 +122,5 @@ def _panels(x_label: str) -> tuple[Figure, list[tuple[str, Axes]]]:
 
 def _title(region: str) -> str:
     """The name of a region in words."""
-    words = {"metatarsals_12": "metatarsals 1-2", "metatarsals_35": "metatarsals 3-5", "toe_2": "toe 2", "toes_35": "toes 3-5"}
+    words = {"metatarsals_12": "metatarsals 1-2", "metatarsals_35": "metatarsals 3-5", "toes_35": "toes 3-5"}
     return words.get(region, region.replace("_", " "))

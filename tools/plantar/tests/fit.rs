@@ -205,7 +205,7 @@ fn errors_for_bad_input_name_the_place_and_the_remedy() {
     fail(path, "fit walk.parquet --compression 2", &["--compression 2", "0.05 to 0.95"]);
     fail(path, "fit walk.parquet --steps 90-99", &["--steps 90-99", "steps 0 to 5"]);
     fail(path, "fit walk.parquet walk.parquet", &["same recording", "give each recording once"]);
-    fail(path, "fit walk.parquet --contact-on 5 --contact-off 6", &["--contact-off may not be above --contact-on"]);
+    fail(path, "fit walk.parquet --contact-on 5 --contact-off 6", &["contact-off may not be above contact-on"]);
     fail(path, "fit walk.parquet --tissue none.toml", &["none.toml"]);
     for (text, words) in [
         ("heal = 12\n", ["heal is not a region", "the regions are heel"]),

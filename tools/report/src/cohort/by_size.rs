@@ -50,6 +50,7 @@ pub fn charts(groups: &[SizeGroup], variables: impl Iterator<Item = Variable>) -
 }
 
 /// The height of the charts of one kind.
+#[cfg(feature = "png")]
 pub fn height(groups: &[SizeGroup]) -> f64 {
     chart_height(groups, 5.0)
 }
