@@ -136,6 +136,24 @@ fn the_session_has_the_forces_and_the_centre_of_pressure_of_the_recording() {
     }
 }
 
+#[test]
+fn frames_of_both_feet_that_are_nearest_in_time_belong_together() {
+    let [left, mut right] = [Side::Left, Side::Right].map(|side| walk(side, 2, 60));
+    right.t_s.iter_mut().for_each(|t_s| *t_s += 0.004);
+    let session = Session::new(vec![foot(right.clone()), foot(left.clone())], None, None).expect("one clock");
+    let lag = (LAG_S * session.rate_hz) as usize;
+    assert_eq!(session.t_s, left.t_s[lag..]);
+    for i in 0..session.frames() {
+        assert_eq!(session.feet[0].cells_kpa(i), left.frame(lag + i));
+        assert_eq!(session.feet[1].cells_kpa(i), right.frame(i));
+    }
+    // The clocks differ by 0.4 %, so that frames drift apart by more than half of their distance.
+    right.t_s.iter_mut().for_each(|t_s| *t_s *= 1.004);
+    right.rate_hz /= 1.004;
+    let text = Session::new(vec![foot(right), foot(left)], None, None).expect_err("two rates").to_string();
+    assert!(text.contains("--rate"), "{text}");
+}
+
 /// The names of the files in a folder.
 fn names(folder: &Path) -> Vec<std::ffi::OsString> {
     std::fs::read_dir(folder).expect("a folder").flatten().map(|entry| entry.file_name()).collect()
@@ -261,7 +279,7 @@ fn external_loads_are_read_by_opensim() {
 }
 
 #[test]
-#[ignore = "needs Python with the readers of the formats, whose path PLANTAR_FORMATS contains"]
+#[ignore = "needs Python with the readers of the formats, whose path PLANTAR_FORMATS contains, and GNU Octave"]
 fn a_matlab_file_is_read_by_scipy_and_octave() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("walk.mat");

@@ -66,6 +66,47 @@ fn every_format_is_written_for_one_foot_and_for_both() {
     assert!(incomplete.is_empty(), "{incomplete:?}");
 }
 
+/// The rows of a CSV file without its header.
+fn rows(path: &Path) -> Vec<Vec<String>> {
+    let text = std::fs::read_to_string(path).expect("a file");
+    text.lines().skip(1).map(|line| line.split(',').map(String::from).collect()).collect()
+}
+
+fn number(field: &str) -> f64 {
+    field.parse().expect("a number")
+}
+
+#[test]
+fn an_export_has_the_frames_and_steps_of_a_replay() {
+    let folder = folder();
+    let output = export(folder.path(), "csv left.parquet --contact-on 20 --out walk.csv");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let mut replay = Command::new(env!("CARGO_BIN_EXE_plantar"));
+    replay.args("replay left.parquet --contact-on 20 --frames frames.csv --json steps.json".split(' '));
+    assert!(replay.current_dir(folder.path()).output().expect("the program starts").status.success());
+    let exported = rows(&folder.path().join("walk.csv"));
+    let quantity = |region: &str, name: &str| {
+        let of = exported.iter().filter(|row| row[2] == region && row[3] == name);
+        of.map(|row| (number(&row[0]), number(&row[4]) as f32)).collect::<Vec<_>>()
+    };
+    // The columns of a replay: time, total force, then area and force of the heel.
+    let replayed = rows(&folder.path().join("frames.csv"));
+    let column = |i: usize| replayed.iter().map(|row| (number(&row[0]), number(&row[i]) as f32)).collect::<Vec<_>>();
+    assert_eq!(quantity("foot", "total_force_n"), column(1));
+    assert_eq!(quantity("heel", "area_mm2"), column(2));
+    assert_eq!(quantity("heel", "measured_force_n"), column(3));
+    let steps = std::fs::read_to_string(folder.path().join("steps.json")).expect("a file");
+    let steps: Vec<serde_json::Value> = serde_json::from_str(&steps).expect("JSON");
+    assert_eq!(steps.len(), 2);
+    let [strikes, offs] = ["heel_strike", "toe_off"].map(|name| quantity("foot", name));
+    for ((step, strike), off) in steps.iter().zip(&strikes).zip(&offs) {
+        // The recording begins at 0.
+        let (start_s, duration_s) = (step["start_s"].as_f64().expect("s"), step["duration_s"].as_f64().expect("s"));
+        assert!((strike.0 - start_s).abs() < 1e-6 && (off.0 - start_s - duration_s).abs() < 1e-6, "{step}");
+        assert_eq!(step["step"], strike.1 as u32);
+    }
+}
+
 #[test]
 fn a_part_of_a_recording_is_exported() {
     let folder = folder();
