@@ -12,6 +12,7 @@ use crate::protocol::update::Header;
 use crate::protocol::{BLOCK_CELLS, Hello, MAJOR, MAX_FAULT_TEXT, MINOR, Reset, Serial, Settings};
 use crate::storage::{IdentifiedRecord, IdentityRecord, SettingsRecord, Store, previous};
 use core::fmt::{Display, Write};
+use core::pin::pin;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
 use embassy_time::{Duration, with_timeout};
@@ -132,11 +133,16 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     }
     let Configuration { mut setup, cells, serial_bytes_per_s, fault, restart } = configuration;
     // Whatever the chip does, the insole starts.
-    let chip = with_timeout(CHIP_ANSWERS, chip).await.ok().flatten();
-    let no_chip = chip.is_none();
-    let opened = with_timeout(STORE_OPENS, open_store(chip, &boot, image, restart)).await.ok();
-    let no_chip = (no_chip || opened.is_none()).then(|| truncated(NO_CHIP));
-    let store = memory.store.init(opened.unwrap_or_else(|| Store::recovery(None, false)));
+    let chip = with_timeout(CHIP_ANSWERS, pin!(chip)).await.ok().flatten();
+    let mut has_chip = chip.is_some();
+    let store = memory.store.init(Store::new(chip));
+    // Pinned, because each move of this future would take its size in stack.
+    let is_open = with_timeout(STORE_OPENS, pin!(open_store(store, &boot, image, restart))).await.is_ok();
+    if !is_open {
+        store.give_up();
+        has_chip = false;
+    }
+    let no_chip = (!has_chip).then(|| truncated(NO_CHIP));
     let contents = store.contents();
     log::info!("storage: boot {}, next record {}", contents.start, contents.next_record);
     if contents.erased > 0 {
@@ -207,25 +213,26 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
 
 /// Opens the store of a start.
 async fn open_store<F: MultiwriteNorFlash>(
-    mut chip: Option<F>,
+    store: &mut Store<F>,
     boot: &BootReport,
     image: &Header,
     restart: fn() -> !,
-) -> Store<F> {
+) {
     if !boot.is_recovery() {
-        return Store::open(chip, boot.reset).await;
+        return store.begin(boot.reset).await;
     }
     log::error!("start: {} starts have failed: recovery mode", boot.failed_starts);
     // If one of these accesses to the chip crashes, the next start does without them.
-    let is_first = boot.failed_starts == MAX_FAILED_STARTS;
-    if is_first
-        && let Some(flash) = &mut chip
+    if boot.failed_starts > MAX_FAILED_STARTS {
+        return;
+    }
+    if let Some(flash) = store.flash()
         && previous::swap_back(flash, image).await == Ok(true)
     {
         log::error!("update: this image crashes, restarting to swap back the previous one");
         restart();
     }
-    Store::recovery(chip, is_first)
+    store.use_bonds();
 }
 
 /// Initialises the shared state, in a function of its own: the stack that its move needs is not reserved while the chip is read.

@@ -1,8 +1,9 @@
 //! Ranges of the flash chip in the form that `embassy-boot` expects.
 
 use super::flash_map::STATE;
-use crate::protocol::update::CHUNK;
+use crate::protocol::update::{CHUNK, Refusal};
 use core::ops::Range;
+use embassy_boot::{FirmwareState, State};
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::mutex::Mutex;
@@ -14,6 +15,15 @@ pub const STATE_WORD: usize = 8;
 /// [`STATE`] as a partition.
 pub fn state_partition<F>(chip: &Mutex<NoopRawMutex, F>) -> Partition<'_, F, STATE_WORD> {
     Partition::new(chip, STATE)
+}
+
+/// True if the running image is on trial: the bootloader swaps it back at the next start, unless it is confirmed before.
+///
+/// # Errors
+/// [`Refusal::Chip`] if the chip fails.
+pub async fn is_on_trial<F: NorFlash>(flash: &mut F) -> Result<bool, Refusal> {
+    let (chip, mut word) = (Mutex::new(flash), [0; STATE_WORD]);
+    Ok(FirmwareState::new(state_partition(&chip), &mut word).get_state().await? == State::Swap)
 }
 
 /// A range of the flash chip, written `WRITE` bytes at a time. Short reads are served from a buffered page; other tasks can run

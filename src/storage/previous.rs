@@ -6,8 +6,7 @@
 //! must an image of any age, see `docs/update.md`.
 
 use super::flash_map::{HEADER, MAX_IMAGE, OTHER, PREVIOUS, SECTOR, STATE};
-use super::partition::STATE_WORD;
-use super::update::is_on_trial;
+use super::partition::{STATE_WORD, is_on_trial};
 use crate::checksum::CRC;
 use crate::protocol::update::{CHUNK, Header, Refusal};
 use embassy_futures::yield_now;

@@ -52,21 +52,26 @@ pub struct Store<F> {
 }
 
 impl<F: MultiwriteNorFlash> Store<F> {
-    /// A store for the recovery mode: it stores nothing, and returns nothing but the bonds, these only if `has_bonds`. The chip
-    /// remains accessible by [`Store::flash`].
-    pub fn recovery(flash: Option<F>, has_bonds: bool) -> Self {
-        Self::new(flash, if has_bonds { Use::Bonds } else { Use::None })
-    }
-
-    fn new(flash: Option<F>, used_for: Use) -> Self {
+    /// A store that stores and returns nothing until [`Store::begin`]. The chip is accessible by [`Store::flash`].
+    pub fn new(flash: Option<F>) -> Self {
         Self {
             flash,
             guard: Guard::default(),
-            used_for,
+            used_for: Use::None,
             log_cache: empty_cache(),
             buffer: [0; BUFFER],
             contents: Contents::default(),
         }
+    }
+
+    /// Lets a store that has not begun return the bonds, for the recovery mode.
+    pub fn use_bonds(&mut self) {
+        self.used_for = Use::Bonds;
+    }
+
+    /// Stops using a chip that does not answer.
+    pub fn give_up(&mut self) {
+        (self.flash, self.used_for) = (None, Use::None);
     }
 
     /// An error in recovery mode.

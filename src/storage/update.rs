@@ -4,10 +4,11 @@
 //! image has confirmed itself. `docs/update.md` has the whole procedure.
 
 use super::flash_map::{HEADER, MAX_IMAGE, OTHER, SECTOR};
+pub use super::partition::is_on_trial;
 use super::partition::{Partition, STATE_WORD, state_partition};
 use super::previous;
 use crate::protocol::update::{CHUNK, Chunk, Header, Offer, Progress, Refusal, Request};
-use embassy_boot::{FirmwareState, FirmwareUpdater, FirmwareUpdaterConfig, FirmwareUpdaterError, State};
+use embassy_boot::{FirmwareState, FirmwareUpdater, FirmwareUpdaterConfig, FirmwareUpdaterError};
 use embassy_sync::mutex::Mutex;
 use embedded_storage_async::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind};
 
@@ -144,15 +145,6 @@ impl Update {
         FirmwareUpdater::new(config, &mut word).verify_and_mark_updated(key, &signature, len).await?;
         Ok(Progress::Accepted)
     }
-}
-
-/// True if the running image is on trial: the bootloader swaps it back at the next start, unless it is confirmed before.
-///
-/// # Errors
-/// [`Refusal::Chip`] if the chip fails.
-pub async fn is_on_trial<F: NorFlash>(flash: &mut F) -> Result<bool, Refusal> {
-    let (chip, mut word) = (Mutex::new(flash), [0; STATE_WORD]);
-    Ok(FirmwareState::new(state_partition(&chip), &mut word).get_state().await? == State::Swap)
 }
 
 /// Confirms the running image, of which `running` is the header.

@@ -57,39 +57,45 @@ fn is_empty(count: Result<u32, StorageError>) -> bool {
 }
 
 impl<F: MultiwriteNorFlash> Store<F> {
+    /// A store of which [`Store::begin`] has determined the contents.
+    pub async fn open(flash: Option<F>, reset: Reset) -> Self {
+        let mut store = Self::new(flash);
+        store.begin(reset).await;
+        store
+    }
+
     /// Determines the contents of the chip, erases areas that cannot be used, and counts this boot. Without a chip, or if it
     /// fails, the contents are unknown and nothing is stored.
-    pub async fn open(flash: Option<F>, reset: Reset) -> Self {
-        let mut store = Self::new(flash, Use::All);
-        store.guard.is_read_only = true;
+    pub async fn begin(&mut self, reset: Reset) {
+        self.used_for = Use::All;
+        self.guard.is_read_only = true;
         // The first reads after power-on may be wrong, so two surveys in a row must agree. Before an area is written, repaired or
         // erased because it is empty or damaged, all of its bytes must agree, too; reading them takes half a second on a real chip.
-        let mut survey = store.survey().await;
+        let mut survey = self.survey().await;
         loop {
-            let areas = store.areas(&survey).await;
-            let again = store.survey().await;
-            if again == survey && areas == store.areas(&survey).await {
-                store.guard.is_read_only = false;
+            let areas = self.areas(&survey).await;
+            let again = self.survey().await;
+            if again == survey && areas == self.areas(&survey).await {
+                self.guard.is_read_only = false;
                 if let Some(areas) = areas {
                     // This survey repairs the areas, where possible.
-                    let repaired = if survey.needs_repair { store.survey().await } else { survey };
-                    store.clear(&repaired, areas).await;
+                    let repaired = if survey.needs_repair { self.survey().await } else { survey };
+                    self.clear(&repaired, areas).await;
                 }
                 break;
             }
             survey = again;
-            store.contents.contradictions += 1;
-            if store.contents.contradictions == MOST_CONTRADICTIONS {
-                store.used_for = Use::None;
-                return store;
+            self.contents.contradictions += 1;
+            if self.contents.contradictions == MOST_CONTRADICTIONS {
+                self.used_for = Use::None;
+                return;
             }
         }
-        let mut boots = store.get::<BootCounters>(0).await.ok().flatten().unwrap_or_default();
+        let mut boots = self.get::<BootCounters>(0).await.ok().flatten().unwrap_or_default();
         boots.count(reset);
-        store.contents.start = boots.total();
+        self.contents.start = boots.total();
         // A chip that fails here fails again at the next write, which is reported.
-        let _ = store.put(0, &boots).await;
-        store
+        let _ = self.put(0, &boots).await;
     }
 
     /// Erases the areas that have contents but cannot be used. A chip that fails here fails again at the next write, which is
