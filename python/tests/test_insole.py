@@ -97,13 +97,13 @@ def test_pushed_parameters_are_those_that_the_command_line_reads_from_the_insole
         command("params", "pull", "--tcp", address, "--out", tmp_path / "pulled.toml")
     pushed, pulled = (tomllib.loads((tmp_path / name).read_text())["regions"] for name in ("params.toml", "pulled.toml"))
     for region in plantar.REGIONS:
-        for of in (stiffness_pa, lambda values: values["n"], lambda values: values["a_mm"] * values["b_mm"]):
-            assert of(pulled[region]) == pytest.approx(of(pushed[region]), rel=1e-6), region
+        assert force_law(pulled[region]) == pytest.approx(force_law(pushed[region]), rel=1e-6), region
 
 
-def stiffness_pa(values: dict[str, float]) -> float:
-    """K = k C^(n+1) / d0^n, in SI units."""
-    return values["k_n_m3"] * (values["c_mm"] * 1e-3) ** (values["n"] + 1) / (values["d0_mm"] * 1e-3) ** values["n"]
+def force_law(values: dict[str, float]) -> tuple[float, float, float]:
+    """A B, n and K = k C^(n+1) / d0^n of a region, in SI units."""
+    c_m, d0_m, n = values["c_mm"] * 1e-3, values["d0_mm"] * 1e-3, values["n"]
+    return values["a_mm"] * values["b_mm"] * 1e-6, n, values["k_n_m3"] * c_m ** (n + 1) / d0_m**n
 
 
 def test_errors_name_the_insole_and_the_remedy(tmp_path: pathlib.Path) -> None:

@@ -112,6 +112,7 @@ def test_normalised_steps_are_interpolated_from_heel_strike_to_toe_off(
         replay.normalised("area", region="heel")
 
 
+@pytest.mark.filterwarnings("ignore:parameters .* are not personal")
 def test_a_recording_without_steps_has_empty_tables(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
     table = pq.read_table(walk_file)
     pq.write_table(table.slice(0, 20), tmp_path / "short.parquet")
