@@ -13,8 +13,15 @@ use parquet::file::metadata::RowGroupMetaData;
 use parquet::file::reader::{FileReader, Length, RowGroupReader};
 use parquet::file::serialized_reader::SerializedFileReader;
 use rayon::prelude::*;
+use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
+
+/// The threads that decode files. They are not rayon's global threads, because a task on those may wait for the scans of a file: if
+/// all of them did, nothing would be decoded.
+pub static DECODERS: LazyLock<ThreadPool> =
+    LazyLock::new(|| ThreadPoolBuilder::new().build().expect("the system can start threads"));
 
 /// First and last bytes of a Parquet file.
 const MAGIC: &[u8] = b"PAR1";
@@ -140,7 +147,7 @@ impl ColumnFile {
                 }
                 Ok(convert(pressure_kpa))
             };
-            (0..self.cells).into_par_iter().map(cell).collect()
+            DECODERS.install(|| (0..self.cells).into_par_iter().map(cell).collect())
         })
     }
 

@@ -1,7 +1,7 @@
 //! A recording that is read in blocks of frames, so that the memory in use does not grow with its length.
 
 use crate::check::{self, At, Clock};
-use crate::columns::ColumnFile;
+use crate::columns::{ColumnFile, DECODERS};
 use crate::{Recording, Result, parts};
 use rayon::prelude::*;
 use std::iter::from_fn;
@@ -138,7 +138,7 @@ impl RecordingReader {
 /// Transposes columns to `frames` frames, which have the columns in this order.
 fn frames_of<T: Copy + Default + Send + Sync>(columns: &[Vec<T>], order: &[usize], frames: usize) -> Vec<T> {
     let mut values = vec![T::default(); frames * order.len()];
-    values.par_chunks_mut(ROWS_PER_BLOCK * order.len()).enumerate().for_each(|(block, rows)| {
+    let transpose = |(block, rows): (usize, &mut [T])| {
         let first_row = block * ROWS_PER_BLOCK;
         for start in (0..order.len()).step_by(COLUMNS_PER_BLOCK) {
             for index in start..order.len().min(start + COLUMNS_PER_BLOCK) {
@@ -146,6 +146,7 @@ fn frames_of<T: Copy + Default + Send + Sync>(columns: &[Vec<T>], order: &[usize
                 rows.chunks_exact_mut(order.len()).zip(column).for_each(|(row, &value)| row[index] = value);
             }
         }
-    });
+    };
+    DECODERS.install(|| values.par_chunks_mut(ROWS_PER_BLOCK * order.len()).enumerate().for_each(transpose));
     values
 }

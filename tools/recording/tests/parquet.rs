@@ -8,6 +8,7 @@ use parquet::schema::parser::parse_message_type;
 use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
+use rayon::prelude::*;
 use recording::synthetic::{self, SyntheticWalk};
 use recording::{MAX_CELLS, Recording, RecordingReader, VirtualInsole};
 use std::fs::File;
@@ -240,6 +241,20 @@ fn the_scans_of_a_file_equal_those_of_the_recording_in_memory() {
         assert_eq!((scan.index, scan.t_s, scan.codes), (expected.index, expected.t_s, expected.codes));
     }
     assert!(scans.next_scan().unwrap().is_none());
+}
+
+#[test]
+fn all_threads_of_a_program_can_wait_for_scans_at_once() {
+    let (_folder, path) = in_folder();
+    let walk = synthetic::walk(&SyntheticWalk { cells: 37, steps: 1, ..SyntheticWalk::default() }).recording;
+    walk.write(&path).unwrap();
+    let insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
+    let count = |_| {
+        let mut scans = insole.scans(RecordingReader::open(&path).unwrap());
+        std::iter::from_fn(|| scans.next_scan().unwrap().map(|_| ())).count()
+    };
+    let counts: Vec<usize> = (0..64).into_par_iter().map(count).collect();
+    assert_eq!(counts, [insole.frames(&walk); 64]);
 }
 
 #[test]

@@ -99,10 +99,10 @@ test.skipIf(!walk)("both feet are identified, also over a reload, and the parame
   await inspect(page, "walk");
   // The insoles do not walk on before the session continues.
   insoles.speed = 0.01;
-  const before = await good(page, "left");
-  // The messages of the session are stored in their order, so those of these steps are stored once a later part is.
+  // The messages of the session are stored in their order, so those of all steps so far are stored once a later part is.
   const parts = await storedParts(page);
   await expect.poll(() => storedParts(page), { timeout: 10_000 }).toBeGreaterThan(parts);
+  const before = await good(page, "left");
   await page.reload();
   await act(page, "resume").waitFor();
   await page.locator("#chips", { hasText: /R \d+ Hz/ }).waitFor();
