@@ -50,7 +50,7 @@ pub fn identify(
         for (recording, path) in &recordings {
             let name = path.display().to_string();
             let problem = || format!("{name}: the recording cannot be evaluated");
-            let mut insole = virtual_insole(&recording.into(), contact).with_context(problem)?;
+            let mut insole = virtual_insole(&(&**recording).into(), contact).with_context(problem)?;
             if let Some(zero) = &options.zero {
                 Zero::read(zero)?.apply_to(&mut insole, &zero.display().to_string())?;
             }

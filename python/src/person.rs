@@ -68,14 +68,14 @@ impl Person {
     /// Fits each step of a recording separately: one row for each region of each step.
     fn rows(&self, py: Python, recording: &Recording) -> PyResult<Table> {
         py.detach(|| {
-            let rows = fits::rows(&self.0, &recording.inner, &recording.path).map_err(exception)?;
+            let rows = fits::rows(&self.0, &*recording.inner, &recording.path).map_err(exception)?;
             Ok(PyArrowType(table(&fits::columns(&self.0), &rows)?))
         })
     }
 
     /// Fits each region to all steps of a recording.
     fn trial(&self, py: Python, recording: &Recording) -> PyResult<Trial> {
-        py.detach(|| fits::trial(&self.0, &recording.inner, &recording.path)).map(Trial).map_err(exception)
+        py.detach(|| fits::trial(&self.0, &*recording.inner, &recording.path)).map(Trial).map_err(exception)
     }
 }
 

@@ -59,7 +59,7 @@ pub fn replay(
         "f64" => run::<f64>,
         other => return Err(PyValueError::new_err(format!("precision = \"{other}\": expected \"f32\" or \"f64\""))),
     };
-    let (inner, path) = (&recording.inner, recording.path.display().to_string());
+    let (inner, path) = (&*recording.inner, recording.path.display().to_string());
     py.detach(|| {
         let replayed = || {
             let mut insole = virtual_insole(&inner.into(), contact)?;
