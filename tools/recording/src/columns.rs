@@ -31,8 +31,6 @@ pub struct ColumnFile {
     path: PathBuf,
     reader: SerializedFileReader<Source>,
     cells: usize,
-    /// The largest pressure by the metadata, kPa.
-    pub largest_kpa: Option<f32>,
 }
 
 impl ColumnFile {
@@ -62,13 +60,11 @@ impl ColumnFile {
                     "create a recording with `plantar import csv`",
                 ),
             })?;
-            let metadata = metadata(&reader, &file)?;
-            let largest_kpa = metadata.largest_kpa;
-            let head = metadata.head();
+            let head = metadata(&reader, &file)?.head();
             let cells = head.cells();
             check::layout(&head.layout, &file)?;
             check_columns(reader.metadata().file_metadata().schema_descr(), cells, &file)?;
-            Ok((head, Self { path: path.into(), reader, cells, largest_kpa }))
+            Ok((head, Self { path: path.into(), reader, cells }))
         })
     }
 
@@ -132,19 +128,6 @@ impl ColumnFile {
                     At::Value { cell: frame, .. } => place(frame),
                     other => self.place(other),
                 })?;
-                if let Some(stated_kpa) = self.largest_kpa
-                    && pressure_kpa.iter().fold(false, |any, &kpa| any | (kpa > stated_kpa))
-                    && let Some(frame) = pressure_kpa.iter().position(|&kpa| kpa > stated_kpa)
-                {
-                    return Err(Error::content(
-                        place(frame),
-                        format!(
-                            "pressure {} kPa, and the metadata state at most {stated_kpa} kPa",
-                            pressure_kpa[frame]
-                        ),
-                        "import the measurement again, or remove `largest_kpa` from the metadata",
-                    ));
-                }
                 Ok(convert(pressure_kpa))
             };
             DECODERS.install(|| (0..self.cells).into_par_iter().map(cell).collect())

@@ -33,9 +33,6 @@ pub struct Metadata<'a> {
     rate_hz: f64,
     source: Cow<'a, str>,
     layout: Cow<'a, Layout>,
-    /// The largest pressure of the recording, kPa. Files of other writers may lack it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub largest_kpa: Option<f32>,
 }
 
 /// The version, which the JSON of every version of the format contains.
@@ -57,7 +54,6 @@ pub fn write(recording: &Recording, path: &Path) -> Result<()> {
         rate_hz: recording.rate_hz,
         source: Cow::Borrowed(&recording.source),
         layout: Cow::Borrowed(&recording.layout),
-        largest_kpa: Some(recording.largest_kpa()),
     };
     let json = serde_json::to_string(&metadata).expect("numbers and strings can be written as JSON");
     let file = File::create(path).map_err(Error::io(path))?;

@@ -62,15 +62,12 @@ impl RecordingReader {
         self.files.iter().map(ColumnFile::frames).fold(0, usize::saturating_add)
     }
 
-    /// The largest pressure, kPa. All frames are read unless the metadata state it.
+    /// The largest pressure, kPa, for which all frames are read.
     ///
     /// # Errors
-    /// Fails if frames must be read and violate a rule of recordings.
+    /// Fails if the pressures violate a rule of recordings.
     pub fn largest_kpa(&self) -> Result<f32> {
         let largest = |all_kpa: Vec<f32>| all_kpa.into_iter().fold(0.0, f32::max);
-        if let Some(stated_kpa) = self.files.iter().map(|file| file.largest_kpa).collect() {
-            return Ok(largest(stated_kpa));
-        }
         let mut largest_kpa = 0.0f32;
         for (file, group, first_row) in self.groups() {
             let columns_kpa = file.pressures(group, first_row, &|kpa| vec![largest(kpa)])?;

@@ -258,17 +258,6 @@ fn all_threads_of_a_program_can_wait_for_scans_at_once() {
 }
 
 #[test]
-fn the_largest_pressure_is_searched_where_the_metadata_do_not_state_it() {
-    let (_folder, path) = in_folder();
-    let names = ["t_s", "c0_kpa", "c1_kpa"];
-    write(&path, Some(TWO_CELLS), names, &[0.0, 0.01], [&[1.0, 2.0], &[4.0, 3.0]]);
-    assert_eq!(RecordingReader::open(&path).unwrap().largest_kpa().unwrap(), 4.0);
-    let stated = TWO_CELLS.replace("\"version\":1", "\"version\":1,\"largest_kpa\":3.5");
-    write(&path, Some(&stated), names, &[0.0, 0.01], [&[1.0, 2.0], &[3.0, 4.0]]);
-    assert_refused(&path, &["row 2", "column c1_kpa", "pressure 4 kPa", "at most 3.5 kPa", "largest_kpa"]);
-}
-
-#[test]
 fn the_scans_of_a_file_end_with_its_error() {
     let (_folder, path) = in_folder();
     write(&path, Some(TWO_CELLS), ["t_s", "c0_kpa", "c1_kpa"], &[0.0, 0.03], [&[1.0, 2.0], &[4.0, 3.0]]);
