@@ -37,7 +37,7 @@ const MAX_COORDINATE_MM: f64 = 10_000.0;
 /// Largest time, s: three hundred years. A larger value must be in another unit.
 const MAX_TIME_S: f64 = 1e10;
 /// Largest pressure, kPa: ten times the pressure of a hard edge under a heel. A larger value must be in another unit.
-const MAX_KPA: f32 = 50_000.0;
+pub const MAX_KPA: f32 = 50_000.0;
 
 /// Largest number of pressures in a recording; they occupy 8 GiB. Without this limit, a small file could exhaust the memory,
 /// because equal values are compressed. The limit is lower for fuzzing, which reads many files.

@@ -12,6 +12,7 @@ use parquet::errors::ParquetError;
 use parquet::file::metadata::RowGroupMetaData;
 use parquet::file::reader::{FileReader, Length, RowGroupReader};
 use parquet::file::serialized_reader::SerializedFileReader;
+use parquet::file::statistics::Statistics;
 use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -96,6 +97,13 @@ impl ColumnFile {
         rows(self.reader.metadata().row_group(group))
     }
 
+    /// The largest pressure of a row group by the statistics of its columns, kPa; `None` if they do not state it.
+    pub fn stated_largest_kpa(&self, group: usize) -> Option<f32> {
+        let group = self.reader.metadata().row_group(group);
+        let mut columns_kpa = (0..self.cells).map(|cell| stated_kpa(group, cell));
+        columns_kpa.try_fold(0.0, |largest_kpa: f32, kpa| Some(largest_kpa.max(kpa?)))
+    }
+
     /// A place in the file, for messages. Frames are counted from the first one of the file.
     pub fn place(&self, at: At) -> String {
         let file = self.path.display();
@@ -128,6 +136,20 @@ impl ColumnFile {
                     At::Value { cell: frame, .. } => place(frame),
                     other => self.place(other),
                 })?;
+                // The scale of a virtual sensor follows from the statistics.
+                if let Some(stated_kpa) = stated_kpa(group.metadata(), cell)
+                    && pressure_kpa.iter().fold(false, |any, &kpa| any | (kpa > stated_kpa))
+                    && let Some(frame) = pressure_kpa.iter().position(|&kpa| kpa > stated_kpa)
+                {
+                    return Err(Error::content(
+                        place(frame),
+                        format!(
+                            "{} kPa, but the statistics of the column state at most {stated_kpa} kPa",
+                            pressure_kpa[frame]
+                        ),
+                        "copy or import the file again",
+                    ));
+                }
                 Ok(convert(pressure_kpa))
             };
             DECODERS.install(|| (0..self.cells).into_par_iter().map(cell).collect())
@@ -188,6 +210,14 @@ fn caught<T>(file: &str, read: impl FnOnce() -> Result<T>) -> Result<T> {
 
 fn damaged(place: &str, error: &ParquetError) -> Error {
     Error::content(place, format!("damaged Parquet data ({error})"), "copy or import the file again")
+}
+
+/// The largest pressure of a cell in a row group by the statistics of its column, kPa, if they state a possible one.
+fn stated_kpa(group: &RowGroupMetaData, cell: usize) -> Option<f32> {
+    match group.column(cell + 1).statistics()? {
+        Statistics::Float(of) => of.max_opt().copied().filter(|kpa| (0.0..=check::MAX_KPA).contains(kpa)),
+        _ => None,
+    }
 }
 
 /// Number of rows of a group. A damaged group may claim a negative number, which counts as 0.

@@ -62,9 +62,10 @@ pub fn write(recording: &Recording, path: &Path) -> Result<()> {
 
 /// Writes the columns, and `json` to the metadata.
 fn write_columns(recording: &Recording, json: String, file: File) -> std::result::Result<(), ParquetError> {
+    // The largest value of each column of a row group: a reader needs the largest pressure before the first frame.
     let properties = WriterProperties::builder()
         .set_compression(Compression::SNAPPY)
-        .set_statistics_enabled(EnabledStatistics::None)
+        .set_statistics_enabled(EnabledStatistics::Chunk)
         .set_offset_index_disabled(true)
         .set_key_value_metadata(Some(vec![KeyValue::new(KEY.to_owned(), json)]))
         .build();

@@ -78,7 +78,7 @@ impl VirtualInsole {
         Self::up_to(recording.largest_kpa(), recording, contact, stance)
     }
 
-    /// As [`VirtualInsole::new`], for a recording whose frames are not in memory: `head` describes it, and its largest pressure is
+    /// As [`VirtualInsole::new`], for a recording without its frames in memory: `head` describes it, and its largest pressure is
     /// `largest_kpa`.
     pub fn up_to(largest_kpa: f32, head: &Recording, contact: ContactRule, stance: StanceRule) -> Self {
         let mut sensor = SensorLaw { full_kpa: FULL_KPA, exponent: EXPONENT };
@@ -159,8 +159,8 @@ impl VirtualInsole {
         order
     }
 
-    /// The codes of cells without an offset under these pressures.
-    pub(crate) fn codes_in_order(&self, pressure_kpa: &[f32]) -> Vec<u16> {
+    /// The codes of a cell without an offset under these pressures.
+    pub(crate) fn codes_of_cell(&self, pressure_kpa: &[f32]) -> Vec<u16> {
         let mut codes = vec![0; pressure_kpa.len()];
         // As in `codes`, unloaded frames are skipped eight at a time.
         for (kpa, codes) in pressure_kpa.chunks(8).zip(codes.chunks_mut(8)) {

@@ -62,16 +62,18 @@ impl RecordingReader {
         self.files.iter().map(ColumnFile::frames).fold(0, usize::saturating_add)
     }
 
-    /// The largest pressure, kPa, for which all frames are read.
+    /// The largest pressure, kPa, from the statistics of the columns. Row groups without them are read.
     ///
     /// # Errors
-    /// Fails if the pressures violate a rule of recordings.
+    /// Fails if pressures that are read violate a rule of recordings.
     pub fn largest_kpa(&self) -> Result<f32> {
         let largest = |all_kpa: Vec<f32>| all_kpa.into_iter().fold(0.0, f32::max);
         let mut largest_kpa = 0.0f32;
         for (file, group, first_row) in self.groups() {
-            let columns_kpa = file.pressures(group, first_row, &|kpa| vec![largest(kpa)])?;
-            largest_kpa = largest_kpa.max(largest(columns_kpa.concat()));
+            largest_kpa = largest_kpa.max(match file.stated_largest_kpa(group) {
+                Some(stated_kpa) => stated_kpa,
+                None => largest(file.pressures(group, first_row, &|kpa| vec![largest(kpa)])?.concat()),
+            });
         }
         Ok(largest_kpa)
     }

@@ -22,6 +22,14 @@ impl FrameSource<'_> {
         }
     }
 
+    /// Number of frames.
+    pub fn frames(&self) -> usize {
+        match self {
+            Self::Memory(recording) => recording.frames(),
+            Self::File(reader) => reader.frames(),
+        }
+    }
+
     /// The largest pressure, kPa.
     ///
     /// # Errors
@@ -89,7 +97,7 @@ impl VirtualInsole {
         let insole = self.clone();
         thread::spawn(move || {
             let order = insole.order();
-            for block in reader.blocks(&order, &|pressure_kpa| insole.codes_in_order(&pressure_kpa)) {
+            for block in reader.blocks(&order, &|pressure_kpa| insole.codes_of_cell(&pressure_kpa)) {
                 let is_last = block.is_err();
                 // The receiver is gone if the consumer needs no more scans.
                 if sender.send(block).is_err() || is_last {

@@ -1,5 +1,5 @@
-//! The bytes of a Parquet file, in memory or on disk. Threads can read columns of one file at the same time: unlike with
-//! `std::fs::File`, whose clones share one position, each reader has a position of its own.
+//! The bytes of a Parquet file, in memory or on disk. Threads can read columns of one file at the same time, because each reader
+//! has a position of its own; clones of a `std::fs::File` share one position.
 
 use bytes::Bytes;
 use parquet::errors::{ParquetError, Result};

@@ -2,7 +2,7 @@
 
 use parquet::data_type::{DoubleType, FloatType};
 use parquet::file::metadata::KeyValue;
-use parquet::file::properties::WriterProperties;
+use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::parser::parse_message_type;
 use plantar::Side;
@@ -22,13 +22,25 @@ const TWO_CELLS: &str = r#"{"version":1,"side":"right","rate_hz":100,"source":"T
 
 /// Writes a file as another program may write it: with one row group, in which no column may contain nulls.
 fn write(path: &Path, metadata: Option<&str>, names: [&str; 3], t_s: &[f64], columns_kpa: [&[f32]; 2]) {
+    write_with(EnabledStatistics::Chunk, path, metadata, names, t_s, columns_kpa);
+}
+
+fn write_with(
+    statistics: EnabledStatistics,
+    path: &Path,
+    metadata: Option<&str>,
+    names: [&str; 3],
+    t_s: &[f64],
+    columns_kpa: [&[f32]; 2],
+) {
     let [time, first, second] = names;
     let schema = parse_message_type(&format!(
         "message test {{ required double {time}; required float {first}; required float {second}; }}"
     ))
     .unwrap();
     let metadata = metadata.map(|json| vec![KeyValue::new("plantar".to_owned(), json.to_owned())]);
-    let properties = WriterProperties::builder().set_key_value_metadata(metadata).build();
+    let properties =
+        WriterProperties::builder().set_key_value_metadata(metadata).set_statistics_enabled(statistics).build();
     let file = File::create(path).unwrap();
     let mut writer = SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties)).unwrap();
     let mut group = writer.next_row_group().unwrap();
@@ -255,6 +267,31 @@ fn all_threads_of_a_program_can_wait_for_scans_at_once() {
     };
     let counts: Vec<usize> = (0..64).into_par_iter().map(count).collect();
     assert_eq!(counts, [insole.frames(&walk); 64]);
+}
+
+#[test]
+fn the_largest_pressure_is_known_with_and_without_statistics_of_the_columns() {
+    let (_folder, path) = in_folder();
+    let names = ["t_s", "c0_kpa", "c1_kpa"];
+    for statistics in [EnabledStatistics::None, EnabledStatistics::Chunk, EnabledStatistics::Page] {
+        write_with(statistics, &path, Some(TWO_CELLS), names, &[0.0, 0.01], [&[1.0, 2.0], &[4.5, 3.0]]);
+        assert_eq!(RecordingReader::open(&path).unwrap().largest_kpa().unwrap(), 4.5);
+    }
+}
+
+#[test]
+fn pressures_above_the_statistics_of_their_column_are_rejected() {
+    let (_folder, path) = in_folder();
+    let names = ["t_s", "c0_kpa", "c1_kpa"];
+    write(&path, Some(TWO_CELLS), names, &[0.0, 0.01], [&[1.0, 2.0], &[3.0, 4.5]]);
+    let mut bytes = std::fs::read(&path).unwrap();
+    // The value itself comes first, and the statistics are at the end of the file.
+    let values: Vec<usize> = (0..bytes.len() - 4).filter(|&at| bytes[at..at + 4] == 4.5f32.to_le_bytes()).collect();
+    for &at in &values[1..] {
+        bytes[at..at + 4].copy_from_slice(&3.5f32.to_le_bytes());
+    }
+    std::fs::write(&path, bytes).unwrap();
+    assert_refused(&path, &["row 2", "column c1_kpa", "4.5 kPa", "at most 3.5 kPa"]);
 }
 
 #[test]
