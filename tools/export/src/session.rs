@@ -5,7 +5,7 @@ use plantar::insole::Insole;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::Step;
 use plantar::{Region, Side};
-use recording::{Error, Layout, MAX_CELLS, Recording, Result, VirtualInsole};
+use recording::{Error, Layout, MAX_CELLS, Recording, Result, Scan, VirtualInsole};
 
 /// The quantities of a region in a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -83,10 +83,9 @@ impl Foot {
         let last = recording.frames() - 1;
         let frame_s = |i: usize| recording.t_s[i.min(last)] + i.saturating_sub(last) as f64 / recording.rate_hz;
         let (mut frames, mut steps) = (Vec::with_capacity(recording.frames()), Vec::new());
-        let mut codes = vec![0; virtual_insole.cells.len()];
-        for i in 0..virtual_insole.frames(&recording) {
-            virtual_insole.codes_of(&recording, i, &mut codes);
-            if insole.frame(i as u32, &codes)
+        let mut scans = virtual_insole.scans(&recording);
+        while let Some(Scan { index, t_s, codes }) = scans.next_scan()? {
+            if insole.frame(index as u32, codes)
                 && let Some(step) = insole.whole_step()
             {
                 let step = Step::new(&step);
@@ -100,7 +99,7 @@ impl Foot {
             }
             // The insole numbers steps and load bouts together, also those that nobody takes.
             insole.take_bout();
-            if i <= last {
+            if t_s.is_some() {
                 frames.push(frame(&insole));
             }
         }

@@ -3,7 +3,7 @@
 mod identification;
 
 use crate::records::Records;
-use crate::setup::{self, ContactArgs, WearerArgs, ZeroArgs};
+use crate::setup::{self, InsoleArgs};
 use crate::summary;
 use crate::view::View;
 use anyhow::{Context, Result, bail, ensure};
@@ -33,11 +33,7 @@ pub struct Emulate {
     /// The recording, with at most 256 cells (`plantar import ... --cells 256`).
     recording: PathBuf,
     #[command(flatten)]
-    wearer: WearerArgs,
-    #[command(flatten)]
-    contact: ContactArgs,
-    #[command(flatten)]
-    zero: ZeroArgs,
+    insole: InsoleArgs,
     /// Play in real time (real), or as fast as the emulator runs (max).
     #[arg(long, value_enum, default_value_t = Speed::Real)]
     speed: Speed,
@@ -87,7 +83,7 @@ pub struct EmulatedInsole {
 
 impl EmulatedInsole {
     /// Reads a recording for the emulated board, and prints the recording's source.
-    pub fn new(path: &Path, parameters: &Parameters, contact: &ContactArgs, zero: &ZeroArgs) -> Result<Self> {
+    pub fn new(path: &Path, parameters: &Parameters, options: &InsoleArgs) -> Result<Self> {
         let recording = Recording::read(path)?;
         if recording.cells() > DEVICE_CELLS {
             bail!(
@@ -97,9 +93,7 @@ impl EmulatedInsole {
             );
         }
         println!("{}", recording.source);
-        let mut insole = setup::insole(&recording, contact.rule(parameters.identified.as_ref())?)
-            .with_context(|| path.display().to_string())?;
-        zero.apply(&mut insole)?;
+        let insole = options.insole(&(&recording).into(), options.rule(parameters)?, path)?;
         // Refuses an invalid set-up with the reason, which the board could not report.
         let accepted = Insole::<f32, DEVICE_CELLS>::new().set_up(insole.setup, insole.cells.iter().copied());
         accepted.with_context(|| format!("{} cannot be played into an insole", path.display()))?;
@@ -117,10 +111,9 @@ impl Emulate {
     pub fn run(&self) -> Result<()> {
         let parameters = match self.identify {
             Some(_) => Parameters::typical(InsoleSize::default()),
-            None => self.wearer.parameters()?,
+            None => self.insole.wearer.parameters()?,
         };
-        let EmulatedInsole { recording, insole } =
-            EmulatedInsole::new(&self.recording, &parameters, &self.contact, &self.zero)?;
+        let EmulatedInsole { recording, insole } = EmulatedInsole::new(&self.recording, &parameters, &self.insole)?;
         let config = EmulatorConfig::new(insole.setup);
         let cells = insole.cells.clone();
         let seconds = recording.frames() as f64 / recording.rate_hz;
@@ -178,7 +171,7 @@ impl Emulate {
         let scales = if identification.is_none() { parameters.deformation } else { DeformationScale::ALL_ASSUMED };
         records.print(&scales);
         if identification.is_none() {
-            setup::note_unless_applicable(parameters, self.wearer.size, steps);
+            setup::note_unless_applicable(parameters, self.insole.wearer.size, steps);
         }
         summary::print_faults_of(&mut client);
         println!(
@@ -254,7 +247,7 @@ impl Emulate {
                         if identification.is_complete() {
                             view.close();
                             board.plant().hold(true);
-                            identification.identify(client, &self.contact)?;
+                            identification.identify(client, &self.insole.contact)?;
                             board.plant().hold(false);
                             *view = View::open(client.hello())?;
                         }

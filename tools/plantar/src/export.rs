@@ -1,6 +1,6 @@
 //! `plantar export`: writes recordings in the formats of other programs.
 
-use crate::setup::{self, ContactArgs, WearerArgs, ZeroArgs};
+use crate::setup::InsoleArgs;
 use anyhow::{Result, bail};
 use clap::{Args, Subcommand};
 use export::motion_bids::Names;
@@ -52,11 +52,7 @@ pub struct Options {
     #[arg(long, value_name = "S", value_parser = time)]
     to: Option<f64>,
     #[command(flatten)]
-    wearer: WearerArgs,
-    #[command(flatten)]
-    contact: ContactArgs,
-    #[command(flatten)]
-    zero: ZeroArgs,
+    insole: InsoleArgs,
 }
 
 fn time(text: &str) -> Result<f64, String> {
@@ -96,12 +92,11 @@ impl Export {
 impl Options {
     /// Computes what is exported.
     fn session(&self) -> Result<Session> {
-        let parameters = self.wearer.parameters()?;
-        let rule = self.contact.rule(parameters.identified.as_ref())?;
+        let parameters = self.insole.wearer.parameters()?;
+        let rule = self.insole.rule(&parameters)?;
         let foot = |path: &PathBuf| {
             let recording = Recording::read(path)?;
-            let mut insole = setup::insole(&recording, rule)?;
-            self.zero.apply(&mut insole)?;
+            let insole = self.insole.insole(&(&recording).into(), rule, path)?;
             anyhow::Ok(Foot::new(recording, &insole, &parameters.tissue(), &path.display().to_string())?)
         };
         let feet = self.recordings.iter().map(foot).collect::<Result<_>>()?;

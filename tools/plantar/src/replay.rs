@@ -3,7 +3,7 @@
 use crate::frames::FrameWriter;
 use crate::picture::Picture;
 use crate::records::{Records, write_json};
-use crate::setup::{self, ContactArgs, WearerArgs, ZeroArgs};
+use crate::setup::{self, InsoleArgs};
 use crate::summary;
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
@@ -14,7 +14,7 @@ use plantar::insole::Insole;
 use plantar::pipeline::alert::AlertRules;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::{Alert, Bout, Step};
-use recording::{FrameSource, MAX_CELLS, Recording, RecordingReader, Scan, VirtualInsole};
+use recording::{FrameSource, MAX_CELLS, RecordingReader, Scan, VirtualInsole};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -28,11 +28,7 @@ pub struct Replay {
     /// The recording.
     recording: PathBuf,
     #[command(flatten)]
-    wearer: WearerArgs,
-    #[command(flatten)]
-    contact: ContactArgs,
-    #[command(flatten)]
-    zero: ZeroArgs,
+    insole: InsoleArgs,
     /// Floating-point arithmetic: single precision as on the insole (f32), or double precision (f64). The steps are rounded to
     /// the resolution of an insole's messages; the values of --frames are not rounded.
     #[arg(long, value_enum, default_value_t = Precision::F32)]
@@ -63,18 +59,15 @@ enum Precision {
 
 impl Replay {
     pub fn run(&self) -> Result<()> {
-        let reader = RecordingReader::open(&self.recording)?;
-        let (frame_count, head) = (reader.frames(), reader.head.clone());
-        let source = reader.into();
-        let parameters = self.wearer.parameters()?;
+        let source = FrameSource::from(RecordingReader::open(&self.recording)?);
+        let (frames, cells) = (source.frames(), source.head().cells());
+        let parameters = self.insole.wearer.parameters()?;
         let tissue = parameters.tissue();
         let start = Instant::now();
-        let mut insole = study::virtual_insole(&source, self.contact.rule(parameters.identified.as_ref())?)
-            .with_context(|| self.recording.display().to_string())?;
-        self.zero.apply(&mut insole)?;
+        let insole = self.insole.insole(&source, self.insole.rule(&parameters)?, &self.recording)?;
         let records = match self.precision {
-            Precision::F32 => self.replay::<f32>(source, &head, frame_count, &insole, &tissue)?,
-            Precision::F64 => self.replay::<f64>(source, &head, frame_count, &insole, &tissue)?,
+            Precision::F32 => self.replay::<f32>(source, &insole, &tissue)?,
+            Precision::F64 => self.replay::<f64>(source, &insole, &tissue)?,
         };
         let seconds = start.elapsed().as_secs_f64();
         if let Some(path) = &self.json {
@@ -84,20 +77,13 @@ impl Replay {
             write_json(path, &records.bouts.iter().map(bout_to_json).collect::<Vec<_>>())?;
         }
         records.print(&parameters.deformation);
-        setup::note_unless_applicable(&parameters, self.wearer.size, &records.steps);
-        eprintln!("{frame_count} frames of {} cells in {seconds:.2} s", head.cells());
+        setup::note_unless_applicable(&parameters, self.insole.wearer.size, &records.steps);
+        eprintln!("{frames} frames of {cells} cells in {seconds:.2} s");
         Ok(())
     }
 
     /// Computes the steps in the arithmetic `R`, and writes the files of --frames and --picture.
-    fn replay<R: Real>(
-        &self,
-        source: FrameSource,
-        head: &Recording,
-        frame_count: usize,
-        virtual_insole: &VirtualInsole,
-        tissue: &Tissue,
-    ) -> Result<Records> {
+    fn replay<R: Real>(&self, source: FrameSource, virtual_insole: &VirtualInsole, tissue: &Tissue) -> Result<Records> {
         let mut insole = Box::new(Insole::<R, MAX_CELLS>::new());
         let accepted = insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied());
         accepted.with_context(|| format!("{}: the recording cannot be evaluated", self.recording.display()))?;
@@ -108,7 +94,8 @@ impl Replay {
         let mut frames =
             self.frames.as_deref().map(|path| FrameWriter::create(path, virtual_insole.setup.contact)).transpose()?;
         let mut picture = self.picture.is_some().then(|| Picture::new(virtual_insole));
-        let bar = progress(frame_count as u64, "frames");
+        let bar = progress(source.frames() as u64, "frames");
+        let head = source.head().clone();
         let mut scans = virtual_insole.scans(source);
         let mut records = Records::default();
         while let Some(Scan { index: i, t_s, codes }) = scans.next_scan()? {
@@ -139,7 +126,7 @@ impl Replay {
         }
         summary::print_faults(insole.faults(), head.cells());
         if let (Some(picture), Some(path)) = (picture, &self.picture) {
-            picture.write(path, head, virtual_insole)?;
+            picture.write(path, &head, virtual_insole)?;
         }
         Ok(records)
     }

@@ -2,7 +2,7 @@
 
 use crate::carrier::{Ports, open_error, open_serial, open_tcp};
 use crate::emulate::{EmulatedInsole, FIRMWARE};
-use crate::setup::{ContactArgs, WearerArgs, ZeroArgs};
+use crate::setup::InsoleArgs;
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use client::{Carrier, Framed, READ_TIMEOUT};
@@ -24,11 +24,7 @@ pub struct Serve {
     #[arg(long, value_name = "RECORDING")]
     emulate: Vec<PathBuf>,
     #[command(flatten)]
-    wearer: WearerArgs,
-    #[command(flatten)]
-    contact: ContactArgs,
-    #[command(flatten)]
-    zero: ZeroArgs,
+    insole: InsoleArgs,
     /// The firmware file of the emulated board, from `cargo xtask build`.
     #[arg(long, value_name = "FILE", default_value = FIRMWARE)]
     firmware: PathBuf,
@@ -76,9 +72,8 @@ impl Serve {
         // An emulated board runs until it is dropped, so the boards are held until the program ends.
         let mut boards = Vec::new();
         for path in &self.emulate {
-            let parameters = self.wearer.parameters()?;
-            let EmulatedInsole { recording, insole } =
-                EmulatedInsole::new(path, &parameters, &self.contact, &self.zero)?;
+            let parameters = self.insole.wearer.parameters()?;
+            let EmulatedInsole { recording, insole } = EmulatedInsole::new(path, &parameters, &self.insole)?;
             let config = EmulatorConfig::new(insole.setup);
             let cells = insole.cells.clone();
             let walk = Looped(Recorded::new(recording, insole));

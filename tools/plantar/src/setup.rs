@@ -6,9 +6,34 @@ use parameters::{Identified, InsoleSize, LIVE, Parameters, SMOOTHED, SmoothedAre
 use plantar::Region;
 use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::{Step, StepRegion};
-use recording::{Recording, VirtualInsole, Zero};
-use std::path::PathBuf;
+use recording::{FrameSource, Recording, VirtualInsole, Zero};
+use std::path::{Path, PathBuf};
 use study::ContactOptions;
+
+/// The options of a command that passes a recording through an insole.
+#[derive(Args)]
+pub struct InsoleArgs {
+    #[command(flatten)]
+    pub wearer: WearerArgs,
+    #[command(flatten)]
+    pub contact: ContactArgs,
+    #[command(flatten)]
+    zero: ZeroArgs,
+}
+
+impl InsoleArgs {
+    /// The contact rule for these parameters. See [`ContactArgs::rule`].
+    pub fn rule(&self, parameters: &Parameters) -> Result<ContactRule> {
+        self.contact.rule(parameters.identified.as_ref())
+    }
+
+    /// Makes the virtual insole of the recording `path`, with the baseline of the cells.
+    pub fn insole(&self, source: &FrameSource, rule: ContactRule, path: &Path) -> Result<VirtualInsole> {
+        let mut insole = study::virtual_insole(source, rule).with_context(|| path.display().to_string())?;
+        self.zero.apply(&mut insole)?;
+        Ok(insole)
+    }
+}
 
 #[derive(Args)]
 pub struct WearerArgs {
