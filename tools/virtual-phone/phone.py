@@ -44,22 +44,64 @@ from bumble.hci import (
     Address,
     HCI_Command_Complete_Event,
     HCI_ErrorCode,
+    HCI_Reset_Command,
     HCI_StatusReturnParameters,
 )
 from bumble.host import Host
 from bumble.keys import MemoryKeyStore, PairingKeys
 from bumble.link import LocalLink
 from bumble.pairing import PairingConfig, PairingDelegate
-from bumble.transport.common import AsyncPipeSink
+from bumble.transport.common import AsyncPipeSink, PacketParser
 from bumble.transport.tcp_server import open_tcp_server_transport_with_socket
 
 # Longest time for a step of a command.
 TIMEOUT_S = 20
+# Time after the command to reset the controller in which the insole sends nothing, because it waits for the result.
+RESET_SILENCE_S = 0.2
 
 
 def write(**message):
     """Writes one line of output."""
     print(json.dumps(message), flush=True)
+
+
+class InsoleParser(PacketParser):
+    """Parses the packets of an insole, whose restart may cut a packet.
+
+    On a board, the restart also resets the controller. Here the packet that was cut ends with the first command of the
+    insole, which resets the controller.
+    """
+
+    RESET = bytes(HCI_Reset_Command())
+
+    def __init__(self):
+        super().__init__(self)
+        self.controller = None
+        self.tail = b''
+        self.last_packet = b''
+        self.timer = None
+
+    def set_packet_sink(self, sink):
+        self.controller = sink
+
+    def on_packet(self, packet):
+        self.last_packet = packet
+        self.controller.on_packet(packet)
+
+    def feed_data(self, data):
+        if self.timer is not None:
+            self.timer.cancel()
+        self.tail = (self.tail + data)[-len(self.RESET):]
+        self.last_packet = b''
+        try:
+            super().feed_data(data)
+        finally:
+            if self.tail == self.RESET != self.last_packet:
+                self.timer = asyncio.get_running_loop().call_later(RESET_SILENCE_S, self.end_cut_packet)
+
+    def end_cut_packet(self):
+        self.reset()
+        super().feed_data(self.RESET)
 
 
 def drop_connections(controller):
@@ -199,6 +241,7 @@ class World:
             listener = socket.socket()
             listener.bind(('127.0.0.1', 0))
             transport = await open_tcp_server_transport_with_socket(listener)
+            transport.source.parser = InsoleParser()
             # Removes the controller of the insole's previous run, if there is one.
             if (old := self.radios.get(command['name'])) is not None:
                 self.link.remove_controller(old[0])

@@ -8,7 +8,7 @@ use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::fragment::{Joiner, Splitter};
-use plantar::protocol::{MAJOR, MINOR, Reset, Status, ToDevice, ToHost, decode, encode};
+use plantar::protocol::{LoadRecord, MAJOR, MINOR, Reset, Status, ToDevice, ToHost, decode, encode};
 use plantar::storage::{Bonds, Store};
 use recording::{Recording, VirtualInsole};
 use serde_json::{Value, json};
@@ -401,7 +401,7 @@ impl Phone {
             let message = decode(message).expect("the bytes are one complete message");
             let characteristic = match message {
                 ToHost::Live(_) | ToHost::Cells(_) | ToHost::Ellipses(_) => LIVE,
-                ToHost::Step(_) => STEPS,
+                ToHost::Step(_) | ToHost::Bout(_) | ToHost::Alert(_) => STEPS,
                 ToHost::Tissue(_) | ToHost::Refused(_) => PARAMETERS,
                 _ => CONTROL,
             };
@@ -415,7 +415,7 @@ impl Phone {
         self.send(radio, request);
         loop {
             let message = self.next(radio);
-            if !matches!(message, ToHost::Live(_) | ToHost::Step(_)) {
+            if !matches!(message, ToHost::Live(_)) && LoadRecord::of(&message).is_none() {
                 return message;
             }
         }

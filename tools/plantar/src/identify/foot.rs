@@ -362,6 +362,12 @@ impl Walk {
     }
 }
 
+/// Frames of cells per second of a standing trial. A person who stands still moves slowly, and a connection that cannot send
+/// the cells of each scan without losses has room for this rate.
+const TRIAL_HZ: f64 = 20.0;
+/// Longest time between two frames of a standing trial, s. The trial's means are over several seconds.
+const TRIAL_GAP_S: f64 = 1.0;
+
 /// The cells of a standing trial.
 pub struct Trial {
     started: StartedCells,
@@ -371,9 +377,10 @@ pub struct Trial {
 }
 
 impl Trial {
-    /// Starts the stream of cells, at the highest rate of the carrier.
+    /// Starts the stream of cells, at [`TRIAL_HZ`] if the carrier can send as many frames.
     fn begin(client: &mut AnyClient) -> Result<Self> {
-        let mut stream = CellStream { resolution: Resolution::Oversampled, every: 1 };
+        let every = 1e6 / (TRIAL_HZ * f64::from(client.hello().period_us));
+        let mut stream = CellStream { resolution: Resolution::Oversampled, every: every.clamp(1.0, 255.0) as u8 };
         let started = match client.start_cells(stream) {
             Err(Error::Refused(Refusal::CellRate { every })) if every > 0 => {
                 stream.every = every;
@@ -391,6 +398,27 @@ impl Trial {
         }
     }
 
+    /// Number and codes of every [`Self::every`]th scan from the first one on. A frame that is missing has the codes of the frame
+    /// before it.
+    fn regular_frames(&self, name: &str) -> Result<Vec<(u32, &[u16])>> {
+        let max_scans = (TRIAL_GAP_S / (f64::from(self.started.setup.period_us) * 1e-6)) as u32;
+        let mut regular: Vec<(u32, &[u16])> = Vec::with_capacity(self.frames.len());
+        for (i, (scan, codes)) in self.frames.iter().enumerate() {
+            let next = self.frames.get(i + 1).map_or(scan.wrapping_add(1), |(next, _)| *next);
+            ensure!(
+                next.wrapping_sub(*scan) <= max_scans.max(self.every.into()),
+                "{name}: too many frames were lost while you stood: stand again"
+            );
+            let mut due = regular.last().map_or(*scan, |(last, _)| last.wrapping_add(self.every.into()));
+            // The difference is negative, and thus large, if the scan is not before the next one.
+            while next.wrapping_sub(due).wrapping_sub(1) < u32::MAX / 2 {
+                regular.push((due, codes));
+                due = due.wrapping_add(self.every.into());
+            }
+        }
+        Ok(regular)
+    }
+
     /// The trial as a recording, with other calibrations if they are given.
     fn recording(&self, name: &str, calibrations: Option<&[CellCalibration]>) -> Result<Recording> {
         let mut cells = self.started.cells.clone();
@@ -398,24 +426,20 @@ impl Trial {
             cell.calibration = *calibration;
         }
         let mut streamed = StreamedCells::new(self.started.setup, cells, self.every);
-        for (scan, codes) in &self.frames {
-            let expected = streamed.frames() + 1;
-            if streamed.is_continued_by(*scan) {
-                streamed.push(*scan, codes);
-            }
-            // An interpolated frame has no codes.
-            ensure!(streamed.frames() == expected, "{name}: frames were lost while you stood: stand again");
+        for (scan, codes) in self.regular_frames(name)? {
+            streamed.push(scan, codes);
         }
         streamed.take("Standing trial of a guided session").with_context(|| format!("{name}: no cells arrived"))
     }
 
     fn evaluate(&self, name: &str, recording: &Recording) -> Result<Standing> {
         let trial = StandingTrial::find(recording, name)?;
-        let lifted = || trial.lifted.iter().cloned().flatten();
+        let frames = self.regular_frames(name)?;
+        let lifted = || trial.lifted.iter().flat_map(|lifted| &frames[lifted.clone()]);
         let mut calibrations = Vec::new();
         for (i, cell) in self.started.cells.iter().enumerate() {
             // A trial has lifted frames.
-            let offset = zero_offset(lifted().map(|frame| self.frames[frame].1[i])).unwrap_or(0);
+            let offset = zero_offset(lifted().map(|(_, codes)| codes[i])).unwrap_or(0);
             let calibration = CellCalibration { offset, ..cell.calibration };
             if !calibration.is_valid() {
                 bail!(
