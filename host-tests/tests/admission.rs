@@ -29,7 +29,8 @@ fn a_stranger_cannot_hold_the_connection_and_the_owner_is_soon_next() {
     assert_eq!(admission.time_limit(false, false).as_secs(), 30);
     let (_, longest_us) = occupied(&mut admission, false, false, 1);
     assert_eq!(longest_us, 30_000_000);
-    // From then on the insole is free for an owner's phone at least every other second or so, for as long as the stranger goes on.
+    // From then on the insole is free for an owner's phone at least every other second or so, for as long as the stranger goes
+    // on.
     let (fraction, longest_us) = occupied(&mut admission, false, false, 3_600_000_000);
     assert!(longest_us <= 2_000_000 + STEP_US && fraction < 0.85, "{longest_us} us, {fraction}");
     // The owner's phone still has the full time, and so has a new phone while bonding is open.

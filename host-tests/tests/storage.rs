@@ -350,8 +350,8 @@ fn a_chip_with_any_content_becomes_usable() {
     }
 }
 
-/// The first reads after power-on return zeros, ones or noise: any number of reads up to those of a whole survey. The stored steps
-/// and records remain.
+/// The first reads after power-on return zeros, ones or noise: any number of reads up to those of a whole survey. The stored
+/// steps and records remain.
 #[test]
 fn a_chip_whose_first_reads_are_wrong_is_not_erased() {
     let mut chip = chip();

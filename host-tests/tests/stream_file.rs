@@ -7,8 +7,8 @@ use std::fs;
 use std::io::Read;
 use std::process::{self, Command};
 
-/// A pipe accepts every byte, but cannot be synchronised: a step in it must not count as stored, because it would be acknowledged,
-/// and the insole would delete it.
+/// A pipe accepts every byte, but cannot be synchronised: a step in it must not count as stored, because it would be
+/// acknowledged, and the insole would delete it.
 #[test]
 fn a_step_that_cannot_be_synchronised_is_not_stored() {
     let path = std::env::temp_dir().join(format!("plantar-pipe-{}", process::id()));

@@ -58,8 +58,8 @@ impl Insole {
         })
     }
 
-    /// The next event: its kind, and its values as JSON. `None` if none arrived within a moment; after the link was lost, the call
-    /// makes one attempt to open it again.
+    /// The next event: its kind, and its values as JSON. `None` if none arrived within a moment; after the link was lost, the
+    /// call makes one attempt to open it again.
     fn next_event(&self, py: Python) -> PyResult<Option<(&'static str, String)>> {
         let event = self.with_link(py, |link| link.next_event())?;
         Ok(match event {

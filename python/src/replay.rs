@@ -25,8 +25,8 @@ struct Replayed {
 }
 
 /// Computes the steps of a recording as an insole would, and the live values of every frame if `has_frames`. Without `params`, a
-/// file, the parameters are typical ones. `precision` is `f32` or `f64`. Returns no steps if there are none. Also returns notes for
-/// the user.
+/// file, the parameters are typical ones. `precision` is `f32` or `f64`. Returns no steps if there are none. Also returns notes
+/// for the user.
 #[pyfunction]
 pub fn replay(
     py: Python,

@@ -20,8 +20,8 @@ use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 use heapless::{String, Vec};
 use static_cell::{ConstStaticCell, StaticCell};
 
-/// Number of successive failed starts after which the insole starts in recovery mode. A start has failed if a crash or a stall ends it
-/// within [`HEALTHY_CHECKS`](super::supervise::HEALTHY_CHECKS).
+/// Number of successive failed starts after which the insole starts in recovery mode. A start has failed if a crash or a stall
+/// ends it within [`HEALTHY_CHECKS`](super::supervise::HEALTHY_CHECKS).
 pub const MAX_FAILED_STARTS: u32 = 3;
 
 /// The circumstances of a start.
@@ -104,14 +104,15 @@ pub struct Started<F: 'static> {
 
 /// Longest time in which the flash chip must answer.
 const CHIP_ANSWERS: Duration = Duration::from_secs(2);
-/// Longest time in which the store must be opened. Erasing a chip with foreign contents takes that long. It is shorter than the time
-/// in which the supervision expects the parts to start ([`super::supervise::START_CHECKS`]).
+/// Longest time in which the store must be opened. Erasing a chip with foreign contents takes that long. It is shorter than the
+/// time in which the supervision expects the parts to start ([`super::supervise::START_CHECKS`]).
 const STORE_OPENS: Duration = Duration::from_secs(110);
 /// The text of [`Hello::last_panic`] after a start without the chip.
 const NO_CHIP: &str = "the flash chip does not answer: nothing is stored, check the chip and its supply";
 
-/// Opens the store on the chip that `chip` returns (`None` if there is none that can be used), configures the insole, restores the persisted state, and composes the hello. `image` is the header
-/// of the running image; `stack_bytes` returns the deepest use of the stack so far, bytes.
+/// Opens the store on the chip that `chip` returns (`None` if there is none that can be used), configures the insole, restores
+/// the persisted state, and composes the hello. `image` is the header of the running image; `stack_bytes` returns the deepest use
+/// of the stack so far, bytes.
 ///
 /// After [`MAX_FAILED_STARTS`] the previous image is swapped back, which restarts the board, if an update had replaced it a short
 /// time ago. Otherwise the insole starts in recovery mode: it scans and communicates, stores nothing, and accepts updates.

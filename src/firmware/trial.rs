@@ -1,8 +1,8 @@
 //! An image on trial after an update.
 //!
 //! It is confirmed once scanning, processing, link, storage and the radio have made progress for some seconds and the host has
-//! confirmed it. Without a host it is confirmed after it has made progress for [`UNATTENDED_CHECKS`]. An image that is not confirmed
-//! within [`MOST_CHECKS`] has failed.
+//! confirmed it. Without a host it is confirmed after it has made progress for [`UNATTENDED_CHECKS`]. An image that is not
+//! confirmed within [`MOST_CHECKS`] has failed.
 
 use super::supervise::{Heartbeats, PARTS, Part};
 use embassy_time::{Duration, Instant};

@@ -221,8 +221,8 @@ pub enum ToDevice {
     /// Measures the baselines of all cells under the lifted foot; answered by [`ToHost::Zero`], or by [`ToHost::Refused`] if the foot
     /// is not lifted within [`ZERO_S`](crate::pipeline::baseline::ZERO_S) seconds.
     Zero,
-    /// Erases everything about the wearer: parameters, rules of alerts, load of the day, bonds, and all records of steps, load bouts and
-    /// alerts. Foot, serial number, calibration and settings remain. Answered by [`ToHost::Identity`] within a minute; then the insole
-    /// restarts.
+    /// Erases everything about the wearer: parameters, rules of alerts, load of the day, bonds, and all records of steps, load
+    /// bouts and alerts. Foot, serial number, calibration and settings remain. Answered by [`ToHost::Identity`] within a minute;
+    /// then the insole restarts.
     EraseWearer,
 }

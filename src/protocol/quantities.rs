@@ -186,8 +186,8 @@ macro_rules! quantities {
 }
 pub(super) use quantities;
 
-/// Declares a module for `#[serde(with = "...")]` that serialises eight regions as one sequence of bytes, two for each number, little
-/// endian. `$region` was declared by [`quantities!`] with `fn numbers`.
+/// Declares a module for `#[serde(with = "...")]` that serialises eight regions as one sequence of bytes, two for each number,
+/// little endian. `$region` was declared by [`quantities!`] with `fn numbers`.
 macro_rules! region_bytes {
     ($module:ident, $region:ident, $number:ty) => {
         mod $module {

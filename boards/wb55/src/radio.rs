@@ -157,8 +157,8 @@ fn has_firmware(packets: &Packets) -> bool {
     has_firmware
 }
 
-/// Starts the radio's core, then passes packets in both directions. Never returns. If the radio's core has no firmware, or refuses
-/// its parameters, the board runs without Bluetooth, and the log has the reason.
+/// Starts the radio's core, then passes packets in both directions. Never returns. If the radio's core has no firmware, or
+/// refuses its parameters, the board runs without Bluetooth, and the log has the reason.
 pub async fn run(ipcc: Peri<'static, IPCC>, from_radio: &HciPipe, to_radio: &HciPipe) -> ! {
     init_tables();
     channels::start(ipcc);

@@ -82,8 +82,8 @@ pub fn link(program: Program, ram: Range<u32>, regions: &[Region]) {
     version();
 }
 
-/// Ends the build with an error unless `PLANTAR_UPDATE_KEY` is a key of its own, or the feature `development-key` of the package is
-/// enabled.
+/// Ends the build with an error unless `PLANTAR_UPDATE_KEY` is a key of its own, or the feature `development-key` of the package
+/// is enabled.
 ///
 /// # Panics
 /// In this case, with the remedy.

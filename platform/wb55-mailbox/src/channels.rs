@@ -1,7 +1,8 @@
 //! The interrupts of the six channels between the cores (IPCC). In all numbers here, bit i stands for channel i + 1.
 //!
 //! An interrupt is due while a channel is filled (by the other core) or empty (after this core had filled it) and not masked. The
-//! handler therefore masks each channel whose interrupt is due; otherwise the same interrupt would occur again at once, without end.
+//! handler therefore masks each channel whose interrupt is due; otherwise the same interrupt would occur again at once, without
+//! end.
 
 /// Number of channels in each direction.
 pub const CHANNELS: usize = 6;

@@ -25,6 +25,7 @@ from dask.system import CPU_COUNT
 
 from plantar import _core
 from plantar.options import Options
+from plantar.recording import REGIONS
 
 _MADE_FROM = b"plantar.made_from"
 """The metadata key of the description of a file's inputs: the file is up to date if these are the present inputs."""
@@ -93,7 +94,7 @@ def _evaluate(participant: str, files: Any, folder: str, table_files: Any, targe
     stamps = [f"\n{entry['name']} {[(key, entry[key]) for key in _STAMPS if key in entry]}" for entry in recordings]
     made_from = f"{_core.version} python {person.description}{''.join(stamps)}".encode()
     if (rows := _rows_of(table_files, target, made_from)) is not None:
-        return Outcome(participant, rows // 8, True, (), tuple(person.notes))
+        return Outcome(participant, rows // len(REGIONS), True, (), tuple(person.notes))
     batches, left_out = [], []
     for entry in recordings:
         try:
@@ -101,7 +102,7 @@ def _evaluate(participant: str, files: Any, folder: str, table_files: Any, targe
             batches.append(person.rows(recording))
         except (OSError, ValueError) as error:
             left_out.append(str(error))
-    steps = sum(batch.num_rows for batch in batches) // 8
+    steps = sum(batch.num_rows for batch in batches) // len(REGIONS)
     if steps == 0:
         problem = f"{folder}: {len(recordings)} recordings (*.parquet), but no whole step"
         raise ValueError("; ".join([*left_out, problem]))

@@ -27,8 +27,8 @@ struct Survey {
 }
 
 impl Survey {
-    // A new chip is blank. An area with foreign data, or damaged beyond repair, could not store anything unless it is erased. It is
-    // not erased if anything in it can be read, because a newer firmware may have written the rest.
+    // A new chip is blank. An area with foreign data, or damaged beyond repair, could not store anything unless it is erased. It
+    // is not erased if anything in it can be read, because a newer firmware may have written the rest.
 
     fn needs_change(&self) -> bool {
         self.needs_repair || self.has_no_records() || self.has_no_log()
@@ -70,7 +70,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
         self.used_for = Use::All;
         self.guard.is_read_only = true;
         // The first reads after power-on may be wrong, so two surveys in a row must agree. Before an area is written, repaired or
-        // erased because it is empty or damaged, all of its bytes must agree, too; reading them takes half a second on a real chip.
+        // erased because it is empty or damaged, all of its bytes must agree, too; reading them takes half a second on a real
+        // chip.
         let mut survey = self.survey().await;
         loop {
             let areas = self.areas(&survey).await;

@@ -10,8 +10,8 @@ use std::time::Instant;
 /// Number of steps.
 const STEPS: usize = jiku::WALKERS * jiku::TRIALS;
 
-/// Runs the command line at the path `plantar` on the data set in the folder `data`, and the Python package with Dask if `python` is
-/// an interpreter that has it.
+/// Runs the command line at the path `plantar` on the data set in the folder `data`, and the Python package with Dask if `python`
+/// is an interpreter that has it.
 pub fn measure(plantar: &Path, python: Option<&Path>, data: &Path, figures: &mut Figures) -> Result<()> {
     let directory = tempfile::tempdir()?;
     let people = directory.path().join("people");

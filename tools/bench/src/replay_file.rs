@@ -45,7 +45,10 @@ pub fn measure(python: &Path, plantar: &Path, figures: &mut Figures) -> Result<(
     figures.add(
         "replay_file_frames_per_s",
         per_s,
-        &format!("at least 1,000,000: Parquet on disk to {steps} steps, {frames} frames of {cells} cells, f32, all cores, frames/s"),
+        &format!(
+            "at least 1,000,000: Parquet on disk to {steps} steps, {frames} frames of {cells} cells, f32, all cores, \
+             frames/s"
+        ),
     );
 
     let walk_path = directory.path().join("walk.parquet");

@@ -179,8 +179,8 @@ impl<C: Carrier> Client<C> {
         })
     }
 
-    /// Erases everything about the wearer: parameters, rules of alerts, load of the day, bonds, and all stored steps, load bouts and
-    /// alerts. The insole restarts afterwards.
+    /// Erases everything about the wearer: parameters, rules of alerts, load of the day, bonds, and all stored steps, load bouts
+    /// and alerts. The insole restarts afterwards.
     ///
     /// # Errors
     /// See the `impl` block.

@@ -32,8 +32,8 @@ impl StreamFile {
     }
 
     /// Writes a message with the time since the start. All messages except live frames are flushed to the file, with the live
-    /// frames before them. Steps, load bouts and alerts, which the insole deletes once they are acknowledged, are also synchronised:
-    /// they survive a loss of power of this computer.
+    /// frames before them. Steps, load bouts and alerts, which the insole deletes once they are acknowledged, are also
+    /// synchronised: they survive a loss of power of this computer.
     ///
     /// # Errors
     /// If the message cannot be written. The text of the error names the file.

@@ -194,7 +194,7 @@ fn events_are_where_the_recorded_force_rises_and_falls() {
 }
 
 #[test]
-#[ignore = "needs Python with the readers of the formats, whose path PLANTAR_FORMATS contains"]
+#[ignore = "needs the readers of the formats: cargo xtask test"]
 fn c3d_is_read_by_ezc3d_and_c3d() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("walk.c3d");
@@ -211,7 +211,7 @@ fn c3d_is_read_by_ezc3d_and_c3d() {
 
 /// More frames than the 65,535 of the header, and more events than the 255 of a parameter.
 #[test]
-#[ignore = "needs Python with the readers of the formats, whose path PLANTAR_FORMATS contains"]
+#[ignore = "needs the readers of the formats: cargo xtask test"]
 fn a_long_c3d_file_has_all_frames_and_events() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("walk.c3d");
@@ -227,7 +227,7 @@ fn a_long_c3d_file_has_all_frames_and_events() {
 }
 
 #[test]
-#[ignore = "needs Python with the readers of the formats, whose path PLANTAR_FORMATS contains"]
+#[ignore = "needs the readers of the formats: cargo xtask test"]
 fn a_part_without_load_and_events_is_read() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = |name: &str| folder.path().join(name);
@@ -250,7 +250,7 @@ fn a_part_without_load_and_events_is_read() {
 }
 
 #[test]
-#[ignore = "needs Python with the readers of the formats, whose path PLANTAR_FORMATS contains"]
+#[ignore = "needs the readers of the formats: cargo xtask test"]
 fn external_loads_are_read_by_opensim() {
     let folder = tempfile::tempdir().expect("a folder");
     let session = both_feet();
@@ -279,7 +279,7 @@ fn external_loads_are_read_by_opensim() {
 }
 
 #[test]
-#[ignore = "needs Python with the readers of the formats, whose path PLANTAR_FORMATS contains, and GNU Octave"]
+#[ignore = "needs the readers of the formats and GNU Octave: cargo xtask test"]
 fn a_matlab_file_is_read_by_scipy_and_octave() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("walk.mat");
@@ -330,7 +330,7 @@ fn compare_steps(found: &Value, steps: &[Step]) {
 }
 
 #[test]
-#[ignore = "needs Python with the readers of the formats, whose path PLANTAR_FORMATS contains"]
+#[ignore = "needs the readers of the formats: cargo xtask test"]
 fn a_motion_bids_folder_is_valid_and_has_all_channels() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("study");
@@ -351,7 +351,7 @@ fn a_motion_bids_folder_is_valid_and_has_all_channels() {
 }
 
 #[test]
-#[ignore = "needs Python with the readers of the formats, whose path PLANTAR_FORMATS contains"]
+#[ignore = "needs the readers of the formats: cargo xtask test"]
 fn csv_is_read_by_pandas() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("walk.csv");

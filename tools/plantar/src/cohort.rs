@@ -220,8 +220,8 @@ impl Cohort {
     }
 }
 
-/// Describes everything that determines a participant's rows: the recordings with their sizes and times, the settings and options,
-/// and the program's version.
+/// Describes everything that determines a participant's rows: the recordings with their sizes and times, the settings and
+/// options, and the program's version.
 fn made_from(person: &Person, recordings: &[PathBuf]) -> Result<String> {
     let mut text = format!("{} {}", env!("PLANTAR_VERSION"), person.description());
     for path in recordings {

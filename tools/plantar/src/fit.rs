@@ -151,8 +151,8 @@ impl Search {
         }
     }
 
-    /// The options of the fit. Prints a note on stderr for each value of the tissue that is out of range. `resamples` is the number
-    /// of bootstrap resamples of the steps.
+    /// The options of the fit. Prints a note on stderr for each value of the tissue that is out of range. `resamples` is the
+    /// number of bootstrap resamples of the steps.
     pub fn options(&self, resamples: u64) -> Result<Options> {
         let search = self.of_study();
         let (tissue, notes) = search.tissue(&|path| fs::read(path))?;

@@ -72,10 +72,11 @@ pub enum Insole {
         #[command(flatten)]
         connection: Connection,
     },
-    /// Erase everything about the wearer from an insole, for example before another person wears it. The insole restarts afterwards.
+    /// Erase everything about the wearer from an insole, for example before another person wears it. The insole restarts
+    /// afterwards.
     ///
-    /// Erases parameters, rules of alerts, load of the day, bonds, and all steps, load bouts and alerts that no host has received. Foot,
-    /// serial number, calibration and settings remain.
+    /// Erases parameters, rules of alerts, load of the day, bonds, and all steps, load bouts and alerts that no host has
+    /// received. Foot, serial number, calibration and settings remain.
     Erase {
         /// Confirms that the data are to be erased.
         #[arg(long, required = true)]

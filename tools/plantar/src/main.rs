@@ -78,8 +78,8 @@ enum Command {
     Emulate(emulate::Emulate),
     /// Write recordings in the formats of other programs.
     ///
-    /// The exports contain what the insole's own code computes from a recording, as in `plantar replay`. docs/exporting.md describes
-    /// the formats.
+    /// The exports contain what the insole's own code computes from a recording, as in `plantar replay`. docs/exporting.md
+    /// describes the formats.
     #[command(subcommand)]
     Export(export::Export),
     Gait(gait::GaitCommand),

@@ -22,12 +22,12 @@ use study::table::{self, Row, Value};
 /// Stores live frames, steps, load bouts and alerts of an insole in a folder of Parquet files.
 ///
 /// The files FOLDER/live/*.parquet have one row per frame and region, the files FOLDER/steps/*.parquet one row per step and
-/// region, the files FOLDER/bouts/*.parquet one row per load bout and region, the files
-/// FOLDER/alerts/*.parquet one row per alert and region. pandas, Polars, DuckDB and Spark read the files
-/// of a folder as one table. Files are completed at least every half minute, so a crash loses the live frames of at most this
-/// time. No step, load bout or alert is lost, because it remains on the insole until its file is complete. With --cells, each folder
-/// FOLDER/cells/* is a recording that all other commands read; a loss that is too long to be interpolated begins another one.
-/// When the link is lost, the program reconnects. In a terminal, press q or Ctrl-C to end.
+/// region, the files FOLDER/bouts/*.parquet one row per load bout and region, the files FOLDER/alerts/*.parquet one row per alert
+/// and region. pandas, Polars, DuckDB and Spark read the files of a folder as one table. Files are completed at least every half
+/// minute, so a crash loses the live frames of at most this time. No step, load bout or alert is lost, because it remains on the
+/// insole until its file is complete. With --cells, each folder FOLDER/cells/* is a recording that all other commands read; a
+/// loss that is too long to be interpolated begins another one. When the link is lost, the program reconnects. In a terminal,
+/// press q or Ctrl-C to end.
 #[derive(Args)]
 pub struct Record {
     /// The folder to write. It must be new or empty.

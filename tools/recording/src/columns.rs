@@ -19,8 +19,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
-/// The threads that decode files. They are not rayon's global threads, because a task on those may wait for the scans of a file: if
-/// all of them did, nothing would be decoded.
+/// The threads that decode files. They are not rayon's global threads, because a task on those may wait for the scans of a file:
+/// if all of them did, nothing would be decoded.
 pub static DECODERS: LazyLock<ThreadPool> =
     LazyLock::new(|| ThreadPoolBuilder::new().build().expect("the system can start threads"));
 
@@ -119,8 +119,8 @@ impl ColumnFile {
         self.read(group, |group| self.column::<DoubleType>(group, 0, first_row))
     }
 
-    /// The pressures of each cell in a row group, kPa, converted by `convert`. All columns are decoded in parallel. `first_row` is
-    /// the number of rows in the groups before it.
+    /// The pressures of each cell in a row group, kPa, converted by `convert`. All columns are decoded in parallel. `first_row`
+    /// is the number of rows in the groups before it.
     pub fn pressures<T: Send>(
         &self,
         group: usize,

@@ -54,7 +54,8 @@ impl From<RecordingReader> for FrameSource<'_> {
     }
 }
 
-/// The scans of a virtual insole: the frames of a recording, and repetitions of its last frame, which confirm a toe off at the end.
+/// The scans of a virtual insole: the frames of a recording, and repetitions of its last frame, which confirm a toe off at the
+/// end.
 pub struct Scans<'a> {
     insole: &'a VirtualInsole,
     frames: Frames<'a>,

@@ -30,8 +30,8 @@ pub fn build_firmware(board: &str) -> Result<()> {
 /// The board that is made for users: its package refuses the public development key unless a feature allows it.
 const PRODUCT: &str = "wb55";
 
-/// Runs a cargo command such as `build` for a board's package, with the profile and the target of firmware. Without a key of its own,
-/// the build accepts the development key, with a warning.
+/// Runs a cargo command such as `build` for a board's package, with the profile and the target of firmware. Without a key of its
+/// own, the build accepts the development key, with a warning.
 pub fn cargo_firmware(command: &str, package: &str, arguments: &[&str]) -> Result<()> {
     let common = [command, "--locked", "--profile", "firmware", "--target", TARGET, "--package", package];
     let has_key = env::var_os("PLANTAR_UPDATE_KEY").is_some();

@@ -29,8 +29,8 @@ use plantar::storage::boot::{BUFFER, config, poll_at_most};
 use plantar::storage::flash_map::{ACTIVE, BOOTLOADER, CHIP_BYTES, MAX_IMAGE};
 use w25::{Q, W25};
 
-/// The watchdog resets the board after this time, us: if the swap of one sector takes longer, which takes less than a second, or if
-/// the started image does not feed the watchdog. An image on trial is then swapped back.
+/// The watchdog resets the board after this time, us: if the swap of one sector takes longer, which takes less than a second, or
+/// if the started image does not feed the watchdog. An image on trial is then swapped back.
 const WATCHDOG_US: u32 = 20_000_000;
 
 /// Number of times that a busy chip is asked again, at some 10 us each. The longest operation of the chip takes 0.4 s.
