@@ -13,8 +13,8 @@ import { loadSettings } from "./settings";
 import { listenToExport, listenToSettings, updateSettingsView } from "./settings_view";
 import { SIDES } from "./side";
 import { DatabaseStorage, NoStorage, type StepStorage, TemporaryStorage } from "./step_storage";
-import { StepStore } from "./step_store";
-import { drawBouts, drawSteps } from "./steps_view";
+import { StepStore, keyedRecord } from "./step_store";
+import { drawBouts, drawDays, drawSteps } from "./steps_view";
 import { BluetoothTransport, explain } from "./transport/bluetooth";
 import { ReplayTransport } from "./transport/replay";
 import type { Transport } from "./transport/transport";
@@ -78,7 +78,7 @@ export class App {
 
   /** Loads and shows the wearer's steps of earlier visits. */
   private async loadSteps(): Promise<void> {
-    const storage: StepStorage = await DatabaseStorage.open().catch(() => new NoStorage());
+    const storage: StepStorage = await DatabaseStorage.open((record) => keyedRecord(this.wire, record)).catch(() => new NoStorage());
     const store = new StepStore(this.wire, storage);
     await store.load();
     this.show(store);
@@ -130,6 +130,8 @@ export class App {
   /** Replaces the transport of the insoles. */
   private use(transport: Transport): void {
     this.insoles.use(transport);
+    // Otherwise the browser may delete the wearer's records if the disk is nearly full. Not every browser has this function.
+    if (!transport.is_replay) void navigator.storage?.persist?.();
     this.live_view.reset();
     byId("start").hidden = true;
   }
@@ -149,13 +151,16 @@ export class App {
   };
 
   private stepsChanged(): void {
-    const { steps, bouts, alerts } = this.store;
-    drawSteps(steps, gaitOf(this.wire, this.store, this.settings), this.settings);
-    drawBouts(bouts);
-    drawAlerts(alerts);
-    byId("export-steps", HTMLButtonElement).disabled = steps.length === 0;
-    byId("export-bouts", HTMLButtonElement).disabled = bouts.length === 0;
-    byId("clear", HTMLButtonElement).disabled = steps.length + bouts.length + alerts.length === 0;
+    const { latest, days } = this.store;
+    const [steps, bouts, alerts] = (["steps", "bouts", "alerts"] as const).map((kind) => SIDES.map((side) => this.store.count(kind, side)));
+    const has = (counts: readonly number[] | undefined) => counts?.some((count) => count > 0) === true;
+    drawSteps(latest.steps, steps ?? [], gaitOf(this.wire, latest, this.settings), this.settings);
+    drawDays([...days.values()], this.settings);
+    drawBouts(latest.bouts);
+    drawAlerts(latest.alerts);
+    byId("export-steps", HTMLButtonElement).disabled = !has(steps);
+    byId("export-bouts", HTMLButtonElement).disabled = !has(bouts);
+    byId("clear", HTMLButtonElement).disabled = ![steps, bouts, alerts].some(has);
   }
 
   private tick(): void {

@@ -7,7 +7,7 @@ import type { Recorder } from "./recorder";
 import type { Session } from "./session";
 import { KG_PER_LB, type Settings, saveSettings } from "./settings";
 import { sideTitle } from "./side";
-import type { StepStore } from "./step_store";
+import type { Records, StepStore } from "./step_store";
 import type { Wire } from "./wire";
 
 /** Shows the wearer's settings in the form, and stores each change of the form. `changed` is called after each change. */
@@ -63,12 +63,20 @@ export function listenToExport(
   };
   byId("export-live").onclick = () => download("plantar_live.csv", "text/csv", liveCsv(recorder.entries(), wire));
   byId("export-stream").onclick = () => download("walk.plantar", "application/octet-stream", recorder.file());
-  byId("export-bouts").onclick = () => download("plantar_load_bouts.csv", "text/csv", boutsCsv(store().bouts));
-  byId("export-steps").onclick = () => download("plantar_steps.csv", "text/csv", stepsCsv(store().steps));
+  byId("export-bouts").onclick = () => void exportCsv(store(), "plantar_load_bouts.csv", ({ bouts }) => boutsCsv(bouts));
+  byId("export-steps").onclick = () => void exportCsv(store(), "plantar_steps.csv", ({ steps }) => stepsCsv(steps));
   byId("clear").onclick = () => {
     if (!confirm("Delete all steps and loads that are stored on this device? Export them first if you need them.")) return;
     void store().clear().then(cleared);
   };
+}
+
+/** Saves all stored records as a CSV file. `csv` returns the lines of a part of the records, the first of which is the head. */
+async function exportCsv(store: StepStore, name: string, csv: (records: Records) => string[]): Promise<void> {
+  const blobs: Blob[] = [];
+  // The browser may hold the blobs on the disk.
+  for await (const records of store.parts()) blobs.push(new Blob(csv(records).slice(blobs.length === 0 ? 0 : 1)));
+  download(name, "text/csv", blobs);
 }
 
 /** Updates the details of the insoles and the state of the buttons. To be called a few times a second. */

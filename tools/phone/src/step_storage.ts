@@ -1,5 +1,7 @@
 /** Storage of the wearer's steps, load bouts and alerts across visits of the page. */
 
+import { type DayLoad, type DayTotals, addLoad, emptyDay } from "./days";
+
 /** A stored step, load bout or alert. `start_unix_s` is that of `StoredStep`, `StoredBout` or `StoredAlert`. */
 export interface StepRecord {
   /** The encoded message. */
@@ -7,57 +9,188 @@ export interface StepRecord {
   start_unix_s: number | null;
 }
 
+/** A record to store. */
+export interface NewRecord extends StepRecord {
+  /** Equal for all repetitions of a record, and for no other record. */
+  key: string;
+  load: DayLoad;
+}
+
 /** A storage of steps, load bouts and alerts. */
 export interface StepStorage {
-  load(): Promise<StepRecord[]>;
-  add(record: StepRecord): Promise<void>;
+  /** The last records, at most this number, oldest first. */
+  latest(count: number): Promise<StepRecord[]>;
+  /** All records in parts, oldest first. */
+  parts(): AsyncIterable<StepRecord[]>;
+  /** The totals of all days, oldest first. */
+  days(): Promise<DayTotals[]>;
+  /** Stores all of these records, or none of them. Ignores those that are stored already. */
+  add(records: readonly NewRecord[]): Promise<void>;
   clear(): Promise<void>;
 }
 
-/** Accepts steps without storing them. It is used for the steps of a recording, which must not be shown at the next visit. */
+/** Holds records until the page is closed. It is used for the steps of a recording, which must not be shown at the next visit. */
 export class TemporaryStorage implements StepStorage {
-  load = () => Promise.resolve([]);
-  add = () => Promise.resolve();
-  clear = () => Promise.resolve();
+  /** The records by their keys, oldest first. */
+  readonly records = new Map<string, NewRecord>();
+
+  latest = (count: number) => Promise.resolve([...this.records.values()].slice(-count));
+
+  async *parts(): AsyncGenerator<StepRecord[]> {
+    yield [...this.records.values()];
+  }
+
+  days = () => Promise.resolve(totalsOf([...this.records.values()]));
+
+  add(records: readonly NewRecord[]): Promise<void> {
+    for (const record of records) if (!this.records.has(record.key)) this.records.set(record.key, record);
+    return Promise.resolve();
+  }
+
+  clear(): Promise<void> {
+    this.records.clear();
+    return Promise.resolve();
+  }
 }
 
 /** Is used if the browser has no database. Adding a step fails, so that the step is not acknowledged and remains on the insole. */
-export class NoStorage implements StepStorage {
-  load = () => Promise.resolve([]);
-  add = () => Promise.reject(new Error("This browser has no database."));
-  clear = () => Promise.resolve();
+export class NoStorage extends TemporaryStorage {
+  override add(): Promise<void> {
+    return Promise.reject(new Error("This browser has no database."));
+  }
 }
+
+const NAME = "plantar";
+/** The records in the order in which they were stored, with their keys as an index. */
+const RECORDS = "records";
+/** The totals of each day. */
+const DAYS = "days";
+/** The records of version 1 of the database, which had no keys and no totals. */
+const RECORDS_1 = "steps";
+/** Number of records that are read at once. */
+const PART = 2000;
 
 /** Stores steps in the browser's database. */
 export class DatabaseStorage implements StepStorage {
-  private constructor(private readonly database: IDBDatabase) {}
+  private constructor(private readonly database: IDBDatabase) {
+    // Another page of a newer version waits until this one does not use the database any more.
+    database.onversionchange = () => database.close();
+  }
 
-  static open(): Promise<DatabaseStorage> {
-    const request = indexedDB.open("plantar", 1);
-    request.onupgradeneeded = () => request.result.createObjectStore("steps", { autoIncrement: true });
+  /**
+   * Opens the database. `keyed` returns a record with its key and load; `undefined` for a record of another protocol version, which
+   * remains stored, but is not counted.
+   */
+  static open(keyed: (record: StepRecord) => NewRecord | undefined): Promise<DatabaseStorage> {
+    const request = indexedDB.open(NAME, 2);
+    request.onupgradeneeded = () => {
+      const { result: database, transaction } = request;
+      database.createObjectStore(RECORDS, { autoIncrement: true }).createIndex("key", "key", { unique: true });
+      database.createObjectStore(DAYS, { keyPath: "day" });
+      if (transaction && database.objectStoreNames.contains(RECORDS_1)) upgrade(database, transaction, keyed);
+    };
     return done(request).then((database) => new DatabaseStorage(database));
   }
 
-  load(): Promise<StepRecord[]> {
-    return done(this.store("readonly").getAll() as IDBRequest<StepRecord[]>);
+  async latest(count: number): Promise<StepRecord[]> {
+    const records = this.database.transaction(RECORDS, "readonly").objectStore(RECORDS);
+    return (await readAll(records, await firstOfLast(records, count))) as StepRecord[];
   }
 
-  async add(record: StepRecord): Promise<void> {
-    const store = this.store("readwrite");
-    store.add(record);
-    await complete(store.transaction);
+  async *parts(): AsyncGenerator<StepRecord[]> {
+    let after: IDBKeyRange | null = null;
+    for (;;) {
+      const records = this.database.transaction(RECORDS, "readonly").objectStore(RECORDS);
+      const [values, keys] = await Promise.all([
+        done(records.getAll(after, PART) as IDBRequest<StepRecord[]>),
+        done(records.getAllKeys(after, PART)),
+      ]);
+      if (values.length === 0) return;
+      yield values;
+      after = IDBKeyRange.lowerBound(keys[keys.length - 1], true);
+    }
+  }
+
+  days(): Promise<DayTotals[]> {
+    return done(this.database.transaction(DAYS, "readonly").objectStore(DAYS).getAll() as IDBRequest<DayTotals[]>);
+  }
+
+  async add(records: readonly NewRecord[]): Promise<void> {
+    // An acknowledgement lets the insole delete a record, so the record must be on the disk before.
+    const transaction = this.database.transaction([RECORDS, DAYS], "readwrite", { durability: "strict" });
+    const stored = complete(transaction);
+    const keys = transaction.objectStore(RECORDS).index("key");
+    const found = await Promise.all(records.map(({ key }) => done(keys.getKey(key))));
+    const added = records.filter((_, i) => found[i] === undefined);
+    for (const record of added) store(transaction, record);
+    for (const totals of totalsOf(added)) {
+      const { day } = totals;
+      const days = transaction.objectStore(DAYS);
+      const before = (await done(days.get(day))) as DayTotals | undefined;
+      days.put(added.filter(({ load }) => load.day === day).reduce((sum, { load }) => addLoad(sum, load), before ?? emptyDay(day)));
+    }
+    await stored;
   }
 
   async clear(): Promise<void> {
-    const store = this.store("readwrite");
-    store.clear();
-    await complete(store.transaction);
-  }
-
-  private store(mode: IDBTransactionMode): IDBObjectStore {
-    return this.database.transaction("steps", mode).objectStore("steps");
+    const transaction = this.database.transaction([RECORDS, DAYS], "readwrite");
+    for (const name of [RECORDS, DAYS]) transaction.objectStore(name).clear();
+    await complete(transaction);
   }
 }
+
+/** Adds a record without its load, which the totals of its day contain. */
+function store(transaction: IDBTransaction, { key, message, start_unix_s }: NewRecord): void {
+  transaction.objectStore(RECORDS).add({ key, message, start_unix_s });
+}
+
+/** Moves the records of version 1 of the database to version 2. */
+function upgrade(database: IDBDatabase, transaction: IDBTransaction, keyed: (record: StepRecord) => NewRecord | undefined): void {
+  const moved = new Map<string, NewRecord>();
+  const cursor = transaction.objectStore(RECORDS_1).openCursor();
+  cursor.onsuccess = () => {
+    const at = cursor.result;
+    if (at) {
+      const record = keyed(at.value as StepRecord);
+      if (!record) transaction.objectStore(RECORDS).add(at.value);
+      // If two pages were open in one browser, they may have stored a record twice.
+      else if (!moved.has(record.key)) {
+        moved.set(record.key, record);
+        store(transaction, record);
+      }
+      at.continue();
+      return;
+    }
+    for (const totals of totalsOf([...moved.values()])) transaction.objectStore(DAYS).put(totals);
+    database.deleteObjectStore(RECORDS_1);
+  };
+}
+
+/** The totals of the days of these records, oldest first. */
+function totalsOf(records: readonly NewRecord[]): DayTotals[] {
+  const days = new Map<string, DayTotals>();
+  for (const { load } of records) days.set(load.day, addLoad(days.get(load.day) ?? emptyDay(load.day), load));
+  return [...days.values()].sort((a, b) => a.day.localeCompare(b.day));
+}
+
+/** The key of the first of the last records, of which there are at most `count`; `null` if there are not more. */
+function firstOfLast(records: IDBObjectStore, count: number): Promise<IDBValidKey | null> {
+  return new Promise((resolve, reject) => {
+    const cursor = records.openKeyCursor(null, "prev");
+    let has_advanced = false;
+    cursor.onsuccess = () => {
+      const at = cursor.result;
+      if (!at || has_advanced || count === 1) return resolve(at?.key ?? null);
+      has_advanced = true;
+      at.advance(count - 1);
+    };
+    cursor.onerror = () => reject(failed(cursor.error));
+  });
+}
+
+/** Reads the records from a key on, or all records. */
+const readAll = (records: IDBObjectStore, from: IDBValidKey | null) =>
+  done(records.getAll(from === null ? null : IDBKeyRange.lowerBound(from)));
 
 /** The error of a database operation. */
 const failed = (error: DOMException | null) => error ?? new Error("The browser's database failed.");

@@ -1,9 +1,13 @@
 /** The steps, load bouts and alerts of the wearer. Each is stored before it is acknowledged, and is ignored if the insole sends it again. */
 
-import type { Alert, Bout, Step } from "./generated/quantities";
+import { type DayTotals, addLoad, emptyDay, loadOf } from "./days";
+import type { Alert, Bout, Side, Step } from "./generated/quantities";
 import type { RecordMessage } from "./session";
-import type { StepRecord, StepStorage } from "./step_storage";
+import { type NewRecord, type StepRecord, type StepStorage } from "./step_storage";
 import type { Wire } from "./wire";
+
+/** Number of the last records that are loaded, and of each kind that remain in memory. All others remain in the storage only. */
+const LOADED = 1000;
 
 /** A step, and when it arrived. */
 export interface StoredStep {
@@ -26,15 +30,53 @@ export interface StoredAlert {
   start_unix_s: number | null;
 }
 
-/** Holds all steps, load bouts and alerts that the page shows, and stores new ones. */
-export class StepStore {
+/** Records of all kinds. */
+export class Records {
   readonly steps: StoredStep[] = [];
   readonly bouts: StoredBout[] = [];
   readonly alerts: StoredAlert[] = [];
+
+  add(decoded: RecordMessage, start_unix_s: number | null): void {
+    if (decoded.kind === "step") this.steps.push({ step: decoded.step, start_unix_s });
+    else if (decoded.kind === "bout") this.bouts.push({ bout: decoded.bout, start_unix_s });
+    else this.alerts.push({ alert: decoded.alert, start_unix_s });
+  }
+
+  /** Removes all but the last `count` records of each kind. */
+  keep(count: number): void {
+    for (const records of [this.steps, this.bouts, this.alerts]) records.splice(0, Math.max(0, records.length - count));
+  }
+}
+
+/** Decodes a stored record; `undefined` for a record of another protocol version. */
+function decodeRecord(wire: Wire, { message }: StepRecord): RecordMessage | undefined {
+  const decoded = wire.decode(message);
+  return decoded?.kind === "step" || decoded?.kind === "bout" || decoded?.kind === "alert" ? decoded : undefined;
+}
+
+/** A record with its key and its load. `arrived_unix_s` is the time of its arrival. */
+function withKey(decoded: RecordMessage, { message, start_unix_s }: StepRecord, arrived_unix_s: number): NewRecord {
+  return { message, start_unix_s, key: decoded.key, load: loadOf(decoded, start_unix_s, arrived_unix_s) };
+}
+
+const now_unix_s = () => Date.now() / 1000;
+
+/** The key and the load of a record that was stored without them; `undefined` for a record of another protocol version. */
+export function keyedRecord(wire: Wire, record: StepRecord): NewRecord | undefined {
+  const decoded = decodeRecord(wire, record);
+  return decoded && withKey(decoded, record, now_unix_s());
+}
+
+/** Holds the last steps, load bouts and alerts and the totals of all days, and stores new records. */
+export class StepStore {
+  /** The last records, oldest first. */
+  readonly latest = new Records();
+  /** The totals of all days, by date, oldest first. */
+  readonly days = new Map<string, DayTotals>();
   /** Keys of the records that an insole may send again, oldest first. */
   private readonly recent = new Set<string>();
   /** Records that are not in the storage yet, oldest first. */
-  private readonly pending: StepRecord[] = [];
+  private pending: NewRecord[] = [];
   /** The last attempt to store the pending records. The next attempt waits for its end. */
   private storing = Promise.resolve();
 
@@ -43,19 +85,33 @@ export class StepStore {
     private readonly storage: StepStorage,
   ) {}
 
-  /** Loads the records of earlier visits. */
+  /** Loads the last records and the totals of earlier visits. */
   async load(): Promise<void> {
-    const keys = new Set<string>();
-    for (const { message, start_unix_s } of await this.storage.load()) {
-      const decoded = this.wire.decode(message);
-      // Those of another protocol version are not shown, but remain in the storage. If two pages were open in one browser, they may
-      // have stored one twice.
-      if (decoded?.kind !== "step" && decoded?.kind !== "bout" && decoded?.kind !== "alert") continue;
-      if (keys.has(decoded.key)) continue;
-      keys.add(decoded.key);
-      this.show(decoded, start_unix_s);
+    for (const totals of await this.storage.days()) this.days.set(totals.day, totals);
+    for (const record of await this.storage.latest(LOADED)) {
+      // Those of another protocol version are not shown, but remain in the storage.
+      const decoded = decodeRecord(this.wire, record);
+      if (!decoded) continue;
+      this.latest.add(decoded, record.start_unix_s);
       this.remember(decoded.key);
     }
+  }
+
+  /** All records in parts, oldest first. */
+  async *parts(): AsyncGenerator<Records> {
+    for await (const part of this.storage.parts()) {
+      const records = new Records();
+      for (const record of part) {
+        const decoded = decodeRecord(this.wire, record);
+        if (decoded) records.add(decoded, record.start_unix_s);
+      }
+      yield records;
+    }
+  }
+
+  /** Number of stored records of a kind, of one foot. */
+  count(kind: "steps" | "bouts" | "alerts", side: Side): number {
+    return [...this.days.values()].reduce((sum, totals) => sum + totals[side][kind], 0);
   }
 
   /** True if this record was added before, and the insole may send it again. */
@@ -66,35 +122,35 @@ export class StepStore {
   /** Adds a record, unless it was added before. Resolves once this one and all earlier ones are stored. */
   add(decoded: RecordMessage, message: Uint8Array, start_unix_s: number | null): Promise<void> {
     if (!this.recent.has(decoded.key)) {
-      this.show(decoded, start_unix_s);
-      this.pending.push({ message: message.slice(), start_unix_s });
+      const record = withKey(decoded, { message: message.slice(), start_unix_s }, now_unix_s());
+      const { load } = record;
+      this.latest.add(decoded, start_unix_s);
+      // Removing one record at a time would copy all others each time.
+      if (Math.max(this.latest.steps.length, this.latest.bouts.length, this.latest.alerts.length) >= 2 * LOADED) this.latest.keep(LOADED);
+      this.days.set(load.day, addLoad(this.days.get(load.day) ?? emptyDay(load.day), load));
+      this.pending.push(record);
       this.remember(decoded.key);
     }
     this.storing = this.storing.catch(() => undefined).then(() => this.storePending());
     return this.storing;
   }
 
-  private show(decoded: RecordMessage, start_unix_s: number | null): void {
-    if (decoded.kind === "step") this.steps.push({ step: decoded.step, start_unix_s });
-    else if (decoded.kind === "bout") this.bouts.push({ bout: decoded.bout, start_unix_s });
-    else this.alerts.push({ alert: decoded.alert, start_unix_s });
-  }
-
   /** Deletes all records. */
   async clear(): Promise<void> {
-    this.steps.length = 0;
-    this.bouts.length = 0;
-    this.alerts.length = 0;
-    this.pending.length = 0;
+    this.latest.keep(0);
+    this.days.clear();
+    this.pending = [];
     await this.storage.clear();
   }
 
-  /** Stores the pending records in their order, because an acknowledgement covers all earlier ones. */
+  /** Stores all pending records or none of them, because an acknowledgement covers all earlier ones. */
   private async storePending(): Promise<void> {
-    for (let next = this.pending[0]; next; next = this.pending[0]) {
-      await this.storage.add(next);
-      if (this.pending[0] === next) this.pending.shift();
-    }
+    const stored = this.pending;
+    if (stored.length === 0) return;
+    const count = stored.length;
+    await this.storage.add(stored.slice());
+    // Records that arrived in the meantime remain. After a deletion the list is another one.
+    stored.splice(0, count);
   }
 
   private remember(key: string): void {

@@ -1,5 +1,6 @@
 /** The steps view: measures of the walk, the trend of the peak force, and the table of steps. */
 
+import type { DayTotals } from "./days";
 import { type Node, byId, fill } from "./dom";
 import { forceText, numberText, unitOf } from "./format";
 import type { Estimate, Gait, GaitMeasure, Step } from "./generated/quantities";
@@ -16,17 +17,20 @@ const ROWS = 200;
 /** Measures of both feet that the table omits, because they follow from others. */
 const OMITTED = ["swing_percent", "first_double_support_s", "single_support_percent"];
 
-/** Shows the steps. To be called after each change of the steps or of the settings. */
-export function drawSteps(steps: readonly StoredStep[], gait: Gait, settings: Settings): void {
+/**
+ * Shows the last steps, and the numbers of all steps of the left and of the right foot. To be called after each change of the steps or
+ * of the settings.
+ */
+export function drawSteps(steps: readonly StoredStep[], counts: readonly number[], gait: Gait, settings: Settings): void {
   const is_empty = steps.length === 0;
   byId("no-steps").hidden = !is_empty;
   for (const id of ["measures", "both-feet-title", "both-feet", "both-feet-note", "trend", "table"]) byId(id).hidden = is_empty;
   if (is_empty) return;
   const speed = gait.speed_m_s === null ? [] : [card("Walking speed", numberText(gait.speed_m_s, 2), "m/s, from your stride length")];
-  const [left, right] = SIDES.map((side) => stepsOf(steps, side).length);
+  const [left = 0, right = 0] = counts;
   fill("measures", [
     card("Cadence", numberText(gait.cadence_per_min?.mean ?? null, 0), "steps per minute"),
-    card("Steps", String(steps.length), `left ${left}, right ${right}`),
+    card("Steps", String(left + right), `left ${left}, right ${right}`),
     ...speed,
   ]);
   drawGait(gait, settings);
@@ -45,6 +49,28 @@ export function drawSteps(steps: readonly StoredStep[], gait: Gait, settings: Se
     ["td", {}, numberText(percentOfWeight(step.foot.foot_force_peak_n, settings), 0)],
     ["td", {}, step.foot.foot_force_integral_n_s.toFixed(0)],
   ]));
+}
+
+/** Number of days in the table. */
+const DAY_ROWS = 31;
+
+/** Shows the totals of the last days. To be called after each change of the records or of the settings. */
+export function drawDays(days: readonly DayTotals[], settings: Settings): void {
+  byId("days").hidden = days.length === 0;
+  const unit = unitOf(settings);
+  fill(byId("days-peak"), [`Highest peak, ${unit}`]);
+  fill(byId("days").querySelector("tbody"), days.slice(-DAY_ROWS).reverse().map((totals): Node => {
+    const date = new Date(`${totals.day}T12:00`).toLocaleDateString([], { weekday: "short", day: "numeric", month: "short" });
+    const cells = (text: (foot: DayTotals["left"]) => string) => SIDES.map((side): Node => ["td", {}, text(totals[side])]);
+    return [
+      "tr",
+      {},
+      ["th", { scope: "row" }, date],
+      ...cells(({ steps }) => String(steps)),
+      ...cells(({ integral_n_s }) => (integral_n_s / 1000).toFixed(1)),
+      ...cells(({ peak_n }) => forceText(peak_n, settings, "")[0] ?? ""),
+    ];
+  }));
 }
 
 /** Number of load bouts in the table. */

@@ -3,7 +3,7 @@
 import type { Gait, Side } from "./generated/quantities";
 import { type Settings } from "./settings";
 import { SIDES } from "./side";
-import type { StepStore, StoredStep } from "./step_store";
+import type { Records, StoredStep } from "./step_store";
 import type { Wire } from "./wire";
 
 /** The measures are computed from this number of the last steps of each foot. */
@@ -12,11 +12,8 @@ export const LATEST = 100;
 /** The steps of one foot. */
 export const stepsOf = (steps: readonly StoredStep[], side: Side) => steps.filter(({ step }) => step.side === side);
 
-/** The records of both feet. */
-type Records = Pick<StepStore, "steps" | "bouts" | "alerts">;
-
 /** The measures of both feet. The feet are compared only if the times of all steps are on the clock of the browser. */
-export function gaitOf(wire: Wire, { steps, bouts, alerts }: Records, settings: Settings): Gait {
+export function gaitOf(wire: Wire, { steps, bouts, alerts }: Pick<Records, "steps" | "bouts" | "alerts">, settings: Settings): Gait {
   const feet = SIDES.map((side) => stepsOf(steps, side).slice(-LATEST));
   const has_common_clock = feet.flat().every(({ start_unix_s }) => start_unix_s !== null);
   const start_s = ({ step, start_unix_s }: StoredStep) => (has_common_clock ? (start_unix_s ?? 0) : step.start_s);

@@ -1,6 +1,6 @@
 import { beforeAll, expect, test } from "vitest";
 import type { RecordMessage } from "../src/session";
-import type { StepRecord, StepStorage } from "../src/step_storage";
+import { type NewRecord, TemporaryStorage } from "../src/step_storage";
 import { StepStore } from "../src/step_store";
 import type { Wire } from "../src/wire";
 import { loadWire, messagesOf } from "./wire";
@@ -24,23 +24,21 @@ function decodeStep(message: Uint8Array): [StepMessage, Uint8Array] {
   return [decoded, message];
 }
 
-class TestStorage implements StepStorage {
-  records: StepRecord[] = [];
+class TestStorage extends TemporaryStorage {
   is_full = false;
-  load = () => Promise.resolve(this.records);
-  add = async (record: StepRecord) => {
+
+  override async add(records: readonly NewRecord[]): Promise<void> {
     if (this.is_full) throw new Error("full");
-    this.records.push(record);
-  };
-  clear = () => Promise.resolve(void (this.records = []));
+    await super.add(records);
+  }
 }
 
 test("a step is stored once, however often it is repeated", async () => {
   const storage = new TestStorage();
   const store = new StepStore(wire, storage);
   for (const _ of [1, 2, 3]) for (const [step, message] of received) await store.add(step, message, null);
-  expect(store.steps.map(({ step }) => step)).toEqual(received.map(([{ step }]) => step));
-  expect(storage.records).toHaveLength(received.length);
+  expect(store.latest.steps.map(({ step }) => step)).toEqual(received.map(([{ step }]) => step));
+  expect(storage.records.size).toBe(received.length);
 });
 
 test("stored steps are loaded at the next visit, and their repetitions are ignored", async () => {
@@ -49,9 +47,9 @@ test("stored steps are loaded at the next visit, and their repetitions are ignor
   for (const [step, message] of received) await store.add(step, message, null);
   const next = new StepStore(wire, storage);
   await next.load();
-  expect(next.steps).toEqual(store.steps);
+  expect(next.latest).toEqual(store.latest);
   for (const [step, message] of received) await next.add(step, message, null);
-  expect(next.steps).toHaveLength(received.length);
+  expect(next.latest.steps).toHaveLength(received.length);
 });
 
 test("a step that cannot be stored is reported, is shown once, and is stored when it is repeated", async () => {
@@ -62,8 +60,8 @@ test("a step that cannot be stored is reported, is shown once, and is stored whe
   await expect(store.add(first, message, null)).rejects.toThrow("full");
   storage.is_full = false;
   await store.add(first, message, null);
-  expect(store.steps).toHaveLength(1);
-  expect(storage.records).toHaveLength(1);
+  expect(store.latest.steps).toHaveLength(1);
+  expect(storage.records.size).toBe(1);
 });
 
 test("a step that cannot be stored delays the following steps", async () => {
@@ -76,8 +74,8 @@ test("a step that cannot be stored delays the following steps", async () => {
   storage.is_full = false;
   // The acknowledgement of the later step covers both.
   await store.add(...other!, null);
-  expect(storage.records.map(({ message }) => message)).toEqual([one![1], other![1]]);
-  expect(store.steps).toHaveLength(2);
+  expect([...storage.records.values()].map(({ message }) => message)).toEqual([one![1], other![1]]);
+  expect(store.latest.steps).toHaveLength(2);
 });
 
 test("a step that is repeated after a restart of the insole is recognised", async () => {
@@ -91,21 +89,59 @@ test("a step that is repeated after a restart of the insole is recognised", asyn
   const [repeated, bytes] = decodeStep(Uint8Array.of(...message.slice(0, -3), 1, 0, 0));
   expect(repeated.step.starts_ago).toBe(1);
   await store.add(repeated, bytes, null);
-  expect(storage.records).toHaveLength(1);
+  expect(storage.records.size).toBe(1);
   // Here the byte before these three differs. It is the residual force of the last region, so this is another step.
   const [other, other_bytes] = decodeStep(Uint8Array.of(...message.slice(0, -4), 1, 0, 0, 0));
   await store.add(other, other_bytes, null);
-  expect(storage.records).toHaveLength(2);
+  expect(storage.records.size).toBe(2);
 });
 
-test("a step that two pages stored is shown once", async () => {
+test("a step that two pages received is stored and counted once", async () => {
   const storage = new TestStorage();
   for (const _ of [1, 2]) {
     const store = new StepStore(wire, storage);
     for (const [step, message] of received) await store.add(step, message, null);
   }
-  expect(storage.records).toHaveLength(2 * received.length);
+  expect(storage.records.size).toBe(received.length);
   const next = new StepStore(wire, storage);
   await next.load();
-  expect(next.steps).toHaveLength(received.length);
+  expect(next.latest.steps).toHaveLength(received.length);
+  expect(next.count("steps", "left") + next.count("steps", "right")).toBe(received.length);
+});
+
+test("the totals of a day are those of its steps, also at the next visit", async () => {
+  const storage = new TestStorage();
+  const store = new StepStore(wire, storage);
+  const noon = (day: number) => new Date(2026, 0, day, 12).getTime() / 1000;
+  // The steps alternate between two days.
+  for (const [i, [step, message]] of received.entries()) await store.add(step, message, noon(1 + (i % 2)));
+  const next = new StepStore(wire, storage);
+  await next.load();
+  for (const days of [store.days, next.days]) {
+    expect([...days.keys()].sort()).toEqual(["2026-01-01", "2026-01-02"]);
+    for (const [i, day] of ["2026-01-01", "2026-01-02"].entries()) {
+      for (const side of ["left", "right"] as const) {
+        const feet = received.filter(([{ step }], n) => n % 2 === i && step.side === side).map(([{ step }]) => step.foot);
+        const totals = days.get(day)![side];
+        expect(totals.steps).toBe(feet.length);
+        expect(totals.integral_n_s).toBeCloseTo(feet.reduce((sum, foot) => sum + foot.foot_force_integral_n_s, 0), 6);
+        expect(totals.peak_n).toBe(Math.max(...feet.map((foot) => foot.foot_force_peak_n)));
+      }
+    }
+  }
+});
+
+test("all records are read in parts, and the oldest ones do not remain in memory", async () => {
+  const storage = new TestStorage();
+  const store = new StepStore(wire, storage);
+  const [[step, message]] = received as [[StepMessage, Uint8Array]];
+  // Only the keys of these steps differ.
+  const count = 2500;
+  for (let i = 0; i < count; i++) await store.add({ ...step, key: `${i}` }, message, i);
+  expect(store.latest.steps.length).toBeLessThan(2000);
+  expect(store.latest.steps.at(-1)?.start_unix_s).toBe(count - 1);
+  expect(store.count("steps", step.step.side)).toBe(count);
+  const starts: (number | null)[] = [];
+  for await (const { steps } of store.parts()) starts.push(...steps.map(({ start_unix_s }) => start_unix_s));
+  expect(starts).toEqual(Array.from({ length: count }, (_, i) => i));
 });

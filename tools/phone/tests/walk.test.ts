@@ -1,7 +1,6 @@
 import { expect, test } from "vitest";
 import type { Side } from "../src/generated/quantities";
 import { loadSettings } from "../src/settings";
-import { TemporaryStorage } from "../src/step_storage";
 import type { StoredStep } from "../src/step_store";
 import { gaitOf } from "../src/walk";
 import { loadWire, step } from "./wire";
@@ -49,8 +48,4 @@ test("measures are computed from the last 100 steps of each foot", () => {
   const gait = gaitOf(wire, { steps, bouts: [], alerts: [] }, SETTINGS);
   expect(gait.strides).toEqual({ left: 99, right: 0 });
   expect(measure(gait, "stance_time_s")?.left).toMatchObject({ count: 99, mean: expect.closeTo(0.6) });
-});
-
-test("a temporary storage contains no steps of earlier visits", async () => {
-  expect(await new TemporaryStorage().load()).toEqual([]);
 });

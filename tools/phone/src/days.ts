@@ -1,0 +1,79 @@
+/** The loads of each day, which remain available without reading all records. */
+
+import type { Side } from "./generated/quantities";
+import type { RecordMessage } from "./session";
+import { recordOf } from "./session";
+
+/** The load of one record. */
+export interface DayLoad {
+  /** Local date of the record, YYYY-MM-DD. */
+  day: string;
+  side: Side;
+  kind: RecordMessage["kind"];
+  /** Integral of the force on the foot over the time of the record, N s; 0 for an alert. */
+  integral_n_s: number;
+  /** Largest force on the foot in a step, N; 0 for another record. */
+  peak_n: number;
+}
+
+/** The loads of one foot on a day. */
+export interface FootTotals {
+  steps: number;
+  bouts: number;
+  alerts: number;
+  /** Sum of the integrals of all records, N s. */
+  integral_n_s: number;
+  /** Largest force in all steps, N. */
+  peak_n: number;
+}
+
+/** The loads of both feet on a day. */
+export interface DayTotals {
+  /** Local date, YYYY-MM-DD. */
+  day: string;
+  left: FootTotals;
+  right: FootTotals;
+}
+
+/** The local date of a time, YYYY-MM-DD. */
+export function dayOf(unix_s: number): string {
+  const date = new Date(unix_s * 1000);
+  const digits = (value: number, count: number) => String(value).padStart(count, "0");
+  return `${digits(date.getFullYear(), 4)}-${digits(date.getMonth() + 1, 2)}-${digits(date.getDate(), 2)}`;
+}
+
+/** The load of a record. A record without a time belongs to the day on which it arrived. */
+export function loadOf(message: RecordMessage, start_unix_s: number | null, arrived_unix_s: number): DayLoad {
+  const { side } = recordOf(message).record;
+  const load = { day: dayOf(start_unix_s ?? arrived_unix_s), side, kind: message.kind, integral_n_s: 0, peak_n: 0 };
+  switch (message.kind) {
+    case "step":
+      return { ...load, integral_n_s: message.step.foot.foot_force_integral_n_s, peak_n: message.step.foot.foot_force_peak_n };
+    case "bout":
+      return { ...load, integral_n_s: sumOf(Object.values(message.bout.regions).map((region) => region.measured_force_integral_n_s)) };
+    case "alert":
+      return load;
+  }
+}
+
+const sumOf = (values: readonly number[]) => values.reduce((sum, value) => sum + value, 0);
+
+/** A day without load. */
+export function emptyDay(day: string): DayTotals {
+  const foot: FootTotals = { steps: 0, bouts: 0, alerts: 0, integral_n_s: 0, peak_n: 0 };
+  return { day, left: foot, right: foot };
+}
+
+/** The totals with one more record. */
+export function addLoad(totals: DayTotals, { side, kind, integral_n_s, peak_n }: DayLoad): DayTotals {
+  const foot = totals[side];
+  const count = (of: DayLoad["kind"]) => Number(kind === of);
+  const added: FootTotals = {
+    steps: foot.steps + count("step"),
+    bouts: foot.bouts + count("bout"),
+    alerts: foot.alerts + count("alert"),
+    integral_n_s: foot.integral_n_s + integral_n_s,
+    peak_n: Math.max(foot.peak_n, peak_n),
+  };
+  return { ...totals, [side]: added };
+}

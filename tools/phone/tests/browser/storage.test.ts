@@ -1,0 +1,131 @@
+/** The stored records on the built page in Chromium. */
+
+import { readFileSync } from "node:fs";
+import type { Page } from "playwright-core";
+import { expect, test } from "vitest";
+import { loadWire, messagesOf } from "../wire";
+import { PHONE, folder, servedBrowser } from "./browser";
+
+/** Number of records of a year or two of walking with both feet. */
+const MANY = 140_000;
+/** Time in which the browser must have stored them and shown the page; a slow computer needs half a minute. */
+const TIMEOUT_MS = 180_000;
+/** Time of the first record: noon of 1 January 2026. */
+const START_UNIX_S = new Date(2026, 0, 1, 12).getTime() / 1000;
+
+const served = servedBrowser();
+
+/** The messages of the steps of the computed walk. */
+async function steps(): Promise<number[][]> {
+  const wire = await loadWire();
+  return [0, 1].flatMap(messagesOf).filter((message) => wire.decode(message)?.kind === "step").map((message) => [...message]);
+}
+
+/** Opens the page on a phone, without insoles. */
+async function openPage(page: Page): Promise<void> {
+  await page.goto(`${served.url}?bluetooth`);
+  await page.locator("nav [data-to=steps]").click();
+}
+
+/** The cells of the table of days. */
+const days = (page: Page) =>
+  page.locator("#days tbody tr").evaluateAll((rows) => rows.map((row) => [...row.children].map((cell) => cell.textContent)));
+
+test("the records of version 1 of the database are moved, counted by day and exported", async () => {
+  const messages = await steps();
+  const context = await served.browser.newContext({ viewport: PHONE });
+  const page = await context.newPage();
+  // Any other file of the same origin; the page itself would create the database.
+  await page.goto(`${served.url}manifest.webmanifest`);
+  await page.evaluate(
+    async ({ messages, start_unix_s }) => {
+      const request = indexedDB.open("plantar", 1);
+      const database = await new Promise<IDBDatabase>((resolve) => {
+        request.onupgradeneeded = () => request.result.createObjectStore("steps", { autoIncrement: true });
+        request.onsuccess = () => resolve(request.result);
+      });
+      const transaction = database.transaction("steps", "readwrite");
+      for (const [i, message] of messages.entries()) {
+        transaction.objectStore("steps").add({ message: Uint8Array.from(message), start_unix_s: start_unix_s + i });
+      }
+      // A record that was stored twice, and one of another protocol version.
+      transaction.objectStore("steps").add({ message: Uint8Array.from(messages[0]!), start_unix_s });
+      transaction.objectStore("steps").add({ message: Uint8Array.of(255, 255), start_unix_s });
+      await new Promise((resolve) => (transaction.oncomplete = resolve));
+      database.close();
+    },
+    { messages, start_unix_s: START_UNIX_S },
+  );
+  await openPage(page);
+  await page.locator("#table tbody tr").first().waitFor();
+  const [day, ...others] = await days(page);
+  expect(others).toEqual([]);
+  expect(day?.[0]).toMatch(/Jan/);
+  expect(Number(day?.[1]) + Number(day?.[2])).toBe(messages.length);
+  await page.locator("#days").scrollIntoViewIfNeeded();
+  await page.screenshot({ path: folder("tests/screenshots/days.png") });
+  const stored = await page.evaluate(async () => {
+    const database = await new Promise<IDBDatabase>((resolve) => {
+      const request = indexedDB.open("plantar");
+      request.onsuccess = () => resolve(request.result);
+    });
+    const count = database.transaction("records").objectStore("records").count();
+    await new Promise((resolve) => (count.onsuccess = resolve));
+    return { stores: [...database.objectStoreNames], count: count.result };
+  });
+  // The record of another version remains.
+  expect(stored).toEqual({ stores: ["days", "records"], count: messages.length + 1 });
+  await page.locator("nav [data-to=settings]").click();
+  const [download] = await Promise.all([page.waitForEvent("download"), page.locator("#export-steps").click()]);
+  const rows = readFileSync(await download.path(), "utf8").trimEnd().split("\n");
+  expect(rows).toHaveLength(1 + 8 * messages.length);
+  expect(new Set(rows.slice(1).map((row) => row.split(",")[0])).size).toBe(messages.length);
+  await context.close();
+});
+
+test("a page with many stored records shows the last ones and all days", { timeout: TIMEOUT_MS }, async () => {
+  const messages = await steps();
+  const context = await served.browser.newContext({ viewport: PHONE });
+  const page = await context.newPage();
+  await openPage(page);
+  await page.locator("#no-steps").waitFor();
+  await page.evaluate(
+    async ({ messages, count, start_unix_s }) => {
+      const database = await new Promise<IDBDatabase>((resolve) => {
+        const request = indexedDB.open("plantar");
+        request.onsuccess = () => resolve(request.result);
+      });
+      const encoded = messages.map((message) => Uint8Array.from(message));
+      for (let first = 0; first < count; first += 10_000) {
+        const transaction = database.transaction(["records", "days"], "readwrite", { durability: "relaxed" });
+        for (let i = first; i < first + 10_000; i++) {
+          const record = { key: `${i}`, message: encoded[i % encoded.length], start_unix_s: start_unix_s + i };
+          transaction.objectStore("records").add(record);
+        }
+        const foot = { steps: 5000, bouts: 0, alerts: 0, integral_n_s: 2e6, peak_n: 800 };
+        const day = `2026-01-${String(1 + first / 10_000).padStart(2, "0")}`;
+        transaction.objectStore("days").put({ day, left: foot, right: foot });
+        await new Promise((resolve) => (transaction.oncomplete = resolve));
+      }
+      database.close();
+    },
+    { messages, count: MANY, start_unix_s: START_UNIX_S },
+  );
+  await page.reload();
+  await page.waitForFunction(() => document.querySelectorAll("#table tbody tr").length > 0);
+  const load_ms = await page.evaluate(() => performance.now());
+  const protocol = await context.newCDPSession(page);
+  await protocol.send("Performance.enable");
+  const { metrics } = await protocol.send("Performance.getMetrics");
+  const heap_mb = (metrics.find(({ name }) => name === "JSHeapUsedSize")?.value ?? NaN) / 1e6;
+  console.log(`page_load_ms ${load_ms.toFixed(0)} with ${MANY} stored steps, ${heap_mb.toFixed(0)} MB of memory`);
+  expect((await days(page)).length).toBe(MANY / 10_000);
+  await page.locator("nav [data-to=steps]").click();
+  expect(await page.locator("#measures").textContent()).toContain(`${MANY}`);
+  // The last record is the first row.
+  const wire = await loadWire();
+  const last = wire.decode(Uint8Array.from(messages[(MANY - 1) % messages.length]!));
+  if (last?.kind !== "step") throw new Error("The message is not a step.");
+  expect(await page.locator("#table tbody tr").first().locator("td").nth(1).textContent()).toBe(String(last.step.step));
+  await context.close();
+});
