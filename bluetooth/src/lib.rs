@@ -215,7 +215,9 @@ async fn answer(connection: &Connected<'_, '_>, table: &Table, stack: &Host<'_>,
             _ => continue,
         };
         // Setting cannot fail: the values have the types of their attributes.
-        let _ = connection.set(&table.battery, &insole.battery_percent());
+        if let (Some(battery), Some(percent)) = (&table.battery, insole.battery_percent()) {
+            let _ = connection.set(battery, &percent);
+        }
         let _ = connection.set(&table.time, &insole.current_time());
         free_packets::<1>().await;
         let is_command = matches!(event.payload().incoming(), AttClient::Command(_));

@@ -15,8 +15,8 @@ pub type Server<'v> = AttributeServer<'v, NoopRawMutex, DefaultPacketPool, ATTRI
 
 /// The characteristics with values that change.
 pub struct Table {
-    /// Battery Level, percent.
-    pub battery: Characteristic<u8>,
+    /// Battery Level, percent; `None` on a board that does not measure it.
+    pub battery: Option<Characteristic<u8>>,
     /// Current Time.
     pub time: Characteristic<[u8; 10]>,
     cadence: Stream,
@@ -40,8 +40,10 @@ impl Table {
         information.add_characteristic_ro(c::MANUFACTURER_NAME_STRING, "Plantar").build();
         information.add_characteristic_ro(c::MODEL_NUMBER_STRING, insole.model()).build();
         information.add_characteristic_ro(c::FIRMWARE_REVISION_STRING, insole.firmware()).build();
-        let mut battery = table.add_service(Service::new(s::BATTERY));
-        let battery = battery.add_characteristic_small(c::BATTERY_LEVEL, [Read], 0u8).build();
+        let battery = insole.battery_percent().map(|percent| {
+            let mut battery = table.add_service(Service::new(s::BATTERY));
+            battery.add_characteristic_small(c::BATTERY_LEVEL, [Read], percent).build()
+        });
         let mut time = table.add_service(Service::new(s::CURRENT_TIME));
         let time = time.add_characteristic_small(c::CURRENT_TIME, [Read, Write, Notify], [0; 10]).build();
         let mut running = table.add_service(Service::new(s::RUNNING_SPEED_AND_CADENCE));

@@ -86,6 +86,8 @@ pub struct EmulatorConfig {
     pub bonding_s: u16,
     /// The random static Bluetooth address: the emulated controller has no unique number to derive it from.
     pub address: [u8; 6],
+    /// Charge of the battery, percent; `None` for a board that does not measure it.
+    pub battery_percent: Option<u8>,
     /// Number of the first scan, if the plant paces the scans.
     pub first_scan: u32,
     /// Number of the flash operation (write or erase, from 0) in which power fails; `None` if power does not fail.
@@ -102,6 +104,7 @@ impl EmulatorConfig {
             is_paced: false,
             bonding_s: 60,
             address: [1, 0, 0, 0, 0, 0xc0],
+            battery_percent: None,
             first_scan: 0,
             power_cut: None,
             fault: None,

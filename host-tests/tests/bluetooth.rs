@@ -35,7 +35,7 @@ const WALK: fn(usize) -> Recording = |steps| synthetic_walk(steps, 100.0);
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn an_unbonded_phone_reads_the_device_information_and_nothing_else() {
-    let mut world = World::start(WALK(1));
+    let mut world = World::start_with(WALK(1), |config| config.battery_percent = Some(73));
     let mut phone = world.new_phone(1);
     let table = phone.connect(&mut world.radio, 247);
     // Properties of a characteristic.
@@ -71,7 +71,7 @@ fn an_unbonded_phone_reads_the_device_information_and_nothing_else() {
     assert_eq!(phone.read(&mut world.radio, "2a29"), b"Plantar");
     assert_eq!(phone.read(&mut world.radio, "2a24"), b"emulated");
     assert_eq!(phone.read(&mut world.radio, "2a26"), env!("PLANTAR_VERSION").as_bytes());
-    assert_eq!(phone.read(&mut world.radio, "2a19"), [100]);
+    assert_eq!(phone.read(&mut world.radio, "2a19"), [73]);
     assert_eq!(phone.read(&mut world.radio, CURRENT_TIME), [0; 10], "the clock must not be set yet");
     assert_eq!(phone.read(&mut world.radio, "2a54"), [0, 0]);
 
@@ -161,7 +161,9 @@ fn a_bond_survives_a_reset_and_a_wrong_key_is_refused() {
     let bonds = world.insole.bonds().expect("the insole has a bond");
     // Bonding is closed after this reset, so that only the existing bond gives access.
     world.restart(|config| config.bonding_s = 0);
-    phone.connect(&mut world.radio, 247);
+    let table = phone.connect(&mut world.radio, 247);
+    let mut services = table.as_array().expect("the services").iter().map(|service| &service["uuid"]);
+    assert!(services.all(|uuid| uuid != "180f"), "a board that does not measure its battery must not state its charge");
     let connect = fragments(&ToDevice::Connect { major: MAJOR, minor: MINOR }, 20).remove(0);
     assert_eq!(phone.refused(&mut world.radio, CONTROL, &connect), Some(INSUFFICIENT_ENCRYPTION));
     world.radio.request(json!({"do": "encrypt", "phone": phone.name}));

@@ -339,6 +339,72 @@ fn a_loss_of_power_anywhere_in_the_return_of_the_previous_image_leaves_one_of_th
     println!("{count} cuts");
 }
 
+/// Runs `work` until it is not interrupted, with a power cut in one of the next operations before each further attempt, which are
+/// fewer than `within`. Returns the number of cuts.
+fn interrupted(
+    chip: &mut NorFlashChip,
+    random: &mut fastrand::Rng,
+    within: u64,
+    work: impl Fn(&mut NorFlashChip),
+) -> usize {
+    for count in 0.. {
+        let at = random.u64(0..within);
+        (chip.operations, chip.cut) = (0, Some((at, TORN[random.usize(..TORN.len())])));
+        work(chip);
+        let is_interrupted = chip.is_off();
+        chip.cut = None;
+        if !is_interrupted {
+            return count;
+        }
+    }
+    unreachable!("the range does not end")
+}
+
+/// Power fails several times in the same swap, and again in the swap that continues it.
+#[test]
+fn many_losses_of_power_leave_one_of_the_two_images() {
+    const CUTS: usize = 10_000;
+    // A swap has some 580 operations, a confirmation a few.
+    const SWAP: u64 = 700;
+    const MARK: u64 = 8;
+    let mut random = fastrand::Rng::with_seed(11);
+    let start = |chip: &mut NorFlashChip| {
+        let _ = boot(chip);
+    };
+    let keep = |chip: &mut NorFlashChip| {
+        let _ = block_on(confirm(chip, NEW.header()));
+    };
+    let fall_back = |chip: &mut NorFlashChip| {
+        let _ = block_on(previous::swap_back(chip, NEW.header()));
+    };
+    let (mut cuts, mut updates, mut returns) = (0, 0, 0);
+    let before = accepted();
+    while cuts < CUTS {
+        let mut chip = before.clone();
+        cuts += interrupted(&mut chip, &mut random, SWAP, start);
+        // Without a cut in between, this is the second start, which swaps back.
+        if random.bool() && active(&chip) == Some(&*NEW) && block_on(is_on_trial(&mut chip)) == Ok(true) {
+            cuts += interrupted(&mut chip, &mut random, MARK, keep);
+            assert_eq!(active(&chip), Some(&*NEW), "after {cuts} cuts");
+            if random.bool() {
+                cuts += interrupted(&mut chip, &mut random, MARK, fall_back);
+            }
+        }
+        cuts += interrupted(&mut chip, &mut random, SWAP, start);
+        boot(&mut chip).expect("the chip works");
+        let image = active(&chip).unwrap_or_else(|| panic!("a mixture of both images after {cuts} cuts"));
+        (updates, returns) = match image == &*NEW {
+            true => (updates + 1, returns),
+            false => (updates, returns + 1),
+        };
+        // The insole still takes updates.
+        assert_eq!(block_on(is_on_trial(&mut chip)), Ok(false), "after {cuts} cuts");
+        assert_eq!(send(&mut Update::new(), &mut chip, &NEW), Ok(Progress::Accepted), "after {cuts} cuts");
+    }
+    assert!(updates > 0 && returns > 0, "{updates} {returns}");
+    println!("{cuts} cuts: {updates} times the new image, {returns} times the old one");
+}
+
 /// An image that a host sends is written before it is verified. It must not run instead of the previous one.
 #[test]
 fn only_the_image_that_was_replaced_returns() {

@@ -27,7 +27,7 @@ pub trait GattServer {
     /// See [`BluetoothBoard::address`].
     fn address(&self) -> Option<[u8; 6]>;
     /// See [`BluetoothBoard::battery_percent`].
-    fn battery_percent(&self) -> u8;
+    fn battery_percent(&self) -> Option<u8>;
     /// See [`BluetoothBoard::allows_bonding`].
     fn allows_bonding(&self) -> bool;
     /// Copies the stored bonds into `bytes` and returns their length, 0 if no bonds are stored.
@@ -135,7 +135,7 @@ impl<B: BluetoothBoard> GattServer for GattSession<'_, B> {
         self.board.address()
     }
 
-    fn battery_percent(&self) -> u8 {
+    fn battery_percent(&self) -> Option<u8> {
         self.board.battery_percent()
     }
 

@@ -70,8 +70,8 @@ pub trait BluetoothBoard {
     /// The random static address; `None` if the Bluetooth controller has a public address.
     fn address(&self) -> Option<[u8; 6]>;
 
-    /// Charge of the battery, percent.
-    fn battery_percent(&self) -> u8;
+    /// Charge of the battery, percent; always `None` on a board that does not measure it, which then offers no Battery service.
+    fn battery_percent(&self) -> Option<u8>;
 
     /// True while the owner allows a central to bond, such as shortly after power-on.
     fn allows_bonding(&self) -> bool;

@@ -335,8 +335,8 @@ impl BluetoothBoard for HostBluetooth {
         None
     }
 
-    fn battery_percent(&self) -> u8 {
-        100
+    fn battery_percent(&self) -> Option<u8> {
+        None
     }
 
     fn allows_bonding(&self) -> bool {

@@ -10,6 +10,8 @@ pub struct Emulated {
     pub address: [u8; 6],
     /// Time after the start in which a central can bond.
     pub bonding: Duration,
+    /// Charge of the battery, percent; `None` for a board that does not measure it.
+    pub battery_percent: Option<u8>,
 }
 
 impl BluetoothBoard for Emulated {
@@ -17,9 +19,8 @@ impl BluetoothBoard for Emulated {
         Some(self.address)
     }
 
-    fn battery_percent(&self) -> u8 {
-        // The emulated board has no battery.
-        100
+    fn battery_percent(&self) -> Option<u8> {
+        self.battery_percent
     }
 
     fn allows_bonding(&self) -> bool {

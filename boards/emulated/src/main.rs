@@ -158,7 +158,8 @@ async fn run(boot: BootReport, image: &'static Header) {
         Clock::Ticker(Ticker::new(period_us))
     };
     static GATT: StaticCell<GattSession<'static, Emulated>> = StaticCell::new();
-    let board = Emulated { address: config.address, bonding: Duration::from_secs(config.bonding_s.into()) };
+    let (address, battery_percent) = (config.address, config.battery_percent);
+    let board = Emulated { address, bonding: Duration::from_secs(config.bonding_s.into()), battery_percent };
     let gatt = GATT.init(GattSession::new(shared, board));
     // Each task has static memory of its own and is spawned once, so spawning cannot fail.
     SCAN_EXECUTOR.start(Interrupt::TIM2).spawn(run_scan(clock, matrix, to_process).unwrap());

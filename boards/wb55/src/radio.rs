@@ -245,9 +245,9 @@ impl BluetoothBoard for Wb55 {
         Some(address)
     }
 
-    fn battery_percent(&self) -> u8 {
+    fn battery_percent(&self) -> Option<u8> {
         // Not measured.
-        100
+        None
     }
 
     fn allows_bonding(&self) -> bool {

@@ -252,9 +252,14 @@ pub struct World {
 impl World {
     /// Starts the simulation and the insole.
     pub fn start(recording: Recording) -> Self {
+        Self::start_with(recording, |_| {})
+    }
+
+    /// Starts the simulation and an insole with a changed configuration.
+    pub fn start_with(recording: Recording, change: fn(&mut EmulatorConfig)) -> Self {
         let firmware = firmware();
         let mut radio = RadioSimulation::start();
-        let insole = Insole::boot(&mut radio, &firmware, recording, |_| {}, None);
+        let insole = Insole::boot(&mut radio, &firmware, recording, change, None);
         Self { radio, insole }
     }
 

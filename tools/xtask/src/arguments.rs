@@ -46,6 +46,15 @@ pub enum Task {
     Soak(Soak),
     /// Compare the dependencies with RustSec's database of known vulnerabilities, which is downloaded.
     Advisories,
+    /// Build the firmware of all boards twice, in two copies of the last commit in different folders, and compare what they load
+    /// into flash byte for byte. The task compiles everything twice.
+    Reproduce,
+    /// Write software bills of materials in CycloneDX's JSON format, for the firmware of each board and for the command line.
+    Sbom {
+        /// The folder for the files.
+        #[arg(long, value_name = "FOLDER")]
+        out: PathBuf,
+    },
     /// Measure the instructions for a frame, the accuracy, the lengths of messages, the speed of a replay, the identification and
     /// the sizes of the firmware.
     Bench(FiguresFile),

@@ -1,10 +1,11 @@
 //! Builds firmware and host programs, and writes firmware to a board.
 
-use crate::command::{built, run};
+use crate::command::{built, run, run_command};
 use crate::{BOARDS, TARGET, setup};
 use anyhow::{Result, bail};
 use std::env;
 use std::path::PathBuf;
+use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// The name of the reference board's controller in probe-rs, as in `boards/wb55/.cargo/config.toml`.
@@ -33,15 +34,20 @@ const PRODUCT: &str = "wb55";
 /// Runs a cargo command such as `build` for a board's package, with the profile and the target of firmware. Without a key of its
 /// own, the build accepts the development key, with a warning.
 pub fn cargo_firmware(command: &str, package: &str, arguments: &[&str]) -> Result<()> {
-    let common = [command, "--locked", "--profile", "firmware", "--target", TARGET, "--package", package];
-    let has_key = env::var_os("PLANTAR_UPDATE_KEY").is_some();
-    let allowed: &[&str] = if package == PRODUCT && !has_key { &["--features", "development-key"] } else { &[] };
-    if !allowed.is_empty() {
+    run_command(firmware_command(command, package).args(arguments))
+}
+
+/// The command that [`cargo_firmware`] runs, without further arguments.
+pub fn firmware_command(command: &str, package: &str) -> Command {
+    let mut cargo = Command::new("cargo");
+    cargo.args([command, "--locked", "--profile", "firmware", "--target", TARGET, "--package", package]);
+    if package == PRODUCT && env::var_os("PLANTAR_UPDATE_KEY").is_none() {
         eprintln!(
             "warning: {package} accepts updates that anyone can sign: set PLANTAR_UPDATE_KEY for insoles of others"
         );
+        cargo.args(["--features", "development-key"]);
     }
-    run("cargo", &[&common, allowed, arguments].concat())
+    cargo
 }
 
 /// Set once all host programs are built.

@@ -52,6 +52,12 @@ pub fn size(package: &str) -> Result<Size> {
     Ok(Size { flash_bytes, ram_bytes })
 }
 
+/// What a firmware file loads into flash.
+pub fn segments(firmware: &Path, out: &Path) -> Result<Vec<u8>> {
+    run_command(firmware_image("segments")?.arg(firmware).arg("--out").arg(out))?;
+    Ok(std::fs::read(out)?)
+}
+
 /// Builds the program `firmware-image`. Returns a command that runs the program with the subcommand `command`.
 fn firmware_image(command: &str) -> Result<Command> {
     build_host("firmware-image").context("the program firmware-image cannot be built")?;

@@ -10,6 +10,7 @@ mod image;
 mod limits;
 mod package;
 mod page;
+mod provenance;
 mod setup;
 mod test;
 
@@ -36,6 +37,8 @@ fn main() -> ExitCode {
         Task::Fuzz { minutes } => fuzz::run(minutes),
         Task::Soak(soak) => soak.run(),
         Task::Advisories => test::deny(&["advisories"]),
+        Task::Reproduce => provenance::reproduce(),
+        Task::Sbom { out } => provenance::write_sboms(&out),
         Task::Bench(json) => bench::bench().and_then(|figures| json.write(&figures)),
         Task::Size(json) => bench::sizes().and_then(|figures| json.write(&figures)),
         Task::Explain { board, text } => image::explain(&board, &text.join(" ")),

@@ -155,6 +155,11 @@ pub fn cargo_deny() -> Result<PathBuf> {
     cargo_tool("cargo-deny", "0.20.2")
 }
 
+/// Installs cargo-cyclonedx, which writes software bills of materials. Returns its path.
+pub fn cargo_cyclonedx() -> Result<PathBuf> {
+    cargo_tool("cargo-cyclonedx", "0.5.9")
+}
+
 /// Installs exactly this version of a tool in the private cache. A version that the user has installed is neither used nor
 /// changed.
 fn cargo_tool(name: &str, version: &str) -> Result<PathBuf> {

@@ -9,6 +9,8 @@ const TISSUE = 4;
 /** Length of the force laws in a message, which follow the identifier: six numbers of 32 bits for each of eight regions. */
 const FORCE_LAWS_BYTES = 8 * 6 * 4;
 const MOST_TICK_MS = 20;
+/** The speed of a walk that waits: the page still receives frames, so the connection does not count as lost. */
+export const WAITING = 0.01;
 
 /** An integer of variable length, as messages contain it. */
 export const varint = (value: number): number[] => (value < 128 ? [value] : [(value % 128) + 128, ...varint(Math.floor(value / 128))]);
@@ -23,6 +25,8 @@ export class FakeInsoles {
   readonly requests: [number, number[]][] = [];
   /** False: the link is open, but no messages arrive. */
   is_connected = true;
+  /** Time of the walk at which the insoles wait, ms. */
+  wait_at_ms = Infinity;
   private readonly all: Entry[];
   private readonly hellos: Entry[];
   private next = 0;
@@ -75,7 +79,8 @@ export class FakeInsoles {
     this.timer = setInterval(() => {
       const now_ms = performance.now();
       // On a busy machine, the walk becomes slower instead of arriving in bursts.
-      if (this.is_connected) this.elapsed_ms += this.speed * Math.min(now_ms - last_ms, MOST_TICK_MS);
+      const speed = this.elapsed_ms < this.wait_at_ms ? this.speed : WAITING;
+      if (this.is_connected) this.elapsed_ms += speed * Math.min(now_ms - last_ms, MOST_TICK_MS);
       last_ms = now_ms;
       for (let due = this.all[this.next]; due && due.t_ms <= this.elapsed_ms; due = this.all[this.next]) {
         this.next += 1;

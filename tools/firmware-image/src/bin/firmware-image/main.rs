@@ -1,6 +1,7 @@
 //! Signs firmware, makes keys, and inspects ELF files of firmware. `cargo xtask` runs this program.
 
 mod explain;
+mod segments;
 mod sign;
 mod size;
 
@@ -39,6 +40,14 @@ enum Command {
         /// The firmware, an ELF file from the linker.
         firmware: PathBuf,
     },
+    /// Write what firmware loads into flash to a file, to compare two builds.
+    Segments {
+        /// The firmware, an ELF file from the linker.
+        firmware: PathBuf,
+        /// The file to write.
+        #[arg(long, value_name = "FILE")]
+        out: PathBuf,
+    },
     /// Print the source locations of the calls in an insole's crash report.
     Explain {
         /// The firmware, an ELF file from the linker.
@@ -56,6 +65,7 @@ fn main() -> ExitCode {
         Command::Size { firmware } => {
             size::of(&firmware).map(|size| println!("{} {}", size.flash_bytes, size.ram_bytes))
         }
+        Command::Segments { firmware, out } => segments::write(&firmware, &out),
         Command::Explain { firmware, text } => explain::run(&firmware, &text.join(" ")),
     };
     match result {

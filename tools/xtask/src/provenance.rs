@@ -1,0 +1,83 @@
+//! Shows where firmware comes from: builds that can be repeated, and lists of all dependencies.
+
+use crate::command::{run, run_command};
+use crate::{BOARDS, TARGET, build, image, setup};
+use anyhow::{Context, Result, bail};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// A copy of the last commit in a temporary folder, which is deleted with this value.
+struct Copy {
+    folder: PathBuf,
+}
+
+impl Copy {
+    fn of_last_commit(name: &str) -> Result<Self> {
+        let folder = std::env::temp_dir().join(format!("plantar-{}", std::process::id())).join(name);
+        std::fs::create_dir_all(&folder)?;
+        let copy = Self { folder };
+        run("git", &["clone", "--quiet", ".", &copy.folder.to_string_lossy()])?;
+        Ok(copy)
+    }
+
+    /// Runs a command in the copy, with a target folder of its own.
+    fn run(&self, command: &mut Command) -> Result<()> {
+        run_command(command.current_dir(&self.folder).env("CARGO_TARGET_DIR", self.folder.join("target")))
+    }
+}
+
+impl Drop for Copy {
+    fn drop(&mut self) {
+        // A folder that remains does no harm.
+        let _ = std::fs::remove_dir_all(&self.folder);
+    }
+}
+
+/// Builds firmware and bootloaders of all boards in two folders, whose paths have different lengths, and compares them.
+pub fn reproduce() -> Result<()> {
+    setup::rust()?;
+    let packages: Vec<String> = BOARDS.iter().flat_map(|board| [build::bootloader(board), (*board).into()]).collect();
+    let build = |name: &str| -> Result<Vec<Vec<u8>>> {
+        let copy = Copy::of_last_commit(name)?;
+        packages.iter().try_for_each(|package| copy.run(&mut build::firmware_command("build", package)))?;
+        let loaded = |package: &String| {
+            let firmware = copy.folder.join("target").join(TARGET).join("firmware").join(package);
+            image::segments(&firmware, &copy.folder.join("loaded"))
+        };
+        packages.iter().map(loaded).collect()
+    };
+    let (first, second) = (build("a")?, build("another-folder")?);
+    for ((package, first), second) in packages.iter().zip(&first).zip(&second) {
+        if first != second {
+            let at = first.iter().zip(second).position(|(first, second)| first != second);
+            bail!("{package} differs between two builds of the same commit, from byte {at:?} on");
+        }
+        println!("{package}: {} bytes, equal in both builds", first.len());
+    }
+    Ok(())
+}
+
+/// Writes a bill of materials for the firmware of each board, and one for the command line, to `out`.
+pub fn write_sboms(out: &Path) -> Result<()> {
+    let tool = setup::cargo_cyclonedx()?;
+    std::fs::create_dir_all(out).with_context(|| format!("cannot create {}", out.display()))?;
+    let out = std::path::absolute(out)?;
+    // The tool writes beside each manifest, so it runs in a copy.
+    let copy = Copy::of_last_commit("sbom")?;
+    let describe = |target: &[&str], packages: &[(&str, &str)]| -> Result<()> {
+        let arguments = ["cyclonedx", "--format", "json", "--spec-version", "1.5", "--quiet"];
+        copy.run(Command::new(&tool).args(arguments).args(target))?;
+        for (folder, package) in packages {
+            let file = format!("{package}.cdx.json");
+            std::fs::copy(copy.folder.join(folder).join(&file), out.join(&file))
+                .with_context(|| format!("cargo-cyclonedx has not written {folder}/{file}"))?;
+            println!("{}", out.join(file).display());
+        }
+        Ok(())
+    };
+    let folders: Vec<String> = BOARDS.iter().map(|board| format!("boards/{board}")).collect();
+    let boards: Vec<_> = folders.iter().map(String::as_str).zip(BOARDS).collect();
+    describe(&["--target", TARGET], &boards)?;
+    describe(&[], &[("tools/plantar", "plantar-cli")])?;
+    Ok(())
+}
