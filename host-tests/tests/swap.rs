@@ -364,7 +364,7 @@ fn interrupted(
 #[test]
 fn many_losses_of_power_leave_one_of_the_two_images() {
     const CUTS: usize = 10_000;
-    // A swap has some 580 operations, a confirmation a few.
+    // More than the operations of a swap, 579, and of a confirmation, 4, so that some attempts succeed.
     const SWAP: u64 = 700;
     const MARK: u64 = 8;
     let mut random = fastrand::Rng::with_seed(11);
@@ -387,7 +387,7 @@ fn many_losses_of_power_leave_one_of_the_two_images() {
             cuts += interrupted(&mut chip, &mut random, MARK, keep);
             assert_eq!(active(&chip), Some(&*NEW), "after {cuts} cuts");
             if random.bool() {
-                cuts += interrupted(&mut chip, &mut random, MARK, fall_back);
+                cuts += interrupted(&mut chip, &mut random, SWAP, fall_back);
             }
         }
         cuts += interrupted(&mut chip, &mut random, SWAP, start);
@@ -397,9 +397,11 @@ fn many_losses_of_power_leave_one_of_the_two_images() {
             true => (updates + 1, returns),
             false => (updates, returns + 1),
         };
-        // The insole still takes updates.
         assert_eq!(block_on(is_on_trial(&mut chip)), Ok(false), "after {cuts} cuts");
-        assert_eq!(send(&mut Update::new(), &mut chip, &NEW), Ok(Progress::Accepted), "after {cuts} cuts");
+        // The insole still takes updates. A transfer takes longer than a swap, so not all chips receive one.
+        if random.u8(0..8) == 0 {
+            assert_eq!(send(&mut Update::new(), &mut chip, &NEW), Ok(Progress::Accepted), "after {cuts} cuts");
+        }
     }
     assert!(updates > 0 && returns > 0, "{updates} {returns}");
     println!("{cuts} cuts: {updates} times the new image, {returns} times the old one");
