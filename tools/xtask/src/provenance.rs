@@ -69,8 +69,10 @@ pub fn write_sboms(out: &Path) -> Result<()> {
         copy.run(Command::new(&tool).args(arguments).args(target))?;
         for (folder, package) in packages {
             let file = format!("{package}.cdx.json");
-            std::fs::copy(copy.folder.join(folder).join(&file), out.join(&file))
+            let text = std::fs::read_to_string(copy.folder.join(folder).join(&file))
                 .with_context(|| format!("cargo-cyclonedx has not written {folder}/{file}"))?;
+            // The identifiers of this repository's packages contain the folder of the copy.
+            std::fs::write(out.join(&file), text.replace(&*copy.folder.to_string_lossy(), "/plantar"))?;
             println!("{}", out.join(file).display());
         }
         Ok(())
