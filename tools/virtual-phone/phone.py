@@ -66,10 +66,10 @@ def write(**message):
 
 
 class InsoleParser(PacketParser):
-    """Parses the packets of an insole, whose restart may cut a packet.
+    """Parses the packets of an insole. A restart of the insole may cut a packet.
 
-    On a board, the restart also resets the controller. Here the packet that was cut ends with the first command of the
-    insole, which resets the controller.
+    On a board, the restart also resets the controller. Here the parser would take the first command after the restart, which
+    resets the controller, for the rest of the packet. It discards the packet if nothing follows this command.
     """
 
     RESET = bytes(HCI_Reset_Command())

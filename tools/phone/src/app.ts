@@ -152,15 +152,14 @@ export class App {
 
   private stepsChanged(): void {
     const { latest, days } = this.store;
-    const [steps, bouts, alerts] = (["steps", "bouts", "alerts"] as const).map((kind) => SIDES.map((side) => this.store.count(kind, side)));
-    const has = (counts: readonly number[] | undefined) => counts?.some((count) => count > 0) === true;
-    drawSteps(latest.steps, steps ?? [], gaitOf(this.wire, latest, this.settings), this.settings);
+    const [steps, bouts, alerts] = [this.store.count("steps"), this.store.count("bouts"), this.store.count("alerts")];
+    drawSteps(latest.steps, SIDES.map((side) => this.store.count("steps", [side])), gaitOf(this.wire, latest, this.settings), this.settings);
     drawDays([...days.values()], this.settings);
     drawBouts(latest.bouts);
     drawAlerts(latest.alerts);
-    byId("export-steps", HTMLButtonElement).disabled = !has(steps);
-    byId("export-bouts", HTMLButtonElement).disabled = !has(bouts);
-    byId("clear", HTMLButtonElement).disabled = ![steps, bouts, alerts].some(has);
+    byId("export-steps", HTMLButtonElement).disabled = steps === 0;
+    byId("export-bouts", HTMLButtonElement).disabled = bouts === 0;
+    byId("clear", HTMLButtonElement).disabled = steps + bouts + alerts === 0;
   }
 
   private tick(): void {

@@ -1,8 +1,7 @@
 /** The loads of each day, which remain available without reading all records. */
 
-import type { Side } from "./generated/quantities";
-import type { RecordMessage } from "./session";
-import { recordOf } from "./session";
+import type { Bout, Side } from "./generated/quantities";
+import { type RecordMessage, recordOf } from "./session";
 
 /** The load of one record. */
 export interface DayLoad {
@@ -50,22 +49,21 @@ export function loadOf(message: RecordMessage, start_unix_s: number | null, arri
     case "step":
       return { ...load, integral_n_s: message.step.foot.foot_force_integral_n_s, peak_n: message.step.foot.foot_force_peak_n };
     case "bout":
-      return { ...load, integral_n_s: sumOf(Object.values(message.bout.regions).map((region) => region.measured_force_integral_n_s)) };
+      return { ...load, integral_n_s: boutIntegral_n_s(message.bout) };
     case "alert":
       return load;
   }
 }
 
-const sumOf = (values: readonly number[]) => values.reduce((sum, value) => sum + value, 0);
+/** Integral of the force on the foot over the time of a load bout, N s. */
+export const boutIntegral_n_s = ({ regions }: Bout) =>
+  Object.values(regions).reduce((sum, region) => sum + region.measured_force_integral_n_s, 0);
 
-/** A day without load. */
-export function emptyDay(day: string): DayTotals {
-  const foot: FootTotals = { steps: 0, bouts: 0, alerts: 0, integral_n_s: 0, peak_n: 0 };
-  return { day, left: foot, right: foot };
-}
+const NO_LOAD: FootTotals = { steps: 0, bouts: 0, alerts: 0, integral_n_s: 0, peak_n: 0 };
 
-/** The totals with one more record. */
-export function addLoad(totals: DayTotals, { side, kind, integral_n_s, peak_n }: DayLoad): DayTotals {
+/** Adds a load to the totals of its day, which `days` has by date. */
+export function addLoad(days: Map<string, DayTotals>, { day, side, kind, integral_n_s, peak_n }: DayLoad): void {
+  const totals = days.get(day) ?? { day, left: NO_LOAD, right: NO_LOAD };
   const foot = totals[side];
   const count = (of: DayLoad["kind"]) => Number(kind === of);
   const added: FootTotals = {
@@ -75,5 +73,5 @@ export function addLoad(totals: DayTotals, { side, kind, integral_n_s, peak_n }:
     integral_n_s: foot.integral_n_s + integral_n_s,
     peak_n: Math.max(foot.peak_n, peak_n),
   };
-  return { ...totals, [side]: added };
+  days.set(day, { ...totals, [side]: added });
 }

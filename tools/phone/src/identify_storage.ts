@@ -1,6 +1,7 @@
 /** Storage of the messages of a guided session, so that the session continues after the page was closed or reloaded. */
 
 import { type IdentifyStorage } from "./identify_session";
+import { complete, done } from "./indexed_db";
 
 const DATABASE = "plantar-identify";
 const STORE = "messages";
@@ -32,17 +33,6 @@ export class DatabaseIdentifyStorage implements IdentifyStorage {
   private change(act: (store: IDBObjectStore) => void): Promise<void> {
     const transaction = this.database.transaction(STORE, "readwrite");
     act(transaction.objectStore(STORE));
-    return new Promise((resolve, reject) => {
-      transaction.oncomplete = () => resolve();
-      transaction.onabort = () => reject(transaction.error ?? new Error("The browser's database failed."));
-    });
+    return complete(transaction);
   }
-}
-
-/** Resolves with the result of a request. */
-function done<T>(request: IDBRequest<T>): Promise<T> {
-  return new Promise((resolve, reject) => {
-    request.onsuccess = () => resolve(request.result);
-    request.onerror = () => reject(request.error ?? new Error("The browser's database failed."));
-  });
 }

@@ -1,6 +1,7 @@
 /** Storage of the wearer's steps, load bouts and alerts across visits of the page. */
 
-import { type DayLoad, type DayTotals, addLoad, emptyDay } from "./days";
+import { type DayLoad, type DayTotals, addLoad } from "./days";
+import { complete, done, failed } from "./indexed_db";
 
 /** A stored step, load bout or alert. `start_unix_s` is that of `StoredStep`, `StoredBout` or `StoredAlert`. */
 export interface StepRecord {
@@ -94,20 +95,20 @@ export class DatabaseStorage implements StepStorage {
 
   async latest(count: number): Promise<StepRecord[]> {
     const records = this.database.transaction(RECORDS, "readonly").objectStore(RECORDS);
-    return (await readAll(records, await firstOfLast(records, count))) as StepRecord[];
+    return done(records.getAll(await rangeOfLast(records, count)) as IDBRequest<StepRecord[]>);
   }
 
   async *parts(): AsyncGenerator<StepRecord[]> {
-    let after: IDBKeyRange | null = null;
+    let rest: IDBKeyRange | null = null;
     for (;;) {
       const records = this.database.transaction(RECORDS, "readonly").objectStore(RECORDS);
       const [values, keys] = await Promise.all([
-        done(records.getAll(after, PART) as IDBRequest<StepRecord[]>),
-        done(records.getAllKeys(after, PART)),
+        done(records.getAll(rest, PART) as IDBRequest<StepRecord[]>),
+        done(records.getAllKeys(rest, PART)),
       ]);
       if (values.length === 0) return;
       yield values;
-      after = IDBKeyRange.lowerBound(keys[keys.length - 1], true);
+      rest = IDBKeyRange.lowerBound(keys[keys.length - 1], true);
     }
   }
 
@@ -118,18 +119,20 @@ export class DatabaseStorage implements StepStorage {
   async add(records: readonly NewRecord[]): Promise<void> {
     // An acknowledgement lets the insole delete a record, so the record must be on the disk before.
     const transaction = this.database.transaction([RECORDS, DAYS], "readwrite", { durability: "strict" });
-    const stored = complete(transaction);
-    const keys = transaction.objectStore(RECORDS).index("key");
-    const found = await Promise.all(records.map(({ key }) => done(keys.getKey(key))));
+    const [stored, days] = [transaction.objectStore(RECORDS).index("key"), transaction.objectStore(DAYS)];
+    const found = await Promise.all(records.map(({ key }) => done(stored.getKey(key))));
     const added = records.filter((_, i) => found[i] === undefined);
-    for (const record of added) store(transaction, record);
-    for (const totals of totalsOf(added)) {
-      const { day } = totals;
-      const days = transaction.objectStore(DAYS);
-      const before = (await done(days.get(day))) as DayTotals | undefined;
-      days.put(added.filter(({ load }) => load.day === day).reduce((sum, { load }) => addLoad(sum, load), before ?? emptyDay(day)));
+    const totals = new Map<string, DayTotals>();
+    for (const day of new Set(added.map(({ load }) => load.day))) {
+      const before = await done(days.get(day) as IDBRequest<DayTotals | undefined>);
+      if (before) totals.set(day, before);
     }
-    await stored;
+    for (const record of added) {
+      store(transaction, record);
+      addLoad(totals, record.load);
+    }
+    for (const day of totals.values()) days.put(day);
+    await complete(transaction);
   }
 
   async clear(): Promise<void> {
@@ -146,7 +149,8 @@ function store(transaction: IDBTransaction, { key, message, start_unix_s }: NewR
 
 /** Moves the records of version 1 of the database to version 2. */
 function upgrade(database: IDBDatabase, transaction: IDBTransaction, keyed: (record: StepRecord) => NewRecord | undefined): void {
-  const moved = new Map<string, NewRecord>();
+  const keys = new Set<string>();
+  const days = new Map<string, DayTotals>();
   const cursor = transaction.objectStore(RECORDS_1).openCursor();
   cursor.onsuccess = () => {
     const at = cursor.result;
@@ -154,14 +158,15 @@ function upgrade(database: IDBDatabase, transaction: IDBTransaction, keyed: (rec
       const record = keyed(at.value as StepRecord);
       if (!record) transaction.objectStore(RECORDS).add(at.value);
       // If two pages were open in one browser, they may have stored a record twice.
-      else if (!moved.has(record.key)) {
-        moved.set(record.key, record);
+      else if (!keys.has(record.key)) {
+        keys.add(record.key);
+        addLoad(days, record.load);
         store(transaction, record);
       }
       at.continue();
       return;
     }
-    for (const totals of totalsOf([...moved.values()])) transaction.objectStore(DAYS).put(totals);
+    for (const totals of days.values()) transaction.objectStore(DAYS).put(totals);
     database.deleteObjectStore(RECORDS_1);
   };
 }
@@ -169,44 +174,21 @@ function upgrade(database: IDBDatabase, transaction: IDBTransaction, keyed: (rec
 /** The totals of the days of these records, oldest first. */
 function totalsOf(records: readonly NewRecord[]): DayTotals[] {
   const days = new Map<string, DayTotals>();
-  for (const { load } of records) days.set(load.day, addLoad(days.get(load.day) ?? emptyDay(load.day), load));
+  for (const { load } of records) addLoad(days, load);
   return [...days.values()].sort((a, b) => a.day.localeCompare(b.day));
 }
 
-/** The key of the first of the last records, of which there are at most `count`; `null` if there are not more. */
-function firstOfLast(records: IDBObjectStore, count: number): Promise<IDBValidKey | null> {
+/** The range of the last `count` records; `null`, which stands for all records, if there are not more. */
+function rangeOfLast(records: IDBObjectStore, count: number): Promise<IDBKeyRange | null> {
   return new Promise((resolve, reject) => {
     const cursor = records.openKeyCursor(null, "prev");
-    let has_advanced = false;
+    let is_advanced = false;
     cursor.onsuccess = () => {
       const at = cursor.result;
-      if (!at || has_advanced || count === 1) return resolve(at?.key ?? null);
-      has_advanced = true;
-      at.advance(count - 1);
+      if (!at || is_advanced) return resolve(at && IDBKeyRange.lowerBound(at.key, true));
+      is_advanced = true;
+      at.advance(count);
     };
     cursor.onerror = () => reject(failed(cursor.error));
-  });
-}
-
-/** Reads the records from a key on, or all records. */
-const readAll = (records: IDBObjectStore, from: IDBValidKey | null) =>
-  done(records.getAll(from === null ? null : IDBKeyRange.lowerBound(from)));
-
-/** The error of a database operation. */
-const failed = (error: DOMException | null) => error ?? new Error("The browser's database failed.");
-
-/** Resolves with the result of a request. */
-function done<T>(request: IDBRequest<T>): Promise<T> {
-  return new Promise((resolve, reject) => {
-    request.onsuccess = () => resolve(request.result);
-    request.onerror = () => reject(failed(request.error));
-  });
-}
-
-/** Resolves when a transaction is stored. */
-function complete(transaction: IDBTransaction): Promise<void> {
-  return new Promise((resolve, reject) => {
-    transaction.oncomplete = () => resolve();
-    transaction.onabort = () => reject(failed(transaction.error));
   });
 }

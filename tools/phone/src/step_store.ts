@@ -1,9 +1,10 @@
 /** The steps, load bouts and alerts of the wearer. Each is stored before it is acknowledged, and is ignored if the insole sends it again. */
 
-import { type DayTotals, addLoad, emptyDay, loadOf } from "./days";
+import { type DayTotals, addLoad, loadOf } from "./days";
 import type { Alert, Bout, Side, Step } from "./generated/quantities";
 import type { RecordMessage } from "./session";
-import { type NewRecord, type StepRecord, type StepStorage } from "./step_storage";
+import { SIDES } from "./side";
+import type { NewRecord, StepRecord, StepStorage } from "./step_storage";
 import type { Wire } from "./wire";
 
 /** Number of the last records that are loaded, and of each kind that remain in memory. All others remain in the storage only. */
@@ -71,7 +72,7 @@ export function keyedRecord(wire: Wire, record: StepRecord): NewRecord | undefin
 export class StepStore {
   /** The last records, oldest first. */
   readonly latest = new Records();
-  /** The totals of all days, by date, oldest first. */
+  /** The totals of all days, by date. */
   readonly days = new Map<string, DayTotals>();
   /** Keys of the records that an insole may send again, oldest first. */
   private readonly recent = new Set<string>();
@@ -97,21 +98,24 @@ export class StepStore {
     }
   }
 
-  /** All records in parts, oldest first. */
+  /** All records in parts, oldest first, including those that could not be stored. */
   async *parts(): AsyncGenerator<Records> {
-    for await (const part of this.storage.parts()) {
-      const records = new Records();
-      for (const record of part) {
-        const decoded = decodeRecord(this.wire, record);
-        if (decoded) records.add(decoded, record.start_unix_s);
-      }
-      yield records;
-    }
+    for await (const part of this.storage.parts()) yield this.decoded(part);
+    yield this.decoded(this.pending);
   }
 
-  /** Number of stored records of a kind, of one foot. */
-  count(kind: "steps" | "bouts" | "alerts", side: Side): number {
-    return [...this.days.values()].reduce((sum, totals) => sum + totals[side][kind], 0);
+  private decoded(part: readonly StepRecord[]): Records {
+    const records = new Records();
+    for (const record of part) {
+      const decoded = decodeRecord(this.wire, record);
+      if (decoded) records.add(decoded, record.start_unix_s);
+    }
+    return records;
+  }
+
+  /** Number of records of a kind, of one foot or of both. */
+  count(kind: "steps" | "bouts" | "alerts", sides: readonly Side[] = SIDES): number {
+    return [...this.days.values()].flatMap((totals) => sides.map((side) => totals[side][kind])).reduce((sum, count) => sum + count, 0);
   }
 
   /** True if this record was added before, and the insole may send it again. */
@@ -123,11 +127,10 @@ export class StepStore {
   add(decoded: RecordMessage, message: Uint8Array, start_unix_s: number | null): Promise<void> {
     if (!this.recent.has(decoded.key)) {
       const record = withKey(decoded, { message: message.slice(), start_unix_s }, now_unix_s());
-      const { load } = record;
       this.latest.add(decoded, start_unix_s);
       // Removing one record at a time would copy all others each time.
       if (Math.max(this.latest.steps.length, this.latest.bouts.length, this.latest.alerts.length) >= 2 * LOADED) this.latest.keep(LOADED);
-      this.days.set(load.day, addLoad(this.days.get(load.day) ?? emptyDay(load.day), load));
+      addLoad(this.days, record.load);
       this.pending.push(record);
       this.remember(decoded.key);
     }

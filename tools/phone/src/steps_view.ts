@@ -1,6 +1,6 @@
 /** The steps view: measures of the walk, the trend of the peak force, and the table of steps. */
 
-import type { DayTotals } from "./days";
+import { type DayTotals, boutIntegral_n_s } from "./days";
 import { type Node, byId, fill } from "./dom";
 import { forceText, numberText, unitOf } from "./format";
 import type { Estimate, Gait, GaitMeasure, Step } from "./generated/quantities";
@@ -59,7 +59,9 @@ export function drawDays(days: readonly DayTotals[], settings: Settings): void {
   byId("days").hidden = days.length === 0;
   const unit = unitOf(settings);
   fill(byId("days-peak"), [`Highest peak, ${unit}`]);
-  fill(byId("days").querySelector("tbody"), days.slice(-DAY_ROWS).reverse().map((totals): Node => {
+  // A step that was walked earlier can arrive later.
+  const latest = [...days].sort((a, b) => b.day.localeCompare(a.day)).slice(0, DAY_ROWS);
+  fill(byId("days").querySelector("tbody"), latest.map((totals): Node => {
     const date = new Date(`${totals.day}T12:00`).toLocaleDateString([], { weekday: "short", day: "numeric", month: "short" });
     const cells = (text: (foot: DayTotals["left"]) => string) => SIDES.map((side): Node => ["td", {}, text(totals[side])]);
     return [
@@ -80,7 +82,6 @@ const BOUT_ROWS = 50;
 export function drawBouts(bouts: readonly StoredBout[]): void {
   byId("bouts").hidden = bouts.length === 0;
   fill(byId("bouts").querySelector("tbody"), bouts.slice(-BOUT_ROWS).reverse().map(({ bout, start_unix_s }): Node => {
-    const integral_n_s = Object.values(bout.regions).reduce((sum, region) => sum + region.measured_force_integral_n_s, 0);
     const start = start_unix_s === null ? "–" : new Date(start_unix_s * 1000).toLocaleTimeString([], { hour: "2-digit", minute: "2-digit" });
     return [
       "tr",
@@ -89,7 +90,7 @@ export function drawBouts(bouts: readonly StoredBout[]): void {
       ["td", {}, start],
       ["td", {}, bout.kind],
       ["td", {}, bout.duration_s.toFixed(0)],
-      ["td", {}, integral_n_s.toFixed(0)],
+      ["td", {}, boutIntegral_n_s(bout).toFixed(0)],
     ];
   }));
 }

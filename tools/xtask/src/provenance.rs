@@ -3,37 +3,28 @@
 use crate::command::{run, run_command};
 use crate::{BOARDS, TARGET, build, image, setup};
 use anyhow::{Context, Result, bail};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
+use tempfile::TempDir;
 
 /// A copy of the last commit in a temporary folder, which is deleted with this value.
-struct Copy {
-    folder: PathBuf,
-}
+struct Copy(TempDir);
 
 impl Copy {
-    fn of_last_commit(name: &str) -> Result<Self> {
-        let folder = std::env::temp_dir().join(format!("plantar-{}", std::process::id())).join(name);
-        std::fs::create_dir_all(&folder)?;
-        let copy = Self { folder };
-        run("git", &["clone", "--quiet", ".", &copy.folder.to_string_lossy()])?;
-        Ok(copy)
+    /// The name of the folder begins with `prefix`.
+    fn of_last_commit(prefix: &str) -> Result<Self> {
+        let folder = tempfile::Builder::new().prefix(prefix).tempdir()?;
+        run("git", &["clone", "--quiet", ".", &folder.path().to_string_lossy()])?;
+        Ok(Self(folder))
     }
 
     /// Runs a command in the copy, with a target folder of its own.
     fn run(&self, command: &mut Command) -> Result<()> {
-        run_command(command.current_dir(&self.folder).env("CARGO_TARGET_DIR", self.folder.join("target")))
+        run_command(command.current_dir(self.0.path()).env("CARGO_TARGET_DIR", self.0.path().join("target")))
     }
 }
 
-impl Drop for Copy {
-    fn drop(&mut self) {
-        // A folder that remains does no harm.
-        let _ = std::fs::remove_dir_all(&self.folder);
-    }
-}
-
-/// Builds firmware and bootloaders of all boards in two folders, whose paths have different lengths, and compares them.
+/// Builds firmware and bootloaders of all boards in two folders with paths of different lengths, and compares them.
 pub fn reproduce() -> Result<()> {
     setup::rust()?;
     let packages: Vec<String> = BOARDS.iter().flat_map(|board| [build::bootloader(board), (*board).into()]).collect();
@@ -41,12 +32,12 @@ pub fn reproduce() -> Result<()> {
         let copy = Copy::of_last_commit(name)?;
         packages.iter().try_for_each(|package| copy.run(&mut build::firmware_command("build", package)))?;
         let loaded = |package: &String| {
-            let firmware = copy.folder.join("target").join(TARGET).join("firmware").join(package);
-            image::segments(&firmware, &copy.folder.join("loaded"))
+            let firmware = copy.0.path().join("target").join(TARGET).join("firmware").join(package);
+            image::segments(&firmware, &copy.0.path().join("loaded"))
         };
         packages.iter().map(loaded).collect()
     };
-    let (first, second) = (build("a")?, build("another-folder")?);
+    let (first, second) = (build("plantar")?, build("plantar-another-folder")?);
     for ((package, first), second) in packages.iter().zip(&first).zip(&second) {
         if first != second {
             let at = first.iter().zip(second).position(|(first, second)| first != second);
@@ -63,16 +54,16 @@ pub fn write_sboms(out: &Path) -> Result<()> {
     std::fs::create_dir_all(out).with_context(|| format!("cannot create {}", out.display()))?;
     let out = std::path::absolute(out)?;
     // The tool writes beside each manifest, so it runs in a copy.
-    let copy = Copy::of_last_commit("sbom")?;
+    let copy = Copy::of_last_commit("plantar-sbom")?;
     let describe = |target: &[&str], packages: &[(&str, &str)]| -> Result<()> {
         let arguments = ["cyclonedx", "--format", "json", "--spec-version", "1.5", "--quiet"];
         copy.run(Command::new(&tool).args(arguments).args(target))?;
         for (folder, package) in packages {
             let file = format!("{package}.cdx.json");
-            let text = std::fs::read_to_string(copy.folder.join(folder).join(&file))
+            let text = std::fs::read_to_string(copy.0.path().join(folder).join(&file))
                 .with_context(|| format!("cargo-cyclonedx has not written {folder}/{file}"))?;
             // The identifiers of this repository's packages contain the folder of the copy.
-            std::fs::write(out.join(&file), text.replace(&*copy.folder.to_string_lossy(), "/plantar"))?;
+            std::fs::write(out.join(&file), text.replace(&*copy.0.path().to_string_lossy(), "/plantar"))?;
             println!("{}", out.join(file).display());
         }
         Ok(())
@@ -80,6 +71,5 @@ pub fn write_sboms(out: &Path) -> Result<()> {
     let folders: Vec<String> = BOARDS.iter().map(|board| format!("boards/{board}")).collect();
     let boards: Vec<_> = folders.iter().map(String::as_str).zip(BOARDS).collect();
     describe(&["--target", TARGET], &boards)?;
-    describe(&[], &[("tools/plantar", "plantar-cli")])?;
-    Ok(())
+    describe(&[], &[("tools/plantar", "plantar-cli")])
 }

@@ -362,8 +362,8 @@ impl Walk {
     }
 }
 
-/// Frames of cells per second of a standing trial. A person who stands still moves slowly, and a connection that cannot send
-/// the cells of each scan without losses has room for this rate.
+/// Frames of cells per second of a standing trial. The trial needs means over seconds only, and a connection that loses frames at
+/// the rate of the scans can carry this rate.
 const TRIAL_HZ: f64 = 20.0;
 /// Longest time between two frames of a standing trial, s. The trial's means are over several seconds.
 const TRIAL_GAP_S: f64 = 1.0;
@@ -398,25 +398,23 @@ impl Trial {
         }
     }
 
-    /// Number and codes of every [`Self::every`]th scan from the first one on. A frame that is missing has the codes of the frame
-    /// before it.
+    /// Number and codes of every [`Self::every`]th scan from the first one on. A missing frame has the codes of the frame before it.
     fn regular_frames(&self, name: &str) -> Result<Vec<(u32, &[u16])>> {
-        let max_scans = (TRIAL_GAP_S / (f64::from(self.started.setup.period_us) * 1e-6)) as u32;
-        let mut regular: Vec<(u32, &[u16])> = Vec::with_capacity(self.frames.len());
-        for (i, (scan, codes)) in self.frames.iter().enumerate() {
-            let next = self.frames.get(i + 1).map_or(scan.wrapping_add(1), |(next, _)| *next);
-            ensure!(
-                next.wrapping_sub(*scan) <= max_scans.max(self.every.into()),
-                "{name}: too many frames were lost while you stood: stand again"
-            );
-            let mut due = regular.last().map_or(*scan, |(last, _)| last.wrapping_add(self.every.into()));
-            // The difference is negative, and thus large, if the scan is not before the next one.
-            while next.wrapping_sub(due).wrapping_sub(1) < u32::MAX / 2 {
-                regular.push((due, codes));
-                due = due.wrapping_add(self.every.into());
-            }
-        }
-        Ok(regular)
+        let period_s = f64::from(self.started.setup.period_us) * 1e-6;
+        let max_scans = ((TRIAL_GAP_S / period_s) as u32).max(self.every.into());
+        let is_whole = self.frames.windows(2).all(|pair| pair[1].0.wrapping_sub(pair[0].0) <= max_scans);
+        ensure!(is_whole, "{name}: too many frames were lost while you stood: stand again");
+        let (Some((first, _)), Some((last, _))) = (self.frames.first(), self.frames.last()) else {
+            return Ok(Vec::new());
+        };
+        // Scans are counted from the first one, because their numbers wrap.
+        let elapsed = |scan: u32| scan.wrapping_sub(*first);
+        let regular = (0..=elapsed(*last)).step_by(self.every.into()).map(|due| {
+            // The first frame is never after `due`.
+            let next = self.frames.partition_point(|(scan, _)| elapsed(*scan) <= due);
+            (first.wrapping_add(due), self.frames[next - 1].1.as_slice())
+        });
+        Ok(regular.collect())
     }
 
     /// The trial as a recording, with other calibrations if they are given.
