@@ -224,20 +224,19 @@ impl<R: Real, const N: usize> Insole<R, N> {
         if self.setup().is_none() || codes.len() < self.cells() {
             return false;
         }
-        let (mut per_s, mut frames) = (self.frame_rate_hz, 1);
+        let (mut per_s, mut elapsed) = (self.frame_rate_hz, 1);
         if let Some(last) = self.last_seq.replace(seq) {
-            let elapsed = seq.wrapping_sub(last);
+            elapsed = seq.wrapping_sub(last);
             self.wraps += u32::from(seq < last && elapsed < 1 << 31);
             if elapsed > 1 {
                 per_s = per_s / R::of_u32(elapsed);
-                frames = elapsed.min(1 + BRIDGED_FRAMES);
             }
         }
         self.sum_cells(seq, codes);
         for ((load, live), law) in self.loads.iter_mut().zip(&mut self.live).zip(&self.force_laws) {
             load.tissue = live.update(law, load.frame.area.area_mm2(), per_s);
         }
-        self.accumulate(frames);
+        self.accumulate(if elapsed > 1 { self.represented(elapsed) } else { 1 });
         let centre_mm = self.move_centre();
         let regions = self.loads.each_ref().map(|load| &load.frame);
         let mut is_toe_off = self.stance.push(&self.limits, seq, regions, centre_mm);
@@ -253,6 +252,17 @@ impl<R: Real, const N: usize> Insole<R, N> {
             self.sum_residuals();
         }
         is_toe_off
+    }
+
+    /// Number of frames for which a frame stands after missing ones.
+    #[cold]
+    fn represented(&self, elapsed: u32) -> u32 {
+        elapsed.min(if self.is_loaded() { 1 + BRIDGED_FRAMES } else { self.cumulative.second_frames() })
+    }
+
+    /// True if any cell carried load in the last frame.
+    pub fn is_loaded(&self) -> bool {
+        self.loads.iter().any(|load| load.frame.peak_kpa > R::ZERO)
     }
 
     /// Time of a recent frame by its number, us: the number of frame times since frame 0, also after the number has wrapped.

@@ -13,7 +13,7 @@ mod table;
 
 use bt_hci::cmd::le::LeRand;
 use bt_hci_serial::SerialTransport;
-use embassy_futures::select::{select, select3};
+use embassy_futures::select::{Either, select, select3};
 use embassy_sync::blocking_mutex::raw::{CriticalSectionRawMutex, NoopRawMutex};
 use embassy_sync::pipe::Pipe;
 use embassy_sync::signal::Signal;
@@ -42,6 +42,11 @@ const POOL_RETRY: Duration = Duration::from_millis(10);
 const RADIO_CHECK: Duration = Duration::from_secs(1);
 /// Time between two checks whether the central is still connected.
 const CONNECTION_CHECK: Duration = Duration::from_millis(200);
+
+/// Time between two advertisements of a worn insole: the default of the Bluetooth host. A phone finds it within a second.
+const ADVERTISING_WORN: Duration = Duration::from_millis(160);
+/// The same of an insole that is not worn, which saves energy: a phone finds it within some seconds.
+const ADVERTISING_UNWORN: Duration = Duration::from_millis(1_285);
 
 /// The HCI byte stream (H4) between radio and Bluetooth host, in one direction.
 pub type HciPipe = Pipe<CriticalSectionRawMutex, 128>;
@@ -147,9 +152,18 @@ async fn serve(
         scan_data: &scanned[..scanned_len],
     };
     loop {
-        let advertised = peripheral.advertise(&AdvertisementParameters::default(), advertisement).await;
+        let is_worn = insole.is_worn();
+        let interval = if is_worn { ADVERTISING_WORN } else { ADVERTISING_UNWORN };
+        let parameters =
+            AdvertisementParameters { interval_min: interval, interval_max: interval, ..Default::default() };
+        let advertised = peripheral.advertise(&parameters, advertisement).await;
         let advertiser = advertised.map_err(|_| Error::Other)?;
-        let Ok(connection) = advertiser.accept().await else { continue };
+        let other_interval_due = async {
+            while insole.is_worn() == is_worn {
+                Timer::after(CONNECTION_CHECK).await;
+            }
+        };
+        let Either::First(Ok(connection)) = select(advertiser.accept(), other_interval_due).await else { continue };
         // The host always allows bonding: the gate rejects pairing requests while the insole does not allow it.
         let _ = connection.set_bondable(true);
         let Ok(connection) = connection.with_attribute_server(server) else { continue };

@@ -145,6 +145,37 @@ fn a_bonded_phone_receives_every_frame_and_step_of_a_walk() {
     println!("deepest stack with a pairing: {} bytes", phone.status(&mut world.radio).stack_bytes);
 }
 
+/// A phone finds an insole that stands aside. The insole scans once a second, and all frames again from the first load on.
+#[test]
+#[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
+fn an_insole_that_is_not_worn_is_found_and_measures_when_it_is_put_on() {
+    const ASIDE_S: usize = 70;
+    let mut recording = WALK(3);
+    let aside = ASIDE_S * recording.rate_hz as usize;
+    recording.pressure_kpa.splice(..0, vec![0.0; aside * recording.cells()]);
+    recording.t_s = (0..recording.frames() + aside).map(|frame| frame as f64 / recording.rate_hz).collect();
+    let mut world = World::start(recording);
+    world.insole.play(aside as u32);
+    let mut phone = world.bonded_phone(247);
+    let mut status = phone.status(&mut world.radio);
+    while (status.frame_times() as usize) < aside - 100 {
+        status = phone.status(&mut world.radio);
+    }
+    // The insole counts as not worn after 60 s. From then on one frame in 100 is scanned.
+    assert!(!status.is_worn && (800..=1000).contains(&status.frames_skipped), "{status:?}");
+    phone.send(&mut world.radio, ToDevice::Stream { live: true });
+    world.insole.play(world.insole.scans());
+    let mut steps = 0;
+    while steps < 2 {
+        if let ToHost::Step(_) = phone.next(&mut world.radio) {
+            steps += 1;
+        }
+    }
+    let worn = phone.status(&mut world.radio);
+    assert!(worn.is_worn && worn.frames_skipped <= status.frames_skipped + 200, "{worn:?}");
+    assert_eq!((worn.frames_missed, worn.frames_overrun), (0, 0));
+}
+
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn messages_are_the_same_with_the_smallest_mtu() {

@@ -139,7 +139,7 @@ impl Session {
         loop {
             self.ask(ToDevice::GetStatus, received);
             let status = &received.status;
-            if status.frames + status.frames_missed + status.frames_overrun >= self.scans {
+            if status.frame_times() >= self.scans {
                 return;
             }
         }

@@ -150,7 +150,7 @@ fn any_step() -> impl Strategy<Value = Step> {
 }
 
 fn any_status() -> impl Strategy<Value = Status> {
-    any::<(u64, [u32; 23])>().prop_map(|(uptime_us, v)| Status {
+    any::<(u64, [u32; 26])>().prop_map(|(uptime_us, v)| Status {
         uptime_us,
         frames: v[0],
         frames_missed: v[1],
@@ -176,6 +176,11 @@ fn any_status() -> impl Strategy<Value = Status> {
         },
         is_clock_set: v[0] % 2 == 1,
         update_key: v[1],
+        is_worn: v[2] % 2 == 1,
+        frames_skipped: v[23],
+        scanning_ms: v[24],
+        processing_ms: v[25],
+        supply_mv: (v[3] % 2 == 1).then_some(v[4] as u16),
     })
 }
 
@@ -629,6 +634,11 @@ fn longest_messages_fit_their_limits() {
         },
         is_clock_set: true,
         update_key: u32::MAX,
+        is_worn: true,
+        frames_skipped: u32::MAX,
+        scanning_ms: u32::MAX,
+        processing_ms: u32::MAX,
+        supply_mv: Some(u16::MAX),
     });
     let most = Fault { kind: FaultKind::Crosstalk, place: Place::Cell(u16::MAX), found_ms: u32::MAX };
     let longest_faults = ToHost::Faults(Faults {
@@ -857,7 +867,8 @@ const GET_DAILY_LOAD: &str = "0618db776ec100";
 const SNOOZE: &str = "0819d804e3ca3aa200";
 const ALERT_RULES_REFUSED: &str = "07050c91aa183500";
 const BOUT: &str = "10112a0102c0a8a504b097991d40e2010204020106210340e2010204020106210340e2010204020106210340e2010204020106210340e2010204020106210340e2010204020106210340e2010204020106210340e201020402010321030e018080f9c0c1c482037b37f30a00";
-const STATUS: &str = "2c0380f882ad16d8040102ac02ab020c0304050607c0b80290bf05801008090a0b0c0d0e0f100111c6c48da700";
+const STATUS: &str =
+    "330380f882ad16d8040102ac02ab020c0304050607c0b80290bf05801008090a0b0c0d0e0f1001110112131401e419530dfb6e00";
 const CONNECT: &str = "0102010553e85ae600";
 const STREAM_CELLS: &str = "090f01010210f5f08f00";
 const STREAM_OF_CELLS: &str = "080b0101024762920100";

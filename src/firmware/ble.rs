@@ -47,6 +47,8 @@ pub trait GattServer {
     fn next(&self, value: &mut [u8]) -> Option<(GattChannel, usize)>;
     /// Ends the session after the central disconnected.
     fn close(&self);
+    /// False while the insole is not worn; it then advertises slowly.
+    fn is_worn(&self) -> bool;
     /// Counts a heartbeat of the radio: it has executed a command. To be called every second while centrals can connect or one is
     /// connected.
     fn radio_answered(&self);
@@ -192,6 +194,10 @@ impl<B: BluetoothBoard> GattServer for GattSession<'_, B> {
         self.shared.close(Carrier::Bluetooth);
         self.joiner.borrow_mut().1 = Joiner::new();
         self.splitter.borrow_mut().1 = Splitter::new();
+    }
+
+    fn is_worn(&self) -> bool {
+        self.shared.scan.is_worn()
     }
 
     fn radio_answered(&self) {

@@ -59,10 +59,22 @@ pub trait Matrix {
 
 /// Counts processor cycles within one frame.
 pub trait Stopwatch {
+    /// Number of cycles in a millisecond.
+    const CYCLES_PER_MS: u32;
+
     /// Begins a measurement and returns its mark. Called at the beginning of every processed frame.
     fn start(&self) -> u32;
     /// Number of cycles since the mark `start`, which was returned less than a millisecond ago.
     fn cycles_since(&self, start: u32) -> u32;
+}
+
+/// What a board measures of itself.
+#[derive(Clone, Copy)]
+pub struct Gauges {
+    /// Returns the deepest use of the stack so far, bytes.
+    pub stack_bytes: fn() -> u32,
+    /// Returns the supply of the controller, mV; `None` if it is not measured, or not yet.
+    pub supply_mv: fn() -> Option<u16>,
 }
 
 /// The functions of a board that Bluetooth needs.

@@ -10,16 +10,20 @@ use crate::log;
 use crate::pipeline::step::RegionStep;
 use crate::protocol::session::ToInsole;
 use crate::protocol::{Alert, Bout, ContactEllipse, Ellipses, Live, LoadRecord, Refusal, Step};
+use core::sync::atomic::Ordering;
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::Receiver;
 
+/// Time without load after which the insole counts as not worn, s.
+const UNWORN_AFTER_S: u32 = 60;
+
 /// Processes frames. Never returns.
-pub async fn process(
+pub async fn process<S: Stopwatch>(
     insole: &mut DeviceInsole,
     mut frames: Receiver<'_, CriticalSectionRawMutex, Frame>,
     shared: &Shared,
-    stopwatch: impl Stopwatch,
+    stopwatch: S,
 ) -> ! {
     loop {
         let frame = frames.receive().await;
@@ -29,6 +33,9 @@ pub async fn process(
         let is_toe_off = evaluate_frame(insole, shared, seq, &frame.codes);
         let cycles = stopwatch.cycles_since(start);
         frames.receive_done();
+        if !shared.scan.is_worn() && insole.is_loaded() {
+            set_scan_interval(shared, 1);
+        }
         let ellipses_due = shared.session.borrow_mut().ellipses.due();
         if let Some(sequence) = ellipses_due {
             push_ellipses(insole, shared, sequence, insole.time_us(seq));
@@ -41,6 +48,7 @@ pub async fn process(
                 counters.frame_cycles = (least.min(cycles), most.max(cycles));
             }
             counters.rejected = insole.rejected();
+            counters.add_processing(cycles, S::CYCLES_PER_MS);
         }
         report_faults(insole.faults(), shared);
         if is_toe_off {
@@ -119,8 +127,16 @@ fn adopt_tissue(insole: &mut DeviceInsole, shared: &Shared) {
     }
 }
 
-/// Executes the requests of hosts that concern alerts and baselines, and publishes the load of the day. A change takes effect within
-/// a second.
+/// Lets every frame be scanned, or one frame in `interval`.
+#[cold]
+fn set_scan_interval(shared: &Shared, interval: u32) {
+    if shared.scan.interval.swap(interval, Ordering::Relaxed) != interval {
+        log::info!("scan: {} from one scan to the next", interval);
+    }
+}
+
+/// Executes the requests of hosts that concern alerts and baselines, publishes the load of the day, and determines whether the insole
+/// is worn. A change takes effect within a second.
 #[cold]
 #[inline(never)]
 fn end_second(insole: &mut DeviceInsole, shared: &Shared) {
@@ -138,6 +154,8 @@ fn end_second(insole: &mut DeviceInsole, shared: &Shared) {
     if let Some(snooze_s) = snooze_s {
         insole.snooze_alerts(snooze_s);
     }
+    let is_worn = insole.unloaded_s() < UNWORN_AFTER_S || session.streams_cells() || insole.is_zero_requested();
+    set_scan_interval(shared, if is_worn { 1 } else { insole.second_frames() });
     if let Some(unix_us) = session.unix_us(shared.frame_us.get()) {
         insole.enter_day(session.alert_rules().day(unix_us));
     }

@@ -6,6 +6,7 @@ use crate::pipeline::setup::DEVICE_CELLS;
 use core::sync::atomic::{AtomicU32, Ordering};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::Sender;
+use embassy_time::Instant;
 
 /// One scan of the matrix.
 pub struct Frame {
@@ -19,12 +20,17 @@ impl Frame {
 }
 
 /// The counters of the scan. They are atomic because they are read at a lower priority.
-#[derive(Default)]
 pub struct ScanCounters {
     /// Number of frame times without a complete scan.
     pub(super) missed: AtomicU32,
     /// Number of frames that were not scanned because the queue to processing was full.
     pub(super) overrun: AtomicU32,
+    /// Number of frames that were not scanned because the insole is not worn.
+    pub(super) skipped: AtomicU32,
+    /// Frames whose number is a multiple of this one are scanned: 1 while the insole is worn. Processing changes it.
+    pub(super) interval: AtomicU32,
+    /// Time of all scans, ms; wraps.
+    pub(super) scanning_ms: AtomicU32,
     /// When the first scan was due, us since the start.
     pub(super) began_us: AtomicU32,
     /// Progress of scan, processing and link.
@@ -37,9 +43,23 @@ impl ScanCounters {
         Self {
             missed: AtomicU32::new(0),
             overrun: AtomicU32::new(0),
+            skipped: AtomicU32::new(0),
+            interval: AtomicU32::new(1),
+            scanning_ms: AtomicU32::new(0),
             began_us: AtomicU32::new(0),
             heartbeats: Heartbeats::new(),
         }
+    }
+
+    /// True while every frame is scanned.
+    pub(super) fn is_worn(&self) -> bool {
+        self.interval.load(Ordering::Relaxed) == 1
+    }
+}
+
+impl Default for ScanCounters {
+    fn default() -> Self {
+        Self::new()
     }
 }
 
@@ -49,7 +69,7 @@ fn add(counter: &AtomicU32, count: u32) {
 }
 
 /// Scans at the frame times of the clock. Never waits for processing: if the queue of frames is full, the scan is skipped and
-/// counted. Never returns.
+/// counted. While the insole is not worn, it scans one frame a second. Never returns.
 pub async fn scan(
     mut clock: impl FrameClock,
     mut matrix: impl Matrix,
@@ -59,16 +79,25 @@ pub async fn scan(
     // Scanning begins within the first hour after the start, so the time in us fits into 32 bits.
     counters.began_us.store(clock.start().as_micros() as u32, Ordering::Relaxed);
     let mut last = None;
+    let mut scanning_us = 0;
     loop {
         let seq = clock.next().await;
         counters.heartbeats.scan_progressed();
         let elapsed = seq.wrapping_sub(last.replace(seq).unwrap_or(seq.wrapping_sub(1)));
         add(&counters.missed, elapsed.wrapping_sub(1));
+        if !seq.is_multiple_of(counters.interval.load(Ordering::Relaxed)) {
+            add(&counters.skipped, 1);
+            continue;
+        }
         let Some(frame) = frames.try_send() else {
             add(&counters.overrun, 1);
             continue;
         };
-        match scan_frame(&mut matrix, seq, &mut frame.codes, &counters.heartbeats).await {
+        let began = Instant::now();
+        let scanned = scan_frame(&mut matrix, seq, &mut frame.codes, &counters.heartbeats).await;
+        scanning_us += began.elapsed().as_micros();
+        counters.scanning_ms.store((scanning_us / 1000) as u32, Ordering::Relaxed);
+        match scanned {
             Ok(()) => {
                 frame.seq = seq;
                 frames.send_done();

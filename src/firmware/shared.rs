@@ -1,5 +1,6 @@
 //! The state that processing, carriers and storage share.
 
+use super::board::Gauges;
 use super::scan::ScanCounters;
 use crate::log;
 use crate::pipeline::cadence::Cadence;
@@ -48,8 +49,7 @@ pub struct Shared {
     serial_bytes_per_s: u32,
     pub(super) counters: RefCell<ProcessCounters>,
     pub(super) scan: &'static ScanCounters,
-    /// Returns the deepest use of the stack so far, bytes.
-    stack_bytes: fn() -> u32,
+    gauges: Gauges,
     /// Load records that [`super::persist::persist`] has not taken yet.
     pub(super) records: Channel<NoopRawMutex, LoadRecord, RECORD_QUEUE>,
     /// The bonded centrals.
@@ -71,13 +71,32 @@ pub(super) struct ProcessCounters {
     pub(super) rejected: Rejected,
     pub(super) bad_frames: u32,
     pub(super) frame_cycles: (u32, u32),
+    /// Time of the evaluation of all frames, ms; wraps. Without the evaluation of steps.
+    pub(super) processing_ms: u32,
+    /// Cycles that are not part of a complete millisecond yet.
+    pub(super) rest_cycles: u32,
+}
+
+impl ProcessCounters {
+    /// Adds the time of a frame.
+    pub(super) fn add_processing(&mut self, cycles: u32, cycles_per_ms: u32) {
+        self.rest_cycles = self.rest_cycles.saturating_add(cycles);
+        self.processing_ms = self.processing_ms.wrapping_add(self.rest_cycles / cycles_per_ms);
+        self.rest_cycles %= cycles_per_ms;
+    }
 }
 
 impl Shared {
     /// The state before the first connection.
-    pub fn new(hello: Hello, serial_bytes_per_s: u32, scan: &'static ScanCounters, stack_bytes: fn() -> u32) -> Self {
-        let counters =
-            ProcessCounters { steps: 0, rejected: Rejected::default(), bad_frames: 0, frame_cycles: (u32::MAX, 0) };
+    pub fn new(hello: Hello, serial_bytes_per_s: u32, scan: &'static ScanCounters, gauges: Gauges) -> Self {
+        let counters = ProcessCounters {
+            steps: 0,
+            rejected: Rejected::default(),
+            bad_frames: 0,
+            frame_cycles: (u32::MAX, 0),
+            processing_ms: 0,
+            rest_cycles: 0,
+        };
         Self {
             session: RefCell::new(Session::new()),
             carrier: Cell::new(Carrier::Serial),
@@ -88,7 +107,7 @@ impl Shared {
             serial_bytes_per_s,
             counters: RefCell::new(counters),
             scan,
-            stack_bytes,
+            gauges,
             records: Channel::new(),
             bonds: RefCell::default(),
             bonds_changed: Cell::default(),
@@ -229,10 +248,15 @@ impl Shared {
             rejected: counters.rejected,
             bad_frames: counters.bad_frames,
             frame_cycles: counters.frame_cycles,
-            stack_bytes: (self.stack_bytes)(),
+            stack_bytes: (self.gauges.stack_bytes)(),
             not_stored: self.not_stored.get(),
             contents: self.contents.get(),
             update_key: key_id(&KEY),
+            is_worn: self.scan.is_worn(),
+            frames_skipped: self.scan.skipped.load(Ordering::Relaxed),
+            scanning_ms: self.scan.scanning_ms.load(Ordering::Relaxed),
+            processing_ms: counters.processing_ms,
+            supply_mv: (self.gauges.supply_mv)(),
             ..Status::default()
         }
     }

@@ -1,6 +1,7 @@
 //! The start that every board shares: it creates the state of the loops from a flash chip and a configuration.
 
 use super::DeviceInsole;
+use super::board::Gauges;
 use super::scan::{Frame, ScanCounters};
 use super::shared::Shared;
 use crate::insole::Insole;
@@ -126,7 +127,7 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     image: &Header,
     configuration: Configuration<impl Iterator<Item = SetupCell> + Clone>,
     counters: &'static ScanCounters,
-    stack_bytes: fn() -> u32,
+    gauges: Gauges,
 ) -> Started<F> {
     log::info!("start: firmware {}, reset: {}", image.version(), boot.reset.name());
     if let Some(fault) = &boot.fault {
@@ -195,7 +196,7 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     );
     hello.layout_id = settings.map_or(setup.layout_id, |settings| settings.id(setup.layout_id));
     let (to_process, scanned) = memory.channel.init(Channel::new(memory.frames.take())).split();
-    let shared = init_shared(&memory.shared, hello, serial_bytes_per_s, counters, stack_bytes);
+    let shared = init_shared(&memory.shared, hello, serial_bytes_per_s, counters, gauges);
     shared.restore(store, identity, calibration_id).await;
     {
         let mut session = shared.session.borrow_mut();
@@ -243,9 +244,9 @@ fn init_shared(
     hello: Hello,
     serial_bytes_per_s: u32,
     counters: &'static ScanCounters,
-    stack_bytes: fn() -> u32,
+    gauges: Gauges,
 ) -> &'static Shared {
-    memory.init(Shared::new(hello, serial_bytes_per_s, counters, stack_bytes))
+    memory.init(Shared::new(hello, serial_bytes_per_s, counters, gauges))
 }
 
 /// The text of [`Hello::last_panic`] if the stored parameters cannot be used.

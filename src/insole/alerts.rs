@@ -33,6 +33,16 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.has_ended_second
     }
 
+    /// Number of complete seconds since the last load.
+    pub fn unloaded_s(&self) -> u32 {
+        self.cumulative.unloaded_s()
+    }
+
+    /// Number of frames in a second.
+    pub fn second_frames(&self) -> u32 {
+        self.cumulative.second_frames()
+    }
+
     /// Replaces the rules of alerts. The load of the day remains; the time under sustained load begins again if its limits are new.
     /// The caller has checked that the rules are valid.
     pub fn set_alert_rules(&mut self, rules: &AlertRules) {

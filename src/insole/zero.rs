@@ -16,6 +16,11 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.detector.request_zero(true);
     }
 
+    /// True while a requested measurement is in progress.
+    pub fn is_zero_requested(&self) -> bool {
+        self.zero_s > 0
+    }
+
     /// The outcome of a requested measurement; `None` without a request, and while it is in progress. To be called once a second.
     pub fn take_zero(&mut self) -> Option<Result<ZeroResult, NotLifted>> {
         if self.zero_s == 0 {

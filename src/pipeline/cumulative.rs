@@ -125,6 +125,8 @@ pub(crate) struct CumulativeLoad<R> {
     part_s: u16,
     /// Bit i: region i is under sustained load.
     sustained: u8,
+    /// Number of complete seconds since the last load.
+    unloaded_s: u32,
     pub(crate) totals: Totals,
 }
 
@@ -138,6 +140,7 @@ impl<R: Real> CumulativeLoad<R> {
             part: 0,
             part_s: 0,
             sustained: 0,
+            unloaded_s: 0,
             totals: Totals::NONE,
         }
     }
@@ -208,12 +211,23 @@ impl<R: Real> CumulativeLoad<R> {
             total.sustained_s += u32::from(self.sustained & bit != 0);
         }
         self.totals.loaded_s += u32::from(is_loaded);
+        self.unloaded_s = if is_loaded { 0 } else { self.unloaded_s.saturating_add(1) };
         self.frames -= self.second_frames;
         if self.part_s >= part_s {
             self.part = oldest as u8;
             self.part_s = 0;
             self.windows.iter_mut().for_each(|window| window[oldest] = 0);
         }
+    }
+
+    /// Number of frames in a second.
+    pub(crate) fn second_frames(&self) -> u32 {
+        self.second_frames
+    }
+
+    /// Number of complete seconds since the last load.
+    pub(crate) fn unloaded_s(&self) -> u32 {
+        self.unloaded_s
     }
 
     /// Bit i: region i is under sustained load.

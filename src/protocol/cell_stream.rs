@@ -52,6 +52,11 @@ impl CellSender {
             stream.map(|stream| Running { stream, coder: CellCoder::new(stream.resolution), skip: 0, dropped: 0 });
     }
 
+    /// True from the start of a stream until its end.
+    pub fn is_running(&self) -> bool {
+        self.running.is_some()
+    }
+
     /// Packs the codes of a scan, where it is due. A full queue drops it: a frame that is packed is needed for the next one.
     pub fn push(&mut self, scan: u32, codes: &[u16]) {
         let Some(running) = &mut self.running else { return };

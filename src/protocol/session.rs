@@ -287,6 +287,11 @@ impl Session {
         }
     }
 
+    /// True while a host receives all cells.
+    pub fn streams_cells(&self) -> bool {
+        self.cells.is_running()
+    }
+
     /// Packs and queues the codes of a scan for a host that receives all cells.
     pub fn push_cells(&mut self, scan: u32, codes: &[u16]) {
         self.cells.push(scan, codes);

@@ -44,6 +44,25 @@ pub struct Status {
     pub is_clock_set: bool,
     /// Identifies the key with which updates must be signed, by its first four bytes.
     pub update_key: u32,
+    /// The insole is worn: every frame is scanned. An insole that was not loaded for a minute is not worn, and scans one frame a
+    /// second until it is loaded.
+    pub is_worn: bool,
+    /// Number of frames that were not scanned because the insole was not worn.
+    pub frames_skipped: u32,
+    /// Time since the start in which the matrix was scanned, ms.
+    pub scanning_ms: u32,
+    /// Time since the start in which frames were evaluated, ms; without the evaluation of steps.
+    pub processing_ms: u32,
+    /// Supply of the controller, mV; `None` if the board does not measure it.
+    pub supply_mv: Option<u16>,
+}
+
+impl Status {
+    /// Number of frame times since the first scan, whether their frames were processed or not; wraps.
+    pub fn frame_times(&self) -> u32 {
+        let Self { frames, frames_missed, frames_overrun, frames_skipped, .. } = *self;
+        frames.wrapping_add(frames_missed).wrapping_add(frames_overrun).wrapping_add(frames_skipped)
+    }
 }
 
 /// The contents of the flash chip, as far as they are known.

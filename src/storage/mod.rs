@@ -14,6 +14,7 @@ pub mod partition;
 pub mod previous;
 mod records;
 mod store;
+pub mod supplied;
 pub mod update;
 
 pub use records::{

@@ -253,6 +253,11 @@ pub fn status() -> Status {
         },
         is_clock_set: true,
         update_key: 17,
+        is_worn: true,
+        frames_skipped: 18,
+        scanning_ms: 19,
+        processing_ms: 20,
+        supply_mv: Some(3300),
     }
 }
 

@@ -13,7 +13,7 @@ use embassy_time::Timer;
 use emulation::{ACTIVE_IMAGE, FLASH_BYTES};
 use firmware_image::Image;
 use plantar::firmware::ble::GattSession;
-use plantar::firmware::board::Ticker;
+use plantar::firmware::board::{Gauges, Ticker};
 use plantar::firmware::scan::ScanCounters;
 use plantar::firmware::start::{BootReport, Configuration, MAX_FAILED_STARTS, Memory, Started, start};
 use plantar::firmware::supervise::{CHECK_PERIOD_MS, HEALTHY_CHECKS, Watchdog};
@@ -316,7 +316,8 @@ impl BootResources {
                 }
                 Some(chip)
             };
-            let started = start(memory, chip, report, image, configuration, counters, || 0).await;
+            let gauges = Gauges { stack_bytes: || 0, supply_mv: || None };
+            let started = start(memory, chip, report, image, configuration, counters, gauges).await;
             let Started { insole, store, shared, to_process, scanned, period_us } = started;
             for_scan.replace(Some((Ticker::new(period_us), to_process)));
             for_process.replace(Some((insole, scanned, shared)));

@@ -265,6 +265,8 @@ pub struct Expect {
     pub loses_live: Option<bool>,
     /// Number of frames of the first insole without a complete scan since its last start.
     pub frames_missed: Option<u32>,
+    /// Number of frames of the first insole that were not scanned since its last start, because it was not worn.
+    pub frames_skipped: Option<u32>,
     /// Numbers of contacts of the first insole since its last start that were rejected as steps: too short, too long, interrupted
     /// by missing frames.
     pub rejected: Option<[u32; 3]>,
@@ -627,6 +629,9 @@ impl Outcome {
         if let Some(missed) = expect.frames_missed {
             compare("missed frames", missed.to_string(), status.frames_missed.to_string());
         }
+        if let Some(skipped) = expect.frames_skipped {
+            compare("skipped frames", skipped.to_string(), status.frames_skipped.to_string());
+        }
         if let Some(rejected) = expect.rejected {
             let found = [status.rejected.short, status.rejected.long, status.rejected.broken];
             compare("rejected contacts", format!("{rejected:?}"), format!("{found:?}"));
@@ -742,7 +747,7 @@ impl InsoleOutcome {
         // A frame may be scanned and not yet processed.
         check("frames", status.frames, self.frames, 1)?;
         // The start of the firmware takes some frame periods.
-        let frames = status.frames + status.frames_missed + status.frames_overrun;
+        let frames = status.frame_times();
         check("frame periods", frames, self.elapsed_frames, 12)?;
         if status.live_sent > status.live_due {
             return Err(format!("live frames: {} were due, {} sent", status.live_due, status.live_sent));

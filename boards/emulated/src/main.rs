@@ -30,7 +30,7 @@ use injected_fault::{MayStall, inject};
 use plant::{Clock, FRAME_TAKEN, PlantMatrix};
 use plantar::Side;
 use plantar::firmware::ble::GattSession;
-use plantar::firmware::board::{Stopwatch, Ticker};
+use plantar::firmware::board::{Gauges, Stopwatch, Ticker};
 use plantar::firmware::scan::{Frame, ScanCounters};
 use plantar::firmware::shared::Shared;
 use plantar::firmware::start::{BootReport, Configuration, Memory, Started, start};
@@ -77,6 +77,8 @@ const PROCESSING: [InjectedFault; 4] =
 struct SysTick;
 
 impl Stopwatch for SysTick {
+    const CYCLES_PER_MS: u32 = RELOAD + 1;
+
     fn start(&self) -> u32 {
         // Processing calls this function whenever it has taken a frame from the queue. A real stopwatch does only the last line;
         // this board also uses the call to wake the paced clock and to inject faults into processing.
@@ -180,7 +182,8 @@ async fn start_with(
 ) -> Started<FlashFile> {
     let restart = cortex_m::peripheral::SCB::sys_reset;
     let configuration = Configuration { setup, cells, serial_bytes_per_s: SERIAL_BYTES_PER_S, fault, restart };
-    start(&MEMORY, chip, boot, image, configuration, &SCAN_COUNTERS, cortex_m_platform::stack_bytes).await
+    let gauges = Gauges { stack_bytes: cortex_m_platform::stack_bytes, supply_mv: || None };
+    start(&MEMORY, chip, boot, image, configuration, &SCAN_COUNTERS, gauges).await
 }
 
 #[embassy_executor::task]

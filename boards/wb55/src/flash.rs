@@ -13,6 +13,7 @@ use embassy_stm32::{Peri, bind_interrupts, dma, pac};
 use embassy_time::{Delay, Timer};
 use embedded_hal_bus::spi::ExclusiveDevice;
 use plantar::storage::flash_map::CHIP_BYTES;
+use plantar::storage::supplied::Supplied;
 use w25::{JedecId, MajorDeviceId, Q, W25};
 
 bind_interrupts!(struct Irqs {
@@ -23,8 +24,9 @@ bind_interrupts!(struct Irqs {
 /// Bit rate of the SPI: a step is written in half a millisecond. The chip allows 50 MHz, but wires on a breadboard do not.
 const BIT_HZ: u32 = 16_000_000;
 
-/// The chip.
-pub type Chip = W25<Q, ExclusiveDevice<Spi<'static, Async, Master>, Output<'static>, Delay>, (), ()>;
+/// The chip, which is written and erased only while its supply is sufficient.
+pub type Chip =
+    Supplied<W25<Q, ExclusiveDevice<Spi<'static, Async, Master>, Output<'static>, Delay>, (), ()>, fn() -> bool>;
 
 /// The level of the voltage detector: 2.8 V. The chip works from 2.7 V on.
 const SUPPLY_LEVEL: u8 = 5;
@@ -39,9 +41,14 @@ async fn supplied() {
     });
     // The detector needs some microseconds.
     Timer::after_millis(1).await;
-    while pac::PWR.sr2().read().pvdo() {
+    while !is_supplied() {
         Timer::after_millis(1).await;
     }
+}
+
+/// True if the supply is above [`SUPPLY_LEVEL`]. The detector must have been started.
+fn is_supplied() -> bool {
+    !pac::PWR.sr2().read().pvdo()
 }
 
 /// Opens the chip once its supply is high enough and it is ready; the caller limits the time. Returns `None` if the chip does not
@@ -71,5 +78,5 @@ pub async fn open(
         }
         Timer::after_millis(1).await;
     }
-    Some(chip)
+    Some(Supplied::new(chip, is_supplied))
 }

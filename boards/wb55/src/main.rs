@@ -32,7 +32,7 @@ use flash::Chip;
 use matrix::ResistiveMatrix;
 use plantar::Side;
 use plantar::firmware::ble::GattSession;
-use plantar::firmware::board::{Stopwatch, Ticker};
+use plantar::firmware::board::{Gauges, Stopwatch, Ticker};
 use plantar::firmware::scan::{Frame, ScanCounters};
 use plantar::firmware::shared::Shared;
 use plantar::firmware::start::{Configuration, Memory, Started, start};
@@ -99,6 +99,8 @@ static RECEIVED: ConstStaticCell<[u8; 288]> = ConstStaticCell::new([0; 288]);
 struct CycleCounter;
 
 impl Stopwatch for CycleCounter {
+    const CYCLES_PER_MS: u32 = CORE_KHZ;
+
     fn start(&self) -> u32 {
         DWT::cycle_count()
     }
@@ -228,7 +230,7 @@ async fn main(spawner: Spawner) {
         p.PA9.degrade_adc(),
     ];
     let address = [line(p.PC6.into()), line(p.PC10.into()), line(p.PC12.into()), line(p.PB8.into())];
-    let matrix = ResistiveMatrix::new(p.ADC1, p.DMA1_CH1, columns, address, line(p.PB9.into()));
+    let matrix = ResistiveMatrix::new(p.ADC1, p.DMA1_CH1, columns, address, line(p.PB9.into()), line(p.PC11.into()));
     let side = if strap.is_low() { Side::Right } else { Side::Left };
     let select = Output::new(p.PB12, Level::High, Speed::Medium);
     let is_started_by_user = matches!(boot.reset, Reset::Power | Reset::Pin);
@@ -244,8 +246,8 @@ async fn main(spawner: Spawner) {
         fault: if has_crystal { None } else { NO_CRYSTAL.try_into().ok() },
         restart: cortex_m::peripheral::SCB::sys_reset,
     };
-    let stack_bytes = cortex_m_platform::stack_bytes;
-    let started = block_on(start(&MEMORY, chip, boot, image, configuration, &SCAN_COUNTERS, stack_bytes));
+    let gauges = Gauges { stack_bytes: cortex_m_platform::stack_bytes, supply_mv: matrix::supply_mv };
+    let started = block_on(start(&MEMORY, chip, boot, image, configuration, &SCAN_COUNTERS, gauges));
     let Started { insole, store, shared, to_process, scanned, period_us } = started;
     let mut link = usart::Config::default();
     link.baudrate = LINK_BIT_HZ;

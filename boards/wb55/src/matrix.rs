@@ -1,16 +1,19 @@
 //! The resistive matrix: a row at ground through an analogue switch, all columns through ADC1 into memory by DMA.
 //!
 //! Time of a row at 64 MHz (`docs/hardware.md`): 30 us for settling, 16 columns x 16 conversions x 25 cycles = 100 us for the
-//! conversions, and an allowance of 15 us for set-up and wake-ups. 16 rows take 2.32 ms, and 2.34 ms with the first conversion,
-//! which is discarded, of the 2.5 ms of a frame at 400 Hz. After a longer scan, the next scan starts late, or is skipped and
-//! counted.
+//! conversions, and an allowance of 15 us for set-up and wake-ups. 16 rows take 2.32 ms, and 2.44 ms with the start of the
+//! amplifiers and the first conversion, which is discarded, of the 2.5 ms of a frame at 400 Hz. After a longer scan, the next scan
+//! starts late, or is skipped and counted: so does the scan after the supply was measured, every ten seconds, at 400 Hz.
+//!
+//! Between scans the amplifiers are off, and no row is connected.
 
+use core::sync::atomic::{AtomicU16, Ordering};
 use embassy_stm32::adc::vals::{OversamplingRatio, OversamplingShift, Rovsm, Trovs};
-use embassy_stm32::adc::{Adc, AdcConfig, AnyAdcChannel, SampleTime};
+use embassy_stm32::adc::{Adc, AdcChannel, AdcConfig, AnyAdcChannel, SampleTime};
 use embassy_stm32::gpio::Output;
 use embassy_stm32::peripherals::{ADC1, DMA1_CH1};
-use embassy_stm32::{Peri, bind_interrupts, dma};
-use embassy_time::{Duration, Timer, with_timeout};
+use embassy_stm32::{Peri, bind_interrupts, dma, pac};
+use embassy_time::{Duration, Instant, Timer, with_timeout};
 use plantar::firmware::board::{Matrix, MatrixTimeout};
 use plantar::firmware::layout::{COLUMNS, ROWS, WIRING};
 use plantar::pipeline::calibrate::FULL_CODE;
@@ -24,12 +27,31 @@ bind_interrupts!(struct Irqs {
 /// within 1/4096 of the final value in 21 us (`docs/hardware.md`); the rest is a margin for longer lines.
 const SETTLE: Duration = Duration::from_micros(30);
 
+/// Time from switching on the amplifiers to a settled output. The amplifiers need 35 us, and the virtual ground behind its filter
+/// 40 us.
+const AMPLIFIERS_START: Duration = Duration::from_micros(100);
+
 /// Sampling time of a conversion: 195 ns at 64 MHz, two time constants of the 100 ohm and 1 nF at each input. Only the first of
 /// 16 conversions starts with the charge of another column. A conversion takes another 12.5 cycles (RM0434, ADC timing).
 const SAMPLE: SampleTime = SampleTime::CYCLES12_5;
 
 /// Ten times the conversion time of a row. A frame in which a row takes longer is abandoned and counted as missed.
 const CONVERSION_TIMEOUT: Duration = Duration::from_millis(1);
+
+/// Time between two measurements of the supply.
+const SUPPLY_PERIOD: Duration = Duration::from_secs(10);
+/// Sampling time of the internal reference, which needs at least 4 us: 10 us at 64 MHz.
+const REFERENCE_SAMPLE: SampleTime = SampleTime::CYCLES640_5;
+/// The supply at which the reference was measured when the chip was made, mV (DS11929, internal voltage reference).
+const CALIBRATION_MV: u32 = 3_600;
+
+/// The supply, mV; 0 until it is measured.
+static SUPPLY_MV: AtomicU16 = AtomicU16::new(0);
+
+/// The supply, mV; `None` until the first measurement.
+pub fn supply_mv() -> Option<u16> {
+    Some(SUPPLY_MV.load(Ordering::Relaxed)).filter(|&supply_mv| supply_mv > 0)
+}
 
 /// Codes from here on count as full scale: an amplifier may saturate up to 1 %, 33 mV, below its supply of 3.3 V.
 const CLIPPED: u16 = FULL_CODE - FULL_CODE / 100;
@@ -42,6 +64,12 @@ pub struct ResistiveMatrix {
     /// Address lines of the row switch, the least significant bit first.
     address: [Output<'static>; 4],
     enable: Output<'static>,
+    /// Switches on the amplifiers.
+    amplifiers: Output<'static>,
+    /// The internal reference voltage.
+    reference: AnyAdcChannel<'static, ADC1>,
+    /// The supply is measured from then on.
+    supply_due: Instant,
 }
 
 impl ResistiveMatrix {
@@ -52,6 +80,7 @@ impl ResistiveMatrix {
         columns: [AnyAdcChannel<'static, ADC1>; COLUMNS],
         address: [Output<'static>; 4],
         enable: Output<'static>,
+        amplifiers: Output<'static>,
     ) -> Self {
         let config = AdcConfig {
             oversampling_ratio: Some(OversamplingRatio::RATIO16),
@@ -59,7 +88,9 @@ impl ResistiveMatrix {
             oversampling_mode: Some((Rovsm::CONTINUED, Trovs::AUTOMATIC, true)),
             ..Default::default()
         };
-        Self { adc: Adc::new_with_config(adc, config), dma, columns, address, enable }
+        let adc = Adc::new_with_config(adc, config);
+        let reference = adc.enable_vrefint().degrade_adc();
+        Self { adc, dma, columns, address, enable, amplifiers, reference, supply_due: Instant::MIN }
     }
 
     /// Disconnects all rows, then connects this one.
@@ -79,6 +110,23 @@ impl ResistiveMatrix {
         with_timeout(CONVERSION_TIMEOUT, read).await.map_err(|_| MatrixTimeout)?;
         Ok(codes)
     }
+
+    /// Measures the supply when it is due.
+    async fn measure_supply(&mut self) -> Result<(), MatrixTimeout> {
+        if Instant::now() < self.supply_due {
+            return Ok(());
+        }
+        self.supply_due = Instant::now() + SUPPLY_PERIOD;
+        let mut code = [0; 1];
+        let sequence = core::iter::once((&mut self.reference, REFERENCE_SAMPLE));
+        let read = self.adc.read(self.dma.reborrow(), Irqs, sequence, &mut code);
+        with_timeout(CONVERSION_TIMEOUT, read).await.map_err(|_| MatrixTimeout)?;
+        // The code is the sum of 16 conversions (RM0434, "Calculating the actual VDDA voltage").
+        let calibration = u32::from(pac::VREFINTCAL.data().read());
+        let supply_mv = (CALIBRATION_MV * calibration * 16).checked_div(code[0].into()).unwrap_or(0);
+        SUPPLY_MV.store(supply_mv as u16, Ordering::Relaxed);
+        Ok(())
+    }
 }
 
 impl Matrix for ResistiveMatrix {
@@ -88,6 +136,8 @@ impl Matrix for ResistiveMatrix {
 
     async fn read_row(&mut self, _seq: u32, row: usize, codes: &mut [u16; DEVICE_CELLS]) -> Result<(), MatrixTimeout> {
         if row == 0 {
+            self.amplifiers.set_high();
+            Timer::after(AMPLIFIERS_START).await;
             // The first conversion after a pause of more than 1 ms may be wrong (an erratum of this family of converters).
             self.convert::<1>().await?;
         }
@@ -96,6 +146,10 @@ impl Matrix for ResistiveMatrix {
         let converted = self.convert::<COLUMNS>().await;
         // Between rows and frames no cell draws current.
         self.enable.set_low();
+        if row + 1 == ROWS {
+            self.amplifiers.set_low();
+            self.measure_supply().await?;
+        }
         for (&cell, code) in WIRING.get(row).into_iter().flatten().zip(converted?) {
             if let Some(cell) = cell {
                 codes[usize::from(cell)] = if code < CLIPPED { code } else { FULL_CODE };

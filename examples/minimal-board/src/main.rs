@@ -17,7 +17,7 @@ use embedded_storage_async::nor_flash::{
     ErrorType, MultiwriteNorFlash, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
 };
 use plantar::Side;
-use plantar::firmware::board::{Matrix, MatrixTimeout, Stopwatch, Ticker};
+use plantar::firmware::board::{Gauges, Matrix, MatrixTimeout, Stopwatch, Ticker};
 use plantar::firmware::scan::{Frame, ScanCounters};
 use plantar::firmware::shared::Shared;
 use plantar::firmware::start::{Configuration, Memory, Started, start};
@@ -139,6 +139,8 @@ impl Write for NoPort {
 struct NoCycles;
 
 impl Stopwatch for NoCycles {
+    const CYCLES_PER_MS: u32 = 1;
+
     fn start(&self) -> u32 {
         0
     }
@@ -162,9 +164,8 @@ async fn main(spawner: Spawner) {
         fault: None,
         restart: cortex_m::peripheral::SCB::sys_reset,
     };
-    let stack_bytes = cortex_m_platform::stack_bytes;
-    let started =
-        block_on(start(&MEMORY, async { Some(NoChip) }, boot, image, configuration, &SCAN_COUNTERS, stack_bytes));
+    let gauges = Gauges { stack_bytes: cortex_m_platform::stack_bytes, supply_mv: || None };
+    let started = block_on(start(&MEMORY, async { Some(NoChip) }, boot, image, configuration, &SCAN_COUNTERS, gauges));
     let Started { insole, store, shared, to_process, scanned, period_us } = started;
     // Each task has static memory of its own and is spawned once, so spawning cannot fail.
     SCAN_EXECUTOR.start(SpareInterrupt).spawn(run_scan(Ticker::new(period_us), to_process).unwrap());

@@ -263,7 +263,7 @@ impl Emulate {
                 }
                 // The insole sends its status after all messages that were due before, so none of them is missing.
                 Some(ToHost::Status(status)) => {
-                    let done = status.frames + status.frames_missed + status.frames_overrun;
+                    let done = status.frame_times();
                     if done >= scans || self.has_enough(&records.steps) || view.wants_to_end()? {
                         return Ok(Outcome { records, status });
                     }

@@ -8,7 +8,7 @@ use client::ReconnectPolicy;
 use plantar::Side;
 use plantar::pipeline::baseline::MAX_RESIDUAL_KPA;
 use plantar::pipeline::calibrate::CellCalibration;
-use plantar::protocol::{Identity, Serial};
+use plantar::protocol::{Identity, Serial, Status};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
@@ -181,6 +181,7 @@ fn show(connection: &Connection) -> Result<()> {
         hello.reset.name(),
         contents.next_record
     );
+    print_power(&status);
     if let Some(last) = &hello.last_panic {
         println!("note: the insole reports a failure: {last}");
     }
@@ -216,6 +217,20 @@ fn show(connection: &Connection) -> Result<()> {
         println!("warning: {warning}");
     }
     Ok(())
+}
+
+/// Prints what determines how long the battery lasts.
+fn print_power(status: &Status) {
+    let share = |ms: u32| 100.0 * f64::from(ms) * 1000.0 / status.uptime_us.max(1) as f64;
+    let unworn = 100.0 * f64::from(status.frames_skipped) / f64::from(status.frame_times().max(1));
+    let worn = if status.is_worn { "worn" } else { "not worn: it scans once a second until it is loaded" };
+    println!("the insole is {worn}; since its start it was not worn {unworn:.0} % of the time");
+    println!(
+        "scanning {:.1} %, evaluating frames {:.1} % of the time{}",
+        share(status.scanning_ms),
+        share(status.processing_ms),
+        status.supply_mv.map_or(String::new(), |mv| format!("; supply {:.2} V", f64::from(mv) / 1000.0))
+    );
 }
 
 /// Measures the baselines, and prints the result.

@@ -310,6 +310,7 @@ fn an_insole_is_named_calibrated_and_shown() {
     assert_eq!(session.lock().expect("no panic").identity().calibration_id, id.id());
     let (done, text, _) = run("show");
     assert!(done && text.contains("P-0001") && text.contains("steps, load bouts and alerts so far"), "{text}");
+    assert!(text.contains("the insole is not worn") && text.contains("scanning 0.0 %"), "{text}");
     assert!(run("restart").0);
 }
 

@@ -15,6 +15,7 @@ use embassy_embedded_hal::adapter::BlockingAsync;
 use embassy_embedded_hal::flash::partition::BlockingPartition;
 use embassy_stm32::flash::Flash;
 use embassy_stm32::gpio::{Level, Output, Pull, Speed};
+use embassy_stm32::pac;
 use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::rcc::{LsConfig, MSIRange};
 use embassy_stm32::spi::{self, Spi};
@@ -27,14 +28,25 @@ use embedded_hal_bus::spi::ExclusiveDevice;
 use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use plantar::storage::boot::{BUFFER, config, poll_at_most};
 use plantar::storage::flash_map::{ACTIVE, BOOTLOADER, CHIP_BYTES, MAX_IMAGE};
+use plantar::storage::supplied::Supplied;
 use w25::{Q, W25};
 
 /// The watchdog resets the board after this time, us: if the swap of one sector takes longer, which takes less than a second, or
 /// if the started image does not feed the watchdog. An image on trial is then swapped back.
 const WATCHDOG_US: u32 = 20_000_000;
 
+/// The level of the voltage detector: 2.8 V. The flash chip works from 2.7 V on.
+const SUPPLY_LEVEL: u8 = 5;
+/// The detector needs some microseconds after its start. At 32 MHz, this is 100 us.
+const DETECTOR_STARTS_CYCLES: u32 = 3_200;
+
 /// Number of times that a busy chip is asked again, at some 10 us each. The longest operation of the chip takes 0.4 s.
 const BUSY_POLLS: u32 = 100_000;
+
+/// True if the supply is sufficient for the flash chip.
+fn is_supplied() -> bool {
+    !pac::PWR.sr2().read().pvdo()
+}
 
 /// The controller's own flash. Each erase operation, one for each sector of a swap, feeds the watchdog.
 struct Fed<F> {
@@ -92,12 +104,18 @@ fn main() -> ! {
     let Ok(device) = ExclusiveDevice::new_no_delay(BlockingAsync::new(bus), select);
     // Opening waits only while the chip is busy. A chip that stays busy does not prevent the start.
     if let Some(Ok(chip)) = poll_at_most(BUSY_POLLS, W25::<Q, _, _, _>::new_no_pins(device, CHIP_BYTES)) {
-        let chip = Mutex::new(chip);
+        pac::PWR.cr2().modify(|w| {
+            w.set_pls(SUPPLY_LEVEL);
+            w.set_pvde(true);
+        });
+        cortex_m::asm::delay(DETECTOR_STARTS_CYCLES);
+        let chip = Mutex::new(Supplied::new(chip, is_supplied));
         let flash = Flash::new_blocking(p.FLASH).into_blocking_regions().bank1_region;
         let own = BlockingMutex::<NoopRawMutex, _>::new(RefCell::new(Fed { flash, watchdog }));
         let active = BlockingPartition::new(&own, ACTIVE.start - BOOTLOADER.start, MAX_IMAGE);
         if BootLoader::try_prepare::<_, _, _, BUFFER>(config(&chip, active)).is_err() {
-            // The swap failed half-way, so no image would run. It continues after the reset.
+            // The swap failed half-way, so no image would run. It continues after the reset, and with a low supply, once the
+            // supply is sufficient. Each operation on the chip precedes the one on the controller's own flash.
             SCB::sys_reset()
         }
     }

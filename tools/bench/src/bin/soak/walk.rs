@@ -231,7 +231,7 @@ fn receive(
     let lost = lost.unwrap_or(counters.frames_lost);
     ensure!(lost == 0 && counters.crc_errors == 0, "{lost} live frames were lost: {counters:?}");
     ensure!(status.records_dropped == 0 && status.not_stored == 0, "steps were dropped: {status:?}");
-    let scans = status.frames + status.frames_missed + status.frames_overrun;
+    let scans = status.frame_times();
     let stack_bytes = (first_stack_bytes.unwrap_or(status.stack_bytes), status.stack_bytes);
     Ok(Walked { status, scans, steps: received, live, stack_bytes })
 }

@@ -1,0 +1,79 @@
+//! A NOR flash chip that is not changed while its supply is too low.
+
+use embedded_storage_async::nor_flash::{
+    ErrorType, MultiwriteNorFlash, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
+};
+
+/// A chip whose write and erase operations are refused while `is_sufficient` returns false: below its lowest supply, a chip may
+/// change other bytes than the addressed ones. A refused operation changes nothing, so data are lost at most as by a loss of power
+/// at that moment: the store keeps what it has, and counts what it could not store.
+pub struct Supplied<F, S> {
+    chip: F,
+    is_sufficient: S,
+}
+
+/// Why an operation failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SuppliedError<E> {
+    /// The supply is too low; nothing was changed.
+    Supply,
+    /// The chip has failed.
+    Chip(E),
+}
+
+impl<E: NorFlashError> NorFlashError for SuppliedError<E> {
+    fn kind(&self) -> NorFlashErrorKind {
+        match self {
+            Self::Supply => NorFlashErrorKind::Other,
+            Self::Chip(error) => error.kind(),
+        }
+    }
+}
+
+impl<F, S: Fn() -> bool> Supplied<F, S> {
+    /// A chip; `is_sufficient` states whether its supply is sufficient now, and is called before each write and erase operation.
+    pub fn new(chip: F, is_sufficient: S) -> Self {
+        Self { chip, is_sufficient }
+    }
+
+    fn check<E>(&self) -> Result<(), SuppliedError<E>> {
+        if (self.is_sufficient)() { Ok(()) } else { Err(SuppliedError::Supply) }
+    }
+}
+
+impl<F: ErrorType, S> ErrorType for Supplied<F, S> {
+    type Error = SuppliedError<F::Error>;
+}
+
+impl<F: ReadNorFlash, S> ReadNorFlash for Supplied<F, S> {
+    const READ_SIZE: usize = F::READ_SIZE;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Self::Error> {
+        self.chip.read(offset, bytes).await.map_err(SuppliedError::Chip)
+    }
+
+    fn capacity(&self) -> usize {
+        self.chip.capacity()
+    }
+}
+
+impl<F: NorFlash, S: Fn() -> bool> NorFlash for Supplied<F, S> {
+    const WRITE_SIZE: usize = F::WRITE_SIZE;
+    const ERASE_SIZE: usize = F::ERASE_SIZE;
+
+    /// Erases sector by sector, and checks the supply before each.
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), Self::Error> {
+        for sector in (from..to).step_by(F::ERASE_SIZE) {
+            self.check()?;
+            self.chip.erase(sector, sector + F::ERASE_SIZE as u32).await.map_err(SuppliedError::Chip)?;
+        }
+        Ok(())
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Self::Error> {
+        self.check()?;
+        self.chip.write(offset, bytes).await.map_err(SuppliedError::Chip)
+    }
+}
+
+impl<F: MultiwriteNorFlash, S: Fn() -> bool> MultiwriteNorFlash for Supplied<F, S> {}
