@@ -1,4 +1,4 @@
-//! Bonds with centrals, and their storage.
+//! The insole's own identity key, bonds with centrals, and their storage.
 
 use crate::MAX_BONDS;
 use crc::{CRC_32_ISO_HDLC, Crc};
@@ -10,8 +10,17 @@ use trouble_host::prelude::*;
 
 const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
-/// The stored form of a bond. The bonds are stored as [`VERSION`] and a `postcard` vector of this type, the least recently used
-/// bond first, followed by the CRC-32 of both (little endian).
+/// What is stored: [`VERSION`] and, as `postcard`, this type, followed by the CRC-32 of both (little endian).
+#[derive(Default, Serialize, Deserialize)]
+pub struct Keys {
+    /// The key with which bonded centrals resolve the insole's private addresses; `None` if centrals have bonded before insoles
+    /// had such a key.
+    pub identity_key: Option<[u8; 16]>,
+    /// The bonds, the least recently used bond first.
+    pub bonds: Vec<StoredBond, MAX_BONDS>,
+}
+
+/// The stored form of a bond.
 #[derive(Serialize, Deserialize)]
 pub struct StoredBond {
     address_kind: u8,
@@ -40,27 +49,29 @@ impl StoredBond {
     }
 }
 
-/// Version of the stored form.
-const VERSION: u8 = 1;
+/// Version of the stored form. Version 1 has the bonds only.
+const VERSION: u8 = 2;
 
-/// Loads the stored bonds; an empty vector if they are damaged or of another version.
-pub fn load(insole: &dyn GattServer) -> Vec<StoredBond, MAX_BONDS> {
+/// Loads the stored keys; none if they are damaged or of an unknown version.
+pub fn load(insole: &dyn GattServer) -> Keys {
     let mut bytes = [0; MAX_BONDS_BYTES];
     let len = insole.load_bonds(&mut bytes);
     let stored = bytes.get(..len).and_then(<[u8]>::split_last_chunk::<4>);
     stored
         .filter(|(bonds, crc)| CRC.checksum(bonds) == u32::from_le_bytes(**crc))
-        .and_then(|(bonds, _)| postcard::from_bytes(bonds).ok())
-        .filter(|(version, _): &(u8, _)| *version == VERSION)
-        .map_or(Vec::new(), |(_, bonds)| bonds)
+        .and_then(|(keys, _)| match keys.split_first()? {
+            (&VERSION, keys) => postcard::from_bytes(keys).ok(),
+            (1, bonds) => Some(Keys { identity_key: None, bonds: postcard::from_bytes(bonds).ok()? }),
+            _ => None,
+        })
+        .unwrap_or_default()
 }
 
-/// Stores the bonds, unless they are already stored.
-fn store(bonds: &[BondInformation], insole: &dyn GattServer) {
+/// Stores keys, unless they are already stored.
+pub fn store(keys: &Keys, insole: &dyn GattServer) {
     let (mut bytes, mut before) = ([0; MAX_BONDS_BYTES], [0; MAX_BONDS_BYTES]);
-    let stored: Vec<StoredBond, MAX_BONDS> = bonds.iter().map(StoredBond::new).collect();
-    // Neither operation can fail: four bonds of at most 40 bytes each, the version and the checksum fit.
-    let Ok(len) = postcard::to_slice(&(VERSION, stored), &mut bytes).map(|used| used.len()) else { return };
+    // Neither operation can fail: the version, the insole's key, four bonds of at most 40 bytes each and the checksum fit.
+    let Ok(len) = postcard::to_slice(&(VERSION, keys), &mut bytes).map(|used| used.len()) else { return };
     let crc = CRC.checksum(&bytes[..len]).to_le_bytes();
     let Some(place) = bytes.get_mut(len..len + crc.len()) else { return };
     place.copy_from_slice(&crc);
@@ -91,5 +102,8 @@ pub fn remember<C: Controller>(
     if let Some(oldest) = oldest {
         let _ = stack.remove_bond_information(oldest);
     }
-    stack.with_bond_information(|bonds| store(bonds, insole));
+    let identity_key = load(insole).identity_key;
+    stack.with_bond_information(|bonds| {
+        store(&Keys { identity_key, bonds: bonds.iter().map(StoredBond::new).collect() }, insole);
+    });
 }

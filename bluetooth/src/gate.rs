@@ -1,21 +1,55 @@
 //! A filter between radio and Bluetooth host: it replaces packets to which the host would respond incorrectly.
 
 use bt_hci::ControllerToHostPacket;
-use bt_hci::cmd::{self, AsyncCmd, SyncCmd};
+use bt_hci::cmd::le::LeSetAddrResolutionEnable;
+use bt_hci::cmd::{self, AsyncCmd, Cmd, Opcode, SyncCmd};
 use bt_hci::controller::{Controller as Hci, ControllerCmdAsync, ControllerCmdSync};
 use bt_hci::data::{AclBroadcastFlag, AclPacket, AclPacketBoundary, IsoPacket, SyncPacket};
+use core::cell::Cell;
 use core::future::Future;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal;
 use embedded_io_async::ErrorType;
 use plantar::firmware::ble::GattServer;
 
+/// What the radio has done since the host was set up.
+#[derive(Default)]
+pub struct Progress {
+    /// Signalled when the radio completes a command.
+    pub answered: Signal<NoopRawMutex, ()>,
+    /// Signalled when the radio can advertise with private addresses.
+    pub is_private: Signal<NoopRawMutex, ()>,
+    /// Number of times that the radio has switched the resolution of addresses off or on. The host switches it off, passes the keys,
+    /// and switches it on.
+    switched: Cell<u8>,
+}
+
+impl Progress {
+    /// Begins again, for another set-up of the host.
+    pub fn reset(&self) {
+        self.answered.reset();
+        self.is_private.reset();
+        self.switched.set(0);
+    }
+
+    /// Notes a completed command.
+    fn completed(&self, command: Opcode) {
+        if command == LeSetAddrResolutionEnable::OPCODE {
+            self.switched.set(self.switched.get().saturating_add(1));
+            if self.switched.get() == 2 {
+                self.is_private.signal(());
+            }
+        }
+        self.answered.signal(());
+    }
+}
+
 /// A controller that filters received packets.
 pub struct Gate<'a, C> {
     /// The controller of the radio.
     pub radio: &'a C,
-    /// Signalled when the radio completes a command.
-    pub answered: &'a Signal<NoopRawMutex, ()>,
+    /// What the radio has done since the host was set up.
+    pub progress: &'a Progress,
     /// Decides whether bonding is allowed.
     pub insole: &'a dyn GattServer,
 }
@@ -85,7 +119,7 @@ impl<C: Hci> Hci for Gate<'_, C> {
 impl<C: ControllerCmdSync<Q>, Q: SyncCmd> ControllerCmdSync<Q> for Gate<'_, C> {
     async fn exec(&self, cmd: &Q) -> Result<Q::Return, cmd::Error<Self::Error>> {
         let completed = self.radio.exec(cmd).await;
-        self.answered.signal(());
+        self.progress.completed(Q::OPCODE);
         completed
     }
 }

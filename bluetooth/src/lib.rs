@@ -11,14 +11,14 @@ mod bonds;
 mod gate;
 mod table;
 
+use bonds::Keys;
 use bt_hci::cmd::le::LeRand;
 use bt_hci_serial::SerialTransport;
 use embassy_futures::select::{Either, select, select3};
 use embassy_sync::blocking_mutex::raw::{CriticalSectionRawMutex, NoopRawMutex};
 use embassy_sync::pipe::Pipe;
-use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Instant, Timer};
-use gate::Gate;
+use gate::{Gate, Progress};
 use plantar::firmware::admission::Admission;
 use plantar::firmware::ble::GattServer;
 use plantar::protocol::gatt::{self, GattChannel, WriteError};
@@ -65,16 +65,22 @@ pub async fn run(from_radio: &'static HciPipe, to_radio: &'static HciPipe, insol
     let table = build_table(insole);
     let mut admission = Admission::new();
     let mut resources = Resources::new();
-    let answered = Signal::new();
+    let progress = Progress::default();
     loop {
-        answered.reset();
-        let stack = set_up(&radio, &answered, insole, &mut resources);
+        progress.reset();
+        let (stack, has_key) = set_up(&radio, &progress, insole, &mut resources);
         let (mut rx, mut control, mut tx) = stack.runner().split();
         // If the radio fails, one of these futures ends, and the host is set up again.
         select3(rx.run(), control.run(), async {
             // Without a radio, sender and server would wait in a busy loop, so they start after the first answer of the radio.
-            answered.wait().await;
-            select3(tx.run(), serve(&stack, table, insole, &mut admission), check_radio(&stack, insole)).await
+            progress.answered.wait().await;
+            if let Ok(false) = create_identity_key(&stack, insole).await {
+                // Until the radio has the key, it would advertise with the address that does not change.
+                if has_key {
+                    progress.is_private.wait().await;
+                }
+                select3(tx.run(), serve(&stack, table, insole, &mut admission), check_radio(&stack, insole)).await;
+            }
         })
         .await;
         insole.close();
@@ -94,24 +100,48 @@ fn build_table(insole: &'static dyn GattServer) -> &'static (Table, Server<'stat
     TABLE.init_with(|| Table::build(insole))
 }
 
-/// Sets up the Bluetooth host with the address and the bonds of the insole.
+/// Sets up the Bluetooth host with the address, the identity key and the bonds of the insole. With an identity key, the controller
+/// advertises with private addresses, which it changes every 15 minutes, and only bonded centrals recognise the insole; true
+/// is returned then.
 #[inline(never)]
 fn set_up<'a>(
     radio: &'a Radio,
-    answered: &'a Signal<NoopRawMutex, ()>,
+    progress: &'a Progress,
     insole: &'a dyn GattServer,
     resources: &'a mut Resources,
-) -> Host<'a> {
-    let mut builder = trouble_host::new(Gate { radio, answered, insole }, resources);
+) -> (Host<'a>, bool) {
+    let mut builder = trouble_host::new(Gate { radio, progress, insole }, resources);
     if let Some(address) = insole.address() {
         builder = builder.set_random_address(Address::random(address));
     }
+    let Keys { identity_key, bonds } = bonds::load(insole);
+    let key = identity_key.and_then(IdentityResolvingKey::from_le_bytes);
+    if let Some(key) = key {
+        builder = builder.enable_privacy(key);
+    }
     let stack = builder.build();
-    for bond in bonds::load(insole) {
+    for bond in bonds {
         // The host has room for all stored bonds.
         let _ = stack.add_bond_information(bond.bond());
     }
-    stack
+    (stack, key.is_some())
+}
+
+/// Creates and stores the insole's identity key, if it has none and no central has bonded: the address that a bonded central knows
+/// must not change. True if there is a new key, which the next set-up of the host uses.
+async fn create_identity_key(stack: &Host<'_>, insole: &dyn GattServer) -> Result<bool, Error> {
+    let mut keys = bonds::load(insole);
+    if keys.identity_key.is_some() || !keys.bonds.is_empty() {
+        return Ok(false);
+    }
+    let mut key = [0; 16];
+    for half in key.chunks_exact_mut(8) {
+        let random = stack.command(LeRand::new()).await.map_err(|_| Error::Other)?;
+        half.copy_from_slice(random.as_slice());
+    }
+    keys.identity_key = Some(key);
+    bonds::store(&keys, insole);
+    Ok(true)
 }
 
 /// The Bluetooth host.

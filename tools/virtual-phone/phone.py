@@ -44,8 +44,11 @@ from bumble.hci import (
     Address,
     HCI_Command_Complete_Event,
     HCI_ErrorCode,
+    HCI_LE_Connection_Complete_Event,
+    HCI_LE_Enhanced_Connection_Complete_Event,
     HCI_Reset_Command,
     HCI_StatusReturnParameters,
+    OwnAddressType,
 )
 from bumble.host import Host
 from bumble.keys import MemoryKeyStore, PairingKeys
@@ -111,17 +114,66 @@ def drop_connections(controller):
 
 
 class Radio(Controller):
-    """The Bluetooth controller of an insole."""
+    """The Bluetooth controller of an insole. It generates private addresses, which bumble's controller does not."""
+
+    # The address with which bonded phones know the insole.
+    identity_address = None
+    # The insole's present private address. A real controller replaces it every 15 minutes, this one after each restart.
+    private_address = None
+
+    def is_at(self, address):
+        """True for the address that is in use, and for the insole's identity address."""
+        return address in (self.random_address, self.identity_address)
+
+    def on_hci_le_set_random_address_command(self, command):
+        """Notes the identity address."""
+        self.identity_address = command.random_address
+        return super().on_hci_le_set_random_address_command(command)
+
+    def on_hci_le_add_device_to_resolving_list_command(self, command):
+        """Generates a private address from the insole's key."""
+        if any(command.local_irk) and self.private_address is None:
+            self.private_address = Address.generate_private_address(bytes(command.local_irk))
+        return super().on_hci_le_add_device_to_resolving_list_command(command)
+
+    def on_hci_le_set_advertising_enable_command(self, command):
+        """Advertises with the private address if the insole asks for one and has given its key, and otherwise as itself."""
+        wants_private = self.le_legacy_advertiser.own_address_type in (
+            OwnAddressType.RESOLVABLE_OR_PUBLIC,
+            OwnAddressType.RESOLVABLE_OR_RANDOM,
+        )
+        if command.advertising_enable:
+            self.random_address = self.private_address if wants_private and self.private_address else self.identity_address
+        return super().on_hci_le_set_advertising_enable_command(command)
+
+    def send_hci_packet(self, packet):
+        """Reports the private address of a connection."""
+        if isinstance(packet, HCI_LE_Connection_Complete_Event) and self.random_address == self.private_address:
+            packet = HCI_LE_Enhanced_Connection_Complete_Event(
+                status=packet.status,
+                connection_handle=packet.connection_handle,
+                role=packet.role,
+                peer_address_type=packet.peer_address_type,
+                peer_address=packet.peer_address,
+                local_resolvable_private_address=self.random_address,
+                peer_resolvable_private_address=Address('00:00:00:00:00:00'),
+                connection_interval=packet.connection_interval,
+                peripheral_latency=packet.peripheral_latency,
+                supervision_timeout=packet.supervision_timeout,
+                central_clock_accuracy=packet.central_clock_accuracy,
+            )
+        super().send_hci_packet(packet)
 
     def on_hci_reset_command(self, command):
         """Ends all connections without a message to the peers, as a controller does when its insole restarts.
 
         bumble leaves the connections as they are.
         """
+        self.private_address = None
         self.le_connections.clear()
         for controller in self.link.controllers:
             for connection in list(controller.le_connections.values()):
-                if connection.peer_address == self.random_address:
+                if self.is_at(connection.peer_address):
                     controller.on_le_disconnected(connection, HCI_CONNECTION_TIMEOUT_ERROR)
         return super().on_hci_reset_command(command)
 
@@ -183,7 +235,7 @@ class Phone:
 
     def is_connected_to(self, radio):
         """True for a phone that is connected to this controller."""
-        return self.connection is not None and self.connection.peer_address == radio.random_address
+        return self.connection is not None and radio.is_at(self.connection.peer_address)
 
     async def discover(self):
         """Discovers the GATT table and returns it."""

@@ -172,6 +172,9 @@ impl Walk for Paced {
     }
 }
 
+/// Position of the bonds in the stored keys, after the version and the insole's own key.
+pub const BONDS_AT: usize = 18;
+
 /// An emulated insole. Its time advances only as far as the test allows with [`Self::play`].
 pub struct Insole {
     pub board: Board,
@@ -201,10 +204,24 @@ impl Insole {
         Self { board, recording, allowed }
     }
 
-    /// The bonds that the insole stores.
-    pub fn bonds(&self) -> Option<Bonds> {
+    /// The keys that the insole stores, its own one and those of its bonds.
+    pub fn keys(&self) -> Option<Bonds> {
         let mut chip = NorFlashChip::of(self.board.flash().expect("the chip can be read"));
         block_on(async { Store::open(Some(&mut chip), Reset::Power).await.get(0).await }).expect("the chip works")
+    }
+
+    /// The content of the flash chip with other keys.
+    pub fn flash_with_keys(&self, keys: &Bonds) -> Vec<u8> {
+        let mut chip = NorFlashChip::of(self.board.flash().expect("the chip can be read"));
+        block_on(async { Store::open(Some(&mut chip), Reset::Power).await.put(0, keys).await })
+            .expect("the chip works");
+        chip.bytes
+    }
+
+    /// The keys that the insole stores; `None` without a bond.
+    pub fn bonds(&self) -> Option<Bonds> {
+        // The number of bonds follows the version and the insole's own key.
+        self.keys().filter(|Bonds(bytes)| bytes[BONDS_AT] > 0)
     }
 
     /// Allows time to advance until this number of scans is complete.
@@ -266,6 +283,11 @@ impl World {
     /// Switches the board off and on again, with a changed configuration.
     pub fn restart(&mut self, change: fn(&mut EmulatorConfig)) {
         let flash = self.insole.board.flash().expect("the chip can be read");
+        self.restart_with(change, flash);
+    }
+
+    /// The same with another content of the flash chip.
+    pub fn restart_with(&mut self, change: fn(&mut EmulatorConfig), flash: Vec<u8>) {
         let firmware = firmware();
         let recording = self.insole.recording.clone();
         self.insole = Insole::boot(&mut self.radio, &firmware, recording, change, Some(flash));
