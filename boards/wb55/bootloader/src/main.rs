@@ -26,12 +26,15 @@ use embassy_sync::mutex::Mutex;
 use embedded_hal_bus::spi::ExclusiveDevice;
 use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use plantar::storage::boot::{BUFFER, config, poll_at_most};
-use plantar::storage::flash_map::{ACTIVE, BOOTLOADER, CHIP_BYTES, MAX_IMAGE};
+use plantar::storage::flash_map::{ACTIVE, CHIP_BYTES, MAX_IMAGE, STM32_FLASH};
 use w25::{Q, W25};
 
 /// The watchdog resets the board after this time, us: if the swap of one sector takes longer, which takes less than a second, or
 /// if the started image does not feed the watchdog. An image on trial is then swapped back.
 const WATCHDOG_US: u32 = 20_000_000;
+
+/// Address of the application.
+const APPLICATION: u32 = STM32_FLASH + ACTIVE.start;
 
 /// Number of times that a busy chip is asked again, at some 10 us each. The longest operation of the chip takes 0.4 s.
 const BUSY_POLLS: u32 = 100_000;
@@ -95,7 +98,7 @@ fn main() -> ! {
         let chip = Mutex::new(chip);
         let flash = Flash::new_blocking(p.FLASH).into_blocking_regions().bank1_region;
         let own = BlockingMutex::<NoopRawMutex, _>::new(RefCell::new(Fed { flash, watchdog }));
-        let active = BlockingPartition::new(&own, ACTIVE.start - BOOTLOADER.start, MAX_IMAGE);
+        let active = BlockingPartition::new(&own, ACTIVE.start, MAX_IMAGE);
         if BootLoader::try_prepare::<_, _, _, BUFFER>(config(&chip, active)).is_err() {
             // The swap failed half-way, so no image would run. It continues after the reset.
             SCB::sys_reset()
@@ -103,8 +106,8 @@ fn main() -> ! {
     }
     // SAFETY: an image is at this address, and the drivers used here leave no interrupt enabled.
     unsafe {
-        (*SCB::PTR).vtor.write(ACTIVE.start);
-        cortex_m::asm::bootload(ACTIVE.start as *const u32)
+        (*SCB::PTR).vtor.write(APPLICATION);
+        cortex_m::asm::bootload(APPLICATION as *const u32)
     }
 }
 

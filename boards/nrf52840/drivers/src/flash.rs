@@ -1,0 +1,410 @@
+//! The flash chip: reads and writes of any bytes, by transfers of whole words within a page.
+//!
+//! The controller's DMA only transfers whole, aligned words, from and to RAM. So every transfer uses a buffer of one page that
+//! belongs to the [`Bus`]: a transfer that was given up half-way can then never write to memory that is used otherwise.
+
+use core::sync::atomic::{AtomicU32, Ordering};
+use embedded_storage_async::nor_flash::{
+    ErrorType, MultiwriteNorFlash, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
+};
+
+/// Size of a page, which the chip programs at once, bytes.
+pub const PAGE: u32 = 256;
+/// Size of a sector, which the chip erases at once, bytes.
+pub const SECTOR: u32 = 4096;
+/// Number of words in a page.
+pub const PAGE_WORDS: usize = PAGE as usize / 4;
+
+/// The buffer of one page. Its words are atomic because the controller's DMA changes them, too.
+pub type Page = [AtomicU32; PAGE_WORDS];
+
+/// Longest time to program a page, ms. Chips of this kind need up to 3 ms.
+const WRITE_LIMIT_MS: u32 = 20;
+/// Longest time to erase a sector, ms. Chips of this kind need up to 400 ms.
+const ERASE_LIMIT_MS: u32 = 600;
+/// Longest time for which a chip can be busy at the start: it may have been erasing a sector when the controller was reset.
+const OPEN_LIMIT_MS: u32 = ERASE_LIMIT_MS;
+/// Number of times that the identity of the chip is read, a millisecond apart.
+const IDENTITY_READS: usize = 5;
+
+/// Command Read Status Register.
+const READ_STATUS: u8 = 0x05;
+/// Command Read Identification: manufacturer, type and capacity.
+const READ_IDENTITY: u8 = 0x9f;
+/// The bit in the status register that is set while the chip writes or erases.
+const BUSY: u8 = 1;
+
+/// The chip or the bus does not answer in time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NoAnswer;
+
+/// The bus to the chip. Every operation ends within a limited time.
+#[allow(async_fn_in_trait, reason = "executors of this board do not move tasks between threads")]
+pub trait Bus {
+    /// The buffer of all transfers. No transfer is in progress while a caller has access to it.
+    fn page(&self) -> &Page;
+
+    /// Switches the bus on, before any of the following operations.
+    ///
+    /// # Errors
+    /// If it does not start.
+    async fn activate(&mut self) -> Result<(), NoAnswer>;
+
+    /// Switches the bus off, which saves power.
+    fn deactivate(&mut self);
+
+    /// Reads the first `words` words of the buffer from an address that is a multiple of 4.
+    ///
+    /// # Errors
+    /// If the transfer does not end.
+    async fn read(&mut self, address: u32, words: usize) -> Result<(), NoAnswer>;
+
+    /// Begins to program the first `words` words of the buffer at an address that is a multiple of 4, all in one page of the chip.
+    ///
+    /// # Errors
+    /// If the transfer does not end.
+    async fn write(&mut self, address: u32, words: usize) -> Result<(), NoAnswer>;
+
+    /// Begins to erase the sector at this address.
+    ///
+    /// # Errors
+    /// If the command is not sent.
+    async fn erase(&mut self, address: u32) -> Result<(), NoAnswer>;
+
+    /// Sends a command without parameters, and returns the first three bytes of its answer.
+    ///
+    /// # Errors
+    /// If the transfer does not end.
+    async fn command(&mut self, opcode: u8) -> Result<[u8; 3], NoAnswer>;
+
+    /// Waits.
+    async fn pause_ms(&mut self, ms: u32);
+}
+
+/// An error of the chip.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Error {
+    /// The chip or the bus does not answer in time.
+    NoAnswer,
+    /// The addresses are not in the chip.
+    OutOfBounds,
+    /// The addresses of an erase operation are no multiples of a sector.
+    NotAligned,
+}
+
+impl From<NoAnswer> for Error {
+    fn from(_: NoAnswer) -> Self {
+        Self::NoAnswer
+    }
+}
+
+impl NorFlashError for Error {
+    fn kind(&self) -> NorFlashErrorKind {
+        match self {
+            Self::NoAnswer => NorFlashErrorKind::Other,
+            Self::OutOfBounds => NorFlashErrorKind::OutOfBounds,
+            Self::NotAligned => NorFlashErrorKind::NotAligned,
+        }
+    }
+}
+
+/// A chip with `BYTES` bytes.
+pub struct Chip<B, const BYTES: u32>(B);
+
+/// Returns an error unless the `len` bytes from `offset` on are within the first `BYTES` bytes.
+fn check<const BYTES: u32>(offset: u32, len: usize) -> Result<(), Error> {
+    let room = BYTES.checked_sub(offset).ok_or(Error::OutOfBounds)?;
+    if len <= room as usize { Ok(()) } else { Err(Error::OutOfBounds) }
+}
+
+/// The place of a byte in the buffer: its word, and its number of bits within the word. The first byte of a word is the lowest.
+fn place(page: &Page, at: usize) -> (&AtomicU32, u32) {
+    // The callers pass offsets within a page; the remainder only spares a panic.
+    (&page[at / 4 % PAGE_WORDS], at as u32 % 4 * 8)
+}
+
+impl<B: Bus, const BYTES: u32> Chip<B, BYTES> {
+    /// Opens the chip once it is not busy. Returns `None` if it does not answer, is smaller than `BYTES`, or does not return the
+    /// same identity each time: a chip that does not work yet reads 0, and so does a missing one.
+    pub async fn open(bus: B) -> Option<Self> {
+        let mut chip = Self(bus);
+        let result = chip.identify().await;
+        chip.0.deactivate();
+        result.ok().filter(|is_valid| *is_valid).map(|_| chip)
+    }
+
+    async fn identify(&mut self) -> Result<bool, NoAnswer> {
+        self.0.activate().await?;
+        self.idle(OPEN_LIMIT_MS).await?;
+        let first = self.0.command(READ_IDENTITY).await?;
+        let [manufacturer, _, capacity] = first;
+        // The capacity is the binary logarithm of the number of bytes.
+        let is_large = (BYTES.ilog2()..32).contains(&u32::from(capacity));
+        let mut is_valid = is_large && ![0, 0xff].contains(&manufacturer);
+        for _ in 1..IDENTITY_READS {
+            self.0.pause_ms(1).await;
+            is_valid &= self.0.command(READ_IDENTITY).await? == first;
+        }
+        Ok(is_valid)
+    }
+
+    /// Waits until the chip is not busy.
+    async fn idle(&mut self, limit_ms: u32) -> Result<(), NoAnswer> {
+        for _ in 0..limit_ms {
+            if self.0.command(READ_STATUS).await?[0] & BUSY == 0 {
+                return Ok(());
+            }
+            self.0.pause_ms(1).await;
+        }
+        Err(NoAnswer)
+    }
+
+    async fn read_bytes(&mut self, mut address: u32, mut bytes: &mut [u8]) -> Result<(), NoAnswer> {
+        self.0.activate().await?;
+        while !bytes.is_empty() {
+            let first = (address % 4) as usize;
+            let (now, rest) = bytes.split_at_mut(bytes.len().min(PAGE as usize - first));
+            self.0.read(address - first as u32, (first + now.len()).div_ceil(4)).await?;
+            for (i, byte) in now.iter_mut().enumerate() {
+                let (word, shift) = place(self.0.page(), first + i);
+                *byte = (word.load(Ordering::Relaxed) >> shift) as u8;
+            }
+            address += now.len() as u32;
+            bytes = rest;
+        }
+        Ok(())
+    }
+
+    /// Programs bytes. The other bytes of a word are programmed with ones, which does not change them.
+    async fn write_bytes(&mut self, mut address: u32, mut bytes: &[u8]) -> Result<(), NoAnswer> {
+        self.0.activate().await?;
+        while !bytes.is_empty() {
+            let (first, left) = ((address % 4) as usize, PAGE - address % PAGE);
+            let (now, rest) = bytes.split_at(bytes.len().min(left as usize));
+            let page = self.0.page();
+            page.iter().for_each(|word| word.store(u32::MAX, Ordering::Relaxed));
+            for (i, byte) in now.iter().enumerate() {
+                let (word, shift) = place(page, first + i);
+                word.store(word.load(Ordering::Relaxed) & !(u32::from(!byte) << shift), Ordering::Relaxed);
+            }
+            self.0.write(address - first as u32, (first + now.len()).div_ceil(4)).await?;
+            self.idle(WRITE_LIMIT_MS).await?;
+            address += now.len() as u32;
+            bytes = rest;
+        }
+        Ok(())
+    }
+
+    async fn erase_sectors(&mut self, from: u32, to: u32) -> Result<(), NoAnswer> {
+        self.0.activate().await?;
+        for address in (from..to).step_by(SECTOR as usize) {
+            self.0.erase(address).await?;
+            self.idle(ERASE_LIMIT_MS).await?;
+        }
+        Ok(())
+    }
+}
+
+impl<B, const BYTES: u32> ErrorType for Chip<B, BYTES> {
+    type Error = Error;
+}
+
+impl<B: Bus, const BYTES: u32> ReadNorFlash for Chip<B, BYTES> {
+    const READ_SIZE: usize = 1;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Error> {
+        check::<BYTES>(offset, bytes.len())?;
+        let result = self.read_bytes(offset, bytes).await;
+        self.0.deactivate();
+        Ok(result?)
+    }
+
+    fn capacity(&self) -> usize {
+        BYTES as usize
+    }
+}
+
+impl<B: Bus, const BYTES: u32> NorFlash for Chip<B, BYTES> {
+    const WRITE_SIZE: usize = 1;
+    const ERASE_SIZE: usize = SECTOR as usize;
+
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), Error> {
+        check::<BYTES>(from, to.checked_sub(from).ok_or(Error::OutOfBounds)? as usize)?;
+        if !from.is_multiple_of(SECTOR) || !to.is_multiple_of(SECTOR) {
+            return Err(Error::NotAligned);
+        }
+        let result = self.erase_sectors(from, to).await;
+        self.0.deactivate();
+        Ok(result?)
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Error> {
+        check::<BYTES>(offset, bytes.len())?;
+        let result = self.write_bytes(offset, bytes).await;
+        self.0.deactivate();
+        Ok(result?)
+    }
+}
+
+// A chip of this kind may be programmed any number of times between two erase operations.
+impl<B: Bus, const BYTES: u32> MultiwriteNorFlash for Chip<B, BYTES> {}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use super::*;
+    use embassy_futures::block_on;
+    use std::vec;
+    use std::vec::Vec;
+
+    const BYTES: u32 = 2 << 20;
+
+    /// A chip with its bus: it is busy for some polls after each operation, and refuses what a real one cannot do.
+    struct Simulated {
+        page: Page,
+        bytes: Vec<u8>,
+        identity: [u8; 3],
+        is_active: bool,
+        /// Number of reads of the status that report a busy chip after each operation.
+        busy_polls: u32,
+        busy: u32,
+    }
+
+    impl Simulated {
+        fn new(identity: [u8; 3], busy_polls: u32) -> Self {
+            let page = [const { AtomicU32::new(0) }; PAGE_WORDS];
+            Self { page, bytes: vec![0xff; BYTES as usize], identity, is_active: false, busy_polls, busy: busy_polls }
+        }
+
+        fn check(&self, address: u32, words: usize) {
+            assert!(self.is_active && self.busy == 0, "the bus is on, and the chip is not busy");
+            assert!(address.is_multiple_of(4) && (1..=PAGE_WORDS).contains(&words));
+        }
+    }
+
+    impl Bus for Simulated {
+        fn page(&self) -> &Page {
+            &self.page
+        }
+
+        async fn activate(&mut self) -> Result<(), NoAnswer> {
+            self.is_active = true;
+            Ok(())
+        }
+
+        fn deactivate(&mut self) {
+            self.is_active = false;
+        }
+
+        async fn read(&mut self, address: u32, words: usize) -> Result<(), NoAnswer> {
+            self.check(address, words);
+            for (word, at) in self.page.iter().zip((address as usize..).step_by(4)).take(words) {
+                let bytes = self.bytes.get(at..at + 4).expect("the word is in the chip");
+                word.store(u32::from_le_bytes(bytes.try_into().expect("four bytes")), Ordering::Relaxed);
+            }
+            Ok(())
+        }
+
+        async fn write(&mut self, address: u32, words: usize) -> Result<(), NoAnswer> {
+            self.check(address, words);
+            assert!(address % PAGE + 4 * words as u32 <= PAGE, "all words are in one page");
+            for (word, at) in self.page.iter().zip((address as usize..).step_by(4)).take(words) {
+                for (byte, new) in self.bytes[at..at + 4].iter_mut().zip(word.load(Ordering::Relaxed).to_le_bytes()) {
+                    *byte &= new;
+                }
+            }
+            self.busy = self.busy_polls;
+            Ok(())
+        }
+
+        async fn erase(&mut self, address: u32) -> Result<(), NoAnswer> {
+            self.check(address, 1);
+            self.bytes[address as usize..][..SECTOR as usize].fill(0xff);
+            self.busy = self.busy_polls;
+            Ok(())
+        }
+
+        async fn command(&mut self, opcode: u8) -> Result<[u8; 3], NoAnswer> {
+            assert!(self.is_active);
+            match opcode {
+                READ_STATUS => {
+                    self.busy = self.busy.saturating_sub(1);
+                    Ok([u8::from(self.busy > 0), 0, 0])
+                }
+                READ_IDENTITY => Ok(self.identity),
+                _ => Err(NoAnswer),
+            }
+        }
+
+        async fn pause_ms(&mut self, _ms: u32) {}
+    }
+
+    const P25Q16H: [u8; 3] = [0x85, 0x60, 0x15];
+
+    fn open(bus: Simulated) -> Option<Chip<Simulated, BYTES>> {
+        block_on(Chip::open(bus))
+    }
+
+    #[test]
+    fn bytes_at_any_address_are_written_and_read_and_their_neighbours_stay() {
+        let mut chip = open(Simulated::new(P25Q16H, 3)).expect("the chip answers");
+        let mut expected = vec![0xff; 3 * SECTOR as usize];
+        let mut next = 1_u8;
+        // All alignments, lengths around those of words and pages, and a place across the border of a page and of a sector.
+        for base in [0, 200, 250, 4090, 5000] {
+            for first in 0..5 {
+                for len in [1, 2, 3, 4, 5, 7, 255, 256, 257, 600] {
+                    let bytes: Vec<u8> = (0..len)
+                        .map(|_| {
+                            next = next.wrapping_mul(31).wrapping_add(7);
+                            next
+                        })
+                        .collect();
+                    let at = base + first;
+                    block_on(chip.write(at, &bytes)).expect("the chip answers");
+                    for (old, new) in expected[at as usize..].iter_mut().zip(&bytes) {
+                        *old &= new;
+                    }
+                    let mut read = vec![0; bytes.len()];
+                    block_on(chip.read(at, &mut read)).expect("the chip answers");
+                    assert_eq!(read, expected[at as usize..][..bytes.len()], "{len} bytes at {at}");
+                }
+            }
+        }
+        assert_eq!(chip.0.bytes[..expected.len()], expected);
+        assert!(!chip.0.is_active, "the bus is off between operations");
+        block_on(chip.erase(SECTOR, 2 * SECTOR)).expect("the chip answers");
+        expected[SECTOR as usize..2 * SECTOR as usize].fill(0xff);
+        assert_eq!(chip.0.bytes[..expected.len()], expected);
+    }
+
+    #[test]
+    fn addresses_outside_of_the_chip_and_partial_sectors_are_refused() {
+        let mut chip = open(Simulated::new(P25Q16H, 0)).expect("the chip answers");
+        assert_eq!(block_on(chip.read(BYTES - 1, &mut [0; 1])), Ok(()));
+        assert_eq!(block_on(chip.read(BYTES - 1, &mut [0; 2])), Err(Error::OutOfBounds));
+        assert_eq!(block_on(chip.read(u32::MAX, &mut [0; 2])), Err(Error::OutOfBounds));
+        assert_eq!(block_on(chip.write(BYTES, &[0])), Err(Error::OutOfBounds));
+        assert_eq!(block_on(chip.erase(0, BYTES + SECTOR)), Err(Error::OutOfBounds));
+        assert_eq!(block_on(chip.erase(SECTOR, 0)), Err(Error::OutOfBounds));
+        assert_eq!(block_on(chip.erase(0, 100)), Err(Error::NotAligned));
+    }
+
+    #[test]
+    fn a_missing_a_small_and_a_stuck_chip_are_not_opened() {
+        for identity in [[0; 3], [0xff; 3], [0x85, 0x60, 0x14], [0x00, 0x60, 0x15]] {
+            assert!(open(Simulated::new(identity, 0)).is_none(), "{identity:?}");
+        }
+        assert!(open(Simulated::new([0xef, 0x40, 0x16], 0)).is_some(), "a larger chip has room");
+        assert!(open(Simulated::new(P25Q16H, ERASE_LIMIT_MS + 1)).is_none(), "it stays busy");
+    }
+
+    #[test]
+    fn a_chip_that_stays_busy_fails_a_write_within_a_limited_time() {
+        let mut chip = open(Simulated::new(P25Q16H, 0)).expect("the chip answers");
+        chip.0.busy_polls = WRITE_LIMIT_MS + 2;
+        assert_eq!(block_on(chip.write(0, &[0])), Err(Error::NoAnswer));
+        assert!(!chip.0.is_active, "the bus is off after an error, too");
+    }
+}
