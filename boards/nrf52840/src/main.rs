@@ -74,10 +74,8 @@ bind_interrupts!(struct Irqs {
 
 defmt::timestamp!("{=u64:us}", Instant::now().as_micros());
 
-/// The header of this image. It is at a fixed place, so that host programs find it, and so does the running firmware that receives
-/// this image as an update.
-#[used]
-#[unsafe(link_section = ".header")]
+/// The header of this image. It is at a fixed place, so that host programs find it, and so does the running firmware that
+/// receives this image as an update. [used] [unsafe(link_section = ".header")]
 static IMAGE: Header = Header::new("nrf52840", env!("PLANTAR_VERSION"));
 
 static FROM_RADIO: HciPipe = HciPipe::new();

@@ -1,7 +1,7 @@
 //! The resistive matrix: a row at ground through an analogue switch, four columns at a time through multiplexers to the SAADC.
 //!
-//! `README.md` has the wiring and the time of a frame. The switches are controlled through a shift register, because the module has
-//! eleven pins only. The front end, the switches included, has no supply between two frames.
+//! `README.md` has the wiring and the time of a frame. The switches are controlled through a shift register, because the module
+//! has eleven pins only. The front end, the switches included, has no supply between two frames.
 
 use crate::clock::Microseconds;
 use core::sync::atomic::{AtomicU8, Ordering};
@@ -34,12 +34,15 @@ const SETTLE_US: u32 = 30;
 /// Settling time after a change of the multiplexers, us: they connect outputs that have settled, through 200 ohm to 1 nF.
 const SWITCH_US: u32 = 3;
 
+/// The core's clock, MHz.
+const CORE_MHZ: u32 = 64;
+
 /// Ten times the time of a row. A frame in which a row takes longer is abandoned and counted as missed.
 const ROW_TIMEOUT: Duration = Duration::from_millis(5);
 /// Longest time to measure the battery.
 const BATTERY_TIMEOUT: Duration = Duration::from_millis(5);
 /// Time between two measurements of the battery.
-const BATTERY_PERIOD: Duration = Duration::from_secs(60);
+const BATTERY_PERIOD: Duration = Duration::from_secs(10);
 
 /// The converter returns 14 bits, and a code is a sum of 16 conversions of 12 bits.
 const CODES_PER_STEP: u16 = 4;
@@ -71,7 +74,8 @@ const CONNECT: u8 = 1 << 4;
 const CHANNEL: usize = 5;
 
 impl ShiftRegister {
-    /// Outputs these bits. A level lasts for at least 60 ns, because each write to a pin takes that long; the register needs 20 ns.
+    /// Outputs these bits. A level lasts for at least 60 ns, because each write to a pin takes that long; the register needs 20
+    /// ns.
     fn output(&mut self, bits: u8) {
         for bit in (0..u8::BITS).rev() {
             self.data.set_level((bits >> bit & 1 == 1).into());
@@ -109,8 +113,8 @@ impl ResistiveMatrix {
         battery.gain = Gain::Gain1_3;
         // The divider has 340 kOhm, for which the data sheet requires this time.
         battery.time = Time::_40US;
-        // The second channel is not used. With two channels the converter remains in scan mode: it loses events after a change to a
-        // single channel (erratum 212).
+        // The second channel is not used. With two channels the converter remains in scan mode: it loses events after a change to
+        // a single channel (erratum 212).
         let channels = [battery, ChannelConfig::single_ended(VddInput)];
         let mut adc = Saadc::new(self.adc.reborrow(), Irqs, Config::default(), channels);
         let mut codes = [0; 2];
@@ -123,7 +127,6 @@ impl ResistiveMatrix {
     /// Supplies the front end.
     async fn switch_on(&mut self) {
         self.supply.set_high();
-        self.register.output(0);
         self.timer.wait(SUPPLY_US).await;
     }
 
@@ -150,7 +153,12 @@ impl ResistiveMatrix {
         let mut codes = [0; COLUMNS];
         for channel in 0..CHANNELS {
             self.register.output(row as u8 | CONNECT | (channel as u8) << CHANNEL);
-            self.timer.wait(if channel == 0 { SETTLE_US } else { SWITCH_US }).await;
+            if channel == 0 {
+                self.timer.wait(SETTLE_US).await;
+            } else {
+                // An interrupt would take longer.
+                cortex_m::asm::delay(SWITCH_US * CORE_MHZ);
+            }
             let mut converted = [0; INPUTS];
             adc.sample(&mut converted).await;
             for (input, code) in converted.into_iter().enumerate() {

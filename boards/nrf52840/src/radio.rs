@@ -1,8 +1,9 @@
-//! Bluetooth of the nRF52840: Nordic's controller (SoftDevice Controller), a library, behind the byte streams of the Bluetooth host.
+//! Bluetooth of the nRF52840: Nordic's controller (SoftDevice Controller), a library, behind the byte streams of the Bluetooth
+//! host.
 //!
 //! The library has a function for each command and no function for a command packet. This file reads the packets of the host (H4,
-//! the format of HCI over a serial port), calls the functions, and composes the events that report their results. All other events
-//! come from the library. In this file, the host is the Bluetooth host (package `bluetooth`).
+//! the format of HCI over a serial port), calls the functions, and composes the events that report their results. All other
+//! events come from the library. In this file, the host is the Bluetooth host (package `bluetooth`).
 //!
 //! All functions of the library must be called at the same priority, so all of this file runs in one task.
 
@@ -54,10 +55,10 @@ const PACKET: u16 = 251;
 const TX_PACKETS: u8 = 3;
 /// Number of packets from the central that the controller buffers.
 const RX_PACKETS: u8 = 2;
-/// Memory of the controller for one central, bytes: the most that it can need by the macros of its header `sdc.h`, which are 923 for
-/// a link, with a first packet of 27 bytes in each direction, 15 for each packet in addition to its length, 17 for the links, 574
-/// for an advertisement of 31 bytes, and 68 for a list of centrals. A controller without enough memory is not started, and the log
-/// has the number of bytes that it needs.
+/// Memory of the controller for one central, bytes: the most that it can need by the macros of its header `sdc.h`, which are 923
+/// for a link, with a first packet of 27 bytes in each direction, 15 for each packet in addition to its length, 17 for the links,
+/// 574 for an advertisement of 31 bytes, and 68 for a list of centrals. A controller without enough memory is not started, and
+/// the log has the number of bytes that it needs.
 const MEMORY: usize = {
     let packets = (TX_PACKETS + RX_PACKETS) as usize * (PACKET as usize + 15) - 2 * (27 + 15);
     (923 + packets + 17 + 574 + 68).next_multiple_of(8)

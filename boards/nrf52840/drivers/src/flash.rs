@@ -59,7 +59,8 @@ pub trait Bus {
     /// If the transfer does not end.
     async fn read(&mut self, address: u32, words: usize) -> Result<(), NoAnswer>;
 
-    /// Begins to program the first `words` words of the buffer at an address that is a multiple of 4, all in one page of the chip.
+    /// Begins to program the first `words` words of the buffer at an address that is a multiple of 4, all in one page of the
+    /// chip.
     ///
     /// # Errors
     /// If the transfer does not end.
