@@ -42,9 +42,7 @@ pub fn has_crystal() -> bool {
 static ELAPSED: AtomicWaker = AtomicWaker::new();
 
 /// A timer with a resolution of 1 us, which runs only while something waits for it.
-pub struct Microseconds(
-Peri<'static, peripherals::TIMER2>,
-);
+pub struct Microseconds(Peri<'static, peripherals::TIMER2>);
 
 impl Microseconds {
     /// Configures the timer. The interrupt `TIMER2` must be enabled.

@@ -1,7 +1,7 @@
 //! Code that the build scripts share: the linker's memory regions of a board, and the version of a build.
 
-pub use plantar::storage::flash_map::{NRF52_FLASH, STM32_FLASH};
 use plantar::storage::flash_map::{ACTIVE, BOOTLOADER, HEADER, HEADER_BYTES};
+pub use plantar::storage::flash_map::{NRF52_FLASH, STM32_FLASH};
 use plantar::storage::update::DEVELOPMENT_KEY;
 use std::fmt::Write;
 use std::ops::Range;
