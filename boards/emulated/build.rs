@@ -1,7 +1,7 @@
 //! Links the application of the emulated board.
 
-use build_support::{Program, link};
+use build_support::{Program, STM32_FLASH, link};
 
 fn main() {
-    link(Program::Application, 0x2000_0000..0x2002_0000, &[]);
+    link(Program::Application, STM32_FLASH, 0x2000_0000..0x2002_0000, &[]);
 }

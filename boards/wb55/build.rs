@@ -1,6 +1,6 @@
 //! Links the application of the STM32WB55.
 
-use build_support::{Program, Region, link, require_update_key};
+use build_support::{Program, Region, STM32_FLASH, link, require_update_key};
 
 /// The memory that is shared with the radio's core, which expects the tables at the beginning of SRAM2A unless option byte
 /// IPCCDBA has another value.
@@ -9,5 +9,5 @@ const MAILBOX: Region = Region { name: "MAILBOX", origin: 0x2003_0000, bytes: 10
 fn main() {
     require_update_key();
     // SRAM1 has 192 KiB. The firmware uses 128 KiB of it, because the smallest board has no more.
-    link(Program::Application, 0x2000_0000..0x2002_0000, &[MAILBOX]);
+    link(Program::Application, STM32_FLASH, 0x2000_0000..0x2002_0000, &[MAILBOX]);
 }

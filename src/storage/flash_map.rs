@@ -2,12 +2,16 @@
 
 use core::ops::Range;
 
-/// Size of a sector, bytes: the flash chip erases whole sectors, and so does the STM32WB55's own flash.
+/// Size of a sector, bytes: the flash chip erases whole sectors, and so does the own flash of the controllers.
 pub const SECTOR: u32 = 4096;
 
-/// The bootloader, in the controller's own flash.
-pub const BOOTLOADER: Range<u32> = 0x0800_0000..0x0800_8000;
-/// The running application, in the controller's own flash. Only the bootloader writes it.
+/// Address of the own flash of an STM32.
+pub const STM32_FLASH: u32 = 0x0800_0000;
+/// Address of the own flash of an nRF52.
+pub const NRF52_FLASH: u32 = 0;
+/// The bootloader, as offsets in the controller's own flash.
+pub const BOOTLOADER: Range<u32> = 0..8 * SECTOR;
+/// The running application, as offsets in the controller's own flash. Only the bootloader writes it.
 pub const ACTIVE: Range<u32> = BOOTLOADER.end..BOOTLOADER.end + 96 * SECTOR;
 /// Longest image, bytes.
 pub const MAX_IMAGE: u32 = ACTIVE.end - ACTIVE.start;

@@ -1,7 +1,7 @@
 //! Links the bootloader of the STM32WB55.
 
-use build_support::{Program, link};
+use build_support::{Program, STM32_FLASH, link};
 
 fn main() {
-    link(Program::Bootloader, 0x2000_0000..0x2002_0000, &[]);
+    link(Program::Bootloader, STM32_FLASH, 0x2000_0000..0x2002_0000, &[]);
 }

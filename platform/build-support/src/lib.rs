@@ -1,6 +1,7 @@
 //! Code that the build scripts share: the linker's memory regions of a board, and the version of a build.
 
 use plantar::storage::flash_map::{ACTIVE, BOOTLOADER, HEADER, HEADER_BYTES};
+pub use plantar::storage::flash_map::{NRF52_FLASH, STM32_FLASH};
 use plantar::storage::update::DEVELOPMENT_KEY;
 use std::fmt::Write;
 use std::ops::Range;
@@ -33,14 +34,15 @@ pub struct Region {
     pub bytes: u32,
 }
 
-/// Links the binaries of the package under build as `program` of a board with this RAM: writes `regions.x`, which the `memory.x`
-/// of the workspace includes, and passes the scripts of `cortex-m-rt` and `defmt` to the linker. Also sets the environment
-/// variable `PLANTAR_VERSION`, see [`version`].
-pub fn link(program: Program, ram: Range<u32>, regions: &[Region]) {
-    let flash = match program {
+/// Links the binaries of the package under build as `program` of a board whose own flash begins at the address `flash`, and which
+/// has this RAM: writes `regions.x`, which the `memory.x` of the workspace includes, and passes the scripts of `cortex-m-rt` and
+/// `defmt` to the linker. Also sets the environment variable `PLANTAR_VERSION`, see [`version`].
+pub fn link(program: Program, flash: u32, ram: Range<u32>, regions: &[Region]) {
+    let offsets = match program {
         Program::Application => ACTIVE,
         Program::Bootloader => BOOTLOADER,
     };
+    let flash = flash + offsets.start..flash + offsets.end;
     let ram_start = ram.start + STACK_BYTES;
     let crash_record = ram.end - CRASH_RECORD_BYTES;
     let mut text = String::new();

@@ -19,7 +19,7 @@ use emulation::{
     ACTIVE_IMAGE, EmulatorConfig, FLASH_BYTES, FLASH_FILE, MATRIX_FILE, SETUP_FILE, SWAPPED, SWAPPED_FILE,
 };
 use plantar::pipeline::setup::{DEVICE_CELLS, SetupCell};
-use plantar::storage::flash_map::ACTIVE;
+use plantar::storage::flash_map::{ACTIVE, STM32_FLASH};
 use std::fs::File;
 use std::io::{self, Read};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
@@ -180,6 +180,7 @@ impl Board {
 
         let link = Port::listen()?;
         let plant = Port::listen()?;
+        let active_at = STM32_FLASH + ACTIVE.start;
         let mut command = Command::new("qemu-system-arm");
         command
             .args(["-M", MACHINE, "-display", "none", "-monitor", "none"])
@@ -187,7 +188,7 @@ impl Board {
             .args(["-serial", &link.argument()?, "-serial", &hci, "-serial", &plant.argument()?])
             .arg("-kernel")
             .arg(std::path::absolute(bootloader)?)
-            .args(["-device", &format!("loader,file={ACTIVE_FILE},addr={:#x},force-raw=on", ACTIVE.start)])
+            .args(["-device", &format!("loader,file={ACTIVE_FILE},addr={active_at:#x},force-raw=on")])
             .current_dir(directory.path())
             .stdin(Stdio::null())
             .stdout(File::create(directory.path().join(LOG_FILE))?)

@@ -6,7 +6,7 @@
 use ed25519_dalek::{Digest, Sha512, Signer, VerifyingKey};
 use object::{Object, ObjectSegment};
 use plantar::protocol::update::{CHUNK, Chunk, Header, Offer};
-use plantar::storage::flash_map::{ACTIVE, HEADER, MAX_IMAGE};
+use plantar::storage::flash_map::{HEADER, MAX_IMAGE};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -135,16 +135,23 @@ pub fn flash_image(firmware: &Path) -> Result<Vec<u8>, Error> {
     loaded_bytes(&data).filter(|bytes| header(bytes).is_some()).ok_or_else(|| Error::NotFirmware(firmware.into()))
 }
 
-/// The loaded segments of an ELF file, each at its offset in the image.
+/// The loaded segments of an ELF file, each at its offset in the image. The image begins with the segment at the lowest address,
+/// the vector table, because the address of the flash depends on the controller.
 fn loaded_bytes(elf: &[u8]) -> Option<Vec<u8>> {
     let file = object::read::elf::ElfFile32::<object::Endianness>::parse(elf).ok()?;
-    let mut bytes = Vec::new();
+    let mut segments = Vec::new();
     for segment in file.segments() {
         let (data, header) = (segment.data().ok()?, segment.elf_program_header());
-        let address = header.p_paddr.get(file.endian());
-        // Skips segments without data, which only reserve memory, and segments at addresses below the image.
-        let Some(start) = address.checked_sub(ACTIVE.start).filter(|_| !data.is_empty()) else { continue };
-        let (start, end) = (start as usize, start as usize + data.len());
+        // Segments without data only reserve memory.
+        if !data.is_empty() {
+            segments.push((header.p_paddr.get(file.endian()), data));
+        }
+    }
+    let image_start = segments.iter().map(|(address, _)| *address).min()?;
+    let mut bytes = Vec::new();
+    for (address, data) in segments {
+        let start = (address - image_start) as usize;
+        let end = start + data.len();
         if end > MAX_IMAGE as usize {
             return None;
         }

@@ -1,6 +1,6 @@
 //! The arguments of `cargo xtask`.
 
-use crate::BOARDS;
+use crate::{BOARDS, NRF52840, WB55};
 use clap::{Args, Parser, Subcommand};
 use std::path::PathBuf;
 
@@ -70,8 +70,12 @@ pub enum Task {
         #[arg(required = true)]
         text: Vec<String>,
     },
-    /// Write bootloader and firmware to an STM32WB55 through a debug probe, and show its log (needs probe-rs).
-    Flash,
+    /// Write bootloader and firmware to a board through a debug probe, and show its log (needs probe-rs).
+    Flash {
+        /// The board.
+        #[arg(default_value = WB55, value_parser = [WB55, NRF52840])]
+        board: String,
+    },
     /// Build and sign the firmware of a board, for `plantar update`.
     Image(Image),
     /// Make a key for signing firmware, and print how to build firmware that accepts this key.

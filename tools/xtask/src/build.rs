@@ -1,19 +1,26 @@
 //! Builds firmware and host programs, and writes firmware to a board.
 
 use crate::command::{built, run, run_command};
-use crate::{BOARDS, TARGET, setup};
+use crate::{BOARDS, NRF52840, TARGET, WB55, setup};
 use anyhow::{Result, bail};
 use std::env;
 use std::path::PathBuf;
 use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// The name of the reference board's controller in probe-rs, as in `boards/wb55/.cargo/config.toml`.
-const CHIP: &str = "STM32WB55RGVx";
+/// The name of the controller in probe-rs, as in `boards/<name>/.cargo/config.toml`.
+fn chip(board: &str) -> &'static str {
+    if board == NRF52840 { "nRF52840_xxAA" } else { "STM32WB55RGVx" }
+}
+
+/// The profile for a board's package.
+pub fn profile(package: &str) -> &'static str {
+    if package == NRF52840 { "firmware-small" } else { "firmware" }
+}
 
 /// The path of the executable of a board's package: its firmware or its bootloader.
 pub fn firmware(package: &str) -> PathBuf {
-    built(&format!("{TARGET}/firmware/{package}"))
+    built(&format!("{TARGET}/{}/{package}", profile(package)))
 }
 
 /// The name of the package with a board's bootloader.
@@ -28,26 +35,30 @@ pub fn build_firmware(board: &str) -> Result<()> {
     [bootloader(board).as_str(), board].into_iter().try_for_each(|package| cargo_firmware("build", package, &[]))
 }
 
-/// The board that is made for users: its package refuses the public development key unless a feature allows it.
-const PRODUCT: &str = "wb55";
+/// The boards that are made for users: their packages refuse the public development key unless a feature allows it.
+const PRODUCTS: [&str; 2] = [WB55, NRF52840];
 
 /// Runs a cargo command such as `build` for a board's package, with the profile and the target of firmware. Without a key of its
 /// own, the build accepts the development key, with a warning.
 pub fn cargo_firmware(command: &str, package: &str, arguments: &[&str]) -> Result<()> {
-    run_command(firmware_command(command, package).args(arguments))
+    run_command(firmware_command(command, package)?.args(arguments))
 }
 
 /// The command that [`cargo_firmware`] runs, without further arguments.
-pub fn firmware_command(command: &str, package: &str) -> Command {
+pub fn firmware_command(command: &str, package: &str) -> Result<Command> {
     let mut cargo = Command::new("cargo");
-    cargo.args([command, "--locked", "--profile", "firmware", "--target", TARGET, "--package", package]);
-    if package == PRODUCT && env::var_os("PLANTAR_UPDATE_KEY").is_none() {
+    cargo.args([command, "--locked", "--profile", profile(package), "--target", TARGET, "--package", package]);
+    if package == NRF52840 {
+        // The build of the radio's library generates its functions from C headers.
+        cargo.envs(setup::libclang()?);
+    }
+    if PRODUCTS.contains(&package) && env::var_os("PLANTAR_UPDATE_KEY").is_none() {
         eprintln!(
             "warning: {package} accepts updates that anyone can sign: set PLANTAR_UPDATE_KEY for insoles of others"
         );
         cargo.args(["--features", "development-key"]);
     }
-    cargo
+    Ok(cargo)
 }
 
 /// Set once all host programs are built.
@@ -84,14 +95,13 @@ pub fn all() -> Result<()> {
     build_host("plantar-cli")
 }
 
-/// Writes bootloader and firmware to an STM32WB55 and shows its log.
-pub fn flash() -> Result<()> {
+/// Writes bootloader and firmware to a board and shows its log.
+pub fn flash(board: &str) -> Result<()> {
     setup::rust()?;
     if !setup::has("probe-rs") {
         bail!("probe-rs is not installed: `cargo install probe-rs-tools --locked`, see docs/hardware.md");
     }
-    cargo_firmware("build", &bootloader("wb55"), &[])?;
-    run("probe-rs", &["download", "--chip", CHIP, &firmware(&bootloader("wb55")).to_string_lossy()])?;
-    cargo_firmware("build", "wb55", &[])?;
-    run("probe-rs", &["run", "--chip", CHIP, &firmware("wb55").to_string_lossy()])
+    build_firmware(board)?;
+    run("probe-rs", &["download", "--chip", chip(board), &firmware(&bootloader(board)).to_string_lossy()])?;
+    run("probe-rs", &["run", "--chip", chip(board), &firmware(board).to_string_lossy()])
 }

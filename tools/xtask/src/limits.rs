@@ -4,7 +4,7 @@ use anyhow::{Context, Result, bail};
 use serde_json::{Map, Value};
 
 /// Keys of figures, each with its smallest and its largest allowed value.
-const LIMITS: [(&str, f64, f64); 47] = [
+const LIMITS: [(&str, f64, f64); 50] = [
     ("frame_instructions", 0.0, 12_400.0),
     ("cells_instructions", 0.0, 6_000.0),
     ("tracking_instructions", 0.0, 2_000.0),
@@ -20,10 +20,13 @@ const LIMITS: [(&str, f64, f64); 47] = [
     ("step_record_bytes", 0.0, 480.0),
     ("bout_record_bytes", 0.0, 200.0),
     ("flash_bytes.emulated", 0.0, 368_640.0),
+    ("flash_bytes.nrf52840", 0.0, 368_640.0),
     ("flash_bytes.wb55", 0.0, 368_640.0),
     ("flash_bytes.emulated-bootloader", 0.0, 32_768.0),
+    ("flash_bytes.nrf52840-bootloader", 0.0, 32_768.0),
     ("flash_bytes.wb55-bootloader", 0.0, 32_768.0),
     ("ram_bytes.emulated", 0.0, 98_304.0),
+    ("ram_bytes.nrf52840", 0.0, 102_400.0),
     ("ram_bytes.wb55", 0.0, 98_304.0),
     ("replay_file_peak_mb", 0.0, 300.0),
     ("fit_evaluations", 0.0, 600.0),

@@ -22,9 +22,13 @@ use std::process::ExitCode;
 pub const TARGET: &str = "thumbv7em-none-eabihf";
 /// The boards. A board's name is the name of its folder in `boards`, of its package and of its executable. The package of its
 /// bootloader has the suffix `-bootloader`.
-pub const BOARDS: [&str; 2] = [EMULATED, "wb55"];
+pub const BOARDS: [&str; 3] = [EMULATED, WB55, NRF52840];
 /// The board that runs in the emulator.
 pub const EMULATED: &str = "emulated";
+/// The reference board.
+pub const WB55: &str = "wb55";
+/// The board with an nRF52840.
+pub const NRF52840: &str = "nrf52840";
 
 fn main() -> ExitCode {
     let result = match Arguments::parse().task {
@@ -42,7 +46,7 @@ fn main() -> ExitCode {
         Task::Bench(json) => bench::bench().and_then(|figures| json.write(&figures)),
         Task::Size(json) => bench::sizes().and_then(|figures| json.write(&figures)),
         Task::Explain { board, text } => image::explain(&board, &text.join(" ")),
-        Task::Flash => build::flash(),
+        Task::Flash { board } => build::flash(&board),
         Task::Image(image) => image.make(),
         Task::Key { out } => image::make_key(&out),
     };

@@ -30,9 +30,9 @@ pub fn reproduce() -> Result<()> {
     let packages: Vec<String> = BOARDS.iter().flat_map(|board| [build::bootloader(board), (*board).into()]).collect();
     let build = |name: &str| -> Result<Vec<Vec<u8>>> {
         let copy = Copy::of_last_commit(name)?;
-        packages.iter().try_for_each(|package| copy.run(&mut build::firmware_command("build", package)))?;
+        packages.iter().try_for_each(|package| copy.run(&mut build::firmware_command("build", package)?))?;
         let loaded = |package: &String| {
-            let firmware = copy.0.path().join("target").join(TARGET).join("firmware").join(package);
+            let firmware = copy.0.path().join("target").join(TARGET).join(build::profile(package)).join(package);
             image::segments(&firmware, &copy.0.path().join("loaded"))
         };
         packages.iter().map(loaded).collect()

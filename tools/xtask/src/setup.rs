@@ -3,6 +3,7 @@
 use crate::TARGET;
 use crate::command::{root, run};
 use anyhow::{Context, Result, bail};
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
@@ -50,6 +51,9 @@ const FORMAT_READERS: [&str; 10] = [
     "deno==2.9.8",
 ];
 
+/// The library of the C compiler Clang that `bindgen` loads, from PyPI because no compiler has to be installed for it.
+const LIBCLANG: &str = "libclang==18.1.1";
+
 /// A private Python environment.
 pub struct Python {
     /// The path of its interpreter, which has NumPy, SciPy and bumble.
@@ -68,6 +72,7 @@ pub fn all() -> Result<Python> {
     chromium()?;
     cargo_fuzz()?;
     cargo_deny()?;
+    libclang()?;
     bus()?;
     octave()?;
     formats()?;
@@ -173,6 +178,24 @@ fn cargo_tool(name: &str, version: &str) -> Result<PathBuf> {
             .with_context(|| format!("{tool} comes from the Rust package registry: check the network connection"))?;
     }
     Ok(tool)
+}
+
+/// Installs libclang in the private cache. Returns the environment variables with which `bindgen` finds it, and the headers that
+/// every C compiler has (`stdint.h` and such), which the package lacks: those of the system's compiler, which Rust needs anyway.
+pub fn libclang() -> Result<[(&'static str, OsString); 2]> {
+    let environment = cache().join("libclang");
+    environment_with(&environment, LIBCLANG, || {
+        pip(&environment, &["install", "--no-deps", LIBCLANG])
+            .context("libclang comes from PyPI: check the network connection")
+    })?;
+    let library = find(&environment, Path::new("clang/native"))
+        .with_context(|| format!("remove {} and run the command again", environment.display()))?;
+    // Both GCC and Clang have this option.
+    let headers =
+        Command::new("cc").arg("-print-file-name=include").output().context("the C compiler cc is missing")?;
+    let headers = String::from_utf8(headers.stdout)?;
+    let arguments = format!("-ffreestanding '-I{}'", headers.trim());
+    Ok([("LIBCLANG_PATH", library.into()), ("BINDGEN_EXTRA_CLANG_ARGS", arguments.into())])
 }
 
 /// Installs D-Bus on Linux, for a test that simulates the system's Bluetooth service.

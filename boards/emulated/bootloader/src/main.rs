@@ -12,9 +12,12 @@ use embassy_sync::mutex::Mutex;
 use emulation::{ACTIVE_IMAGE, FlashFile, SWAPPED, SWAPPED_FILE};
 use plantar::protocol::update::CHUNK;
 use plantar::storage::boot::{BUFFER, Blocking, config};
-use plantar::storage::flash_map::ACTIVE;
+use plantar::storage::flash_map::{ACTIVE, STM32_FLASH};
 use plantar::storage::partition::Partition;
 use semihosting::fs;
+
+/// Address of the application.
+const APPLICATION: u32 = STM32_FLASH + ACTIVE.start;
 
 #[entry]
 fn main() -> ! {
@@ -26,8 +29,8 @@ fn main() -> ! {
     }
     // SAFETY: the host has loaded an image to this address, and nothing else runs yet.
     unsafe {
-        (*SCB::PTR).vtor.write(ACTIVE.start);
-        cortex_m::asm::bootload(ACTIVE.start as *const u32)
+        (*SCB::PTR).vtor.write(APPLICATION);
+        cortex_m::asm::bootload(APPLICATION as *const u32)
     }
 }
 

@@ -27,7 +27,7 @@ use embassy_sync::mutex::Mutex;
 use embedded_hal_bus::spi::ExclusiveDevice;
 use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use plantar::storage::boot::{BUFFER, config, poll_at_most};
-use plantar::storage::flash_map::{ACTIVE, BOOTLOADER, CHIP_BYTES, MAX_IMAGE};
+use plantar::storage::flash_map::{ACTIVE, CHIP_BYTES, MAX_IMAGE, STM32_FLASH};
 use plantar::storage::supplied::Supplied;
 use w25::{Q, W25};
 
@@ -39,6 +39,9 @@ const WATCHDOG_US: u32 = 20_000_000;
 const SUPPLY_LEVEL: u8 = 5;
 /// The detector needs some microseconds after its start. At 32 MHz, this is 100 us.
 const DETECTOR_STARTS_CYCLES: u32 = 3_200;
+
+/// Address of the application.
+const APPLICATION: u32 = STM32_FLASH + ACTIVE.start;
 
 /// Number of times that a busy chip is asked again, at some 10 us each. The longest operation of the chip takes 0.4 s.
 const BUSY_POLLS: u32 = 100_000;
@@ -112,7 +115,7 @@ fn main() -> ! {
         let chip = Mutex::new(Supplied::new(chip, is_supplied));
         let flash = Flash::new_blocking(p.FLASH).into_blocking_regions().bank1_region;
         let own = BlockingMutex::<NoopRawMutex, _>::new(RefCell::new(Fed { flash, watchdog }));
-        let active = BlockingPartition::new(&own, ACTIVE.start - BOOTLOADER.start, MAX_IMAGE);
+        let active = BlockingPartition::new(&own, ACTIVE.start, MAX_IMAGE);
         if BootLoader::try_prepare::<_, _, _, BUFFER>(config(&chip, active)).is_err() {
             // The swap failed half-way, so no image would run. It continues after the reset, and with a low supply, once the
             // supply is sufficient. Each operation on the chip precedes the one on the controller's own flash.
@@ -121,8 +124,8 @@ fn main() -> ! {
     }
     // SAFETY: an image is at this address, and the drivers used here leave no interrupt enabled.
     unsafe {
-        (*SCB::PTR).vtor.write(ACTIVE.start);
-        cortex_m::asm::bootload(ACTIVE.start as *const u32)
+        (*SCB::PTR).vtor.write(APPLICATION);
+        cortex_m::asm::bootload(APPLICATION as *const u32)
     }
 }
 

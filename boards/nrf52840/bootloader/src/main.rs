@@ -1,0 +1,119 @@
+//! The bootloader of the nRF52840: swaps the images if a swap is due, and starts the active image.
+//!
+//! The watchdog starts first, and no wait is longer than its timeout. If the flash chip does not answer, the active image starts
+//! without a swap.
+//!
+//! Only the bootloader writes the controller's own flash; the radio does not run yet.
+#![no_std]
+#![no_main]
+
+use cortex_m::peripheral::SCB;
+use cortex_m_rt::entry;
+use embassy_boot_nrf::BootLoader;
+use embassy_nrf::Peripherals;
+use embassy_nrf::nvmc::{Error, Nvmc};
+use embassy_sync::mutex::Mutex;
+use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
+use nrf52840_drivers::flash::Chip;
+use nrf52840_drivers::qspi::{Qspi, Wait};
+use nrf52840_drivers::{CHIP_BYTES, watchdog};
+use plantar::storage::boot::{BUFFER, config, poll_at_most};
+use plantar::storage::flash_map::{ACTIVE, MAX_IMAGE, NRF52_FLASH};
+
+/// Address of the application.
+const APPLICATION: u32 = NRF52_FLASH + ACTIVE.start;
+
+/// The core's clock, kHz.
+const CORE_KHZ: u32 = 64_000;
+
+/// Waits in loops. Each wait feeds the watchdog, because each is limited.
+struct Busy;
+
+impl Wait for Busy {
+    async fn until(&mut self, limit_ms: u32, is_ready: impl Fn() -> bool) -> bool {
+        /// Time between two checks, us.
+        const STEP_US: u32 = 10;
+        watchdog::feed();
+        (0..limit_ms * 1000 / STEP_US).any(|_| {
+            cortex_m::asm::delay(CORE_KHZ / 1000 * STEP_US);
+            is_ready()
+        })
+    }
+
+    async fn pause_ms(&mut self, ms: u32) {
+        cortex_m::asm::delay(ms * CORE_KHZ);
+    }
+}
+
+/// The application in the controller's own flash. Each operation feeds the watchdog.
+struct Active(Nvmc<'static>);
+
+impl Active {
+    /// The address of the `len` bytes at `offset`.
+    ///
+    /// # Errors
+    /// If they are not within the application.
+    fn at(offset: u32, len: usize) -> Result<u32, Error> {
+        watchdog::feed();
+        let room = MAX_IMAGE.checked_sub(offset).ok_or(Error::OutOfBounds)?;
+        if len <= room as usize { Ok(APPLICATION + offset) } else { Err(Error::OutOfBounds) }
+    }
+}
+
+impl ErrorType for Active {
+    type Error = Error;
+}
+
+impl ReadNorFlash for Active {
+    const READ_SIZE: usize = Nvmc::READ_SIZE;
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Error> {
+        self.0.read(Self::at(offset, bytes.len())?, bytes)
+    }
+
+    fn capacity(&self) -> usize {
+        MAX_IMAGE as usize
+    }
+}
+
+impl NorFlash for Active {
+    const WRITE_SIZE: usize = Nvmc::WRITE_SIZE;
+    const ERASE_SIZE: usize = Nvmc::ERASE_SIZE;
+
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), Error> {
+        let len = to.checked_sub(from).ok_or(Error::OutOfBounds)?;
+        let start = Self::at(from, len as usize)?;
+        self.0.erase(start, start + len)
+    }
+
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Error> {
+        self.0.write(Self::at(offset, bytes.len())?, bytes)
+    }
+}
+
+#[entry]
+fn main() -> ! {
+    watchdog::start();
+    // SAFETY: `main` runs once, and nothing else of this program uses peripherals. `embassy_nrf::init` is not called, because it
+    // would start the low-frequency clock, of which the application chooses the source, and wait for it without a limit.
+    let p = unsafe { Peripherals::steal() };
+    // The waits above never yield, so one poll completes the operation.
+    if let Some(Some(chip)) = poll_at_most(1, Chip::<_, CHIP_BYTES>::open(Qspi::new(p.QSPI, Busy))) {
+        let chip = Mutex::new(chip);
+        if BootLoader::<BUFFER>::try_prepare(config(&chip, Active(Nvmc::new(p.NVMC)))).is_err() {
+            // The swap failed half-way, so no image would run. It continues after the reset.
+            SCB::sys_reset()
+        }
+    }
+    watchdog::feed();
+    // SAFETY: an image is at this address, and the drivers used here leave no interrupt enabled.
+    unsafe {
+        (*SCB::PTR).vtor.write(APPLICATION);
+        cortex_m::asm::bootload(APPLICATION as *const u32)
+    }
+}
+
+#[panic_handler]
+fn panic(_: &core::panic::PanicInfo) -> ! {
+    SCB::sys_reset()
+}

@@ -1,0 +1,158 @@
+//! The flash chip on a simulated bus.
+
+extern crate std;
+
+use super::*;
+use embassy_futures::block_on;
+use std::vec;
+use std::vec::Vec;
+
+const BYTES: u32 = 2 << 20;
+
+/// A chip with its bus: it is busy for some polls after each operation, and refuses what a real one cannot do.
+struct Simulated {
+    page: Page,
+    bytes: Vec<u8>,
+    identity: [u8; 3],
+    is_active: bool,
+    /// Number of reads of the status that report a busy chip after each operation.
+    busy_polls: u32,
+    busy: u32,
+}
+
+impl Simulated {
+    fn new(identity: [u8; 3], busy_polls: u32) -> Self {
+        let page = [const { AtomicU32::new(0) }; PAGE_WORDS];
+        Self { page, bytes: vec![0xff; BYTES as usize], identity, is_active: false, busy_polls, busy: busy_polls }
+    }
+
+    fn check(&self, address: u32, words: usize) {
+        assert!(self.is_active && self.busy == 0, "the bus is on, and the chip is not busy");
+        assert!(address.is_multiple_of(4) && (1..=PAGE_WORDS).contains(&words));
+    }
+}
+
+impl Bus for Simulated {
+    fn page(&self) -> &Page {
+        &self.page
+    }
+
+    async fn activate(&mut self) -> Result<(), NoAnswer> {
+        self.is_active = true;
+        Ok(())
+    }
+
+    fn deactivate(&mut self) {
+        self.is_active = false;
+    }
+
+    async fn read(&mut self, address: u32, words: usize) -> Result<(), NoAnswer> {
+        self.check(address, words);
+        for (word, at) in self.page.iter().zip((address as usize..).step_by(4)).take(words) {
+            let bytes = self.bytes.get(at..at + 4).expect("the word is in the chip");
+            word.store(u32::from_le_bytes(bytes.try_into().expect("four bytes")), Ordering::Relaxed);
+        }
+        Ok(())
+    }
+
+    async fn write(&mut self, address: u32, words: usize) -> Result<(), NoAnswer> {
+        self.check(address, words);
+        assert!(address % PAGE + 4 * words as u32 <= PAGE, "all words are in one page");
+        for (word, at) in self.page.iter().zip((address as usize..).step_by(4)).take(words) {
+            for (byte, new) in self.bytes[at..at + 4].iter_mut().zip(word.load(Ordering::Relaxed).to_le_bytes()) {
+                *byte &= new;
+            }
+        }
+        self.busy = self.busy_polls;
+        Ok(())
+    }
+
+    async fn erase(&mut self, address: u32) -> Result<(), NoAnswer> {
+        self.check(address, 1);
+        self.bytes[address as usize..][..SECTOR as usize].fill(0xff);
+        self.busy = self.busy_polls;
+        Ok(())
+    }
+
+    async fn command(&mut self, opcode: u8) -> Result<[u8; 3], NoAnswer> {
+        assert!(self.is_active);
+        match opcode {
+            READ_STATUS => {
+                self.busy = self.busy.saturating_sub(1);
+                Ok([u8::from(self.busy > 0), 0, 0])
+            }
+            READ_IDENTITY => Ok(self.identity),
+            _ => Err(NoAnswer),
+        }
+    }
+
+    async fn pause_ms(&mut self, _ms: u32) {}
+}
+
+const P25Q16H: [u8; 3] = [0x85, 0x60, 0x15];
+
+fn open(bus: Simulated) -> Option<Chip<Simulated, BYTES>> {
+    block_on(Chip::open(bus))
+}
+
+#[test]
+fn bytes_at_any_address_are_written_and_read_and_their_neighbours_stay() {
+    let mut chip = open(Simulated::new(P25Q16H, 3)).expect("the chip answers");
+    let mut expected = vec![0xff; 3 * SECTOR as usize];
+    let mut next = 1_u8;
+    // All alignments, lengths around those of words and pages, and a place across the border of a page and of a sector.
+    for base in [0, 200, 250, 4090, 5000] {
+        for first in 0..5 {
+            for len in [1, 2, 3, 4, 5, 7, 255, 256, 257, 600] {
+                let bytes: Vec<u8> = (0..len)
+                    .map(|_| {
+                        next = next.wrapping_mul(31).wrapping_add(7);
+                        next
+                    })
+                    .collect();
+                let at = base + first;
+                block_on(chip.write(at, &bytes)).expect("the chip answers");
+                for (old, new) in expected[at as usize..].iter_mut().zip(&bytes) {
+                    *old &= new;
+                }
+                let mut read = vec![0; bytes.len()];
+                block_on(chip.read(at, &mut read)).expect("the chip answers");
+                assert_eq!(read, expected[at as usize..][..bytes.len()], "{len} bytes at {at}");
+            }
+        }
+    }
+    assert_eq!(chip.0.bytes[..expected.len()], expected);
+    assert!(!chip.0.is_active, "the bus is off between operations");
+    block_on(chip.erase(SECTOR, 2 * SECTOR)).expect("the chip answers");
+    expected[SECTOR as usize..2 * SECTOR as usize].fill(0xff);
+    assert_eq!(chip.0.bytes[..expected.len()], expected);
+}
+
+#[test]
+fn addresses_outside_of_the_chip_and_partial_sectors_are_refused() {
+    let mut chip = open(Simulated::new(P25Q16H, 0)).expect("the chip answers");
+    assert_eq!(block_on(chip.read(BYTES - 1, &mut [0; 1])), Ok(()));
+    assert_eq!(block_on(chip.read(BYTES - 1, &mut [0; 2])), Err(Error::OutOfBounds));
+    assert_eq!(block_on(chip.read(u32::MAX, &mut [0; 2])), Err(Error::OutOfBounds));
+    assert_eq!(block_on(chip.write(BYTES, &[0])), Err(Error::OutOfBounds));
+    assert_eq!(block_on(chip.erase(0, BYTES + SECTOR)), Err(Error::OutOfBounds));
+    assert_eq!(block_on(chip.erase(SECTOR, 0)), Err(Error::OutOfBounds));
+    assert_eq!(block_on(chip.erase(0, 100)), Err(Error::NotAligned));
+}
+
+#[test]
+fn a_missing_a_small_and_a_stuck_chip_are_not_opened() {
+    for identity in [[0; 3], [0xff; 3], [0x85, 0x60, 0x14], [0x00, 0x60, 0x15]] {
+        assert!(open(Simulated::new(identity, 0)).is_none(), "{identity:?}");
+    }
+    assert!(open(Simulated::new([0xef, 0x40, 0x16], 0)).is_some(), "a larger chip has room");
+    assert!(open(Simulated::new(P25Q16H, ERASE_LIMIT_MS + 1)).is_none(), "it stays busy");
+}
+
+#[test]
+fn a_chip_that_stays_busy_fails_a_write_within_a_limited_time() {
+    let mut chip = open(Simulated::new(P25Q16H, 0)).expect("the chip answers");
+    chip.0.busy_polls = WRITE_LIMIT_MS + 2;
+    assert_eq!(block_on(chip.write(0, &[0])), Err(Error::NoAnswer));
+    assert!(!chip.0.is_active, "the bus is off after an error, too");
+}

@@ -1,0 +1,32 @@
+//! The hardware watchdog. It runs from an oscillator of its own, and nothing can stop it; its timeout cannot be changed, either,
+//! so the bootloader and the application use the same.
+
+use embassy_nrf::pac::WDT;
+use embassy_nrf::pac::wdt::regs::Rren;
+use embassy_nrf::pac::wdt::vals::{Halt, Rr, Sleep};
+
+/// The watchdog resets the board after this time, ms. The longest times without feeding it are 0.1 s between two checks of the
+/// supervision, 0.1 s for an operation of the controller's own flash, and at most 0.5 s until the crystal oscillates.
+const TIMEOUT_MS: u32 = 1_000;
+/// Its rate, ticks per s.
+const TICKS_PER_S: u32 = 32_768;
+
+/// Starts the watchdog, unless it already runs, and feeds it. It is paused while a debugger halts the core.
+pub fn start() {
+    if !WDT.runstatus().read().runstatus() {
+        WDT.config().write(|w| {
+            w.set_sleep(Sleep::Run);
+            w.set_halt(Halt::Pause);
+        });
+        WDT.crv().write_value(TIMEOUT_MS * TICKS_PER_S / 1000);
+        // The first of its eight reload registers.
+        WDT.rren().write_value(Rren(1));
+        WDT.tasks_start().write_value(1);
+    }
+    feed();
+}
+
+/// Prevents the reset for another timeout.
+pub fn feed() {
+    WDT.rr(0).write(|w| w.set_rr(Rr::Reload));
+}

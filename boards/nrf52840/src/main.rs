@@ -1,0 +1,347 @@
+//! A board with an nRF52840, the Seeed XIAO nRF52840: the matrix on the SAADC behind multiplexers, and the link on UARTE0;
+//! `README.md` has the wiring.
+//!
+//! Priorities of the interrupts, the highest first. The library of the radio prescribes the first and the fourth of them.
+//!
+//! | Priority | Interrupts |
+//! |---|---|
+//! | 0 | the radio: RADIO, TIMER0, RTC0. Critical sections of this program do not disable them |
+//! | 1 | the supervision: RTC2 |
+//! | 2 | drivers: RTC1 (time), SAADC, TIMER2, UARTE0, QSPI |
+//! | 4 | the radio's scheduler: EGU0, CLOCK |
+//! | 5 | the scan: the executor in EGU1 |
+//! | 6 | the Bluetooth controller: the executor in EGU2 |
+//! | 7 | all other tasks: the executor in EGU3 |
+#![no_std]
+#![no_main]
+
+mod clock;
+mod flash;
+mod matrix;
+mod radio;
+
+use bluetooth::HciPipe;
+use clock::Microseconds;
+use core::hint::black_box;
+use cortex_m::peripheral::{DWT, NVIC, SCB};
+use cortex_m::register::fpscr::{self, Fpscr};
+use defmt_rtt as _;
+use embassy_executor::{InterruptExecutor, Spawner};
+use embassy_futures::block_on;
+use embassy_nrf::buffered_uarte::{self, BufferedUarte};
+use embassy_nrf::config::{Config, Debug, LfclkSource};
+use embassy_nrf::gpio::{AnyPin, Input, Level, Output, OutputDrive, Pull};
+use embassy_nrf::interrupt::{InterruptExt, Priority};
+use embassy_nrf::pac::gpio::vals::Pull as PinPull;
+use embassy_nrf::pac::power::regs::Resetreas;
+use embassy_nrf::pac::rtc::regs::Int;
+use embassy_nrf::peripherals::UARTE0;
+use embassy_nrf::saadc::Input as _;
+use embassy_nrf::uarte::{self, Baudrate};
+use embassy_nrf::{Peri, Peripherals, bind_interrupts, interrupt, pac};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::zerocopy_channel::{Receiver, Sender};
+use embassy_time::Instant;
+use flash::Chip;
+use matrix::{ResistiveMatrix, ShiftRegister};
+use nrf_sdc::Peripherals as ControllerPeripherals;
+use nrf_sdc::mpsl::Peripherals as SchedulerPeripherals;
+use nrf52840_drivers::watchdog;
+use plantar::Side;
+use plantar::firmware::ble::GattSession;
+use plantar::firmware::board::{Gauges, Stopwatch, Ticker};
+use plantar::firmware::scan::{Frame, ScanCounters};
+use plantar::firmware::shared::Shared;
+use plantar::firmware::start::{BootReport, Configuration, Memory, Started, start};
+use plantar::firmware::supervise::CHECK_PERIOD_MS;
+use plantar::firmware::{DeviceInsole, layout, persist, process, scan, serve};
+use plantar::protocol::Reset;
+use plantar::protocol::update::Header;
+use plantar::storage::Store;
+use radio::{Nrf52840, Parts};
+use static_cell::{ConstStaticCell, StaticCell};
+
+/// Bit rate of the link, as of the other boards. The rate of the peripheral is 0.8 % lower.
+const LINK_BIT_HZ: u32 = 460_800;
+const LINK_RATE: Baudrate = Baudrate::Baud460800;
+
+/// The fault that the hello reports if the low-frequency crystal does not oscillate.
+const NO_CRYSTAL: &str = "the 32 kHz crystal does not oscillate: times are accurate to 0.05 % only";
+
+bind_interrupts!(struct Irqs {
+    UARTE0 => buffered_uarte::InterruptHandler<UARTE0>;
+});
+
+defmt::timestamp!("{=u64:us}", Instant::now().as_micros());
+
+/// The header of this image. It is at a fixed place, so that host programs find it, and so does the running firmware that receives
+/// this image as an update.
+#[used]
+#[unsafe(link_section = ".header")]
+static IMAGE: Header = Header::new("nrf52840", env!("PLANTAR_VERSION"));
+
+static FROM_RADIO: HciPipe = HciPipe::new();
+static TO_RADIO: HciPipe = HciPipe::new();
+static SCAN_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
+static RADIO_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
+static EXECUTOR: InterruptExecutor = InterruptExecutor::new();
+static SCAN_COUNTERS: ScanCounters = ScanCounters::new();
+/// The queue holds three frames: at the 100 Hz of this board they last 30 ms, longer than the evaluation of a step takes.
+static MEMORY: Memory<Chip, 3> = Memory::new();
+static TO_SEND: ConstStaticCell<[u8; 192]> = ConstStaticCell::new([0; 192]);
+/// The buffer is longer than the longest message to the insole.
+static RECEIVED: ConstStaticCell<[u8; 288]> = ConstStaticCell::new([0; 288]);
+
+/// Counts the core's cycles, including the cycles of interrupts.
+struct CycleCounter;
+
+impl Stopwatch for CycleCounter {
+    const CYCLES_PER_MS: u32 = clock::CORE_KHZ;
+
+    fn start(&self) -> u32 {
+        DWT::cycle_count()
+    }
+
+    fn cycles_since(&self, start: u32) -> u32 {
+        DWT::cycle_count().wrapping_sub(start)
+    }
+}
+
+/// Determines why the board started, and clears the flags. Power-on and a brown-out set no flag.
+fn take_reset_reason() -> Reset {
+    let flags = pac::POWER.resetreas().read();
+    // A flag is cleared by writing 1.
+    pac::POWER.resetreas().write_value(flags);
+    if flags.dog() {
+        Reset::Watchdog
+    } else if flags.lockup() {
+        // A fault in the handler of a fault.
+        Reset::Panic
+    } else if flags.resetpin() {
+        Reset::Pin
+    } else if flags.sreq() {
+        Reset::Software
+    } else if flags == Resetreas(0) {
+        Reset::Power
+    } else {
+        Reset::Unknown
+    }
+}
+
+/// The configuration of the controller.
+fn config(has_crystal: bool) -> Config {
+    let mut config = Config::default();
+    config.lfclk_source = if has_crystal { LfclkSource::ExternalXtal } else { LfclkSource::InternalRC };
+    // The module has the inductor of the step-down converter of the core's supply.
+    config.dcdc.reg1 = true;
+    config.time_interrupt_priority = Priority::P2;
+    // With the development key anyone can replace the firmware anyway. A product keeps the protection of its debug port.
+    config.debug = if cfg!(feature = "development-key") { Debug::Allowed } else { Debug::NotConfigured };
+    config
+}
+
+/// Calls the supervision every [`CHECK_PERIOD_MS`] from RTC2. SysTick, which other boards use, stops while the core sleeps.
+fn start_supervision() {
+    /// The counter ticks at 32,768 Hz / 3277, every 100.01 ms.
+    const PRESCALER: u32 = 32_768 * CHECK_PERIOD_MS / 1000;
+    pac::RTC2.prescaler().write(|w| w.set_prescaler(PRESCALER as u16));
+    pac::RTC2.intenset().write_value(TICK);
+    pac::RTC2.tasks_start().write_value(1);
+}
+
+/// The event of each tick.
+const TICK: Int = Int(1);
+
+#[cortex_m_rt::entry]
+fn main() -> ! {
+    // First of all, so that nothing below can stop the board for ever.
+    watchdog::start();
+    let boot = cortex_m_platform::boot_report(Some(take_reset_reason()));
+    // The compiler must not assume the content of the header, because a tool may have patched it in the image.
+    let image = black_box(&IMAGE);
+    let has_crystal = clock::has_crystal();
+    let p = embassy_nrf::init(config(has_crystal));
+    watchdog::feed();
+    // SAFETY: `main` runs once and other code of this program only reads the cycle counter and requests a reset.
+    let mut core = unsafe { cortex_m::Peripherals::steal() };
+    core.DCB.enable_trace();
+    core.DWT.enable_cycle_counter();
+    for (interrupt, priority) in [
+        (interrupt::RTC2, Priority::P1),
+        (interrupt::SAADC, Priority::P2),
+        (interrupt::TIMER2, Priority::P2),
+        (interrupt::UARTE0, Priority::P2),
+        (interrupt::QSPI, Priority::P2),
+        (interrupt::EGU1_SWI1, Priority::P5),
+        (interrupt::EGU2_SWI2, Priority::P6),
+        (interrupt::EGU3_SWI3, Priority::P7),
+    ] {
+        interrupt.set_priority(priority);
+    }
+    // SAFETY: the handlers use statics only, which need no set-up.
+    unsafe {
+        interrupt::RTC2.enable();
+        interrupt::TIMER2.enable();
+        interrupt::QSPI.enable();
+    }
+    start_supervision();
+    // The task has static memory of its own and is spawned once, so spawning cannot fail.
+    EXECUTOR.start(interrupt::EGU3_SWI3).spawn(run(boot, image, p, has_crystal).unwrap());
+    // All tasks run in interrupts, so that this loop can prepare each sleep.
+    loop {
+        // While a flag of a floating-point operation is set, the controller does not sleep (erratum 87).
+        // SAFETY: no code depends on these flags. This loop uses no floating-point numbers, and a handler has flags of its own.
+        unsafe { fpscr::write(Fpscr::from_bits(0)) };
+        NVIC::unpend(interrupt::FPU);
+        cortex_m::asm::wfi();
+    }
+}
+
+/// A pin that controls a switch.
+fn line(pin: Peri<'static, AnyPin>) -> Output<'static> {
+    Output::new(pin, Level::Low, OutputDrive::Standard)
+}
+
+/// Starts the firmware and spawns its loops.
+#[embassy_executor::task]
+async fn run(boot: BootReport, image: &'static Header, p: Peripherals, has_crystal: bool) {
+    // SAFETY: this task runs on an executor of this program, so its context is that of an `embassy-executor` task.
+    let spawner = unsafe { Spawner::for_current_executor().await };
+    // The divider of the battery is always connected: at 4.2 V, the input would be above the controller's supply without it.
+    // The pin keeps its level for ever, because its driver is never dropped.
+    core::mem::forget(Output::new(p.P0_14, Level::Low, OutputDrive::Standard));
+    // The strap is connected to ground on a right insole.
+    let strap = Input::new(p.P0_05, Pull::Up);
+    let mut matrix = ResistiveMatrix {
+        adc: p.SAADC,
+        inputs: [p.P0_02.degrade_saadc(), p.P0_03.degrade_saadc(), p.P0_28.degrade_saadc(), p.P0_29.degrade_saadc()],
+        battery: p.P0_31.degrade_saadc(),
+        register: ShiftRegister {
+            clock: line(p.P1_13.into()),
+            latch: line(p.P1_14.into()),
+            data: line(p.P1_15.into()),
+        },
+        supply: line(p.P0_04.into()),
+        timer: Microseconds::new(p.TIMER2),
+        measured_at: Instant::now(),
+    };
+    let side = if strap.is_low() { Side::Right } else { Side::Left };
+    let is_started_by_user = matches!(boot.reset, Reset::Power | Reset::Pin);
+    let configuration = Configuration {
+        setup: layout::setup(side),
+        cells: layout::cells(),
+        // A byte is ten bits.
+        serial_bytes_per_s: LINK_BIT_HZ / 10,
+        // The text is short enough.
+        fault: if has_crystal { None } else { NO_CRYSTAL.try_into().ok() },
+        restart: SCB::sys_reset,
+    };
+    // No other task runs yet, so the start may block. The state of the start is then on the stack and not in the static memory of
+    // this task.
+    block_on(matrix.measure_battery());
+    let chip = flash::open(p.QSPI);
+    let gauges = Gauges { stack_bytes: cortex_m_platform::stack_bytes, supply_mv: matrix::supply_mv };
+    let started = block_on(start(&MEMORY, chip, boot, image, configuration, &SCAN_COUNTERS, gauges));
+    let Started { insole, store, shared, to_process, scanned, period_us } = started;
+    let mut link = uarte::Config::default();
+    link.baudrate = LINK_RATE;
+    // The length of the buffer is even, as the driver requires.
+    let (to_send, received) = (TO_SEND.take(), RECEIVED.take());
+    let link = BufferedUarte::new(
+        p.UARTE0,
+        p.TIMER1,
+        p.PPI_CH0,
+        p.PPI_CH1,
+        p.PPI_GROUP0,
+        p.P1_12,
+        p.P1_11,
+        Irqs,
+        link,
+        received,
+        to_send,
+    );
+    // Without a cable the input would float.
+    pac::P1.pin_cnf(12).modify(|w| w.set_pull(PinPull::Pullup));
+    static GATT: StaticCell<GattSession<'static, Nrf52840>> = StaticCell::new();
+    let gatt = GATT.init(GattSession::new(shared, Nrf52840 { is_started_by_user }));
+    let parts = Parts {
+        scheduler: SchedulerPeripherals::new(p.RTC0, p.TIMER0, p.TEMP, p.PPI_CH19, p.PPI_CH30, p.PPI_CH31),
+        controller: ControllerPeripherals::new(
+            p.PPI_CH17, p.PPI_CH18, p.PPI_CH20, p.PPI_CH21, p.PPI_CH22, p.PPI_CH23, p.PPI_CH24, p.PPI_CH25, p.PPI_CH26,
+            p.PPI_CH27, p.PPI_CH28, p.PPI_CH29,
+        ),
+        rng: p.RNG,
+        has_crystal,
+    };
+
+    // Each task has static memory of its own and is spawned once, so spawning cannot fail.
+    let clock = Ticker::new(period_us);
+    SCAN_EXECUTOR.start(interrupt::EGU1_SWI1).spawn(run_scan(clock, matrix, to_process).unwrap());
+    RADIO_EXECUTOR.start(interrupt::EGU2_SWI2).spawn(radio::run(parts, &FROM_RADIO, &TO_RADIO).unwrap());
+    spawner.spawn(run_process(insole, scanned, shared).unwrap());
+    spawner.spawn(run_serve(link, shared).unwrap());
+    spawner.spawn(run_persist(store, shared, image).unwrap());
+    spawner.spawn(bluetooth::run(&FROM_RADIO, &TO_RADIO, gatt).unwrap());
+}
+
+#[embassy_executor::task]
+async fn run_scan(clock: Ticker, matrix: ResistiveMatrix, frames: Sender<'static, CriticalSectionRawMutex, Frame>) {
+    scan::scan(clock, matrix, frames, &SCAN_COUNTERS).await
+}
+
+#[embassy_executor::task]
+async fn run_process(
+    insole: &'static mut DeviceInsole,
+    frames: Receiver<'static, CriticalSectionRawMutex, Frame>,
+    shared: &'static Shared,
+) {
+    process::process(insole, frames, shared, CycleCounter).await
+}
+
+#[embassy_executor::task]
+async fn run_serve(link: BufferedUarte<'static>, shared: &'static Shared) {
+    let (rx, tx) = link.split();
+    serve::serve(rx, tx, shared).await
+}
+
+#[embassy_executor::task]
+async fn run_persist(store: &'static mut Store<Chip>, shared: &'static Shared, image: &'static Header) {
+    persist::persist(store, shared, image, SCB::sys_reset).await
+}
+
+/// Runs the executor of the scan.
+#[interrupt]
+unsafe fn EGU1_SWI1() {
+    // SAFETY: the executor was started before this interrupt was unmasked.
+    unsafe { SCAN_EXECUTOR.on_interrupt() }
+}
+
+/// Runs the executor of the Bluetooth controller.
+#[interrupt]
+unsafe fn EGU2_SWI2() {
+    // SAFETY: as above.
+    unsafe { RADIO_EXECUTOR.on_interrupt() }
+}
+
+/// Runs the executor of all other tasks.
+#[interrupt]
+unsafe fn EGU3_SWI3() {
+    // SAFETY: as above.
+    unsafe { EXECUTOR.on_interrupt() }
+}
+
+/// The interrupt RTC2: calls [`tick`] with the address of the registers that it put on the stack.
+#[unsafe(naked)]
+#[unsafe(export_name = "RTC2")]
+extern "C" fn supervise() {
+    core::arch::naked_asm!("mov r0, sp", "b {tick}", tick = sym tick)
+}
+
+/// Runs the supervision, then feeds the hardware watchdog, which resets the board if interrupts do not run any more.
+extern "C" fn tick(frame: u32) {
+    pac::RTC2.events_tick().write_value(0);
+    // The event must be cleared before this function returns, or the interrupt would occur again. Reading waits for the write.
+    let _ = pac::RTC2.events_tick().read();
+    cortex_m_platform::check(frame, &SCAN_COUNTERS.heartbeats);
+    watchdog::feed();
+}

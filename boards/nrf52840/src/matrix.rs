@@ -1,0 +1,212 @@
+//! The resistive matrix: a row at ground through an analogue switch, four columns at a time through multiplexers to the SAADC.
+//!
+//! `README.md` has the wiring and the time of a frame. The switches are controlled through a shift register, because the module
+//! has eleven pins only. The front end, the switches included, has no supply between two frames.
+
+use crate::clock::Microseconds;
+use core::sync::atomic::{AtomicU8, AtomicU16, Ordering};
+use embassy_nrf::gpio::Output;
+use embassy_nrf::saadc::{
+    AnyInput, ChannelConfig, Config, Gain, InterruptHandler, Oversample, Reference, Resolution, Saadc, Time, VddInput,
+};
+use embassy_nrf::{Peri, bind_interrupts, peripherals};
+use embassy_time::{Duration, Instant, with_timeout};
+use nrf52840_drivers::battery;
+use plantar::firmware::board::{Matrix, MatrixTimeout};
+use plantar::firmware::layout::{COLUMNS, ROWS, WIRING};
+use plantar::pipeline::calibrate::FULL_CODE;
+use plantar::pipeline::setup::DEVICE_CELLS;
+
+bind_interrupts!(struct Irqs {
+    SAADC => InterruptHandler;
+});
+
+/// Number of inputs of the converter: of each, a multiplexer selects one of [`CHANNELS`] columns.
+pub const INPUTS: usize = 4;
+/// Number of columns for each input.
+const CHANNELS: usize = 4;
+const _: () = assert!(INPUTS * CHANNELS == COLUMNS && ROWS == 16);
+
+/// Time from the supply of the front end to the first row, us. The largest part is the charge of the buffer's capacitor.
+const SUPPLY_US: u32 = 500;
+/// Settling time after a change of the row, us, as on the other boards with this front end (`docs/hardware.md`).
+const SETTLE_US: u32 = 30;
+/// Settling time after a change of the multiplexers, us: they connect outputs that have settled, through 200 ohm to 1 nF.
+const SWITCH_US: u32 = 3;
+
+/// The core's clock, MHz.
+const CORE_MHZ: u32 = 64;
+
+/// Ten times the time of a row. A frame in which a row takes longer is abandoned and counted as missed.
+const ROW_TIMEOUT: Duration = Duration::from_millis(5);
+/// Longest time to measure the battery.
+const BATTERY_TIMEOUT: Duration = Duration::from_millis(5);
+/// Time between two measurements of the battery.
+const BATTERY_PERIOD: Duration = Duration::from_secs(10);
+
+/// The converter returns 14 bits, and a code is a sum of 16 conversions of 12 bits.
+const CODES_PER_STEP: u16 = 4;
+/// Codes from here on count as full scale: an amplifier may saturate up to 1 %, 33 mV, below its supply of 3.3 V.
+const CLIPPED: u16 = FULL_CODE - FULL_CODE / 100;
+
+/// The charge of the battery, percent.
+static BATTERY_PERCENT: AtomicU8 = AtomicU8::new(0);
+
+/// The controller's supply, mV; 0 before the first measurement.
+static SUPPLY_MV: AtomicU16 = AtomicU16::new(0);
+
+/// The flash chip is written and erased from this supply on, mV. It works from 2.3 V on, and the supply is regulated to 3.3 V.
+const SUFFICIENT_MV: u16 = 2_800;
+
+/// The last measured supply of the controller, mV; `None` before the first measurement.
+pub fn supply_mv() -> Option<u16> {
+    Some(SUPPLY_MV.load(Ordering::Relaxed)).filter(|&supply_mv| supply_mv > 0)
+}
+
+/// True if the last measured supply is sufficient for the flash chip.
+pub fn is_supplied() -> bool {
+    supply_mv().is_some_and(|supply_mv| supply_mv >= SUFFICIENT_MV)
+}
+
+/// The last measured charge of the battery, percent.
+pub fn battery_percent() -> u8 {
+    BATTERY_PERCENT.load(Ordering::Relaxed)
+}
+
+/// The shift register (74HC595): bits 0 to 3 are the address of the row, bit 4 connects the row, bits 5 and 6 are the address of
+/// the multiplexers.
+pub struct ShiftRegister {
+    /// A bit, read at the rising edge of the clock.
+    pub data: Output<'static>,
+    /// The clock.
+    pub clock: Output<'static>,
+    /// Outputs the bits at its rising edge.
+    pub latch: Output<'static>,
+}
+
+/// The bit that connects the selected row to ground.
+const CONNECT: u8 = 1 << 4;
+/// Position of the address of the multiplexers.
+const CHANNEL: usize = 5;
+
+impl ShiftRegister {
+    /// Outputs these bits. A level lasts for at least 60 ns, because each write to a pin takes that long; the register needs 20
+    /// ns.
+    fn output(&mut self, bits: u8) {
+        for bit in (0..u8::BITS).rev() {
+            self.data.set_level((bits >> bit & 1 == 1).into());
+            self.clock.set_high();
+            self.clock.set_low();
+        }
+        self.latch.set_high();
+        self.latch.set_low();
+    }
+}
+
+/// The sensor matrix and the battery, which share the converter.
+pub struct ResistiveMatrix {
+    /// The converter.
+    pub adc: Peri<'static, peripherals::SAADC>,
+    /// The inputs of the columns: of the columns 0 to 3, 4 to 7, and so on.
+    pub inputs: [AnyInput<'static>; INPUTS],
+    /// The input of the battery.
+    pub battery: AnyInput<'static>,
+    /// The register of the row switch and the multiplexers.
+    pub register: ShiftRegister,
+    /// Switches the supply of the front end.
+    pub supply: Output<'static>,
+    /// The timer for settling times.
+    pub timer: Microseconds,
+    /// When the battery was measured.
+    pub measured_at: Instant,
+}
+
+impl ResistiveMatrix {
+    /// Measures the battery, without a load of this board's own, and the supply.
+    pub async fn measure_battery(&mut self) {
+        self.measured_at = Instant::now();
+        let mut battery = ChannelConfig::single_ended(self.battery.reborrow());
+        battery.gain = Gain::Gain1_3;
+        // The divider has 340 kOhm, for which the data sheet requires this time.
+        battery.time = Time::_40US;
+        // With two channels the converter remains in scan mode: it loses events after a change to a single channel (erratum 212).
+        let channels = [battery, ChannelConfig::single_ended(VddInput)];
+        let mut adc = Saadc::new(self.adc.reborrow(), Irqs, Config::default(), channels);
+        let mut codes = [0; 2];
+        if with_timeout(BATTERY_TIMEOUT, adc.sample(&mut codes)).await.is_ok() {
+            let percent = battery::percent(battery::millivolts(codes[0]));
+            BATTERY_PERCENT.store(percent, Ordering::Relaxed);
+            SUPPLY_MV.store(battery::supply_millivolts(codes[1]), Ordering::Relaxed);
+        }
+    }
+
+    /// Supplies the front end.
+    async fn switch_on(&mut self) {
+        self.supply.set_high();
+        self.timer.wait(SUPPLY_US).await;
+    }
+
+    /// Removes the supply of the front end. Its inputs are low, so that no current flows into them.
+    fn switch_off(&mut self) {
+        self.register.output(0);
+        self.supply.set_low();
+    }
+
+    /// Reads the columns of a row.
+    async fn read_columns(&mut self, row: usize) -> [u16; COLUMNS] {
+        let mut config = Config::default();
+        config.resolution = Resolution::_14bit;
+        config.oversample = Oversample::Over4x;
+        let channels = self.inputs.each_mut().map(|input| {
+            let mut channel = ChannelConfig::single_ended(input.reborrow());
+            // A fraction of the supply, as the signals are.
+            channel.reference = Reference::VDD1_4;
+            channel.gain = Gain::Gain1_4;
+            channel.time = Time::_3US;
+            channel
+        });
+        let mut adc = Saadc::new(self.adc.reborrow(), Irqs, config, channels);
+        let mut codes = [0; COLUMNS];
+        for channel in 0..CHANNELS {
+            self.register.output(row as u8 | CONNECT | (channel as u8) << CHANNEL);
+            if channel == 0 {
+                self.timer.wait(SETTLE_US).await;
+            } else {
+                // An interrupt would take longer.
+                cortex_m::asm::delay(SWITCH_US * CORE_MHZ);
+            }
+            let mut converted = [0; INPUTS];
+            adc.sample(&mut converted).await;
+            for (input, code) in converted.into_iter().enumerate() {
+                // Offsets can make a code negative; the largest one is 16,383.
+                codes[input * CHANNELS + channel] = code.max(0).unsigned_abs() * CODES_PER_STEP;
+            }
+        }
+        codes
+    }
+}
+
+impl Matrix for ResistiveMatrix {
+    fn rows(&self) -> usize {
+        ROWS
+    }
+
+    async fn read_row(&mut self, _seq: u32, row: usize, codes: &mut [u16; DEVICE_CELLS]) -> Result<(), MatrixTimeout> {
+        if row == 0 {
+            if self.measured_at.elapsed() >= BATTERY_PERIOD {
+                self.measure_battery().await;
+            }
+            self.switch_on().await;
+        }
+        let converted = with_timeout(ROW_TIMEOUT, self.read_columns(row)).await;
+        if row + 1 == ROWS || converted.is_err() {
+            self.switch_off();
+        }
+        for (&cell, code) in WIRING.get(row).into_iter().flatten().zip(converted.map_err(|_| MatrixTimeout)?) {
+            if let Some(cell) = cell {
+                codes[usize::from(cell)] = if code < CLIPPED { code } else { FULL_CODE };
+            }
+        }
+        Ok(())
+    }
+}

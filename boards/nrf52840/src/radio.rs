@@ -1,0 +1,362 @@
+//! Bluetooth of the nRF52840: Nordic's controller (SoftDevice Controller), a library, behind the byte streams of the Bluetooth
+//! host.
+//!
+//! The library has a function for each command and no function for a command packet. This file reads the packets of the host (H4,
+//! the format of HCI over a serial port), calls the functions, and composes the events that report their results. All other
+//! events come from the library. In this file, the host is the Bluetooth host (package `bluetooth`).
+//!
+//! All functions of the library must be called at the same priority, so all of this file runs in one task.
+
+use bluetooth::{BONDING_WINDOW, HciPipe};
+use bt_hci::cmd::controller_baseband::{HostBufferSize, Reset, SetEventMask, SetEventMaskPage2};
+use bt_hci::cmd::info::ReadBdAddr;
+use bt_hci::cmd::le::{
+    LeAddDeviceToFilterAcceptList, LeAddDeviceToResolvingList, LeClearFilterAcceptList, LeClearResolvingList,
+    LeLongTermKeyRequestReply, LeRand, LeReadBufferSize, LeReadFilterAcceptListSize, LeReadLocalSupportedFeatures,
+    LeReadPhy, LeRemoveDeviceFromResolvingList, LeSetAddrResolutionEnable, LeSetAdvData, LeSetAdvEnable,
+    LeSetAdvParams, LeSetDataLength, LeSetEventMask, LeSetPhy, LeSetPrivacyMode, LeSetRandomAddr,
+    LeSetResolvablePrivateAddrTimeout, LeSetScanResponseData,
+};
+use bt_hci::cmd::link_control::Disconnect;
+use bt_hci::cmd::{self, AsyncCmd, Cmd, Opcode, SyncCmd};
+use bt_hci::controller::{ControllerCmdAsync, ControllerCmdSync};
+use bt_hci::param::{Error as HciError, Status};
+use bt_hci::{AsHciBytes, FixedSizeValue, FromHciBytes};
+use core::future::pending;
+use embassy_futures::join::join3;
+use embassy_nrf::mode::Blocking;
+use embassy_nrf::rng::Rng;
+use embassy_nrf::{Peri, bind_interrupts, pac, peripherals};
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use embassy_sync::mutex::Mutex;
+use embassy_time::{Duration, Instant, Timer};
+use embedded_io_async::Read;
+use nrf_sdc::mpsl::{
+    ClockInterruptHandler, HighPrioInterruptHandler, LowPrioInterruptHandler, MultiprotocolServiceLayer,
+    Peripherals as SchedulerPeripherals, raw as scheduler,
+};
+use nrf_sdc::{Builder, Error, Mem, Peripherals as ControllerPeripherals, SoftdeviceController, raw as controller};
+use plantar::firmware::board::BluetoothBoard;
+use static_cell::StaticCell;
+
+use crate::matrix;
+
+bind_interrupts!(struct Irqs {
+    EGU0_SWI0 => LowPrioInterruptHandler;
+    CLOCK_POWER => ClockInterruptHandler;
+    RADIO => HighPrioInterruptHandler;
+    TIMER0 => HighPrioInterruptHandler;
+    RTC0 => HighPrioInterruptHandler;
+});
+
+/// Longest data packet, bytes: the packets of the Bluetooth host have as many.
+const PACKET: u16 = 251;
+/// Number of packets to the central that the controller buffers.
+const TX_PACKETS: u8 = 3;
+/// Number of packets from the central that the controller buffers.
+const RX_PACKETS: u8 = 2;
+/// Memory of the controller for one central, bytes: the most that it can need by the macros of its header `sdc.h`, which are 923
+/// for a link, with a first packet of 27 bytes in each direction, 15 for each packet in addition to its length, 17 for the links,
+/// 574 for an advertisement of 31 bytes, and 68 for a list of centrals. The library logs how many bytes it needs, unless they are
+/// exactly these, and does not start with less; version 0.3 of `nrf-sdc-sys` needs 2616.
+const MEMORY: usize = {
+    let packets = (TX_PACKETS + RX_PACKETS) as usize * (PACKET as usize + 15) - 2 * (27 + 15);
+    (923 + packets + 17 + 574 + 68).next_multiple_of(8)
+};
+/// Time before the controller is asked for a packet again after an error.
+const RETRY: Duration = Duration::from_millis(100);
+
+/// Type of an H4 packet: a command.
+const H4_COMMAND: u8 = 1;
+/// Type of an H4 packet: data.
+const H4_DATA: u8 = 2;
+/// Type of an H4 packet: an event.
+const H4_EVENT: u8 = 4;
+/// Event Command Complete.
+const COMMAND_COMPLETE: u8 = 0x0e;
+/// Event Command Status.
+const COMMAND_STATUS: u8 = 0x0f;
+/// Length of the parameters of both events, without return parameters.
+const STATUS_BYTES: u8 = 4;
+
+/// The parts of the controller that the radio uses.
+pub struct Parts {
+    /// For the scheduler of the radio.
+    pub scheduler: SchedulerPeripherals<'static>,
+    /// For the Bluetooth controller.
+    pub controller: ControllerPeripherals<'static>,
+    /// For the keys of bonds, by way of the command LE Rand.
+    pub rng: Peri<'static, peripherals::RNG>,
+    /// The low-frequency crystal oscillates.
+    pub has_crystal: bool,
+}
+
+/// Starts the radio, then passes packets in both directions. Never returns. If the radio does not start, the board runs without
+/// Bluetooth, and the log has the reason.
+#[embassy_executor::task]
+pub async fn run(parts: Parts, from_radio: &'static HciPipe, to_radio: &'static HciPipe) -> ! {
+    static SCHEDULER: StaticCell<MultiprotocolServiceLayer> = StaticCell::new();
+    let clock = low_frequency_clock(parts.has_crystal);
+    let layer = match MultiprotocolServiceLayer::new(parts.scheduler, Irqs, clock) {
+        Ok(layer) => SCHEDULER.init(layer),
+        Err(error) => {
+            defmt::error!("radio: the scheduler does not start: {}", error);
+            pending().await
+        }
+    };
+    // The high-frequency crystal stays on, because the internal oscillator is not accurate enough for the serial port.
+    let _crystal = layer.request_hfclk().await;
+    let radio = match start(parts.controller, parts.rng, layer) {
+        Ok(radio) => radio,
+        Err(error) => {
+            defmt::error!("radio: the Bluetooth controller does not start: {}", error);
+            pending().await
+        }
+    };
+    // Both directions send events to the host, each as a whole.
+    let host = Mutex::new(from_radio);
+    join3(layer.run(), receive(&radio, &host), send(&radio, to_radio, &host)).await.0
+}
+
+/// The source of the low-frequency clock. Without a crystal it is the RC oscillator, which is calibrated every 4 s.
+fn low_frequency_clock(has_crystal: bool) -> scheduler::mpsl_clock_lfclk_cfg_t {
+    let (source, rc_ctiv, rc_temp_ctiv, accuracy_ppm) = if has_crystal {
+        (scheduler::MPSL_CLOCK_LF_SRC_XTAL as u8, 0, 0, 50)
+    } else {
+        let (interval, repeat) = (scheduler::MPSL_RECOMMENDED_RC_CTIV, scheduler::MPSL_RECOMMENDED_RC_TEMP_CTIV);
+        (scheduler::MPSL_CLOCK_LF_SRC_RC as u8, interval as u8, repeat as u8, 500)
+    };
+    let skip_wait_lfclk_started = false;
+    scheduler::mpsl_clock_lfclk_cfg_t { source, rc_ctiv, rc_temp_ctiv, accuracy_ppm, skip_wait_lfclk_started }
+}
+
+/// Starts the Bluetooth controller.
+fn start(
+    parts: ControllerPeripherals<'static>,
+    rng: Peri<'static, peripherals::RNG>,
+    layer: &'static MultiprotocolServiceLayer,
+) -> Result<SoftdeviceController<'static>, Error> {
+    static RANDOM: StaticCell<Rng<'static, Blocking>> = StaticCell::new();
+    static CONTROLLER: StaticCell<Mem<MEMORY>> = StaticCell::new();
+    let rng = Rng::new_blocking(rng);
+    // Zeros and ones of the raw bits are not equally frequent.
+    rng.set_bias_correction(true);
+    Builder::new()?
+        .support_adv()
+        .support_peripheral()
+        .support_dle_peripheral()
+        .support_le_2m_phy()
+        .support_phy_update_peripheral()
+        // The host sets the lifetime of private addresses, and fails if the controller does not have them.
+        .support_le_privacy()
+        .peripheral_count(1)?
+        .buffer_cfg(PACKET, PACKET, TX_PACKETS, RX_PACKETS)?
+        .build(parts, RANDOM.init(rng), layer, CONTROLLER.init_with(Mem::new))
+}
+
+/// Writes packets to the host.
+type Host<'a> = Mutex<NoopRawMutex, &'a HciPipe>;
+
+/// Passes packets from the controller to the host.
+async fn receive(radio: &SoftdeviceController<'_>, host: &Host<'_>) -> ! {
+    let mut packet = [0; 1 + controller::HCI_MSG_BUFFER_MAX_SIZE as usize];
+    loop {
+        let len = match radio.hci_get(&mut packet[1..]).await {
+            Ok(bt_hci::PacketKind::AclData) => {
+                packet[0] = H4_DATA;
+                5 + usize::from(u16::from_le_bytes([packet[3], packet[4]]))
+            }
+            Ok(_) => {
+                packet[0] = H4_EVENT;
+                3 + usize::from(packet[2])
+            }
+            Err(error) => {
+                defmt::error!("radio: no packet: {}", error);
+                Timer::after(RETRY).await;
+                continue;
+            }
+        };
+        // No packet is longer than the buffer of the controller.
+        if let Some(packet) = packet.get(..len) {
+            host.lock().await.write_all(packet).await;
+        }
+    }
+}
+
+/// Passes packets from the host to the controller, and the results of commands to the host.
+async fn send(radio: &SoftdeviceController<'_>, mut from_host: &HciPipe, host: &Host<'_>) -> ! {
+    let mut packet = [0; 5 + 255];
+    loop {
+        // A pipe neither ends nor fails, and no packet of the host is longer than its kind allows.
+        let _ = from_host.read_exact(&mut packet[..4]).await;
+        let is_data = packet[0] == H4_DATA;
+        let (head, len) = if is_data {
+            let _ = from_host.read_exact(&mut packet[4..5]).await;
+            (5, 5 + usize::from(u16::from_le_bytes([packet[3], packet[4]])))
+        } else {
+            (4, 4 + usize::from(packet[3]))
+        };
+        let Some(rest) = packet.get_mut(head..len) else { continue };
+        let _ = from_host.read_exact(rest).await;
+        match (packet[0], packet.get(1..len)) {
+            (H4_DATA, Some(data)) => {
+                if let Err(error) = radio.hci_data_put(data) {
+                    defmt::error!("radio: data refused: {}", error);
+                }
+            }
+            (H4_COMMAND, Some(command)) => {
+                let mut reply = Reply::to([command[0], command[1]]);
+                execute(radio, &command[3..], &mut reply).await;
+                host.lock().await.write_all(reply.packet()).await;
+            }
+            // The host sends no other packets.
+            _ => {}
+        }
+    }
+}
+
+/// Longest return parameters of the commands in [`execute`], bytes.
+const RETURN_BYTES: usize = 8;
+
+/// The event that reports the result of a command.
+struct Reply {
+    opcode: [u8; 2],
+    packet: [u8; 3 + STATUS_BYTES as usize + RETURN_BYTES],
+    len: usize,
+}
+
+impl Reply {
+    /// The reply to an unknown command.
+    fn to(opcode: [u8; 2]) -> Self {
+        let mut reply = Self { opcode, packet: [0; _], len: 0 };
+        reply.status(Status::UNKNOWN_CMD);
+        reply
+    }
+
+    /// Reports the status of a command whose completion another event reports, or of an unknown command.
+    #[inline(never)]
+    fn status(&mut self, status: Status) {
+        let [low, high] = self.opcode;
+        self.set(&[H4_EVENT, COMMAND_STATUS, STATUS_BYTES, status.into_inner(), 1, low, high], &[]);
+    }
+
+    /// Reports that a command is complete.
+    #[inline(never)]
+    fn complete(&mut self, status: Status, parameters: &[u8]) {
+        let [low, high] = self.opcode;
+        let len = STATUS_BYTES + parameters.len() as u8;
+        self.set(&[H4_EVENT, COMMAND_COMPLETE, len, 1, low, high, status.into_inner()], parameters);
+    }
+
+    #[inline(never)]
+    fn set(&mut self, head: &[u8], parameters: &[u8]) {
+        self.len = head.len() + parameters.len();
+        for (to, from) in self.packet.iter_mut().zip(head.iter().chain(parameters)) {
+            *to = *from;
+        }
+    }
+
+    /// The packet.
+    fn packet(&self) -> &[u8] {
+        self.packet.get(..self.len).unwrap_or_default()
+    }
+}
+
+/// The status of a result.
+fn status<T, E>(result: &Result<T, cmd::Error<E>>) -> Status {
+    match result {
+        Ok(_) => Status::SUCCESS,
+        Err(cmd::Error::Hci(error)) => error.to_status(),
+        Err(cmd::Error::Io(_)) => Status::HARDWARE_FAILURE,
+    }
+}
+
+/// The command with these parameters.
+///
+/// # Errors
+/// If they are not valid for the command.
+fn command<'p, C: Cmd<Params: FromHciBytes<'p>> + From<C::Params>, E>(
+    parameters: &'p [u8],
+) -> Result<C, cmd::Error<E>> {
+    let parameters = C::Params::from_hci_bytes_complete(parameters);
+    parameters.map(C::from).map_err(|_| cmd::Error::Hci(HciError::INVALID_HCI_PARAMETERS))
+}
+
+/// Executes a command that the controller completes at once.
+async fn complete<'r, C>(radio: &SoftdeviceController<'r>, parameters: &[u8], reply: &mut Reply)
+where
+    C: SyncCmd<Return: FixedSizeValue> + From<C::Params>,
+    C::Params: for<'p> FromHciBytes<'p>,
+    SoftdeviceController<'r>: ControllerCmdSync<C>,
+{
+    const { assert!(size_of::<C::Return>() <= RETURN_BYTES) };
+    let result = match command::<C, _>(parameters) {
+        Ok(command) => SyncCmd::exec(&command, radio).await,
+        Err(error) => Err(error),
+    };
+    reply.complete(status(&result), result.as_ref().map_or(&[], |value| value.as_hci_bytes()));
+}
+
+/// Begins a command of which another event reports the completion.
+async fn begin<'r, C>(radio: &SoftdeviceController<'r>, parameters: &[u8], reply: &mut Reply)
+where
+    C: AsyncCmd + From<C::Params>,
+    C::Params: for<'p> FromHciBytes<'p>,
+    SoftdeviceController<'r>: ControllerCmdAsync<C>,
+{
+    let result = match command::<C, _>(parameters) {
+        Ok(command) => AsyncCmd::exec(&command, radio).await,
+        Err(error) => Err(error),
+    };
+    reply.status(status(&result));
+}
+
+/// Executes a command of the host.
+async fn execute(radio: &SoftdeviceController<'_>, parameters: &[u8], reply: &mut Reply) {
+    /// Calls the function for the opcode with the type of the command.
+    macro_rules! execute {
+        ($opcode:expr; $($function:ident: $($command:ident)*;)*) => {
+            match $opcode {
+                $($(<$command as Cmd>::OPCODE => $function::<$command>(radio, parameters, reply).await,)*)*
+                opcode => defmt::warn!("radio: unknown command {=u16:x}", opcode.to_raw()),
+            }
+        };
+    }
+    // An opcode has two bytes, so it is never invalid.
+    let Ok(opcode) = Opcode::from_hci_bytes_complete(&reply.opcode) else { return };
+    // These are the commands of the Bluetooth host as a peripheral with one bonded central.
+    execute! { opcode;
+        complete: Disconnect HostBufferSize ReadBdAddr Reset SetEventMask SetEventMaskPage2 LeAddDeviceToFilterAcceptList
+            LeAddDeviceToResolvingList LeClearFilterAcceptList LeClearResolvingList LeLongTermKeyRequestReply LeRand
+            LeReadBufferSize LeReadFilterAcceptListSize LeReadLocalSupportedFeatures LeReadPhy
+            LeRemoveDeviceFromResolvingList LeSetAddrResolutionEnable LeSetAdvData LeSetAdvEnable LeSetAdvParams
+            LeSetDataLength LeSetEventMask LeSetPrivacyMode LeSetRandomAddr LeSetResolvablePrivateAddrTimeout
+            LeSetScanResponseData;
+        begin: LeSetPhy;
+    }
+}
+
+/// The Bluetooth configuration of this board.
+pub struct Nrf52840 {
+    /// The start was caused by power-on or the reset pin, and therefore by a person who has the insole in hand.
+    pub is_started_by_user: bool,
+}
+
+impl BluetoothBoard for Nrf52840 {
+    fn address(&self) -> Option<[u8; 6]> {
+        // A random number that Nordic wrote into each controller.
+        let [low, high] = [0, 1].map(|word| pac::FICR.deviceaddr(word).read().to_le_bytes());
+        let mut address = [low[0], low[1], low[2], low[3], high[0], high[1]];
+        // The two highest bits mark a random static address.
+        address[5] |= 0xc0;
+        Some(address)
+    }
+
+    fn battery_percent(&self) -> Option<u8> {
+        Some(matrix::battery_percent())
+    }
+
+    fn allows_bonding(&self) -> bool {
+        self.is_started_by_user && Instant::now().as_micros() < BONDING_WINDOW.as_micros()
+    }
+}
