@@ -284,7 +284,7 @@ fn phones_bond_only_while_bonding_is_open() {
     assert_ne!(world.insole.bonds(), bonds);
 }
 
-/// The link of such a phone is encrypted, but the phone has no more access than an unknown one.
+/// A phone that pairs without bonding has an encrypted link, but no more access than an unknown one.
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn a_phone_that_pairs_without_bonding_has_no_access() {
@@ -380,7 +380,7 @@ fn break_links(seed: u32) {
     assert_eq!((status.steps, status.records_dropped), (STEPS as u32, 0));
 }
 
-// The walk is divided into two, because each needs a minute and both can run at the same time.
+// Two tests with different seeds instead of one with twice the steps: each takes a minute, and they can run in parallel.
 
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
@@ -434,7 +434,7 @@ fn stream_steps(world: &mut World, phone: &mut Phone, steps: usize) {
     }
 }
 
-/// The insole disconnects such a phone after 30 s without the confirmation of an indication.
+/// The insole disconnects a phone that does not confirm an indication within 30 s.
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn a_phone_that_never_confirms_is_disconnected_and_can_connect_again() {

@@ -1,4 +1,5 @@
-//! The real firmware in QEMU: its messages for a walk equal those that a host computes, also if matrix or link have faults.
+//! The real firmware in QEMU: its messages for a walk equal those that a host computes, even if the matrix or the link has
+//! faults.
 //!
 //! `PLANTAR_FIRMWARE` contains the path of the firmware.
 
@@ -414,7 +415,7 @@ fn without_parameters_areas_and_measured_forces_are_valid_and_model_forces_are_z
     assert_eq!(received.steps.len(), 2);
 }
 
-/// The new parameters apply from one live frame on, and to every step that ends after that frame.
+/// The new parameters apply from a certain live frame onwards, and to every step that ends after that frame.
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn parameters_change_during_a_walk_without_loss_of_a_frame() {
@@ -560,7 +561,7 @@ fn the_insole_reports_the_force_that_the_fit_evaluated() {
                 let device = &device.regions[region];
                 let peak_n = ours.model_n.iter().copied().fold(0.0, f64::max);
                 let integral_n_s = ours.model_n.iter().sum::<f64>() * ours.sample_s;
-                // Both values are rounded: they may differ by one unit of the message.
+                // The device's value is in single precision and rounded to the unit of the message.
                 let is_equal = |sent: u16, value: f64| (f64::from(sent) - value).abs() <= 1.0;
                 assert!(is_equal(device.model_peak_dn, peak_n * 10.0), "{device:?}, {peak_n} N");
                 assert!(is_equal(device.model_integral_cns, integral_n_s * 100.0), "{device:?}, {integral_n_s} N s");

@@ -21,7 +21,7 @@ pub struct Options {
     contact_on_kpa: Option<f32>,
     contact_off_kpa: Option<f32>,
     contact_full_kpa: Option<f32>,
-    /// The baseline file.
+    /// The zero file.
     pub zero: Option<PathBuf>,
 }
 

@@ -37,7 +37,7 @@ def expected(study_folder: pathlib.Path, tmp_path_factory: pytest.TempPathFactor
 
 @contextlib.contextmanager
 def dask(*words: object) -> Iterator[subprocess.Popen[bytes]]:
-    """A process of Dask's command line, which is ended at the end."""
+    """A process of Dask's command line, which is killed on exit."""
     with subprocess.Popen([sys.executable, "-m", "dask", *map(str, words)], stderr=subprocess.DEVNULL) as process:
         try:
             yield process
@@ -178,7 +178,7 @@ def test_an_unusable_recording_is_reported_and_tried_again(
     outcomes = cohort.run(study, out)
     assert [outcome.is_cached for outcome in outcomes] == [False, True, True, False]
     pd.testing.assert_frame_equal(table(out), expected)
-    # Another option and another file each cause an evaluation.
+    # A changed file or option causes a new evaluation.
     os.utime(damaged)
     assert [outcome.is_cached for outcome in cohort.run(study, out)] == [False, True, True, True]
     assert not any(o.is_cached for o in cohort.run(study, out, options=plantar.Options(compression=0.3)))
@@ -187,7 +187,7 @@ def test_an_unusable_recording_is_reported_and_tried_again(
 def test_a_study_in_object_storage_has_equal_rows(
     study_folder: pathlib.Path, expected: pd.DataFrame, tmp_path: pathlib.Path
 ) -> None:
-    # The storage in memory of fsspec has the interface of the others, and no folders and renames of its own.
+    # fsspec's in-memory file system has the same interface as object stores and, like them, no real folders or renames.
     memory = fsspec.filesystem("memory")
     memory.put(str(study_folder), "/bucket/study", recursive=True)
     outcomes = cohort.run("memory://bucket/study", "memory://bucket/table")

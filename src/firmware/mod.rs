@@ -3,9 +3,11 @@
 //!
 //! A board initialises its hardware, calls [`start::start`], and spawns the loops. [`scan::scan`] belongs on an interrupt
 //! executor: its deadline is one frame time, and a frame that it misses is skipped and counted. [`process::process`],
-//! [`serve::serve`] and [`persist::persist`] share the thread executor. Processing may be late by as many frames as the board's
-//! queue holds, and persisting by [`shared::RECORD_QUEUE`] load records; what exceeds these queues is dropped and
-//! counted. The link has no deadline. [`supervise`] checks that scan, processing and link make progress.
+//! [`serve::serve`], [`persist::persist`] and the board's Bluetooth loop share a low-priority executor. If processing is late,
+//! frames wait in the board's queue; while it is full, scans are skipped and counted. If storing is late, up to
+//! [`shared::RECORD_QUEUE`] load records (steps, load bouts, alerts) wait; further steps and bouts are dropped and counted, and
+//! an alert is not raised before the queue has space. The link has no deadline. [`supervise`] checks that scan, processing, link,
+//! storage and radio make progress.
 
 #![allow(async_fn_in_trait, reason = "boards implement these traits for executors that do not move tasks")]
 

@@ -7,7 +7,7 @@ use crate::pipeline::measures::{FootMeasures, RegionMeasures};
 use crate::pipeline::step::{RegionStep, StepRecord};
 
 impl<R: Real, const N: usize> Insole<R, N> {
-    /// Sets the number of the next record. Steps, load bouts and alerts are counted together.
+    /// Sets the number of the next record. Steps, load bouts and alerts are numbered together.
     pub fn count_records_from(&mut self, next: u32) {
         self.records = next;
     }

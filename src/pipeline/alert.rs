@@ -77,7 +77,7 @@ impl AlertRules {
 pub struct AlertRecord {
     /// The foot.
     pub side: Side,
-    /// Number of the record; steps, load bouts and alerts are counted together.
+    /// Number of the record; steps, load bouts and alerts are numbered together.
     pub number: u32,
     /// Time of the alert, us.
     pub start_us: u64,

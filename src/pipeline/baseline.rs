@@ -4,10 +4,11 @@
 //! with temperature. After each stance, once the foot is lifted (`pipeline/lift.rs`), every cell is read:
 //!
 //! - A reading below the baseline lowers the baseline at once, because a cell without load cannot read less than its baseline.
-//! - A reading above it raises the baseline only as far as the swing before read the same, at most [`GAIT_MS`] earlier; so neither
-//!   a foot that rests for a moment, nor a person who sits down and stands up, becomes the baseline. The first reading after the
-//!   start is used at once, and so is the first one after a host has requested it.
-//! - A baseline is at most [`MAX_RESIDUAL_KPA`] above zero pressure. The former baseline of a cell that reads more under a
+//! - A reading above it raises the baseline to the lower of this reading and that of the previous swing, which must be at most
+//!   [`GAIT_MS`] earlier; so neither a foot that rests for a moment, nor the foot of a person who sits down and stands up,
+//!   becomes the baseline. The first reading after the start becomes the baseline at once, unless the foot has carried load
+//!   before; so does the first one after a host has requested it.
+//! - A baseline is at most [`MAX_RESIDUAL_KPA`] above the zero. The former baseline of a cell that reads more under a
 //!   lifted foot remains in force, and the cell is counted in [`Faults::without_baseline`](crate::faults::Faults).
 //!
 //! The pressure of the baseline is subtracted from the pressure of the cell. It is not subtracted from the code, because codes
@@ -56,9 +57,9 @@ impl Baseline {
         Self { code: calibration.offset, residual_kpa: 0.0, gain: calibration.gain }
     }
 
-    /// The baseline after a code of the lifted foot; `None` if it stays. `zero` is the code of the cell at zero pressure, `lowered`
-    /// how far it is below the calibrated one, in units of [`NOISE`] codes, and `before` the reading of the swing before, codes
-    /// above the baseline. Changes within the noise are none. The second number is the new `lowered`.
+    /// The baseline after a code of the lifted foot; `None` if it does not change. `zero` is the code of the cell at zero
+    /// pressure, `lowered` how far it is below the calibrated one, in units of [`NOISE`] codes, and `before` the reading of the
+    /// previous swing, codes above the baseline. Changes within the noise are ignored. The second number is the new `lowered`.
     pub(crate) fn follow(
         &self,
         code: u16,
@@ -94,7 +95,7 @@ impl Baseline {
 pub(crate) enum Rise {
     /// By the whole reading: the first one after the start, or on request.
     Whole,
-    /// By the smaller of this reading and that of the swing before.
+    /// By the lower of this reading and that of the previous swing.
     Confirmed,
     /// Not at all.
     None,

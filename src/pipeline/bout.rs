@@ -66,7 +66,7 @@ impl BoutKind {
 pub struct BoutRegion<R> {
     /// Force-time integral of the measured force, N s.
     pub integral_n_s: R,
-    /// Time integral of the pressure of the highest cell, kPa s.
+    /// Time integral of the largest cell pressure, kPa s.
     pub pressure_integral_kpa_s: R,
     /// Largest pressure of a cell, kPa.
     pub peak_pressure_kpa: R,
@@ -77,13 +77,13 @@ pub struct BoutRegion<R> {
 pub struct BoutRecord<R> {
     /// The foot.
     pub side: Side,
-    /// Number of the record; steps, bouts and alerts are counted together.
+    /// Number of the record; steps, bouts and alerts are numbered together.
     pub number: u32,
     /// The kind.
     pub kind: BoutKind,
     /// Time of the first frame, us.
     pub start_us: u64,
-    /// Time from the first to the last frame, us. Steps within this time are not part of the bout.
+    /// Time from the first to the last frame, us. The bout can span steps; their load is not part of it.
     pub duration_us: u32,
     /// The regions, in the order of [`crate::Region::ALL`].
     pub regions: [BoutRegion<R>; 8],
@@ -98,7 +98,7 @@ struct Load<R> {
     frames: u32,
     /// Sum of the forces of each region, N.
     force_n: [R; 8],
-    /// Sum of the pressures of the highest cell of each region, kPa.
+    /// Sum over the frames of the largest cell pressure of each region, kPa.
     pressure_kpa: [R; 8],
     /// Largest pressure of a cell of each region, kPa.
     peak_kpa: [R; 8],

@@ -23,9 +23,11 @@ pub struct ContactRule {
 }
 
 impl ContactRule {
-    /// Every cell counts with its whole area, and is in contact from 10 kPa until its pressure falls below 7.5 kPa.
+    /// *Counted cells*, as in the paper: a cell in contact counts with its whole area. It is in contact from 10 kPa until its
+    /// pressure falls below 7.5 kPa.
     pub const COUNTED: Self = Self { on_kpa: 10.0, off_kpa: 7.5, full_kpa: 0.0 };
-    /// Every cell counts with its covered share, with the same thresholds, and with its whole area from 150 kPa on.
+    /// *Covered shares*: a cell in contact, by the same thresholds, counts with its covered share, and with its whole area from
+    /// 150 kPa on.
     /// docs/identification.md has the reason for this value.
     pub const COVERED: Self = Self { full_kpa: 150.0, ..Self::COUNTED };
 

@@ -1,6 +1,6 @@
 //! Cumulative load of each region: what a day of steps, standing and sitting adds up to.
 //!
-//! All quantities are integrals of the pressure of the highest cell of a region:
+//! All quantities are integrals of the largest cell pressure of a region:
 //!
 //! - the *dose*: the pressure above [`LoadLimits::dose_kpa`], integrated over time;
 //! - the cumulative squared pressure, which the heating of the tissue follows;

@@ -6,7 +6,7 @@ use crate::num::Real;
 /// Largest number of samples of a curve. In a longer stance only every second frame is stored, then every fourth, and so on.
 pub const STANCE_SAMPLES: usize = 256;
 
-/// One region in one frame: area (mm2), force (N) and the pressure of its highest cell (kPa).
+/// One region in one frame: area (mm2), force (N) and largest cell pressure (kPa).
 #[derive(Clone, Copy, Debug)]
 struct Sample<R>(R, R, R);
 
@@ -35,7 +35,7 @@ pub struct Curves<R> {
     len: usize,
     area_mm2: [[R; STANCE_SAMPLES]; 8],
     force_n: [[R; STANCE_SAMPLES]; 8],
-    /// Pressure of the highest cell of each region, in 0.1 kPa.
+    /// Largest cell pressure of each region, in 0.1 kPa.
     pressure_dkpa: [[u16; STANCE_SAMPLES]; 8],
     /// Centre of pressure of the foot, foot coordinates, in units of 1/[`PER_MM`] mm.
     centre: [(i16, i16); STANCE_SAMPLES],
@@ -159,7 +159,7 @@ impl<R: Real> Curves<R> {
         &self.force_n[region][..self.len]
     }
 
-    /// Pressure of the highest cell of a region, in 0.1 kPa.
+    /// Largest cell pressure of a region, in 0.1 kPa.
     pub fn pressure_dkpa(&self, region: usize) -> &[u16] {
         &self.pressure_dkpa[region][..self.len]
     }

@@ -12,8 +12,9 @@
 //! | ellipse | [`ellipse`] | contact ellipse |
 //! | model | [`model`], [`live`] | tissue deformation and model force of a frame |
 //! | lift | `lift` | whether the foot is lifted |
-//! | stance | [`stance`] | heel strike, toe off, and the curves between them |
+//! | curves | [`curves`] | stored curves of a stance |
 //! | bouts | [`bout`] | load outside steps |
+//! | stance | [`stance`] | heel strike and toe off |
 //! | cumulative load | [`cumulative`] | dose, squared pressure and sustained load of a day |
 //! | alerts | [`alert`] | requests to unload a region |
 //! | measures | [`measures`] | the standard measures of a region and of the foot in a step |

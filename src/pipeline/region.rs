@@ -289,7 +289,7 @@ impl<R: Real> ForceMoments<R> {
         self.y_n_mm += force_n * cell.y_mm;
     }
 
-    /// Subtracts a force that presses without the foot. A force below it is none.
+    /// Subtracts the residual force of the shoe. If nothing remains, the result is no force.
     #[inline(always)]
     pub(crate) fn subtract(&mut self, residual: &Self) {
         self.force_n -= residual.force_n;
@@ -313,9 +313,9 @@ pub struct RegionFrame<R> {
     pub area: AreaMoments,
     /// Measured force.
     pub force: ForceMoments<R>,
-    /// Pressure of the highest cell, kPa. Masked cells are not considered.
+    /// Largest cell pressure, kPa. Masked cells are not considered.
     pub peak_kpa: R,
-    /// Code of this cell above zero pressure.
+    /// Code of the cell with this pressure, above its code at zero pressure.
     pub peak_code: i32,
     /// A cell is saturated: the area is valid, the force is a lower bound.
     pub saturated: bool,
@@ -353,7 +353,7 @@ impl<R: Real> RegionFrame<R> {
         }
     }
 
-    /// Begins the search for the largest counted area again.
+    /// Restarts the search for the largest counted area.
     pub(crate) fn restart_count(&mut self) {
         self.counted.1 = self.counted.0;
     }

@@ -1,7 +1,8 @@
 //! Stance detection: heel strike and toe off from the total force, and the curves of the stance between them.
 //!
-//! By an adaptive rule, the thresholds are above the force that remains while the foot is lifted, and in proportion to the peaks
-//! of the wearer's steps. So a child and a heavy person, barefoot or in a tight shoe, have the same strides.
+//! With an adaptive rule, the thresholds apply to the force above that of the lifted foot, and are proportional to the peaks of
+//! the wearer's steps. So the steps of a child and of a heavy person, barefoot or in a tight shoe, begin and end at the same
+//! phase of gait.
 
 use super::bout::{BoutRecord, Bouts};
 use super::curves::Curves;

@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 
 /// Peak of the total force in a step to which the thresholds of an adaptive [`StanceRule`] refer, N: an adult of 65 kg who walks.
 pub const REFERENCE_PEAK_N: f64 = 700.0;
-/// Range of the peaks that thresholds are in proportion to, relative to [`REFERENCE_PEAK_N`]: from a child of 14 kg who walks to a
-/// person of 70 kg who runs, or of 130 kg who walks.
+/// Range of the peaks to which thresholds are proportional, relative to [`REFERENCE_PEAK_N`]: from a child of 14 kg who walks to
+/// a person of 70 kg who runs, or of 130 kg who walks.
 const SCALE: (f64, f64) = (0.2, 2.0);
 
 /// Time for which the total force must be constant before the foot counts as lifted, ms. The toes are then unloaded. The review of
@@ -27,8 +27,8 @@ pub struct StanceRule {
     pub min_swing_ms: u16,
     /// Longer contacts are standing, not steps, ms.
     pub max_stance_ms: u16,
-    /// True: the forces are those for steps with a peak of [`REFERENCE_PEAK_N`]. They are in proportion to the mean peak of the
-    /// recent steps, and above the constant force of the lifted foot. False: they are absolute.
+    /// True: the forces are those for steps with a peak of [`REFERENCE_PEAK_N`]. They are proportional to the running mean of the
+    /// step peaks, and apply to the force above that of the lifted foot. False: they are absolute.
     pub is_adaptive: bool,
 }
 

@@ -118,7 +118,7 @@ impl<R: Real> StepSums<R> {
 pub struct StepRecord<R> {
     /// The foot.
     pub side: Side,
-    /// Number of the step; steps, load bouts and alerts are counted together; see
+    /// Number of the step; steps, load bouts and alerts are numbered together; see
     /// [`Insole::count_records_from`](crate::insole::Insole::count_records_from).
     pub step: u32,
     /// Time of heel strike, us: the number of the frame of heel strike times the time between frames.

@@ -12,7 +12,7 @@ quantities! {
         /// Number of the record.
         number: u32 = record.number
             => number [1 per "count"],
-            "Steps, load bouts and alerts are counted together; the number continues after a restart.";
+            "Steps, load bouts and alerts are numbered together; the number continues after a restart.";
         /// Foot.
         side: Side = record.side;
         /// Time of the alert, since the first scan.
@@ -21,10 +21,10 @@ quantities! {
             "End of the second in which the limit was reached.";
         /// The region is under sustained load.
         sustained: u8 = record.sustained,
-            flags "The pressure of the highest cell reached the limit for the set share of the window.";
+            flags "The largest cell pressure of the region reached the limit for the set share of the window.";
         /// The dose of the region has reached the limit of the day.
         dose: u8 = record.dose,
-            flags "Time integral of the pressure of the highest cell above the limit.";
+            flags "Time integral of the largest cell pressure above the limit.";
         /// Length of the window of sustained load.
         window_s: u16 = record.window_s
             => window_s [1 per "s"],

@@ -14,7 +14,7 @@ quantities! {
         /// Number of the record.
         number: u32 = record.number
             => number [1 per "count"],
-            "Steps, load bouts and alerts are counted together; the number continues after a restart.";
+            "Steps, load bouts and alerts are numbered together; the number continues after a restart.";
         /// Foot.
         side: Side = record.side;
         /// What the wearer did.
@@ -22,11 +22,11 @@ quantities! {
         /// Time of the first frame, since the first scan.
         start_us: u64 = record.start_us
             => start_s [1_000_000 per "s"],
-            "First frame that is not part of a step, after the bout before.";
+            "First frame after the previous bout that is not part of a step.";
         /// Time from the first to the last frame.
         duration_us: u32 = record.duration_us
             => duration_s [1_000_000 per "s"],
-            "Steps within this time are not part of the bout.";
+            "The bout can span steps; their load is not part of it.";
         /// The regions, in the order of [`crate::Region::ALL`].
         regions: [BoutRegion; 8] = record.regions.each_ref().map(BoutRegion::new);
         /// Boots of the insole since the one that recorded this bout; the start time counts from that one.
@@ -54,19 +54,19 @@ quantities! {
         #[serde(with = "le")]
         pressure_integral_dkpas: u32 = round_u32(region.pressure_integral_kpa_s * R::of(10.0))
             => pressure_integral_kpa_s [10 per "kPa s"],
-            "Sum over the frames of the pressure of the highest cell, times the time between them.";
+            "Largest cell pressure in each frame, times the time between frames, summed.";
         /// Largest pressure of a cell.
         #[serde(with = "le")]
         peak_pressure_dkpa: u16 = (region.peak_pressure_kpa * R::of(10.0)).round_u16()
             => peak_pressure_kpa [10 per "kPa"],
-            "Highest cell of the region over the bout.";
+            "Largest pressure of any cell of the region in the bout.";
     }
 
     /// Rounds a region to the integer units of the message.
     fn new<R: Real>(region: &Region<R>);
 }
 
-/// Nearest integer. Single precision has fewer digits than the integer, so the larger ones need not be rounded.
+/// Nearest integer. In `f32`, values from 2^23 on are already integers, and the sum may be rounded to the next one.
 fn round_u32<R: Real>(value: R) -> u32 {
     (value + R::of(0.5)).to_f64() as u32
 }

@@ -91,7 +91,7 @@ pub(super) struct Configured {
     pub identity: Identity,
     /// The rules of alerts in force.
     pub alert_rules: AlertRules,
-    /// The rules and cells in force; `None` without a valid layout.
+    /// The layout in force: the set-up of the insole and its cells; `None` without a valid one.
     pub layout: Option<(Setup, &'static [SetupCell])>,
 }
 

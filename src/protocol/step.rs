@@ -16,7 +16,7 @@ quantities! {
         /// Number of the record; continues after a restart as long as the flash chip is the same.
         step: u32 = record.step
             => step [1 per "count"],
-            "Steps, load bouts and alerts are counted together.";
+            "Steps, load bouts and alerts are numbered together.";
         /// Foot.
         side: Side = record.side;
         /// Time of the heel strike, the first loaded frame of the step, since the first scan.
@@ -278,7 +278,7 @@ quantities! {
         #[serde(with = "le")]
         peak_pressure_dkpa: u16 = (region.measures.peak_pressure_kpa * R::of(10.0)).round_u16()
             => peak_pressure_kpa [10 per "kPa"],
-            "Highest cell of the region over the step.";
+            "Largest pressure of any cell of the region in the step.";
         /// Time from heel strike to the largest pressure of a cell.
         #[serde(with = "le")]
         peak_pressure_ms: u16 = (region.measures.peak_pressure_s * R::of(1e3)).round_u16()
@@ -288,7 +288,7 @@ quantities! {
         #[serde(with = "le")]
         pressure_integral_dkpas: u16 = (region.measures.pressure_integral_kpa_s * R::of(10.0)).round_u16()
             => pressure_integral_kpa_s [10 per "kPa s"],
-            "Sum over the samples of the pressure of the highest cell, times the time between them.";
+            "Largest cell pressure in each sample, times the time between samples, summed.";
         /// Mean pressure at the largest measured force.
         #[serde(with = "le")]
         mean_pressure_dkpa: u16 = (region.measures.mean_pressure_kpa * R::of(10.0)).round_u16()

@@ -12,20 +12,26 @@ class Options:
     size: int = 42
     """European shoe size, 35 to 46, to which the typical tissue thickness is scaled."""
     filter: Literal["direct", "live", "smoothed"] | None = None
-    """The filter of the contact area; the default is direct, or smoothed with the method of the paper."""
+    """The filter of the contact area: that of the step records of an insole (``direct``), that of its live stream (``live``) or,
+    for comparison, the smoothing of the paper (``smoothed``). Parameters are valid only for the filter of their fit. Default:
+    ``direct``, or ``smoothed`` with the method of the paper."""
     method: Literal["projection", "paper"] = "projection"
-    """The search: five parameters with a prior, or the eight parameters of the paper from ten random starts."""
+    """The search: five parameters, with the distribution among people as prior (``projection``) or, for comparison, the paper's
+    search for eight parameters from ten random starts, which fits the smoothed force (``paper``)."""
     bounds: Literal["free", "paper"] = "free"
-    """The bounds of the exponents."""
+    """The bounds of the exponents. ``free``: n from -0.95 on, with the prior; ``paper``: n at least 0, least squares without a
+    prior. Not used by the method of the paper."""
     tissue: str | os.PathLike[str] | None = None
     """The file of tissue measurements."""
     compression: float | None = None
-    """Assumed largest compression of the tissue, as a fraction of its thickness."""
+    """Assumed largest compression of the tissue, as a fraction of its thickness; default: 0.457."""
     contact_on_kpa: float | None = None
-    """A cell comes into contact at this pressure; the default is 10 kPa."""
+    """A cell comes into contact at this pressure; default: the value in the parameter file, or 10 kPa."""
     contact_off_kpa: float | None = None
-    """A cell loses contact below this pressure; the default is 3/4 of ``contact_on_kpa``."""
+    """A cell loses contact below this pressure; default: the same fraction of ``contact_on_kpa`` as in the parameter file, or
+    3/4."""
     contact_full_kpa: float | None = None
-    """A cell counts as a whole from this pressure on; 0 to count whole cells only, and 150 kPa by default."""
+    """A cell in contact counts with the fraction sqrt(p / this pressure) of its area, at most 1, where p is its pressure; 0:
+    always with its whole area, as in the paper; default: the value in the parameter file, or 150 kPa."""
     zero: str | os.PathLike[str] | None = None
-    """The baseline file from ``plantar zero``. In a study, ``participant.toml`` names the file of each participant instead."""
+    """The zero file written by ``plantar zero``. In a study, ``participant.toml`` names the file of each participant instead."""

@@ -1,4 +1,4 @@
-"""Recordings, and the insole's own code on them."""
+"""Recordings, and their replay with the insole's own code."""
 
 from __future__ import annotations
 
@@ -36,7 +36,8 @@ Path = str | os.PathLike[str]
 def read(path: Path) -> Recording:
     """Reads a recording: a Parquet file, or a folder with the parts of one.
 
-    Raises an ``OSError`` if the file cannot be read, and a ``ValueError`` that names the place and the remedy if it is no recording.
+    Raises an ``OSError`` if the file cannot be read, and a ``ValueError`` that names the place and the remedy if it is not a
+    recording.
     """
     return Recording(_core.Recording.read(path))
 
@@ -48,7 +49,7 @@ def replay(
     precision: Literal["f32", "f64"] = "f32",
     options: Options = Options(),
 ) -> Replay:
-    """The steps of a recording as an insole computes them, as ``plantar replay``. See ``Recording.replay``."""
+    """The steps of a recording as an insole computes them, like ``plantar replay``. See ``Recording.replay``."""
     return (recording if isinstance(recording, Recording) else read(recording)).replay(
         params=params, precision=precision, options=options
     )

@@ -11,7 +11,7 @@ use core::ops::RangeInclusive;
 /// The times to which the wall clock can be set, us since 1970: the years 2020 to 2099.
 pub const CLOCK_US: RangeInclusive<u64> = 1_577_836_800_000_000..=4_102_444_799_999_999;
 
-/// Requests of a host that the insole itself executes, at the end of a second.
+/// Requests of a host for the data path ([`crate::insole::Insole`]), which executes them at the end of each second.
 #[derive(Clone, Copy, Debug)]
 pub struct ToInsole {
     /// New rules of alerts.
@@ -74,13 +74,13 @@ impl Session {
         &self.daily
     }
 
-    /// Sets the configuration that hosts can read, and the stored settings, which are part of it.
+    /// Sets the layout that hosts can read: the set-up of the insole and its cells; and the stored settings that are part of it.
     pub fn set_layout(&mut self, setup: Setup, cells: &'static [SetupCell], settings: Option<Settings>) {
         self.configured.layout = Some((setup, cells));
         self.configured.settings = settings;
     }
 
-    /// The configuration; `None` without a valid layout.
+    /// The set-up of the layout; `None` without a valid layout.
     pub fn setup(&self) -> Option<&Setup> {
         self.configured.layout.as_ref().map(|(setup, _)| setup)
     }

@@ -26,7 +26,7 @@ pub struct FootStep {
 
 impl FootStep {
     /// A step with its heel strike at `start_us` on the clock of the walk. `others` are the numbers of the insole's load
-    /// bouts and alerts, which are counted together with the steps.
+    /// bouts and alerts, which are numbered together with the steps.
     pub fn new(step: &Step, start_us: u64, others: &[u32]) -> Self {
         let before = others.iter().filter(|other| is_after(step.step, **other)).count();
         Self {

@@ -25,7 +25,7 @@ pub use carrier::{Carrier, Framed, READ_TIMEOUT};
 pub use cells::{CellReceiver, StartedCells};
 pub use counters::LinkCounters;
 pub use error::Error;
-pub use file::create_new;
+pub use file::create_or_open_empty;
 pub use json::{bout_to_json, step_to_json};
 pub use link::{Event, Link, Open, ReconnectPolicy, SessionStart};
 pub use session::Client;

@@ -1,7 +1,7 @@
 //! The file of a recorded stream. For each message it contains the time in ms (u32), the index of the insole (u8), the length of
 //! the message (u16), all little endian, and the message.
 
-use crate::create_new;
+use crate::create_or_open_empty;
 use plantar::protocol::{LoadRecord, MAX_MESSAGE, ToHost, encode};
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -27,7 +27,7 @@ impl StreamFile {
     /// # Errors
     /// If the file cannot be opened for writing, or is not empty.
     pub fn create(path: &Path) -> io::Result<Self> {
-        let out = BufWriter::new(create_new(path)?);
+        let out = BufWriter::new(create_or_open_empty(path)?);
         Ok(Self { path: path.into(), out, start: Instant::now() })
     }
 
@@ -74,7 +74,7 @@ pub struct Entry<'f> {
     pub message: &'f [u8],
 }
 
-/// A stream file is damaged at this byte, or is another file.
+/// The file is damaged at this byte, or is not a stream file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[error("damaged at byte {0}")]
 pub struct DamagedAt(pub usize);

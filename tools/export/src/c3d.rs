@@ -21,9 +21,12 @@ const MAGIC: u8 = 0x50;
 const INTEL: u8 = 84;
 /// The key of the header for event labels of four characters.
 const FOUR_CHARACTERS: u16 = 12345;
-/// Largest number of a frame in the header, and of elements in a dimension of a parameter.
+/// Largest frame number in the header.
 const MOST_FRAMES: usize = u16::MAX as usize;
+/// Largest number of elements in a dimension of a parameter.
 const MOST_ELEMENTS: usize = u8::MAX as usize;
+/// Largest number of blocks in the section of the parameters.
+const MOST_PARAMETER_BLOCKS: usize = u8::MAX as usize;
 
 /// Writes a C3D file. The channels have the units and descriptions of the session; the value of an absent centre of pressure is
 /// 0. Event times begin with 0 at the first frame.
@@ -34,7 +37,7 @@ pub fn write(session: &Session, path: &Path) -> Result<()> {
     let events = session.events();
     // The number of the data's first block is itself a parameter.
     let blocks = parameters(session, &events, 0).len() / BLOCK;
-    if blocks > MOST_ELEMENTS {
+    if blocks > MOST_PARAMETER_BLOCKS {
         let problem = format!("{} events, more than a C3D file can hold", events.len());
         return Err(content(&session.files(), problem, "export parts of it with --from and --to, such as --to 600"));
     }
@@ -117,7 +120,7 @@ fn parameters(session: &Session, events: &[Event], data_block: u16) -> Vec<u8> {
     to.texts(4, "LABELS", &events.iter().map(label).collect::<Vec<_>>());
     let times: Vec<_> = events.iter().map(time).collect();
     to.reals(4, "TIMES", &times.iter().map(|time| &time[..]).collect::<Vec<_>>());
-    // The pictures of these events in the usual programs.
+    // Icon numbers as written by the usual motion-capture programs: 1 foot strike, 2 foot off.
     let icon = |event: &Event| if event.kind == EventKind::HeelStrike { 1 } else { 2 };
     to.integers(4, "ICON_IDS", &events.iter().map(icon).collect::<Vec<_>>());
     to.finish()
@@ -146,7 +149,7 @@ impl Parameters {
         self.rows(group, name, 4, columns, &rows.iter().map(|row| &row[..]).collect::<Vec<_>>());
     }
 
-    /// Adds texts of one byte for each character, which are filled with spaces to equal lengths.
+    /// Adds ASCII texts, padded with spaces to equal length.
     fn texts(&mut self, group: i8, name: &str, texts: &[String]) {
         let length = texts.iter().map(String::len).max().unwrap_or(0);
         let rows: Vec<String> = texts.iter().map(|text| format!("{text:length$}")).collect();

@@ -12,7 +12,7 @@ pub fn file(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<
         let mut to = BufWriter::new(File::create(incomplete)?);
         write(&mut to)?;
         to.flush()?;
-        // A full disk is sometimes noticed only here.
+        // Some file systems report a full disk only here.
         to.get_ref().sync_all()
     })
 }
@@ -24,7 +24,7 @@ pub fn at(path: &Path, write: impl FnOnce(&Path) -> io::Result<()>) -> Result<()
     let incomplete = PathBuf::from(name);
     let written = write(&incomplete).and_then(|()| fs::rename(&incomplete, path));
     written.map_err(|reason| {
-        // What cannot be removed was not written either.
+        // This fails only if nothing was written.
         let _ = fs::remove_file(&incomplete).or_else(|_| fs::remove_dir_all(&incomplete));
         Error::Io { file: path.into(), reason }
     })

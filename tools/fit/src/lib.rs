@@ -5,7 +5,7 @@
 //!
 //! [`steps::isolate`] extracts the steps of recordings with the code of the insole, and [`live`] collects them from the messages
 //! of an insole. [`fit`] identifies, for each region, the five parameters that a force trace determines ([`identify`]). The other
-//! three of the paper's eight parameters follow from other measurements ([`pins`]). The result includes confidence intervals
+//! three of the paper's eight parameters follow from other measurements ([`fixed`]). The result includes confidence intervals
 //! ([`interval`]) and errors ([`quality`]). The module `paper` is the search of the paper, for comparison.
 //!
 //! Without its default features, the library runs in a browser: it then has neither recordings nor threads nor the paper's
@@ -22,7 +22,7 @@ pub mod live;
 pub mod measures;
 #[cfg(feature = "paper")]
 pub mod paper;
-pub mod pins;
+pub mod fixed;
 pub mod prior;
 pub mod quality;
 pub mod repeat;
@@ -46,8 +46,8 @@ mod scale;
 mod screen;
 mod verdict;
 
+pub use fixed::Measured;
 pub use identify::Bounds;
-pub use pins::Measured;
 pub use prior::Prior;
 pub use quality::Quality;
 pub use region::{RegionFit, fit_one, fit_step};
@@ -95,7 +95,7 @@ pub struct Options {
     pub thickness_m: [f64; 8],
     /// Length of the foot relative to that of size 42, to which the bounds of the paper's method are scaled.
     pub size_scale: f64,
-    /// Assumed largest deformation divided by the thickness, 0 to 1, which pins C of regions without a measurement.
+    /// Assumed largest deformation divided by the thickness, 0 to 1, which determines C of regions without a measurement.
     pub compression: f64,
     /// Further measurements of the tissue, in the order of [`Region::ALL`].
     pub measured: [Measured; 8],
@@ -113,7 +113,7 @@ impl Options {
             prior: Some(prior::WALKERS),
             thickness_m,
             size_scale: 1.0,
-            compression: pins::COMPRESSION,
+            compression: fixed::COMPRESSION,
             measured: [Measured::NONE; 8],
             resamples: 0,
         }

@@ -4,8 +4,8 @@
 //! Single parameters of the force law compensate each other, so that they vary between two recordings of the same person although
 //! the law does not. These quantities are values of the law itself, and vary only as much as it does.
 
+use crate::fixed::FixedParameters;
 use crate::interval::{self, Noise};
-use crate::pins::Pins;
 use crate::prior::{self, Coordinates};
 use crate::trials::Moments;
 use crate::{Filter, RegionCurves, Samples};
@@ -123,12 +123,12 @@ impl Measure {
     }
 }
 
-/// Relative change of the value that pins C, for [`PinEffect`].
-pub const PIN_CHANGE: f64 = 0.2;
+/// Relative change of the value that determines C, for [`ScaleEffect`].
+pub const SCALE_CHANGE: f64 = 0.2;
 
-/// C and quantities that depend on it, for a value that pins C.
+/// C and quantities that depend on it, for one value from which C follows.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PinnedValues {
+pub struct ScaledValues {
     /// C, m.
     pub c_m: f64,
     /// See [`Quantity::SecantStiffness`]; `None` if the law does not reach the reference strain.
@@ -137,13 +137,13 @@ pub struct PinnedValues {
     pub secant_modulus_kpa: Option<f64>,
 }
 
-/// How results follow the value that pins C, at a value that is smaller or larger by [`PIN_CHANGE`].
+/// How results follow the value that determines C, at a value that is smaller or larger by [`SCALE_CHANGE`].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PinEffect {
+pub struct ScaleEffect {
     /// With the smaller value.
-    pub at_less: PinnedValues,
+    pub at_less: ScaledValues,
     /// With the larger value.
-    pub at_more: PinnedValues,
+    pub at_more: ScaledValues,
 }
 
 /// The measure of a quantity; `None` if the region does not have it.
@@ -159,19 +159,19 @@ pub(crate) struct Basis<'b> {
     pub step_area_m2: f64,
     /// Peak force: the median over the steps, N.
     pub peak_n: f64,
-    pub pins: &'b Pins,
+    pub fixed: &'b FixedParameters,
 }
 
 impl Basis<'_> {
-    /// The quantities of a force law, whose C is replaced by the pinned one; `None` for the energies, and for forces that the law
+    /// The quantities of a force law, whose C is replaced by the fixed one; `None` for the energies, and for forces that the law
     /// does not reach.
     fn of_law(&self, law: &ForceLaw<f64>, quantity: Quantity) -> Option<f64> {
-        let c_m = self.pins.c_m(law, self.area_max_m2);
+        let c_m = self.fixed.c_m(law, self.area_max_m2);
         let elastic = |g: f64| law.force_n(g, 0.0);
         let area_m2 = |g: f64| PI * law.ab_m2 * g * (2.0 - g);
-        let strain = |g: f64| g * c_m / self.pins.thickness_m;
+        let strain = |g: f64| g * c_m / self.fixed.thickness_m;
         // Deformations are at most C. With a large C, the reference strain may not be reached.
-        let g = REFERENCE_STRAIN * self.pins.thickness_m / c_m;
+        let g = REFERENCE_STRAIN * self.fixed.thickness_m / c_m;
         let slope = |f: &dyn Fn(f64) -> f64| (f(g * (1.0 + STEP)) - f(g * (1.0 - STEP))) / (2.0 * STEP * g);
         let stress = |g: f64| elastic(g) / area_m2(g);
         match quantity {
@@ -187,11 +187,11 @@ impl Basis<'_> {
             Quantity::SecantStiffness => Some(elastic(g) / (g * c_m) * 1e-3),
             Quantity::TangentStiffness => Some(slope(&elastic) / c_m * 1e-3),
             Quantity::SecantModulus => Some(stress(g) / strain(g) * 1e-3),
-            Quantity::TangentModulus => Some(slope(&stress) * self.pins.thickness_m / c_m * 1e-3),
+            Quantity::TangentModulus => Some(slope(&stress) * self.fixed.thickness_m / c_m * 1e-3),
             Quantity::ViscousModulus => {
                 // The viscous force is proportional to the rate, so its derivative is the difference of two rates.
                 let per_rate = law.force_n(g, 1.0) - elastic(g);
-                Some(per_rate / area_m2(g) * self.pins.thickness_m / c_m * 1e-3)
+                Some(per_rate / area_m2(g) * self.fixed.thickness_m / c_m * 1e-3)
             }
             Quantity::LoadingEnergy | Quantity::DissipatedEnergy => None,
         }
@@ -228,18 +228,18 @@ impl Basis<'_> {
         Quantity::all().filter_map(measure).collect()
     }
 
-    /// How C and the quantities that depend on it follow the value that pins C.
-    pub fn pin_effect(&self, law: &ForceLaw<f64>) -> PinEffect {
+    /// How C and the quantities that depend on it follow the value that determines C.
+    pub fn scale_effect(&self, law: &ForceLaw<f64>) -> ScaleEffect {
         let at = |factor: f64| {
-            let pins = Pins { scale: self.pins.scale.scaled(factor), ..*self.pins };
-            let basis = Basis { pins: &pins, ..*self };
-            PinnedValues {
-                c_m: pins.c_m(law, self.area_max_m2),
+            let fixed = FixedParameters { scale: self.fixed.scale.scaled(factor), ..*self.fixed };
+            let basis = Basis { fixed: &fixed, ..*self };
+            ScaledValues {
+                c_m: fixed.c_m(law, self.area_max_m2),
                 secant_stiffness_n_mm: basis.of_law(law, Quantity::SecantStiffness),
                 secant_modulus_kpa: basis.of_law(law, Quantity::SecantModulus),
             }
         };
-        PinEffect { at_less: at(1.0 - PIN_CHANGE), at_more: at(1.0 + PIN_CHANGE) }
+        ScaleEffect { at_less: at(1.0 - SCALE_CHANGE), at_more: at(1.0 + SCALE_CHANGE) }
     }
 
     /// The quantities without intervals.

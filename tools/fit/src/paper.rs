@@ -7,7 +7,7 @@
 //! the step as clamped.
 
 use crate::Samples;
-use crate::pins::{Pins, Scale};
+use crate::fixed::{FixedParameters, Scale};
 use plantar::pipeline::model::{Ellipsoid, ForceLaw};
 use std::cell::Cell;
 
@@ -105,9 +105,9 @@ fn squares(samples: &Samples, ellipsoid: &Ellipsoid<f64>) -> f64 {
     sum
 }
 
-/// The values of the pinned quantities of an ellipsoid of which all eight parameters were searched.
-pub(crate) fn pins(ellipsoid: &Ellipsoid<f64>, law: &ForceLaw<f64>, g_max: f64) -> Pins {
-    Pins {
+/// The values of A/B, C and d0 of an ellipsoid of which all eight parameters were searched.
+pub(crate) fn fixed_parameters(ellipsoid: &Ellipsoid<f64>, law: &ForceLaw<f64>, g_max: f64) -> FixedParameters {
+    FixedParameters {
         aspect: ellipsoid.a_m / ellipsoid.b_m,
         thickness_m: ellipsoid.d0_m,
         is_thickness_measured: false,

@@ -1,12 +1,13 @@
-//! The fit of one region: the search of its parameters, its pins, confidence intervals and errors.
+//! The fit of one region: the search of its parameters, those that are fixed by other data, confidence intervals and
+//! errors.
 
 use crate::compare::{Change, Group};
+use crate::fixed::{FixedParameters, Scale};
 use crate::identify::{Bounds, Identified, identify as identify_by_projection, refine};
 use crate::interval::{self, Noise, Uncertainty};
-use crate::measures::{self, Basis, Measure, PinEffect, Quantity};
+use crate::measures::{self, Basis, Measure, Quantity, ScaleEffect};
 #[cfg(feature = "paper")]
 use crate::paper;
-use crate::pins::{Pins, Scale};
 use crate::prior::{self, Prior};
 use crate::quality::{Evaluated, Quality, largest};
 use crate::scale::{Contradiction, Site};
@@ -28,10 +29,10 @@ pub struct RegionFit {
     pub law: ForceLaw<f64>,
     /// The paper's eight parameters.
     pub ellipsoid: Ellipsoid<f64>,
-    /// The values that pin three of the eight parameters.
-    pub pins: Pins,
-    /// How C and the quantities that depend on it follow the value that pins C; `None` for the paper's method.
-    pub pin_effect: Option<PinEffect>,
+    /// The three of the eight parameters that other data fix.
+    pub fixed: FixedParameters,
+    /// How C and the quantities that depend on it follow the value that determines C; `None` for the paper's method.
+    pub scale_effect: Option<ScaleEffect>,
     /// Confidence intervals of the five identifiable parameters; `None` for the paper's method.
     pub uncertainty: Option<Uncertainty>,
     /// Mechanical quantities, which can be compared between recordings and people.
@@ -79,20 +80,21 @@ pub fn fit_step(step: &Step, region: usize, options: &Options) -> Result<(Region
     let used = usable(steps, region, options.filter)?;
     let curves = &steps[used[0]].regions[region];
     let best = search([curves], region, options);
-    let (pins, contradiction) = best.pins(&[curves], region, options);
+    let (fixed, contradiction) = best.fixed_parameters(&[curves], region, options);
     let evaluated = Evaluated::new(curves, options.filter, &best.law).ok_or(NotFitted::NeverLoaded)?;
     let one = std::slice::from_ref(&evaluated);
     let quality = Quality::new(one, one, &[]);
     let covariance = best.covariance();
     let uncertainty = best.uncertainty(covariance.as_ref());
-    let measures = best.measures(&[curves], &pins, covariance.as_ref(), &[], options);
-    let mut fit = best.into_fit(used, pins, uncertainty, measures, quality)?;
+    let measures = best.measures(&[curves], &fixed, covariance.as_ref(), &[], options);
+    let mut fit = best.into_fit(used, fixed, uncertainty, measures, quality)?;
     fit.ellipse_misfit = steps::ellipse_misfit([curves]);
     fit.defects.extend(contradiction.map(|contradiction| contradiction.to_string()));
     Ok((fit, evaluated))
 }
 
-/// The force law of one region, fitted to all steps that pass the screening, without quality and intervals. C is not pinned.
+/// The force law of one region, fitted to all steps that pass the screening, without quality and intervals. C is not
+/// determined.
 ///
 /// # Errors
 /// Returns the reason if no step passes the screening.
@@ -112,7 +114,7 @@ pub(crate) fn fit_region(steps: &[Step], region: usize, options: &Options) -> Re
     let best = search(curves.iter().copied(), region, options);
     let recordings_ratio = group.recordings_ratio(&best, region, options);
     let change = group.change(&best, region, options);
-    let (pins, contradiction) = best.pins(curves, region, options);
+    let (fixed, contradiction) = best.fixed_parameters(curves, region, options);
 
     let resampled = resample(curves, &best, region, options);
     let covariance = best.covariance();
@@ -121,7 +123,7 @@ pub(crate) fn fit_region(steps: &[Step], region: usize, options: &Options) -> Re
         let five = |law: &ForceLaw<f64>| [law.ab_m2, law.stiffness_pa, law.damping_pa_s, law.n, law.m];
         interval::add_bootstrap(uncertainty, &resampled.iter().map(five).collect::<Vec<_>>());
     }
-    let measures = best.measures(curves, &pins, covariance.as_ref(), &resampled, options);
+    let measures = best.measures(curves, &fixed, covariance.as_ref(), &resampled, options);
     let evaluate = |curves: &RegionCurves, law: &ForceLaw<f64>| Evaluated::new(curves, options.filter, law);
     let fitted: Vec<_> = curves.iter().filter_map(|c| evaluate(c, &best.law)).collect();
     let own = parallel::map(curves.len(), |i| evaluate(curves[i], &search([curves[i]], region, options).law));
@@ -129,7 +131,7 @@ pub(crate) fn fit_region(steps: &[Step], region: usize, options: &Options) -> Re
     let predicted_nrmse = cross_validate(curves, &best, region, options);
     let quality = Quality::new(&fitted, &own, &predicted_nrmse);
     let are_equal = curves.len() > 1 && curves.windows(2).all(|pair| pair[0] == pair[1]);
-    let mut fit = best.into_fit(used, pins, uncertainty, measures, quality)?;
+    let mut fit = best.into_fit(used, fixed, uncertainty, measures, quality)?;
     fit.ellipse_misfit = steps::ellipse_misfit(curves.iter().copied());
     fit.defects.extend(contradiction.map(|contradiction| contradiction.to_string()));
     fit.defects.extend(change.map(|change| change.to_string()));
@@ -188,7 +190,7 @@ pub(crate) struct SearchResult {
     evaluations: usize,
 }
 
-/// The C, m, of a force law whose C is not pinned yet. Any value is possible, because the force does not depend on C.
+/// The C, m, of a force law whose C is not determined yet. Any value is possible, because the force does not depend on C.
 const ANY_C_M: f64 = 0.01;
 
 /// Searches the parameters of a region with the method of the options.
@@ -264,13 +266,13 @@ impl SearchResult {
     }
 
     /// The data from which the mechanical quantities follow.
-    fn basis<'b>(&self, pins: &'b Pins) -> Basis<'b> {
+    fn basis<'b>(&self, fixed: &'b FixedParameters) -> Basis<'b> {
         let median_of = |all: &[f64]| steps::median(self.samples.steps.iter().map(|step| largest(&all[step.clone()])));
         Basis {
             area_max_m2: self.samples.area_max_m2,
             step_area_m2: median_of(&self.samples.raw_area_m2),
             peak_n: median_of(&self.samples.force_n),
-            pins,
+            fixed,
         }
     }
 
@@ -279,40 +281,41 @@ impl SearchResult {
     pub(crate) fn measures(
         &self,
         curves: &[&RegionCurves],
-        pins: &Pins,
+        fixed: &FixedParameters,
         covariance: Option<&Matrix5<f64>>,
         resampled: &[ForceLaw<f64>],
         options: &Options,
     ) -> Vec<Measure> {
-        let basis = self.basis(pins);
+        let basis = self.basis(fixed);
         let mut measures = match (&self.identified, covariance) {
             (Some(identified), Some(covariance)) => {
                 basis.measures(&prior::coordinates(identified), covariance, &self.noise, resampled)
             }
             _ => basis.values(&self.law),
         };
-        let law = self.pinned_law(pins);
+        let law = self.law_with_c(fixed);
         measures.extend(measures::energies(curves, options.filter, &law));
         measures
     }
 
-    /// The force law with the C of the pins.
-    fn pinned_law(&self, pins: &Pins) -> ForceLaw<f64> {
-        ForceLaw { c_m: pins.c_m(&self.law, self.samples.area_max_m2), ..self.law }
+    /// The force law with the C that other data fix.
+    fn law_with_c(&self, fixed: &FixedParameters) -> ForceLaw<f64> {
+        ForceLaw { c_m: fixed.c_m(&self.law, self.samples.area_max_m2), ..self.law }
     }
 
-    /// The pins of the result, from the contact ellipses of the steps and from the options. If measurements contradict each other,
-    /// C is pinned by the assumed compression. If all eight parameters were searched, the pins follow from these parameters.
-    pub(crate) fn pins(
+    /// The fixed parameters of the result, from the contact ellipses of the steps and from the options. If measurements
+    /// contradict each other, the assumed compression determines C. If all eight parameters were searched, the fixed ones are
+    /// among them.
+    pub(crate) fn fixed_parameters(
         &self,
         curves: &[&RegionCurves],
         region: usize,
         options: &Options,
-    ) -> (Pins, Option<Contradiction>) {
+    ) -> (FixedParameters, Option<Contradiction>) {
         #[cfg(feature = "paper")]
         if let Some(ellipsoid) = &self.ellipsoid {
             let g_max = self.law.area_ratio(self.samples.area_max_m2).normalised_deformation();
-            return (paper::pins(ellipsoid, &self.law, g_max), None);
+            return (paper::fixed_parameters(ellipsoid, &self.law, g_max), None);
         }
         let aspect = MeanEllipse::of_steps(curves.iter().copied()).map_or(1.0, |e| e.r_a_mm / e.r_b_mm);
         let (thickness_m, measured) = (options.thickness_m[region], &options.measured[region]);
@@ -321,25 +324,25 @@ impl SearchResult {
             Ok(scale) => (scale, None),
             Err(contradiction) => (Scale::Assumed(options.compression), Some(contradiction)),
         };
-        (Pins { aspect, thickness_m, is_thickness_measured: measured.has_thickness, scale }, contradiction)
+        (FixedParameters { aspect, thickness_m, is_thickness_measured: measured.has_thickness, scale }, contradiction)
     }
 
-    /// The fit with these pins, without cross-validation and without a comparison of recordings. `steps` are the indices of the
-    /// steps that were used.
+    /// The fit with these fixed parameters, without cross-validation and without a comparison of recordings. `steps` are the
+    /// indices of the steps that were used.
     ///
     /// # Errors
     /// Fails if the parameters are outside of the range that an insole accepts.
     fn into_fit(
         self,
         steps: Vec<usize>,
-        pins: Pins,
+        fixed: FixedParameters,
         uncertainty: Option<Uncertainty>,
         measures: Vec<Measure>,
         quality: Quality,
     ) -> Result<RegionFit, NotFitted> {
-        let law = self.pinned_law(&pins);
-        let pin_effect = self.identified.is_some().then(|| self.basis(&pins).pin_effect(&law));
-        let ellipsoid = self.ellipsoid.unwrap_or_else(|| pins.ellipsoid(&law));
+        let law = self.law_with_c(&fixed);
+        let scale_effect = self.identified.is_some().then(|| self.basis(&fixed).scale_effect(&law));
+        let ellipsoid = self.ellipsoid.unwrap_or_else(|| fixed.ellipsoid(&law));
         let lengths = [ellipsoid.a_m, ellipsoid.b_m, ellipsoid.c_m, ellipsoid.d0_m];
         if !law.is_valid() || !lengths.iter().all(|&length| is_within(length, &LENGTH_M)) {
             return Err(NotFitted::OutOfRange);
@@ -354,8 +357,8 @@ impl SearchResult {
             area_max_m2: self.samples.area_max_m2,
             law,
             ellipsoid,
-            pins,
-            pin_effect,
+            fixed,
+            scale_effect,
             uncertainty,
             measures,
             quality,

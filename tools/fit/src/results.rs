@@ -1,8 +1,8 @@
 //! The results of a fit as a parameter file and as JSON.
 
+use crate::fixed::{FixedParameters, Scale};
 use crate::interval::{FIVE, Interval};
-use crate::measures::{PIN_CHANGE, PinEffect, PinnedValues};
-use crate::pins::{Pins, Scale};
+use crate::measures::{SCALE_CHANGE, ScaleEffect, ScaledValues};
 use crate::sensitivity::{MainResults, Sensitivity};
 use crate::study::Source;
 use crate::{Method, NotFitted, RegionFit, Study};
@@ -26,8 +26,8 @@ pub fn widest(interval: &Interval) -> [f64; 2] {
 }
 
 /// What the scale of the deformation rests on. A C that was searched rests on no measurement of the tissue.
-pub fn deformation_scale(pins: &Pins) -> DeformationScale {
-    match (pins.scale, pins.is_thickness_measured) {
+pub fn deformation_scale(fixed: &FixedParameters) -> DeformationScale {
+    match (fixed.scale, fixed.is_thickness_measured) {
         // A curvature determines C without the thickness.
         (Scale::Curvature(_), _) | (Scale::PeakStrain(_), true) => DeformationScale::Measured,
         (Scale::PeakStrain(_), false) => DeformationScale::AssumedThickness,
@@ -56,7 +56,7 @@ pub fn parameters(study: &Study, size: InsoleSize) -> Parameters {
     for (region, fit) in study.fits.iter().enumerate() {
         if let Ok(fit) = fit {
             parameters.regions[region] = fit.ellipsoid;
-            parameters.deformation[region] = deformation_scale(&fit.pins);
+            parameters.deformation[region] = deformation_scale(&fit.fixed);
         }
     }
     parameters
@@ -87,13 +87,13 @@ fn note(fit: &Result<RegionFit, NotFitted>, name: &str, method: Method) -> Strin
         let bound = if interval.at_bound { ", at a bound of the search" } else { "" };
         format!("{low} to {high} (95 %){bound}")
     };
-    let pins = &fit.pins;
+    let fixed = &fit.fixed;
     match name {
-        "a_mm" => format!("A B identified, {} mm2; A / B measured, {:.2}", identified(0, 1e6), pins.aspect),
+        "a_mm" => format!("A B identified, {} mm2; A / B measured, {:.2}", identified(0, 1e6), fixed.aspect),
         "b_mm" => "see a_mm".into(),
-        "c_mm" => format!("pinned, not identified: by {}{}", pins.scale, effect(fit)),
-        "d0_mm" if pins.is_thickness_measured => "pinned, not identified: measured".into(),
-        "d0_mm" => "pinned, not identified: typical for the shoe size".into(),
+        "c_mm" => format!("fixed, not identified: by {}{}", fixed.scale, effect(fit)),
+        "d0_mm" if fixed.is_thickness_measured => "fixed, not identified: measured".into(),
+        "d0_mm" => "fixed, not identified: typical for the shoe size".into(),
         "k_n_m3" => format!("identified: K = k C^(n+1) / d0^n, {} Pa", identified(1, 1.0)),
         "c_n_s_m3" => format!("identified: G = c C^(m+1) / d0^m, {} Pa s", identified(2, 1.0)),
         "n" => format!("identified, {}", identified(3, 1.0)),
@@ -101,11 +101,11 @@ fn note(fit: &Result<RegionFit, NotFitted>, name: &str, method: Method) -> Strin
     }
 }
 
-/// How C follows the value that pins it, in words.
+/// How C follows the value that determines it, in words.
 fn effect(fit: &RegionFit) -> String {
-    fit.pin_effect.map_or(String::new(), |effect| {
-        let mm = |values: &PinnedValues| significant(values.c_m * 1e3);
-        let percent = PIN_CHANGE * 100.0;
+    fit.scale_effect.map_or(String::new(), |effect| {
+        let mm = |values: &ScaledValues| significant(values.c_m * 1e3);
+        let percent = SCALE_CHANGE * 100.0;
         format!("; {} mm if that were {percent:.0} % less, {} mm if more", mm(&effect.at_less), mm(&effect.at_more))
     })
 }
@@ -188,14 +188,14 @@ fn fit_to_json(fit: &Result<RegionFit, NotFitted>, counted_nrmse: Option<f64>) -
             "k_n_m3": e.k, "n": e.n, "c_n_s_m3": e.c, "m": e.m,
         },
         "pinned": {
-            "aspect": fit.pins.aspect,
-            "d0_mm": fit.pins.thickness_m * 1e3,
-            "d0_by": if fit.pins.is_thickness_measured { "measurement" } else { "shoe_size" },
-            "by": fit.pins.scale.name(),
-            "deformation_scale": deformation_scale(&fit.pins).name(),
-            "assumed_percent": deformation_scale(&fit.pins).assumed_percent(),
-            "compression": fit.pins.compression(law, fit.area_max_m2),
-            "effect": fit.pin_effect.as_ref().map(effect_to_json),
+            "aspect": fit.fixed.aspect,
+            "d0_mm": fit.fixed.thickness_m * 1e3,
+            "d0_by": if fit.fixed.is_thickness_measured { "measurement" } else { "shoe_size" },
+            "by": fit.fixed.scale.name(),
+            "deformation_scale": deformation_scale(&fit.fixed).name(),
+            "assumed_percent": deformation_scale(&fit.fixed).assumed_percent(),
+            "compression": fit.fixed.compression(law, fit.area_max_m2),
+            "effect": fit.scale_effect.as_ref().map(effect_to_json),
         },
         "nrmse_percent": {
             "fitted": q.fitted * 100.0, "fitted_smoothed": q.fitted_smoothed * 100.0,
@@ -217,15 +217,15 @@ fn fit_to_json(fit: &Result<RegionFit, NotFitted>, counted_nrmse: Option<f64>) -
     })
 }
 
-fn effect_to_json(effect: &PinEffect) -> Value {
-    let of = |values: &PinnedValues| {
+fn effect_to_json(effect: &ScaleEffect) -> Value {
+    let of = |values: &ScaledValues| {
         json!({
             "c_mm": values.c_m * 1e3,
             "secant_stiffness_n_mm": values.secant_stiffness_n_mm,
             "secant_modulus_kpa": values.secant_modulus_kpa,
         })
     };
-    json!({ "change_percent": PIN_CHANGE * 100.0, "at_less": of(&effect.at_less), "at_more": of(&effect.at_more) })
+    json!({ "change_percent": SCALE_CHANGE * 100.0, "at_less": of(&effect.at_less), "at_more": of(&effect.at_more) })
 }
 
 fn sensitivity_to_json(sensitivity: &Sensitivity) -> Value {

@@ -108,10 +108,10 @@ pub struct Sensitivity {
     pub skipped: Vec<String>,
 }
 
-/// Extracts the steps by another contact rule.
+/// Extracts the steps with another contact rule.
 pub type StepsBy<'s> = &'s (dyn Fn(&ContactRule) -> Result<Vec<Step>, String> + Sync);
 
-/// The choices that differ from those of the study. Without the cells, the contact rule cannot be chosen.
+/// The choices that differ from those of the study. Without the cells, the contact rule cannot be varied.
 pub fn choices(study: &Study, has_cells: bool) -> Vec<Choice> {
     if study.options.method != Method::Projection {
         return Vec::new();
@@ -136,8 +136,8 @@ pub fn predicted_nrmse(steps: &[Step], options: &Options) -> [Option<f64>; 8] {
 }
 
 impl Sensitivity {
-    /// Fits the regions with the other [`choices`]. `steps_by` is `None` if the steps cannot be extracted by another contact rule,
-    /// because the sources do not contain the cells. `progress` is called after each fit of a region.
+    /// Fits the regions with the other [`choices`]. `steps_by` is `None` if the steps cannot be extracted with another contact
+    /// rule, because the sources do not contain the cells. `progress` is called after each fit of a region.
     pub fn of(study: &Study, steps_by: Option<StepsBy>, progress: &(dyn Fn() + Sync)) -> Self {
         let mut skipped = Vec::new();
         if study.options.method != Method::Projection {
@@ -188,8 +188,8 @@ fn main_results(steps: &[Step], region: usize, options: &Options) -> Option<Main
     let used = usable(steps, region, options.filter).ok()?;
     let curves: Vec<&RegionCurves> = used.iter().map(|&i| &steps[i].regions[region]).collect();
     let best: SearchResult = search(curves.iter().copied(), region, options);
-    let (pins, _) = best.pins(&curves, region, options);
+    let (fixed, _) = best.fixed_parameters(&curves, region, options);
     let errors = cross_validate(&curves, &best, region, options);
     let predicted = (!errors.is_empty()).then(|| errors.iter().sum::<f64>() / errors.len() as f64);
-    Some(MainResults::new(&best.measures(&curves, &pins, best.covariance().as_ref(), &[], options), predicted))
+    Some(MainResults::new(&best.measures(&curves, &fixed, best.covariance().as_ref(), &[], options), predicted))
 }

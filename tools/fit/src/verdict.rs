@@ -90,7 +90,7 @@ pub(crate) fn warnings(fit: &RegionFit) -> Vec<String> {
             fit.area_levels
         ));
     }
-    let flatness = fit.law.c_m / fit.pins.thickness_m;
+    let flatness = fit.law.c_m / fit.fixed.thickness_m;
     if flatness > FLAT {
         warnings.push(format!(
             "C is {flatness:.1} times the thickness of the tissue: force depends on area as under a nearly flat body; A, B and C \

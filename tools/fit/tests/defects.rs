@@ -1,6 +1,6 @@
 //! The reasons why the result of a region is not whole. The other regions are not affected.
 
-use fit::pins::Scale;
+use fit::fixed::Scale;
 use fit::synthetic::{Noise, curves, law, walk};
 use fit::{Filter, Measured, Options, RegionFit, Step, fit};
 use std::f64::consts::PI;
@@ -105,9 +105,9 @@ fn c_follows_from_the_measurement_of_a_region() {
         options.measured[0] = measurement;
         let fits = fitted(&steps, &options);
         assert!(fits.iter().all(|fit| fit.defects.is_empty()));
-        assert_eq!(fits[0].pins.scale.name(), name);
+        assert_eq!(fits[0].fixed.scale.name(), name);
         assert!((fits[0].ellipsoid.c_m / C_M - 1.0).abs() < 1e-5, "{name}: {} m", fits[0].ellipsoid.c_m);
-        assert_eq!(fits[1].pins.scale, Scale::Assumed(OPTIONS.compression));
+        assert_eq!(fits[1].fixed.scale, Scale::Assumed(OPTIONS.compression));
         // The force does not depend on C.
         let force_n = fits[0].ellipsoid.force_law().force_n(0.4, 1.0);
         assert!((force_n / law(0).force_n(0.4, 1.0) - 1.0).abs() < 1e-5);
@@ -127,7 +127,7 @@ fn contradicting_measurements_are_named_and_the_assumption_is_used() {
     let fits = fitted(&steps, &options);
     let defect = defect_of_heel(&fits);
     assert!(defect.contains("contradict each other") && defect.contains("peak strain"), "{defect}");
-    assert_eq!(fits[0].pins.scale, Scale::Assumed(OPTIONS.compression));
+    assert_eq!(fits[0].fixed.scale, Scale::Assumed(OPTIONS.compression));
 }
 
 /// C is proportional to the compression. Secant stiffness and modulus at a strain follow from the law by hand: with a C that is
@@ -136,7 +136,7 @@ fn contradicting_measurements_are_named_and_the_assumption_is_used() {
 fn the_effect_of_a_pin_is_that_of_a_fit_with_another_value() {
     let steps = walk(6, 100.0, Filter::Direct, 0.01, 1);
     let fit = &fitted(&steps, &OPTIONS)[0];
-    let effect = fit.pin_effect.expect("known");
+    let effect = fit.scale_effect.expect("known");
     for (values, factor) in [(effect.at_less, 0.8), (effect.at_more, 1.2)] {
         let c_m = factor * fit.law.c_m;
         assert!((values.c_m / c_m - 1.0).abs() < 1e-12);

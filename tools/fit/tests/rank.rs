@@ -1,13 +1,14 @@
 //! The identifiability of the paper's eight parameters from a force trace. Five combinations of them are identifiable. In three
 //! directions of the parameter space, the force does not change.
 
-use fit::pins::{Pins, Scale};
+use fit::fixed::{FixedParameters, Scale};
 use fit::synthetic::law;
 use nalgebra::DMatrix;
 use plantar::Region;
 use plantar::pipeline::model::Ellipsoid;
 
-const PINS: Pins = Pins { aspect: 0.8, thickness_m: 0.012, is_thickness_measured: false, scale: Scale::Assumed(0.457) };
+const FIXED: FixedParameters =
+    FixedParameters { aspect: 0.8, thickness_m: 0.012, is_thickness_measured: false, scale: Scale::Assumed(0.457) };
 const SAMPLES: usize = 60;
 const SAMPLE_S: f64 = 0.01;
 
@@ -25,7 +26,7 @@ fn force_n(e: &Ellipsoid<f64>, largest_m2: f64) -> Vec<f64> {
 /// A plausible ellipsoid for a region, and the largest contact area, m2.
 fn ellipsoid(region: usize) -> (Ellipsoid<f64>, f64) {
     let law = law(region);
-    (PINS.ellipsoid(&law), 0.75 * std::f64::consts::PI * law.ab_m2)
+    (FIXED.ellipsoid(&law), 0.75 * std::f64::consts::PI * law.ab_m2)
 }
 
 /// An ellipsoid with one of the parameters, in the order of Eq. 17, multiplied by `factor`.
@@ -74,16 +75,16 @@ fn aspect_c_and_d0_leave_the_force_unchanged() {
         let expected = force_n(&e, largest_m2);
         let peak = expected.iter().copied().fold(0.0, f64::max);
         for other in [
-            Pins { aspect: 1.7, ..PINS },
-            Pins { thickness_m: 0.02, ..PINS },
-            Pins { scale: Scale::PeakStrain(0.2), ..PINS },
-            Pins { scale: Scale::Curvature(0.05), ..PINS },
-            Pins { aspect: 0.5, thickness_m: 0.006, scale: Scale::Assumed(0.6), ..PINS },
+            FixedParameters { aspect: 1.7, ..FIXED },
+            FixedParameters { thickness_m: 0.02, ..FIXED },
+            FixedParameters { scale: Scale::PeakStrain(0.2), ..FIXED },
+            FixedParameters { scale: Scale::Curvature(0.05), ..FIXED },
+            FixedParameters { aspect: 0.5, thickness_m: 0.006, scale: Scale::Assumed(0.6), ..FIXED },
         ] {
             let mut law = e.force_law();
             law.c_m = other.c_m(&law, largest_m2);
             let same = other.ellipsoid(&law);
-            assert!(same.force_law().c_m != e.c_m || other.aspect != PINS.aspect);
+            assert!(same.force_law().c_m != e.c_m || other.aspect != FIXED.aspect);
             for (got, expected) in force_n(&same, largest_m2).iter().zip(&expected) {
                 assert!((got - expected).abs() < 1e-10 * peak, "region {region}, {other:?}: {got} for {expected}");
             }
@@ -98,11 +99,11 @@ fn an_ellipsoid_has_its_pins_and_its_force_law() {
         // The contact area at which the normalised deformation is 0.6, by Eq. 14.
         let g_max = 0.6;
         let largest_m2 = std::f64::consts::PI * truth.ab_m2 * g_max * (2.0 - g_max);
-        let law = plantar::pipeline::model::ForceLaw { c_m: PINS.c_m(&truth, largest_m2), ..truth };
-        let e = PINS.ellipsoid(&law);
-        assert!((e.a_m / e.b_m / PINS.aspect - 1.0).abs() < 1e-12);
+        let law = plantar::pipeline::model::ForceLaw { c_m: FIXED.c_m(&truth, largest_m2), ..truth };
+        let e = FIXED.ellipsoid(&law);
+        assert!((e.a_m / e.b_m / FIXED.aspect - 1.0).abs() < 1e-12);
         assert!((e.c_m * g_max / e.d0_m / 0.457 - 1.0).abs() < 1e-12);
-        assert_eq!(e.d0_m, PINS.thickness_m);
+        assert_eq!(e.d0_m, FIXED.thickness_m);
         let back = e.force_law();
         for (got, expected) in [
             (back.ab_m2, truth.ab_m2),

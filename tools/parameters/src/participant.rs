@@ -24,7 +24,7 @@ pub struct Participant {
     /// Body height, 50 to 250 cm.
     #[serde(default, deserialize_with = "height_cm")]
     pub height_cm: Option<f64>,
-    /// Path of the file with the baselines (unloaded readings) of the insoles, as `plantar zero` writes it.
+    /// Path of the file with the zeros (unloaded readings) of the insoles, as `plantar zero` writes it.
     pub zero: Option<PathBuf>,
     /// Path of the file with the measured tissue thickness.
     pub thickness: Option<PathBuf>,

@@ -27,9 +27,18 @@ export interface Collected {
     broken: number;
     /** The foot was loaded only partially. */
     partial: number;
-    /** Recorded before the messages began. */
+    /** Recorded before this session or before a restart of the insole. */
     before: number;
   };
+}
+
+/** The 95 % interval of a parameter. */
+interface Interval {
+  jacobian: [number, number];
+  /** The value is at a bound of the search. */
+  at_bound: boolean;
+  /** The force determines this parameter. */
+  told: boolean;
 }
 
 /** The result of one region; `reason` states why a region could not be fitted. */
@@ -38,9 +47,12 @@ export type RegionResult =
   | {
       fitted: true;
       identified: Record<Parameter, number>;
-      uncertainty: { intervals_95: Record<Parameter, { jacobian: [number, number]; at_bound: boolean; told: boolean }> };
+      uncertainty: { intervals_95: Record<Parameter, Interval> };
       ellipsoid: Record<string, number>;
-      /** NRMSE of the fit and, for each step, with the parameters of the other steps. */
+      /**
+       * NRMSE. `fitted`: of the fit; `predicted`: mean over steps, each with the parameters of the other steps
+       * (cross-validation); `floor`: of the best increasing function of area for each step.
+       */
       nrmse_percent: { fitted: number; predicted: number | null; floor: number };
       verdict: string;
       warnings: string[];

@@ -11,6 +11,7 @@ export type Path = { t_s: number; at_mm: Point }[];
 const PATH_S = 1;
 /** After a longer time without a point, which is a swing, the next point starts a new path. */
 const LONGEST_GAP_S = 0.1;
+
 /** Adds the point of a frame to a path and removes points that are too old. The path of a stance remains visible during swing. */
 export function extendPath(path: Path, live: Live): void {
   const last = path.at(-1);

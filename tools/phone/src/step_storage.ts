@@ -54,7 +54,10 @@ export class TemporaryStorage implements StepStorage {
   }
 }
 
-/** Is used if the browser has no database. Adding a step fails, so that the step is not acknowledged and remains on the insole. */
+/**
+ * The storage of a browser without a database. Adding a step fails, so that the step is not acknowledged and remains on the
+ * insole.
+ */
 export class NoStorage extends TemporaryStorage {
   override add(): Promise<void> {
     return Promise.reject(new Error("This browser has no database."));
@@ -74,7 +77,7 @@ const PART = 2000;
 /** Stores steps in the browser's database. */
 export class DatabaseStorage implements StepStorage {
   private constructor(private readonly database: IDBDatabase) {
-    // Another page of a newer version waits until this one does not use the database any more.
+    // A page of a newer version can upgrade the database only once this page has closed it.
     database.onversionchange = () => database.close();
   }
 

@@ -33,7 +33,7 @@ use study::{Person, fits};
 ///   sex = "female"               # female, male or other
 ///   mass_kg = 70.5
 ///   height_cm = 168
-///   zero = "zero.toml"           # baseline file, from `plantar zero`
+///   zero = "zero.toml"           # zero file, from `plantar zero`
 ///   thickness = "thickness.toml" # tissue thickness; replaces --thickness
 ///
 /// The table is a folder with one file TABLE/participant=NAME/steps.parquet per

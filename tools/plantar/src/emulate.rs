@@ -161,7 +161,11 @@ impl Emulate {
         let Outcome { records, status } = outcome?;
         let steps = &records.steps;
         if let Some(identification) = &identification {
-            ensure!(identification.is_done(), "the walk has fewer than {} steps to identify", self.identify_steps);
+            ensure!(
+                identification.has_sent_parameters(),
+                "the walk has fewer than {} steps to identify",
+                self.identify_steps
+            );
             println!(
                 "The insole evaluated these steps with the parameters that were identified from the steps before them."
             );
@@ -241,10 +245,10 @@ impl Emulate {
                 }
                 Some(ToHost::Step(step)) => {
                     client.send(ToDevice::Acknowledge { step: step.step })?;
-                    let is_scored = identification.as_mut().is_none_or(|identification| identification.scores(&step));
+                    let is_scored = identification.as_mut().is_none_or(|identification| identification.count(&step));
                     if let Some(identification) = identification.as_mut().filter(|_| !is_scored) {
                         view.step(&step);
-                        if identification.is_complete() {
+                        if identification.is_due() {
                             view.close();
                             board.plant().hold(true);
                             identification.identify(client, &self.insole.contact)?;

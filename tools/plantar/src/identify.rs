@@ -30,9 +30,9 @@ use std::time::{Duration, Instant};
 
 /// Identifies the tissue parameters of a person who wears one insole or two, in a guided session.
 ///
-/// The session has these parts: a standing trial determines the baseline of the cells; a walk provides the steps; the parameters
+/// The session has these parts: a standing trial determines the zero of the cells; a walk provides the steps; the parameters
 /// are identified and sent to the insoles, with their contact rule; further steps verify that the insoles' model is as accurate as
-/// the identification promised. The folder then contains recordings, parameters and reports. A session that was interrupted
+/// the identification predicted. The folder then contains recordings, parameters and reports. A session that was interrupted
 /// continues when the command is given again with the same folder.
 ///
 /// Exit status: 0 if all regions were identified with whole results, as by `plantar fit`, and verified, 3 if not all were, 1 if the
@@ -60,7 +60,7 @@ pub struct Identify {
     /// The wearer's mass, kg. With both feet, the force of the insoles is scaled to the body weight.
     #[arg(long, value_name = "KG", value_parser = mass)]
     mass: Option<f64>,
-    /// Use the baseline that the insoles have; omit the standing trial.
+    /// Use the zeros that the insoles have; omit the standing trial.
     #[arg(long, conflicts_with = "mass")]
     no_standing: bool,
     #[command(flatten)]
@@ -76,10 +76,11 @@ const STANDING: [(&str, u64); 3] = [
 ];
 /// Largest factor by which forces are scaled to the body weight; a larger one indicates a wrong calibration or mass.
 const MAX_SCALE: f64 = 2.0;
-/// The verification holds if the model's error is at most this multiple of the predicted error plus [`PROMISED_PERCENT`].
-const PROMISED: f64 = 1.3;
-/// Percentage points; see [`PROMISED`]. With a predicted error of one percent, a few steps differ by more than a third of it.
-const PROMISED_PERCENT: f64 = 1.0;
+/// The verification holds if the model's error is at most this multiple of the predicted error plus [`TOLERANCE_PERCENT`].
+const TOLERANCE_FACTOR: f64 = 1.3;
+/// Percentage points; see [`TOLERANCE_FACTOR`]. With a predicted error of one percent, a few steps differ by more than a third of
+/// it.
+const TOLERANCE_PERCENT: f64 = 1.0;
 
 fn mass(text: &str) -> Result<f64, String> {
     let kg = text.parse().ok().filter(|kg| (10.0..=300.0).contains(kg));
@@ -232,8 +233,8 @@ impl Identify {
     }
 }
 
-/// Does a part of the session with all feet at the same time, and shows the instruction of `cue`, which receives the time since
-/// the start of the part.
+/// Performs a part of the session with all feet at the same time, and shows the instruction of `cue`, which receives the time
+/// since the start of the part.
 ///
 /// # Errors
 /// The first error of a foot, or that the user has interrupted the session.
@@ -292,30 +293,30 @@ fn read_calibration(path: &Path) -> Result<Option<Vec<CellCalibration>>> {
     if path.exists() { crate::insole::read(path).map(Some) } else { Ok(None) }
 }
 
-/// Prints how well the model on the insole predicted the measured forces, and how well the fit promised it. True if it is as good
-/// as promised.
+/// Prints the error of the model on the insole, and the error that the fit predicted for new steps. True if no region has a
+/// larger error than predicted.
 fn print_verification(foot: &Foot, steps: &[Step], study: &Study) -> bool {
     println!("\n{} foot: {} further steps, evaluated by the insole", foot.side.name(), steps.len());
     let mut table = summary::table();
-    table.set_header(["region", "promised error %", "error %", ""]);
+    table.set_header(["region", "predicted error %", "error %", ""]);
     let mut is_good = true;
     for (i, (region, fit)) in Region::ALL.iter().zip(&study.fits).enumerate() {
-        let promised = fit.as_ref().ok().and_then(|fit| fit.quality.predicted);
+        let predicted = fit.as_ref().ok().and_then(|fit| fit.quality.predicted);
         let found = summary::model_error_percent(steps, i);
-        let is_kept = match (promised, found) {
-            (Some(promised), Some(found)) => found <= PROMISED * promised * 100.0 + PROMISED_PERCENT,
+        let is_within = match (predicted, found) {
+            (Some(predicted), Some(found)) => found <= TOLERANCE_FACTOR * predicted * 100.0 + TOLERANCE_PERCENT,
             _ => true,
         };
-        is_good &= is_kept;
+        is_good &= is_within;
         let percent = |percent: Option<f64>| percent.map_or("-".into(), |percent| format!("{percent:.1}"));
-        let remark = match (promised, is_kept) {
+        let remark = match (predicted, is_within) {
             (None, _) => "not identified",
-            (_, true) => "as promised",
-            (_, false) => "WORSE than promised",
+            (_, true) => "as predicted",
+            (_, false) => "WORSE than predicted",
         };
         table.add_row([
             region.name().into(),
-            percent(promised.map(|share| share * 100.0)),
+            percent(predicted.map(|share| share * 100.0)),
             percent(found),
             remark.into(),
         ]);
@@ -324,7 +325,7 @@ fn print_verification(foot: &Foot, steps: &[Step], study: &Study) -> bool {
     println!("{table}");
     if !is_good {
         println!(
-            "If most regions are worse, the wearer walked otherwise, or the insole has moved in the shoe: repeat the session."
+            "If most regions are worse, the wearer walked differently, or the insole has moved in the shoe: repeat the session."
         );
     }
     is_good

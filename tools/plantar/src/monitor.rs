@@ -117,7 +117,7 @@ const END: &[u8] = b"\n]\n";
 
 impl<'m> JsonArray<'m> {
     fn create(path: &'m Path) -> Result<Self> {
-        let file = client::create_new(path).with_context(|| format!("cannot write {}", path.display()))?;
+        let file = client::create_or_open_empty(path).with_context(|| format!("cannot write {}", path.display()))?;
         Ok(Self { path, file, len: 0 })
     }
 

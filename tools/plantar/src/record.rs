@@ -61,7 +61,7 @@ const FILE_RECORDS: usize = plantar::protocol::session::RECORD_QUEUE;
 impl Record {
     pub fn run(&self) -> Result<()> {
         if std::fs::read_dir(&self.out).is_ok_and(|mut entries| entries.next().is_some()) {
-            bail!("{} is not empty: name a new folder", self.out.display());
+            bail!("{} is not empty: choose another folder", self.out.display());
         }
         let mut insole = self.connection.open(ReconnectPolicy::STREAM)?;
         let mut view = View::open(insole.client().hello())?;

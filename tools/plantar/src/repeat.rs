@@ -46,7 +46,7 @@ pub struct Repeat {
     /// Write all values to this CSV file, with one row for each foot, variable and region.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
-    /// The baseline file of one person's recordings, from `plantar zero`. In a folder, each participant.toml names its own.
+    /// The zero file of one person's recordings, from `plantar zero`. In a folder, each participant.toml names its own.
     #[arg(long, value_name = "FILE")]
     zero: Option<PathBuf>,
     #[command(flatten)]
@@ -117,7 +117,7 @@ impl Repeat {
     fn participants(&self, study: &Path) -> Result<Vec<Trials>> {
         if let Some(path) = &self.zero {
             bail!(
-                "--zero {} is for the recordings of one person: name the baseline of each participant in participant.toml",
+                "--zero {} is for the recordings of one person: name the zero file of each participant in participant.toml",
                 path.display()
             );
         }

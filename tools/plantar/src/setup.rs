@@ -1,4 +1,4 @@
-//! Options that several commands share: the wearer's parameters, the contact rule and the baseline of the cells.
+//! Options that several commands share: the wearer's parameters, the contact rule and the zero of the cells.
 
 use anyhow::{Context, Result};
 use clap::Args;
@@ -27,7 +27,7 @@ impl InsoleArgs {
         self.contact.rule(parameters.identified.as_ref())
     }
 
-    /// Makes the virtual insole of the recording `path`, with the baseline of the cells.
+    /// Makes the virtual insole of the recording `path`, with the zero of the cells.
     pub fn insole(&self, source: &FrameSource, rule: ContactRule, path: &Path) -> Result<VirtualInsole> {
         let mut insole = study::virtual_insole(source, rule).with_context(|| path.display().to_string())?;
         self.zero.apply(&mut insole)?;
@@ -179,13 +179,13 @@ pub fn insole(recording: &Recording, rule: ContactRule) -> Result<VirtualInsole>
 
 #[derive(Args, Default)]
 pub struct ZeroArgs {
-    /// The baseline file from `plantar zero`. The insole subtracts the baseline from the readings of its cells.
+    /// The zero file from `plantar zero`. The insole subtracts the zero of each cell from its readings.
     #[arg(long, value_name = "FILE")]
     pub(crate) zero: Option<PathBuf>,
 }
 
 impl ZeroArgs {
-    /// Sets the offsets of the insole's cells from the baseline file, if the option is given.
+    /// Sets the offsets of the insole's cells from the zero file, if the option is given.
     pub fn apply(&self, insole: &mut VirtualInsole) -> Result<()> {
         if let Some(path) = &self.zero {
             Zero::read(path)?.apply_to(insole, &path.display().to_string())?;

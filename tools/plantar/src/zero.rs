@@ -1,4 +1,4 @@
-//! `plantar zero`: the baseline of the unloaded cells, from a standing trial.
+//! `plantar zero`: the zero of each cell, its reading without load, from a standing trial.
 
 use anyhow::{Result, bail};
 use clap::Args;
@@ -14,7 +14,8 @@ pub const GRAVITY_M_S2: f64 = 9.80665;
 /// Largest acceptable difference between the force of both feet and the body weight, % of body weight.
 const GOOD_PERCENT: f64 = 10.0;
 
-/// Determines the baseline of the unloaded cells from a standing trial, and compares the measured force with the body weight.
+/// Determines the zero of each cell, its reading without load, from a standing trial, and compares the measured force with the
+/// body weight.
 ///
 /// In this trial, the person sits with both feet lifted for 5 s, stands still for 10 s, and sits with both feet lifted again for
 /// 5 s. The command finds the exact times of these phases in the recording, and excludes half a second at each end of a phase.
@@ -26,7 +27,7 @@ pub struct Zero {
     /// The standing trial: the recording of one foot, or the recordings of both feet in the same trial.
     #[arg(required = true, num_args = 1..=2, value_name = "RECORDING")]
     recordings: Vec<PathBuf>,
-    /// The baseline file to write, TOML.
+    /// The zero file to write, TOML.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     /// The person's mass, kg. Forces are then also printed in % of body weight and, if both feet are given, their sum is compared
@@ -61,7 +62,7 @@ impl Zero {
     }
 }
 
-/// Measures one foot and prints the result. Returns its baseline and its mean force while standing, N.
+/// Measures one foot and prints the result. Returns its zero and its mean force while standing, N.
 fn measure(path: &Path, weight_n: Option<f64>) -> Result<(Side, FootZero, f64)> {
     let place = path.display().to_string();
     let recording = Recording::read(path)?;
@@ -86,7 +87,7 @@ fn measure(path: &Path, weight_n: Option<f64>) -> Result<(Side, FootZero, f64)> 
     let most_kpa = foot.offset_kpa.iter().copied().fold(0.0, f32::max);
     println!("{} foot, {place}", recording.side.name());
     println!("  lifted    {}  reads {:.1} N", times(&trial.lifted[0]), lifted_n[0]);
-    println!("  standing  {}  {standing_n:.1} N above baseline{percent}", times(&trial.standing));
+    println!("  standing  {}  {standing_n:.1} N above zero{percent}", times(&trial.standing));
     println!(
         "  lifted    {}  reads {:.1} N: a drift of {:+.1} N, {:+.1} % of standing",
         times(&trial.lifted[1]),
@@ -94,7 +95,7 @@ fn measure(path: &Path, weight_n: Option<f64>) -> Result<(Side, FootZero, f64)> 
         tenths(drift_n),
         tenths(100.0 * drift_n / standing_n)
     );
-    println!("  baseline  {} cells, {least_kpa:.1} to {most_kpa:.1} kPa", recording.cells());
+    println!("  zero      {} cells, {least_kpa:.1} to {most_kpa:.1} kPa", recording.cells());
     Ok((recording.side, foot, standing_n))
 }
 

@@ -244,7 +244,7 @@ fn standing_is_a_load_bout_with_its_force_time_integral() {
 
 /// The weight of 70 kg is 686.5 N, of which the left foot carries 420 N (61.2 %) and the right foot 266.5 N (38.8 %).
 #[test]
-fn a_standing_trial_results_in_a_baseline_and_a_check_of_the_weight() {
+fn a_standing_trial_results_in_a_zero_file_and_a_check_of_the_weight() {
     use plantar::Side::{Left, Right};
     let (_folder, path) = folder();
     write_trial(&path.join("left.parquet"), Left, 420.0);
@@ -261,7 +261,7 @@ fn a_standing_trial_results_in_a_baseline_and_a_check_of_the_weight() {
     }
     assert!(shares.len() == 3 && text.contains("weight: good"), "{text}");
     assert!(text.contains("left foot, left.parquet") && text.contains("drift of +0.0 N, +0.0 % of standing"), "{text}");
-    let zero = std::fs::read_to_string(path.join("zero.toml")).expect("a baseline file");
+    let zero = std::fs::read_to_string(path.join("zero.toml")).expect("a zero file");
     assert!(zero.contains("[left]") && zero.contains("[right]"));
 
     let text = succeed(&path, "zero left.parquet right.parquet --out zero.toml --mass 90");
@@ -279,7 +279,7 @@ fn a_standing_trial_results_in_a_baseline_and_a_check_of_the_weight() {
 }
 
 #[test]
-fn a_replay_with_the_baseline_results_in_the_steps_of_cells_without_offsets() {
+fn a_replay_with_the_zero_file_results_in_the_steps_of_cells_without_offsets() {
     let (_folder, path) = folder();
     write_trial(&path.join("standing.parquet"), plantar::Side::Right, 350.0);
     let mut walk = synthetic::walk(&SyntheticWalk { steps: 3, ..Default::default() }).recording;
@@ -308,17 +308,13 @@ fn a_replay_with_the_baseline_results_in_the_steps_of_cells_without_offsets() {
 }
 
 #[test]
-fn a_baseline_of_another_layout_is_refused() {
+fn a_zero_file_of_another_layout_is_refused() {
     let (_folder, path) = folder();
     write_trial(&path.join("standing.parquet"), plantar::Side::Left, 350.0);
     succeed(&path, "zero standing.parquet --out zero.toml");
     succeed(&path, "import synthetic --side right --out walk.parquet");
     for command in ["replay", "emulate"] {
-        fail(
-            &path,
-            &format!("{command} walk.parquet --zero zero.toml"),
-            &["zero.toml", "no baseline of the right foot"],
-        );
+        fail(&path, &format!("{command} walk.parquet --zero zero.toml"), &["zero.toml", "no zero of the right foot"]);
     }
     succeed(&path, IMPORT);
     fail(&path, "replay walk.parquet --zero zero.toml", &["zero.toml", "240 offsets", "4 of this recording"]);

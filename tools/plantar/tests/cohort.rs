@@ -260,7 +260,7 @@ fn unusable_recordings_are_left_out_and_named_and_tried_again() {
 }
 
 #[test]
-fn thickness_and_baseline_of_a_participant_are_used() {
+fn thickness_and_zero_of_a_participant_are_used() {
     let (_folder, path) = people();
     let ann = path.join("people/ann");
     fs::write(ann.join("participant.toml"), "thickness = 'measured/mm.toml'").expect("written");

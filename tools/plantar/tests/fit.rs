@@ -71,7 +71,7 @@ fn fitted_parameters_have_the_same_errors_in_a_replay_as_in_the_fit() {
     let parameters = Parameters::read(&path.join("p.toml")).expect("readable");
     assert!(parameters.personal && parameters.subject == "someone");
     let text = std::fs::read_to_string(path.join("p.toml")).expect("a file");
-    for mark in ["measured", "pinned", "identified", "(95 %)"] {
+    for mark in ["measured", "fixed", "identified", "(95 %)"] {
         assert!(text.contains(mark), "no {mark} in {text}");
     }
     // Replay uses the contact rule of the parameters, and has the same errors as the fit.

@@ -201,7 +201,7 @@ fn a_wearer_is_identified_although_the_session_is_interrupted() {
     assert!(!shown("Stand up"), "the standing trial is not repeated");
     assert!(shown(&after) && shown("connection lost") && shown("verify the result"), "{text}");
     assert!(
-        status == 0 && text.contains("as promised") && text.contains("The session is complete"),
+        status == 0 && text.contains("as predicted") && text.contains("The session is complete"),
         "{status}: {text}"
     );
 
@@ -279,7 +279,7 @@ fn a_wearer_is_identified_over_bluetooth() {
     });
     let text = screens.last().expect("a screen");
     assert!(
-        status == 0 && text.contains("as promised") && text.contains("The session is complete"),
+        status == 0 && text.contains("as predicted") && text.contains("The session is complete"),
         "{status}: {text}"
     );
     let side = Path::new(out).join("right");

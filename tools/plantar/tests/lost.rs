@@ -176,7 +176,7 @@ fn a_file_that_is_not_empty_is_not_overwritten() {
         }
         let (output, text) = wait_for_end(command.spawn().expect("it runs"));
         assert!(!output.status.success());
-        assert!(text.contains("yesterday: it is not empty"), "{text}");
+        assert!(text.contains("yesterday: the file is not empty"), "{text}");
         assert_eq!(std::fs::read_to_string(&path).expect("a file"), "steps");
     }
 }

@@ -131,7 +131,7 @@ fn the_recordings_of_one_person_are_compared_without_a_coefficient() {
         ("repeat people/ann/a.parquet", "two or more usable recordings of the same foot are needed"),
         ("repeat people/ann/a.parquet people/ann/a.parquet", "given twice"),
         ("repeat nowhere.parquet people/ann/a.parquet", "cannot read nowhere.parquet"),
-        ("repeat people --zero zero.toml", "name the baseline of each participant in participant.toml"),
+        ("repeat people --zero zero.toml", "name the zero file of each participant in participant.toml"),
     ] {
         let (status, text) = plantar(&path, arguments);
         assert_eq!((status, text.contains(words)), (Some(1), true), "{arguments}: {text}");

@@ -65,7 +65,7 @@ fn measurements_of_the_tissue_pin_c_and_are_named_everywhere() {
     assert!((compression - 0.3).abs() < 1e-9, "{compression}");
     let text = std::fs::read_to_string(path.join("p.toml")).expect("a file");
     assert!(
-        text.contains("by a measured peak strain of 30.0 %") && text.contains("pinned, not identified: measured"),
+        text.contains("by a measured peak strain of 30.0 %") && text.contains("fixed, not identified: measured"),
         "{text}"
     );
     let report = std::fs::read_to_string(path.join("r.html")).expect("a report");

@@ -246,7 +246,7 @@ fn read_frames(
         frames.t_s.push(now_s);
         frames.lines.push(line);
         for column in 1..record.len() {
-            let kpa = table::pressure_kpa(field(column), &header[column], &place)?;
+            let kpa = table::pressure(field(column), &header[column], "kPa", &place)?;
             frames.pressure_kpa.push(kpa);
         }
         if frames.lines.len().is_multiple_of(ROWS_PER_REPORT) {

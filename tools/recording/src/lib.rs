@@ -4,7 +4,7 @@
 //! [`Recording::write`]), which [`RecordingReader`] reads in blocks of frames. One of the importers creates it ([`export`] for
 //! the exports of other systems, [`csv`], [`pedar`], [`jiku`]), or it is computed from known true values ([`synthetic`]). If the
 //! source names no regions, [`template`] assigns them. [`VirtualInsole`] converts the pressures of a recording to the codes of a
-//! sensor; [`Scans`] are these codes. The baseline of an insole, [`Zero`], is computed from a [`StandingTrial`].
+//! sensor; [`Scans`] are these codes. The zero of an insole, [`Zero`], is computed from a [`StandingTrial`].
 
 pub mod csv;
 pub mod emed;

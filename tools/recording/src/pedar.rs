@@ -8,7 +8,7 @@
 //! side by side and are seen from above, with the heels at small y and the right insole at larger x.
 
 use crate::check::{self, At};
-use crate::table::{self, at_line, check_later, check_width, file_name, number, pressure_kpa, unreadable};
+use crate::table::{self, at_line, check_later, check_width, file_name, number, pressure, unreadable};
 use crate::text::decode;
 use crate::{Cell, Error, Layout, Recording, Result, rate, template, units};
 use plantar::{Region, Side};
@@ -183,6 +183,8 @@ struct Frames {
 /// The line that names the columns, and the unit.
 struct Header {
     line: u64,
+    /// The unit of the pressures.
+    unit: String,
     kpa_per_unit: f64,
     /// The numbers of the sensors of each foot in the export.
     feet: Vec<Vec<usize>>,
@@ -228,11 +230,12 @@ pub fn feet(asc_path: impl AsRef<Path>) -> Result<usize> {
 
 /// Consumes the lines up to the line that names the columns.
 fn read_header<'a>(lines: &mut impl Iterator<Item = (u64, &'a str)>, path: &Path) -> Result<Header> {
-    let mut kpa_per_unit = 1.0;
+    let (mut unit, mut kpa_per_unit) = ("kPa", 1.0);
     for (line, row) in lines {
         let place = || at_line(path, line);
-        if let Some(unit) = row.strip_prefix("pressure values in") {
-            kpa_per_unit = units::kpa(unit.trim(), &place)?;
+        if let Some(name) = row.strip_prefix("pressure values in") {
+            unit = name.trim();
+            kpa_per_unit = units::kpa(unit, &place)?;
         }
         let Some(labels) = row.strip_prefix(TIME_COLUMN) else { continue };
         let mut feet: Vec<Vec<usize>> = vec![Vec::new()];
@@ -247,7 +250,7 @@ fn read_header<'a>(lines: &mut impl Iterator<Item = (u64, &'a str)>, path: &Path
             }
             feet.last_mut().expect("there is a first foot").push(sensor);
         }
-        return Ok(Header { line, kpa_per_unit, feet });
+        return Ok(Header { line, unit: unit.into(), kpa_per_unit, feet });
     }
     Err(Error::content(
         path.display().to_string(),
@@ -284,7 +287,8 @@ fn read_frames<'a>(
         frames.lines.push(line);
         for &(column, sensor) in sensors {
             let name = format!("{} {sensor}", side.name());
-            frames.pressure_kpa.push(header.kpa_per_unit as f32 * pressure_kpa(fields[column], &name, &place)?);
+            let value = pressure(fields[column], &name, &header.unit, &place)?;
+            frames.pressure_kpa.push(header.kpa_per_unit as f32 * value);
         }
         if frames.lines.len().is_multiple_of(LINES_PER_REPORT) {
             let done_bytes = row.as_ptr() as usize - text.as_ptr() as usize;

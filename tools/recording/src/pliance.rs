@@ -6,7 +6,7 @@
 //! as seen from above. The sensors of a mat for feet are equal rectangles in rows and columns.
 
 use crate::grid::{Foot, Frames, Grid, MAX_LINES, Toes};
-use crate::table::{at_line, check_later, check_width, file_name, number, pressure_kpa};
+use crate::table::{at_line, check_later, check_width, file_name, number, pressure};
 use crate::text::{decode, parse_number};
 use crate::{Error, Export, Result, units};
 use plantar::Side;
@@ -30,14 +30,15 @@ pub fn recognise(text: &str) -> bool {
 pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     let text = decode(bytes, path)?;
     let mut lines = (1..).zip(text.lines());
-    let mut kpa_per_unit = 1.0;
+    let (mut unit, mut kpa_per_unit) = ("kPa", 1.0);
     let sensors = loop {
         let Some((line, row)) = lines.next() else {
             let problem = format!("no line begins with {TIME_COLUMN}");
             return Err(Error::content(path.display().to_string(), problem, "export the measurement as ASCII (.asc)"));
         };
-        if let Some(unit) = row.strip_prefix("pressure values in") {
-            kpa_per_unit = units::kpa(unit.trim(), &|| at_line(path, line))?;
+        if let Some(name) = row.strip_prefix("pressure values in") {
+            unit = name.trim();
+            kpa_per_unit = units::kpa(unit, &|| at_line(path, line))?;
         }
         if let Some(names) = row.strip_prefix(TIME_COLUMN) {
             break names.split_whitespace().count();
@@ -55,8 +56,8 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         check_later(now_s, frames.t_s.last().copied(), &place)?;
         frames.begin(now_s);
         for (i, (field, (row, column))) in fields[1..].iter().zip(&places.cells).enumerate() {
-            let kpa = pressure_kpa(field, &format!("{}", i + 2), &place)?;
-            frames.add(*row, *column, kpa * kpa_per_unit as f32);
+            let value = pressure(field, &format!("{}", i + 2), unit, &place)?;
+            frames.add(*row, *column, value * kpa_per_unit as f32);
         }
     }
     let mut remarks = Vec::new();
@@ -100,7 +101,7 @@ fn places(text: &str, sensors: usize, path: &Path) -> Result<Places> {
     }
     let extent = |axis: usize, sensor: usize| {
         let values = [0, 2, 4, 6].map(|corner| 10.0 * coordinates[corner + axis][sensor]);
-        let fold = |start: f64, least: fn(f64, f64) -> f64| values.into_iter().fold(start, least);
+        let fold = |start: f64, combine: fn(f64, f64) -> f64| values.into_iter().fold(start, combine);
         [fold(f64::INFINITY, f64::min), fold(f64::NEG_INFINITY, f64::max)]
     };
     let [column_mm, row_mm] = [0, 1].map(|axis| {
@@ -115,7 +116,7 @@ fn places(text: &str, sensors: usize, path: &Path) -> Result<Places> {
             let index = (low_mm - start_mm) / pitch_mm;
             (high_mm - low_mm - pitch_mm).abs() < 0.05 * pitch_mm
                 && (index - index.round()).abs() < 0.2
-                && index < MAX_LINES as f64
+                && index.round() < MAX_LINES as f64
         })
     });
     if !is_regular || column_mm <= 0.0 || row_mm <= 0.0 {

@@ -11,10 +11,10 @@ use std::ops::Range;
 
 /// Shortest time for which the person stands still, s.
 const STAND_S: f64 = 5.0;
-/// Shortest time for which the feet are lifted, before and after standing together, s.
+/// Shortest total lifted time, sum of the intervals before and after standing, s.
 const LIFTED_S: f64 = 3.0;
-/// Shortest time for which the feet are lifted, both before and after standing, s.
-const LIFTED_ONCE_S: f64 = 1.0;
+/// Shortest duration of each of the two lifted intervals, s.
+const LIFTED_EACH_S: f64 = 1.0;
 /// Time that is omitted at both ends of each part, s, because the foot is still moving.
 const GUARD_S: f64 = 0.5;
 /// Window of the moving average that is applied to the force, s.
@@ -28,7 +28,7 @@ const SWAY: f64 = 0.25;
 /// Standing begins with the first frame, and ends with the last frame, in which the force is this close to its mean.
 const SETTLED: f64 = 0.03;
 /// While a foot is lifted, its force is at most this much above its lowest force. A foot that rests on the floor while the
-/// person sits carries two to four times as much.
+/// person sits carries 10 to 20 % of the difference.
 const LIFTED: f64 = 0.05;
 /// Largest difference between the lowest forces before and after standing.
 const DRIFT: f64 = 0.1;
@@ -67,12 +67,13 @@ impl StandingTrial {
         }
 
         // These means are over times that are long enough to suppress the peaks of steps, stumbles and jumps.
-        let low_n = force.means_n(0..frames, frames_in(LIFTED_ONCE_S)).fold(f64::INFINITY, f64::min);
+        let low_n = force.means_n(0..frames, frames_in(LIFTED_EACH_S)).fold(f64::INFINITY, f64::min);
         let high_n = force.means_n(0..frames, frames_in(STAND_S)).fold(0.0, f64::max);
         let span_n = high_n - low_n;
         if span_n < MIN_SPAN_N {
             return Err(wrong(format!(
-                "no difference between lifted and standing: except for brief moments the foot reads {low_n:.0} to {high_n:.0} N"
+                "lifted and standing cannot be distinguished: apart from short peaks, the force on the foot is {low_n:.0} to \
+                 {high_n:.0} N"
             )));
         }
 
@@ -85,13 +86,13 @@ impl StandingTrial {
         let standing = guarded(start..end);
         if standing.len() < frames_in(STAND_S) {
             return Err(wrong(format!(
-                "the longest time of standing still has {:.1} s, at least {STAND_S} s are needed",
+                "the longest interval of standing still lasts {:.1} s; at least {STAND_S} s are needed",
                 seconds(standing.len())
             )));
         }
 
         let find_lifted = |within: Range<usize>, when: &str| {
-            let once = frames_in(LIFTED_ONCE_S);
+            let once = frames_in(LIFTED_EACH_S);
             let lowest_n = force.means_n(within.clone(), once).fold(f64::INFINITY, f64::min);
             let lifted = guarded(longest_run(within, |i| smooth_n(i) <= lowest_n + LIFTED * span_n));
             // If `within` is shorter than a second, the lowest mean is infinite.
@@ -105,7 +106,7 @@ impl StandingTrial {
         let lifted_frames = lifted[0].len() + lifted[1].len();
         if lifted_frames < frames_in(LIFTED_S) {
             return Err(wrong(format!(
-                "the foot is lifted for {:.1} s in total, at least {LIFTED_S} s are needed",
+                "the foot is lifted for {:.1} s in total; at least {LIFTED_S} s are needed",
                 seconds(lifted_frames)
             )));
         }

@@ -42,15 +42,15 @@ pub fn number(field: &str, column: &str, place: &dyn Fn() -> String) -> Result<f
     }
 }
 
-/// As [`number`], for a pressure, kPa, which must be finite and not negative.
-pub fn pressure_kpa(field: &str, column: &str, place: &dyn Fn() -> String) -> Result<f32> {
-    let kpa = number(field, column, place)? as f32;
-    if (0.0..=f32::MAX).contains(&kpa) {
-        return Ok(kpa);
+/// As [`number`], for a pressure, which must be finite and not negative. `unit` is its unit in the file and in messages.
+pub fn pressure(field: &str, column: &str, unit: &str, place: &dyn Fn() -> String) -> Result<f32> {
+    let value = number(field, column, place)? as f32;
+    if (0.0..=f32::MAX).contains(&value) {
+        return Ok(value);
     }
     Err(Error::content(
         place(),
-        format!("pressure {field} kPa in column {column}"),
+        format!("pressure {field} {unit} in column {column}"),
         "pressures are finite numbers of at least 0; repair or remove the frame",
     ))
 }

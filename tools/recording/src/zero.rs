@@ -1,4 +1,4 @@
-//! The baseline of an insole: the readings of its cells without load. It is stored as a commented TOML file.
+//! The zero of an insole: the readings of its cells without load. It is stored as a commented TOML file.
 
 use crate::table::at_line;
 use crate::{Error, Recording, Result, StandingTrial, VirtualInsole};
@@ -17,18 +17,18 @@ const VERSION: u32 = 1;
 const OFFSETS_PER_LINE: usize = 8;
 
 /// The remedy for a file that cannot be used.
-const REMEDY: &str = "measure the baseline again with `plantar zero`";
+const REMEDY: &str = "measure the zero again with `plantar zero`";
 
-/// The baseline of one insole or of both.
+/// The zero of one insole or of both.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Zero {
-    /// The baseline of the left insole.
+    /// The zero of the left insole.
     pub left: Option<FootZero>,
-    /// The baseline of the right insole.
+    /// The zero of the right insole.
     pub right: Option<FootZero>,
 }
 
-/// The baseline of one insole.
+/// The zero of one insole.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FootZero {
     /// Identifies the cells: the [`plantar::pipeline::setup::Setup::layout_id`] of the insole.
@@ -103,7 +103,7 @@ impl Zero {
     /// The text of the commented file.
     pub fn to_toml(&self) -> String {
         let mut text = format!(
-            "# Plantar baseline: readings of the unloaded cells of an insole, from a standing trial.\n\
+            "# Plantar zero: readings of the unloaded cells of an insole, from a standing trial.\n\
              # layout_id   identifies the cells\n\
              # offset_kpa  reading of each cell, kPa, ordered by region from heel to toes, then as in the recording;\n\
              #             the code of the sensor at this pressure is subtracted from every code of the cell\n\n\
@@ -122,7 +122,7 @@ impl Zero {
         text
     }
 
-    /// The baseline of one foot, mutable.
+    /// The zero of one foot, mutable.
     pub fn foot_mut(&mut self, side: Side) -> &mut Option<FootZero> {
         match side {
             Side::Left => &mut self.left,
@@ -130,11 +130,11 @@ impl Zero {
         }
     }
 
-    /// Applies this baseline to `insole`: sets the offsets of the cells of the insole. `name` is the name of this baseline in
+    /// Applies this zero to `insole`: sets the offsets of the cells of the insole. `name` is the name of this zero in
     /// messages, such as its file.
     ///
     /// # Errors
-    /// Fails if this is the baseline of the other foot or of other cells, or an offset exceeds half of the scale of a cell.
+    /// Fails if this is the zero of the other foot or of other cells, or an offset exceeds half of the scale of a cell.
     pub fn apply_to(&self, insole: &mut VirtualInsole, name: &str) -> Result<()> {
         let (foot, other) = match insole.setup.side {
             Side::Left => (&self.left, Side::Right),
@@ -144,7 +144,7 @@ impl Zero {
             Some(foot) => foot.apply_to(insole, name),
             None => {
                 let (side, other) = (insole.setup.side.name(), other.name());
-                let problem = format!("no baseline of the {side} foot, only of the {other}");
+                let problem = format!("no zero of the {side} foot, only of the {other}");
                 Err(Error::content(name, problem, format!("measure the {side} foot too with `plantar zero`")))
             }
         }
@@ -152,7 +152,7 @@ impl Zero {
 }
 
 impl FootZero {
-    /// The baseline of the insole that recorded a standing trial, computed by the [`zero_offset`] of the device. `name` is the
+    /// The zero of the insole that recorded a standing trial, computed by the [`zero_offset`] of the device. `name` is the
     /// name of the recording in messages.
     ///
     /// # Errors
@@ -179,7 +179,7 @@ impl FootZero {
     /// As [`Zero::apply_to`], whichever the foot of the insole is.
     ///
     /// # Errors
-    /// Fails if this is the baseline of other cells, or an offset exceeds half of the scale of a cell.
+    /// Fails if this is the zero of other cells, or an offset exceeds half of the scale of a cell.
     pub fn apply_to(&self, insole: &mut VirtualInsole, name: &str) -> Result<()> {
         let (found, cells) = (self.offset_kpa.len(), insole.cells.len());
         if self.layout_id != insole.setup.layout_id || found != cells {

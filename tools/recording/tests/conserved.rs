@@ -1,4 +1,4 @@
-//! Binning conserves area and force; resampling conserves the force-time integral.
+//! Binning conserves the force on each region; resampling conserves the force-time integral.
 
 use plantar::{Region, Side};
 use recording::synthetic::{self, SyntheticWalk};

@@ -57,6 +57,12 @@ fn damaged_files_are_refused_with_the_line_and_a_remedy() {
     assert_message(changed("time[secs]", "time"), "step.asc: ", &["x[1]", "corners"]);
     assert_message(changed("y[3]", "z[3]"), "step.asc: ", &["y[3]", "corners"]);
     assert_message(changed("x[2] 0.8000", "x[2] 1.6000"), "step.asc: ", &["rectangles"]);
+    // An index of 4095.9 rounds to 4096, one more than the largest.
+    let raised = text.replacen("y[1] 26.1000", "y[1] 3686.3100", 1).replacen("y[2] 26.1000", "y[2] 3686.3100", 1);
+    let raised = raised.replacen("y[3] 27.0000", "y[3] 3687.2100", 1).replacen("y[4] 27.0000", "y[4] 3687.2100", 1);
+    assert_message(parse(&raised), "step.asc: ", &["rectangles"]);
     assert_message(changed("\n5.01000 0.000", "\n5.01000"), "step.asc:8: ", &["330 columns"]);
-    assert_message(changed("\n5.01000 0.000", "\n5.01000 -1"), "step.asc:8: ", &["at least 0"]);
+    assert_message(changed("\n5.01000 0.000", "\n5.01000 -1"), "step.asc:8: ", &["-1 kPa", "at least 0"]);
+    let in_bars = text.replacen("kPa", "bar", 1).replacen("\n5.01000 0.000", "\n5.01000 -1", 1);
+    assert_message(parse(&in_bars), "step.asc:8: ", &["-1 bar"]);
 }

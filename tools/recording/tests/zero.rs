@@ -1,5 +1,4 @@
-//! The baseline of each cell is measured in a standing trial. An insole with this baseline measures the same as an insole without
-//! offsets.
+//! The zero of each cell is measured in a standing trial. An insole with these zeros measures the same as one without offsets.
 
 use plantar::insole::Insole;
 use plantar::pipeline::calibrate::{FULL_CODE, zero_offset};
@@ -75,8 +74,8 @@ fn the_parts_of_a_proper_trial_are_found_at_any_rate_and_duration() {
     }
 }
 
-/// The offset is a mean that is rounded up, so it is at most one code above the true offset. With noise, four standard errors
-/// of this mean are added to the tolerance.
+/// The codes are rounded to integers and their mean is rounded up, so the offset is -0.5 to +1 codes from the true one. With
+/// noise, four standard errors of the mean are added to the tolerance.
 #[test]
 fn offsets_are_recovered_to_one_code_despite_noise() {
     let parameters = SyntheticStanding::default();
@@ -204,11 +203,11 @@ fn recordings_that_are_not_standing_trials_are_rejected_with_the_reason() {
     let mut walk = synthetic::walk(&SyntheticWalk { cells: 60, steps: 20, ..Default::default() }).recording;
     synthetic::add_sensor_errors(&mut walk, &offsets_kpa(60), 8.0, 7);
     for (recording, reason) in [
-        (stand.clone(), "no difference"),
-        (joined(&[&sit, &sit]), "no difference"),
-        (walk.clone(), "standing still has 0."),
-        (joined(&[&sit, &walk, &sit]), "standing still has 0."),
-        (trial_of([5.0, 5.0], 4.0), "standing still has 3."),
+        (stand.clone(), "cannot be distinguished"),
+        (joined(&[&sit, &sit]), "cannot be distinguished"),
+        (walk.clone(), "standing still lasts 0."),
+        (joined(&[&sit, &walk, &sit]), "standing still lasts 0."),
+        (trial_of([5.0, 5.0], 4.0), "standing still lasts 3."),
         (joined(&[&sit, &stand]), "no lifted foot after standing, which lasts from 5.0 s to 15.0 s"),
         (joined(&[&stand, &sit]), "no lifted foot before standing"),
         (joined(&[&stand, &sit, &stand]), "no lifted foot before standing"),
@@ -257,7 +256,7 @@ fn a_zero_of_other_cells_or_above_half_of_the_scale_is_rejected() {
     }
     let only_left = Zero { left: Some(zero), right: None };
     let error = only_left.apply_to(&mut virtual_insole(&recording), "zero.toml").expect_err("refused").to_string();
-    assert!(error.contains("no baseline of the right foot, only of the left"), "{error}");
+    assert!(error.contains("no zero of the right foot, only of the left"), "{error}");
 
     let mut broken = recording.clone();
     let mut offset_kpa = offsets_kpa(240);

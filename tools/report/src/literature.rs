@@ -2,8 +2,8 @@
 
 use crate::format::{NONE, number};
 use crate::region::{TITLES, fitted};
+use fit::fixed::Scale;
 use fit::measures::Quantity;
-use fit::pins::Scale;
 use fit::{Method, RegionFit, Study};
 use maud::{Markup, html};
 use plantar::Region;
@@ -59,8 +59,8 @@ const PUBLISHED: [Published; 6] = [
         conditions: ULTRASOUND,
         source: CAVANAGH,
         own: |fit| {
-            let strain = number(fit.pins.compression(&fit.law, fit.area_max_m2) * 100.0);
-            let is_measured = matches!(fit.pins.scale, Scale::PeakStrain(_) | Scale::Curvature(_));
+            let strain = number(fit.fixed.compression(&fit.law, fit.area_max_m2) * 100.0);
+            let is_measured = matches!(fit.fixed.scale, Scale::PeakStrain(_) | Scale::Curvature(_));
             Some(format!("{strain}, {}", if is_measured { "measured" } else { "assumed" }))
         },
     },
@@ -91,8 +91,8 @@ const PUBLISHED: [Published; 6] = [
 ];
 
 fn thickness(fit: &RegionFit) -> Option<String> {
-    let source = if fit.pins.is_thickness_measured { "measured" } else { "typical for the shoe size" };
-    Some(format!("{}, {source}", number(fit.pins.thickness_m * 1e3)))
+    let source = if fit.fixed.is_thickness_measured { "measured" } else { "typical for the shoe size" };
+    Some(format!("{}, {source}", number(fit.fixed.thickness_m * 1e3)))
 }
 
 /// The content of the section.
@@ -160,7 +160,7 @@ fn paper(study: &Study) -> Markup {
         }
         p {
             @if study.options.method == Method::Projection {
-                "C, and with it k, depends on d₀ and on what pins C; A B, K and n follow from the force. "
+                "C, and with it k, depends on d₀ and on the source of C; A B, K and n follow from the force. "
             }
             "The paper's values of C and k follow from bounds and starting points of a search, because force does not determine them."
         }
@@ -196,9 +196,9 @@ fn vertical(fits: &[(usize, &RegionFit)]) -> Finding {
 }
 
 fn round(fits: &[(usize, &RegionFit)]) -> Finding {
-    let is_long = |fit: &RegionFit| fit.pins.aspect.ln().abs() > CLOSE.ln();
+    let is_long = |fit: &RegionFit| fit.fixed.aspect.ln().abs() > CLOSE.ln();
     let aspects =
-        fits.iter().map(|(_, fit)| fit.pins.aspect).fold([f64::MAX, f64::MIN], |[l, h], a| [l.min(a), h.max(a)]);
+        fits.iter().map(|(_, fit)| fit.fixed.aspect).fold([f64::MAX, f64::MIN], |[l, h], a| [l.min(a), h.max(a)]);
     Finding {
         paper: "A and B are close.",
         here: format!(

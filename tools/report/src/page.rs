@@ -3,7 +3,7 @@
 use crate::document::{document, legend, section, wide};
 use crate::format::{NONE, count, percent};
 use crate::region::{TITLES, fit_of, fitted};
-use crate::{bars, curves, foot, literature, parameters, pins, protocol, quantities, reading, sensitivity};
+use crate::{bars, curves, foot, literature, parameters, protocol, quantities, reading, sensitivity, sources};
 use fit::Study;
 use maud::{Markup, html};
 
@@ -192,7 +192,7 @@ fn quantity_figures(study: &Study) -> Markup {
 
 fn parameter_figures(study: &Study) -> Markup {
     html! {
-        (wide("Pins", pins::table(study)))
+        (wide("Sources of d₀ and C", sources::table(study)))
         (legend(&parameters::legend()))
         figure {
             div.panels { @for chart in parameters::charts(study) { (chart.svg()) } }

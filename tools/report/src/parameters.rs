@@ -173,11 +173,11 @@ pub fn eight(study: &Study) -> Markup {
     let heads = [
         ("A", "mm", "medial-lateral radius", "identified A B, measured A/B"),
         ("B", "mm", "heel-toe radius", "identified A B, measured A/B"),
-        ("C", "mm", "vertical radius", "pinned, see above"),
-        ("d₀", "mm", "thickness", "pinned, see above"),
-        ("k", "N/m³", "stiffness coefficient", "identified K, pinned C, d₀"),
+        ("C", "mm", "vertical radius", "fixed, see above"),
+        ("d₀", "mm", "thickness", "fixed, see above"),
+        ("k", "N/m³", "stiffness coefficient", "identified K, fixed C, d₀"),
         ("n", "", "stiffness exponent", "identified"),
-        ("c", "N s/m³", "damping coefficient", "identified G, pinned C, d₀"),
+        ("c", "N s/m³", "damping coefficient", "identified G, fixed C, d₀"),
         ("m", "", "damping exponent", "identified"),
     ];
     let searched = study.options.method == Method::Paper;
@@ -209,8 +209,8 @@ pub fn eight(study: &Study) -> Markup {
                                 @for (value, five) in [(e.k, 1), (e.n, 3), (e.c, 2), (e.m, 4)] {
                                     td { (number(value)) (dagger(fit, five)) }
                                 }
-                                td { (number(fit.pins.aspect)) }
-                                td { (number(fit.pins.compression(&fit.law, fit.area_max_m2) * 100.0)) }
+                                td { (number(fit.fixed.aspect)) }
+                                td { (number(fit.fixed.compression(&fit.law, fit.area_max_m2) * 100.0)) }
                             }
                             Err(reason) => td.reason colspan="10" { "Not fitted: " (reason) },
                         }

@@ -60,9 +60,10 @@ pub fn table(study: &Study) -> Markup {
     html! {
         table.dense.regions #quantities-table {
             caption {
-                "Value with 95 % interval. Not determined: the interval is wider than the value. Stiffness, moduli and energies \
-                 depend on d₀ and C, which are pinned; forces at areas and areas at forces do not. A negative dissipated energy \
-                 means that the same area carries more force in unloading than in loading, which is no property of tissue."
+                "Value with 95 % interval. Not determined: the interval is wider than the value. Stiffness, moduli and \
+                 energies depend on d₀ and C, which are fixed by other data; forces at areas and areas at forces do not. A \
+                 negative dissipated energy means that the same area carries more force in unloading than in loading, which \
+                 is no property of tissue."
             }
             thead { tr { th scope="col" { "Quantity" } @for region in 0..8 { th scope="col" { (TITLES[region]) } } } }
             tbody {

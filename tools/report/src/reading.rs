@@ -31,13 +31,13 @@ pub fn reading(method: Method) -> Markup {
             ". The ratio A/B, C and d₀ can be changed without a change of the force if the other parameters are adapted. "
             @match method {
                 Method::Projection =>
-                    "These three are pinned by other data: A/B by the measured contact ellipse, d₀ by the thickness, C by a \
-                     measured peak strain, a measured curvature of the unloaded sole, or an assumed compression. The values of A, B, C, d₀, k and c are valid only for these pinned \
-                     values. ",
+                    "These three are fixed by other data: A/B by the measured contact ellipse, d₀ by the thickness, C by a \
+                     measured peak strain, a measured curvature of the unloaded sole, or an assumed compression. The values \
+                     of A, B, C, d₀, k and c are valid only for these fixed values. ",
                 Method::Paper => "The search determines these three arbitrarily. ",
             }
             "Compare people by the mechanical quantities. Parameters with the mark † are mostly those of other people: the force \
-             of this person changes the usual value hardly."
+             of this person hardly changes the usual value."
         }
         p {
             strong { "Intervals. " }
@@ -63,8 +63,8 @@ pub fn reading(method: Method) -> Markup {
              another contact rule or sensor are not comparable. With covered shares, it is an effective area, which also depends on \
              the pressure. The measured force is the sum of the sensors: shear, and load beside the sensors, are not part of it. \
              Deformations, and with them stiffness, moduli and energies, are scaled by assumption unless thickness and strain of the \
-             tissue were measured. The eight regions are a convention for comparing feet, not anatomical structures. This is not a medical device; it must not be \
-             used for diagnosis."
+             tissue were measured. The eight regions are a convention for comparing feet, not anatomical structures. This is not \
+             a medical device; it must not be used for diagnosis."
         }
         p {
             strong { "Source. " }

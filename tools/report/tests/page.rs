@@ -210,13 +210,13 @@ fn findings_of_the_paper_are_compared_with_the_results() {
     for (region, fit) in study.fits.iter_mut().enumerate() {
         let Ok(fit) = fit else { continue };
         (fit.ellipsoid.a_m, fit.ellipsoid.b_m, fit.ellipsoid.c_m) = (0.03, 0.032, 0.01);
-        (fit.ellipsoid.k, fit.pins.aspect) = (1e7 * (1.0 + 0.1 * region as f64), 0.94);
+        (fit.ellipsoid.k, fit.fixed.aspect) = (1e7 * (1.0 + 0.1 * region as f64), 0.94);
         fit.law.n = if region == 3 { 1.5 } else { 0.8 };
     }
     let findings = ["C is significantly smaller", "A and B are close", "fairly uniform", "highest at", "n is positive"];
     findings.iter().for_each(|words| assert!(finding(&study, words), "{words}"));
     if let Some(Ok(heel)) = study.fits.get_mut(0) {
-        (heel.ellipsoid.c_m, heel.pins.aspect, heel.ellipsoid.k, heel.law.n) = (0.031, 1.3, 3e7, 1.6);
+        (heel.ellipsoid.c_m, heel.fixed.aspect, heel.ellipsoid.k, heel.law.n) = (0.031, 1.3, 3e7, 1.6);
     }
     findings[..4].iter().for_each(|words| assert!(!finding(&study, words), "{words}"));
     if let Some(Ok(heel)) = study.fits.get_mut(0) {

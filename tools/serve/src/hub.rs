@@ -309,7 +309,7 @@ const NO_CLOCK_US: u64 = 0;
 
 const CONNECT: ToDevice = ToDevice::Connect { major: plantar::protocol::MAJOR, minor: plantar::protocol::MINOR };
 
-/// Lets a page read the configuration of the insole.
+/// Lets a page read the set-up and the cells of the insole.
 fn set_layout(link: &mut Session, layout: Option<Layout>) {
     if let Some((setup, cells)) = layout {
         link.set_layout(setup, cells, None);

@@ -2,7 +2,7 @@
 
 use crate::ReadFile;
 use anyhow::{Context, Result, bail};
-use fit::pins::COMPRESSION;
+use fit::fixed::COMPRESSION;
 use fit::{Bounds, Filter, Measured, Method, Options};
 use parameters::{InsoleSize, TissueMeasurements};
 use plantar::Region;

@@ -24,7 +24,7 @@ pub struct Person {
     pub contact: ContactRule,
     /// Values that were not used, in sentences.
     pub notes: Vec<String>,
-    /// The baseline of the cells, and its file.
+    /// The zero of the cells, and its file.
     zero: Option<(PathBuf, Zero)>,
 }
 
@@ -62,10 +62,10 @@ impl Person {
         format!("{size} {settings:?} {options:?} {contact:?} {zero:?}")
     }
 
-    /// The virtual insole of a recording, with the baseline of this person.
+    /// The virtual insole of a recording, with the zero of this person.
     ///
     /// # Errors
-    /// If an insole cannot have the recording's frame rate, or the baseline is of other cells.
+    /// If an insole cannot have the recording's frame rate, or the zero is of other cells.
     pub fn insole(&self, source: &FrameSource) -> Result<VirtualInsole> {
         let mut insole = virtual_insole(source, self.contact)?;
         if let Some((path, zero)) = &self.zero {

@@ -42,19 +42,19 @@ impl Identification {
         }
     }
 
-    /// True for a step that began after the insole had received the parameters. Counts the step otherwise.
-    pub fn scores(&mut self, step: &Step) -> bool {
+    /// Counts a step. Returns true if it began after the insole had received the parameters.
+    pub fn count(&mut self, step: &Step) -> bool {
         self.needed = self.needed.saturating_sub(1);
         self.sent_us.is_some_and(|sent_us| step.start_us > sent_us)
     }
 
-    /// True if the parameters can be identified and were not.
-    pub fn is_complete(&self) -> bool {
+    /// True if there are enough steps, and the parameters were not identified yet.
+    pub fn is_due(&self) -> bool {
         self.needed == 0 && self.sent_us.is_none()
     }
 
     /// True once the insole has received the parameters.
-    pub fn is_done(&self) -> bool {
+    pub fn has_sent_parameters(&self) -> bool {
         self.sent_us.is_some()
     }
 

@@ -2,7 +2,7 @@
 
 use crate::setup::rule_in_words;
 use crate::summary;
-use fit::measures::{PIN_CHANGE, Quantity};
+use fit::measures::{Quantity, SCALE_CHANGE};
 use fit::results::{deformation_scale, significant, widest};
 use fit::{RegionFit, Study};
 use plantar::Region;
@@ -21,7 +21,7 @@ pub fn print(study: &Study) {
         println!("left out: {} at {:.2} s, {}", study.sources[contact.recording].name, contact.at_s, contact.reason);
     }
     print_measures(study);
-    print_pins(study);
+    print_sources(study);
     let mut table = summary::table();
     table.set_header([
         "region",
@@ -99,19 +99,19 @@ fn print_measures(study: &Study) {
     );
 }
 
-/// Prints what determines d0 and C of each region, and how the results follow it.
-fn print_pins(study: &Study) {
+/// Prints the sources of d0 and C of each region, and how the results follow them.
+fn print_sources(study: &Study) {
     let fitted: Vec<_> =
         Region::ALL.iter().zip(&study.fits).filter_map(|(region, fit)| Some((region, fit.as_ref().ok()?))).collect();
-    if !fitted.iter().any(|(_, fit)| fit.pin_effect.is_some()) {
+    if !fitted.iter().any(|(_, fit)| fit.scale_effect.is_some()) {
         return;
     }
     let mut table = summary::table();
-    table.set_header(["region", "d0 mm", "C mm", "C is pinned by", "assumed %", "C %", "stiffness %", "modulus %"]);
+    table.set_header(["region", "d0 mm", "C mm", "source of C", "assumed %", "C %", "stiffness %", "modulus %"]);
     for (region, fit) in fitted {
         let value = |quantity| fit.measure(quantity).map(|m| m.value);
-        let source = if fit.pins.is_thickness_measured { "measured" } else { "typical" };
-        let effects = fit.pin_effect.map_or([NONE; 3].map(String::from), |effect| {
+        let source = if fit.fixed.is_thickness_measured { "measured" } else { "typical" };
+        let effects = fit.scale_effect.map_or([NONE; 3].map(String::from), |effect| {
             let ends = [effect.at_less, effect.at_more];
             let of = |at: Option<f64>, ends: [Option<f64>; 2]| match (at, ends) {
                 (Some(at), [Some(less), Some(more)]) => {
@@ -126,20 +126,21 @@ fn print_pins(study: &Study) {
             ]
         });
         let lengths = [
-            format!("{}, {source}", significant(fit.pins.thickness_m * 1e3)),
+            format!("{}, {source}", significant(fit.fixed.thickness_m * 1e3)),
             significant(fit.law.c_m * 1e3),
-            fit.pins.scale.to_string(),
-            deformation_scale(&fit.pins).assumed_percent().to_string(),
+            fit.fixed.scale.to_string(),
+            deformation_scale(&fit.fixed).assumed_percent().to_string(),
         ];
         table.add_row(std::iter::once(region.name().to_string()).chain(lengths).chain(effects));
     }
     summary::align(&mut table);
     println!("{table}");
     println!(
-        "The force determines neither d0 nor C. Assumed: how many of thickness and compression, on which C rests, are assumed;\n\
-         unless this is 0, the results are those of a deformation (scaled by assumption). The last three columns: change of C and of the secant stiffness and modulus at\n\
-         20 % strain if the value that pins C were {0:.0} % less / {0:.0} % more.",
-        PIN_CHANGE * 100.0
+        "The force determines neither d0 nor C. Assumed: 0 if C rests on measurements only, 50 % if either thickness or\n\
+         compression is assumed, 100 % if both are, or if C results from the search of the paper; unless this is 0, the\n\
+         results are those of a deformation (scaled by assumption). The last three columns: change of C and of the secant\n\
+         stiffness and modulus at 20 % strain if the source value were {0:.0} % smaller / larger.",
+        SCALE_CHANGE * 100.0
     );
 }
 

@@ -1,4 +1,4 @@
-//! Repeats a fit with counted cells and, for the report, with other choices of the method.
+//! Repeats a fit with counted cells and, for the report, with other contact rules, filters and steps.
 
 use super::Fit;
 use crate::replay::progress;
@@ -10,7 +10,7 @@ use plantar::pipeline::contact::ContactRule;
 use recording::Recording;
 
 impl Fit {
-    /// The steps of the recordings by another contact rule.
+    /// Extracts the steps of the recordings with another contact rule.
     fn steps_by(&self, recordings: &[Recording], rule: &ContactRule) -> Result<Vec<Step>, String> {
         let mut all = Vec::new();
         for (index, recording) in recordings.iter().enumerate() {
@@ -23,7 +23,8 @@ impl Fit {
         Ok(all)
     }
 
-    /// See [`Study::counted_nrmse`]. `recordings` are the recordings of the study with all cells.
+    /// See [`Study::counted_nrmse`]. `recordings` are those sources of the study that contain all cells. Unless all sources do,
+    /// the result is empty.
     pub(super) fn counted_nrmse(&self, study: &Study, recordings: &[Recording]) -> [Option<f64>; 8] {
         // The method of the paper is too slow to be repeated.
         if recordings.len() != study.sources.len() || study.options.method != Method::Projection {
@@ -33,11 +34,12 @@ impl Fit {
         steps.map_or([None; 8], |steps| predicted_nrmse(&steps, &study.options))
     }
 
-    /// The main results of the study with other choices. `recordings` are the recordings of the study with all cells.
+    /// Sensitivity analysis: the main results with other contact rules, filters and steps. `recordings` are those sources of the
+    /// study that contain all cells. Unless all sources do, the contact rule is not varied.
     pub(super) fn sensitivity(&self, study: &Study, recordings: &[Recording]) -> Sensitivity {
         let steps_by = |rule: &ContactRule| self.steps_by(recordings, rule);
         let has_cells = recordings.len() == study.sources.len();
-        let bar = progress(8 * choices(study, has_cells).len() as u64, "fits with other choices");
+        let bar = progress(8 * choices(study, has_cells).len() as u64, "fits of the sensitivity analysis");
         let sensitivity = Sensitivity::of(study, has_cells.then_some(&steps_by), &|| bar.inc(1));
         bar.finish_and_clear();
         sensitivity

@@ -90,8 +90,8 @@ impl Foot {
         self.update(|progress| progress.remark = remark);
     }
 
-    /// Passes what the insole sends to `take` until it returns true or `stop` is set. Connects again when the link is lost.
-    fn follow(&mut self, stop: &AtomicBool, mut take: impl FnMut(&mut Self, Item) -> Result<bool>) -> Result<()> {
+    /// Passes each item from the insole to `process` until it returns true or `stop` is set. Reconnects when the link is lost.
+    fn follow(&mut self, stop: &AtomicBool, mut process: impl FnMut(&mut Self, Item) -> Result<bool>) -> Result<()> {
         // The insole may have restarted, which ends its live stream. If the link is lost, the first event reports it.
         let _ = self.link.start();
         while !stop.load(Ordering::Relaxed) {
@@ -117,7 +117,7 @@ impl Foot {
                 }
                 Event::Lost(error) => return Err(error.into()),
             };
-            match take(self, item) {
+            match process(self, item) {
                 Ok(true) => return Ok(()),
                 Ok(false) => {}
                 // The link was lost within a request; the next event reports it.
@@ -226,7 +226,7 @@ impl Foot {
             earlier,
             done: earlier,
             needed,
-            judged: 0,
+            evaluated: 0,
             unused: None,
             cells: self.begin_cells(&cells_folder, 0)?,
             cells_folder,
@@ -280,9 +280,9 @@ impl Foot {
 const OTHER_FOOT: &str = "the small toes carry more than the big toe: is this insole in the other shoe?";
 /// First part of the names of the stream files of the standing trial, with the steps and load bouts before it.
 const STAND: &str = "stand";
-/// The same for the walk.
+/// First part of the names of the stream files of the walk.
 const WALK: &str = "walk";
-/// The same for the steps that verify the result.
+/// First part of the names of the stream files with the steps that verify the result.
 const VERIFY: &str = "verify";
 
 /// The walk in progress.
@@ -293,9 +293,9 @@ struct Walk {
     /// Number of good steps in all.
     done: usize,
     needed: usize,
-    /// [`LiveSteps::evaluated`] when `done` and `unused` were determined.
-    judged: usize,
-    /// Why the last step is not a good one; `None` if it is, or before the first one.
+    /// The value of [`LiveSteps::evaluated`] for which `done` and `unused` were determined.
+    evaluated: usize,
+    /// Why the last step was not used; `None` if it was, and before the first step.
     unused: Option<ExclusionReason>,
     cells: Option<CellRecorder>,
     cells_folder: PathBuf,
@@ -339,8 +339,8 @@ impl Walk {
             cells.complete_part()?;
             self.part_start = Instant::now();
         }
-        if self.steps.evaluated() != self.judged {
-            self.judge();
+        if self.steps.evaluated() != self.evaluated {
+            self.count_good_steps();
         }
         let remark = match &self.unused {
             _ if self.steps.looks_mirrored() => OTHER_FOOT.into(),
@@ -352,13 +352,13 @@ impl Walk {
         Ok(self.done >= self.needed)
     }
 
-    /// Counts the good steps, and notes the reason if the last step is not one.
-    fn judge(&mut self) {
+    /// Counts the good steps, and stores the reason if the last step was not used.
+    fn count_good_steps(&mut self) {
         let (good, excluded) = self.steps.collected(0);
         let is_last = |contact: &&ExcludedContact| good.last().is_none_or(|step| step.start_s < contact.at_s);
         self.unused = excluded.last().filter(is_last).map(|contact| contact.reason);
         self.done = self.earlier + good.len();
-        self.judged = self.steps.evaluated();
+        self.evaluated = self.steps.evaluated();
     }
 }
 

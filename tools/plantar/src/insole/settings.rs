@@ -21,14 +21,15 @@ enum Thresholds {
 pub struct SettingsArgs {
     #[command(flatten)]
     contact: ContactArgs,
-    /// Thresholds of heel strike and toe off: adaptive ones are in proportion to the peaks of the wearer's steps and above the
-    /// force of the lifted foot; absolute ones are fixed.
+    /// Thresholds of heel strike and toe off: adaptive ones are proportional to the peaks of the wearer's steps, and apply to the
+    /// force above that of the lifted foot; absolute ones are fixed.
     #[arg(long, value_enum)]
     thresholds: Option<Thresholds>,
-    /// Heel strike is when the total force reaches this value, N; for steps with a peak of 700 N if thresholds are adaptive.
+    /// Heel strike is the frame in which the total force reaches this value, N; for steps with a peak of 700 N if thresholds are
+    /// adaptive.
     #[arg(long, value_name = "N")]
     strike: Option<f32>,
-    /// Toe off is when the total force falls below this value, N; for the same peak if thresholds are adaptive.
+    /// Toe off is the frame in which the total force falls below this value, N; for the same peak if thresholds are adaptive.
     #[arg(long, value_name = "N")]
     release: Option<f32>,
     /// Shorter contacts are not steps, ms.

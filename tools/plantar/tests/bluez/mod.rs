@@ -15,8 +15,8 @@ const ADAPTER: &str = "/org/bluez/hci0";
 const DEVICE: &str = "/org/bluez/hci0/dev_C0_00_00_00_00_01";
 const SERVICE: &str = "/org/bluez/hci0/dev_C0_00_00_00_00_01/service0010";
 /// The GATT characteristics of docs/bluetooth.md: the number in the UUID, and the properties.
-const CHARACTERISTICS: [(u8, [&str; 2]); 4] =
-    [(1, ["write", "indicate"]), (2, ["notify", "read"]), (3, ["notify", "read"]), (4, ["write", "indicate"])];
+const CHARACTERISTICS: [(u8, &[&str]); 4] =
+    [(1, &["write", "indicate"]), (2, &["notify"]), (3, &["notify"]), (4, &["write", "indicate"])];
 /// Length of the longest value that the smallest ATT MTU allows, bytes.
 pub const FRAGMENT: usize = 20;
 
@@ -173,7 +173,7 @@ impl Service {
 
 struct Characteristic {
     number: u8,
-    flags: [&'static str; 2],
+    flags: &'static [&'static str],
     insole: Arc<dyn Peripheral>,
 }
 

@@ -19,10 +19,10 @@ pub struct LoadEllipse {
 pub struct EllipseCell {
     /// Index in the layout.
     pub index: usize,
-    /// The [`LoadEllipse::squared_distance`] of its centroid.
-    pub centre: f64,
-    /// The [`LoadEllipse::squared_distance`] of each of the grid points in the cell, ascending.
-    points: Vec<f64>,
+    /// Squared distance of its centroid from the centre of the ellipse, in units of the radii.
+    pub centre_distance2: f64,
+    /// Squared distances of the grid points in the cell, in the same units, ascending.
+    point_distances2: Vec<f64>,
 }
 
 impl LoadEllipse {
@@ -43,8 +43,8 @@ impl LoadEllipse {
             if cell.region == region {
                 ellipse.cells.push(EllipseCell {
                     index,
-                    centre: ellipse.squared_distance(cell.x_mm, cell.y_mm),
-                    points: ellipse.points(cell),
+                    centre_distance2: ellipse.squared_distance(cell.x_mm, cell.y_mm),
+                    point_distances2: ellipse.point_distances2(cell),
                 });
             }
         }
@@ -57,23 +57,23 @@ impl LoadEllipse {
             + ((y_mm - self.centre_mm[1]) / self.radii_mm[1]).powi(2)
     }
 
-    /// The squared distances of the grid points in a cell, ascending.
-    fn points(&self, cell: &Cell) -> Vec<f64> {
+    /// The squared distances of the grid points in a cell, in units of the radii, ascending.
+    fn point_distances2(&self, cell: &Cell) -> Vec<f64> {
         let side_mm = cell.area_mm2.sqrt();
         let offset = |i: usize| ((i as f64 + 0.5) / POINTS as f64 - 0.5) * side_mm;
-        let mut points: Vec<f64> = (0..POINTS * POINTS)
+        let mut distances2: Vec<f64> = (0..POINTS * POINTS)
             .map(|i| self.squared_distance(cell.x_mm + offset(i % POINTS), cell.y_mm + offset(i / POINTS)))
             .collect();
-        points.sort_by(f64::total_cmp);
-        points
+        distances2.sort_by(f64::total_cmp);
+        distances2
     }
 }
 
 impl EllipseCell {
     /// The share of the cell that lies in an ellipse with `size` times the area of the ellipse at full size.
     pub fn covered(&self, size: f64) -> f64 {
-        let points = self.points.partition_point(|&point| point < size);
-        points as f64 / self.points.len() as f64
+        let covered = self.point_distances2.partition_point(|&distance2| distance2 < size);
+        covered as f64 / self.point_distances2.len() as f64
     }
 }
 

@@ -161,7 +161,7 @@ impl Frames {
         for (region, ellipse) in ellipses.iter().enumerate() {
             // The area of the ellipse relative to full size, which is the square of its relative radii.
             let size = (shares[region] / largest_shares[region]).powf(AREA_EXPONENT);
-            let dome = |cell: &EllipseCell| 1.0 - DOME_FALL * (cell.centre / size).min(1.0);
+            let dome = |cell: &EllipseCell| 1.0 - DOME_FALL * (cell.centre_distance2 / size).min(1.0);
             // The covered area, and the area that would carry the same force at the pressure in the centre of the dome.
             let (mut covered_mm2, mut bearing_mm2) = (0.0, 0.0);
             for cell in &ellipse.cells {

@@ -57,8 +57,8 @@ impl Insole {
 /// Sets a property of a sensor, which must be the same in each frame.
 pub fn check_equal<T: PartialEq + Copy>(property: &mut Option<T>, value: T, name: &str, place: &str) -> Result<()> {
     if property.is_some_and(|before| before != value) {
-        let problem = format!("`{name}` differs from that of the frames before");
-        return Err(Error::content(place, problem, "import measurements of different insoles on their own"));
+        let problem = format!("`{name}` differs from that of the previous frames");
+        return Err(Error::content(place, problem, "import measurements of different insoles separately"));
     }
     *property = Some(value);
     Ok(())

@@ -59,8 +59,8 @@ fn quantities(groups: &[SizeGroup]) -> Markup {
 fn parameters(groups: &[SizeGroup]) -> Markup {
     html! {
         p {
-            "As Fig. 8 of the paper. Of the eight parameters, the force determines only five combinations: d₀, C and A/B are pinned \
-             or measured, and single parameters compensate each other. Compare people by the quantities above."
+            "As Fig. 8 of the paper. Of the eight parameters, the force determines only five combinations: d₀, C and A/B are \
+             fixed or measured, and single parameters compensate each other. Compare people by the quantities above."
         }
         (charts(groups, Variable::parameters()))
     }
@@ -115,9 +115,9 @@ fn reading(cohort: &Cohort) -> Markup {
             "Contact from " (rule.on_kpa) " kPa; "
             @if rule.full_kpa > 0.0 { "a cell counts with the fraction √(p / " (rule.full_kpa) " kPa) of its area, at most 1. " }
             @else { "a cell counts with its whole area. " }
-            "Values are comparable only for the same contact rule, sensor and pinned thickness. Strains, and with them stiffness, moduli \
-             and energies, depend on the assumed compression and thickness of the tissue. This is not a medical device; it must not be \
-             used for diagnosis."
+            "Values are comparable only for the same contact rule, sensor and source of the thickness. Strains, and with \
+             them stiffness, moduli and energies, depend on the assumed compression and thickness of the tissue. This is not \
+             a medical device; it must not be used for diagnosis."
         }
         p {
             strong { "Source. " }

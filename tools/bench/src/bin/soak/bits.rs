@@ -80,7 +80,7 @@ pub fn soak(short: bool, figures: &mut Figures) -> Result<()> {
     ensure!(wrong == 0, "{wrong} wrong messages were decoded");
     ensure!(received + damaged + lost_undamaged >= frames, "frames are missing");
     figures.add("bits.frames", frames, "frames sent over a cable that flips one bit in 10,000");
-    figures.add("bits.damaged", damaged, "frames of these with flipped bits");
+    figures.add("bits.damaged", damaged, "of these, frames with flipped bits");
     figures.add("bits.wrong_accepted", wrong, "decoded messages that differ from the sent ones");
     figures.add(
         "bits.lost_after_damage",

@@ -2,28 +2,30 @@
 
 use crate::format::{NONE, number, signed_percent};
 use crate::region::{TITLES, fit_of};
-use fit::measures::{PIN_CHANGE, Quantity};
+use fit::measures::{Quantity, SCALE_CHANGE};
 use fit::results::deformation_scale;
 use fit::{RegionFit, Study};
 use maud::{Markup, html};
 
 /// The table.
 pub fn table(study: &Study) -> Markup {
-    let change = format!("{:.0} %", PIN_CHANGE * 100.0);
+    let change = format!("{:.0} %", SCALE_CHANGE * 100.0);
     html! {
-        table.dense #pins {
+        table.dense #sources {
             caption {
-                "What pins d₀ and C, and by how much C and the quantities at 20 % strain change if the value that pins C is " (change)
-                " smaller / larger. Share of assumption: how many of thickness and compression, on which C rests, are assumed. Unless it \
-                 is 0, stiffness, moduli and energies are those of a deformation (scaled by assumption). Ellipse misfit: area of the \
-                 ellipse with the second moments of the contact, relative to the contact area, minus 1; it is large for a contact of \
-                 separate parts, and for light contact if edge cells count by a share."
+                "Tissue thickness d₀ and vertical ellipsoid radius C cannot be identified from the force. The table states \
+                 their source, and by how much C and the results at 20 % strain change if the source value is " (change) " \
+                 smaller / larger. Share of assumption: 0 if C rests on measurements only, 50 % if either thickness or \
+                 compression is assumed, 100 % if both are, or if C results from the search of the paper. Unless it is 0, \
+                 stiffness, moduli and energies are those of a deformation (scaled by assumption). Ellipse misfit: area of \
+                 the ellipse with the second moments of the contact, relative to the contact area, minus 1; it is large for \
+                 a contact of separate parts, and for light contact if edge cells count by a share."
             }
             thead {
                 tr {
                     th scope="col" { "Region" }
                     th scope="col" { "d₀, mm" }
-                    th.kind scope="col" { "C is pinned by" }
+                    th.kind scope="col" { "Source of C" }
                     th scope="col" { "Share of" br; "assumption, %" }
                     th scope="col" { "C, mm" }
                     th scope="col" { "Change of C, %" }
@@ -38,10 +40,10 @@ pub fn table(study: &Study) -> Markup {
                         th scope="row" { (TITLES[region]) }
                         @match fit_of(study, region) {
                             Ok(fit) => {
-                                @let source = if fit.pins.is_thickness_measured { "measured" } else { "typical" };
-                                td { (number(fit.pins.thickness_m * 1e3)) ", " (source) }
-                                td.kind { (fit.pins.scale) }
-                                td { (deformation_scale(&fit.pins).assumed_percent()) }
+                                @let source = if fit.fixed.is_thickness_measured { "measured" } else { "typical" };
+                                td { (number(fit.fixed.thickness_m * 1e3)) ", " (source) }
+                                td.kind { (fit.fixed.scale) }
+                                td { (deformation_scale(&fit.fixed).assumed_percent()) }
                                 td { (number(fit.law.c_m * 1e3)) }
                                 @for change in changes(fit) { td { (change) } }
                                 td { (fit.ellipse_misfit.map_or(NONE.into(), signed_percent)) }
@@ -55,9 +57,9 @@ pub fn table(study: &Study) -> Markup {
     }
 }
 
-/// The changes of C, secant stiffness and secant modulus with a smaller and a larger value that pins C.
+/// The changes of C, secant stiffness and secant modulus with a smaller and a larger source value.
 fn changes(fit: &RegionFit) -> [String; 3] {
-    let Some(effect) = fit.pin_effect else { return [NONE; 3].map(String::from) };
+    let Some(effect) = fit.scale_effect else { return [NONE; 3].map(String::from) };
     let value = |quantity| fit.measure(quantity).map(|m| m.value);
     let both = |at: Option<f64>, less: Option<f64>, more: Option<f64>| match (at, less, more) {
         (Some(at), Some(less), Some(more)) => {

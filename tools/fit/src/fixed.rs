@@ -1,8 +1,8 @@
 //! The paper's eight parameters from the five that a force trace determines.
 //!
 //! Any change of A/B, C or d0 can be compensated by changes of the other parameters, so that the force remains the same: the
-//! Jacobian of the force with respect to the eight parameters has rank 5. These three are pinned, which means that they are
-//! determined by other measurements.
+//! Jacobian of the force with respect to the eight parameters has rank 5. These three are fixed: they follow from other
+//! measurements or assumptions.
 
 pub use crate::scale::{Measured, Scale};
 
@@ -11,9 +11,9 @@ use plantar::pipeline::model::{Ellipsoid, ForceLaw};
 /// Default of [`Scale::Assumed`]: 45.7 % of the thickness, as measured under metatarsal heads (Cavanagh 1999).
 pub const COMPRESSION: f64 = 0.457;
 
-/// The values that pin A/B, C and d0 of one region.
+/// The parameters of one region that the force does not determine: A/B, d0, and what determines C.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pins {
+pub struct FixedParameters {
     /// A divided by B: the ratio of the radii of the measured contact ellipse.
     pub aspect: f64,
     /// d0, m.
@@ -24,7 +24,7 @@ pub struct Pins {
     pub scale: Scale,
 }
 
-impl Pins {
+impl FixedParameters {
     /// C, m. `area_max_m2` is the largest contact area, at which the deformation is largest.
     pub fn c_m(&self, law: &ForceLaw<f64>, area_max_m2: f64) -> f64 {
         self.scale.c_m(law, area_max_m2, self.thickness_m)
@@ -36,8 +36,8 @@ impl Pins {
         self.c_m(law, area_max_m2) * g_max / self.thickness_m
     }
 
-    /// The ellipsoid that has these pins and the force of `law`. The function solves K = k C^(n+1) / d0^n and G = c C^(m+1) / d0^m
-    /// for k and c.
+    /// The ellipsoid that has these parameters and the force of `law`. The function solves K = k C^(n+1) / d0^n and
+    /// G = c C^(m+1) / d0^m for k and c.
     pub fn ellipsoid(&self, law: &ForceLaw<f64>) -> Ellipsoid<f64> {
         let (c_m, d0_m) = (law.c_m, self.thickness_m);
         let coefficient = |value: f64, exponent: f64| value * (d0_m / c_m).powf(exponent) / c_m;
