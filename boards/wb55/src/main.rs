@@ -228,7 +228,8 @@ async fn main(spawner: Spawner) {
         p.PA9.degrade_adc(),
     ];
     let address = [line(p.PC6.into()), line(p.PC10.into()), line(p.PC12.into()), line(p.PB8.into())];
-    let matrix = ResistiveMatrix::new(p.ADC1, p.DMA1_CH1, columns, address, line(p.PB9.into()));
+    let rows_off = Output::new(p.PB9, Level::High, Speed::Low);
+    let matrix = ResistiveMatrix::new(p.ADC1, p.DMA1_CH1, columns, address, rows_off);
     let side = if strap.is_low() { Side::Right } else { Side::Left };
     let select = Output::new(p.PB12, Level::High, Speed::Medium);
     let is_started_by_user = matches!(boot.reset, Reset::Power | Reset::Pin);

@@ -1,4 +1,4 @@
-//! The resistive matrix: a row at ground through an analogue switch, all columns through ADC1 into memory by DMA.
+//! The resistive matrix: a row at ground through its transistor, all columns through ADC1 into memory by DMA.
 //!
 //! Time of a row at 64 MHz (`docs/hardware.md`): 30 us for settling, 16 columns x 16 conversions x 25 cycles = 100 us for the
 //! conversions, and an allowance of 15 us for set-up and wake-ups. 16 rows take 2.32 ms, and 2.34 ms with the first conversion,
@@ -12,6 +12,7 @@ use embassy_stm32::peripherals::{ADC1, DMA1_CH1};
 use embassy_stm32::{Peri, bind_interrupts, dma};
 use embassy_time::{Duration, Timer, with_timeout};
 use plantar::firmware::board::{Matrix, MatrixTimeout};
+use plantar::firmware::front_end::{self, CLIPPED_CODE};
 use plantar::firmware::layout::{COLUMNS, ROWS, WIRING};
 use plantar::pipeline::calibrate::FULL_CODE;
 use plantar::pipeline::setup::DEVICE_CELLS;
@@ -20,28 +21,30 @@ bind_interrupts!(struct Irqs {
     DMA1_CHANNEL1 => dma::InterruptHandler<DMA1_CH1>;
 });
 
-/// Settling time after a change of the row. The chain of amplifier (1.6 us), row line (2 us) and feedback (1.1 us) settles to
-/// within 1/4096 of the final value in 21 us (`docs/hardware.md`); the rest is a margin for longer lines.
-const SETTLE: Duration = Duration::from_micros(30);
+/// Settling time after a change of the row, which `cargo xtask hardware` compares with the simulated front end.
+const SETTLE: Duration = Duration::from_micros(front_end::SETTLE_US as u64);
 
-/// Sampling time of a conversion: 195 ns at 64 MHz, two time constants of the 100 ohm and 1 nF at each input. Only the first of
-/// 16 conversions starts with the charge of another column. A conversion takes another 12.5 cycles (RM0434, ADC timing).
-const SAMPLE: SampleTime = SampleTime::CYCLES12_5;
+/// Sampling time of a conversion: two time constants of the 100 ohm and 1 nF at each input. Only the first of 16 conversions starts
+/// with the charge of another column.
+const SAMPLE: SampleTime = match front_end::SAMPLE_HALF_CYCLES {
+    25 => SampleTime::CYCLES12_5,
+    49 => SampleTime::CYCLES24_5,
+    95 => SampleTime::CYCLES47_5,
+    _ => panic!("the converter has no such sampling time"),
+};
 
 /// Ten times the conversion time of a row. A frame in which a row takes longer is abandoned and counted as missed.
 const CONVERSION_TIMEOUT: Duration = Duration::from_millis(1);
-
-/// Codes from here on count as full scale: an amplifier may saturate up to 1 %, 33 mV, below its supply of 3.3 V.
-const CLIPPED: u16 = FULL_CODE - FULL_CODE / 100;
 
 /// The sensor matrix, behind the row switch and the converter.
 pub struct ResistiveMatrix {
     adc: Adc<'static, ADC1>,
     dma: Peri<'static, DMA1_CH1>,
     columns: [AnyAdcChannel<'static, ADC1>; COLUMNS],
-    /// Address lines of the row switch, the least significant bit first.
+    /// Address lines of the row decoder, the least significant bit first.
     address: [Output<'static>; 4],
-    enable: Output<'static>,
+    /// High: no row is connected.
+    rows_off: Output<'static>,
 }
 
 impl ResistiveMatrix {
@@ -51,7 +54,7 @@ impl ResistiveMatrix {
         dma: Peri<'static, DMA1_CH1>,
         columns: [AnyAdcChannel<'static, ADC1>; COLUMNS],
         address: [Output<'static>; 4],
-        enable: Output<'static>,
+        rows_off: Output<'static>,
     ) -> Self {
         let config = AdcConfig {
             oversampling_ratio: Some(OversamplingRatio::RATIO16),
@@ -59,16 +62,16 @@ impl ResistiveMatrix {
             oversampling_mode: Some((Rovsm::CONTINUED, Trovs::AUTOMATIC, true)),
             ..Default::default()
         };
-        Self { adc: Adc::new_with_config(adc, config), dma, columns, address, enable }
+        Self { adc: Adc::new_with_config(adc, config), dma, columns, address, rows_off }
     }
 
     /// Disconnects all rows, then connects this one.
     fn select(&mut self, row: usize) {
-        self.enable.set_low();
+        self.rows_off.set_high();
         for (bit, line) in self.address.iter_mut().enumerate() {
             line.set_level((row >> bit & 1 == 1).into());
         }
-        self.enable.set_high();
+        self.rows_off.set_low();
     }
 
     /// Converts the first `N` columns; the core sleeps meanwhile.
@@ -95,10 +98,10 @@ impl Matrix for ResistiveMatrix {
         Timer::after(SETTLE).await;
         let converted = self.convert::<COLUMNS>().await;
         // Between rows and frames no cell draws current.
-        self.enable.set_low();
+        self.rows_off.set_high();
         for (&cell, code) in WIRING.get(row).into_iter().flatten().zip(converted?) {
             if let Some(cell) = cell {
-                codes[usize::from(cell)] = if code < CLIPPED { code } else { FULL_CODE };
+                codes[usize::from(cell)] = if code < CLIPPED_CODE { code } else { FULL_CODE };
             }
         }
         Ok(())
