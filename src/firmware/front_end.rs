@@ -29,7 +29,7 @@ pub const UNLOADED_CODE: u16 = FULL_CODE / REFERENCE_DIVISOR;
 pub const CLIPPED_CODE: u16 = FULL_CODE - FULL_CODE / 100;
 
 /// Time from the selection of a row to the first conversion, us.
-pub const SETTLE_US: u32 = 30;
+pub const SETTLE_US: u32 = 37;
 /// Clock of the converter, kHz.
 pub const ADC_KHZ: u32 = 64_000;
 /// Sampling time of a conversion, half cycles of the converter's clock.

@@ -1,7 +1,7 @@
 //! The resistive matrix: a row at ground through its transistor, all columns through ADC1 into memory by DMA.
 //!
-//! Time of a row at 64 MHz (`docs/hardware.md`): 30 us for settling, 16 columns x 16 conversions x 25 cycles = 100 us for the
-//! conversions, and an allowance of 15 us for set-up and wake-ups. 16 rows take 2.32 ms, and 2.34 ms with the first conversion,
+//! Time of a row at 64 MHz (`docs/hardware.md`): 37 us for settling, 16 columns x 16 conversions x 25 cycles = 100 us for the
+//! conversions, and an allowance of 15 us for set-up and wake-ups. 16 rows take 2.43 ms, and 2.45 ms with the first conversion,
 //! which is discarded, of the 2.5 ms of a frame at 400 Hz. After a longer scan, the next scan starts late, or is skipped and
 //! counted.
 
@@ -24,8 +24,8 @@ bind_interrupts!(struct Irqs {
 /// Settling time after a change of the row, which `cargo xtask hardware` compares with the simulated front end.
 const SETTLE: Duration = Duration::from_micros(front_end::SETTLE_US as u64);
 
-/// Sampling time of a conversion: two time constants of the 100 ohm and 1 nF at each input. Only the first of 16 conversions starts
-/// with the charge of another column.
+/// Sampling time of a conversion: four time constants of the 150 ohm and 330 pF at each input. Only the first of 16 conversions
+/// starts with the charge of another column.
 const SAMPLE: SampleTime = match front_end::SAMPLE_HALF_CYCLES {
     25 => SampleTime::CYCLES12_5,
     49 => SampleTime::CYCLES24_5,

@@ -1,11 +1,11 @@
 //! What the simulation measures: transfer, settling, sampling, crosstalk, stability, noise and supply current.
 
-use crate::data_sheet::{CONVERTER_NOISE_LSB, SUPPLY_V};
+use crate::data_sheet::{AMPLIFIER_LARGE_OUTPUT_OHM, AMPLIFIER_OFFSET_V, CONVERTER_NOISE_LSB, SUPPLY_V};
 use crate::netlist::{Netlist, REFERENCE, amplifier, column_net, input_net};
 use crate::ngspice::Run;
 use crate::spice::{Conditions, Gate, SAMPLED, SUPPLY_SOURCE, circuit, probed_node};
 use anyhow::{Context, Result};
-use plantar::firmware::front_end::{ADC_KHZ, CONVERSIONS, CONVERT_HALF_CYCLES, SAMPLE_HALF_CYCLES, SETTLE_US};
+use plantar::firmware::front_end::{self, ADC_KHZ, CONVERSIONS, CONVERT_HALF_CYCLES, SAMPLE_HALF_CYCLES, SETTLE_US};
 use plantar::firmware::layout::COLUMNS;
 use plantar::pipeline::calibrate::FULL_CODE;
 
@@ -88,19 +88,24 @@ const SETTLING_S: f64 = 81e-6;
 
 /// The changes of row after which the settling is simulated: name, and conditions with the previous row `ROW - 1`.
 pub fn changes() -> Vec<(&'static str, Conditions)> {
-    let before = ROW - 1;
+    let (before, open) = (ROW - 1, f64::INFINITY);
     let none = Conditions::idle();
+    // 300 kPa on the whole sheet are some 6 kN.
+    let walking = none.clone().with_all(WALKING_OHM).with_row(before, FULL_LOAD_OHM);
     vec![
         ("open cell to full load", none.clone().with_cell(ROW, COLUMN, FULL_LOAD_OHM)),
         ("full load to open cell", none.clone().with_cell(before, COLUMN, FULL_LOAD_OHM)),
         ("row at full load to open row", none.clone().with_row(before, FULL_LOAD_OHM)),
-        ("sheet at full load, to 300 kPa", none.clone().with_all(FULL_LOAD_OHM).with_cell(ROW, COLUMN, WALKING_OHM)),
+        ("row at full load to open cell, sheet at 300 kPa", walking.clone().with_cell(ROW, COLUMN, open)),
         ("saturated cell to open cell", none.clone().with_cell(before, COLUMN, SATURATING_OHM)),
-        (
-            "saturated row to 300 kPa, loaded sheet",
-            none.with_all(FULL_LOAD_OHM).with_row(before, SATURATING_OHM).with_cell(ROW, COLUMN, WALKING_OHM),
-        ),
+        ("saturated row to open cell, sheet at 300 kPa", walking.with_row(before, SATURATING_OHM).with_cell(ROW, COLUMN, open)),
     ]
+}
+
+/// A change of row on a sheet that is at full load everywhere, some 18 kN: no person reaches it.
+pub fn extreme_change() -> (&'static str, Conditions) {
+    let conditions = Conditions::idle().with_all(FULL_LOAD_OHM).with_cell(ROW, COLUMN, f64::INFINITY);
+    ("sheet at full load, to open cell", conditions)
 }
 
 /// Simulates the settling after a change of row.
@@ -158,8 +163,6 @@ pub struct Crosstalk {
     pub column_one: f64,
     /// A cell of the next column and another row, next to a loaded cell of the measured column, likewise.
     pub diagonal: f64,
-    /// All cells of all other rows, likewise.
-    pub sheet: f64,
     /// A saturated cell beside the measured one, with one loaded cell of each in another row: the saturated column is not at the
     /// virtual ground.
     pub saturated: f64,
@@ -175,9 +178,7 @@ pub fn crosstalk(board: &Netlist, switch_ohm: f64) -> Result<Crosstalk> {
     let change = |before: &Conditions, after: &Conditions| -> Result<f64> {
         Ok(((measured_code(board, after)? - measured_code(board, before)?) / full * 100.0).abs())
     };
-    let offset = base.clone().with_offsets_against(COLUMN);
-    let mut sheet = offset.clone().with_all(FULL_LOAD_OHM);
-    sheet.cell_ohm[ROW] = offset.cell_ohm[ROW];
+    let offset = base.clone().with_offset_against(COLUMN, AMPLIFIER_OFFSET_V.value);
     let beside = base.clone().with_cell(other, COLUMN, FULL_LOAD_OHM).with_cell(other, BESIDE, FULL_LOAD_OHM);
     let pair = offset.clone().with_cell(other, COLUMN, FULL_LOAD_OHM);
     Ok(Crosstalk {
@@ -185,9 +186,18 @@ pub fn crosstalk(board: &Netlist, switch_ohm: f64) -> Result<Crosstalk> {
         row_all: change(&alone, &base.clone().with_row(ROW, FULL_LOAD_OHM))?,
         column_one: change(&offset, &pair)?,
         diagonal: change(&pair, &pair.clone().with_cell(other, BESIDE, FULL_LOAD_OHM))?,
-        sheet: change(&offset, &sheet)?,
         saturated: change(&beside, &beside.clone().with_cell(ROW, BESIDE, SATURATING_OHM))?,
     })
+}
+
+/// How far all cells of the other rows, with this resistance, change the reading of an open cell, if the amplifiers have this offset,
+/// in percent of a cell's reading at full load.
+pub fn sheet_crosstalk(board: &Netlist, cell_ohm: f64, offset_v: f64) -> Result<f64> {
+    let open = Conditions::selected(ROW).with_offset_against(COLUMN, offset_v);
+    let mut loaded = open.clone().with_all(cell_ohm);
+    loaded.cell_ohm[ROW] = open.cell_ohm[ROW];
+    let full = front_end::code(FULL_LOAD_OHM) - front_end::code(f64::INFINITY);
+    Ok(((measured_code(board, &loaded)? - measured_code(board, &open)?) / full * 100.0).abs())
 }
 
 /// The gain around the loop of an amplifier.
@@ -207,10 +217,13 @@ pub fn loops() -> Vec<(&'static str, Conditions)> {
     let open = Conditions::selected(ROW);
     let column = Some(amplifier(COLUMN));
     let probed = |conditions: &Conditions| Conditions { probe: column.clone(), ..conditions.clone() };
+    let mut large = probed(&open);
+    large.amplifier.output_ohm = AMPLIFIER_LARGE_OUTPUT_OHM.value;
     vec![
         ("column, all cells open", probed(&open)),
         ("column, sheet at full load", probed(&open.clone().with_all(FULL_LOAD_OHM))),
         ("column, lines of 400 pF", Conditions { line_f: 2.0 * open.line_f, ..probed(&open) }),
+        ("pessimistic output impedance", large),
         ("virtual ground, all cells open", Conditions { probe: Some(("U5".into(), "A")), ..open.clone() }),
         (
             "virtual ground, sheet at full load",
@@ -254,7 +267,7 @@ pub fn noises() -> Vec<(&'static str, Conditions)> {
     vec![
         ("all cells open", open.clone()),
         ("cell at full load", open.clone().with_cell(ROW, COLUMN, FULL_LOAD_OHM)),
-        ("sheet at full load", open.with_all(FULL_LOAD_OHM)),
+        ("sheet at 300 kPa", open.with_all(WALKING_OHM)),
     ]
 }
 

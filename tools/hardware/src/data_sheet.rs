@@ -79,6 +79,10 @@ figures! {
     AMPLIFIER_SUPPLY_A: "TLV9054", "quiescent current of each amplifier, typical", 330e-6 "A",
         "SBOS942, section 6.7, power supply", ToBeChecked;
 
+    AMPLIFIER_LARGE_OUTPUT_OHM: "TLV9054", "open-loop output impedance, pessimistic", 600.0 "ohm",
+        "2.4 times the typical value, because amplifiers of this class vary that much", Assumed;
+    PRECISE_OFFSET_V: "OPA4376", "input offset voltage, maximum", 25e-6 "V", "SBOS406, offset voltage", ToBeChecked;
+
     SWITCH_ON_OHM: "FDG6335N", "on-resistance at a gate voltage of 2.5 V, maximum", 0.4 "ohm",
         "FDG6335N/D, general description", Read;
     SWITCH_OFF_OHM: "FDG6335N", "off-resistance at 0.3 V: a leakage of 10 nA", 30e6 "ohm",

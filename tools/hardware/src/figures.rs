@@ -1,10 +1,12 @@
 //! The figures of the front end, and the bars that they must meet.
 
 use crate::analyses::{
-    Crosstalk, FULL_LOAD_OHM, Loop, Noise, ROW, SATURATING_OHM, Settling, WALKING_OHM, changes, crosstalk, loop_gain, loops,
-    noise, noises, row_s, sampling_error_codes, settling, supply_a, transfer,
+    self, Crosstalk, FULL_LOAD_OHM, Loop, Noise, ROW, SATURATING_OHM, Settling, WALKING_OHM, changes, crosstalk, extreme_change, loop_gain, loops,
+    noise, noises, row_s, sampling_error_codes, sheet_crosstalk, supply_a, transfer,
 };
-use crate::data_sheet::{MULTIPLEXER_ON_OHM, MULTIPLEXER_TYPICAL_OHM, SWITCH_ON_OHM};
+use crate::data_sheet::{
+    AMPLIFIER_OFFSET_V, MULTIPLEXER_ON_OHM, MULTIPLEXER_TYPICAL_OHM, PRECISE_OFFSET_V, SWITCH_ON_OHM,
+};
 use crate::netlist::Netlist;
 use crate::spice::Conditions;
 use anyhow::Result;
@@ -27,6 +29,15 @@ impl Figure {
     /// True if the value misses its bar.
     pub fn is_missed(&self) -> bool {
         self.bar.is_some_and(|(least, most)| !(least..=most).contains(&self.value))
+    }
+
+    /// The value as it is printed, with three or more digits.
+    pub fn value_text(&self) -> String {
+        match self.value.abs() {
+            ..1.0 => format!("{:.3}", self.value),
+            ..100.0 => format!("{:.2}", self.value),
+            _ => format!("{:.0}", self.value),
+        }
     }
 
     /// The bar as it is printed.
@@ -105,26 +116,40 @@ pub fn simulate(board: &Netlist) -> Result<Results> {
     let clipped = f64::from(CLIPPED_CODE);
     add("saturated_code", saturated, Some((clipped, f64::INFINITY)), "code of a saturated amplifier, cell of 1 kohm");
 
-    let settling = changes().into_iter().map(|(name, c)| settling(board, name, c)).collect::<Result<Vec<_>>>()?;
+    let mut settling =
+        changes().into_iter().map(|(name, c)| analyses::settling(board, name, c)).collect::<Result<Vec<_>>>()?;
     let settled_us = settling.iter().map(|change| change.settled_s * 1e6).fold(0.0, f64::max);
     add("settling_us", settled_us, at_most(SETTLE_US.into()), "slowest change of row to half a step of 12 bits, us");
     let long_lines = changes()
         .into_iter()
-        .map(|(name, c)| crate::analyses::settling(board, name, Conditions { line_f: 2.0 * c.line_f, ..c }))
+        .map(|(name, c)| analyses::settling(board, name, Conditions { line_f: 2.0 * c.line_f, ..c }))
         .collect::<Result<Vec<_>>>()?;
     let long_us = long_lines.iter().map(|change| change.settled_s * 1e6).fold(0.0, f64::max);
     add("settling_long_lines_us", long_us, None, "the same with lines of 400 pF, us");
+    let (name, conditions) = extreme_change();
+    let extreme = analyses::settling(board, name, conditions)?;
+    let at_conversion = extreme.error_lsb.iter().find(|(t_s, _)| *t_s >= f64::from(SETTLE_US) * 1e-6);
+    let remaining_lsb = at_conversion.map_or(f64::NAN, |(_, lsb)| lsb.abs());
+    add("settling_extreme_us", extreme.settled_s * 1e6, None, "the same with the whole sheet at full load, us");
+    add("settling_extreme_lsb", remaining_lsb, None, "its error at the first conversion, LSB of 12 bits");
+    settling.push(extreme);
     let sampling = sampling_error_codes(board)?;
     add("sampling_error_codes", sampling.abs(), at_most(SAMPLING_CODES), "error of an open cell after a cell at full load, codes");
 
     let talk = crosstalk(board, SWITCH_ON_OHM.value)?;
-    let Crosstalk { row_one, row_all, column_one, diagonal, sheet, saturated } = talk;
+    let Crosstalk { row_one, row_all, column_one, diagonal, saturated } = talk;
     let bar = at_most(CROSSTALK_PERCENT);
     add("crosstalk_row_one_percent", row_one, bar, "one neighbour in the row, % of its reading");
     add("crosstalk_row_all_percent", row_all, bar, "all 15 neighbours in the row, % of one reading");
     add("crosstalk_column_percent", column_one, bar, "one neighbour in the column, largest offsets, % of its reading");
     add("crosstalk_diagonal_percent", diagonal, bar, "one neighbour in the next column and another row, largest offsets, %");
-    add("crosstalk_sheet_percent", sheet, None, "all cells of the other rows, largest offsets, % of one reading");
+    let sheet = |cell_ohm: f64, offset_v: f64| sheet_crosstalk(board, cell_ohm, offset_v);
+    let walking = sheet(WALKING_OHM, AMPLIFIER_OFFSET_V.value)?;
+    add("crosstalk_sheet_percent", walking, None, "all cells of the other rows at 300 kPa, largest offsets, %");
+    let full = sheet(FULL_LOAD_OHM, AMPLIFIER_OFFSET_V.value)?;
+    add("crosstalk_sheet_full_percent", full, None, "all cells of the other rows at full load, largest offsets, %");
+    let precise = sheet(WALKING_OHM, PRECISE_OFFSET_V.value)?;
+    add("crosstalk_sheet_precise_percent", precise, None, "all cells of the other rows at 300 kPa, with OPA4376, %");
     add("crosstalk_saturated_percent", saturated, None, "a saturated neighbour of 1 kohm, % of a reading at full load");
     let mut row_error = Vec::new();
     for ohm in [0.1, SWITCH_ON_OHM.value, 1.0, 2.0, 4.0, MULTIPLEXER_TYPICAL_OHM.value, MULTIPLEXER_ON_OHM.value, 25.0, 70.0] {
@@ -153,11 +178,14 @@ pub fn simulate(board: &Netlist) -> Result<Results> {
     add("phase_margin_column_deg", margin("column"), bar, "smallest phase margin of a column amplifier, degrees");
     add("phase_margin_reference_deg", margin("virtual ground"), bar, "smallest phase margin of the virtual ground, degrees");
 
+    let pessimistic_deg = margin("pessimistic");
+    add("phase_margin_pessimistic_deg", pessimistic_deg, None, "a column amplifier with 600 ohm of output impedance, degrees");
+
     let noise = noises().into_iter().map(|(name, c)| noise(board, name, &c)).collect::<Result<Vec<_>>>()?;
     let unloaded_codes = noise[0].code_rms;
     add("noise_codes", unloaded_codes, at_most(NOISE_CODES / 3.0), "noise of an unloaded cell, codes, standard deviation");
     let loaded_codes = noise[noise.len() - 1].code_rms;
-    add("noise_loaded_codes", loaded_codes, None, "noise with the whole sheet at full load, codes, standard deviation");
+    add("noise_loaded_codes", loaded_codes, None, "noise with the whole sheet at 300 kPa, codes, standard deviation");
 
     let scanning_a = supply_a(board, &Conditions::selected(ROW).with_row(ROW, WALKING_OHM))?;
     let between_a = supply_a(board, &Conditions::idle())?;
@@ -167,6 +195,6 @@ pub fn simulate(board: &Netlist) -> Result<Results> {
     add("supply_scanning_ma", scanning_a * 1e3, at_most(9.0), "front end, a row with 16 cells at 300 kPa selected, mA");
     add("supply_between_ma", between_a * 1e3, at_most(6.5), "front end between scans, mA");
     add("supply_mean_ma", mean_a * 1e3, None, "front end at 100 Hz with such rows, mean, mA");
-    add("supply_off_ua", off_a * 1e6, at_most(1.0), "front end switched off, uA");
+    add("supply_off_ua", off_a * 1e6, at_most(10.0), "front end switched off, uA");
     Ok(Results { figures, transfer, settling, row_error, loops, noise })
 }

@@ -8,3 +8,6 @@ pub mod spice;
 pub mod ngspice;
 pub mod analyses;
 pub mod figures;
+pub mod schematic;
+pub mod plots;
+pub mod files;

@@ -3,7 +3,7 @@
 
 use crate::parts::{
     BUFFER, BULK, COMPENSATION, CONNECTOR, CONTROLLER, DECODER, DECOUPLING, DIVIDER_LOWER, DIVIDER_UPPER, FEEDBACK, FILTER,
-    FLASH, LOAD_SWITCH, PULL_UP, PartType, QUAD, RESERVOIR, RETURN, ROW_SWITCH, SERIES, SIDE,
+    FLASH, LOAD_SWITCH, ON, PULL_UP, PartType, QUAD, RESERVOIR, RETURN, ROW_SWITCH, SERIES, SHEET, SIDE,
 };
 use plantar::firmware::layout::{COLUMNS, ROWS};
 use std::collections::BTreeMap;
@@ -129,7 +129,7 @@ impl Netlist {
             }
             .into()
         });
-        board.two_ended("R3".into(), &PULL_UP, SUPPLY, "FE_ON");
+        board.two_ended("R3".into(), &ON, SUPPLY, "FE_ON");
         board.two_ended("C2".into(), &RESERVOIR, "RISE", GROUND);
         board.two_ended("C3".into(), &BULK, SUPPLY, GROUND);
         board.two_ended("C4".into(), &BULK, SWITCHED, GROUND);
@@ -176,6 +176,7 @@ impl Netlist {
             contact @ 22..=37 => row_net(contact - 22),
             _ => GROUND.into(),
         });
+        board.add("SHEET1".into(), &SHEET, |_| String::new());
         board
     }
 

@@ -4,6 +4,9 @@ use anyhow::{Context, Result, bail};
 use std::fs;
 use std::process::{Command, Stdio};
 
+/// Messages of analyses without a solution.
+const FAILURES: [&str; 4] = ["source stepping failed", "singular matrix", "Timestep too small", "simulation(s) aborted"];
+
 /// A table that ngspice wrote: its rows, each with the scale (time or frequency) first.
 pub type Table = Vec<Vec<f64>>;
 
@@ -30,9 +33,9 @@ impl Run {
 
     /// Adds an analysis, and a table of these vectors over its scale.
     pub fn table(mut self, analysis: &str, vectors: &str) -> Self {
-        self = self.command(analysis).command(&format!("wrdata table{}.txt {vectors}", self.tables));
+        let write = format!("wrdata table{}.txt {vectors}", self.tables);
         self.tables += 1;
-        self
+        self.command(analysis).command(&write)
     }
 
     /// Runs ngspice, and returns the tables.
@@ -49,7 +52,11 @@ impl Run {
             .stdin(Stdio::null())
             .output()
             .context("cannot run ngspice: install it with `cargo xtask setup`")?;
-        let log = String::from_utf8_lossy(&output.stderr);
+        let log = String::from_utf8_lossy(&output.stderr) + String::from_utf8_lossy(&output.stdout);
+        // ngspice then writes the values of its last attempt, and ends with success.
+        if let Some(line) = log.lines().find(|line| FAILURES.iter().any(|failure| line.contains(failure))) {
+            bail!("ngspice found no solution: {line}");
+        }
         let table = |i: usize| -> Result<Table> {
             let text = fs::read_to_string(folder.path().join(format!("table{i}.txt")))
                 .with_context(|| format!("ngspice did not complete analysis {i}: {log}"))?;

@@ -166,10 +166,10 @@ pub const FEEDBACK: PartType = resistor(
 );
 /// Series resistor between a column amplifier and the converter.
 pub const SERIES: PartType = resistor(
-    100.0,
-    "100 ohm 1 %",
-    "RC0603FR-07100RL",
-    &["ERJ-3EKF1000V", "CRCW0603100RFKEA"],
+    150.0,
+    "150 ohm 1 %",
+    "RC0603FR-07150RL",
+    &["ERJ-3EKF1500V", "CRCW0603150RFKEA"],
     "filter at the converter's input",
 );
 /// Returns a row to the virtual ground.
@@ -206,23 +206,32 @@ pub const PULL_UP: PartType = resistor(
     &["ERJ-3EKF1003V", "CRCW0603100KFKEA"],
     "pull-up while the controller is in reset",
 );
+/// Switches the front end on while the controller does not drive the line. A controller that switches it off drives the current
+/// through this resistor.
+pub const ON: PartType = resistor(
+    470_000.0,
+    "470 kohm 1 %",
+    "RC0603FR-07470KL",
+    &["ERJ-3EKF4703V", "CRCW0603470KFKEA"],
+    "switches the front end on while the controller is in reset",
+);
 /// Selects the side of the insole.
 pub const SIDE: PartType =
     resistor(0.01, "0 ohm", "RC0603JR-070RL", &["ERJ-3GEY0R00V"], "fitted on the board of a right insole only");
 /// Feedback capacitor of a column amplifier.
 pub const COMPENSATION: PartType = capacitor(
-    33e-12,
-    "33 pF C0G 5 %",
-    "GRM1885C1H330JA01D",
-    &["CL10C330JB8NNNC", "CC0603JRNPO9BN330"],
+    47e-12,
+    "47 pF C0G 5 %",
+    "GRM1885C1H470JA01D",
+    &["CL10C470JB8NNNC", "CC0603JRNPO9BN470"],
     "stability of a column amplifier",
 );
 /// Capacitor at a converter's input.
 pub const RESERVOIR: PartType = capacitor(
-    1e-9,
-    "1 nF C0G 5 %",
-    "GRM1885C1H102JA01D",
-    &["CL10C102JB8NNNC", "CC0603JRNPO9BN102"],
+    330e-12,
+    "330 pF C0G 5 %",
+    "GRM1885C1H331JA01D",
+    &["CL10C331JB8NNNC", "CC0603JRNPO9BN331"],
     "filter at the converter's input; rise time of the load switch",
 );
 /// Filters the virtual ground.
@@ -430,4 +439,15 @@ const CONTACTS: [(&str, &str); 40] = {
         i += 1;
     }
     contacts
+};
+/// The sensor sheet itself, whose lines end at the connector.
+pub const SHEET: PartType = PartType {
+    number: "made to order",
+    manufacturer: "",
+    alternatives: &[],
+    value: "piezoresistive sheet between 16 rows and 16 columns of 35 um copper, 0.4 mm wide; 3 kohm for a cell at 1000 kPa",
+    package: "flat cable, 40 contacts, 0.5 mm",
+    purpose: "240 cells; its layout is that of src/firmware/layout.rs",
+    pins: &[],
+    model: Model::None,
 };

@@ -1,7 +1,7 @@
 //! The front end as a circuit for ngspice, from the netlist and the parts' models.
 
 use crate::data_sheet::{
-    AMPLIFIER_OFFSET_V, CONVERTER_SAMPLE_F, CONVERTER_SWITCH_OHM, DECODER_OUTPUT_OHM, LOAD_SWITCH_OFF_OHM,
+    CONVERTER_SAMPLE_F, CONVERTER_SWITCH_OHM, DECODER_OUTPUT_OHM, LOAD_SWITCH_OFF_OHM,
     LOAD_SWITCH_ON_OHM, LOAD_SWITCH_SUPPLY_A, SHEET_LINE_F, SHEET_LINE_OHM, SUPPLY_V,
 };
 use crate::netlist::{GROUND, Netlist, Part, SUPPLY, column_net, input_net, row_net};
@@ -86,10 +86,10 @@ impl Conditions {
         }
     }
 
-    /// Sets the largest offset of the data sheet: positive at one column, and negative at all others.
-    pub fn with_offsets_against(mut self, column: usize) -> Self {
-        self.offset_v = [-AMPLIFIER_OFFSET_V.value; COLUMNS];
-        self.offset_v[column] = AMPLIFIER_OFFSET_V.value;
+    /// Sets the amplifiers' offset, V: positive at one column, and negative at all others.
+    pub fn with_offset_against(mut self, column: usize, offset_v: f64) -> Self {
+        self.offset_v = [-offset_v; COLUMNS];
+        self.offset_v[column] = offset_v;
         self
     }
 
@@ -147,7 +147,7 @@ impl Circuit<'_> {
 
     fn part(&mut self, part: &Part) {
         let name = &part.designator;
-        let end = |pin| node(part.net(pin));
+        let end = |pin: &str| node(part.net(pin));
         match part.kind.model {
             Model::Resistor(ohm) => self.line(format_args!("R_{name} {} {} {ohm:e}", end("1"), end("2"))),
             Model::Capacitor(farad) => self.line(format_args!("C_{name} {} {} {farad:e}", end("1"), end("2"))),
@@ -159,6 +159,8 @@ impl Circuit<'_> {
                 let supply_a = if on { LOAD_SWITCH_SUPPLY_A.value } else { 0.0 };
                 self.line(format_args!("R_{name} {} {} {ohm:e}", end("VIN"), end("VOUT")));
                 self.line(format_args!("I_{name} {} {} {supply_a:e}", end("VIN"), end("GND")));
+                // A node with capacitors alone has no steady state.
+                self.line(format_args!("R_{name}_rise {} 0 1e9", end("CT")));
                 // Pulled up to the supply, unless the controller pulls it down.
                 if !on {
                     self.line(format_args!("V_{name} {} 0 0", end("ON")));
@@ -167,7 +169,8 @@ impl Circuit<'_> {
             Model::Decoder => {
                 for (row, gate) in self.conditions.gates.into_iter().enumerate() {
                     self.line(format_args!("V_{name}_{row} drive{row} 0 {}", gate.source()));
-                    let output = end(&format!("Y{row}"));
+                    let pin = format!("Y{row}");
+                    let output = end(&pin);
                     self.line(format_args!("R_{name}_{row} drive{row} {output} {:e}", DECODER_OUTPUT_OHM.value));
                 }
             }
@@ -209,20 +212,21 @@ impl Circuit<'_> {
         self.line(format_args!("D_{name} {source} {drain} body"));
     }
 
-    /// Lines with their resistance and capacitance, and the cells between them.
+    /// Lines with their resistance and capacitance, and the cells between them. ngspice does not distinguish small and capital letters,
+    /// so the nodes of lines differ from the nets of the connector in more than these.
     fn sheet(&mut self) {
         let Conditions { line_f, line_ohm, cell_ohm, .. } = self.conditions;
         for (kind, count, net) in
             [("row", ROWS, row_net as fn(usize) -> String), ("column", COLUMNS, column_net as fn(usize) -> String)]
         {
             for i in 0..count {
-                self.line(format_args!("R_{kind}{i} {} {kind}{i} {line_ohm:e}", net(i)));
-                self.line(format_args!("C_{kind}{i} {kind}{i} 0 {line_f:e}"));
+                self.line(format_args!("R_{kind}{i} {} sheet_{kind}{i} {line_ohm:e}", net(i)));
+                self.line(format_args!("C_{kind}{i} sheet_{kind}{i} 0 {line_f:e}"));
             }
         }
         for (row, columns) in cell_ohm.iter().enumerate() {
             for (column, ohm) in columns.iter().enumerate().filter(|(_, ohm)| ohm.is_finite()) {
-                self.line(format_args!("R_cell{row}_{column} row{row} column{column} {ohm:e}"));
+                self.line(format_args!("R_cell{row}_{column} sheet_row{row} sheet_column{column} {ohm:e}"));
             }
         }
     }
@@ -272,7 +276,8 @@ E_noise input offset_plus noise 0 1
 B_stage 0 stage I={limit_a:e}*tanh({:e}*V(input,minus))
 R_stage stage 0 {stage_ohm:e} noisy=0
 C_stage stage 0 {stage_f:e}
-B_swing stage 0 I=0.1*(max(V(stage)-V(positive)+{swing_v:e},0)+min(V(stage)-V(negative)-{swing_v:e},0))
+B_swing stage 0 I=0.1*(max(V(stage)-{output_ohm:e}*I(V_output)-V(positive)+{swing_v:e},0)
++ +min(V(stage)-{output_ohm:e}*I(V_output)-V(negative)-{swing_v:e},0))
 E_pole drive 0 stage 0 1
 R_pole drive pole 1 noisy=0
 C_pole pole 0 {pole_f:e}
