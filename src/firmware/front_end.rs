@@ -38,6 +38,8 @@ pub const SAMPLE_HALF_CYCLES: u32 = 25;
 pub const CONVERT_HALF_CYCLES: u32 = 25;
 /// Number of conversions that a code is the sum of.
 pub const CONVERSIONS: u32 = 16;
+/// Allowance for set-up, interrupts and wake-ups of a row, us, which was not measured.
+pub const ALLOWANCE_US: u32 = 15;
 
 /// Largest noise of a code that the tests' simulated sensors have, codes. Three standard deviations of the simulated front end's
 /// noise are below it.

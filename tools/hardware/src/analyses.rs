@@ -5,8 +5,10 @@ use crate::netlist::{Netlist, REFERENCE, amplifier, column_net, input_net};
 use crate::ngspice::Run;
 use crate::spice::{Conditions, Gate, SAMPLED, SUPPLY_SOURCE, circuit, probed_node};
 use anyhow::{Context, Result};
-use plantar::firmware::front_end::{self, ADC_KHZ, CONVERSIONS, CONVERT_HALF_CYCLES, SAMPLE_HALF_CYCLES, SETTLE_US};
-use plantar::firmware::layout::COLUMNS;
+use plantar::firmware::front_end::{
+    self, ADC_KHZ, ALLOWANCE_US, CONVERSIONS, CONVERT_HALF_CYCLES, SAMPLE_HALF_CYCLES, SETTLE_US,
+};
+use plantar::firmware::layout::{COLUMNS, ROWS};
 use plantar::pipeline::calibrate::FULL_CODE;
 
 /// The row of the measured cell.
@@ -45,6 +47,12 @@ fn conversion_s() -> f64 {
 /// Time for which a row is connected, s: settling, and the conversions of all columns.
 pub fn row_s() -> f64 {
     f64::from(SETTLE_US) * 1e-6 + COLUMNS as f64 * f64::from(CONVERSIONS) * conversion_s()
+}
+
+/// Duration of a scan, s: all rows, and a first conversion of one column, which is discarded.
+pub fn scan_s() -> f64 {
+    let allowance_s = f64::from(ALLOWANCE_US) * 1e-6;
+    ROWS as f64 * (row_s() + allowance_s) + f64::from(CONVERSIONS) * conversion_s() + allowance_s
 }
 
 /// The voltages at the converter's inputs in the steady state.
@@ -90,16 +98,21 @@ const SETTLING_S: f64 = 81e-6;
 pub fn changes() -> Vec<(&'static str, Conditions)> {
     let (before, open) = (ROW - 1, f64::INFINITY);
     let none = Conditions::idle();
-    // 300 kPa on the whole sheet are some 6 kN.
-    let walking = none.clone().with_all(WALKING_OHM).with_row(before, FULL_LOAD_OHM);
+    let walking = none.clone().with_all(WALKING_OHM).with_row(before, FULL_LOAD_OHM).with_cell(ROW, COLUMN, open);
     vec![
         ("open cell to full load", none.clone().with_cell(ROW, COLUMN, FULL_LOAD_OHM)),
         ("full load to open cell", none.clone().with_cell(before, COLUMN, FULL_LOAD_OHM)),
         ("row at full load to open row", none.clone().with_row(before, FULL_LOAD_OHM)),
-        ("row at full load to open cell, sheet at 300 kPa", walking.clone().with_cell(ROW, COLUMN, open)),
-        ("saturated cell to open cell", none.clone().with_cell(before, COLUMN, SATURATING_OHM)),
-        ("saturated row to open cell, sheet at 300 kPa", walking.with_row(before, SATURATING_OHM).with_cell(ROW, COLUMN, open)),
+        ("row at full load to open cell, sheet at 300 kPa", walking),
+        ("saturated cell to open cell", none.with_cell(before, COLUMN, SATURATING_OHM)),
+        slowest_change(),
     ]
+}
+
+/// The slowest of these changes. 300 kPa on the whole sheet are some 6 kN.
+pub fn slowest_change() -> (&'static str, Conditions) {
+    let conditions = Conditions::idle().with_all(WALKING_OHM).with_row(ROW - 1, SATURATING_OHM);
+    ("saturated row to open cell, sheet at 300 kPa", conditions.with_cell(ROW, COLUMN, f64::INFINITY))
 }
 
 /// A change of row on a sheet that is at full load everywhere, some 18 kN: no person reaches it.
@@ -157,8 +170,6 @@ pub fn sampling_error_codes(board: &Netlist) -> Result<f64> {
 pub struct Crosstalk {
     /// One neighbour in the row of a cell at full load, through the resistance of switch and line.
     pub row_one: f64,
-    /// All 15 neighbours in the row of a cell at full load.
-    pub row_all: f64,
     /// One neighbour in the column of an open cell, through the amplifiers' offsets, at their maximum.
     pub column_one: f64,
     /// A cell of the next column and another row, next to a loaded cell of the measured column, likewise.
@@ -168,22 +179,34 @@ pub struct Crosstalk {
     pub saturated: f64,
 }
 
-/// Simulates the crosstalk on a board with this row switch, ohm.
-pub fn crosstalk(board: &Netlist, switch_ohm: f64) -> Result<Crosstalk> {
-    let mut base = Conditions::selected(ROW);
-    base.row_switch.on_ohm = switch_ohm;
+/// The reading, codes, of a cell at full load on a board with this row switch, ohm; all other cells of its row have `beside_ohm`.
+fn reading_beside(board: &Netlist, switch_ohm: f64, beside_ohm: f64) -> Result<f64> {
+    let mut row = Conditions::selected(ROW).with_row(ROW, beside_ohm).with_cell(ROW, COLUMN, FULL_LOAD_OHM);
+    row.row_switch.on_ohm = switch_ohm;
+    Ok(measured_code(board, &row)? - front_end::code(f64::INFINITY))
+}
+
+/// How far 15 neighbours at full load change the reading of a cell at full load in the same row, in percent, on a board with this
+/// row switch, ohm.
+pub fn row_crosstalk(board: &Netlist, switch_ohm: f64) -> Result<f64> {
+    let alone = reading_beside(board, switch_ohm, f64::INFINITY)?;
+    Ok(((reading_beside(board, switch_ohm, FULL_LOAD_OHM)? / alone - 1.0) * 100.0).abs())
+}
+
+/// Simulates the crosstalk.
+pub fn crosstalk(board: &Netlist) -> Result<Crosstalk> {
+    let base = Conditions::selected(ROW);
     let other = ROW + 2;
-    let alone = base.clone().with_cell(ROW, COLUMN, FULL_LOAD_OHM);
-    let full = measured_code(board, &alone)? - measured_code(board, &base)?;
+    let full = front_end::code(FULL_LOAD_OHM) - front_end::code(f64::INFINITY);
     let change = |before: &Conditions, after: &Conditions| -> Result<f64> {
         Ok(((measured_code(board, after)? - measured_code(board, before)?) / full * 100.0).abs())
     };
+    let alone = base.clone().with_cell(ROW, COLUMN, FULL_LOAD_OHM);
     let offset = base.clone().with_offset_against(COLUMN, AMPLIFIER_OFFSET_V.value);
-    let beside = base.clone().with_cell(other, COLUMN, FULL_LOAD_OHM).with_cell(other, BESIDE, FULL_LOAD_OHM);
     let pair = offset.clone().with_cell(other, COLUMN, FULL_LOAD_OHM);
+    let beside = base.with_cell(other, COLUMN, FULL_LOAD_OHM).with_cell(other, BESIDE, FULL_LOAD_OHM);
     Ok(Crosstalk {
         row_one: change(&alone, &alone.clone().with_cell(ROW, BESIDE, FULL_LOAD_OHM))?,
-        row_all: change(&alone, &base.clone().with_row(ROW, FULL_LOAD_OHM))?,
         column_one: change(&offset, &pair)?,
         diagonal: change(&pair, &pair.clone().with_cell(other, BESIDE, FULL_LOAD_OHM))?,
         saturated: change(&beside, &beside.clone().with_cell(ROW, BESIDE, SATURATING_OHM))?,

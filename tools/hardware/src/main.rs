@@ -24,7 +24,8 @@ fn main() -> Result<()> {
     // This package is in the folder tools/hardware of the repository.
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../hardware");
     fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
-    let write = |path: &Path, text: &str| fs::write(path, text).with_context(|| format!("cannot write {}", path.display()));
+    let write =
+        |path: &Path, text: &str| fs::write(path, text).with_context(|| format!("cannot write {}", path.display()));
 
     let board = Netlist::reference();
     for (name, text) in files(&board)? {
@@ -40,10 +41,11 @@ fn main() -> Result<()> {
         println!("{:<36} {value:>8}  {bar:<16} {}", figure.key, figure.meaning);
     }
     if let Some(path) = &arguments.json {
-        let figures: Map<_, _> = results.figures.iter().map(|figure| (figure.key.clone(), figure.value.into())).collect();
+        let figures: Map<_, _> =
+            results.figures.iter().map(|figure| (figure.key.to_string(), figure.value.into())).collect();
         write(path, &(serde_json::to_string_pretty(&figures)? + "\n"))?;
     }
-    let missed: Vec<_> = results.figures.iter().filter(|figure| figure.is_missed()).map(|figure| &*figure.key).collect();
+    let missed: Vec<_> = results.figures.iter().filter(|figure| figure.is_missed()).map(|figure| figure.key).collect();
     if !missed.is_empty() {
         bail!("figures that miss their bar: {}", missed.join(", "));
     }

@@ -5,7 +5,8 @@ use std::fs;
 use std::process::{Command, Stdio};
 
 /// Messages of analyses without a solution.
-const FAILURES: [&str; 4] = ["source stepping failed", "singular matrix", "Timestep too small", "simulation(s) aborted"];
+const FAILURES: [&str; 4] =
+    ["source stepping failed", "singular matrix", "Timestep too small", "simulation(s) aborted"];
 
 /// A table that ngspice wrote: its rows, each with the scale (time or frequency) first.
 pub type Table = Vec<Vec<f64>>;

@@ -81,9 +81,8 @@ impl Chart<'_> {
     fn svg(&self) -> String {
         let rows = self.lines.len().div_ceil(2) as f64;
         let height = HEIGHT + ENTRY * rows + 10.0;
-        let marks = self.lines.iter().enumerate().map(|(i, line)| {
-            (html! { path.model.{ "c" (i) } d="M1 9h22" {} }, line.name)
-        });
+        let marks =
+            self.lines.iter().enumerate().map(|(i, line)| (html! { path.model.{ "c" (i) } d="M1 9h22" {} }, line.name));
         let entries = legend_entries(marks);
         let drawing = html! {
             svg.drawing xmlns="http://www.w3.org/2000/svg" width=(WIDTH) height=(height)
@@ -111,8 +110,11 @@ pub fn plots(results: &Results) -> Vec<(&'static str, String)> {
         ("transfer.svg", transfer(results)),
         ("settling.svg", settling(results)),
         ("crosstalk.svg", crosstalk(results)),
-        ("loop-gain.svg", loops(results, "Loop gain", "dB", [-60.0, 120.0], |one| &one.gain_db)),
-        ("phase.svg", loops(results, "Phase above that of an oscillation", "degrees", [-40.0, 200.0], |one| &one.margin_deg)),
+        ("loop-gain.svg", loops(results, "Loop gain", "dB", [-40.0, 80.0], |one| &one.gain_db)),
+        (
+            "phase.svg",
+            loops(results, "Phase above that of an oscillation", "degrees", [0.0, 150.0], |one| &one.margin_deg),
+        ),
         ("noise.svg", noise(results)),
     ]
 }
@@ -131,13 +133,14 @@ fn transfer(results: &Results) -> String {
         marks: html! {},
     };
     let points = simulated.iter().filter(|(s, _)| *s <= 0.6);
-    let dots = points.map(|(s, code)| (format!("{:.1}", chart.curves.x.at(*s)), format!("{:.1}", chart.curves.y.at(*code))));
+    let dots =
+        points.map(|(s, code)| (format!("{:.1}", chart.curves.x.at(*s)), format!("{:.1}", chart.curves.y.at(*code))));
     let dots: Vec<_> = dots.collect();
     chart.marks = html! {
         @for (x, y) in &dots { g.c1 { circle.hollow cx=(x) cy=(y) r="3.5" {} } }
         (chart.horizontal(f64::from(front_end::CLIPPED_CODE), "reported as saturated from here on"))
         g.c1 { circle.hollow cx="400" cy="250" r="3.5" {} }
-        text.small x="410" y="253" { "simulated" }
+        text.small x="410" y="253.5" { "simulated" }
     };
     chart.svg()
 }
@@ -189,11 +192,12 @@ fn loops(
     values: [f64; 2],
     points: fn(&crate::analyses::Loop) -> &Points,
 ) -> String {
-    let lines = results.loops.iter().map(|one| Line { name: one.name, points: points(one).clone() }).collect();
+    let in_khz = |one| points(one).iter().map(|(hz, value)| (hz / 1e3, *value)).collect();
+    let lines = results.loops.iter().map(|one| Line { name: one.name, points: in_khz(one) }).collect();
     Chart {
         title,
-        curves: Curves { x: x_scale([1e3, 1e8], true), y: y_scale(values, false) },
-        x_title: "frequency, Hz",
+        curves: Curves { x: x_scale([1.0, 1e5], true), y: y_scale(values, false) },
+        x_title: "frequency, kHz",
         y_title: unit,
         lines,
         marks: html! {},
@@ -202,12 +206,12 @@ fn loops(
 }
 
 fn noise(results: &Results) -> String {
-    let line = |one: &crate::analyses::Noise| one.density.iter().map(|(hz, v)| (*hz, v * 1e9)).collect();
+    let line = |one: &crate::analyses::Noise| one.density.iter().map(|(hz, v)| (hz / 1e3, v * 1e9)).collect();
     let lines = results.noise.iter().map(|one| Line { name: one.name, points: line(one) }).collect();
     Chart {
         title: "Noise density at the converter's input",
-        curves: Curves { x: x_scale([10.0, 1e8], true), y: y_scale([0.1, 10_000.0], true) },
-        x_title: "frequency, Hz",
+        curves: Curves { x: x_scale([0.01, 1e4], true), y: y_scale([1.0, 10_000.0], true) },
+        x_title: "frequency, kHz",
         y_title: "nV/√Hz",
         lines,
         marks: html! {},

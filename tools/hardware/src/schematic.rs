@@ -200,7 +200,8 @@ impl<'a> Schematic<'a> {
     /// A resistor or a capacitor with its first pin at a point. Returns the nets of both pins.
     fn two_ended(&mut self, designator: &str, (x, y): Point, axis: Axis) -> [String; 2] {
         let part = self.board.part(designator);
-        let value = part.kind.value.split(' ').take(2).collect::<Vec<_>>().join(" ").replace("ohm", "Ω").replace('u', "µ");
+        let value =
+            part.kind.value.split(' ').take(2).collect::<Vec<_>>().join(" ").replace("ohm", "Ω").replace('u', "µ");
         let end = if axis == Axis::Horizontal { (x + LENGTH, y) } else { (x, y + LENGTH) };
         let shape = match (part.kind.model, axis) {
             (Model::Capacitor(_), Axis::Horizontal) => format!("M{x} {y}h17m0 -8v16m6 -16v16m0 -8h17"),

@@ -1,8 +1,8 @@
 //! The front end as a circuit for ngspice, from the netlist and the parts' models.
 
 use crate::data_sheet::{
-    CONVERTER_SAMPLE_F, CONVERTER_SWITCH_OHM, DECODER_OUTPUT_OHM, LOAD_SWITCH_OFF_OHM,
-    LOAD_SWITCH_ON_OHM, LOAD_SWITCH_SUPPLY_A, SHEET_LINE_F, SHEET_LINE_OHM, SUPPLY_V,
+    CONVERTER_SAMPLE_F, CONVERTER_SWITCH_OHM, DECODER_OUTPUT_OHM, LOAD_SWITCH_OFF_OHM, LOAD_SWITCH_ON_OHM,
+    LOAD_SWITCH_SUPPLY_A, SHEET_LINE_F, SHEET_LINE_OHM, SUPPLY_V,
 };
 use crate::netlist::{GROUND, Netlist, Part, SUPPLY, column_net, input_net, row_net};
 use crate::parts::{Amplifier, Model, RowSwitch};
@@ -194,17 +194,20 @@ impl Circuit<'_> {
         }
         let column = (0..COLUMNS).find(|&column| column_net(column) == minus);
         let offset_v = column.map_or(0.0, |column| self.conditions.offset_v[column]);
-        self.line(format_args!(
-            "X_{name} {plus} {input} {output} {positive} {negative} amplifier offset={offset_v:e}"
-        ));
+        self.line(format_args!("X_{name} {plus} {input} {output} {positive} {negative} amplifier offset={offset_v:e}"));
     }
 
     fn row_switch(&mut self, part: &Part, unit: &str) {
         let pin = |name: &str| node(part.net(&format!("{unit} {name}")));
         let (drain, gate, source) = (pin("D"), pin("G"), pin("S"));
         let name = format!("{}{unit}", part.designator);
-        let RowSwitch { drain_f, gate_drain_f, gate_source_f, .. } = self.conditions.row_switch;
-        self.line(format_args!("S_{name} {drain} {source} {gate} {source} row_switch"));
+        let RowSwitch { on_ohm, off_ohm, drain_f, gate_drain_f, gate_source_f } = self.conditions.row_switch;
+        // ngspice's own switch is always off in the analysis of noise.
+        self.line(format_args!(
+            "B_{name} {drain} {source} I=V({drain},{source})*({:e}+{:e}/(1+exp((1.5-V({gate},{source}))/0.05)))",
+            1.0 / off_ohm,
+            1.0 / on_ohm
+        ));
         self.line(format_args!("C_{name}_ds {drain} {source} {drain_f:e}"));
         self.line(format_args!("C_{name}_gd {gate} {drain} {gate_drain_f:e}"));
         self.line(format_args!("C_{name}_gs {gate} {source} {gate_source_f:e}"));
@@ -233,7 +236,9 @@ impl Circuit<'_> {
 
     /// The supply, and the converter's sampling capacitor, which is connected to its inputs in turn.
     fn controller(&mut self) {
-        self.line(format_args!("{SUPPLY_SOURCE} {SUPPLY} 0 DC {} AC 1", SUPPLY_V.value));
+        // The analysis of noise needs a source for small signals, and that of a loop has one at its probe.
+        let small_signal_v = if self.conditions.probe.is_some() { 0 } else { 1 };
+        self.line(format_args!("{SUPPLY_SOURCE} {SUPPLY} 0 DC {} AC {small_signal_v}", SUPPLY_V.value));
         let samples = &self.conditions.samples;
         if samples.is_empty() {
             return;
@@ -266,7 +271,6 @@ impl Circuit<'_> {
         let noise_ohm = a.noise_v_per_sqrt_hz.powi(2) / (4.0 * 1.380_649e-23 * 300.15);
         let pole_f = 1.0 / (std::f64::consts::TAU * a.second_pole_hz);
         let Amplifier { swing_v, output_ohm, supply_a, .. } = *a;
-        let RowSwitch { on_ohm, off_ohm, .. } = self.conditions.row_switch;
         self.line(format_args!(
             "\
 .subckt amplifier plus minus out positive negative offset=0
@@ -286,7 +290,6 @@ V_output ideal sensed 0
 R_output sensed out {output_ohm:e} noisy=0
 B_supply positive negative I={supply_a:e}*min(max(V(positive)-V(negative),0),1)+max(I(V_output),0)
 .ends
-.model row_switch sw(vt=1.5 vh=0.2 ron={on_ohm:e} roff={off_ohm:e})
 .model body d(is=1e-12)",
             conductance / limit_a
         ));
