@@ -13,7 +13,7 @@ use crate::spice::Conditions;
 use anyhow::Result;
 use plantar::firmware::front_end::{self, CLIPPED_CODE, NOISE_CODES, SETTLE_US};
 use plantar::firmware::layout::{PERIOD_US, ROWS};
-use plantar::protocol::settings::SETTABLE_PERIOD_US;
+use plantar::protocol::SETTABLE_PERIOD_US;
 
 /// A figure with its bar.
 pub struct Figure {
