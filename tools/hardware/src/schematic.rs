@@ -54,7 +54,7 @@ impl<'a> Schematic<'a> {
             wires: Vec::new(),
             labels: Vec::new(),
             width: 1640,
-            height: 1700,
+            height: 1620,
         };
         sheet.title(20, 70, "Columns: 16 amplifiers");
         for column in 0..COLUMNS as i32 {
