@@ -1,8 +1,8 @@
-//! The figures of the reference board's analogue front end and of its scan, in one place: the firmware uses them, `tools/hardware`
-//! draws, lists and simulates the circuit with them, and the simulated sensors of tests have their noise.
+//! The figures of the reference board's analogue front end and of its scan, in one place: the firmware uses them,
+//! `tools/hardware` draws, lists and simulates the circuit with them, and the simulated sensors of tests have their noise.
 //!
-//! A column amplifier holds its column at the virtual ground, a fixed part of the supply. The selected row is at ground, so that a
-//! cell of resistance R adds `FEEDBACK_OHM / R` times the virtual ground to the amplifier's output. The supply is also the
+//! A column amplifier holds its column at the virtual ground, a fixed part of the supply. The selected row is at ground, so that
+//! a cell of resistance R adds `FEEDBACK_OHM / R` times the virtual ground to the amplifier's output. The supply is also the
 //! converter's reference, so that it cancels:
 //!
 //! ```

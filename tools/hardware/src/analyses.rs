@@ -115,7 +115,7 @@ pub fn slowest_change() -> (&'static str, Conditions) {
     ("saturated row to open cell, sheet at 300 kPa", conditions.with_cell(ROW, COLUMN, f64::INFINITY))
 }
 
-/// A change of row on a sheet that is at full load everywhere, some 18 kN: no person reaches it.
+/// A change of row on a sheet that is at full load everywhere, some 17 kN: no person reaches it.
 pub fn extreme_change() -> (&'static str, Conditions) {
     let conditions = Conditions::idle().with_all(FULL_LOAD_OHM).with_cell(ROW, COLUMN, f64::INFINITY);
     ("sheet at full load, to open cell", conditions)
@@ -213,8 +213,8 @@ pub fn crosstalk(board: &Netlist) -> Result<Crosstalk> {
     })
 }
 
-/// How far all cells of the other rows, with this resistance, change the reading of an open cell, if the amplifiers have this offset,
-/// in percent of a cell's reading at full load.
+/// How far all cells of the other rows, with this resistance, change the reading of an open cell, if the amplifiers have this
+/// offset, in percent of a cell's reading at full load.
 pub fn sheet_crosstalk(board: &Netlist, cell_ohm: f64, offset_v: f64) -> Result<f64> {
     let open = Conditions::selected(ROW).with_offset_against(COLUMN, offset_v);
     let mut loaded = open.clone().with_all(cell_ohm);
@@ -294,8 +294,8 @@ pub fn noises() -> Vec<(&'static str, Conditions)> {
     ]
 }
 
-/// Simulates the noise. The front end's noise is assumed to be the same in all conversions of a code, which is its worst case; that
-/// of the converter is independent between conversions.
+/// Simulates the noise. The front end's noise is assumed to be the same in all conversions of a code, which is its worst case;
+/// that of the converter is independent between conversions.
 pub fn noise(board: &Netlist, name: &'static str, conditions: &Conditions) -> Result<Noise> {
     let run = Run::of(circuit(board, conditions))
         .command(&format!("noise v({}) {SUPPLY_SOURCE} dec 20 10 1g", input_net(COLUMN)))

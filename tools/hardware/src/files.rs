@@ -86,7 +86,8 @@ fn data_sheet_figures() -> Result<String> {
 pub fn figures_table(figures: &[Figure]) -> String {
     let mut text = String::from(
         "# Figures of the simulated front end\n\n`cargo xtask hardware` writes this file. \
-         [docs/hardware.md](../docs/hardware.md) explains the figures.\n\n| Figure | Value | Bar | Meaning |\n|---|---|---|---|\n",
+         [docs/hardware.md](../docs/hardware.md) explains the figures.\n\n\
+         | Figure | Value | Bar | Meaning |\n|---|---|---|---|\n",
     );
     for figure in figures {
         // Writing to a String does not fail.

@@ -1,5 +1,5 @@
-//! The reference board as a program: its netlist, and what follows from it: the bill of materials, the schematic, and simulations of
-//! the analogue front end in ngspice.
+//! The reference board as a program: its netlist, and what follows from it: the bill of materials, the schematic, and simulations
+//! of the analogue front end in ngspice.
 
 pub mod data_sheet;
 pub mod parts;

@@ -27,6 +27,9 @@ enum Axis {
     Vertical,
 }
 
+/// The symbol of a transistor from its gate on: gate, channel, drain, source, and the arrow of the channel.
+const TRANSISTOR: &str = "h22m0 -12v24m6 -28v8m0 4v8m0 4v8m0 -28h12v-18m-12 42h12v12m0 -12v-12h-12m4 -3l-4 3l4 3";
+
 /// Distance between the ends of a resistor or a capacitor.
 const LENGTH: i32 = 40;
 
@@ -314,7 +317,7 @@ impl<'a> Schematic<'a> {
         self.two_ended(&resistor, (x + 60, y - 20), Axis::Horizontal);
         self.label((x + 100, y - 20), REFERENCE, Side::Right);
         self.body.push(html! {
-            path.line d={ "M" (x) " " (y + 30) "h22m0 -12v24m6 -28v8m0 4v8m0 4v8m0 -28h12v-18m-12 42h12v12m0 -12v-12h-12m4 -3l-4 3l4 3" } {}
+            path.line d={ "M" (x) " " (y + 30) (TRANSISTOR) } {}
             text.small x=(x + 46) y=(y + 34) { (designator) (unit) }
         });
         let pins = [("G", (x, y + 30)), ("D", (x + 40, y)), ("S", (x + 40, y + 54))];

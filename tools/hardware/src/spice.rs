@@ -215,8 +215,8 @@ impl Circuit<'_> {
         self.line(format_args!("D_{name} {source} {drain} body"));
     }
 
-    /// Lines with their resistance and capacitance, and the cells between them. ngspice does not distinguish small and capital letters,
-    /// so the nodes of lines differ from the nets of the connector in more than these.
+    /// Lines with their resistance and capacitance, and the cells between them. ngspice does not distinguish small and capital
+    /// letters, so the nodes of lines differ from the nets of the connector in more than these.
     fn sheet(&mut self) {
         let Conditions { line_f, line_ohm, cell_ohm, .. } = self.conditions;
         for (kind, count, net) in
