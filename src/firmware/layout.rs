@@ -5,7 +5,8 @@
 //! medial to lateral. A square matrix needs the fewest wires; because a foot is nearly three times as long as wide, the folding
 //! makes its cells nearly square. Left and right insoles are mirror images, with the same foot coordinates.
 
-use crate::pipeline::calibrate::{CellCalibration, FULL_CODE, SensorLaw};
+use super::front_end::UNLOADED_CODE;
+use crate::pipeline::calibrate::{CellCalibration, SensorLaw};
 use crate::pipeline::contact::ContactRule;
 use crate::pipeline::outline::REFERENCE_INSOLE;
 use crate::pipeline::region::{Cell, Region, Side};
@@ -31,9 +32,8 @@ const LINES: usize = 2 * ROWS;
 /// Number of cells on a full line.
 const ACROSS: usize = COLUMNS / 2;
 
-/// Rows are at ground and columns at 1/11 of the supply, so an unloaded cell reads 1/11 of full scale: an initial value, to be
-/// replaced by the measured baseline of each insole.
-const UNLOADED: CellCalibration = CellCalibration { offset: FULL_CODE / 11, gain: 1.0 };
+/// An initial value, to be replaced by the measured baseline of each insole.
+const UNLOADED: CellCalibration = CellCalibration { offset: UNLOADED_CODE, gain: 1.0 };
 
 /// Number of cells on a line: fewer at the ends of the foot, where the outline is narrow.
 const fn cells_on(line: usize) -> usize {

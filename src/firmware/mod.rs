@@ -12,6 +12,7 @@
 #![allow(async_fn_in_trait, reason = "boards implement these traits for executors that do not move tasks")]
 
 pub mod board;
+pub mod front_end;
 pub mod layout;
 pub mod scan;
 pub mod shared;

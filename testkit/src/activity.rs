@@ -1,6 +1,7 @@
 //! Activities of a wearer, computed as one recording of a foot, with what the wearer did at each time.
 
 use crate::wear::Found;
+use plantar::firmware::front_end::NOISE_CODES;
 use plantar::pipeline::bout::BoutKind;
 use recording::Recording;
 use recording::synthetic::{self, SyntheticWalk};
@@ -133,7 +134,7 @@ pub fn recording(
     all.pressure_kpa.iter_mut().for_each(|kpa| *kpa /= (size * size) as f32);
     all.t_s = (0..all.pressure_kpa.len() / frame_kpa.len()).map(|i| i as f64 / rate_hz).collect();
     let offsets = vec![0.0; all.cells()];
-    synthetic::add_sensor_errors(&mut all, &offsets, 12.0, seed);
+    synthetic::add_sensor_errors(&mut all, &offsets, NOISE_CODES, seed);
     (all, spans)
 }
 

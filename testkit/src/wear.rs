@@ -1,6 +1,7 @@
 //! Wear: walks in shoes that press on the insole even when the foot is lifted.
 
 use plantar::faults::Faults;
+use plantar::firmware::front_end::NOISE_CODES;
 use plantar::insole::Insole;
 use plantar::pipeline::bout::BoutRecord;
 use plantar::pipeline::contact::ContactRule;
@@ -159,6 +160,6 @@ pub fn compare(walk: &Recording, contact: ContactRule, residual: Residual, level
 pub fn noisy_walk(walk: &synthetic::SyntheticWalk) -> Recording {
     let mut recording = synthetic::walk(walk).recording;
     let offsets = vec![0.0; recording.cells()];
-    synthetic::add_sensor_errors(&mut recording, &offsets, 12.0, 7);
+    synthetic::add_sensor_errors(&mut recording, &offsets, NOISE_CODES, 7);
     recording
 }

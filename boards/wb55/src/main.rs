@@ -230,7 +230,9 @@ async fn main(spawner: Spawner) {
         p.PA9.degrade_adc(),
     ];
     let address = [line(p.PC6.into()), line(p.PC10.into()), line(p.PC12.into()), line(p.PB8.into())];
-    let matrix = ResistiveMatrix::new(p.ADC1, p.DMA1_CH1, columns, address, line(p.PB9.into()), line(p.PC11.into()));
+    let [rows_off, front_end] =
+        [p.PB9.into(), p.PC11.into()].map(|pin: Peri<'static, AnyPin>| Output::new(pin, Level::High, Speed::Low));
+    let mut matrix = ResistiveMatrix::new(p.ADC1, p.DMA1_CH1, columns, address, rows_off, front_end);
     let side = if strap.is_low() { Side::Right } else { Side::Left };
     let select = Output::new(p.PB12, Level::High, Speed::Medium);
     let is_started_by_user = matches!(boot.reset, Reset::Power | Reset::Pin);
@@ -257,6 +259,7 @@ async fn main(spawner: Spawner) {
     let gatt = GATT.init(GattSession::new(shared, Wb55 { is_started_by_user }));
 
     // Each task has static memory of its own and is spawned once, so spawning cannot fail.
+    matrix.set_period(period_us);
     let clock = Ticker::new(period_us);
     SCAN_EXECUTOR.start(interrupt::SAI1).spawn(run_scan(clock, matrix, to_process).unwrap());
     spawner.spawn(run_process(insole, scanned, shared).unwrap());

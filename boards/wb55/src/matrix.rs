@@ -1,11 +1,11 @@
-//! The resistive matrix: a row at ground through an analogue switch, all columns through ADC1 into memory by DMA.
+//! The resistive matrix: a row at ground through its transistor, all columns through ADC1 into memory by DMA.
 //!
-//! Time of a row at 64 MHz (`docs/hardware.md`): 30 us for settling, 16 columns x 16 conversions x 25 cycles = 100 us for the
-//! conversions, and an allowance of 15 us for set-up and wake-ups. 16 rows take 2.32 ms, and 2.44 ms with the start of the
-//! amplifiers and the first conversion, which is discarded, of the 2.5 ms of a frame at 400 Hz. After a longer scan, the next scan
-//! starts late, or is skipped and counted: so does the scan after the supply was measured, every ten seconds, at 400 Hz.
+//! Time of a row at 64 MHz (`docs/hardware.md`): 37 us for settling, 16 columns x 16 conversions x 25 cycles = 100 us for the
+//! conversions, and an allowance of 15 us for set-up and wake-ups. 16 rows take 2.43 ms, and 2.45 ms with the first conversion,
+//! which is discarded, of the 2.5 ms of a frame at 400 Hz. After a longer scan, the next scan starts late, or is skipped and
+//! counted: so does the scan after the supply was measured, every ten seconds, at 400 Hz.
 //!
-//! Between scans the amplifiers are off, and no row is connected.
+//! Between scans no row is connected and, at frame rates that leave the time for it, the front end has no supply.
 
 use core::sync::atomic::{AtomicU16, Ordering};
 use embassy_stm32::adc::vals::{OversamplingRatio, OversamplingShift, Rovsm, Trovs};
@@ -15,6 +15,7 @@ use embassy_stm32::peripherals::{ADC1, DMA1_CH1};
 use embassy_stm32::{Peri, bind_interrupts, dma, pac};
 use embassy_time::{Duration, Instant, Timer, with_timeout};
 use plantar::firmware::board::{Matrix, MatrixTimeout};
+use plantar::firmware::front_end::{self, CLIPPED_CODE};
 use plantar::firmware::layout::{COLUMNS, ROWS, WIRING};
 use plantar::pipeline::calibrate::FULL_CODE;
 use plantar::pipeline::setup::DEVICE_CELLS;
@@ -23,17 +24,23 @@ bind_interrupts!(struct Irqs {
     DMA1_CHANNEL1 => dma::InterruptHandler<DMA1_CH1>;
 });
 
-/// Settling time after a change of the row. The chain of amplifier (1.6 us), row line (2 us) and feedback (1.1 us) settles to
-/// within 1/4096 of the final value in 21 us (`docs/hardware.md`); the rest is a margin for longer lines.
-const SETTLE: Duration = Duration::from_micros(30);
+/// Settling time after a change of the row, which `cargo xtask hardware` compares with the simulated front end.
+const SETTLE: Duration = Duration::from_micros(front_end::SETTLE_US as u64);
 
-/// Time from switching on the amplifiers to a settled output. The amplifiers need 35 us, and the virtual ground behind its filter
-/// 40 us.
-const AMPLIFIERS_START: Duration = Duration::from_micros(100);
+/// Time from switching on the supply of the front end to settled outputs: the rise time of the load switch, which its capacitor
+/// of 330 pF determines, and 0.1 ms for the amplifiers and the virtual ground.
+const FRONT_END_START: Duration = Duration::from_micros(500);
+/// Shortest time between frames with which the front end is switched off between scans, us: a scan takes 2.95 ms then.
+const SWITCHING_PERIOD_US: u32 = 4_000;
 
-/// Sampling time of a conversion: 195 ns at 64 MHz, two time constants of the 100 ohm and 1 nF at each input. Only the first of
-/// 16 conversions starts with the charge of another column. A conversion takes another 12.5 cycles (RM0434, ADC timing).
-const SAMPLE: SampleTime = SampleTime::CYCLES12_5;
+/// Sampling time of a conversion: four time constants of the 150 ohm and 330 pF at each input. Only the first of 16 conversions
+/// starts with the charge of another column.
+const SAMPLE: SampleTime = match front_end::SAMPLE_HALF_CYCLES {
+    25 => SampleTime::CYCLES12_5,
+    49 => SampleTime::CYCLES24_5,
+    95 => SampleTime::CYCLES47_5,
+    _ => panic!("the converter has no such sampling time"),
+};
 
 /// Ten times the conversion time of a row. A frame in which a row takes longer is abandoned and counted as missed.
 const CONVERSION_TIMEOUT: Duration = Duration::from_millis(1);
@@ -53,19 +60,19 @@ pub fn supply_mv() -> Option<u16> {
     Some(SUPPLY_MV.load(Ordering::Relaxed)).filter(|&supply_mv| supply_mv > 0)
 }
 
-/// Codes from here on count as full scale: an amplifier may saturate up to 1 %, 33 mV, below its supply of 3.3 V.
-const CLIPPED: u16 = FULL_CODE - FULL_CODE / 100;
-
 /// The sensor matrix, behind the row switch and the converter.
 pub struct ResistiveMatrix {
     adc: Adc<'static, ADC1>,
     dma: Peri<'static, DMA1_CH1>,
     columns: [AnyAdcChannel<'static, ADC1>; COLUMNS],
-    /// Address lines of the row switch, the least significant bit first.
+    /// Address lines of the row decoder, the least significant bit first.
     address: [Output<'static>; 4],
-    enable: Output<'static>,
-    /// Switches on the amplifiers.
-    amplifiers: Output<'static>,
+    /// High: no row is connected.
+    rows_off: Output<'static>,
+    /// High: the front end has a supply.
+    front_end: Output<'static>,
+    /// The front end has no supply between scans.
+    is_switched: bool,
     /// The internal reference voltage.
     reference: AnyAdcChannel<'static, ADC1>,
     /// The supply is measured from then on.
@@ -79,8 +86,8 @@ impl ResistiveMatrix {
         dma: Peri<'static, DMA1_CH1>,
         columns: [AnyAdcChannel<'static, ADC1>; COLUMNS],
         address: [Output<'static>; 4],
-        enable: Output<'static>,
-        amplifiers: Output<'static>,
+        rows_off: Output<'static>,
+        front_end: Output<'static>,
     ) -> Self {
         let config = AdcConfig {
             oversampling_ratio: Some(OversamplingRatio::RATIO16),
@@ -90,16 +97,22 @@ impl ResistiveMatrix {
         };
         let adc = Adc::new_with_config(adc, config);
         let reference = adc.enable_vrefint().degrade_adc();
-        Self { adc, dma, columns, address, enable, amplifiers, reference, supply_due: Instant::MIN }
+        let (is_switched, supply_due) = (false, Instant::MIN);
+        Self { adc, dma, columns, address, rows_off, front_end, is_switched, reference, supply_due }
+    }
+
+    /// Adapts the matrix to the time between frames, us.
+    pub fn set_period(&mut self, period_us: u32) {
+        self.is_switched = period_us >= SWITCHING_PERIOD_US;
     }
 
     /// Disconnects all rows, then connects this one.
     fn select(&mut self, row: usize) {
-        self.enable.set_low();
+        self.rows_off.set_high();
         for (bit, line) in self.address.iter_mut().enumerate() {
             line.set_level((row >> bit & 1 == 1).into());
         }
-        self.enable.set_high();
+        self.rows_off.set_low();
     }
 
     /// Converts the first `N` columns; the core sleeps meanwhile.
@@ -136,8 +149,10 @@ impl Matrix for ResistiveMatrix {
 
     async fn read_row(&mut self, _seq: u32, row: usize, codes: &mut [u16; DEVICE_CELLS]) -> Result<(), MatrixTimeout> {
         if row == 0 {
-            self.amplifiers.set_high();
-            Timer::after(AMPLIFIERS_START).await;
+            if self.is_switched {
+                self.front_end.set_high();
+                Timer::after(FRONT_END_START).await;
+            }
             // The first conversion after a pause of more than 1 ms may be wrong (an erratum of this family of converters).
             self.convert::<1>().await?;
         }
@@ -145,14 +160,16 @@ impl Matrix for ResistiveMatrix {
         Timer::after(SETTLE).await;
         let converted = self.convert::<COLUMNS>().await;
         // Between rows and frames no cell draws current.
-        self.enable.set_low();
+        self.rows_off.set_high();
         if row + 1 == ROWS {
-            self.amplifiers.set_low();
+            if self.is_switched {
+                self.front_end.set_low();
+            }
             self.measure_supply().await?;
         }
         for (&cell, code) in WIRING.get(row).into_iter().flatten().zip(converted?) {
             if let Some(cell) = cell {
-                codes[usize::from(cell)] = if code < CLIPPED { code } else { FULL_CODE };
+                codes[usize::from(cell)] = if code < CLIPPED_CODE { code } else { FULL_CODE };
             }
         }
         Ok(())

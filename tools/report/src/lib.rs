@@ -7,7 +7,7 @@
 
 mod region;
 mod format;
-mod drawing;
+pub mod drawing;
 mod foot;
 mod curves;
 mod bars;

@@ -17,8 +17,8 @@ pub struct Arguments {
 
 #[derive(Subcommand)]
 pub enum Task {
-    /// Install missing programs and data: Rust targets, QEMU, Node.js, Chromium, a C++ compiler, D-Bus, private copies of
-    /// cargo-fuzz and cargo-deny, and a private Python with NumPy, SciPy, bumble and walks.
+    /// Install missing programs and data: Rust targets, QEMU, ngspice, Node.js, Chromium, a C++ compiler, D-Bus, private
+    /// copies of cargo-fuzz and cargo-deny, and a private Python with NumPy, SciPy, bumble and walks.
     Setup,
     /// Build the firmware of all boards and the command line.
     Build,
@@ -60,6 +60,9 @@ pub enum Task {
     Bench(FiguresFile),
     /// Measure the flash and RAM that the firmware of each board needs.
     Size(FiguresFile),
+    /// Simulate the analogue front end of the reference board in ngspice, and write its bill of materials, schematic, plots and
+    /// figures to the folder hardware. The task fails if a figure misses its bar.
+    Hardware(FiguresFile),
     /// Print the source locations of the calls in an insole's crash report, "panic after ... at ...". The firmware that crashed
     /// must be the last build in this repository.
     Explain {

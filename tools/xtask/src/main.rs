@@ -6,6 +6,7 @@ mod build;
 mod command;
 mod demo;
 mod fuzz;
+mod hardware;
 mod image;
 mod limits;
 mod package;
@@ -45,6 +46,7 @@ fn main() -> ExitCode {
         Task::Sbom { out } => provenance::write_sboms(&out),
         Task::Bench(json) => bench::bench().and_then(|figures| json.write(&figures)),
         Task::Size(json) => bench::sizes().and_then(|figures| json.write(&figures)),
+        Task::Hardware(json) => hardware::run(&json),
         Task::Explain { board, text } => image::explain(&board, &text.join(" ")),
         Task::Flash { board } => build::flash(&board),
         Task::Image(image) => image.make(),

@@ -68,6 +68,7 @@ pub struct Python {
 pub fn all() -> Result<Python> {
     rust()?;
     qemu()?;
+    ngspice()?;
     node()?;
     chromium()?;
     cargo_fuzz()?;
@@ -115,6 +116,14 @@ pub fn qemu() -> Result<()> {
         pacman: "qemu-system-arm",
         brew: "qemu",
     })
+}
+
+/// Installs ngspice, which simulates the front end of the reference board.
+pub fn ngspice() -> Result<()> {
+    if has("ngspice") {
+        return Ok(());
+    }
+    install(&Package { title: "ngspice", apt: "ngspice", dnf: "ngspice", pacman: "ngspice", brew: "ngspice" })
 }
 
 /// The oldest major version of Node.js that the page's tools support.

@@ -1,0 +1,51 @@
+//! The figures of the reference board's analogue front end and of its scan, in one place: the firmware uses them,
+//! `tools/hardware` draws, lists and simulates the circuit with them, and the simulated sensors of tests have their noise.
+//!
+//! A column amplifier holds its column at the virtual ground, a fixed part of the supply. The selected row is at ground, so that
+//! a cell of resistance R adds `FEEDBACK_OHM / R` times the virtual ground to the amplifier's output. The supply is also the
+//! converter's reference, so that it cancels:
+//!
+//! ```
+//! use plantar::firmware::front_end::{FEEDBACK_OHM, FULL_SCALE_OHM, UNLOADED_CODE, code};
+//! use plantar::pipeline::calibrate::FULL_CODE;
+//!
+//! assert_eq!(code(f64::INFINITY), f64::from(UNLOADED_CODE));
+//! // At the full scale of the sensor law, a cell reads the full scale above the code of an unloaded cell.
+//! assert!((code(f64::from(FULL_SCALE_OHM)) - f64::from(FULL_CODE) * 12.0 / 11.0).abs() < 1.0);
+//! assert_eq!(FEEDBACK_OHM, 11 * FULL_SCALE_OHM);
+//! ```
+
+use crate::pipeline::calibrate::FULL_CODE;
+
+/// The virtual ground is this part of the supply.
+pub const REFERENCE_DIVISOR: u16 = 11;
+/// Feedback resistor of a column amplifier, ohm.
+pub const FEEDBACK_OHM: u32 = 33_000;
+/// Resistance of a cell at the pressure of full scale of the sensor law, ohm.
+pub const FULL_SCALE_OHM: u32 = FEEDBACK_OHM / REFERENCE_DIVISOR as u32;
+/// Code of an unloaded cell, whose amplifier is at the virtual ground.
+pub const UNLOADED_CODE: u16 = FULL_CODE / REFERENCE_DIVISOR;
+/// Codes from here on count as full scale: an amplifier may saturate up to 1 % of its supply, 33 mV, below that.
+pub const CLIPPED_CODE: u16 = FULL_CODE - FULL_CODE / 100;
+
+/// Time from the selection of a row to the first conversion, us.
+pub const SETTLE_US: u32 = 37;
+/// Clock of the converter, kHz.
+pub const ADC_KHZ: u32 = 64_000;
+/// Sampling time of a conversion, half cycles of the converter's clock.
+pub const SAMPLE_HALF_CYCLES: u32 = 25;
+/// Time of a conversion after sampling, half cycles of the converter's clock (RM0434, ADC timing, 12 bits).
+pub const CONVERT_HALF_CYCLES: u32 = 25;
+/// Number of conversions that a code is the sum of.
+pub const CONVERSIONS: u32 = 16;
+/// Allowance for set-up, interrupts and wake-ups of a row, us, which was not measured.
+pub const ALLOWANCE_US: u32 = 15;
+
+/// Largest noise of a code that the tests' simulated sensors have, codes. Three standard deviations of the simulated front end's
+/// noise are below it.
+pub const NOISE_CODES: f64 = 12.0;
+
+/// The code of a cell with this resistance, ohm, before it is rounded and limited to [`FULL_CODE`].
+pub fn code(cell_ohm: f64) -> f64 {
+    f64::from(UNLOADED_CODE) * (1.0 + f64::from(FEEDBACK_OHM) / cell_ohm)
+}

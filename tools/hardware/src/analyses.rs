@@ -1,0 +1,315 @@
+//! What the simulation measures: transfer, settling, sampling, crosstalk, stability, noise and supply current.
+
+use crate::data_sheet::{AMPLIFIER_LARGE_OUTPUT_OHM, AMPLIFIER_OFFSET_V, CONVERTER_NOISE_LSB, SUPPLY_V};
+use crate::netlist::{Netlist, REFERENCE, amplifier, column_net, input_net};
+use crate::ngspice::Run;
+use crate::spice::{Conditions, Gate, SAMPLED, SUPPLY_SOURCE, circuit, probed_node};
+use anyhow::{Context, Result};
+use plantar::firmware::front_end::{
+    self, ADC_KHZ, ALLOWANCE_US, CONVERSIONS, CONVERT_HALF_CYCLES, SAMPLE_HALF_CYCLES, SETTLE_US,
+};
+use plantar::firmware::layout::{COLUMNS, ROWS};
+use plantar::pipeline::calibrate::FULL_CODE;
+
+/// The row of the measured cell.
+pub const ROW: usize = 5;
+/// The column of the measured cell.
+pub const COLUMN: usize = 5;
+/// A neighbour in row or column.
+const BESIDE: usize = 6;
+/// A cell at full load: the smallest round resistance that does not saturate the amplifier, ohm. By the sensor law, 855 kPa.
+pub const FULL_LOAD_OHM: f64 = 3_400.0;
+/// A cell at a pressure of 300 kPa, as under a heel in walking, ohm.
+pub const WALKING_OHM: f64 = 7_900.0;
+/// The least resistance of a cell, at which its amplifier saturates, ohm.
+pub const SATURATING_OHM: f64 = 1_000.0;
+/// Codes of one step of the converter.
+pub const CODES_PER_LSB: f64 = CONVERSIONS as f64;
+
+/// Half a cycle of the converter's clock, s.
+const HALF_CYCLE_S: f64 = 0.5e-3 / ADC_KHZ as f64;
+
+/// The code, not rounded, of this voltage at the converter.
+pub fn code(volt: f64) -> f64 {
+    volt / SUPPLY_V.value * f64::from(FULL_CODE)
+}
+
+/// Duration of a conversion's sampling, s.
+fn sample_s() -> f64 {
+    f64::from(SAMPLE_HALF_CYCLES) * HALF_CYCLE_S
+}
+
+/// Duration of a conversion, s.
+fn conversion_s() -> f64 {
+    f64::from(SAMPLE_HALF_CYCLES + CONVERT_HALF_CYCLES) * HALF_CYCLE_S
+}
+
+/// Time for which a row is connected, s: settling, and the conversions of all columns.
+pub fn row_s() -> f64 {
+    f64::from(SETTLE_US) * 1e-6 + COLUMNS as f64 * f64::from(CONVERSIONS) * conversion_s()
+}
+
+/// Duration of a scan, s: all rows, and a first conversion of one column, which is discarded.
+pub fn scan_s() -> f64 {
+    let allowance_s = f64::from(ALLOWANCE_US) * 1e-6;
+    ROWS as f64 * (row_s() + allowance_s) + f64::from(CONVERSIONS) * conversion_s() + allowance_s
+}
+
+/// The voltages at the converter's inputs in the steady state.
+pub fn inputs_v(board: &Netlist, conditions: &Conditions) -> Result<Vec<f64>> {
+    let vectors = (0..COLUMNS).map(|column| format!("v({}) ", input_net(column))).collect::<String>();
+    let tables = Run::of(circuit(board, conditions)).table("op", &vectors).tables()?;
+    // The first number is a scale, which has no meaning here.
+    Ok(tables[0][0][1..].to_vec())
+}
+
+/// The code, not rounded, of the measured cell in the steady state.
+fn measured_code(board: &Netlist, conditions: &Conditions) -> Result<f64> {
+    Ok(code(inputs_v(board, conditions)?[COLUMN]))
+}
+
+/// The codes of the measured cell at these resistances, ohm, with all other cells open.
+pub fn transfer(board: &Netlist, cell_ohm: &[f64]) -> Result<Vec<f64>> {
+    let code = |ohm: &f64| measured_code(board, &Conditions::selected(ROW).with_cell(ROW, COLUMN, *ohm));
+    cell_ohm.iter().map(code).collect()
+}
+
+/// A curve: pairs of abscissa and value.
+pub type Points = Vec<(f64, f64)>;
+
+/// The approach of the converter's input to its final voltage after another row was selected.
+pub struct Settling {
+    /// What changes.
+    pub name: &'static str,
+    /// Time after the selection, s, and distance from the final voltage, LSB of 12 bits.
+    pub error_lsb: Points,
+    /// Time from the selection until the distance remains below half an LSB, s.
+    pub settled_s: f64,
+}
+
+/// Time from the start of a simulation to the deselection of the previous row, s.
+const DESELECTED_S: f64 = 1e-6;
+/// Time between the deselection of a row and the selection of the next one, s: four address lines are written in between.
+const BREAK_S: f64 = 0.2e-6;
+/// Duration of a simulation of settling, s.
+const SETTLING_S: f64 = 81e-6;
+
+/// The changes of row after which the settling is simulated: name, and conditions with the previous row `ROW - 1`.
+pub fn changes() -> Vec<(&'static str, Conditions)> {
+    let (before, open) = (ROW - 1, f64::INFINITY);
+    let none = Conditions::idle();
+    let walking = none.clone().with_all(WALKING_OHM).with_row(before, FULL_LOAD_OHM).with_cell(ROW, COLUMN, open);
+    vec![
+        ("open cell to full load", none.clone().with_cell(ROW, COLUMN, FULL_LOAD_OHM)),
+        ("full load to open cell", none.clone().with_cell(before, COLUMN, FULL_LOAD_OHM)),
+        ("row at full load to open row", none.clone().with_row(before, FULL_LOAD_OHM)),
+        ("row at full load to open cell, sheet at 300 kPa", walking),
+        ("saturated cell to open cell", none.with_cell(before, COLUMN, SATURATING_OHM)),
+        slowest_change(),
+    ]
+}
+
+/// The slowest of these changes. 300 kPa on the whole sheet are some 6 kN.
+pub fn slowest_change() -> (&'static str, Conditions) {
+    let conditions = Conditions::idle().with_all(WALKING_OHM).with_row(ROW - 1, SATURATING_OHM);
+    ("saturated row to open cell, sheet at 300 kPa", conditions.with_cell(ROW, COLUMN, f64::INFINITY))
+}
+
+/// A change of row on a sheet that is at full load everywhere, some 17 kN: no person reaches it.
+pub fn extreme_change() -> (&'static str, Conditions) {
+    let conditions = Conditions::idle().with_all(FULL_LOAD_OHM).with_cell(ROW, COLUMN, f64::INFINITY);
+    ("sheet at full load, to open cell", conditions)
+}
+
+/// Simulates the settling after a change of row.
+pub fn settling(board: &Netlist, name: &'static str, mut conditions: Conditions) -> Result<Settling> {
+    let selected_s = DESELECTED_S + BREAK_S;
+    conditions.gates[ROW - 1] = Gate::OnUntil(DESELECTED_S);
+    conditions.gates[ROW] = Gate::OnFrom(selected_s);
+    let analysis = format!("tran 50n {SETTLING_S:e} 0 50n");
+    let vector = format!("v({})", input_net(COLUMN));
+    let table = Run::of(circuit(board, &conditions)).table(&analysis, &vector).tables()?.remove(0);
+    let final_v = table[table.len() - 1][1];
+    let error_lsb: Points = table
+        .iter()
+        .filter(|row| row[0] >= selected_s)
+        .map(|row| (row[0] - selected_s, (code(row[1]) - code(final_v)) / CODES_PER_LSB))
+        .collect();
+    let last = error_lsb.iter().rposition(|(_, lsb)| lsb.abs() > 0.5);
+    let settled_s = last.map_or(0.0, |i| error_lsb[(i + 1).min(error_lsb.len() - 1)].0);
+    Ok(Settling { name, error_lsb, settled_s })
+}
+
+/// The error of the code of an open cell that is converted directly after a cell at full load, codes: the sampling capacitor
+/// starts each sequence with the voltage of the column before.
+pub fn sampling_error_codes(board: &Netlist) -> Result<f64> {
+    let start_s = 0.5e-6;
+    let count = CONVERSIONS as usize;
+    let mut conditions = Conditions::selected(ROW).with_cell(ROW, COLUMN - 1, FULL_LOAD_OHM);
+    conditions.samples = (0..2 * count)
+        .map(|i| {
+            let at_s = start_s + i as f64 * conversion_s();
+            (COLUMN - 1 + i / count, at_s, at_s + sample_s())
+        })
+        .collect();
+    let end_s = start_s + 2.0 * count as f64 * conversion_s();
+    let run = Run::of(circuit(board, &conditions)).table(&format!("tran 5n {end_s:e} 0 5n"), &format!("v({SAMPLED})"));
+    let table = run.tables()?.remove(0);
+    let steady_v = inputs_v(board, &Conditions { samples: Vec::new(), ..conditions.clone() })?[COLUMN];
+    // After its window, the capacitor holds its voltage.
+    let held_v = |end_s: f64| {
+        let after = table.iter().find(|row| row[0] >= end_s + 10e-9).context("the simulation ends too early")?;
+        Ok::<_, anyhow::Error>(after[1])
+    };
+    let windows = conditions.samples[count..].iter();
+    let sum_v = windows.map(|(.., end_s)| held_v(*end_s)).sum::<Result<f64>>()?;
+    Ok(code(sum_v / count as f64) - code(steady_v))
+}
+
+/// How far neighbours at full load change the reading of a cell, in percent of a cell's reading at full load.
+pub struct Crosstalk {
+    /// One neighbour in the row of a cell at full load, through the resistance of switch and line.
+    pub row_one: f64,
+    /// One neighbour in the column of an open cell, through the amplifiers' offsets, at their maximum.
+    pub column_one: f64,
+    /// A cell of the next column and another row, next to a loaded cell of the measured column, likewise.
+    pub diagonal: f64,
+    /// A saturated cell beside the measured one, with one loaded cell of each in another row: the saturated column is not at the
+    /// virtual ground.
+    pub saturated: f64,
+}
+
+/// The reading, codes, of a cell at full load on a board with this row switch, ohm; all other cells of its row have `beside_ohm`.
+fn reading_beside(board: &Netlist, switch_ohm: f64, beside_ohm: f64) -> Result<f64> {
+    let mut row = Conditions::selected(ROW).with_row(ROW, beside_ohm).with_cell(ROW, COLUMN, FULL_LOAD_OHM);
+    row.row_switch.on_ohm = switch_ohm;
+    Ok(measured_code(board, &row)? - front_end::code(f64::INFINITY))
+}
+
+/// How far 15 neighbours at full load change the reading of a cell at full load in the same row, in percent, on a board with this
+/// row switch, ohm.
+pub fn row_crosstalk(board: &Netlist, switch_ohm: f64) -> Result<f64> {
+    let alone = reading_beside(board, switch_ohm, f64::INFINITY)?;
+    Ok(((reading_beside(board, switch_ohm, FULL_LOAD_OHM)? / alone - 1.0) * 100.0).abs())
+}
+
+/// Simulates the crosstalk.
+pub fn crosstalk(board: &Netlist) -> Result<Crosstalk> {
+    let base = Conditions::selected(ROW);
+    let other = ROW + 2;
+    let full = front_end::code(FULL_LOAD_OHM) - front_end::code(f64::INFINITY);
+    let change = |before: &Conditions, after: &Conditions| -> Result<f64> {
+        Ok(((measured_code(board, after)? - measured_code(board, before)?) / full * 100.0).abs())
+    };
+    let alone = base.clone().with_cell(ROW, COLUMN, FULL_LOAD_OHM);
+    let offset = base.clone().with_offset_against(COLUMN, AMPLIFIER_OFFSET_V.value);
+    let pair = offset.clone().with_cell(other, COLUMN, FULL_LOAD_OHM);
+    let beside = base.with_cell(other, COLUMN, FULL_LOAD_OHM).with_cell(other, BESIDE, FULL_LOAD_OHM);
+    Ok(Crosstalk {
+        row_one: change(&alone, &alone.clone().with_cell(ROW, BESIDE, FULL_LOAD_OHM))?,
+        column_one: change(&offset, &pair)?,
+        diagonal: change(&pair, &pair.clone().with_cell(other, BESIDE, FULL_LOAD_OHM))?,
+        saturated: change(&beside, &beside.clone().with_cell(ROW, BESIDE, SATURATING_OHM))?,
+    })
+}
+
+/// How far all cells of the other rows, with this resistance, change the reading of an open cell, if the amplifiers have this
+/// offset, in percent of a cell's reading at full load.
+pub fn sheet_crosstalk(board: &Netlist, cell_ohm: f64, offset_v: f64) -> Result<f64> {
+    let open = Conditions::selected(ROW).with_offset_against(COLUMN, offset_v);
+    let mut loaded = open.clone().with_all(cell_ohm);
+    loaded.cell_ohm[ROW] = open.cell_ohm[ROW];
+    let full = front_end::code(FULL_LOAD_OHM) - front_end::code(f64::INFINITY);
+    Ok(((measured_code(board, &loaded)? - measured_code(board, &open)?) / full * 100.0).abs())
+}
+
+/// The gain around the loop of an amplifier.
+pub struct Loop {
+    /// The conditions.
+    pub name: &'static str,
+    /// Frequency, Hz, and loop gain, dB.
+    pub gain_db: Points,
+    /// Frequency, Hz, and distance of the phase from that of an oscillation, degrees.
+    pub margin_deg: Points,
+    /// The distance at the frequency of the loop gain 1, degrees.
+    pub phase_margin_deg: f64,
+}
+
+/// The conditions under which the stability is simulated.
+pub fn loops() -> Vec<(&'static str, Conditions)> {
+    let open = Conditions::selected(ROW);
+    let column = Some(amplifier(COLUMN));
+    let probed = |conditions: &Conditions| Conditions { probe: column.clone(), ..conditions.clone() };
+    let mut large = probed(&open);
+    large.amplifier.output_ohm = AMPLIFIER_LARGE_OUTPUT_OHM.value;
+    vec![
+        ("column, all cells open", probed(&open)),
+        ("column, sheet at full load", probed(&open.clone().with_all(FULL_LOAD_OHM))),
+        ("column, lines of 400 pF", Conditions { line_f: 2.0 * open.line_f, ..probed(&open) }),
+        ("pessimistic output impedance", large),
+        ("virtual ground, all cells open", Conditions { probe: Some(("U5".into(), "A")), ..open.clone() }),
+        (
+            "virtual ground, sheet at full load",
+            Conditions { probe: Some(("U5".into(), "A")), ..open.with_all(FULL_LOAD_OHM) },
+        ),
+    ]
+}
+
+/// Simulates the loop gain of the probed amplifier.
+///
+/// # Errors
+/// If the simulation fails, or the gain does not cross 1.
+pub fn loop_gain(board: &Netlist, name: &'static str, conditions: &Conditions) -> Result<Loop> {
+    let (designator, unit) = conditions.probe.as_ref().context("no amplifier is probed")?;
+    let feedback = if designator == "U5" { REFERENCE.to_string() } else { column_net(COLUMN) };
+    let probed = probed_node(designator, unit);
+    let ratio = format!("v({feedback})/v({probed})");
+    let run = Run::of(circuit(board, conditions)).command("set units=degrees");
+    let table = run.table("ac dec 100 1k 100meg", &format!("db({ratio}) ph({ratio})")).tables()?.remove(0);
+    let gain_db: Points = table.iter().map(|row| (row[0], row[1])).collect();
+    // The loop gain is the negative ratio, so that its phase plus 180 degrees is that of the ratio.
+    let margin_deg: Points = table.iter().map(|row| (row[0], row[2])).collect();
+    let crossing = gain_db.iter().position(|(_, db)| *db < 0.0).filter(|i| *i > 0);
+    let phase_margin_deg = margin_deg[crossing.context("the loop gain does not cross 1")?].1;
+    Ok(Loop { name, gain_db, margin_deg, phase_margin_deg })
+}
+
+/// The noise of the front end at the converter's input.
+pub struct Noise {
+    /// The conditions.
+    pub name: &'static str,
+    /// Frequency, Hz, and density, V/sqrt(Hz).
+    pub density: Points,
+    /// Noise of a code, codes, one standard deviation, with that of the converter.
+    pub code_rms: f64,
+}
+
+/// The conditions under which the noise is simulated.
+pub fn noises() -> Vec<(&'static str, Conditions)> {
+    let open = Conditions::selected(ROW);
+    vec![
+        ("all cells open", open.clone()),
+        ("cell at full load", open.clone().with_cell(ROW, COLUMN, FULL_LOAD_OHM)),
+        ("sheet at 300 kPa", open.with_all(WALKING_OHM)),
+    ]
+}
+
+/// Simulates the noise. The front end's noise is assumed to be the same in all conversions of a code, which is its worst case;
+/// that of the converter is independent between conversions.
+pub fn noise(board: &Netlist, name: &'static str, conditions: &Conditions) -> Result<Noise> {
+    let run = Run::of(circuit(board, conditions))
+        .command(&format!("noise v({}) {SUPPLY_SOURCE} dec 20 10 1g", input_net(COLUMN)))
+        .table("setplot noise1", "onoise_spectrum")
+        .table("setplot noise2", "onoise_total");
+    let tables = run.tables()?;
+    let density = tables[0].iter().map(|row| (row[0], row[1])).collect();
+    let front_end_codes = code(tables[1][0][1]);
+    let converter_codes = CONVERTER_NOISE_LSB.value * f64::from(CONVERSIONS).sqrt();
+    Ok(Noise { name, density, code_rms: front_end_codes.hypot(converter_codes) })
+}
+
+/// The supply current of the front end, A.
+pub fn supply_a(board: &Netlist, conditions: &Conditions) -> Result<f64> {
+    let run = Run::of(circuit(board, conditions)).table("op", &format!("i({SUPPLY_SOURCE})"));
+    Ok(-run.tables()?[0][0][1])
+}
