@@ -9,9 +9,9 @@
 //! use plantar::firmware::front_end::{FEEDBACK_OHM, FULL_SCALE_OHM, UNLOADED_CODE, code};
 //! use plantar::pipeline::calibrate::FULL_CODE;
 //!
-//! assert_eq!(code(f64::INFINITY), f64::from(UNLOADED_CODE));
+//! assert_eq!(code(f64::INFINITY) as u16, UNLOADED_CODE);
 //! // At the full scale of the sensor law, a cell reads the full scale above the code of an unloaded cell.
-//! assert!((code(f64::from(FULL_SCALE_OHM)) - f64::from(FULL_CODE) * 12.0 / 11.0).abs() < 1.0);
+//! assert!((code(f64::from(FULL_SCALE_OHM)) - f64::from(FULL_CODE) * 12.0 / 11.0).abs() < 0.01);
 //! assert_eq!(FEEDBACK_OHM, 11 * FULL_SCALE_OHM);
 //! ```
 
@@ -47,5 +47,5 @@ pub const NOISE_CODES: f64 = 12.0;
 
 /// The code of a cell with this resistance, ohm, before it is rounded and limited to [`FULL_CODE`].
 pub fn code(cell_ohm: f64) -> f64 {
-    f64::from(UNLOADED_CODE) * (1.0 + f64::from(FEEDBACK_OHM) / cell_ohm)
+    f64::from(FULL_CODE) / f64::from(REFERENCE_DIVISOR) * (1.0 + f64::from(FEEDBACK_OHM) / cell_ohm)
 }
