@@ -355,11 +355,11 @@ pub const LOAD_SWITCH: PartType = PartType {
 };
 /// Stores parameters, bonds and steps.
 pub const FLASH: PartType = PartType {
-    number: "W25Q256JVEIQ",
+    number: "W25Q32JVSSIQ",
     manufacturer: "Winbond",
-    alternatives: &["W25Q128JVEIQ (16 MiB)"],
-    value: "NOR flash chip, 32 MiB",
-    package: "WSON-8 8 x 6 mm",
+    alternatives: &["W25Q64JVSSIQ (8 MiB)", "W25Q16JVSSIQ (2 MiB)"],
+    value: "NOR flash chip, 4 MiB",
+    package: "SOIC-8, 5.3 mm wide",
     purpose: "stores parameters, bonds, steps and updates",
     pins: &[
         ("1", "/CS"),
