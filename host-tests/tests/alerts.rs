@@ -174,7 +174,7 @@ fn a_day_begins_without_load_and_continues_after_a_restart() {
     assert!(renewed.totals.steps == 0 && renewed.totals.loaded_s < whole.totals.loaded_s, "{renewed:?}");
 
     let earlier = DailyLoad { day: 7, totals: Totals { steps: 1000, ..Totals::NONE }, alerts: 2, ..DailyLoad::NONE };
-    // A step back by one day is a correction of the clock, and another beginning of the day leaves the load in it.
+    // A date that goes back by one day is a correction of the clock. Changing the time at which the day begins does not reset the load.
     let (_, same) = run(&recording, &RULES, |seconds, insole| match seconds {
         20 => insole.enter_day(7),
         40 => insole.enter_day(6),

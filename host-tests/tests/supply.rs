@@ -38,7 +38,7 @@ impl Supply {
 /// A chip that was used before.
 fn used_chip() -> NorFlashChip {
     let mut chip = NorFlashChip::new(LOG.end as usize);
-    drop(block_on(Store::open(Some(&mut chip), Reset::Power)));
+    let _ = block_on(Store::open(Some(&mut chip), Reset::Power));
     chip
 }
 

@@ -8,8 +8,8 @@ pub trait FrameClock {
     /// The time at which frame 0 was due: the origin of the insole's time.
     fn start(&self) -> Instant;
 
-    /// Waits for the time of the next frame and returns its number, which wraps. Frames that became due before the call are
-    /// skipped.
+    /// Waits for the time of the next frame and returns its number, which wraps. If frames became due before the call,
+    /// it returns the last of them at once, and skips the others.
     async fn next(&mut self) -> u32;
 }
 

@@ -41,8 +41,8 @@ pub const CONVERSIONS: u32 = 16;
 /// Allowance for set-up, interrupts and wake-ups of a row, us, which was not measured.
 pub const ALLOWANCE_US: u32 = 15;
 
-/// Largest noise of a code that the tests' simulated sensors have, codes. Three standard deviations of the simulated front end's
-/// noise are below it.
+/// Largest noise of the simulated sensors of the tests, codes. It exceeds three standard deviations of the simulated front end's
+/// noise.
 pub const NOISE_CODES: f64 = 12.0;
 
 /// The code of a cell with this resistance, ohm, before it is rounded and limited to [`FULL_CODE`].

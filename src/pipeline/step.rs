@@ -47,7 +47,7 @@ pub struct RegionStep<R> {
     pub deformation_peak_m: R,
     /// Largest deformation rate of the model, m/s.
     pub deformation_rate_peak_m_s: R,
-    /// Time from the first to the last sample of the region in contact, s.
+    /// Number of samples from the first to the last in contact, times the time between samples, s.
     pub contact_s: R,
     /// Time from the first sample in contact to the largest measured force, s.
     pub time_to_peak_s: R,

@@ -10,8 +10,8 @@ use crate::storage::records::{BootCounters, VERSIONS};
 use core::ops::Range;
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 
-/// Largest number of surveys at a start that contradict the survey before.
-const MOST_CONTRADICTIONS: u32 = 4;
+/// Number of contradicting surveys at a start after which the chip is not used.
+const CONTRADICTIONS_TO_GIVE_UP: u32 = 4;
 
 /// The result of a survey.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -87,7 +87,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
             }
             survey = again;
             self.contents.contradictions += 1;
-            if self.contents.contradictions == MOST_CONTRADICTIONS {
+            if self.contents.contradictions == CONTRADICTIONS_TO_GIVE_UP {
                 self.used_for = Use::None;
                 return;
             }
@@ -102,7 +102,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// Erases the areas that have contents but cannot be used. A chip that fails here fails again at the next write, which is
     /// reported.
     async fn clear(&mut self, survey: &Survey, [records, log]: [Area; 2]) {
-        // This firmware has used the chip before if the chip has a count of boots or a step number.
+        // This firmware has used the chip before if the chip has a count of boots or the number of a record.
         let is_in_use = matches!(survey.boots, Ok(Some(_))) || self.contents.next_record != 0;
         if survey.has_no_records() {
             self.clear_area(RECORDS, records, is_in_use).await;
@@ -176,7 +176,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         Ok(count)
     }
 
-    /// Counts the log entries, and determines the number of the next step.
+    /// Counts the log entries, and determines the number of the next load record.
     async fn survey_log(&mut self) -> Result<u32, StorageError> {
         let Self { flash, guard, log_cache, buffer, contents, .. } = self;
         with_log(flash, guard, log_cache, async |log| {

@@ -88,7 +88,7 @@ pub enum Event {
     Started(SessionStart),
     /// A message arrived.
     Message(ToHost),
-    /// No message arrived within the carrier's timeout, or the link is lost and was not opened again yet.
+    /// No message arrived within the carrier's timeout, the link is lost, or it was just opened again and the next event is `Started`.
     Timeout,
     /// The session ended for this reason. The next calls open it again.
     Lost(Error),
@@ -184,7 +184,7 @@ impl<C: Carrier + 'static> Link<C> {
         self.policy.give_up.is_some_and(|limit| since.elapsed() >= limit)
     }
 
-    /// Restarts the insole and opens the session again, over another carrier if the restart closed the one in use.
+    /// Restarts the insole and opens the session again, over a newly opened carrier if the restart closed the one in use.
     ///
     /// # Errors
     /// Those of [`Client::reconnect_over`].
@@ -195,7 +195,7 @@ impl<C: Carrier + 'static> Link<C> {
         Ok(self.client.hello())
     }
 
-    /// Waits for an insole that restarts by itself: sends connect requests, over another carrier if the one in use fails, until
+    /// Waits for an insole that restarts by itself: sends connect requests, over a newly opened carrier if the one in use fails, until
     /// `check` returns a value. `check` receives the insole's hello, and whether the insole was silent at any time before.
     ///
     /// # Errors

@@ -83,7 +83,7 @@ test("a step that is repeated after a restart of the insole is recognised", asyn
   const store = new StepStore(wire, storage);
   const [, message] = received[0]!;
   await store.add(...decodeStep(message), null);
-  // The last three bytes of the message are the number of boots since the step, which is 0, the absent start time, and the regions
+  // The last three bytes of the message are the number of boots since the step (0), the absent start time, and the regions
   // whose tissue has changed.
   expect([...message.slice(-3)]).toEqual([0, 0, 0]);
   const [repeated, bytes] = decodeStep(Uint8Array.of(...message.slice(0, -3), 1, 0, 0));

@@ -185,7 +185,7 @@ impl ColumnFile {
                 return Err(Error::content(
                     format!("{}, row {}", place(), first_row + values.len() - read + null + 1),
                     "no value",
-                    "provide a pressure for each cell in each frame",
+                    "provide a value in each row of each column",
                 ));
             }
             if records == 0 {

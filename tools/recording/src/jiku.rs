@@ -112,7 +112,7 @@ fn read(
     let mut source = format!(
         "SpeedPP2DS (Pataky and Crompton, jiku-data), {}: {} separate barefoot steps on a pressure \
          plate (trials {}), concatenated with {SWING_S} s without load before and after each; \
-         native rows recovered, {UNIT_N} N for a unit assumed, steps aligned by shifts of whole cells, \
+         native rows recovered, assuming {UNIT_N} N per stored unit, steps aligned by shifts of whole cells, \
          imported as right feet, regions by template.",
         file_name(path),
         steps.len(),
@@ -147,7 +147,7 @@ fn walker_file(dir: &Path, walker: usize) -> Result<PathBuf> {
         Error::content(
             dir.display().to_string(),
             format!("no file {name}"),
-            "state the folder SpeedPP2DS of an installed jiku-data",
+            "give the folder SpeedPP2DS of an installed jiku-data",
         )
     })
 }

@@ -14,7 +14,7 @@ use crate::{Cell, Error, Export, Result};
 use plantar::{Region, Side};
 use std::path::Path;
 
-/// Area of a zone, mm2: the largest area of a cell.
+/// Nominal area of a zone, mm2: the largest area that a cell may have.
 const AREA_MM2: f64 = 4_000.0;
 /// The zones: the word in the name of the column, the centre from the medial edge and from the heel in mm, and the region.
 const ZONES: [(&str, [f64; 2], Region); 3] = [

@@ -225,7 +225,7 @@ fn octave() -> Result<()> {
 }
 
 /// The file in a Python environment with the list of the packages that were installed.
-const PYTHON_STAMP: &str = "holds.txt";
+const PYTHON_STAMP: &str = "installed-packages.txt";
 
 /// Creates the private Python environment, if it is missing or the list of its packages has changed.
 pub fn python() -> Result<Python> {

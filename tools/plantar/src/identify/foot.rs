@@ -256,12 +256,19 @@ impl Foot {
     /// Receives and stores steps until `count` of them began after this call, and returns these. The insole evaluates them with the
     /// parameters in force.
     pub fn verify(&mut self, stop: &AtomicBool, count: usize) -> Result<Vec<Step>> {
-        let begin_us = self.link.client().status()?.uptime_us;
+        let mut begin_us = self.link.client().status()?.uptime_us;
         let mut steps: Vec<Step> = Vec::new();
         let mut file = self.new_stream_file(VERIFY)?;
         self.update(|progress| (progress.done, progress.needed, progress.remark) = (0, count, String::new()));
         self.follow(stop, |foot, item| {
-            let Item::Message(message) = item else { return Ok(false) };
+            let message = match item {
+                Item::Message(message) => message,
+                // After a restart the insole's time begins at 0.
+                Item::Started => {
+                    begin_us = begin_us.min(foot.link.client().status()?.uptime_us);
+                    return Ok(false);
+                }
+            };
             foot.store_record(&mut file, &message)?;
             if let ToHost::Step(step) = message
                 && step.boots_since == 0

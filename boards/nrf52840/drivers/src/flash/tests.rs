@@ -15,7 +15,7 @@ struct Simulated {
     bytes: Vec<u8>,
     identity: [u8; 3],
     is_active: bool,
-    /// Number of reads of the status that report a busy chip after each operation.
+    /// Number of reads of the status after an operation until the chip is ready; all but the last report a busy chip.
     busy_polls: u32,
     busy: u32,
 }
