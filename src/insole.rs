@@ -13,7 +13,7 @@ use crate::pipeline::alert::{AlertRules, Alerts, DailyLoad};
 use crate::pipeline::baseline::MAX_RESIDUAL_KPA;
 use crate::pipeline::calibrate::{CellCalibration, Curve};
 use crate::pipeline::cell::{InsoleCell, find_peak, residual as residual_of, sum_region};
-use crate::pipeline::cumulative::CumulativeLoad;
+use crate::pipeline::cumulative::{CumulativeLoad, LOADED_KPA};
 use crate::pipeline::ellipse::Ellipse;
 use crate::pipeline::lift::is_unloaded;
 use crate::pipeline::live::{LiveModel, RegionLoad};
@@ -260,9 +260,10 @@ impl<R: Real, const N: usize> Insole<R, N> {
         elapsed.min(if self.is_loaded() { 1 + BRIDGED_FRAMES } else { self.cumulative.second_frames() })
     }
 
-    /// True if any cell carried load in the last frame.
+    /// True if the pressure of any cell was at least [`LOADED_KPA`] in the last frame.
     pub fn is_loaded(&self) -> bool {
-        self.loads.iter().any(|load| load.frame.peak_kpa > R::ZERO)
+        let loaded_kpa = R::of_f32(LOADED_KPA);
+        self.loads.iter().any(|load| load.frame.peak_kpa >= loaded_kpa)
     }
 
     /// Time of a recent frame by its number, us: the number of frame times since frame 0, also after the number has wrapped.

@@ -49,8 +49,11 @@ impl StoredBond {
     }
 }
 
-/// Version of the stored form. Version 1 has the bonds only.
+/// Version of the stored form.
 const VERSION: u8 = 2;
+/// The version with the bonds only. It is still written without an identity key, so that older firmware, which may be swapped back,
+/// finds its bonds.
+const BONDS_ONLY: u8 = 1;
 
 /// Loads the stored keys; none if they are damaged or of an unknown version.
 pub fn load(insole: &dyn GattServer) -> Keys {
@@ -61,7 +64,7 @@ pub fn load(insole: &dyn GattServer) -> Keys {
         .filter(|(bonds, crc)| CRC.checksum(bonds) == u32::from_le_bytes(**crc))
         .and_then(|(keys, _)| match keys.split_first()? {
             (&VERSION, keys) => postcard::from_bytes(keys).ok(),
-            (1, bonds) => Some(Keys { identity_key: None, bonds: postcard::from_bytes(bonds).ok()? }),
+            (&BONDS_ONLY, bonds) => Some(Keys { identity_key: None, bonds: postcard::from_bytes(bonds).ok()? }),
             _ => None,
         })
         .unwrap_or_default()
@@ -71,7 +74,11 @@ pub fn load(insole: &dyn GattServer) -> Keys {
 pub fn store(keys: &Keys, insole: &dyn GattServer) {
     let (mut bytes, mut before) = ([0; MAX_BONDS_BYTES], [0; MAX_BONDS_BYTES]);
     // Neither operation can fail: the version, the insole's key, four bonds of at most 40 bytes each and the checksum fit.
-    let Ok(len) = postcard::to_slice(&(VERSION, keys), &mut bytes).map(|used| used.len()) else { return };
+    let encoded = match keys.identity_key {
+        Some(_) => postcard::to_slice(&(VERSION, keys), &mut bytes),
+        None => postcard::to_slice(&(BONDS_ONLY, &keys.bonds), &mut bytes),
+    };
+    let Ok(len) = encoded.map(|used| used.len()) else { return };
     let crc = CRC.checksum(&bytes[..len]).to_le_bytes();
     let Some(place) = bytes.get_mut(len..len + crc.len()) else { return };
     place.copy_from_slice(&crc);

@@ -119,7 +119,9 @@ impl<C: Hci> Hci for Gate<'_, C> {
 impl<C: ControllerCmdSync<Q>, Q: SyncCmd> ControllerCmdSync<Q> for Gate<'_, C> {
     async fn exec(&self, cmd: &Q) -> Result<Q::Return, cmd::Error<Self::Error>> {
         let completed = self.radio.exec(cmd).await;
-        self.progress.completed(Q::OPCODE);
+        if completed.is_ok() {
+            self.progress.completed(Q::OPCODE);
+        }
         completed
     }
 }

@@ -12,6 +12,7 @@ use phones::{
     BONDS_AT, CHARACTERISTICS, CONTROL, CURRENT_TIME, Insole, LIVE, PARAMETERS, Phone, RSC_MEASUREMENT,
     RadioSimulation, STEPS, World, fragments,
 };
+use plantar::firmware::front_end::NOISE_CODES;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::update::{CHUNK, Header, Progress, Request};
@@ -155,6 +156,9 @@ fn an_insole_that_is_not_worn_is_found_and_measures_when_it_is_put_on() {
     let aside = ASIDE_S * recording.rate_hz as usize;
     recording.pressure_kpa.splice(..0, vec![0.0; aside * recording.cells()]);
     recording.t_s = (0..recording.frames() + aside).map(|frame| frame as f64 / recording.rate_hz).collect();
+    // An insole on which nobody stands reads small offsets, and the noise of its converter.
+    let offsets_kpa = vec![0.05; recording.cells()];
+    synthetic::add_sensor_errors(&mut recording, &offsets_kpa, NOISE_CODES, 7);
     let mut world = World::start(recording);
     world.insole.play(aside as u32);
     let mut phone = world.bonded_phone(247);

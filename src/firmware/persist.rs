@@ -47,6 +47,8 @@ struct Persist<'a> {
     is_radio_known: bool,
     /// The previous image may return.
     has_previous: bool,
+    /// The last attempt to store the bonds failed.
+    bonds_failed: bool,
     image: &'a Header,
 }
 
@@ -76,6 +78,7 @@ pub async fn persist(
         trial: is_on_trial.then(|| Trial::new(&shared.scan.heartbeats, is_radio_known)),
         is_radio_known,
         has_previous: true,
+        bonds_failed: false,
         image,
     };
     if is_on_trial {
@@ -88,9 +91,7 @@ pub async fn persist(
         if state.has_more_in_log && shared.session.borrow().has_room() {
             state.refill_from_log(store).await;
         }
-        if shared.bonds_changed.take() && store.put(0, &Bonds(shared.bonds())).await.is_err() {
-            shared.count_not_stored();
-        }
+        state.store_bonds(store).await;
         state.note_radio(store).await;
         state.execute_command(store, restart).await;
         if Instant::now() >= state.daily_load_at {
@@ -158,6 +159,21 @@ impl Persist<'_> {
         {
             self.shared.count_not_stored();
         }
+    }
+
+    /// Stores the bonds if they have changed. A failure is counted once, and the bonds are stored as soon as the chip accepts them.
+    async fn store_bonds(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
+        if !self.shared.bonds_changed.take() {
+            return;
+        }
+        let has_failed = store.put(0, &Bonds(self.shared.bonds())).await.is_err();
+        if has_failed {
+            self.shared.bonds_changed.set(true);
+            if !self.bonds_failed {
+                self.shared.count_not_stored();
+            }
+        }
+        self.bonds_failed = has_failed;
     }
 
     /// Stores the load of the day, if the day is known.

@@ -107,6 +107,10 @@ impl<R: Real> Sums<R> {
     const NONE: Self = Self { dose_kpa: R::ZERO, squared_kpa2: R::ZERO, sustained: 0 };
 }
 
+/// Largest cell pressure from which an insole counts as loaded, kPa. It is above noise and uncalibrated offsets of cells, and below
+/// the pressure of a resting foot.
+pub const LOADED_KPA: f32 = 1.0;
+
 /// Time above the limit in each part of the window, 0.01 s; the part in progress at [`CumulativeLoad::part`].
 type Window = [u16; WINDOW_PARTS as usize + 1];
 
@@ -125,6 +129,8 @@ pub(crate) struct CumulativeLoad<R> {
     part_s: u16,
     /// Bit i: region i is under sustained load.
     sustained: u8,
+    /// A frame of the present second was loaded.
+    is_loaded: bool,
     /// Number of complete seconds since the last load.
     unloaded_s: u32,
     pub(crate) totals: Totals,
@@ -140,6 +146,7 @@ impl<R: Real> CumulativeLoad<R> {
             part: 0,
             part_s: 0,
             sustained: 0,
+            is_loaded: false,
             unloaded_s: 0,
             totals: Totals::NONE,
         }
@@ -166,8 +173,10 @@ impl<R: Real> CumulativeLoad<R> {
         regions: impl Iterator<Item = &'f RegionFrame<R>>,
     ) -> bool {
         let (dose_kpa, sustained_kpa) = (R::of_f32(limits.dose_kpa), R::of_f32(limits.sustained_kpa));
+        let loaded_kpa = R::of_f32(LOADED_KPA);
         for (sums, region) in self.sums.iter_mut().zip(regions) {
             let kpa = region.peak_kpa;
+            self.is_loaded |= kpa >= loaded_kpa;
             // Few frames stand for others, so repetition costs less than a product in every frame.
             for _ in 0..frames {
                 sums.squared_kpa2 += kpa * kpa;
@@ -188,7 +197,6 @@ impl<R: Real> CumulativeLoad<R> {
     fn end_second(&mut self, limits: &LoadLimits) {
         let frame_s = R::ONE / R::of_u32(self.second_frames);
         let part_s = limits.window_s / WINDOW_PARTS;
-        let mut is_loaded = false;
         self.part_s += 1;
         let oldest = (usize::from(self.part) + 1) % (WINDOW_PARTS as usize + 1);
         let sums = core::mem::replace(&mut self.sums, [Sums::NONE; 8]);
@@ -197,7 +205,6 @@ impl<R: Real> CumulativeLoad<R> {
             let rounded = |sum: R| (sum * frame_s + R::of(0.5)).to_f64() as u32;
             total.dose_dkpa_s = total.dose_dkpa_s.saturating_add(rounded(sums.dose_kpa * R::of(10.0)));
             total.squared_kpa2_s = total.squared_kpa2_s.saturating_add(rounded(sums.squared_kpa2));
-            is_loaded |= sums.squared_kpa2 > R::ZERO;
             // At most 1.25 s, for a second after missing frames at 20 Hz, in a part of at most 240 s.
             window[usize::from(self.part)] += (sums.sustained * 100 / self.second_frames) as u16;
             let loaded_cs = share_cs(window, oldest, self.part_s, part_s);
@@ -210,6 +217,7 @@ impl<R: Real> CumulativeLoad<R> {
             }
             total.sustained_s += u32::from(self.sustained & bit != 0);
         }
+        let is_loaded = core::mem::take(&mut self.is_loaded);
         self.totals.loaded_s += u32::from(is_loaded);
         self.unloaded_s = if is_loaded { 0 } else { self.unloaded_s.saturating_add(1) };
         self.frames -= self.second_frames;

@@ -13,6 +13,7 @@ use embassy_nrf::{Peri, bind_interrupts, peripherals};
 use embassy_time::{Duration, Instant, with_timeout};
 use nrf52840_drivers::battery;
 use plantar::firmware::board::{Matrix, MatrixTimeout};
+use plantar::firmware::front_end::{CLIPPED_CODE, SETTLE_US};
 use plantar::firmware::layout::{COLUMNS, ROWS, WIRING};
 use plantar::pipeline::calibrate::FULL_CODE;
 use plantar::pipeline::setup::DEVICE_CELLS;
@@ -29,8 +30,6 @@ const _: () = assert!(INPUTS * CHANNELS == COLUMNS && ROWS == 16);
 
 /// Time from the supply of the front end to the first row, us. The largest part is the charge of the buffer's capacitor.
 const SUPPLY_US: u32 = 500;
-/// Settling time after a change of the row, us, as on the other boards with this front end (`docs/hardware.md`).
-const SETTLE_US: u32 = 30;
 /// Settling time after a change of the multiplexers, us: they connect outputs that have settled, through 200 ohm to 1 nF.
 const SWITCH_US: u32 = 3;
 
@@ -46,8 +45,6 @@ const BATTERY_PERIOD: Duration = Duration::from_secs(10);
 
 /// The converter returns 14 bits, and a code is a sum of 16 conversions of 12 bits.
 const CODES_PER_STEP: u16 = 4;
-/// Codes from here on count as full scale: an amplifier may saturate up to 1 %, 33 mV, below its supply of 3.3 V.
-const CLIPPED: u16 = FULL_CODE - FULL_CODE / 100;
 
 /// The charge of the battery, percent.
 static BATTERY_PERCENT: AtomicU8 = AtomicU8::new(0);
@@ -204,7 +201,7 @@ impl Matrix for ResistiveMatrix {
         }
         for (&cell, code) in WIRING.get(row).into_iter().flatten().zip(converted.map_err(|_| MatrixTimeout)?) {
             if let Some(cell) = cell {
-                codes[usize::from(cell)] = if code < CLIPPED { code } else { FULL_CODE };
+                codes[usize::from(cell)] = if code < CLIPPED_CODE { code } else { FULL_CODE };
             }
         }
         Ok(())

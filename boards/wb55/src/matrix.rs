@@ -60,7 +60,7 @@ pub fn supply_mv() -> Option<u16> {
     Some(SUPPLY_MV.load(Ordering::Relaxed)).filter(|&supply_mv| supply_mv > 0)
 }
 
-/// The sensor matrix, behind the row switch and the converter.
+/// The sensor matrix, between row decoder and converter.
 pub struct ResistiveMatrix {
     adc: Adc<'static, ADC1>,
     dma: Peri<'static, DMA1_CH1>,
@@ -161,10 +161,11 @@ impl Matrix for ResistiveMatrix {
         let converted = self.convert::<COLUMNS>().await;
         // Between rows and frames no cell draws current.
         self.rows_off.set_high();
-        if row + 1 == ROWS {
-            if self.is_switched {
-                self.front_end.set_low();
-            }
+        let is_end = row + 1 == ROWS || converted.is_err();
+        if is_end && self.is_switched {
+            self.front_end.set_low();
+        }
+        if is_end {
             self.measure_supply().await?;
         }
         for (&cell, code) in WIRING.get(row).into_iter().flatten().zip(converted?) {

@@ -31,6 +31,8 @@ const IDENTITY_READS: usize = 5;
 const READ_STATUS: u8 = 0x05;
 /// Command Read Identification: manufacturer, type and capacity.
 const READ_IDENTITY: u8 = 0x9f;
+/// Command Release Power-down: a chip that other firmware has put to sleep stays asleep while it has a supply.
+const RELEASE: u8 = 0xab;
 /// The bit in the status register that is set while the chip writes or erases.
 const BUSY: u8 = 1;
 
@@ -136,6 +138,8 @@ impl<B: Bus, const BYTES: u32> Chip<B, BYTES> {
 
     async fn identify(&mut self) -> Result<bool, NoAnswer> {
         self.0.activate().await?;
+        self.0.command(RELEASE).await?;
+        self.0.pause_ms(1).await;
         self.idle(OPEN_LIMIT_MS).await?;
         let first = self.0.command(READ_IDENTITY).await?;
         let [manufacturer, _, capacity] = first;

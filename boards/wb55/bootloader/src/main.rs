@@ -117,8 +117,9 @@ fn main() -> ! {
         let own = BlockingMutex::<NoopRawMutex, _>::new(RefCell::new(Fed { flash, watchdog }));
         let active = BlockingPartition::new(&own, ACTIVE.start, MAX_IMAGE);
         if BootLoader::try_prepare::<_, _, _, BUFFER>(config(&chip, active)).is_err() {
-            // The swap failed half-way, so no image would run. It continues after the reset, and with a low supply, once the
-            // supply is sufficient. Each operation on the chip precedes the one on the controller's own flash.
+            // The swap failed half-way, so no image would run. It continues after the reset. With a low supply, the same sector of
+            // the controller's own flash would be erased at each start, so that the reset waits for the supply, or for the watchdog.
+            while !is_supplied() {}
             SCB::sys_reset()
         }
     }

@@ -82,6 +82,7 @@ impl Bus for Simulated {
                 Ok([u8::from(self.busy > 0), 0, 0])
             }
             READ_IDENTITY => Ok(self.identity),
+            RELEASE => Ok([0xff; 3]),
             _ => Err(NoAnswer),
         }
     }
