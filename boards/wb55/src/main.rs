@@ -230,8 +230,8 @@ async fn main(spawner: Spawner) {
         p.PA9.degrade_adc(),
     ];
     let address = [line(p.PC6.into()), line(p.PC10.into()), line(p.PC12.into()), line(p.PB8.into())];
-    let [rows_off, front_end] =
-        [p.PB9.into(), p.PC11.into()].map(|pin: Peri<'static, AnyPin>| Output::new(pin, Level::High, Speed::Low));
+    let rows_off = Output::new(p.PB9, Level::High, Speed::Low);
+    let front_end = Output::new(p.PC11, Level::High, Speed::Low);
     let mut matrix = ResistiveMatrix::new(p.ADC1, p.DMA1_CH1, columns, address, rows_off, front_end);
     let side = if strap.is_low() { Side::Right } else { Side::Left };
     let select = Output::new(p.PB12, Level::High, Speed::Medium);

@@ -442,7 +442,7 @@ impl Phone {
         self.send(radio, request);
         loop {
             let message = self.next(radio);
-            if !matches!(message, ToHost::Live(_)) && LoadRecord::of(&message).is_none() {
+            if !matches!(message, ToHost::Live(_) | ToHost::Cells(_)) && LoadRecord::of(&message).is_none() {
                 return message;
             }
         }

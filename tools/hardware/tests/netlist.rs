@@ -84,8 +84,10 @@ fn the_firmware_uses_the_pins_of_the_netlist() {
     assert_eq!(columns, expected);
     let address = (0..4).map(|bit| format!("line(p.{}.into())", controller_pin(&board, &format!("ROW_A{bit}"))));
     assert!(source.contains(&format!("[{}]", address.collect::<Vec<_>>().join(", "))));
-    let rows_off = format!("let rows_off = Output::new(p.{}, Level::High", controller_pin(&board, "ROWS_OFF"));
-    assert!(source.contains(&rows_off), "{rows_off}");
+    for (output, net) in [("rows_off", "ROWS_OFF"), ("front_end", "FE_ON")] {
+        let set_up = format!("let {output} = Output::new(p.{}, Level::High", controller_pin(&board, net));
+        assert!(source.contains(&set_up), "{set_up}");
+    }
 }
 
 #[test]
