@@ -4,6 +4,7 @@
 use embassy_boot::{AlignedBuffer, BootError, BootLoader, State};
 use embassy_futures::block_on;
 use embassy_sync::mutex::Mutex;
+use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 use emulation::ACTIVE_IMAGE;
 use emulation::FLASH_BYTES;
 use firmware_image::{Image, SigningKey};
@@ -13,10 +14,11 @@ use plantar::storage::flash_map::LOG;
 use plantar::storage::flash_map::{HEADER, MAX_IMAGE, OTHER, PREVIOUS, SECTOR, STATE};
 use plantar::storage::partition::Partition;
 use plantar::storage::previous;
+use plantar::storage::supplied::Supplied;
 use plantar::storage::update::{Update, confirm, is_on_trial};
 use proptest::prelude::*;
 use std::sync::LazyLock;
-use testkit::nor_flash::{NorFlashChip, Torn};
+use testkit::nor_flash::{NorFlashChip, Supply, Torn};
 
 static SECRET: LazyLock<SigningKey> = LazyLock::new(|| SigningKey::from_bytes(&[7; 32]));
 static OLD: LazyLock<Image> = LazyLock::new(|| image("1.2.9", 53 * SECTOR as usize + CHUNK));
@@ -51,7 +53,7 @@ fn active(chip: &NorFlashChip) -> Option<&'static Image> {
 }
 
 /// Runs the bootloader's function that swaps images or swaps them back if necessary; returns what it found.
-fn boot(chip: &mut NorFlashChip) -> Result<State, BootError> {
+fn boot(chip: &mut impl MultiwriteNorFlash) -> Result<State, BootError> {
     let chip = Mutex::new(chip);
     let active = Blocking(Partition::<_, CHUNK>::new(&chip, ACTIVE_IMAGE));
     BootLoader::new(config(&chip, active)).prepare_boot(AlignedBuffer([0; BUFFER]).as_mut())
@@ -121,6 +123,27 @@ fn a_signed_image_is_swapped_in_and_back_unless_it_is_confirmed() {
     assert_eq!(send(&mut Update::new(), &mut chip, &NEW), Ok(Progress::Accepted));
     boot(&mut chip).expect("the chip works");
     assert_eq!(active(&chip), Some(&*NEW));
+}
+
+/// The bootloader resets the board if a swap fails, and continues it at the next start. An image runs only after a complete swap.
+#[test]
+fn a_swap_waits_for_the_supply_at_any_moment() {
+    let boot_supplied =
+        |chip: &mut NorFlashChip, supply: &Supply| boot(&mut Supplied::new(chip, || supply.is_sufficient()));
+    let accepted = accepted();
+    let all = Supply::new(u64::MAX, 0);
+    boot_supplied(&mut accepted.clone(), &all).expect("the swap is complete");
+    assert!(all.operations() > 100, "{}", all.operations());
+    for sufficient in (0..all.operations()).step_by(7) {
+        let mut chip = accepted.clone();
+        let supply = Supply::new(sufficient, 3);
+        let mut starts = 0;
+        while boot_supplied(&mut chip, &supply).is_err() {
+            starts += 1;
+        }
+        assert_eq!(active(&chip), Some(&*NEW), "low supply from operation {sufficient} on");
+        assert_eq!(starts, 3, "each refused operation ends a start");
+    }
 }
 
 #[test]

@@ -4,6 +4,7 @@ use embedded_storage_async::nor_flash::{
     ErrorType, MultiwriteNorFlash, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
 };
 use plantar::storage::flash_map::SECTOR;
+use std::cell::Cell;
 use std::future::Future;
 use std::pin::pin;
 use std::task::{Context, Poll, Waker};
@@ -168,5 +169,30 @@ pub fn block_on<T>(work: impl Future<Output = T>) -> T {
     match pin!(work).poll(&mut Context::from_waker(Waker::noop())) {
         Poll::Ready(output) => output,
         Poll::Pending => panic!("the future waits"),
+    }
+}
+
+/// The supply of a chip: sufficient for a number of operations, then too low for a number of operations.
+pub struct Supply {
+    operations: Cell<u64>,
+    sufficient: u64,
+    low: u64,
+}
+
+impl Supply {
+    /// A supply that is sufficient for `sufficient` operations, then too low for `low` operations, and sufficient again.
+    pub fn new(sufficient: u64, low: u64) -> Self {
+        Self { operations: Cell::new(0), sufficient, low }
+    }
+
+    /// Whether the supply is sufficient for the next operation. To be called once for each.
+    pub fn is_sufficient(&self) -> bool {
+        let operation = self.operations.replace(self.operations.get() + 1);
+        operation < self.sufficient || operation >= self.sufficient + self.low
+    }
+
+    /// Number of operations so far, whether they were possible or not.
+    pub fn operations(&self) -> u64 {
+        self.operations.get()
     }
 }

@@ -23,8 +23,9 @@ mod radio;
 use bluetooth::HciPipe;
 use clock::Microseconds;
 use core::hint::black_box;
-use cortex_m::peripheral::{DWT, NVIC, SCB};
+use cortex_m::peripheral::{NVIC, SCB};
 use cortex_m::register::fpscr::{self, Fpscr};
+use cortex_m_platform::CycleCounter;
 use defmt_rtt as _;
 use embassy_executor::{InterruptExecutor, Spawner};
 use embassy_futures::block_on;
@@ -49,7 +50,7 @@ use nrf_sdc::mpsl::Peripherals as SchedulerPeripherals;
 use nrf52840_drivers::watchdog;
 use plantar::Side;
 use plantar::firmware::ble::GattSession;
-use plantar::firmware::board::{Gauges, Stopwatch, Ticker};
+use plantar::firmware::board::{Gauges, Ticker};
 use plantar::firmware::scan::{Frame, ScanCounters};
 use plantar::firmware::shared::Shared;
 use plantar::firmware::start::{BootReport, Configuration, Memory, Started, start};
@@ -91,21 +92,6 @@ static MEMORY: Memory<Chip, 3> = Memory::new();
 static TO_SEND: ConstStaticCell<[u8; 192]> = ConstStaticCell::new([0; 192]);
 /// The buffer is longer than the longest message to the insole.
 static RECEIVED: ConstStaticCell<[u8; 288]> = ConstStaticCell::new([0; 288]);
-
-/// Counts the core's cycles, including the cycles of interrupts.
-struct CycleCounter;
-
-impl Stopwatch for CycleCounter {
-    const CYCLES_PER_MS: u32 = clock::CORE_KHZ;
-
-    fn start(&self) -> u32 {
-        DWT::cycle_count()
-    }
-
-    fn cycles_since(&self, start: u32) -> u32 {
-        DWT::cycle_count().wrapping_sub(start)
-    }
-}
 
 /// Determines why the board started, and clears the flags. Power-on and a brown-out set no flag.
 fn take_reset_reason() -> Reset {
@@ -295,7 +281,7 @@ async fn run_process(
     frames: Receiver<'static, CriticalSectionRawMutex, Frame>,
     shared: &'static Shared,
 ) {
-    process::process(insole, frames, shared, CycleCounter).await
+    process::process(insole, frames, shared, CycleCounter::<{ clock::CORE_KHZ }>).await
 }
 
 #[embassy_executor::task]

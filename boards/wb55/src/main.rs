@@ -9,8 +9,8 @@ mod radio;
 
 use bluetooth::HciPipe;
 use core::hint::black_box;
-use cortex_m::peripheral::DWT;
 use cortex_m::peripheral::syst::SystClkSource;
+use cortex_m_platform::CycleCounter;
 use defmt_rtt as _;
 use embassy_executor::{InterruptExecutor, Spawner};
 use embassy_futures::block_on;
@@ -32,7 +32,7 @@ use flash::Chip;
 use matrix::ResistiveMatrix;
 use plantar::Side;
 use plantar::firmware::ble::GattSession;
-use plantar::firmware::board::{Gauges, Stopwatch, Ticker};
+use plantar::firmware::board::{Gauges, Ticker};
 use plantar::firmware::scan::{Frame, ScanCounters};
 use plantar::firmware::shared::Shared;
 use plantar::firmware::start::{Configuration, Memory, Started, start};
@@ -94,21 +94,6 @@ static MEMORY: Memory<Chip, 3> = Memory::new();
 static TO_SEND: ConstStaticCell<[u8; 192]> = ConstStaticCell::new([0; 192]);
 /// The buffer is longer than the longest message to the insole.
 static RECEIVED: ConstStaticCell<[u8; 288]> = ConstStaticCell::new([0; 288]);
-
-/// Counts the core's cycles, including the cycles of interrupts.
-struct CycleCounter;
-
-impl Stopwatch for CycleCounter {
-    const CYCLES_PER_MS: u32 = CORE_KHZ;
-
-    fn start(&self) -> u32 {
-        DWT::cycle_count()
-    }
-
-    fn cycles_since(&self, start: u32) -> u32 {
-        DWT::cycle_count().wrapping_sub(start)
-    }
-}
 
 /// Starts the independent watchdog. It runs from an oscillator of its own, and nothing can stop it.
 fn start_watchdog() {
@@ -283,7 +268,7 @@ async fn run_process(
     frames: Receiver<'static, CriticalSectionRawMutex, Frame>,
     shared: &'static Shared,
 ) {
-    process::process(insole, frames, shared, CycleCounter).await
+    process::process(insole, frames, shared, CycleCounter::<CORE_KHZ>).await
 }
 
 #[embassy_executor::task]

@@ -5,9 +5,10 @@
 use core::cell::Cell;
 use core::mem::MaybeUninit;
 use core::ptr::{addr_of, addr_of_mut};
-use cortex_m::peripheral::SCB;
+use cortex_m::peripheral::{DWT, SCB};
 use embassy_sync::blocking_mutex::CriticalSectionMutex;
 use heapless::String;
+use plantar::firmware::board::Stopwatch;
 use plantar::firmware::start::{BootReport, MAX_FAILED_STARTS};
 use plantar::firmware::supervise::{CHECK_PERIOD_MS, HEALTHY_CHECKS, Heartbeats, PARTS, Watchdog};
 use plantar::protocol::{MAX_FAULT_TEXT, Reset};
@@ -270,4 +271,20 @@ pub fn stack_bytes() -> u32 {
     let (low, top) = stack();
     let painted = (low..top).step_by(4).take_while(|&at| word(at) == cortex_m_rt::STACK_PAINT_VALUE).count();
     top - low - 4 * painted as u32
+}
+
+/// Counts the core's cycles, including the cycles of interrupts, on a core with this clock, kHz. The cycle counter of the core must
+/// have been enabled.
+pub struct CycleCounter<const CORE_KHZ: u32>;
+
+impl<const CORE_KHZ: u32> Stopwatch for CycleCounter<CORE_KHZ> {
+    const CYCLES_PER_MS: u32 = CORE_KHZ;
+
+    fn start(&self) -> u32 {
+        DWT::cycle_count()
+    }
+
+    fn cycles_since(&self, start: u32) -> u32 {
+        DWT::cycle_count().wrapping_sub(start)
+    }
 }
