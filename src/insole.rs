@@ -12,7 +12,7 @@ use crate::num::Real;
 use crate::pipeline::alert::{AlertRules, Alerts, DailyLoad};
 use crate::pipeline::baseline::MAX_RESIDUAL_KPA;
 use crate::pipeline::calibrate::{CellCalibration, Curve};
-use crate::pipeline::cell::{InsoleCell, find_peak, residual as residual_of, sum_region};
+use crate::pipeline::cell::{InsoleCell, area_moments, area_units, find_peak, residual as residual_of, sum_region};
 use crate::pipeline::cumulative::{CumulativeLoad, LOADED_KPA};
 use crate::pipeline::ellipse::Ellipse;
 use crate::pipeline::lift::is_unloaded;
@@ -239,7 +239,11 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.accumulate(if elapsed > 1 { self.represented(elapsed) } else { 1 });
         let centre_mm = self.move_centre();
         let regions = self.loads.each_ref().map(|load| &load.frame);
-        let mut is_toe_off = self.stance.push(&self.limits, seq, regions, centre_mm);
+        let mut is_toe_off = self.stance.push(&self.limits, seq, &regions, centre_mm);
+        let at_peak = self.stance.at_peak();
+        if at_peak != 0 {
+            self.keep_shares(at_peak);
+        }
         if seq == self.stance.start_seq() {
             self.loads.iter_mut().for_each(|load| load.frame.restart_count());
         }
@@ -252,6 +256,15 @@ impl<R: Real, const N: usize> Insole<R, N> {
             self.sum_residuals();
         }
         is_toe_off
+    }
+
+    /// Keeps the shares in contact of the regions with a bit in `at_peak`.
+    #[cold]
+    #[inline(never)]
+    fn keep_shares(&mut self, at_peak: u8) {
+        for region in (0..8).filter(|region| at_peak >> region & 1 != 0) {
+            self.cells[self.division.cells(region)].iter_mut().for_each(InsoleCell::keep_share);
+        }
     }
 
     /// Number of frames for which a frame stands after missing ones.
@@ -313,29 +326,42 @@ impl<R: Real, const N: usize> Insole<R, N> {
         }
     }
 
-    /// Sums the cells region by region, then runs the fault detection if this frame needs it.
-    fn sum_cells(&mut self, seq: u32, all_codes: &[u16]) {
-        let mut change = 0;
-        let (mut cells, mut codes) = (self.cells.as_mut_slice(), all_codes);
-        let mut start = 0;
-        for ((load, residual), &end) in self.loads.iter_mut().zip(&self.residuals).zip(&self.division.ends) {
-            // The ends increase, the last end is the number of cells, and `frame` has checked the number of codes.
-            let (region_cells, other_cells) = cells.split_at_mut(end - start);
-            let (region_codes, other_codes) = codes.split_at(end - start);
-            let before = load.frame.peak_code;
-            change += sum_region(&self.curve, region_cells, region_codes, &mut load.frame);
-            if load.frame.peak_code == 0 && before > 0 {
-                find_peak(&self.curve, region_cells, region_codes, &mut load.frame);
-            }
-            load.frame.force.subtract(residual);
-            (cells, codes, start) = (other_cells, other_codes, end);
-        }
+    /// Sums the cells, then runs the fault detection if this frame needs it.
+    fn sum_cells(&mut self, seq: u32, codes: &[u16]) {
+        let change = match self.setup.contact.full_kpa > 0.0 {
+            true => self.sum_regions::<true>(codes),
+            false => self.sum_regions::<false>(codes),
+        };
         let is_foot_down = self.detector.is_foot_down(change);
         // A cell was saturated in the stance that is in progress, or in the last one.
         let is_saturated = self.stance.saturated() != 0;
         if self.detector.has_masks() || is_saturated || !is_foot_down {
-            self.detect_faults(seq, all_codes, is_saturated);
+            self.detect_faults(seq, codes, is_saturated);
         }
+    }
+
+    /// Sums the cells region by region. `COVERED` states whether cells can be in contact in part. Returns the change of the contact
+    /// area, in the units of [`area_units`]. A device spends most of its time in this function, which is not inlined, so that all
+    /// registers are available.
+    #[inline(never)]
+    fn sum_regions<const COVERED: bool>(&mut self, codes: &[u16]) -> i32 {
+        let (mut cells, mut codes) = (self.cells.as_mut_slice(), codes);
+        let (mut start, mut change) = (0, 0);
+        for ((load, residual), &end) in self.loads.iter_mut().zip(&self.residuals).zip(&self.division.ends) {
+            // The ends increase, the last end is the number of cells, and `frame` has checked the number of codes.
+            let (region_cells, other_cells) = cells.split_at_mut(end - start);
+            let (region_codes, other_codes) = codes.split_at(end - start);
+            let frame = &mut load.frame;
+            let (code_before, area_before) = (frame.peak_code, area_units(&frame.area));
+            sum_region::<R, COVERED>(&self.curve, region_cells, region_codes, frame);
+            change += area_units(&frame.area) - area_before;
+            if frame.peak_code == 0 && code_before > 0 {
+                find_peak(&self.curve, region_cells, region_codes, frame);
+            }
+            frame.force.subtract(residual);
+            (cells, codes, start) = (other_cells, other_codes, end);
+        }
+        change
     }
 
     /// Interpolates masked cells and runs the fault detection. It is not inlined, because a loaded frame without faults needs
@@ -368,7 +394,8 @@ impl<R: Real, const N: usize> Insole<R, N> {
     /// # Panics
     /// If `region` is not an index of [`crate::Region::ALL`].
     pub fn ellipse(&self, region: usize) -> Option<Ellipse<R>> {
-        Ellipse::from_moments(&self.loads[region].frame.area).map(|e| self.to_foot_coordinates(region, e))
+        let moments = area_moments(&self.cells[self.division.cells(region)]);
+        Ellipse::from_moments(&moments).map(|e| self.to_foot_coordinates(region, e))
     }
 
     /// Centre of pressure of a region in the last frame, foot coordinates, mm; `None` without force.

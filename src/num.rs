@@ -142,11 +142,15 @@ impl Real for f32 {
     }
     #[inline(always)]
     fn round_u16(self) -> u16 {
-        // The number is converted to u32 first, because the FPU has an instruction for this conversion with saturation.
-        ((self + 0.5) as u32).min(u32::from(u16::MAX)) as u16
+        // The number is converted to i32 first, because the FPU has an instruction for this conversion with saturation, and the
+        // processor has one for the limits.
+        ((self + 0.5) as i32).clamp(0, i32::from(u16::MAX)) as u16
     }
+    #[inline(always)]
     fn round_i16(self) -> i16 {
-        if self < 0.0 { (self - 0.5) as i16 } else { (self + 0.5) as i16 }
+        // As above.
+        let rounded = if self < 0.0 { self - 0.5 } else { self + 0.5 };
+        (rounded as i32).clamp(i16::MIN.into(), i16::MAX.into()) as i16
     }
     #[inline(always)]
     fn sqrt(self) -> Self {

@@ -38,10 +38,11 @@ impl Probe {
     /// The share in contact after a frame with this code.
     fn share_at(&mut self, code: u16) -> u16 {
         let code = u32::from(code);
-        if !self.cell.is_unchanged(code) {
-            let above_offset = (code as i32 - i32::from(self.offset)).max(0);
-            self.share += self.cell.update(code, self.curve.pressure_kpa(above_offset));
-        }
+        let above_offset_kpa = self.curve.pressure_kpa((code as i32 - i32::from(self.offset)).max(0));
+        self.share += match self.cell.is_unchanged(code) {
+            true => self.cell.follow(above_offset_kpa),
+            false => self.cell.update(code, self.offset, above_offset_kpa),
+        };
         u16::try_from(self.share).expect("a share is never negative")
     }
 }

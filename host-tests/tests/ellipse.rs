@@ -137,7 +137,7 @@ proptest! {
         let weigh = |(c, share): &(Cell, u16)| f64::from(c.area_mm2) * f64::from(*share) / f64::from(WHOLE);
         let sum = |value: &dyn Fn(&Cell) -> f64| cells.iter().map(|c| weigh(c) * value(&c.0)).sum::<f64>();
         let area_mm2 = sum(&|_| 1.0);
-        prop_assert_eq!(got.area_mm2::<f64>(), area_mm2);
+        prop_assert_eq!(got.area().area_mm2::<f64>(), area_mm2);
         let Some(second) = got.second_moments::<f64>() else {
             prop_assert_eq!(area_mm2, 0.0);
             return Ok(());

@@ -26,13 +26,13 @@ const PERIOD_US: u32 = 10_000;
 /// The region's values in a frame with this contact area and this force.
 fn frame<R: Real>(area_mm2: f32, force_n: f64) -> RegionFrame<R> {
     let force = ForceMoments { force_n: R::of(force_n), ..ForceMoments::NONE };
-    RegionFrame { area: area_moments(area_mm2), force, ..RegionFrame::NONE }
+    RegionFrame { area: area_moments(area_mm2).area(), force, ..RegionFrame::NONE }
 }
 
 /// Passes a frame in which only the heel is loaded to `stance`. Returns true if a step is complete.
 fn push<R: Real>(stance: &mut Stance<R>, limits: &StanceLimits<R>, seq: u32, heel: &RegionFrame<R>) -> bool {
     let none = RegionFrame::NONE;
-    stance.push(limits, seq, [heel, &none, &none, &none, &none, &none, &none, &none], (R::ZERO, R::ZERO))
+    stance.push(limits, seq, &[heel, &none, &none, &none, &none, &none, &none, &none], (R::ZERO, R::ZERO))
 }
 
 /// A part of a sequence of frames.
@@ -189,21 +189,20 @@ fn peak_and_saturation_belong_to_their_stance_and_region() {
     let limits = StanceLimits::new(&StanceRule::ADAPTIVE, PERIOD_US);
     let mut stance = Stance::<f64>::new();
     for walk in 0..2 {
-        let start = walk * 100;
+        let (start, mut at_peak) = (walk * 100, None);
         for i in 0..70 {
             let loaded = (10..50).contains(&i);
             let toe = frame(10.0 + i as f32, if loaded { 300.0 - f64::from(i - 30).abs() } else { 0.0 });
             let saturated = RegionFrame { saturated: walk == 0 && i == 20, ..toe };
             let none = RegionFrame::NONE;
             let regions = [&none, &none, &none, &none, &none, &saturated, &none, &none];
-            if stance.push(&limits, (start + i) as u32, regions, (0.0, 0.0)) {
+            let is_toe_off = stance.push(&limits, (start + i) as u32, &regions, (0.0, 0.0));
+            assert_eq!(stance.at_peak() & !(1 << 5), 0, "the other regions have no force");
+            at_peak = if stance.at_peak() != 0 { Some(i) } else { at_peak };
+            if is_toe_off {
                 assert_eq!(stance.saturated(), if walk == 0 { 1 << 5 } else { 0 });
-                assert_eq!(
-                    stance.moments_at_peak(5).area_mm2::<f64>(),
-                    40.0,
-                    "the area must be that of frame 30, which has the peak force"
-                );
-                assert_eq!(*stance.moments_at_peak(0), AreaMoments::NONE);
+                assert_eq!(at_peak, Some(30), "this frame has the largest force of the stance");
+                assert_eq!([5, 0].map(|region| stance.region_peak_n(region)), [300.0, 0.0]);
             }
         }
     }
@@ -417,7 +416,7 @@ fn frame_rate_does_not_change_the_step() {
         assert!(ended, "{rate_hz} Hz");
         let (area_mm2, force_n) = (stance.curves().area_mm2(0), stance.curves().force_n(0));
         let sample_s = stance.curves().stride() as f32 * period_us as f32 * 1e-6;
-        RegionStep::new(&law, area_mm2, force_n, sample_s, stance.moments_at_peak(0))
+        RegionStep::new(&law, area_mm2, force_n, sample_s, &area_moments(600.0))
     };
     let reference = step_at(400);
     // The true integral and peak of the measured force.
@@ -441,6 +440,39 @@ fn frame_rate_does_not_change_the_step() {
         assert!((step.contact_s - 0.68).abs() < 0.03 + 2.0 * sample_s, "{rate_hz} Hz: {}", step.contact_s);
         assert!((step.time_to_peak_s - reference.time_to_peak_s).abs() <= 2.0 * sample_s + 0.01, "{rate_hz} Hz");
         assert!((step.model_error - reference.model_error).abs() < 0.02, "{rate_hz} Hz: {}", step.model_error);
+    }
+}
+
+/// The ellipse of a step is that of the cells in contact in the frame of the largest force of the region, by both rules.
+#[test]
+fn the_ellipse_of_a_step_is_that_of_the_frame_with_the_largest_force() {
+    let recording = synthetic::walk(&SyntheticWalk { steps: 3, ..SyntheticWalk::default() }).recording;
+    for contact in [ContactRule::COUNTED, ContactRule::COVERED] {
+        let virtual_insole = VirtualInsole::new(&recording, contact, StanceRule::ADAPTIVE);
+        let mut insole = Box::new(Insole::<f64, DEVICE_CELLS>::new());
+        insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("the insole is valid");
+        let mut codes = vec![0; recording.cells()];
+        let (mut at_peak, mut was_on_ground, mut steps) = ([(0.0, None); 8], false, 0);
+        for frame in 0..virtual_insole.frames(&recording) {
+            virtual_insole.codes_of(&recording, frame, &mut codes);
+            let is_toe_off = insole.frame(frame as u32, &codes);
+            if insole.on_ground() && !was_on_ground {
+                at_peak = [(0.0, None); 8];
+            }
+            was_on_ground = insole.on_ground();
+            for (region, (peak_n, ellipse)) in at_peak.iter_mut().enumerate() {
+                let force_n = insole.loads()[region].frame.force.force_n;
+                if force_n > *peak_n {
+                    (*peak_n, *ellipse) = (force_n, insole.ellipse(region));
+                }
+            }
+            if is_toe_off {
+                let step = insole.whole_step().expect("a step has ended");
+                assert_eq!(step.regions.map(|region| region.ellipse_at_peak), at_peak.map(|(_, ellipse)| ellipse));
+                steps += 1;
+            }
+        }
+        assert!(steps >= 2 && at_peak.iter().all(|(_, ellipse)| ellipse.is_some()), "{contact:?}: {steps} steps");
     }
 }
 

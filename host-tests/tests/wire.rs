@@ -9,7 +9,7 @@ use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::cumulative::{RegionTotal, Totals};
 use plantar::pipeline::model::ForceLaw;
-use plantar::pipeline::region::{AreaMoments, ForceMoments, RegionFrame};
+use plantar::pipeline::region::{ForceMoments, RegionFrame};
 use plantar::pipeline::setup::Setup;
 use plantar::pipeline::stance::Rejected;
 use plantar::pipeline::tissue::{AreaFilter, Identified, Tissue};
@@ -945,12 +945,8 @@ fn live_values_are_rounded_and_limited() {
     for (force_n, message_dn) in cases {
         loads[3].tissue.model_n = force_n;
         loads[3].tissue.deformation_m = force_n * 1e-7;
-        loads[3].frame = RegionFrame {
-            area: AreaMoments::NONE,
-            force: ForceMoments { force_n, ..ForceMoments::NONE },
-            saturated: true,
-            ..RegionFrame::NONE
-        };
+        loads[3].frame =
+            RegionFrame { force: ForceMoments { force_n, ..ForceMoments::NONE }, saturated: true, ..RegionFrame::NONE };
         loads[5].tissue.clamped = true;
         let live = Live::new(9, 10, &loads, 1 << 6, Some((12.34, 56.78)));
         let region =

@@ -44,8 +44,8 @@ impl Masking {
         cell.zero = u16::MAX;
         let load = &mut frame.loads[region].frame;
         let before = area_units(&load.area);
-        load.update_contact(&cell.region, &mut cell.contact, 0, 0.0);
-        cell.contact.disable();
+        load.update_contact(&cell.region, &mut cell.contact, 0, cell.zero, 0.0);
+        cell.contact.notify_always();
         let _ = self.masks.push(mask);
         area_units(&load.area) - before
     }
@@ -67,8 +67,8 @@ impl Masking {
             let region = frame.region(index);
             let (cell, load) = (&mut frame.cells[index], &mut frame.loads[region].frame);
             let above_kpa = frame.curve.pressure_kpa(i32::from(above));
-            load.update_contact(&cell.region, &mut cell.contact, code, above_kpa);
-            cell.contact.disable();
+            load.update_contact(&cell.region, &mut cell.contact, code, cell.zero, above_kpa);
+            cell.contact.notify_always();
             if above > 0 {
                 load.force.add(&cell.region, frame.curve.pressure_kpa(i32::from(above)));
             }

@@ -3,7 +3,9 @@
 use super::Insole;
 use crate::num::Real;
 use crate::pipeline::bout::BoutRecord;
+use crate::pipeline::cell::area_moments_at_peak;
 use crate::pipeline::measures::{FootMeasures, RegionMeasures};
+use crate::pipeline::region::AreaMoments;
 use crate::pipeline::step::{RegionStep, StepRecord};
 
 impl<R: Real, const N: usize> Insole<R, N> {
@@ -34,8 +36,11 @@ impl<R: Real, const N: usize> Insole<R, N> {
     /// If `region` is not an index of [`crate::Region::ALL`].
     pub fn step_region(&self, region: usize) -> RegionStep<R> {
         let (area_mm2, force_n, sample_s) = self.curves(region);
-        let step =
-            RegionStep::new(&self.force_laws[region], area_mm2, force_n, sample_s, self.stance.moments_at_peak(region));
+        let at_peak = match self.stance.region_peak_n(region) > R::ZERO {
+            true => area_moments_at_peak(&self.cells[self.division.cells(region)]),
+            false => AreaMoments::NONE,
+        };
+        let step = RegionStep::new(&self.force_laws[region], area_mm2, force_n, sample_s, &at_peak);
         RegionStep {
             ellipse_at_peak: step.ellipse_at_peak.map(|e| self.to_foot_coordinates(region, e)),
             counted_peak_mm2: match self.setup.contact.full_kpa > 0.0 {

@@ -4,7 +4,7 @@ use super::baseline::{Baseline, Rise};
 use super::calibrate::{CellCalibration, Curve, is_saturated};
 use super::contact::{ContactCell, ContactRule};
 use super::marks::CellMarks;
-use super::region::{AreaMoments, ForceMoments, RegionCell, RegionFrame};
+use super::region::{AreaMoments, ContactArea, ForceMoments, RegionCell, RegionFrame};
 use super::setup::{Division, SetupCell};
 use crate::num::Real;
 
@@ -17,6 +17,8 @@ pub(crate) struct InsoleCell<R> {
     pub(crate) contact: ContactCell,
     pub(crate) region: RegionCell<R>,
     pub(crate) marks: CellMarks,
+    /// The share in contact in the frame of the largest force of the region since heel strike.
+    share_at_peak: u16,
 }
 
 impl<R: Real> InsoleCell<R> {
@@ -30,21 +32,30 @@ impl<R: Real> InsoleCell<R> {
             contact: ContactCell::new(contact, curve, calibration, 0.0),
             region: RegionCell::new(cell, calibration.gain, x_mm, y_mm),
             marks: CellMarks::new(*row_column),
+            share_at_peak: 0,
         }
     }
 
-    /// Updates contact and region with a code that may change them; returns the change of [`area_units`]. It is not inlined,
-    /// because few cells change in a frame.
+    /// Processes a code for which [`ContactCell::is_unchanged`] is false. True if the cell has pressure.
+    #[inline(always)]
+    fn change(&mut self, code: u32, curve: &Curve, frame: &mut RegionFrame<R>) -> bool {
+        let has_pressure = code > self.zero.into();
+        // A cell without contact, or a masked one, remains so at zero pressure.
+        if has_pressure || (self.contact.is_loaded() && !self.is_masked()) {
+            self.update(code, curve, frame);
+        }
+        has_pressure
+    }
+
+    /// Updates contact and region with a code that may change them. It is not inlined, because few cells change in a frame.
     #[cold]
     #[inline(never)]
-    fn update(&mut self, code: u32, curve: &Curve, frame: &mut RegionFrame<R>) -> i32 {
+    fn update(&mut self, code: u32, curve: &Curve, frame: &mut RegionFrame<R>) {
         let curve_kpa: f32 = curve.pressure_kpa((code as i32 - i32::from(self.zero)).max(0));
-        let before = area_units(&frame.area);
         let above_kpa = (curve_kpa - self.baseline.residual_kpa).max(0.0);
-        frame.update_contact(&self.region, &mut self.contact, code, above_kpa);
+        frame.update_contact(&self.region, &mut self.contact, code, self.zero, above_kpa);
         self.marks.note(code, self.baseline.code, &mut self.contact);
         frame.saturated |= is_saturated(code);
-        area_units(&frame.area) - before
     }
 
     /// Lets the baseline follow a code of the lifted foot; see [`Baseline::follow`]. The contact follows with the next frame. True if
@@ -67,41 +78,102 @@ impl<R> InsoleCell<R> {
     pub(crate) fn begin_step(&mut self) {
         self.marks.begin_step(self.baseline.code, &mut self.contact);
     }
+
+    /// True if the pass over the cells ignores the cell.
+    pub(crate) fn is_masked(&self) -> bool {
+        self.zero == u16::MAX
+    }
+
+    /// Keeps the present share in contact as that of the frame of the largest force.
+    pub(crate) fn keep_share(&mut self) {
+        self.share_at_peak = self.contact.share();
+    }
 }
 
-/// Calibrates the cells of a region, sums their forces, and updates the contact area if the contact of a cell changed. Returns the
-/// change of [`area_units`]. If no pressure is found near the highest one of the frame before, [`RegionFrame::peak_code`] is 0 and
+/// Area moments of the cells of a region.
+pub(crate) fn area_moments<R>(cells: &[InsoleCell<R>]) -> AreaMoments {
+    sum_moments(cells, |cell| cell.contact.share())
+}
+
+/// Area moments of the cells of a region in the frame of its largest force.
+pub(crate) fn area_moments_at_peak<R>(cells: &[InsoleCell<R>]) -> AreaMoments {
+    sum_moments(cells, |cell| cell.share_at_peak)
+}
+
+fn sum_moments<R>(cells: &[InsoleCell<R>], share: impl Fn(&InsoleCell<R>) -> u16) -> AreaMoments {
+    let mut moments = AreaMoments::NONE;
+    cells.iter().for_each(|cell| moments.add(&cell.region, share(cell)));
+    moments
+}
+
+/// Calibrates the cells of a region, sums their forces, and updates the contact area. `COVERED` states whether cells can be in
+/// contact in part. If no pressure is found near the highest one of the frame before, [`RegionFrame::peak_code`] is 0 and
 /// [`find_peak`] must be called. A device spends most of its time in this loop, which has a function of its own so that all registers
 /// are available.
-#[inline(never)]
-pub(crate) fn sum_region<R: Real>(
+#[inline(always)]
+pub(crate) fn sum_region<R: Real, const COVERED: bool>(
     curve: &Curve,
     cells: &mut [InsoleCell<R>],
     codes: &[u16],
     frame: &mut RegionFrame<R>,
-) -> i32 {
-    let (mut force, mut change) = (ForceMoments::NONE, 0);
+) {
     // Pressures change little from frame to frame, so few cells must be compared.
     let candidate = frame.peak_code - (frame.peak_code >> 3);
-    let mut peak = Peak { kpa: R::ZERO, code: 0 };
+    let (force, followed) = (ForceMoments::NONE, ContactArea::NONE);
+    let mut sums = Sums { force, followed, candidate, peak: Peak { kpa: R::ZERO, code: 0 } };
     frame.saturated = false;
-    for (cell, &code) in cells.iter_mut().zip(codes) {
-        let (code, zero) = (u32::from(code), u32::from(cell.zero));
-        if !cell.contact.is_unchanged(code) {
-            change += cell.update(code, curve, frame);
+    // Some cells at a time, because the instructions of the loop itself are a tenth of it.
+    let (groups, last_cells) = cells.as_chunks_mut::<UNROLLED>();
+    let (code_groups, last_codes) = codes.as_chunks::<UNROLLED>();
+    for (group, group_codes) in groups.iter_mut().zip(code_groups) {
+        for (cell, code) in group.iter_mut().zip(group_codes) {
+            sums.add::<COVERED>(curve, cell, *code, frame);
         }
-        let above_zero = code as i32 - zero as i32;
-        if above_zero > 0 {
+    }
+    for (cell, code) in last_cells.iter_mut().zip(last_codes) {
+        sums.add::<COVERED>(curve, cell, *code, frame);
+    }
+    (frame.peak_kpa, frame.peak_code) = (sums.peak.kpa, sums.peak.code);
+    frame.force = sums.force;
+    frame.area.add(sums.followed);
+}
+
+/// Number of cells that [`sum_region`] processes without a loop.
+const UNROLLED: usize = 3;
+
+/// The sums over the cells of a region, and its highest cell so far.
+struct Sums<R> {
+    force: ForceMoments<R>,
+    /// Change of the area of cells that remain in contact in part.
+    followed: ContactArea,
+    /// Cells with lower codes are not compared with the highest cell.
+    candidate: i32,
+    peak: Peak<R>,
+}
+
+impl<R: Real> Sums<R> {
+    #[inline(always)]
+    fn add<const COVERED: bool>(
+        &mut self,
+        curve: &Curve,
+        cell: &mut InsoleCell<R>,
+        code: u16,
+        frame: &mut RegionFrame<R>,
+    ) {
+        let code = u32::from(code);
+        if cell.contact.is_unchanged(code) || cell.change(code, curve, frame) {
+            let above_zero = code as i32 - i32::from(cell.zero);
             let curve_kpa = curve.pressure_kpa(above_zero);
-            force.add(&cell.region, curve_kpa);
-            if above_zero > candidate {
-                peak.consider(cell, above_zero, curve_kpa);
+            self.force.add(&cell.region, curve_kpa);
+            if COVERED {
+                let above_kpa = curve.pressure_kpa::<f32>(above_zero) - cell.baseline.residual_kpa;
+                self.followed.change(&cell.region, cell.contact.follow(above_kpa));
+            }
+            if above_zero > self.candidate {
+                self.peak.consider(cell, above_zero, curve_kpa);
             }
         }
     }
-    (frame.peak_kpa, frame.peak_code) = (peak.kpa, peak.code);
-    frame.force = force;
-    change
 }
 
 /// The highest cell of a region. Its code is at least seven eighths of every other cell's, so it has the highest pressure as long as
@@ -142,8 +214,8 @@ pub(crate) const AREA_SHIFT: u32 = 4;
 
 /// Contact area of a region, in units with which the sum over all regions fits into 32 bits.
 #[inline(always)]
-pub(crate) fn area_units(moments: &AreaMoments) -> i32 {
-    moments.units() >> AREA_SHIFT
+pub(crate) fn area_units(area: &ContactArea) -> i32 {
+    area.units() >> AREA_SHIFT
 }
 
 /// The force of the baselines of a region's cells, and its moments about the region's reference point.

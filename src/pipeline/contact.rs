@@ -52,7 +52,7 @@ pub const WHOLE: u16 = 256;
 /// let mut curve = Curve::new();
 /// curve.set(&SensorLaw { full_kpa: 1000.0, exponent: 1.0 });
 /// let mut cell = ContactCell::new(&ContactRule::COUNTED, &curve, &CellCalibration::IDEAL, 0.0);
-/// let mut change = |kpa: f32| cell.update(u32::from(curve.first_code_at(kpa)), kpa);
+/// let mut change = |kpa: f32| cell.update(u32::from(curve.first_code_at(kpa)), 0, kpa);
 /// assert_eq!([change(9.0), change(10.0)], [0, i32::from(WHOLE)]);
 /// // It loses contact below 7.5 kPa.
 /// assert_eq!([change(8.0), change(7.0)], [0, -i32::from(WHOLE)]);
@@ -70,7 +70,7 @@ pub struct ContactCell {
     squared_shares_per_kpa: f32,
     /// The present share, in units of 1/[`WHOLE`].
     share: u16,
-    /// The codes from `low` to `low + span - 1` do not change the share.
+    /// The codes from `low` to `low + span - 1` need no [`ContactCell::update`]. All are above the code at zero pressure.
     low: u16,
     span: u16,
 }
@@ -90,11 +90,12 @@ impl ContactCell {
             0.0 => (0, 0.0),
             full_kpa => (code_at(full_kpa), f32::from(WHOLE) * f32::from(WHOLE) * cell.gain / full_kpa),
         };
-        Self { on, off: code_at(rule.off_kpa), full, squared_shares_per_kpa, share: 0, low: 0, span: on }
+        Self { on, off: code_at(rule.off_kpa), full, squared_shares_per_kpa, share: 0, low: 0, span: 0 }
     }
 
-    /// True if [`ContactCell::update`] need not be called: the code neither changes the share, nor is saturated, nor was requested
-    /// by one of the `notify` functions.
+    /// True if [`ContactCell::update`] need not be called: the cell has pressure and remains without contact, in contact in part, or
+    /// as a whole, and the code is neither saturated, nor was requested by one of the `notify` functions. The share of a cell that is in contact in
+    /// part must then be updated by [`ContactCell::follow`].
     #[inline(always)]
     pub fn is_unchanged(&self, code: u32) -> bool {
         // A code below `low` wraps to a number above any span.
@@ -105,18 +106,43 @@ impl ContactCell {
     /// the baseline, on the sensor curve that all cells share, kPa.
     ///
     /// The share is computed in single precision and integers on every machine, so that all machines compute the same area.
-    pub fn update(&mut self, code: u32, curve_kpa: f32) -> i32 {
+    pub fn update(&mut self, code: u32, zero: u16, curve_kpa: f32) -> i32 {
         let before = self.share;
         let threshold = if before > 0 { self.off } else { self.on };
-        let whole_from = self.full.max(self.off);
+        let (pressed_from, whole_from) = (zero.saturating_add(1), self.full.max(self.off));
         (self.share, self.low, self.span) = if code < u32::from(threshold) {
-            (0, 0, self.on)
+            (0, pressed_from, self.on.saturating_sub(pressed_from))
         } else if code >= u32::from(self.full) {
             (WHOLE, whole_from, FULL_CODE.saturating_sub(whole_from))
         } else {
-            ((Real::sqrt(curve_kpa * self.squared_shares_per_kpa) as u16).clamp(1, WHOLE), 0, 0)
+            (self.part(curve_kpa), self.off, self.full - self.off)
         };
         i32::from(self.share) - i32::from(before)
+    }
+
+    /// Updates the share of a cell that is in contact in part, with a code for which [`ContactCell::is_unchanged`] is true;
+    /// otherwise as [`ContactCell::update`]. It has no effect on other cells.
+    #[inline(always)]
+    pub fn follow(&mut self, curve_kpa: f32) -> i32 {
+        let before = self.share;
+        // A share of 0 wraps to a number above any other.
+        if before.wrapping_sub(1) < WHOLE - 1 {
+            self.share = self.part(curve_kpa);
+        }
+        i32::from(self.share) - i32::from(before)
+    }
+
+    /// The share of a cell that is in contact in part.
+    #[inline(always)]
+    fn part(&self, curve_kpa: f32) -> u16 {
+        // The clamped number fits into 16 bits. The FPU has an instruction for a conversion to 32 bits.
+        (Real::sqrt(curve_kpa * self.squared_shares_per_kpa) as u32).clamp(1, u32::from(WHOLE) - 1) as u16
+    }
+
+    /// The present share, in units of 1/[`WHOLE`].
+    #[inline(always)]
+    pub(crate) fn share(&self) -> u16 {
+        self.share
     }
 
     /// True if a part of the cell is in contact.
@@ -137,17 +163,18 @@ impl ContactCell {
 
     /// Requests [`ContactCell::update`] for codes that differ from `code` by more than [`SAME_CODE`].
     pub(crate) fn notify_on_change(&mut self, code: u16) {
-        (self.low, self.span) = (code.saturating_sub(SAME_CODE), 2 * SAME_CODE + 1);
+        self.low = code.saturating_sub(SAME_CODE).max(self.off);
+        self.span = code.saturating_add(SAME_CODE + 1).saturating_sub(self.low);
     }
 
-    /// Ends all calls of [`ContactCell::update`], whatever the code, as for a masked cell.
-    pub(crate) fn disable(&mut self) {
-        (self.low, self.span) = (0, u16::MAX);
+    /// Requests [`ContactCell::update`] for any code.
+    pub(crate) fn notify_always(&mut self) {
+        self.span = 0;
     }
 
     /// Adopts the thresholds of `new`. The share follows with the next [`ContactCell::update`], which is requested for any code.
     pub(crate) fn rebase(&mut self, new: Self) {
-        *self = Self { share: self.share, low: 0, span: 0, ..new };
+        *self = Self { share: self.share, ..new };
     }
 }
 

@@ -174,9 +174,10 @@ impl<R: Real> CumulativeLoad<R> {
     ) -> bool {
         let (dose_kpa, sustained_kpa) = (R::of_f32(limits.dose_kpa), R::of_f32(limits.sustained_kpa));
         let loaded_kpa = R::of_f32(LOADED_KPA);
+        let mut is_loaded = self.is_loaded;
         for (sums, region) in self.sums.iter_mut().zip(regions) {
             let kpa = region.peak_kpa;
-            self.is_loaded |= kpa >= loaded_kpa;
+            is_loaded |= kpa >= loaded_kpa;
             // Few frames stand for others, so repetition costs less than a product in every frame.
             for _ in 0..frames {
                 sums.squared_kpa2 += kpa * kpa;
@@ -184,6 +185,7 @@ impl<R: Real> CumulativeLoad<R> {
                 sums.dose_kpa += (kpa - dose_kpa).max(R::ZERO);
             }
         }
+        self.is_loaded = is_loaded;
         self.frames += frames;
         let is_second = self.frames >= self.second_frames;
         if is_second {

@@ -64,6 +64,8 @@ impl<R: Real> Curves<R> {
     }
 
     /// Adds linearly interpolated frames for the `missing` frames between the last one and this one.
+    #[cold]
+    #[inline(never)]
     pub(super) fn bridge(&mut self, missing: u32, regions: &[&RegionFrame<R>; 8], centre_mm: (R, R)) {
         let (from, from_mm) = (self.last, self.last_centre_mm);
         for i in 1..=missing {

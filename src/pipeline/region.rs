@@ -112,11 +112,11 @@ pub const MAX_DISTANCE_MM: f32 = 500.0;
 /// region, so that single precision suffices.
 #[derive(Clone, Copy, Debug)]
 pub struct RegionCell<R> {
-    /// Centroid relative to the reference point, mm.
-    x_mm: R,
-    y_mm: R,
     /// Force of the cell, N, for 1 kPa on the sensor curve that all cells share: its area times its gain.
     n_per_kpa: R,
+    /// First moments of this force about the reference point, N mm.
+    x_n_mm_per_kpa: R,
+    y_n_mm_per_kpa: R,
     /// Centroid relative to the reference point, in units of 1/[`PER_MM`] mm.
     x: i16,
     y: i16,
@@ -129,11 +129,12 @@ impl<R: Real> RegionCell<R> {
     /// the ratio of the pressure of the cell to the pressure on the sensor curve that all cells share.
     pub fn new(cell: &Cell, gain: f32, x_mm: f32, y_mm: f32) -> Self {
         let (dx_mm, dy_mm) = (cell.x_mm - x_mm, cell.y_mm - y_mm);
+        // 1 kPa on 1 mm2 is 1e-3 N.
+        let n_per_kpa = R::of_f32(cell.area_mm2) * R::of_f32(gain) * R::of(1e-3);
         Self {
-            x_mm: R::of_f32(dx_mm),
-            y_mm: R::of_f32(dy_mm),
-            // 1 kPa on 1 mm2 is 1e-3 N.
-            n_per_kpa: R::of_f32(cell.area_mm2) * R::of_f32(gain) * R::of(1e-3),
+            n_per_kpa,
+            x_n_mm_per_kpa: n_per_kpa * R::of_f32(dx_mm),
+            y_n_mm_per_kpa: n_per_kpa * R::of_f32(dy_mm),
             x: (dx_mm * PER_MM).round_i16(),
             y: (dy_mm * PER_MM).round_i16(),
             area: (cell.area_mm2 * PER_MM2).round_u16(),
@@ -162,9 +163,41 @@ impl<R: Real> RegionCell<R> {
     }
 }
 
-/// Zeroth to second moments of the contact area of a region about its reference point.
-///
-/// The moments are integers, so that adding and removing cells accumulates no error, and all machines compute the same area.
+/// Contact area of a region. It is an integer, so that changes accumulate no error, and all machines compute the same area.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ContactArea(i32);
+
+impl ContactArea {
+    /// No contact.
+    pub const NONE: Self = Self(0);
+
+    /// Updates the area after a change of the share of a cell that is in contact, in units of 1/[`WHOLE`].
+    #[inline(always)]
+    pub fn change<R>(&mut self, cell: &RegionCell<R>, share: i32) {
+        self.0 += share * i32::from(cell.area);
+    }
+
+    /// Adds another change.
+    #[inline(always)]
+    pub(crate) fn add(&mut self, other: Self) {
+        self.0 += other.0;
+    }
+
+    /// The area in units of 1/[`SHARES_PER_MM2`] mm2.
+    #[inline(always)]
+    pub(crate) fn units(&self) -> i32 {
+        self.0
+    }
+
+    /// The area in mm2.
+    #[inline(always)]
+    pub fn area_mm2<R: Real>(&self) -> R {
+        R::of_i32(self.0) * R::of(f64::from(1.0 / SHARES_PER_MM2))
+    }
+}
+
+/// Zeroth to second moments of the contact area of a region about its reference point. They are integers, so that all machines
+/// compute the same moments.
 ///
 /// ```
 /// use plantar::Region;
@@ -174,8 +207,8 @@ impl<R: Real> RegionCell<R> {
 /// // A cell of 100 mm2, half of it in contact, 3 mm lateral of the reference point at (40, 20) mm.
 /// let cell = Cell { region: Region::Heel, x_mm: 43.0, y_mm: 20.0, area_mm2: 100.0 };
 /// let mut moments = AreaMoments::NONE;
-/// moments.change(&RegionCell::<f64>::new(&cell, 1.0, 40.0, 20.0), i32::from(WHOLE) / 2);
-/// assert_eq!(moments.area_mm2::<f64>(), 50.0);
+/// moments.add(&RegionCell::<f64>::new(&cell, 1.0, 40.0, 20.0), WHOLE / 2);
+/// assert_eq!(moments.area().area_mm2::<f64>(), 50.0);
 /// let second = moments.second_moments::<f64>().unwrap();
 /// assert_eq!((second.x_mm, second.y_mm), (3.0, 0.0));
 /// // A square has a variance of its area / 12 along each axis.
@@ -183,7 +216,7 @@ impl<R: Real> RegionCell<R> {
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AreaMoments {
-    area: i32,
+    area: ContactArea,
     x: i64,
     y: i64,
     xx: i64,
@@ -193,17 +226,16 @@ pub struct AreaMoments {
 
 impl AreaMoments {
     /// No contact.
-    pub const NONE: Self = Self { area: 0, x: 0, y: 0, xx: 0, xy: 0, yy: 0 };
+    pub const NONE: Self = Self { area: ContactArea::NONE, x: 0, y: 0, xx: 0, xy: 0, yy: 0 };
 
-    /// Updates the moments after a change of the share of a cell that is in contact. `share` is the change, in units of
-    /// 1/[`WHOLE`]. The part in contact is assumed to have the centre and the extent of the whole cell: a square of the cell's
-    /// area, with a variance of area / 12 along each axis.
-    pub fn change<R>(&mut self, cell: &RegionCell<R>, share: i32) {
-        let area = share * i32::from(cell.area);
+    /// Adds a cell of which `share` is in contact, in units of 1/[`WHOLE`]. The part in contact is assumed to have the centre and
+    /// the extent of the whole cell: a square of the cell's area, with a variance of area / 12 along each axis.
+    pub fn add<R>(&mut self, cell: &RegionCell<R>, share: u16) {
+        let area = i32::from(share) * i32::from(cell.area);
         let (x, y) = (i32::from(cell.x), i32::from(cell.y));
         let own_variance = i32::from(cell.area) * (PER_MM * PER_MM / PER_MM2) as i32 / 12;
         let weighted = |moment: i32| i64::from(area) * i64::from(moment);
-        self.area += area;
+        self.area.0 += area;
         self.x += weighted(x);
         self.y += weighted(y);
         self.xx += weighted(x * x + own_variance);
@@ -211,32 +243,26 @@ impl AreaMoments {
         self.yy += weighted(y * y + own_variance);
     }
 
-    /// Contact area, in units of 1/[`SHARES_PER_MM2`] mm2.
-    #[inline(always)]
-    pub(crate) fn units(&self) -> i32 {
+    /// Contact area.
+    pub fn area(&self) -> ContactArea {
         self.area
-    }
-
-    /// Contact area, mm2.
-    #[inline(always)]
-    pub fn area_mm2<R: Real>(&self) -> R {
-        R::of_i32(self.area) * R::of(f64::from(1.0 / SHARES_PER_MM2))
     }
 
     /// Mean position and covariance of the contact area; `None` without contact.
     pub fn second_moments<R: Real>(&self) -> Option<SecondMoments<R>> {
-        if self.area <= 0 {
+        let ContactArea(units) = self.area;
+        if units <= 0 {
             return None;
         }
         // The moments are first shifted, in integers, to the coordinate unit nearest to the mean. Without this shift, the variance
         // of a contact far from the reference point would be a small difference of large squares, which single precision loses.
-        let area = i64::from(self.area);
+        let area = i64::from(units);
         let (centre_x, centre_y) = (self.x / area, self.y / area);
         let (x, y) = (self.x - centre_x * area, self.y - centre_y * area);
         let xx = self.xx - centre_x * (self.x + x);
         let yy = self.yy - centre_y * (self.y + y);
         let xy = self.xy - centre_x * self.y - centre_y * x;
-        let per_area = R::ONE / R::of_i32(self.area);
+        let per_area = R::ONE / R::of_i32(units);
         let mean = |sum: i64| R::of_i64(sum) * per_area;
         let (dx, dy) = (mean(x), mean(y));
         let (mm, mm2) = (R::of(f64::from(1.0 / PER_MM)), R::of(f64::from(1.0 / (PER_MM * PER_MM))));
@@ -283,10 +309,9 @@ impl<R: Real> ForceMoments<R> {
     /// Adds the force of a cell. `curve_kpa` is its pressure on the sensor curve that all cells share, before its gain, kPa.
     #[inline(always)]
     pub fn add(&mut self, cell: &RegionCell<R>, curve_kpa: R) {
-        let force_n = curve_kpa * cell.n_per_kpa;
-        self.force_n += force_n;
-        self.x_n_mm += force_n * cell.x_mm;
-        self.y_n_mm += force_n * cell.y_mm;
+        self.force_n += curve_kpa * cell.n_per_kpa;
+        self.x_n_mm += curve_kpa * cell.x_n_mm_per_kpa;
+        self.y_n_mm += curve_kpa * cell.y_n_mm_per_kpa;
     }
 
     /// Subtracts the residual force of the shoe. If nothing remains, the result is no force.
@@ -309,8 +334,8 @@ impl<R: Real> ForceMoments<R> {
 /// The measured quantities of one region in one frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RegionFrame<R> {
-    /// Moments of the contact area.
-    pub area: AreaMoments,
+    /// Contact area.
+    pub area: ContactArea,
     /// Measured force.
     pub force: ForceMoments<R>,
     /// Largest cell pressure, kPa. Masked cells are not considered.
@@ -326,7 +351,7 @@ pub struct RegionFrame<R> {
 impl<R: Real> RegionFrame<R> {
     /// The unloaded region.
     pub const NONE: Self = Self {
-        area: AreaMoments::NONE,
+        area: ContactArea::NONE,
         force: ForceMoments::NONE,
         peak_kpa: R::ZERO,
         peak_code: 0,
@@ -341,10 +366,11 @@ impl<R: Real> RegionFrame<R> {
         cell: &RegionCell<R>,
         contact: &mut ContactCell,
         code: u32,
+        zero: u16,
         curve_kpa: f32,
     ) {
         let was_loaded = contact.is_loaded();
-        let share = contact.update(code, curve_kpa);
+        let share = contact.update(code, zero, curve_kpa);
         self.area.change(cell, share);
         if contact.is_loaded() != was_loaded {
             let (counted, most) = self.counted;

@@ -7,7 +7,7 @@
 use super::bout::{BoutRecord, Bouts};
 use super::curves::Curves;
 use super::lift::Constancy;
-use super::region::{AreaMoments, RegionFrame, Side};
+use super::region::{RegionFrame, Side};
 use super::stance_rule::StanceLimits;
 use crate::num::Real;
 use serde::{Deserialize, Serialize};
@@ -54,7 +54,7 @@ enum Phase {
 ///     let force_n = if (50..110).contains(&seq) { 600.0 } else { 0.0 };
 ///     let loaded = RegionFrame { force: ForceMoments { force_n, ..ForceMoments::NONE }, ..RegionFrame::NONE };
 ///     let regions = [loaded, RegionFrame::NONE];
-///     stance.push(&limits, seq, core::array::from_fn(|region| &regions[region.min(1)]), (0.0, 0.0))
+///     stance.push(&limits, seq, &core::array::from_fn(|region| &regions[region.min(1)]), (0.0, 0.0))
 /// });
 /// // Toe off is confirmed after 40 ms.
 /// assert_eq!((toe_off, stance.start_seq(), stance.frames()), (Some(113), 50, 60));
@@ -77,8 +77,10 @@ pub struct Stance<R> {
     bridged: u32,
     curves: Curves<R>,
     bouts: Bouts<R>,
-    /// Largest measured force of each region, N, and its area moments in that frame.
-    at_peak: [(R, AreaMoments); 8],
+    /// Largest measured force of each region, N.
+    region_peaks_n: [R; 8],
+    /// Bit i: the last frame was stored, and has the largest measured force of region i so far.
+    at_peak: u8,
     saturated: u8,
     rejected: Rejected,
     /// Largest total force since heel strike, N.
@@ -108,7 +110,8 @@ impl<R: Real> Stance<R> {
             bridged: 0,
             curves: Curves::EMPTY,
             bouts: Bouts::new(),
-            at_peak: [(R::ZERO, AreaMoments::NONE); 8],
+            region_peaks_n: [R::ZERO; 8],
+            at_peak: 0,
             saturated: 0,
             rejected: Rejected { short: 0, long: 0, broken: 0 },
             peak_n: R::ZERO,
@@ -141,9 +144,10 @@ impl<R: Real> Stance<R> {
         &mut self,
         limits: &StanceLimits<R>,
         seq: u32,
-        regions: [&RegionFrame<R>; 8],
+        regions: &[&RegionFrame<R>; 8],
         centre_mm: (R, R),
     ) -> bool {
+        self.at_peak = 0;
         let total_n: R = regions.iter().map(|r| r.force.force_n).sum();
         let missing = match self.phase {
             Phase::Unknown => 0,
@@ -180,7 +184,7 @@ impl<R: Real> Stance<R> {
                 self.phase = Phase::Swing;
                 if total_n >= strike_n {
                     self.begin(seq);
-                    self.store(&regions, centre_mm);
+                    self.store(regions, centre_mm);
                     self.peak_n = total_n;
                     self.loaded = 1;
                     return false;
@@ -203,9 +207,11 @@ impl<R: Real> Stance<R> {
                 false
             }
             Phase::Stance => {
-                self.curves.bridge(missing, &regions, centre_mm);
-                self.bridged_so_far += missing;
-                self.store(&regions, centre_mm);
+                if missing > 0 {
+                    self.curves.bridge(missing, regions, centre_mm);
+                    self.bridged_so_far += missing;
+                }
+                self.store(regions, centre_mm);
                 self.peak_n = self.peak_n.max(total_n);
                 if total_n >= release_n {
                     (self.loaded, self.bridged) = (self.curves.frames(), self.bridged_so_far);
@@ -220,7 +226,7 @@ impl<R: Real> Stance<R> {
                 return self.curves.frames() - self.loaded >= limits.min_swing_frames && self.end(limits);
             }
         };
-        self.bouts.frame(seq, 1 + missing.min(BRIDGED_FRAMES), &regions, self.on_ground());
+        self.bouts.frame(seq, 1 + missing.min(BRIDGED_FRAMES), regions, self.on_ground());
         is_toe_off
     }
 
@@ -300,7 +306,7 @@ impl<R: Real> Stance<R> {
         self.start_seq = seq;
         (self.loaded, self.bridged_so_far, self.bridged) = (0, 0, 0);
         self.curves.clear();
-        self.at_peak = [(R::ZERO, AreaMoments::NONE); 8];
+        self.region_peaks_n = [R::ZERO; 8];
         self.saturated = 0;
     }
 
@@ -314,9 +320,10 @@ impl<R: Real> Stance<R> {
     /// Adds a measured frame.
     fn store(&mut self, regions: &[&RegionFrame<R>; 8], centre_mm: (R, R)) {
         let is_stored = self.curves.push(regions, centre_mm);
-        for (i, (region, peak)) in regions.iter().zip(&mut self.at_peak).enumerate() {
-            if is_stored && region.force.force_n > peak.0 {
-                *peak = (region.force.force_n, region.area);
+        for (i, (region, peak_n)) in regions.iter().zip(&mut self.region_peaks_n).enumerate() {
+            if is_stored && region.force.force_n > *peak_n {
+                *peak_n = region.force.force_n;
+                self.at_peak |= 1 << i;
             }
             self.saturated |= u8::from(region.saturated) << i;
         }
@@ -332,12 +339,17 @@ impl<R: Real> Stance<R> {
         &self.curves
     }
 
-    /// Area moments of a region, about its reference point, in the stored frame of its largest measured force.
+    /// Bit i: the last frame is the stored frame with the largest measured force of region i since heel strike.
+    pub fn at_peak(&self) -> u8 {
+        self.at_peak
+    }
+
+    /// Largest measured force of a region in the stored frames since heel strike, N.
     ///
     /// # Panics
     /// If `region` is not an index of [`crate::Region::ALL`].
-    pub fn moments_at_peak(&self, region: usize) -> &AreaMoments {
-        &self.at_peak[region].1
+    pub fn region_peak_n(&self, region: usize) -> R {
+        self.region_peaks_n[region]
     }
 
     /// Sequence number of the frame of heel strike.

@@ -1,6 +1,8 @@
 //! Messages to bytes and back.
 
 use crate::checksum::crc32;
+use heapless::Vec;
+use postcard::ser_flavors::Flavor;
 use serde::{Deserialize, Serialize};
 
 /// Longest message, bytes.
@@ -17,6 +19,36 @@ pub type EncodeError = postcard::Error;
 /// Where `buffer` is too short.
 pub fn encode<'b, T: Serialize>(message: &T, buffer: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
     postcard::to_slice(message, buffer)
+}
+
+/// Appends an encoded message without a frame, for a queue of messages, in which it has its place already.
+///
+/// # Errors
+/// Where `message` has too little room.
+#[inline(always)]
+pub(crate) fn append<T: Serialize, const N: usize>(value: &T, message: &mut Vec<u8, N>) -> Result<(), EncodeError> {
+    postcard::serialize_with_flavor(value, Append(message))
+}
+
+/// Appends bytes to a message. A buffer of bytes would have to be initialised first.
+struct Append<'a, const N: usize>(&'a mut Vec<u8, N>);
+
+impl<const N: usize> Flavor for Append<'_, N> {
+    type Output = ();
+
+    #[inline(always)]
+    fn try_extend(&mut self, data: &[u8]) -> Result<(), EncodeError> {
+        self.0.extend_from_slice(data).map_err(|_| EncodeError::SerializeBufferFull)
+    }
+
+    #[inline(always)]
+    fn try_push(&mut self, data: u8) -> Result<(), EncodeError> {
+        self.0.push(data).map_err(|_| EncodeError::SerializeBufferFull)
+    }
+
+    fn finalize(self) -> Result<(), EncodeError> {
+        Ok(())
+    }
 }
 
 /// Decodes exactly one message without a frame; `None` for anything else.

@@ -12,7 +12,9 @@ use super::cell_stream::CellSender;
 use super::command::{Answer, Configured};
 pub use super::command::{Command, CommandResult};
 use super::ellipses::EllipseSender;
-use super::{Hello, Live, LoadRecord, MAJOR, MAX_LIVE, Refusal, SETUP_CELLS, Status, ToDevice, ToHost, encode};
+use super::{
+    Hello, Live, LoadRecord, MAJOR, MAX_LIVE, Refusal, SETUP_CELLS, Status, ToDevice, ToHost, codec::append, encode,
+};
 use crate::faults::Faults;
 use crate::pipeline::alert::{DailyLoad, MAX_SNOOZE_S};
 use crate::sequence;
@@ -278,12 +280,11 @@ impl Session {
         if self.live.is_full() {
             self.live.pop_front();
         }
-        let mut message = Vec::new();
-        // A live frame has at most MAX_LIVE bytes by its field types.
-        let _ = message.resize_default(MAX_LIVE);
-        if let Ok(used) = encode(&ToHost::Live(live), &mut message).map(|used| used.len()) {
-            message.truncate(used);
-            let _ = self.live.push_back(message);
+        // The message is encoded in its place in the queue, which now has room for it.
+        let _ = self.live.push_back(Vec::new());
+        if let Some(message) = self.live.back_mut() {
+            // This cannot fail: a live frame has at most MAX_LIVE bytes by its field types.
+            let _ = append(&ToHost::Live(live), message);
         }
     }
 

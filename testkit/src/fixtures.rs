@@ -65,7 +65,7 @@ pub fn pressure_of(law: &SensorLaw, code: u16) -> f64 {
 pub fn moments(cells: &[(Cell, u16)], x_mm: f32, y_mm: f32) -> AreaMoments {
     let mut moments = AreaMoments::NONE;
     for (cell, share) in cells {
-        moments.change(&RegionCell::<f32>::new(cell, 1.0, x_mm, y_mm), i32::from(*share));
+        moments.add(&RegionCell::<f32>::new(cell, 1.0, x_mm, y_mm), *share);
     }
     moments
 }

@@ -181,7 +181,7 @@ fn stances(foot: &Foot) -> Vec<[f64; 3]> {
         let whole = RegionFrame { force: ForceMoments { force_n, ..ForceMoments::NONE }, ..RegionFrame::NONE };
         let none = RegionFrame::NONE;
         let regions = core::array::from_fn(|region| if region == 0 { &whole } else { &none });
-        if stance.push(&limits, seq, regions, (0.0, 0.0)) {
+        if stance.push(&limits, seq, &regions, (0.0, 0.0)) {
             let seconds = |frames: u32| f64::from(frames) * f64::from(PERIOD_US) / 1e6;
             let peak_n = (0..stance.curves().samples()).map(|i| stance.curves().total_n(i)).fold(0.0, f64::max);
             found.push([seconds(stance.start_seq()), seconds(stance.start_seq() + stance.frames()), peak_n]);

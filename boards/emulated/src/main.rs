@@ -27,7 +27,7 @@ use embassy_time::{Duration, Instant};
 use emulation::{EmulatorConfig, FlashFile, InjectedFault};
 use heapless::String;
 use injected_fault::{MayStall, inject};
-use plant::{Clock, FRAME_TAKEN, PlantMatrix};
+use plant::{Clock, FRAME_EVALUATED, PlantMatrix};
 use plantar::Side;
 use plantar::firmware::ble::GattSession;
 use plantar::firmware::board::{Gauges, Stopwatch, Ticker};
@@ -81,14 +81,16 @@ impl Stopwatch for SysTick {
 
     fn start(&self) -> u32 {
         // Processing calls this function whenever it has taken a frame from the queue. A real stopwatch does only the last line;
-        // this board also uses the call to wake the paced clock and to inject faults into processing.
-        FRAME_TAKEN.signal(());
+        // this board also uses the call to inject faults into processing.
         inject(&PROCESSING);
         SYST::get_current()
     }
 
     fn cycles_since(&self, start: u32) -> u32 {
         let now = SYST::get_current();
+        // Processing calls this function when it has evaluated the frame. The paced clock is woken now, not earlier, so that the
+        // interrupts of the simulated matrix are not part of the measured time.
+        FRAME_EVALUATED.signal(());
         if now <= start { start - now } else { start + RELOAD + 1 - now }
     }
 }

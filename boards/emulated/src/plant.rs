@@ -102,9 +102,8 @@ impl Matrix for PlantMatrix {
     }
 }
 
-/// Signalled when processing takes a frame from the queue. The previous frame is then completed, so its place in the queue is
-/// free.
-pub static FRAME_TAKEN: Signal<CriticalSectionRawMutex, ()> = Signal::new();
+/// Signalled when processing has evaluated a frame. The previous frame is then completed, so its place in the queue is free.
+pub static FRAME_EVALUATED: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 
 /// The frame clock of the emulated board.
 pub enum Clock {
@@ -137,7 +136,7 @@ impl FrameClock for Clock {
             Self::Ticker(ticker) => ticker.next().await,
             Self::Paced { port, counters, queue, tick, first } => {
                 while counters.heartbeats.pending_frames() >= *queue {
-                    wait_with_heartbeats(counters, FRAME_TAKEN.wait()).await;
+                    wait_with_heartbeats(counters, FRAME_EVALUATED.wait()).await;
                 }
                 let this = *tick;
                 *tick = this.wrapping_add(1);
