@@ -129,7 +129,7 @@ impl Insole {
             model_dn: 5 * k + 100 * i,
             measured_dn: 7 * k + 101 * i,
         };
-        let on_ground = k % 3 != 0;
+        let on_ground = !k.is_multiple_of(3);
         let live = Live {
             sequence,
             t_us: unix_us_of(sequence) - self.begin_us,
