@@ -58,20 +58,27 @@ impl Insole {
         })
     }
 
-    /// The next event: its kind, and its values as JSON. `None` if none arrived within a moment; after the link was lost, the
-    /// call makes one attempt to open it again.
-    fn next_event(&self, py: Python) -> PyResult<Option<(&'static str, String)>> {
-        let event = self.with_link(py, |link| link.next_event())?;
+    /// The next event: its kind, its values as JSON, and the time of its frame or of the start of its record on this computer's
+    /// clock, s since 1970. `None` if none arrived within a moment; after the link was lost, the call makes one attempt to open
+    /// it again.
+    fn next_event(&self, py: Python) -> PyResult<Option<(&'static str, String, Option<f64>)>> {
+        let (event, axis) = self.with_link(py, |link| Ok((link.next_event()?, link.client().axis().clone())))?;
+        let seconds = |us: Option<u64>| us.map(|us| us as f64 / 1e6);
         Ok(match event {
-            Event::Message(ToHost::Live(live)) => Some(("live", live_to_json(&live).to_string())),
-            Event::Message(message) => LoadRecord::of(&message).map(|record| match record {
-                LoadRecord::Step(step) => ("step", step_to_json(&step).to_string()),
-                LoadRecord::Bout(bout) => ("bout", bout_to_json(&bout).to_string()),
-                LoadRecord::Alert(alert) => ("alert", alert_to_json(&alert).to_string()),
+            Event::Message(ToHost::Live(live)) => {
+                Some(("live", live_to_json(&live).to_string(), seconds(axis.host_us(live.t_us))))
+            }
+            Event::Message(message) => LoadRecord::of(&message).map(|record| {
+                let (kind, values) = match &record {
+                    LoadRecord::Step(step) => ("step", step_to_json(step)),
+                    LoadRecord::Bout(bout) => ("bout", bout_to_json(bout)),
+                    LoadRecord::Alert(alert) => ("alert", alert_to_json(alert)),
+                };
+                (kind, values.to_string(), seconds(axis.start_us(&record)))
             }),
-            Event::Started(_) => Some(("started", "{}".into())),
+            Event::Started(_) => Some(("started", "{}".into(), None)),
             Event::Lost(error) if error.is_link_failure() => {
-                Some(("lost", json!({ "reason": format!("{:#}", anyhow!(error)) }).to_string()))
+                Some(("lost", json!({ "reason": format!("{:#}", anyhow!(error)) }).to_string(), None))
             }
             Event::Lost(error) => return Err(failure(&self.name, error)),
             Event::Timeout => None,

@@ -89,6 +89,33 @@ def test_live_frames_and_steps_arrive_asynchronously() -> None:
 
 
 @needs_insole
+def test_load_bouts_and_alerts_arrive_asynchronously_with_their_times_and_are_acknowledged() -> None:
+    async def follow(insole: plantar.Insole) -> dict[str, plantar.Event]:
+        events: dict[str, plantar.Event] = {}
+        async for event in insole:
+            events[event.kind] = event
+            if {"live", "bout", "alert"} <= events.keys():
+                break
+        return events
+
+    with simulated(1) as (address, process), plantar.Insole.connect(tcp=address) as insole:
+        events = asyncio.run(follow(insole))
+        insole.next_event()
+        assert process.stdout is not None
+        assert [process.stdout.readline() for _ in range(3)] == [f"acknowledged {number}\n" for number in range(3)]
+    bout, alert = events["bout"].values, events["alert"].values
+    assert (bout["number"], bout["kind"], bout["duration_s"]) == (1, "shuffling", 61.23)
+    assert bout["regions"]["heel"]["measured_force_integral_n_s"] == 1234.56
+    assert (alert["number"], alert["window_s"], alert["dose"]) == (2, 900, ["heel"])
+    assert alert["sustained"] == ["heel", "metatarsals_12", "hallux"]
+    # The clock of the simulated insole began at 1.7e9 s.
+    assert events["bout"].unix_s == pytest.approx(1_700_000_009.0, abs=1e-3)
+    assert events["alert"].unix_s == pytest.approx(1_700_000_901.0, abs=1e-3)
+    assert events["live"].unix_s == pytest.approx(1_700_005_000.01, abs=1e-3)
+    assert events["started"].unix_s is None
+
+
+@needs_insole
 def test_pushed_parameters_are_those_that_the_command_line_reads_from_the_insole(tmp_path: pathlib.Path) -> None:
     command("params", "typical", "--size", 38, "--out", tmp_path / "params.toml")
     with simulated(0) as (address, _):

@@ -1,6 +1,6 @@
 //! A simulated insole at a network port, for tests of other programs: `cargo run -p testkit --example simulated_insole -- STEPS`.
-//! The code of the firmware's session serves one host after the other; it stores parameters, but computes nothing with them. The
-//! program prints its address, and then each acknowledgement that arrives.
+//! The code of the firmware's session serves one host after the other; it stores parameters, but computes nothing with them. After
+//! the steps it sends a load bout and an alert. The program prints its address, and then each acknowledgement that arrives.
 
 use plantar::protocol::session::{CommandResult, Session};
 use plantar::protocol::{Decoder, MAX_FRAME, MAX_MESSAGE, ToDevice, decode, frame};
@@ -13,6 +13,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("{}", listener.local_addr()?);
     let mut session = Session::new();
     (0..steps).for_each(|number| session.push_record(testkit::step(number)));
+    session.push_record(testkit::bout(steps));
+    session.push_record(testkit::alert(steps + 1));
     for host in listener.incoming() {
         // A host may close its connection at any time.
         let _ = serve(&mut session, host?);
@@ -34,7 +36,7 @@ fn serve(session: &mut Session, mut host: TcpStream) -> io::Result<()> {
             if let ToDevice::Acknowledge { step } = message {
                 println!("acknowledged {step}");
             }
-            session.receive(message, 0);
+            session.receive(message, device_us(&message));
             if session.command().is_some() {
                 session.complete(Ok(CommandResult::Stored));
             }
@@ -47,5 +49,13 @@ fn serve(session: &mut Session, mut host: TcpStream) -> io::Result<()> {
             let len = frame(message, &mut framed);
             host.write_all(&framed[..len])?;
         }
+    }
+}
+
+/// The insole's clock, which began 1.7e9 s after the Unix epoch: a request for its time arrives at the moment at which it was sent.
+fn device_us(message: &ToDevice) -> u64 {
+    match message {
+        ToDevice::GetTime { host_us } => host_us - 1_700_000_000_000_000,
+        _ => 0,
     }
 }

@@ -21,6 +21,9 @@ class Event:
     """``live`` for a frame, ``step``, ``bout`` and ``alert`` for records, ``started`` and ``lost`` for the link."""
     values: dict[str, Any]
     """The values; docs/quantities.md describes the names."""
+    unix_s: float | None
+    """Time of the frame, or of the start of the record, on this computer's clock, s since 1970, UTC: one clock for several insoles.
+    ``None`` for a change of the link, and where the time is unknown."""
 
 
 class Insole:
@@ -68,10 +71,10 @@ class Insole:
         event = self._core.next_event()
         if event is None:
             return None
-        kind, values = event[0], json.loads(event[1])
+        kind, values, unix_s = event[0], json.loads(event[1]), event[2]
         if kind in ("step", "bout", "alert"):
             self._pending = values["step" if kind == "step" else "number"]
-        return Event(kind, values)
+        return Event(kind, values, unix_s)
 
     def __iter__(self) -> Iterator[Event]:
         while True:

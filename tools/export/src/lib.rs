@@ -7,6 +7,7 @@
 pub mod c3d;
 pub mod csv;
 pub mod mat;
+pub mod mcap;
 pub mod motion_bids;
 pub mod opensim;
 

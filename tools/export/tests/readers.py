@@ -1,6 +1,6 @@
 """Reads an exported file with an independent program, and prints its content as JSON.
 
-Arguments: the reader (ezc3d, c3d, opensim, scipy, pandas or bids) and the path. The object has the rate in Hz (`rate_hz`) or the
+Arguments: the reader (ezc3d, c3d, opensim, scipy, pandas, bids or mcap) and the path. The object has the rate in Hz (`rate_hz`) or the
 times in s (`t_s`), the values of each channel by its name (`channels`, with null for an absent value), the events as pairs of a
 time in s and a name (`events`), and the units of the channels (`units`), as far as the format has them.
 """
@@ -155,6 +155,63 @@ def read_bids(path):
         "errors": [issue for issue in issues if issue["severity"] == "error"],
         "warnings": [issue for issue in issues if issue["severity"] == "warning"],
     }
+
+
+def read_mcap(path):
+    from mcap.reader import make_reader
+
+    messages, units = {}, {}
+    with open(path, "rb") as handle:
+        reader = make_reader(handle, validate_crcs=True)
+        metadata = {record.name: record.metadata for record in reader.iter_metadata()}
+        for schema, channel, message in reader.iter_messages():
+            assert channel.message_encoding == "json" and schema.encoding == "jsonschema"
+            properties = json.loads(schema.data)["properties"]
+            content = json.loads(message.data)
+            assert content.keys() <= properties.keys()
+            messages.setdefault(channel.topic, []).append((message.log_time, content))
+            if schema.name == "plantar.Frame":
+                side = channel.topic.split("/")[1]
+                units |= {f"{side}_{name}": of["description"].split(", ")[-1] for name, of in properties.items()}
+    found = {"rate_hz": float(metadata["plantar"]["rate_hz"]), "channels": {}, "units": units, "events": [], "feet": {}}
+    for topic, of_topic in messages.items():
+        _, side, kind = topic.split("/")
+        foot = found["feet"].setdefault(side, {"source": metadata["plantar"][f"{side}_source"]})
+        times_s = [log_time / 1e9 for log_time, _ in of_topic]
+        contents = [content for _, content in of_topic]
+        if kind == "frame":
+            found["t_s"] = times_s
+            names = (name[len(side) + 1 :] for name in units if name.startswith(side))
+            found["channels"] |= {f"{side}_{name}": [content.get(name) for content in contents] for name in names}
+        elif kind == "pressure":
+            foot |= read_clouds(contents, times_s)
+        elif kind == "step":
+            foot["steps"] = contents
+        else:
+            found["events"] += [[t_s, f"{side}_{content['event']}"] for t_s, content in zip(times_s, contents)]
+    return found
+
+
+def read_clouds(clouds, times_s):
+    """The points of the first foxglove.PointCloud, and the pressures of all."""
+    import base64
+
+    pressures = []
+    for cloud, t_s in zip(clouds, times_s, strict=True):
+        assert abs(cloud["timestamp"]["sec"] + cloud["timestamp"]["nsec"] / 1e9 - t_s) < 1e-9
+        # The type 7 of Foxglove is a float with 32 bits.
+        assert all(field["type"] == 7 for field in cloud["fields"])
+        layout = {
+            "names": [field["name"] for field in cloud["fields"]],
+            "formats": ["<f4"] * len(cloud["fields"]),
+            "offsets": [field["offset"] for field in cloud["fields"]],
+            "itemsize": cloud["point_stride"],
+        }
+        points = np.frombuffer(base64.b64decode(cloud["data"]), dtype=layout)
+        pressures.extend(points["pressure_kpa"])
+        if len(pressures) == len(points):
+            first = {f"{axis}_m": plain(points[axis]) for axis in "xyz"}
+    return first | {"pressure_kpa": plain(pressures)}
 
 
 json.dump(globals()[f"read_{sys.argv[1]}"](sys.argv[2]), sys.stdout)

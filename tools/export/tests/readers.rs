@@ -1,7 +1,7 @@
 //! Exported files, read by independent programs, contain what was measured.
 
 use export::motion_bids::Names;
-use export::{EventKind, Foot, Quantity, Session, c3d, csv, mat, motion_bids, opensim};
+use export::{EventKind, Foot, Quantity, Session, c3d, csv, mat, mcap, motion_bids, opensim};
 use parameters::{InsoleSize, Parameters};
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
@@ -363,4 +363,51 @@ fn csv_is_read_by_pandas() {
     compare_events(&found, &session, 0.0);
     // Two feet with eight regions.
     assert_eq!(Quantity::all().count() * 2, found["channels"].as_object().map_or(0, |them| them.len()));
+}
+
+#[test]
+#[ignore = "needs the readers of the formats: cargo xtask test"]
+fn mcap_is_read_by_foxgloves_own_reader() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("walk.mcap");
+    let session = both_feet();
+    mcap::write(&session, &path).expect("written");
+    let found = read("mcap", &path);
+    assert_eq!(found["rate_hz"], 100.0);
+    compare("t_s", &found["t_s"], session.t_s.iter().copied(), 1e-9);
+    compare_channels(&found, &session, f64::NAN, 0.0);
+    compare_events(&found, &session, 0.0);
+    for (foot, direction) in session.feet.iter().zip([-1.0, 1.0]) {
+        let read = &found["feet"][foot.side.name()];
+        assert_eq!(read["source"], foot.source);
+        compare("pressure", &read["pressure_kpa"], foot.pressure_kpa.iter().copied().map(f64::from), 0.0);
+        // The medial edges are 5 cm apart, and the lateral sides outside.
+        let cells = &foot.layout.cells;
+        compare("x", &read["x_m"], cells.iter().map(|cell| direction * (0.025 + cell.x_mm / 1e3)), SINGLE);
+        compare("y", &read["y_m"], cells.iter().map(|cell| cell.y_mm / 1e3), SINGLE);
+        let steps = read["steps"].as_array().expect("steps");
+        assert_eq!(steps.len(), foot.steps.len());
+        for (found, step) in steps.iter().zip(&foot.steps) {
+            assert_eq!(found["heel_strike_s"], step.heel_strike_s);
+            assert_eq!(found["toe_off_s"], step.toe_off_s);
+            for (region, of) in Region::ALL.iter().zip(&step.step.regions) {
+                let column = |name: &str| &found[format!("{}_{name}", region.name())];
+                assert_eq!(*column("measured_force_peak_n"), f64::from(of.measured_peak_dn) / 10.0);
+                assert_eq!(*column("area_peak_mm2"), f64::from(of.area_peak_mm2));
+            }
+            let names = Step::QUANTITIES.len() + StepFoot::QUANTITIES.len() + 8 * StepRegion::QUANTITIES.len() + 2;
+            assert!(found.as_object().is_some_and(|step| step.len() <= names && step.len() > names / 2));
+            assert_eq!(found["foot_force_peak_n"], f64::from(step.step.foot.peak_dn) / 10.0);
+        }
+    }
+}
+
+#[test]
+fn negative_times_are_refused_by_mcap() {
+    let mut recording = walk(Side::Left, 2, 60);
+    recording.t_s.iter_mut().for_each(|t_s| *t_s -= 10.0);
+    let folder = tempfile::tempdir().expect("a folder");
+    let session = Session::new(vec![foot(recording)], None, None).expect("a foot");
+    let error = mcap::write(&session, &folder.path().join("walk.mcap")).expect_err("negative times").to_string();
+    assert!(error.contains("walk.parquet") && error.contains("--from 0"), "{error}");
 }

@@ -35,6 +35,8 @@ pub enum Export {
     },
     /// Write a CSV file in long form: a row for each time, quantity and region.
     Csv(Options),
+    /// Write an MCAP file for Foxglove: channels of the frames, pressures of the cells as a picture of the soles, steps, events.
+    Mcap(Options),
 }
 
 #[derive(Args)]
@@ -66,7 +68,8 @@ impl Export {
         | Self::Sto(options)
         | Self::Mat(options)
         | Self::MotionBids { options, .. }
-        | Self::Csv(options)) = self;
+        | Self::Csv(options)
+        | Self::Mcap(options)) = self;
         let out = &options.out;
         let is_out = |recording: &PathBuf| recording.canonicalize().ok() == out.canonicalize().ok();
         if out.exists() && options.recordings.iter().any(is_out) {
@@ -82,6 +85,7 @@ impl Export {
                 export::motion_bids::write(&session, &names, concat!("Plantar ", env!("PLANTAR_VERSION")), out)?;
             }
             Self::Csv(_) => export::csv::write(&session, out)?,
+            Self::Mcap(_) => export::mcap::write(&session, out)?,
         }
         let steps: usize = session.feet.iter().map(|foot| foot.steps.len()).sum();
         eprintln!("{}: {} frames, {steps} steps", out.display(), session.frames());

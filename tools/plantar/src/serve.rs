@@ -33,6 +33,11 @@ pub struct Serve {
     /// ?replay=URL, where URL is the address at which a web server offers the file.
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
+    /// Publish frames, steps, load bouts, alerts and events of each foot over the Lab Streaming Layer, to all computers in the
+    /// network. This needs the library liblsl, where the system finds it or in the file LIBRARY. docs/live.md describes the
+    /// streams.
+    #[arg(long, value_name = "LIBRARY", num_args = 0..=1, require_equals = true, requires = "record")]
+    lsl: Option<Option<PathBuf>>,
     /// TCP port of the page; with 0, a free port is chosen.
     #[arg(long, default_value_t = 7340)]
     port: u16,
@@ -94,6 +99,7 @@ impl Serve {
             origins: self.origin.clone(),
             accepts_parameters: self.accept_parameters,
             record: self.record.clone(),
+            lsl: self.lsl.clone(),
         };
         serve::serve(sources, &options, |address| println!("The page is at http://{address}/ (Ctrl-C ends)"))
             .context("cannot serve the page")

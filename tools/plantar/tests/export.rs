@@ -48,7 +48,7 @@ fn fail(folder: &Path, arguments: &str, words: &[&str]) {
     assert_eq!(names(folder), before, "{arguments}");
 }
 
-const FORMATS: [&str; 6] = ["c3d", "mot", "sto", "mat", "motion-bids", "csv"];
+const FORMATS: [&str; 7] = ["c3d", "mot", "sto", "mat", "motion-bids", "csv", "mcap"];
 
 #[test]
 fn every_format_is_written_for_one_foot_and_for_both() {

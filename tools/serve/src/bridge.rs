@@ -40,7 +40,11 @@ pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
     pass_hello(hub, index, &mut insole);
     let mut status_requested = Instant::now();
     loop {
-        match insole.next_event() {
+        let event = insole.next_event();
+        if let Ok(Event::Message(message)) = &event {
+            hub.publish(index, message, insole.client().axis());
+        }
+        match event {
             Ok(Event::Started(_)) => pass_hello(hub, index, &mut insole),
             Ok(Event::Message(ToHost::Live(live))) => hub.live(index, live),
             Ok(Event::Message(ToHost::Ellipses(ellipses))) => hub.ellipses(index, ellipses),

@@ -1,5 +1,6 @@
 //! Connects insoles with pages. Each page has a session of its own with each insole, in which the hub acts as the insole.
 
+use crate::lsl::Outlets;
 use client::{Axis, StreamFile, unix_us};
 use plantar::pipeline::alert::{AlertRules, DailyLoad};
 use plantar::pipeline::setup::{Setup, SetupCell};
@@ -53,6 +54,8 @@ struct Insole {
     to_acknowledge: Option<u32>,
     /// The number of each page, and its session.
     pages: Vec<(u64, Session)>,
+    /// The streams of the Lab Streaming Layer, if the messages are published.
+    outlets: Option<Outlets>,
 }
 
 /// Rules and cells of an insole. The cells are never freed, because sessions on an insole refer to static ones; a program reads few
@@ -75,10 +78,12 @@ fn push<T>(queue: &mut VecDeque<T>, item: T) {
 }
 
 impl Hub {
-    pub fn new(insoles: usize, accepts_parameters: bool, recorder: Option<StreamFile>) -> Self {
+    /// A hub with one insole for each item of `outlets`.
+    pub fn new(outlets: Vec<Option<Outlets>>, accepts_parameters: bool, recorder: Option<StreamFile>) -> Self {
+        let insole = |outlets| Mutex::new(Insole { outlets, ..Insole::default() });
         Self {
             accepts_parameters,
-            insoles: (0..insoles).map(|_| Mutex::default()).collect(),
+            insoles: outlets.into_iter().map(insole).collect(),
             recorder: Mutex::new(recorder),
             next_page: Mutex::new(0),
             changed: watch::Sender::new(()),
@@ -86,9 +91,10 @@ impl Hub {
         }
     }
 
-    /// Called when the program ends: lost links are not reported afterwards.
+    /// Called when the program ends: lost links are not reported afterwards, and nothing is published.
     pub fn end(&self) {
         self.has_ended.store(true, Ordering::Relaxed);
+        (0..self.insoles.len()).for_each(|index| self.insole(index).outlets = None);
     }
 
     pub fn has_ended(&self) -> bool {
@@ -125,6 +131,9 @@ impl Hub {
         self.record(index, &ToHost::Hello(hello.clone()));
         let mut insole = self.insole(index);
         let insole = &mut *insole;
+        if insole.outlets.take_if(|outlets| outlets.side != hello.side).is_some() {
+            eprintln!("the insole is now for the {} foot: its LSL streams have ended", hello.side.name());
+        }
         insole.hello = Some(hello.clone());
         (insole.tissue, insole.alert_rules) = (tissue, alert_rules);
         insole.layout = layout.map(|layout| (hello.layout_id, layout));
@@ -213,6 +222,13 @@ impl Hub {
         }
         drop(insole);
         self.changed.send_replace(());
+    }
+
+    /// Publishes a message over the Lab Streaming Layer, if this was requested.
+    pub fn publish(&self, index: usize, message: &ToHost, axis: &Axis) {
+        if let Some(outlets) = &mut self.insole(index).outlets {
+            outlets.send(message, axis);
+        }
     }
 
     pub fn live(&self, index: usize, live: Live) {

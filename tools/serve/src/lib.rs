@@ -4,19 +4,25 @@
 //! queues steps until they are acknowledged. Each page has a session of its own with each insole, which uses the firmware's
 //! [`plantar::protocol::session::Session`]. A slow page loses live frames without an effect on other pages; its status counts
 //! them. The bridge acknowledges a step to the insole once a page has acknowledged the step or, if the messages are recorded,
-//! once the step is in the recording.
+//! once the step is in the recording. What is published over the Lab Streaming Layer is not acknowledged.
 //!
 //! A binary WebSocket message is the index of the insole, one byte, followed by one unframed message.
 
 mod bridge;
 mod hub;
+mod liblsl;
+mod lsl;
 mod origin;
 mod web;
 
 pub use bridge::Source;
+pub use liblsl::Missing;
 
+use bridge::Session;
 use client::{Error as LinkError, StreamFile};
 use hub::Hub;
+use liblsl::Liblsl;
+use lsl::Outlets;
 use std::io;
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -39,6 +45,9 @@ pub struct Options {
     pub accepts_parameters: bool,
     /// A file for all messages of the insoles, which must be new or empty.
     pub record: Option<PathBuf>,
+    /// The file of liblsl, which publishes the messages of the insoles over the Lab Streaming Layer; `Some(None)` for the file that
+    /// the system finds, and `None` to publish nothing.
+    pub lsl: Option<Option<PathBuf>>,
 }
 
 /// The reason why the server did not start, or ended.
@@ -59,6 +68,12 @@ pub enum Error {
     /// The recording cannot be written.
     #[error("cannot write {0}: {1}")]
     Record(PathBuf, io::Error),
+    /// liblsl cannot be loaded.
+    #[error(transparent)]
+    Lsl(#[from] Missing),
+    /// liblsl does not publish the stream with this name.
+    #[error("liblsl cannot publish the stream {0}: check the network, and its configuration file lsl_api.cfg")]
+    Stream(String),
     /// The server failed.
     #[error("the server ended: {0}")]
     Io(#[from] io::Error),
@@ -77,6 +92,10 @@ pub fn serve(sources: Vec<Source>, options: &Options, ready: impl FnOnce(SocketA
         Some(path) => Some(StreamFile::create(path).map_err(|e| Error::Record(path.clone(), e))?),
         None => None,
     };
+    let lsl = match &options.lsl {
+        Some(file) => Some(Liblsl::load(file.as_deref())?),
+        None => None,
+    };
     let mut sessions = Vec::new();
     for source in sources {
         let name = source.name.clone();
@@ -89,7 +108,12 @@ pub fn serve(sources: Vec<Source>, options: &Options, ready: impl FnOnce(SocketA
             return Err(Error::SameFoot(side.name()));
         }
     }
-    let hub = Arc::new(Hub::new(sessions.len(), options.accepts_parameters, recorder));
+    let outlets = sessions.iter_mut().map(|(_, insole)| lsl.map(|lsl| publish(lsl, insole)).transpose());
+    let outlets: Vec<Option<Outlets>> = outlets.collect::<Result<_, _>>()?;
+    for outlets in outlets.iter().flatten() {
+        eprintln!("LSL streams: {}", outlets.names());
+    }
+    let hub = Arc::new(Hub::new(outlets, options.accepts_parameters, recorder));
     for (index, (name, insole)) in sessions.into_iter().enumerate() {
         let hub = hub.clone();
         // This thread runs until the program ends.
@@ -98,4 +122,11 @@ pub fn serve(sources: Vec<Source>, options: &Options, ready: impl FnOnce(SocketA
     let served = web::run(hub.clone(), options, ready);
     hub.end();
     served
+}
+
+/// Publishes the streams of an insole over the Lab Streaming Layer.
+fn publish(lsl: Liblsl, insole: &mut Session) -> Result<Outlets, Error> {
+    // An insole that does not answer is published without its serial number.
+    let serial = insole.client().identity().map(|identity| identity.serial).unwrap_or_default();
+    Outlets::new(lsl, insole.client().hello(), serial.as_str())
 }

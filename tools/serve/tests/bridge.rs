@@ -182,7 +182,7 @@ fn serve_sources(sources: Vec<Source>, record: Option<std::path::PathBuf>, accep
     let (ready, address) = channel();
     std::thread::spawn(move || {
         let listen = (Ipv4Addr::LOCALHOST, 0).into();
-        let options = Options { listen, page: folder, origins: Vec::new(), accepts_parameters, record };
+        let options = Options { listen, page: folder, origins: Vec::new(), accepts_parameters, record, lsl: None };
         serve::serve(sources, &options, |at| ready.send(at).expect("the test waits")).expect("it serves");
     });
     address.recv_timeout(TIMEOUT).expect("it serves in time")

@@ -36,9 +36,10 @@ const PACKAGE_TOOLS: [&str; 14] = [
     "xarray==2026.9.0",
 ];
 
-/// Programs that read exported files, for tests: C3D, OpenSim's storage files, MATLAB files, BIDS and CSV. One environment has
-/// all of them, without their optional dependencies.
-const FORMAT_READERS: [&str; 10] = [
+/// Programs that read exported files and live streams, for tests: C3D, OpenSim's storage files, MATLAB files, BIDS, CSV, MCAP and
+/// the Lab Streaming Layer, whose library liblsl is part of pylsl. One environment has all of them, without their optional
+/// dependencies.
+const FORMAT_READERS: [&str; 14] = [
     "ezc3d==1.7.2",
     "c3d==0.6.0",
     "opensim==4.6",
@@ -49,6 +50,10 @@ const FORMAT_READERS: [&str; 10] = [
     "tzdata==2026.6",
     "bids-validator-deno==3.0.2",
     "deno==2.9.8",
+    "mcap==1.6.0",
+    "lz4==4.4.5",
+    "zstandard==0.25.0",
+    "pylsl==1.18.6",
 ];
 
 /// The library of the C compiler Clang that `bindgen` loads, from PyPI because no compiler has to be installed for it.
