@@ -54,7 +54,8 @@ pub fn record(number: u32) -> LoadRecord {
     })
 }
 
-fn hello() -> Hello {
+/// The hello of an insole without parameters.
+pub fn hello() -> Hello {
     Hello {
         major: MAJOR,
         minor: MINOR,
