@@ -120,7 +120,7 @@ fn any_short_bytes_are_no_message_of_an_insole_or_one_that_can_be_encoded() {
 fn the_joiner_accepts_exactly_the_fragments_that_continue_their_message() {
     let numbers = [Some(0), Some(1), Some(2), Some(127)];
     let parts = numbers.into_iter().flat_map(|number| {
-        [false, true].into_iter().flat_map(move |is_last| [0, 1, 300].map(|len| Fragment { number, is_last, len }))
+        [false, true].into_iter().flat_map(move |is_last| [0, 300].map(|len| Fragment { number, is_last, len }))
     });
     let headless = Fragment { number: None, is_last: false, len: 0 };
     let alphabet: Vec<_> = parts.chain([headless]).collect();
@@ -217,7 +217,7 @@ fn a_changed_byte_of_a_header_is_found_where_it_matters() {
     let header = Header::new("board", "1.22.333").bytes();
     for (first, second) in (0..header.len()).flat_map(|first| (first..header.len()).map(move |second| (first, second)))
     {
-        for a in 0..=255 {
+        for a in (0..=255).step_by(bound(5, 1)) {
             for b in [0, b'.', b'7', b'+', 0xff] {
                 let mut changed = header;
                 (changed[first], changed[second]) = (a, b);
@@ -230,7 +230,7 @@ fn a_changed_byte_of_a_header_is_found_where_it_matters() {
 #[test]
 fn a_session_loses_no_record_and_sends_none_again_after_its_acknowledgement() {
     for first in [0, u32::MAX - 4] {
-        sequences(&EVENTS, bound(6, 7), |events| acknowledgement::session(first, events));
+        sequences(&EVENTS, bound(5, 7), |events| acknowledgement::session(first, events));
     }
 }
 

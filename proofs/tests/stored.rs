@@ -214,7 +214,7 @@ fn a_log_contains_exactly_the_records_that_were_not_acknowledged() {
         [Event::Record, Event::AcknowledgeOldest, Event::AcknowledgeNewest, Event::AcknowledgeMissing, Event::Restart];
     let mut blank = NorFlashChip::new(LOG.end as usize);
     drop(block_on(Store::open(Some(&mut blank), Reset::Power)));
-    sequences(&alphabet, bound(5, 6), |events| {
+    sequences(&alphabet, bound(4, 6), |events| {
         let mut chip = blank.clone();
         let mut stored: Vec<u32> = Vec::new();
         let mut next = 0;
