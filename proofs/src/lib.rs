@@ -5,12 +5,14 @@
 //! inputs at once, without running them: the module `harnesses`, which only Kani compiles.
 
 pub mod acknowledgement;
+pub mod calendar;
 pub mod cells;
 pub mod codec;
 pub mod flash;
 pub mod fragments;
 pub mod image;
 pub mod numbers;
+pub mod streams;
 pub mod supervision;
 
 #[cfg(kani)]

@@ -7,8 +7,11 @@ use plantar::protocol::update::{CHUNK, Header};
 use plantar::protocol::{MAX_MESSAGE, Resolution, ToDevice, ToHost};
 use plantar::storage::flash_map::{CHIP_BYTES, SECTOR};
 use proofs::acknowledgement::EVENTS;
+use proofs::calendar::Day;
 use proofs::fragments::Fragment;
-use proofs::{acknowledgement, all_bytes, cells, codec, flash, fragments, image, numbers, sequences, supervision};
+use proofs::{
+    acknowledgement, all_bytes, cells, codec, flash, fragments, image, numbers, sequences, streams, supervision,
+};
 
 /// The bound of a short or of a long run.
 fn bound<T>(short: T, long: T) -> T {
@@ -289,6 +292,52 @@ fn codes_are_unpacked_as_they_were_packed() {
             let codes: Vec<u16> = (0..count).map(|cell| 1 << (bit + cell) % 16).collect();
             for resolution in [Resolution::Converter, Resolution::Oversampled] {
                 cells::packing(resolution, &vec![1 << bit; count as usize], &codes);
+            }
+        }
+    }
+}
+
+/// Every day until the end of the century, or of the year 9999, at a time that differs from day to day.
+#[test]
+fn every_day_is_encoded_as_the_calendar_counts_it() {
+    let mut day = Day::FIRST;
+    for number in 0.. {
+        if day.year() == bound(2100, 10_000) {
+            break;
+        }
+        day.encoding(number, (number * 977 % 86_400) as u32, (number % 256) as u8);
+        day = day.next();
+    }
+    (0..86_400).for_each(|second| Day::FIRST.encoding(0, second, (second % 256) as u8));
+}
+
+#[test]
+fn a_field_of_a_time_with_an_impossible_value_is_refused() {
+    let mut day = Day::FIRST;
+    while day.year() < bound(1977, 2110) {
+        for field in 2..10 {
+            (0..=255).for_each(|value| day.field(field, value));
+        }
+        day = day.next();
+    }
+}
+
+#[test]
+fn a_stream_of_cells_sends_the_due_frames_in_order_and_counts_the_others() {
+    for every in 0..=3 {
+        sequences(&[true, false], bound(12, 16), |events| streams::cells(every, events));
+    }
+    for every in 0..=255 {
+        streams::cells(every, &[[true; 4].as_slice(), &[false; 2]].concat().repeat(100));
+    }
+}
+
+#[test]
+fn a_stream_of_ellipses_sends_the_newest_due_ones() {
+    for period_us in [0, 1, 156, 157, 2_500, 10_000, 39_999, 40_000, 40_001, 1_000_000] {
+        for every in 0..=255 {
+            for taken in [0, 0x0000_0100, 0x5555_5555, 0x9249_2492, u32::MAX] {
+                streams::ellipses(every, period_us, bound(300, 3000), taken);
             }
         }
     }
