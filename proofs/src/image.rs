@@ -1,6 +1,7 @@
-//! The header of a firmware image.
+//! The header of a firmware image, and serial numbers.
 
 use plantar::protocol::update::Header;
+use plantar::protocol::{Serial, decode, encode};
 
 /// The numbers of a version: three decimal numbers of 16 bits with points between them, and anything after a plus sign.
 fn numbers(version: &str) -> Option<[u16; 3]> {
@@ -34,4 +35,24 @@ pub fn header(bytes: &[u8; Header::BYTES]) {
     let read = Header::read(bytes);
     assert_eq!(read.and_then(|header| header.number()), expected);
     assert!(read.is_none_or(|header| header.bytes() == *bytes));
+}
+
+/// A serial number is a text of up to 16 printable ASCII characters, and its bytes are this text and zeros.
+pub fn serial(text: &str) {
+    let serial = Serial::new(text);
+    let is_printable = text.chars().all(|c| ('!'..='~').contains(&c));
+    assert_eq!(serial.is_some(), is_printable && text.len() <= 16);
+    if let Some(serial) = serial {
+        assert!(serial.is_valid() && serial.as_str() == text);
+        let mut bytes = [0; 16];
+        bytes[..text.len()].copy_from_slice(text.as_bytes());
+        assert!(encode(&serial, &mut [0; 16]).is_ok_and(|encoded| encoded == bytes));
+    }
+}
+
+/// 16 bytes are a valid serial number if zeros only follow the last printable character.
+pub fn serial_bytes(bytes: [u8; 16]) {
+    let serial: Serial = decode(&bytes).expect("any 16 bytes");
+    let end = bytes.iter().rposition(|byte| *byte != 0).map_or(0, |last| last + 1);
+    assert_eq!(serial.is_valid(), bytes[..end].iter().all(|byte| (b'!'..=b'~').contains(byte)));
 }

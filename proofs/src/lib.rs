@@ -12,6 +12,7 @@ pub mod flash;
 pub mod fragments;
 pub mod image;
 pub mod numbers;
+pub mod order;
 pub mod streams;
 pub mod supervision;
 

@@ -10,7 +10,7 @@ use proofs::acknowledgement::EVENTS;
 use proofs::calendar::Day;
 use proofs::fragments::Fragment;
 use proofs::{
-    acknowledgement, all_bytes, cells, codec, flash, fragments, image, numbers, sequences, streams, supervision,
+    acknowledgement, all_bytes, cells, codec, flash, fragments, image, numbers, order, sequences, streams, supervision,
 };
 
 /// The bound of a short or of a long run.
@@ -341,4 +341,34 @@ fn a_stream_of_ellipses_sends_the_newest_due_ones() {
             }
         }
     }
+}
+
+#[test]
+fn messages_leave_a_session_in_their_order() {
+    use order::Event;
+    let alphabet = [Event::Live, Event::Ask, Event::Record, Event::Send];
+    // At most six records wait.
+    let count = |events: &[Event]| events.iter().filter(|event| **event == Event::Record).count();
+    sequences(&alphabet, bound(6, 8), |events| {
+        if count(events) <= 6 {
+            order::of_messages(&[events, &[Event::Send; 20]].concat());
+        }
+    });
+}
+
+#[test]
+fn a_serial_number_is_a_short_printable_text() {
+    for (first, second) in (0..=255).flat_map(|first| (0..=255).map(move |second| (first, second))) {
+        let text: String = [char::from(first), char::from(second)].into_iter().collect();
+        image::serial(&text);
+        image::serial(&text[..0]);
+    }
+    (0..20).for_each(|len| image::serial(&"~".repeat(len)));
+    sequences(&[0, b'a', b' ', 0xff], bound(6, 9), |start| {
+        for rest in [0, b'!'] {
+            let mut bytes = [rest; 16];
+            bytes[..start.len()].copy_from_slice(start);
+            image::serial_bytes(bytes);
+        }
+    });
 }

@@ -7,7 +7,8 @@ use plantar::protocol::Reset;
 use plantar::protocol::update::{CHUNK, Header, Offer, Progress, Refusal, Request};
 use plantar::storage::Store;
 use plantar::storage::flash_map::{HEADER, LOG, MAX_IMAGE, OTHER, PREVIOUS, SECTOR, STATE};
-use plantar::storage::update::{Update, is_on_trial};
+use plantar::storage::previous;
+use plantar::storage::update::{Update, confirm, is_on_trial};
 use proofs::acknowledgement::record;
 use proofs::sequences;
 use std::sync::LazyLock;
@@ -253,4 +254,68 @@ fn a_log_contains_exactly_the_records_that_were_not_acknowledged() {
         assert_eq!(store.contents().next_record, next);
         assert_eq!(store.contents().erased, 0);
     });
+}
+
+/// What happens to the previous image.
+#[derive(Clone, Copy, Debug)]
+enum Return {
+    /// The running image, or another one, is confirmed.
+    Confirm,
+    ConfirmOther,
+    Forget,
+    /// A byte of the previous image changes, or its first sector is overwritten, or its header names another board.
+    Damage,
+    Board,
+    SwapBack,
+}
+
+/// The previous image returns exactly if it was noted as the one that the running image replaced, and is unchanged since.
+#[test]
+fn only_an_unchanged_previous_image_that_was_noted_returns() {
+    const OTHER_RUNNING: Header = Header::new("board", "1.2.4");
+    let previous_header = (OTHER.start + SECTOR + HEADER) as usize;
+    let last = (OTHER.start + SECTOR + MAX_IMAGE) as usize - 1;
+    let mut blank = NorFlashChip::new(OTHER.end as usize);
+    let bytes = Header::new("board", "1.2.2").bytes();
+    blank.bytes[previous_header..][..bytes.len()].copy_from_slice(&bytes);
+    let mut returned = 0;
+    let alphabet =
+        [Return::Confirm, Return::ConfirmOther, Return::Forget, Return::Damage, Return::Board, Return::SwapBack];
+    sequences(&alphabet, bound(3, 5), |events| {
+        let mut chip = blank.clone();
+        // The content of the chip that matters: the number of damages and the board, and what was noted with them.
+        let (mut damages, mut is_of_board, mut is_on_trial_now) = (0u8, true, false);
+        let mut noted = None;
+        for event in events.iter().chain([&Return::SwapBack]) {
+            match event {
+                Return::Confirm | Return::ConfirmOther => {
+                    let running = if matches!(event, Return::Confirm) { RUNNING } else { OTHER_RUNNING };
+                    assert_eq!(embassy_futures::block_on(confirm(&mut chip, &running)), Ok(()));
+                    noted = Some((running, damages, is_of_board));
+                    is_on_trial_now = false;
+                }
+                Return::Forget => {
+                    assert_eq!(embassy_futures::block_on(previous::forget(&mut chip)), Ok(()));
+                    noted = None;
+                }
+                Return::Damage => {
+                    damages += 1;
+                    chip.bytes[last] = 0xff - damages;
+                }
+                Return::Board => {
+                    is_of_board = false;
+                    chip.bytes[previous_header + 8] = b'x';
+                }
+                Return::SwapBack => {
+                    let is_due = is_of_board && !is_on_trial_now && noted == Some((RUNNING, damages, is_of_board));
+                    let swapped = embassy_futures::block_on(previous::swap_back(&mut chip, &RUNNING));
+                    assert_eq!(swapped, Ok(is_due), "{events:?}");
+                    is_on_trial_now |= is_due;
+                    returned += u32::from(is_due);
+                }
+            }
+            assert_eq!(embassy_futures::block_on(is_on_trial(&mut chip)), Ok(is_on_trial_now), "{events:?}");
+        }
+    });
+    assert!(returned > 1);
 }
