@@ -113,8 +113,7 @@ impl Observed {
 
     fn send(&mut self) {
         let mut buffer = [0; MAX_MESSAGE];
-        let sent =
-            self.session.next(&self.hello, Status::default, &mut buffer).and_then(|bytes| decode::<ToHost>(bytes));
+        let sent = self.session.next(&self.hello, Status::default, &mut buffer).and_then(decode::<ToHost>);
         let is_hello = std::mem::take(&mut self.is_hello_due);
         let due = self.waiting.get(self.sent).copied().filter(|_| self.is_open && !is_hello);
         assert_eq!(matches!(sent, Some(ToHost::Hello(_))), is_hello);
@@ -188,8 +187,7 @@ pub fn session(first: u32, events: &[Event]) {
     assert_eq!(observed.sent, observed.waiting.len());
     observed.session.receive(ToDevice::GetStatus, 0);
     let mut buffer = [0; MAX_MESSAGE];
-    let status =
-        observed.session.next(&observed.hello, Status::default, &mut buffer).and_then(|bytes| decode::<ToHost>(bytes));
+    let status = observed.session.next(&observed.hello, Status::default, &mut buffer).and_then(decode::<ToHost>);
     let Some(ToHost::Status(status)) = status else { panic!("no status: {status:?}") };
     assert_eq!(status.records_dropped, observed.dropped);
 }

@@ -22,7 +22,8 @@ impl Day {
     }
 
     fn is_last_of_month(self) -> bool {
-        let is_leap_year = self.year % 400 == 0 || self.year % 4 == 0 && self.year % 100 != 0;
+        let is_leap_year =
+            self.year.is_multiple_of(400) || self.year.is_multiple_of(4) && !self.year.is_multiple_of(100);
         let february = if is_leap_year { 29 } else { 28 };
         self.day == [31, february, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31][usize::from(self.month) - 1]
     }

@@ -57,9 +57,12 @@ pub fn joining(fragments: &[Fragment]) {
     }
 }
 
-/// The fragments of a message of this length, each with at most `room` bytes.
+/// The fragments of a message of this length, after another one that was interrupted, each with at most `room` bytes.
 pub fn split(len: usize, room: usize) -> Vec<Vec<u8>> {
     let mut splitter = Splitter::new();
+    // A message of which only the first fragment was sent.
+    splitter.start(room);
+    assert!(splitter.next(&mut vec![0; room]).is_some());
     for (at, slot) in splitter.buffer().iter_mut().enumerate() {
         *slot = byte(0, at);
     }

@@ -289,7 +289,7 @@ fn codes_are_unpacked_as_they_were_packed() {
     }
     for count in 0..=256 {
         for bit in 0..16 {
-            let codes: Vec<u16> = (0..count).map(|cell| 1 << (bit + cell) % 16).collect();
+            let codes: Vec<u16> = (0..count).map(|cell| 1 << ((bit + cell) % 16)).collect();
             for resolution in [Resolution::Converter, Resolution::Oversampled] {
                 cells::packing(resolution, &vec![1 << bit; count as usize], &codes);
             }

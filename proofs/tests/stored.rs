@@ -214,7 +214,7 @@ fn a_log_contains_exactly_the_records_that_were_not_acknowledged() {
     let alphabet =
         [Event::Record, Event::AcknowledgeOldest, Event::AcknowledgeNewest, Event::AcknowledgeMissing, Event::Restart];
     let mut blank = NorFlashChip::new(LOG.end as usize);
-    drop(block_on(Store::open(Some(&mut blank), Reset::Power)));
+    let _ = block_on(Store::open(Some(&mut blank), Reset::Power));
     sequences(&alphabet, bound(4, 6), |events| {
         let mut chip = blank.clone();
         let mut stored: Vec<u32> = Vec::new();
@@ -232,7 +232,6 @@ fn a_log_contains_exactly_the_records_that_were_not_acknowledged() {
                 Event::AcknowledgeNewest => stored.last().copied(),
                 Event::AcknowledgeMissing => Some(next + 1),
                 Event::Restart => {
-                    drop(store);
                     store = block_on(Store::open(Some(&mut chip), Reset::Software));
                     None
                 }
@@ -243,7 +242,6 @@ fn a_log_contains_exactly_the_records_that_were_not_acknowledged() {
                 next = next.max(number + 1);
             }
         }
-        drop(store);
         let mut store = block_on(Store::open(Some(&mut chip), Reset::Power));
         let mut found = Vec::new();
         let has_more = block_on(store.records(None, |record| {
