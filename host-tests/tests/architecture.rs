@@ -14,7 +14,7 @@ const BEGIN: &str = "<!-- The diagrams are generated: see CONTRIBUTING.md. -->\n
 const END: &str = "<!-- End of the generated diagrams. -->\n";
 
 /// Folders with programs and tests for a host. No firmware may use the crates in these folders.
-const HOST: [&str; 4] = ["host-tests", "python", "testkit", "tools"];
+const HOST: [&str; 5] = ["host-tests", "proofs", "python", "testkit", "tools"];
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")

@@ -8,8 +8,19 @@ use std::path::{Path, PathBuf};
 const KEYWORD: &str = concat!("un", "safe");
 
 /// The folders with Rust sources. Some may be absent.
-const FOLDERS: [&str; 10] =
-    ["src", "bluetooth", "boards", "platform", "emulation", "tools", "host-tests", "fuzz", "examples", "testkit"];
+const FOLDERS: [&str; 11] = [
+    "src",
+    "bluetooth",
+    "boards",
+    "platform",
+    "emulation",
+    "proofs",
+    "tools",
+    "host-tests",
+    "fuzz",
+    "examples",
+    "testkit",
+];
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")

@@ -3,10 +3,13 @@
 use super::board::{FrameClock, Matrix, MatrixTimeout};
 use super::supervise::Heartbeats;
 use crate::pipeline::setup::DEVICE_CELLS;
+#[cfg(not(shuttle))]
 use core::sync::atomic::{AtomicU32, Ordering};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::Sender;
 use embassy_time::Instant;
+#[cfg(shuttle)]
+use shuttle::sync::atomic::{AtomicU32, Ordering};
 
 /// One scan of the matrix.
 pub struct Frame {

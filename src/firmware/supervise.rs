@@ -4,7 +4,10 @@
 //! time: if the processor is stopped for seconds, as by a debugger, one check is late, and no part counts as stalled. A hardware
 //! watchdog, which a board may also have, is not aware of this and resets the board.
 
+#[cfg(not(shuttle))]
 use core::sync::atomic::{AtomicU32, Ordering};
+#[cfg(shuttle)]
+use shuttle::sync::atomic::{AtomicU32, Ordering};
 
 /// Time between checks, ms.
 pub const CHECK_PERIOD_MS: u32 = 100;

@@ -41,6 +41,10 @@ impl LiveCounter {
     /// sequence numbers, this number also reveals losses before the first and after the last received frame.
     pub fn due(&mut self, live_due: u32) {
         self.add_lost(live_due.saturating_sub(self.session_received).saturating_sub(self.session_lost));
+        // The next frame does not reveal these losses once more.
+        if self.expected.is_none_or(|expected| sequence::is_after(live_due, expected)) {
+            self.expected = Some(live_due);
+        }
     }
 
     fn add_lost(&mut self, frames: u32) {
@@ -65,6 +69,15 @@ mod tests {
         counter.due(9);
         counter.due(9);
         assert_eq!(counts(counter), (3, 6));
+    }
+
+    #[test]
+    fn a_loss_that_the_insole_has_reported_is_not_counted_again() {
+        let mut counter = LiveCounter::NEW;
+        counter.frame(0);
+        counter.due(3);
+        counter.frame(4);
+        assert_eq!(counts(counter), (2, 3));
     }
 
     #[test]

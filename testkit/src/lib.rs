@@ -11,7 +11,6 @@ pub mod fixtures;
 pub mod host;
 pub mod insole;
 pub mod moticon;
-pub mod nor_flash;
 pub mod power_cuts;
 pub mod scenario;
 pub mod store_script;
@@ -21,3 +20,4 @@ pub mod wear;
 pub mod world;
 
 pub use fixtures::*;
+pub use nor_flash;

@@ -44,6 +44,10 @@ pub enum Task {
     /// Test the endurance: power cuts in every write, bit errors on the cable, and a day of walking. The test takes about an
     /// hour.
     Soak(Soak),
+    /// Measure the tests themselves: properties of the core for all inputs within larger bounds than in `test`, the orders in which
+    /// the firmware's loops interrupt each other, undefined behaviour, the lines of the core that tests execute, and the share of
+    /// changes to the core that tests notice. The task takes hours, and installs what it needs.
+    Assure(Assure),
     /// Compare the dependencies with RustSec's database of known vulnerabilities, which is downloaded.
     Advisories,
     /// Build the firmware of all boards twice, in two copies of the last commit in different folders, and compare what they load
@@ -116,6 +120,15 @@ pub struct Soak {
     /// Also write the figures to this file, as one JSON object with a number for each key.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+}
+
+#[derive(Args)]
+pub struct Assure {
+    /// Test one in so many changes to the core; all of them take about five hours on two idle cores.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub every: u32,
+    #[command(flatten)]
+    pub figures: FiguresFile,
 }
 
 #[derive(Args)]

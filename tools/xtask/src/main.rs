@@ -1,6 +1,7 @@
 //! The tasks of this repository: set-up, builds, demonstration, tests and benchmarks, each as one command.
 
 mod arguments;
+mod assure;
 mod bench;
 mod build;
 mod command;
@@ -41,6 +42,7 @@ fn main() -> ExitCode {
         Task::Test { quick: false } => test::all(),
         Task::Fuzz { minutes } => fuzz::run(minutes),
         Task::Soak(soak) => soak.run(),
+        Task::Assure(assure) => assure.run(),
         Task::Advisories => test::deny(&["advisories"]),
         Task::Reproduce => provenance::reproduce(),
         Task::Sbom { out } => provenance::write_sboms(&out),

@@ -179,13 +179,34 @@ pub fn cargo_cyclonedx() -> Result<PathBuf> {
     cargo_tool("cargo-cyclonedx", "0.5.9")
 }
 
+/// Installs cargo-llvm-cov, which measures what lines tests execute, and the component of the toolchain that it needs. Returns its path.
+pub fn cargo_llvm_cov() -> Result<PathBuf> {
+    run("rustup", &["component", "add", "llvm-tools"]).context("the component llvm-tools measures coverage")?;
+    cargo_tool("cargo-llvm-cov", "0.9.1")
+}
+
+/// Installs cargo-mutants, which changes the library at random places. Returns its path.
+pub fn cargo_mutants() -> Result<PathBuf> {
+    cargo_tool("cargo-mutants", "27.1.0")
+}
+
+/// The toolchain that has Miri, an interpreter that finds undefined behaviour. Nothing else uses it.
+pub const MIRI_TOOLCHAIN: &str = "nightly-2026-10-30";
+
+/// Installs [`MIRI_TOOLCHAIN`].
+pub fn miri() -> Result<()> {
+    let components = ["--component", "miri", "--component", "rust-src"];
+    run("rustup", &[&["toolchain", "install", MIRI_TOOLCHAIN, "--profile", "minimal"], &components[..]].concat())
+}
+
 /// Installs exactly this version of a tool in the private cache. A version that the user has installed is neither used nor
 /// changed.
 fn cargo_tool(name: &str, version: &str) -> Result<PathBuf> {
     let folder = cache().join("cargo");
     let tool = folder.join("bin").join(name);
-    let output = Command::new(&tool).arg("--version").output().map(|output| output.stdout).unwrap_or_default();
-    if String::from_utf8_lossy(&output).trim() != format!("{name} {version}") {
+    // The list of the programs that cargo has installed in this folder.
+    let installed = std::fs::read_to_string(folder.join(".crates.toml")).unwrap_or_default();
+    if !tool.is_file() || !installed.contains(&format!("\"{name} {version} (")) {
         let tool = format!("{name}@{version}");
         // Without optimisation, the tool compiles faster and is fast enough.
         run("cargo", &["install", "--locked", "--debug", "--root", &folder.to_string_lossy(), &tool])

@@ -1,0 +1,89 @@
+//! The wall clock as a Bluetooth characteristic.
+
+use plantar::protocol::current_time::{from_current_time, to_current_time};
+
+/// A day of the calendar, which counts by itself.
+#[derive(Clone, Copy, Debug)]
+pub struct Day {
+    year: u16,
+    month: u8,
+    day: u8,
+    /// Monday is 1.
+    weekday: u8,
+}
+
+impl Day {
+    /// The first day of 1970, a Thursday.
+    pub const FIRST: Self = Self { year: 1970, month: 1, day: 1, weekday: 4 };
+
+    /// The year.
+    pub fn year(self) -> u16 {
+        self.year
+    }
+
+    fn is_last_of_month(self) -> bool {
+        let is_leap_year =
+            self.year.is_multiple_of(400) || self.year.is_multiple_of(4) && !self.year.is_multiple_of(100);
+        let february = if is_leap_year { 29 } else { 28 };
+        self.day == [31, february, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31][usize::from(self.month) - 1]
+    }
+
+    /// The next day.
+    #[must_use]
+    pub fn next(self) -> Self {
+        let weekday = self.weekday % 7 + 1;
+        match (self.is_last_of_month(), self.month) {
+            (false, _) => Self { day: self.day + 1, weekday, ..self },
+            (true, 12) => Self { year: self.year + 1, month: 1, day: 1, weekday },
+            (true, month) => Self { month: month + 1, day: 1, weekday, ..self },
+        }
+    }
+
+    /// This day, at `second` of the day and a fraction in 1/256 s.
+    fn bytes(self, second: u32, fraction: u8) -> [u8; 10] {
+        let [low, high] = self.year.to_le_bytes();
+        let [hour, minute, second] = [second / 3600, second / 60 % 60, second % 60].map(|number| number as u8);
+        [low, high, self.month, self.day, hour, minute, second, self.weekday, fraction, 0]
+    }
+
+    /// A time on day `number` since 1970 has the bytes of this day, and back.
+    pub fn encoding(self, number: u64, second: u32, fraction: u8) {
+        let bytes = self.bytes(second, fraction);
+        // The first microsecond of a 256th of a second.
+        let us = (u64::from(fraction) * 1_000_000).div_ceil(256);
+        let unix_us = (number * 86_400 + u64::from(second)) * 1_000_000 + us;
+        assert_eq!(to_current_time(Some(unix_us)), bytes);
+        assert_eq!(from_current_time(&bytes), Some(unix_us - us + u64::from(fraction) * 1_000_000 / 256));
+    }
+
+    /// Bytes of this day in which `field`, from the month on, has another value are a time exactly if the field has this value on some
+    /// day. The day of the week and the reason of the adjustment are ignored.
+    pub fn field(self, field: usize, value: u8) {
+        let mut bytes = self.bytes(86_399, 0);
+        bytes[field] = value;
+        let is_in_month = value <= self.day + self.days_left();
+        let is_time = match field {
+            2 => return self.month_field(value, bytes),
+            3 => value > 0 && is_in_month,
+            4 => value < 24,
+            5 | 6 => value < 60,
+            _ => true,
+        };
+        assert_eq!(from_current_time(&bytes).is_some(), is_time, "{bytes:?}");
+    }
+
+    fn days_left(self) -> u8 {
+        let mut day = self;
+        let mut days = 0;
+        while !day.is_last_of_month() {
+            (day, days) = (day.next(), days + 1);
+        }
+        days
+    }
+
+    fn month_field(self, month: u8, bytes: [u8; 10]) {
+        let first = Self { month: month.clamp(1, 12), day: 1, ..self };
+        let is_time = (1..=12).contains(&month) && first.days_left() + 1 >= self.day;
+        assert_eq!(from_current_time(&bytes).is_some(), is_time, "{bytes:?}");
+    }
+}

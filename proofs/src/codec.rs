@@ -1,0 +1,122 @@
+//! Messages and their frames on a byte carrier.
+
+use plantar::checksum::crc32;
+use plantar::protocol::{Decoder, MAX_FRAME, decode, encode, frame};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+/// CRC-32 by its definition, bit by bit.
+fn crc32_by_bits(bytes: &[u8]) -> u32 {
+    let mut remainder = u32::MAX;
+    for bit in bytes.iter().flat_map(|byte| (0..8).map(move |bit| u32::from(byte >> bit & 1))) {
+        let is_divided = (remainder ^ bit) & 1 == 1;
+        remainder = remainder >> 1 ^ if is_divided { 0xedb8_8320 } else { 0 };
+    }
+    !remainder
+}
+
+/// The blocks of a COBS frame without its final zero, joined with the zeros between them; `None` if a block is incomplete.
+fn uncobs(frame: &[u8]) -> Option<Vec<u8>> {
+    let (mut bytes, mut rest) = (Vec::new(), frame);
+    while let Some((&code, after)) = rest.split_first() {
+        let (block, next) = after.split_at_checked(usize::from(code) - 1)?;
+        bytes.extend(block);
+        if code < 255 && !next.is_empty() {
+            bytes.push(0);
+        }
+        rest = next;
+    }
+    Some(bytes)
+}
+
+/// The COBS frame of some bytes, with its final zero.
+fn cobs(bytes: &[u8]) -> Vec<u8> {
+    let mut frame = Vec::new();
+    for part in bytes.split(|byte| *byte == 0) {
+        let blocks = part.chunks_exact(254);
+        let rest = blocks.remainder();
+        blocks.for_each(|block| frame.extend([&[255], block].concat()));
+        frame.push(rest.len() as u8 + 1);
+        frame.extend(rest);
+    }
+    frame.push(0);
+    frame
+}
+
+/// The message in a frame without its final zero; `None` if it is damaged.
+fn message(frame: &[u8]) -> Option<Vec<u8>> {
+    let mut message = uncobs(frame).filter(|_| frame.len() <= MAX_FRAME)?;
+    let crc = message.split_off(message.len().checked_sub(4)?);
+    (crc32_by_bits(&message).to_le_bytes() == *crc).then_some(message)
+}
+
+/// The checksum is that of its definition.
+pub fn checksum(bytes: &[u8]) {
+    assert_eq!(crc32(bytes), crc32_by_bits(bytes));
+}
+
+/// The decoder finds exactly the messages in a stream, and counts exactly the damaged frames.
+pub fn stream(stream: &[u8]) {
+    let mut decoder = Decoder::new();
+    let mut start = 0;
+    let mut bad_frames = 0;
+    for (at, &byte) in stream.iter().enumerate() {
+        let found = decoder.push(byte).map(<[u8]>::to_vec);
+        let mut expected = None;
+        if byte == 0 {
+            if at > start {
+                expected = message(&stream[start..at]);
+                bad_frames += u32::from(expected.is_none());
+            }
+            start = at + 1;
+        }
+        assert_eq!(found, expected);
+        assert_eq!(decoder.bad_frames, bad_frames);
+    }
+}
+
+/// A message is framed as by the definition of the frame, and the decoder returns it.
+pub fn framing(message: &[u8]) {
+    let mut framed = [0; MAX_FRAME];
+    let len = frame(message, &mut framed);
+    let mut with_crc = message.to_vec();
+    with_crc.extend(crc32_by_bits(message).to_le_bytes());
+    assert_eq!(uncobs(&cobs(&with_crc)[..cobs(&with_crc).len() - 1]).as_ref(), Some(&with_crc), "the model");
+    // The block after 254 bytes without a zero may be omitted at the end.
+    let expected = cobs(&with_crc);
+    let shorter = expected.strip_suffix(&[1, 0]).map(|start| [start, &[0]].concat());
+    assert!(framed[..len] == expected || shorter.is_some_and(|shorter| framed[..len] == shorter));
+    let mut decoder = Decoder::new();
+    let (last, before) = framed[..len].split_last().expect("a frame is not empty");
+    assert!(before.iter().all(|&byte| decoder.push(byte).is_none()));
+    assert_eq!(decoder.push(*last), Some(message));
+}
+
+/// The frame of a message in which two bytes, at the positions `at`, are replaced by `bytes`, yields this message or none, and the
+/// next frame is received.
+pub fn damage(message: &[u8], at: [usize; 2], bytes: [u8; 2]) {
+    let mut framed = [0; MAX_FRAME];
+    let len = frame(message, &mut framed);
+    let mut decoder = Decoder::new();
+    let mut damaged = framed;
+    (damaged[at[0]], damaged[at[1]]) = (bytes[0], bytes[1]);
+    for &byte in &damaged[..len] {
+        if let Some(found) = decoder.push(byte) {
+            assert_eq!(found, message);
+        }
+    }
+    // If the final zero is damaged, the next frame is damaged as well.
+    let _ = decoder.push(0);
+    let received = framed[..len].iter().filter(|&&byte| decoder.push(byte) == Some(message)).count();
+    assert_eq!(received, 1);
+}
+
+/// Some bytes are no message, or a message that is the same after it was encoded and decoded again. Returns whether it is one.
+pub fn message_of<T: Serialize + DeserializeOwned + PartialEq>(bytes: &[u8]) -> bool {
+    let Some(message) = decode::<T>(bytes) else { return false };
+    let mut buffer = [0; plantar::protocol::MAX_MESSAGE];
+    let encoded = encode(&message, &mut buffer).expect("a message fits MAX_MESSAGE");
+    assert!(encoded.len() <= bytes.len(), "no shorter bytes than the encoder's have the same content");
+    assert!(decode::<T>(encoded).is_some_and(|decoded| decoded == message));
+    true
+}

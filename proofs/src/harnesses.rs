@@ -1,0 +1,68 @@
+//! The properties that Kani proves. A harness has all inputs at once; where it says so, within bounds.
+//!
+//! These harnesses have never run: Kani's set-up downloads its compiler from its release page, and the workflow that runs it has not
+//! run yet.
+
+use crate::{codec, flash, fragments, numbers};
+use fragments::Fragment;
+use plantar::protocol::Resolution;
+use plantar::protocol::update::CHUNK;
+
+#[kani::proof]
+fn order_of_all_numbers() {
+    numbers::order(kani::any(), kani::any());
+}
+
+/// All losses of six frames.
+#[kani::proof]
+#[kani::unwind(8)]
+fn live_losses() {
+    let (arrived, status) = (kani::any_where(|arrived| *arrived < 1 << 6), kani::any_where(|status| *status <= 6));
+    numbers::live_losses(arrived, 6, status);
+}
+
+/// All rates, up to 256 cells, and a request for every frame or for few.
+#[kani::proof]
+#[kani::unwind(257)]
+fn fitting_rate_of_cells() {
+    let every = kani::any_where(|every| *every <= 1 || *every > 250);
+    let cells = kani::any_where(|cells| *cells <= 256);
+    numbers::fitting_rate(Resolution::Converter, every, cells, kani::any(), kani::any());
+}
+
+/// All streams of seven bytes.
+#[kani::proof]
+#[kani::unwind(40)]
+fn decoder() {
+    codec::stream(&kani::any::<[u8; 7]>());
+}
+
+/// All sequences of three fragments.
+#[kani::proof]
+#[kani::unwind(6)]
+fn joiner() {
+    let any_fragment = || Fragment {
+        number: kani::any_where(|number: &Option<u8>| number.is_none_or(|number| number < 128)),
+        is_last: kani::any(),
+        len: kani::any_where(|len| *len <= 2),
+    };
+    fragments::joining(&[any_fragment(), any_fragment(), any_fragment()]);
+}
+
+/// All areas and offsets, and three bytes.
+#[kani::proof]
+#[kani::unwind(5)]
+fn changes_of_a_partition() {
+    let (start, end): (u32, u32) = (kani::any(), kani::any());
+    kani::assume(start <= end);
+    flash::change(start..end, kani::any(), &[0; 3]);
+}
+
+/// All areas and offsets, and two bytes, which may be in two pages.
+#[kani::proof]
+#[kani::unwind(258)]
+fn reads_of_a_partition() {
+    let (start, end): (u32, u32) = (kani::any(), kani::any());
+    kani::assume(start <= end && end <= u32::MAX - CHUNK as u32);
+    flash::read(start..end, kani::any(), kani::any(), &mut [0; 2]);
+}

@@ -1,0 +1,42 @@
+//! Sequence numbers and what is counted by them.
+
+use plantar::protocol::{CellStream, LiveCounter, Resolution};
+use plantar::sequence::{is_after, skipped};
+
+/// A number is after `from` if it is ahead by less than half of all numbers, and the numbers between count as skipped.
+pub fn order(from: u32, distance: u32) {
+    let to = ((u64::from(from) + u64::from(distance)) % (1 << 32)) as u32;
+    let is_ahead = (1..=0x7fff_ffff).contains(&distance);
+    assert_eq!(is_after(to, from), is_ahead);
+    assert_eq!(skipped(from, to), if is_ahead { distance } else { 0 });
+}
+
+/// Of `due` live frames, those whose bit is set in `arrived` arrive. The counter reports exactly the others as lost once it knows the
+/// insole's count; it also gets this count earlier, after `status` frames.
+pub fn live_losses(arrived: u32, due: u32, status: u32) {
+    let mut counter = LiveCounter::NEW;
+    for sequence in 0..due {
+        if sequence == status {
+            counter.due(sequence);
+            let received = (arrived & ((1 << sequence) - 1)).count_ones();
+            assert_eq!((counter.received, counter.lost), (received, sequence - received));
+        }
+        if arrived >> sequence & 1 == 1 {
+            counter.frame(sequence);
+        }
+    }
+    counter.due(due);
+    let received = (arrived & ((1 << due) - 1)).count_ones();
+    assert_eq!((counter.received, counter.lost), (received, due - received));
+}
+
+/// A stream of cells is sent at the highest rate, not above the requested one, at which it fits beside the live frames.
+pub fn fitting_rate(resolution: Resolution, every: u8, cells: u32, period_us: u32, bytes_per_s: u32) {
+    let frames_per_s = 1_000_000 / u64::from(period_us.max(1));
+    let frame_bytes = 22 + u64::from(cells) * u64::from(resolution.bits()) * 6 / 80;
+    let live_bytes_per_s = 92 * frames_per_s;
+    let fits = |every: u64| live_bytes_per_s * every + frame_bytes * frames_per_s <= u64::from(bytes_per_s) * every;
+    let least = (u64::from(every.max(1))..=255).find(|&every| fits(every) && live_bytes_per_s < u64::from(bytes_per_s));
+    let fitting = CellStream { resolution, every }.fitting(cells, period_us, bytes_per_s);
+    assert_eq!(fitting.map(u64::from), least);
+}

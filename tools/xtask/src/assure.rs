@@ -1,0 +1,173 @@
+//! Measures the tests themselves.
+
+use crate::arguments::Assure;
+use crate::command::{built, root, run_command};
+use crate::setup;
+use anyhow::{Context, Result, bail};
+use serde_json::Value;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+/// Least share of the core's lines that tests execute.
+const LEAST_COVERAGE: f64 = 0.90;
+/// Least share of the changes to the core that tests notice.
+const LEAST_MUTATION_SCORE: f64 = 0.85;
+/// Least number of properties.
+const LEAST_PROOFS: usize = 10;
+
+/// The tests of other packages that cover the core and need no firmware. They run if the fast tests have not noticed a change.
+const SLOWER_TESTS: [&str; 12] = [
+    "admission",
+    "cells",
+    "client",
+    "gatt_values",
+    "layout",
+    "parameters",
+    "scenarios",
+    "storage",
+    "supervision",
+    "supply",
+    "swap",
+    "wire",
+];
+
+impl Assure {
+    /// Measures everything, and compares the figures with their bars at the end.
+    pub fn run(&self) -> Result<()> {
+        setup::rust()?;
+        let proofs = proofs()?;
+        undefined_behaviour()?;
+        let coverage = coverage()?;
+        let score = mutation_score(self.every)?;
+        println!("{:<20} {proofs:>8}  properties, checked for all inputs within their bounds", "proofs");
+        println!("{:<20} {coverage:>8.3}  share of the lines of src that tests execute", "coverage_lines");
+        println!(
+            "{:<20} {score:>8.3}  share of the changes to protocol, storage and supervision that tests notice",
+            "mutation_score"
+        );
+        let figures =
+            [("proofs", proofs.into()), ("coverage_lines", coverage.into()), ("mutation_score", score.into())];
+        self.figures.write(&figures.map(|(key, figure)| (key.to_owned(), figure)).into_iter().collect())?;
+        if proofs < LEAST_PROOFS || coverage < LEAST_COVERAGE || score < LEAST_MUTATION_SCORE {
+            bail!("a figure misses its bar: {LEAST_PROOFS}, {LEAST_COVERAGE}, {LEAST_MUTATION_SCORE}");
+        }
+        Ok(())
+    }
+}
+
+/// A cargo command with these arguments.
+fn cargo(arguments: &[&str]) -> Command {
+    let mut command = Command::new("cargo");
+    command.args(arguments);
+    command
+}
+
+/// Checks all properties with large bounds, and all interleavings; returns the number of tests.
+fn proofs() -> Result<usize> {
+    let exhaustive =
+        ["test", "--locked", "--release", "--package", "proofs", "--test", "exhaustive", "--test", "stored"];
+    run_command(cargo(&exhaustive).env("PLANTAR_ASSURE", "1"))?;
+    let interleavings = ["test", "--locked", "--package", "proofs", "--test", "interleavings"];
+    let folder = built("shuttle");
+    let with_shuttle = |command: &mut Command| {
+        // The flag changes all packages, so they have a folder of their own.
+        command.env("RUSTFLAGS", "--cfg shuttle").env("CARGO_TARGET_DIR", &folder);
+    };
+    let mut command = cargo(&interleavings);
+    with_shuttle(&mut command);
+    run_command(&mut command)?;
+    let mut list = cargo(&[&interleavings[..], &["--", "--list"]].concat());
+    with_shuttle(&mut list);
+    Ok(tests(list)? + tests(cargo(&[&exhaustive[..], &["--", "--list"]].concat()))?)
+}
+
+/// The number of tests in a list.
+fn tests(mut list: Command) -> Result<usize> {
+    let output = list.current_dir(root()).stderr(Stdio::null()).output()?;
+    Ok(String::from_utf8_lossy(&output.stdout).lines().filter(|line| line.ends_with(": test")).count())
+}
+
+/// Runs tests of the core in Miri.
+fn undefined_behaviour() -> Result<()> {
+    setup::miri()?;
+    // `cargo +toolchain` would need the wrapper of rustup, which is not first in the path within `cargo xtask`.
+    let mut command = Command::new("rustup");
+    command
+        .args(["run", setup::MIRI_TOOLCHAIN, "cargo", "miri", "test", "--locked", "--target-dir"])
+        .arg(built("miri"));
+    command.args(["--package", "plantar", "--package", "proofs", "--lib", "--test", "examples"]);
+    // These tests try all numbers of cells, for which Miri is too slow.
+    run_command(command.args(["--", "--skip", "protocol::cells"]))
+}
+
+/// The share of the core's lines that tests on a host execute. Tests of the firmware in the emulator do not count.
+fn coverage() -> Result<f64> {
+    let json = built("coverage.json");
+    let mut command = Command::new(setup::cargo_llvm_cov()?);
+    command
+        .args(["llvm-cov", "test", "--locked", "--profile", "mutants", "--json", "--summary-only", "--output-path"])
+        .arg(&json);
+    let packages = ["plantar", "proofs", "host-tests", "client"];
+    run_command(command.args(packages.iter().flat_map(|package| ["--package", package])))?;
+    let report = read(&json)?;
+    let files = report["data"][0]["files"].as_array().context("the report of the coverage has no files")?;
+    let core = root().join("src");
+    let (mut covered, mut lines) = (0, 0);
+    for file in
+        files.iter().filter(|file| file["filename"].as_str().is_some_and(|name| Path::new(name).starts_with(&core)))
+    {
+        let count =
+            |key: &str| file["summary"]["lines"][key].as_u64().context("the report of the coverage has no lines");
+        (covered, lines) = (covered + count("covered")?, lines + count("count")?);
+    }
+    Ok(covered as f64 / lines as f64)
+}
+
+/// Changes the core at one in `every` places, one after the other, and returns the share of the changes that tests notice.
+fn mutation_score(every: u32) -> Result<f64> {
+    let tool = setup::cargo_mutants()?;
+    let mutants = |step: &str, arguments: &[&str]| {
+        let folder = built("mutation").join(step);
+        let mut command = Command::new(&tool);
+        command.args(["mutants", "--package", "plantar", "--output"]).arg(&folder).args(arguments).current_dir(root());
+        // 2 and 3: some changes were not noticed, or ended in an endless loop.
+        let status = command.status().context("cargo-mutants does not start")?;
+        if !matches!(status.code(), Some(0 | 2 | 3)) {
+            bail!("cargo-mutants failed: see {}", folder.display());
+        }
+        let results = folder.join("mutants.out");
+        let outcomes = read(&results.join("outcomes.json"))?;
+        let count = |key: &str| outcomes[key].as_u64().with_context(|| format!("cargo-mutants did not count {key}"));
+        let noticed = count("caught")? + count("timeout")?;
+        Ok((noticed, std::fs::read_to_string(results.join("missed.txt"))?))
+    };
+    std::fs::create_dir_all(built("mutation"))?;
+    println!("Testing one in {every} changes with the fast tests");
+    let shard = format!("0/{every}");
+    let fast = ["--sharding", "round-robin", "--shard", &shard, "--test-package", "plantar,proofs"];
+    let (noticed, missed) = mutants("fast", &fast)?;
+    let count = missed.lines().count() as u64;
+    if count == 0 {
+        return Ok(1.0);
+    }
+    println!("Testing the {count} changes that they did not notice with slower tests");
+    let names: Vec<String> = missed.lines().map(escaped).collect();
+    let names = format!("^({})$", names.join("|"));
+    let slower = SLOWER_TESTS.iter().flat_map(|test| ["--test", test]);
+    let arguments = ["--re", &names, "--test-package", "host-tests", "--"].into_iter().chain(slower);
+    let (_, never) = mutants("slow", &arguments.collect::<Vec<_>>())?;
+    // cargo-mutants ignores the names for some kinds of changes, and tests more of these than it was asked for.
+    let never: Vec<_> = missed.lines().filter(|change| never.lines().any(|other| other == *change)).collect();
+    println!("Changes that no test noticed:\n{}", never.join("\n"));
+    Ok(1.0 - never.len() as f64 / (noticed + count) as f64)
+}
+
+/// A regular expression for exactly this text.
+fn escaped(text: &str) -> String {
+    text.chars().flat_map(|c| c.is_ascii_punctuation().then_some('\\').into_iter().chain([c])).collect()
+}
+
+fn read(json: &Path) -> Result<Value> {
+    let text = std::fs::read_to_string(json).with_context(|| format!("cannot read {}", json.display()))?;
+    Ok(serde_json::from_str(&text)?)
+}
