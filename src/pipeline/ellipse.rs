@@ -19,7 +19,7 @@ use crate::num::Real;
 /// for (x, y) in (-20..20).flat_map(|x| (-20..20).map(move |y| (x as f32 + 0.5, y as f32 + 0.5))) {
 ///     if (x / 10.0).powi(2) + (y / 20.0).powi(2) <= 1.0 {
 ///         let cell = Cell { region: Region::Heel, x_mm: x + 3.0, y_mm: y + 5.0, area_mm2: 1.0 };
-///         moments.change(&RegionCell::<f64>::new(&cell, 1.0, 0.0, 0.0), WHOLE.into());
+///         moments.add(&RegionCell::<f64>::new(&cell, 1.0, 0.0, 0.0), WHOLE);
 ///     }
 /// }
 /// let ellipse: Ellipse<f64> = Ellipse::from_moments(&moments).unwrap();

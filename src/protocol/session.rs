@@ -9,12 +9,12 @@
 mod configuration;
 
 use super::cell_stream::CellSender;
+use super::codec::append;
 use super::command::{Answer, Configured};
 pub use super::command::{Command, CommandResult};
 use super::ellipses::EllipseSender;
-use super::{
-    Hello, Live, LoadRecord, MAJOR, MAX_LIVE, Refusal, SETUP_CELLS, Status, ToDevice, ToHost, codec::append, encode,
-};
+use super::messages::LiveMessage;
+use super::{Hello, Live, LoadRecord, MAJOR, MAX_LIVE, Refusal, SETUP_CELLS, Status, ToDevice, ToHost, encode};
 use crate::faults::Faults;
 use crate::pipeline::alert::{DailyLoad, MAX_SNOOZE_S};
 use crate::sequence;
@@ -284,7 +284,7 @@ impl Session {
         let _ = self.live.push_back(Vec::new());
         if let Some(message) = self.live.back_mut() {
             // This cannot fail: a live frame has at most MAX_LIVE bytes by its field types.
-            let _ = append(&ToHost::Live(live), message);
+            let _ = append(&LiveMessage(live), message);
         }
     }
 
