@@ -58,6 +58,8 @@ impl CellSender {
     }
 
     /// Packs the codes of a scan, where it is due. A full queue drops it: a frame that is packed is needed for the next one.
+    // Not inlined, so that all registers are available.
+    #[inline(never)]
     pub fn push(&mut self, scan: u32, codes: &[u16]) {
         let Some(running) = &mut self.running else { return };
         if let Some(skip) = running.skip.checked_sub(1) {

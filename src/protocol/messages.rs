@@ -12,7 +12,7 @@ use crate::pipeline::region::Side;
 use crate::pipeline::setup::{Setup, SetupCell};
 use crate::pipeline::tissue::{Identified, Tissue};
 use heapless::Vec;
-use serde::{Deserialize, Serialize, Serializer};
+use serde::{Deserialize, Serialize};
 
 /// Major protocol version of this build.
 pub const MAJOR: u8 = 3;
@@ -86,18 +86,6 @@ pub enum ToHost {
     Ellipses(Ellipses),
     /// The answer to [`ToDevice::Zero`].
     Zero(ZeroResult),
-}
-
-/// A live frame that is encoded as [`ToHost::Live`]. The code that encodes it contains no other messages, so it can be inlined into the
-/// data path.
-pub(super) struct LiveMessage(pub Live);
-
-impl Serialize for LiveMessage {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        /// The place of this variant in the type.
-        const LIVE: u32 = 1;
-        serializer.serialize_newtype_variant("ToHost", LIVE, "Live", &self.0)
-    }
 }
 
 impl ToHost {

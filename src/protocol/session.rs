@@ -13,7 +13,6 @@ use super::codec::append;
 use super::command::{Answer, Configured};
 pub use super::command::{Command, CommandResult};
 use super::ellipses::EllipseSender;
-use super::messages::LiveMessage;
 use super::{Hello, Live, LoadRecord, MAJOR, MAX_LIVE, Refusal, SETUP_CELLS, Status, ToDevice, ToHost, encode};
 use crate::faults::Faults;
 use crate::pipeline::alert::{DailyLoad, MAX_SNOOZE_S};
@@ -283,8 +282,9 @@ impl Session {
         // The message is encoded in its place in the queue, which now has room for it.
         let _ = self.live.push_back(Vec::new());
         if let Some(message) = self.live.back_mut() {
-            // This cannot fail: a live frame has at most MAX_LIVE bytes by its field types.
-            let _ = append(&LiveMessage(live), message);
+            // `ToHost::Live`, without the code that encodes the other messages. This cannot fail: a live frame has at most
+            // MAX_LIVE bytes by its field types.
+            let _ = append(&(ToHost::LIVE, live), message);
         }
     }
 
