@@ -242,7 +242,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         let mut is_toe_off = self.stance.push(&self.limits, seq, &regions, centre_mm);
         let at_peak = self.stance.at_peak();
         if at_peak != 0 {
-            self.keep_shares(at_peak);
+            self.store_shares(at_peak);
         }
         if seq == self.stance.start_seq() {
             self.loads.iter_mut().for_each(|load| load.frame.restart_count());
@@ -258,12 +258,11 @@ impl<R: Real, const N: usize> Insole<R, N> {
         is_toe_off
     }
 
-    /// Keeps the shares in contact of the regions with a bit in `at_peak`.
-    #[cold]
+    /// Stores the shares in contact of the regions with a bit in `at_peak`.
     #[inline(never)]
-    fn keep_shares(&mut self, at_peak: u8) {
+    fn store_shares(&mut self, at_peak: u8) {
         for region in (0..8).filter(|region| at_peak >> region & 1 != 0) {
-            self.cells[self.division.cells(region)].iter_mut().for_each(InsoleCell::keep_share);
+            self.cells[self.division.cells(region)].iter_mut().for_each(InsoleCell::store_share);
         }
     }
 

@@ -15,8 +15,8 @@
 //!   v   scan       one frame of raw codes, u16 for each cell
 //!   |   calibrate  codes -> pressure, kPa: zero offset, sensor law, gain
 //!   |   contact    the share of each cell that is in contact, 0 to 1
-//!   |   region     area, measured force, centre of pressure, second moments of each region
-//!   |   ellipse    moments -> centre, radii, angle
+//!   |   region     area, measured force, centre of pressure of each region
+//!   |   ellipse    second moments of the contact area -> centre, radii, angle
 //!   |   model      area and area rate -> tissue deformation, model force
 //!   v   stance     heel strike and toe off; stores the curves of the stance
 //!   |   step       curves -> step record

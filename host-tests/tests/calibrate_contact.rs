@@ -40,7 +40,7 @@ impl Probe {
         let code = u32::from(code);
         let above_offset_kpa = self.curve.pressure_kpa((code as i32 - i32::from(self.offset)).max(0));
         self.share += match self.cell.is_unchanged(code) {
-            true => self.cell.follow(above_offset_kpa),
+            true => self.cell.update_part(above_offset_kpa),
             false => self.cell.update(code, self.offset, above_offset_kpa),
         };
         u16::try_from(self.share).expect("a share is never negative")

@@ -11,7 +11,7 @@ pub fn order(from: u32, distance: u32) {
     assert_eq!(skipped(from, to), if is_ahead { distance } else { 0 });
 }
 
-/// Of `due` live frames, those whose bit is set in `arrived` arrive. The counter reports exactly the others as lost once it knows the
+/// Of `due` live frames, those with a bit set in `arrived` arrive. The counter reports exactly the others as lost once it knows the
 /// insole's count; it also gets this count earlier, after `status` frames.
 pub fn live_losses(arrived: u32, due: u32, status: u32) {
     let mut counter = LiveCounter::NEW;

@@ -19,7 +19,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
 use std::task::{Context, Poll, Waker};
 
-/// A clock that stands still: no time is part of what these tests check.
+/// A stopped clock: no time is part of what these tests check.
 struct Clock;
 
 embassy_time_driver::time_driver_impl!(static CLOCK: Clock = Clock);
@@ -173,7 +173,7 @@ fn every_frame_is_counted_once_in_all_orders() {
     assert!(orders > 100, "{orders}");
 }
 
-/// The watchdog interrupts a scan whose last heartbeat is almost too long ago: it reports the scan if and only if it comes before the
+/// The watchdog interrupts a scan, of which the last heartbeat is almost too long ago: it reports the scan if and only if it comes before the
 /// heartbeat, and never sees more frames pending than were queued.
 #[test]
 fn a_heartbeat_counts_from_its_moment_on_in_all_orders() {

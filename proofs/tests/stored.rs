@@ -1,8 +1,9 @@
 //! Updates and acknowledgements on a simulated flash chip, for all sequences of events within bounds.
 
 use critical_section as _; // links the host's implementation of the critical sections that the firmware uses
+use embassy_futures::block_on;
 use firmware_image::{Image, SigningKey};
-use nor_flash::{NorFlashChip, block_on};
+use nor_flash::NorFlashChip;
 use plantar::protocol::Reset;
 use plantar::protocol::update::{CHUNK, Header, Offer, Progress, Refusal, Request};
 use plantar::storage::Store;
@@ -23,7 +24,7 @@ static SECRET: LazyLock<SigningKey> = LazyLock::new(|| SigningKey::from_bytes(&[
 static KEY: LazyLock<[u8; 32]> = LazyLock::new(|| SECRET.verifying_key().to_bytes());
 
 fn ask(update: &mut Update, chip: &mut NorFlashChip, request: &Request) -> Result<Progress, Refusal> {
-    embassy_futures::block_on(update.handle(chip, &RUNNING, &KEY, request))
+    block_on(update.handle(chip, &RUNNING, &KEY, request))
 }
 
 /// A signed image of three chunks, of which the last one contains the header.
@@ -37,7 +38,7 @@ fn image(version: &str) -> Image {
 /// A request for an update.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Asked {
-    /// Begins the transfer of an image whose signature is valid, or of one whose signature is not.
+    /// Begins the transfer of an image with a valid signature, or of one with a wrong signature.
     Begin {
         is_signed: bool,
     },
@@ -118,7 +119,7 @@ fn an_image_is_accepted_only_after_all_of_its_chunks_and_with_its_signature() {
             assert_eq!(chip.bytes[OTHER.start as usize..][..received], image.bytes()[..received]);
         }
         // An image that was not accepted is never swapped in.
-        assert_eq!(embassy_futures::block_on(is_on_trial(&mut chip)), Ok(receiver.is_accepted));
+        assert_eq!(block_on(is_on_trial(&mut chip)), Ok(receiver.is_accepted));
         accepted += u32::from(receiver.is_accepted);
     };
     sequences(&alphabet, bound(5, 7), &mut check);
@@ -288,12 +289,12 @@ fn only_an_unchanged_previous_image_that_was_noted_returns() {
             match event {
                 Return::Confirm | Return::ConfirmOther => {
                     let running = if matches!(event, Return::Confirm) { RUNNING } else { OTHER_RUNNING };
-                    assert_eq!(embassy_futures::block_on(confirm(&mut chip, &running)), Ok(()));
+                    assert_eq!(block_on(confirm(&mut chip, &running)), Ok(()));
                     noted = Some((running, damages, is_of_board));
                     is_on_trial_now = false;
                 }
                 Return::Forget => {
-                    assert_eq!(embassy_futures::block_on(previous::forget(&mut chip)), Ok(()));
+                    assert_eq!(block_on(previous::forget(&mut chip)), Ok(()));
                     noted = None;
                 }
                 Return::Damage => {
@@ -306,13 +307,13 @@ fn only_an_unchanged_previous_image_that_was_noted_returns() {
                 }
                 Return::SwapBack => {
                     let is_due = is_of_board && !is_on_trial_now && noted == Some((RUNNING, damages, is_of_board));
-                    let swapped = embassy_futures::block_on(previous::swap_back(&mut chip, &RUNNING));
+                    let swapped = block_on(previous::swap_back(&mut chip, &RUNNING));
                     assert_eq!(swapped, Ok(is_due), "{events:?}");
                     is_on_trial_now |= is_due;
                     returned += u32::from(is_due);
                 }
             }
-            assert_eq!(embassy_futures::block_on(is_on_trial(&mut chip)), Ok(is_on_trial_now), "{events:?}");
+            assert_eq!(block_on(is_on_trial(&mut chip)), Ok(is_on_trial_now), "{events:?}");
         }
     });
     assert!(returned > 1);

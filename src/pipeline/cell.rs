@@ -40,17 +40,21 @@ impl<R: Real> InsoleCell<R> {
     #[inline(always)]
     fn change(&mut self, code: u32, curve: &Curve, frame: &mut RegionFrame<R>) -> bool {
         let has_pressure = code > self.zero.into();
-        // A cell without contact, or a masked one, remains so at zero pressure.
-        if has_pressure || (self.contact.is_loaded() && !self.is_masked()) {
+        // A cell without contact remains so at zero pressure.
+        if has_pressure || self.contact.is_loaded() {
             self.update(code, curve, frame);
         }
         has_pressure
     }
 
-    /// Updates contact and region with a code that may change them. It is not inlined, because few cells change in a frame.
+    /// Updates contact and region with a code that may change them, unless the cell is masked. It is not inlined, because few cells
+    /// change in a frame.
     #[cold]
     #[inline(never)]
     fn update(&mut self, code: u32, curve: &Curve, frame: &mut RegionFrame<R>) {
+        if self.marks.is_masked() {
+            return;
+        }
         let curve_kpa: f32 = curve.pressure_kpa((code as i32 - i32::from(self.zero)).max(0));
         let above_kpa = (curve_kpa - self.baseline.residual_kpa).max(0.0);
         frame.update_contact(&self.region, &mut self.contact, code, self.zero, above_kpa);
@@ -79,13 +83,8 @@ impl<R> InsoleCell<R> {
         self.marks.begin_step(self.baseline.code, &mut self.contact);
     }
 
-    /// True if the pass over the cells ignores the cell.
-    pub(crate) fn is_masked(&self) -> bool {
-        self.zero == u16::MAX
-    }
-
-    /// Keeps the present share in contact as that of the frame of the largest force.
-    pub(crate) fn keep_share(&mut self) {
+    /// Stores the present share in contact as that of the frame of the largest force.
+    pub(crate) fn store_share(&mut self) {
         self.share_at_peak = self.contact.share();
     }
 }
@@ -108,8 +107,7 @@ fn sum_moments<R>(cells: &[InsoleCell<R>], share: impl Fn(&InsoleCell<R>) -> u16
 
 /// Calibrates the cells of a region, sums their forces, and updates the contact area. `COVERED` states whether cells can be in
 /// contact in part. If no pressure is found near the highest one of the frame before, [`RegionFrame::peak_code`] is 0 and
-/// [`find_peak`] must be called. A device spends most of its time in this loop, which has a function of its own so that all registers
-/// are available.
+/// [`find_peak`] must be called.
 #[inline(always)]
 pub(crate) fn sum_region<R: Real, const COVERED: bool>(
     curve: &Curve,
@@ -119,8 +117,8 @@ pub(crate) fn sum_region<R: Real, const COVERED: bool>(
 ) {
     // Pressures change little from frame to frame, so few cells must be compared.
     let candidate = frame.peak_code - (frame.peak_code >> 3);
-    let (force, followed) = (ForceMoments::NONE, ContactArea::NONE);
-    let mut sums = Sums { force, followed, candidate, peak: Peak { kpa: R::ZERO, code: 0 } };
+    let (force, change) = (ForceMoments::NONE, ContactArea::NONE);
+    let mut sums = Sums { force, change, candidate, peak: Peak { kpa: R::ZERO, code: 0 } };
     frame.saturated = false;
     // Some cells at a time, because the instructions of the loop itself are a tenth of it.
     let (groups, last_cells) = cells.as_chunks_mut::<UNROLLED>();
@@ -135,7 +133,7 @@ pub(crate) fn sum_region<R: Real, const COVERED: bool>(
     }
     (frame.peak_kpa, frame.peak_code) = (sums.peak.kpa, sums.peak.code);
     frame.force = sums.force;
-    frame.area.add(sums.followed);
+    frame.area.add(sums.change);
 }
 
 /// Number of cells that [`sum_region`] processes without a loop.
@@ -144,8 +142,8 @@ const UNROLLED: usize = 3;
 /// The sums over the cells of a region, and its highest cell so far.
 struct Sums<R> {
     force: ForceMoments<R>,
-    /// Change of the area of cells that remain in contact in part.
-    followed: ContactArea,
+    /// Change of the area of the cells that remain in contact in part.
+    change: ContactArea,
     /// Cells with lower codes are not compared with the highest cell.
     candidate: i32,
     peak: Peak<R>,
@@ -167,7 +165,7 @@ impl<R: Real> Sums<R> {
             self.force.add(&cell.region, curve_kpa);
             if COVERED {
                 let above_kpa = curve.pressure_kpa::<f32>(above_zero) - cell.baseline.residual_kpa;
-                self.followed.change(&cell.region, cell.contact.follow(above_kpa));
+                self.change.change(&cell.region, cell.contact.update_part(above_kpa));
             }
             if above_zero > self.candidate {
                 self.peak.consider(cell, above_zero, curve_kpa);

@@ -94,8 +94,8 @@ impl ContactCell {
     }
 
     /// True if [`ContactCell::update`] need not be called: the cell has pressure and remains without contact, in contact in part, or
-    /// as a whole, and the code is neither saturated, nor was requested by one of the `notify` functions. The share of a cell that is in contact in
-    /// part must then be updated by [`ContactCell::follow`].
+    /// in contact as a whole, and the code is neither saturated, nor was requested by one of the `notify` functions. If the rule has
+    /// covered shares, [`ContactCell::update_part`] must then be called.
     #[inline(always)]
     pub fn is_unchanged(&self, code: u32) -> bool {
         // A code below `low` wraps to a number above any span.
@@ -103,7 +103,7 @@ impl ContactCell {
     }
 
     /// Processes a code and returns the change of the share, in units of 1/[`WHOLE`]. `curve_kpa` is the pressure of the code above
-    /// the baseline, on the sensor curve that all cells share, kPa.
+    /// the baseline, on the sensor curve that all cells share, kPa, and `zero` is the code at zero pressure.
     ///
     /// The share is computed in single precision and integers on every machine, so that all machines compute the same area.
     pub fn update(&mut self, code: u32, zero: u16, curve_kpa: f32) -> i32 {
@@ -120,10 +120,10 @@ impl ContactCell {
         i32::from(self.share) - i32::from(before)
     }
 
-    /// Updates the share of a cell that is in contact in part, with a code for which [`ContactCell::is_unchanged`] is true;
-    /// otherwise as [`ContactCell::update`]. It has no effect on other cells.
+    /// Processes a code for which [`ContactCell::is_unchanged`] is true: updates the share if the cell is in contact in part. Returns
+    /// the change of the share, as [`ContactCell::update`] does.
     #[inline(always)]
-    pub fn follow(&mut self, curve_kpa: f32) -> i32 {
+    pub fn update_part(&mut self, curve_kpa: f32) -> i32 {
         let before = self.share;
         // A share of 0 wraps to a number above any other.
         if before.wrapping_sub(1) < WHOLE - 1 {

@@ -1,4 +1,5 @@
-//! Regions: area, measured force, centre of pressure and second moments, in one pass over the cells.
+//! Regions: area, measured force and centre of pressure, which are updated in each frame, and second moments of the contact area,
+//! which are computed for the ellipses that need them.
 
 use super::contact::{ContactCell, WHOLE};
 use crate::num::Real;

@@ -245,8 +245,11 @@ fn serve(folder: &Path, insoles: &[&str]) -> Command {
     command
 }
 
+/// A received sample: its time on LSL's clock, s, and the value of each channel by its label.
+type Sample<'a> = (f64, Vec<(String, &'a Value)>);
+
 /// The samples of a stream, each with its time and its values by label.
-fn samples<'a>(answer: &'a Value, streams: &Value, name: &str) -> Vec<(f64, Vec<(String, &'a Value)>)> {
+fn samples<'a>(answer: &'a Value, streams: &Value, name: &str) -> Vec<Sample<'a>> {
     let label = |channel: &Value| channel["label"].as_str().expect("a label").to_owned();
     let labels: Vec<_> = streams[name]["channels"].as_array().expect("channels").iter().map(label).collect();
     let of_sample = |sample: &'a Value| {
@@ -406,38 +409,42 @@ fn pylsl_receives_every_sample_of_both_feet_on_one_clock() {
     }
 }
 
+/// Asserts that the samples are the last ones of `sent`, at least `least`, with these values and times on LSL's clock, s.
+fn assert_samples<T>(
+    found: &[Sample],
+    sent: &[T],
+    least: usize,
+    values: impl Fn(&T) -> Vec<(String, Option<f64>)>,
+    time_s: impl Fn(&T) -> f64,
+) {
+    for ((t_s, found), sent) in tail(found, sent, least) {
+        assert_same(found, &values(sent));
+        assert_time(*t_s, time_s(sent));
+    }
+}
+
+fn assert_time(found_s: f64, expected_s: f64) {
+    assert!((found_s - expected_s).abs() < TIME_ERROR_S, "{found_s} s for {expected_s} s");
+}
+
 /// Asserts that the reader received all that the insole sent since the stream was open, at the right times.
 fn assert_received(insole: &Insole, answer: &Value, streams: &Value, time: &impl Fn(u64) -> f64) {
-    let assert_time = |found_s: f64, device_us: u64| {
-        let expected_s = time(device_us + insole.begin_us);
-        assert!((found_s - expected_s).abs() < TIME_ERROR_S, "{found_s} s for {expected_s} s");
-    };
+    let time_s = |device_us: u64| time(device_us + insole.begin_us);
     let samples = |name: &str| samples(answer, streams, &insole.stream(name));
-    for ((t_s, values), live) in tail(&samples("frames"), &insole.frames, FRAMES * ROUNDS) {
-        assert_same(values, &frame_values(live));
-        assert_time(*t_s, live.t_us);
-    }
-    let steps: Vec<_> = insole.records.iter().filter_map(|record| record.step()).collect();
-    for ((t_s, values), step) in tail(&samples("steps"), &steps, ROUNDS) {
-        assert_same(values, &step_values(step));
-        assert_time(*t_s, step.start_us);
-    }
-    let bouts: Vec<_> = insole.records.iter().filter_map(|record| record.bout()).collect();
-    for ((t_s, values), bout) in tail(&samples("bouts"), &bouts, ROUNDS) {
-        assert_same(values, &bout_values(bout));
-        assert_time(*t_s, bout.start_us);
-    }
-    let alerts: Vec<_> = insole.records.iter().filter_map(|record| record.alert()).collect();
-    for ((t_s, values), alert) in tail(&samples("alerts"), &alerts, ROUNDS) {
-        assert_same(values, &alert_values(alert));
-        assert_time(*t_s, alert.start_us);
-    }
+    assert_samples(&samples("frames"), &insole.frames, FRAMES * ROUNDS, frame_values, |live| time_s(live.t_us));
+    let records = &insole.records;
+    let steps: Vec<_> = records.iter().filter_map(|record| record.step()).collect();
+    assert_samples(&samples("steps"), &steps, ROUNDS, |step| step_values(step), |step| time_s(step.start_us));
+    let bouts: Vec<_> = records.iter().filter_map(|record| record.bout()).collect();
+    assert_samples(&samples("bouts"), &bouts, ROUNDS, |bout| bout_values(bout), |bout| time_s(bout.start_us));
+    let alerts: Vec<_> = records.iter().filter_map(|record| record.alert()).collect();
+    assert_samples(&samples("alerts"), &alerts, ROUNDS, |alert| alert_values(alert), |alert| time_s(alert.start_us));
     let events_of =
         |step: &&Step| [("heel_strike", step.start_us), ("toe_off", step.start_us + u64::from(step.duration_us))];
     let events: Vec<_> = steps.iter().flat_map(events_of).collect();
     for ((t_s, values), (name, device_us)) in tail(&samples("events"), &events, 2 * ROUNDS) {
         assert_eq!(values[..], [("event".into(), &json!(name))]);
-        assert_time(*t_s, *device_us);
+        assert_time(*t_s, time_s(*device_us));
     }
 }
 
