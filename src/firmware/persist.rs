@@ -106,12 +106,12 @@ pub async fn persist(
         let wake_at = state.restart_at.min(next_check).min(state.daily_load_at).min(Instant::now() + IDLE);
         select(shared.to_persist.wait(), Timer::at(wake_at)).await;
         if Instant::now() >= state.restart_at {
-            state.store_daily_load(store).await;
+            state.store_all(store).await;
             restart();
         }
         if state.check_trial(store).await == Verdict::Failed {
             log::error!("update: the image has failed its trial, restarting to swap it back");
-            state.store_daily_load(store).await;
+            state.store_all(store).await;
             restart();
         }
     }
@@ -125,6 +125,12 @@ impl Persist<'_> {
             }
         }
         self.shared.frames_before.set(None);
+    }
+
+    /// Stores what a restart would lose. The records are the last, because one may come while the load of the day is stored.
+    async fn store_all(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
+        self.store_daily_load(store).await;
+        self.store_records(store).await;
     }
 
     /// Stores a record. False if the session must also hold it in RAM, because it follows the records there or could not be stored.
@@ -273,7 +279,7 @@ impl Persist<'_> {
                 Ok(CommandResult::Identity(identity))
             }
             Command::Restart => {
-                self.store_daily_load(store).await;
+                self.store_all(store).await;
                 log::info!("restart: requested by the host");
                 restart()
             }

@@ -5,9 +5,12 @@
 
 use plantar::sequence::is_after;
 
-/// Number of replays without the missing record after which the insole is assumed to have dropped it. A damaged link may lose the
-/// record in several replays.
-const REPLAYS: u8 = 8;
+/// Number of replays without the missing record after which the insole is assumed to have dropped it, if all frames arrived
+/// intact. A cable that was cut for a moment may have lost the record nevertheless.
+const INTACT_REPLAYS: u8 = 8;
+/// Number of replays after which the insole is assumed to have dropped the record even if each time a damaged frame arrived, which
+/// may have contained it. A record of a kind that this program does not know is such a frame every time.
+const ALL_REPLAYS: u8 = 64;
 
 /// The treatment of a record that arrives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,6 +23,20 @@ pub(crate) enum Arrival {
     Awaited,
 }
 
+/// The replays that were requested for a missing record.
+#[derive(Debug)]
+struct Replays {
+    /// The first missing number.
+    missing: u32,
+    /// Number of replays without it.
+    all: u8,
+    /// Number of replays without it in which no damaged frame arrived.
+    intact: u8,
+    /// Number of damaged frames before the last request. Frames of a replay are counted as soon as they arrive, before the
+    /// caller has seen the ones before them.
+    damaged_before: u32,
+}
+
 /// Detects records that were lost on the way. An acknowledgement also covers all earlier ones, so a lost record must arrive
 /// before a later one is accepted.
 #[derive(Debug, Default)]
@@ -28,39 +45,46 @@ pub(crate) struct RecordOrder {
     expected: Option<u32>,
     /// When a replay that has not begun yet was requested, by the carrier's clock, us.
     requested_us: Option<u64>,
-    /// The first missing number for which replays were requested, and the number of replays that have begun.
-    replays: Option<(u32, u8)>,
+    replays: Option<Replays>,
 }
 
 impl RecordOrder {
-    /// Decides how to treat a record that was not delivered before.
-    pub(crate) fn arrive(&mut self, number: u32) -> Arrival {
+    /// Decides how to treat a record that was not delivered before. `damaged` is the number of damaged frames that have arrived.
+    pub(crate) fn arrive(&mut self, number: u32, damaged: u32) -> Arrival {
         if self.requested_us.is_some() {
             return Arrival::Awaited;
         }
-        let missing = self.expected.filter(|&expected| is_after(number, expected));
-        let begun = self.replays.filter(|(first, _)| Some(*first) == missing).map_or(0, |(_, begun)| begun);
-        if missing.is_some() && begun < REPLAYS {
-            return Arrival::Gap;
+        if let Some(missing) = self.expected.filter(|&expected| is_after(number, expected)) {
+            let replays = match self.replays.take().filter(|replays| replays.missing == missing) {
+                None => Replays { missing, all: 0, intact: 0, damaged_before: damaged },
+                Some(replays) => Replays {
+                    all: replays.all + 1,
+                    intact: replays.intact + u8::from(replays.damaged_before == damaged),
+                    ..replays
+                },
+            };
+            let is_sent_again = replays.intact < INTACT_REPLAYS && replays.all < ALL_REPLAYS;
+            self.replays = Some(replays);
+            if is_sent_again {
+                return Arrival::Gap;
+            }
         }
         self.expected = Some(number.wrapping_add(1));
         Arrival::InOrder
     }
 
-    /// Called when a replay was requested, at `now_us` of the carrier's clock.
-    pub(crate) fn request(&mut self, now_us: u64) {
+    /// Called when a replay was requested, at `now_us` of the carrier's clock, after this number of damaged frames.
+    pub(crate) fn request(&mut self, now_us: u64, damaged: u32) {
         self.requested_us = Some(now_us);
+        if let Some(replays) = &mut self.replays {
+            replays.damaged_before = damaged;
+        }
     }
 
     /// Called when a session begins, in which the insole sends its unacknowledged records from the oldest on. True if this is the
     /// replay that was requested.
     pub(crate) fn begin(&mut self) -> bool {
-        let is_requested = self.requested_us.take().is_some();
-        if let Some(expected) = self.expected.filter(|_| is_requested) {
-            let begun = self.replays.filter(|(number, _)| *number == expected).map_or(0, |(_, begun)| begun);
-            self.replays = Some((expected, begun + 1));
-        }
-        is_requested
+        self.requested_us.take().is_some()
     }
 
     /// When a replay that has not begun yet was requested, us.
@@ -71,37 +95,50 @@ impl RecordOrder {
 
 #[cfg(test)]
 mod tests {
-    use super::{Arrival, REPLAYS, RecordOrder};
+    use super::{ALL_REPLAYS, Arrival, INTACT_REPLAYS, RecordOrder};
 
     #[test]
     fn a_gap_is_replayed_once() {
         let mut order = RecordOrder::default();
-        assert_eq!([7, 8].map(|step| order.arrive(step)), [Arrival::InOrder; 2]);
-        assert_eq!(order.arrive(10), Arrival::Gap);
-        order.request(5);
-        assert_eq!(order.arrive(11), Arrival::Awaited);
+        assert_eq!([7, 8].map(|step| order.arrive(step, 0)), [Arrival::InOrder; 2]);
+        assert_eq!(order.arrive(10, 0), Arrival::Gap);
+        order.request(5, 0);
+        assert_eq!(order.arrive(11, 0), Arrival::Awaited);
         assert!(order.begin());
-        assert_eq!([9, 10, 11].map(|step| order.arrive(step)), [Arrival::InOrder; 3]);
+        assert_eq!([9, 10, 11].map(|step| order.arrive(step, 0)), [Arrival::InOrder; 3]);
         assert!(!order.begin());
+    }
+
+    /// Replays in which record 3 arrives, and not those before it; each with this number of damaged frames. Returns their number
+    /// until record 3 is accepted.
+    fn replays_until_accepted(order: &mut RecordOrder, damaged_frames: u32) -> u8 {
+        assert_eq!(order.arrive(u32::MAX, 0), Arrival::InOrder);
+        for replay in 0.. {
+            if order.arrive(3, damaged_frames * u32::from(replay)) == Arrival::InOrder {
+                return replay;
+            }
+            order.request(5, damaged_frames * u32::from(replay));
+            assert!(order.begin());
+        }
+        unreachable!("the number of replays is limited")
     }
 
     #[test]
     fn a_step_that_the_insole_dropped_is_not_awaited_without_end() {
         let mut order = RecordOrder::default();
-        assert_eq!(order.arrive(u32::MAX), Arrival::InOrder);
-        for _ in 0..REPLAYS {
-            assert_eq!(order.arrive(3), Arrival::Gap);
-            order.request(5);
-            assert!(order.begin());
-        }
-        assert_eq!(order.arrive(3), Arrival::InOrder);
+        assert_eq!(replays_until_accepted(&mut order, 0), INTACT_REPLAYS);
         // The next gap is another one.
-        assert_eq!(order.arrive(5), Arrival::Gap);
+        assert_eq!(order.arrive(5, 0), Arrival::Gap);
+    }
+
+    #[test]
+    fn a_step_that_may_have_been_damaged_is_requested_more_often() {
+        assert_eq!(replays_until_accepted(&mut RecordOrder::default(), 2), ALL_REPLAYS);
     }
 
     #[test]
     fn numbers_of_another_flash_chip_are_no_gap() {
         let mut order = RecordOrder::default();
-        assert_eq!([900, 0, 1].map(|step| order.arrive(step)), [Arrival::InOrder; 3]);
+        assert_eq!([900, 0, 1].map(|step| order.arrive(step, 0)), [Arrival::InOrder; 3]);
     }
 }

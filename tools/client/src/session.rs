@@ -244,7 +244,7 @@ impl<C: Carrier> Client<C> {
             // The insole did not receive the acknowledgement, and would repeat the record without end.
             Some(true) => self.send(ToDevice::Acknowledge { step: record.number() })?,
             Some(false) => {}
-            None => match self.order.arrive(record.number()) {
+            None => match self.order.arrive(record.number(), self.damaged()) {
                 Arrival::InOrder => {
                     self.delivered.push(*record);
                     return Ok(true);
@@ -259,7 +259,7 @@ impl<C: Carrier> Client<C> {
     /// Requests to open the session again, so that the insole sends its records from the oldest unacknowledged one on.
     fn request_replay(&mut self) -> Result<(), Error> {
         let is_streaming = self.is_streaming;
-        self.order.request(C::now_us());
+        self.order.request(C::now_us(), self.damaged());
         self.send(ToDevice::Connect { major: MAJOR, minor: MINOR })?;
         if is_streaming {
             self.send(ToDevice::Stream { live: true })?;
