@@ -200,20 +200,18 @@ impl HostInsole {
         }
         let Some(executor) = &mut self.executor else { return false };
         let chip = self.chip.clone();
-        match executor.run_woken(|| chip.0.borrow().is_off()) {
-            Err(cause) => {
-                self.reset(cause);
-                true
-            }
-            Ok(_) if self.chip.0.borrow().is_off() => {
-                // Power returns after a second.
-                let chip = self.chip.0.borrow().restarted();
-                self.chip.0.replace(chip);
-                self.cut_power(1_000_000);
-                true
-            }
-            Ok(has_run) => has_run,
+        let has_run = executor.run_woken(|| chip.0.borrow().is_off());
+        if self.chip.0.borrow().is_off() {
+            // Without power, a restart that the firmware requested does not happen. Power returns after a second.
+            let chip = self.chip.0.borrow().restarted();
+            self.chip.0.replace(chip);
+            self.cut_power(1_000_000);
+            return true;
         }
+        has_run.unwrap_or_else(|cause| {
+            self.reset(cause);
+            true
+        })
     }
 
     /// Runs the bootloader and starts the firmware.
