@@ -4,6 +4,7 @@ use anyhow::{Context, Result, bail};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::thread::ScopedJoinHandle;
+use std::time::Instant;
 
 /// The repository's folder.
 pub fn root() -> PathBuf {
@@ -22,7 +23,8 @@ pub fn run(program: &str, arguments: &[&str]) -> Result<()> {
     run_command(Command::new(program).args(arguments))
 }
 
-/// Prints a command and runs it, in the repository's folder unless it names another one. Returns an error if the command fails.
+/// Prints a command, runs it in the repository's folder unless it names another one, and prints its duration. Returns an error
+/// if the command fails.
 pub fn run_command(command: &mut Command) -> Result<()> {
     let words: Vec<_> = std::iter::once(command.get_program()).chain(command.get_args()).collect();
     let line = words.iter().map(|word| word.to_string_lossy()).collect::<Vec<_>>().join(" ");
@@ -30,10 +32,12 @@ pub fn run_command(command: &mut Command) -> Result<()> {
     if command.get_current_dir().is_none() {
         command.current_dir(root());
     }
+    let start = Instant::now();
     let status = command.status().with_context(|| format!("cannot run {line}"))?;
     if !status.success() {
         bail!("{line} failed");
     }
+    eprintln!("< {:.1} s", start.elapsed().as_secs_f64());
     Ok(())
 }
 
