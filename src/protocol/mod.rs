@@ -47,5 +47,5 @@ pub use messages::{MAJOR, MINOR, SETUP_CELLS, ToDevice, ToHost};
 pub use quantities::{COUNT, Flag, Quantity};
 pub use refusal::Refusal;
 pub use settings::{SCALE, SETTABLE_PERIOD_US, Settings};
-pub use status::{Contents, Status};
+pub use status::{Contents, SUFFICIENT_SUPPLY_MV, Status};
 pub use step::{Step, StepFoot, StepRegion};

@@ -3,6 +3,10 @@
 use crate::pipeline::stance::Rejected;
 use serde::{Deserialize, Serialize};
 
+/// Supply from which on an insole writes to its flash chip, mV; with less, it stores nothing. The chips of all boards work from
+/// 2.7 V on.
+pub const SUFFICIENT_SUPPLY_MV: u16 = 2_800;
+
 /// Counters and state of an insole. Counters begin at the start unless stated otherwise, and wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Status {
@@ -53,7 +57,7 @@ pub struct Status {
     pub scanning_ms: u32,
     /// Time since the start in which frames were evaluated, ms; without the evaluation of steps.
     pub processing_ms: u32,
-    /// Supply of the controller, mV; `None` if the board does not measure it.
+    /// Supply of the controller, mV; `None` if the board does not measure it. See [`SUFFICIENT_SUPPLY_MV`].
     pub supply_mv: Option<u16>,
 }
 

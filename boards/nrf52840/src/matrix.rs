@@ -17,6 +17,7 @@ use plantar::firmware::front_end::{CLIPPED_CODE, SETTLE_US};
 use plantar::firmware::layout::{COLUMNS, ROWS, WIRING};
 use plantar::pipeline::calibrate::FULL_CODE;
 use plantar::pipeline::setup::DEVICE_CELLS;
+use plantar::protocol::SUFFICIENT_SUPPLY_MV;
 
 bind_interrupts!(struct Irqs {
     SAADC => InterruptHandler;
@@ -52,17 +53,14 @@ static BATTERY_PERCENT: AtomicU8 = AtomicU8::new(0);
 /// The controller's supply, mV; 0 before the first measurement.
 static SUPPLY_MV: AtomicU16 = AtomicU16::new(0);
 
-/// The flash chip is written and erased from this supply on, mV. It works from 2.3 V on, and the supply is regulated to 3.3 V.
-const SUFFICIENT_MV: u16 = 2_800;
-
 /// The last measured supply of the controller, mV; `None` before the first measurement.
 pub fn supply_mv() -> Option<u16> {
     Some(SUPPLY_MV.load(Ordering::Relaxed)).filter(|&supply_mv| supply_mv > 0)
 }
 
-/// True if the last measured supply is sufficient for the flash chip.
+/// True if the last measured supply is sufficient for the flash chip, which works from 2.3 V on. The supply is regulated to 3.3 V.
 pub fn is_supplied() -> bool {
-    supply_mv().is_some_and(|supply_mv| supply_mv >= SUFFICIENT_MV)
+    supply_mv().is_some_and(|supply_mv| supply_mv >= SUFFICIENT_SUPPLY_MV)
 }
 
 /// The last measured charge of the battery, percent.

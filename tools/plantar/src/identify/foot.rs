@@ -12,7 +12,7 @@ use plantar::Side;
 use plantar::pipeline::calibrate::{CellCalibration, zero_offset};
 use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::{
-    CalibrationId, CellFrame, CellStream, LoadRecord, Refusal, Resolution, Step, ToDevice, ToHost,
+    CalibrationId, CellFrame, CellStream, LoadRecord, Refusal, Resolution, SUFFICIENT_SUPPLY_MV, Step, ToDevice, ToHost,
 };
 use recording::{Recording, StandingTrial, StreamedCells};
 use std::path::{Path, PathBuf};
@@ -57,6 +57,7 @@ impl Foot {
         if let Some(fault) = &hello.last_panic {
             println!("note: the {} insole reports: {fault}", hello.side.name());
         }
+        ensure_supply(hello.side, client.status()?.supply_mv)?;
         let faults = client.faults()?;
         ensure!(
             faults.masked_cells.iter().all(|&masked| masked == 0),
@@ -283,6 +284,17 @@ impl Foot {
     }
 }
 
+/// Refuses an insole that would store neither steps nor results. `supply_mv` is `None` if the insole does not measure it.
+fn ensure_supply(side: Side, supply_mv: Option<u16>) -> Result<()> {
+    let Some(low_mv) = supply_mv.filter(|&supply_mv| supply_mv < SUFFICIENT_SUPPLY_MV) else { return Ok(()) };
+    bail!(
+        "the {} insole has a supply of {:.2} V and stores nothing below {:.2} V: charge its battery",
+        side.name(),
+        f64::from(low_mv) / 1000.0,
+        f64::from(SUFFICIENT_SUPPLY_MV) / 1000.0
+    )
+}
+
 /// The remark if the insole seems to lie under the other foot.
 const OTHER_FOOT: &str = "the small toes carry more than the big toe: is this insole in the other shoe?";
 /// First part of the names of the stream files of the standing trial, with the steps and load bouts before it.
@@ -457,5 +469,19 @@ impl Trial {
         let standing = trial.standing;
         let standing_n = standing.clone().map(|i| corrected.force_n(i)).sum::<f64>() / standing.len() as f64;
         Ok(Standing { cells: calibrations, standing_n })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::ensure_supply;
+    use plantar::Side;
+
+    #[test]
+    fn an_insole_that_stores_nothing_is_refused_before_the_session() {
+        assert!(ensure_supply(Side::Left, None).is_ok());
+        assert!(ensure_supply(Side::Left, Some(2_800)).is_ok());
+        let error = ensure_supply(Side::Left, Some(2_650)).unwrap_err().to_string();
+        assert!(error.contains("left") && error.contains("2.65 V") && error.contains("charge"), "{error}");
     }
 }
