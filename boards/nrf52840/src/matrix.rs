@@ -119,7 +119,8 @@ pub struct ResistiveMatrix {
 }
 
 impl ResistiveMatrix {
-    /// Measures the battery and the controller's supply. The front end must be off, because its current lowers the battery's voltage.
+    /// Measures the battery and the controller's supply. The front end must be off, because its current lowers the
+    /// battery's voltage.
     pub async fn measure_battery(&mut self) {
         self.measured_at = Instant::now();
         let mut battery = ChannelConfig::single_ended(self.battery.reborrow());

@@ -144,8 +144,8 @@ impl Emulate {
         result
     }
 
-    /// Plays the walk, and prints and writes its outcome. With --identify, `parameters` are not used. `seconds` is the duration of
-    /// the recording, `scans` the number of scans of the walk.
+    /// Plays the walk, and prints and writes its outcome. With --identify, `parameters` are not used. `seconds` is the duration
+    /// of the recording, `scans` the number of scans of the walk.
     fn walk(&self, board: &Board, link: TcpStream, parameters: &Parameters, seconds: f64, scans: u32) -> Result<()> {
         let mut client = Client::connect(Framed::new(link), ReconnectPolicy::STREAM.answer)?;
         let mut identification = match &self.identify {

@@ -132,8 +132,8 @@ fn coverage() -> Result<f64> {
     Ok(covered as f64 / lines as f64)
 }
 
-/// Changes the modules in `.cargo/mutants.toml` at one in `every` places, one after the other, and returns the share of the changes
-/// that tests notice.
+/// Changes the modules in `.cargo/mutants.toml` at one in `every` places, one after the other, and returns the share of the
+/// changes that tests notice.
 fn mutation_score(every: u32) -> Result<f64> {
     let tool = setup::cargo_mutants()?;
     let mutants = |step: &str, arguments: &[&str]| {
