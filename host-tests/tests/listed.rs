@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 const KEYWORD: &str = concat!("un", "safe");
 
 /// The folders with Rust sources. Some may be absent.
-const FOLDERS: [&str; 11] = [
+const FOLDERS: [&str; 12] = [
     "src",
     "bluetooth",
     "boards",
@@ -20,6 +20,7 @@ const FOLDERS: [&str; 11] = [
     "fuzz",
     "examples",
     "testkit",
+    "python",
 ];
 
 fn root() -> PathBuf {

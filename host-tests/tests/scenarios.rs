@@ -36,7 +36,39 @@ fn an_unknown_value_is_named_with_its_line() {
 }
 
 #[test]
-fn events_in_an_impossible_order_are_named_with_their_line() {
+fn an_impossible_number_is_named_with_its_line() {
+    for (text, line, remedy) in [
+        (format!("{HEADER}insoles = 3\n"), "line 3", "use 1, or 2"),
+        (format!("{HEADER}insoles = 0\n"), "line 3", "use 1, or 2"),
+        (format!("{HEADER}rate_hz = 0.0\n"), "line 3", "use 20 to 500"),
+        (format!("{HEADER}rate_hz = nan\n"), "line 3", "use 20 to 500"),
+        (format!("{HEADER}\n[[at]]\ns = 1.0\nevent.set_settings = {{ rate_hz = 0 }}\n"), "line 6", "nonzero"),
+    ] {
+        let error = error_of(&text).to_string();
+        assert!(error.contains(line) && error.contains(remedy), "{text}: {error}");
+    }
+}
+
+#[test]
+fn an_expectation_about_an_insole_that_no_host_observes_is_not_met() {
+    let expectations = [
+        ("frames_missed = 0", "missed frames"),
+        ("frames_skipped = 0", "skipped frames"),
+        ("rejected = [0, 0, 0]", "rejected contacts"),
+        ("faults = []", "faults"),
+        ("loses_live = false", "loses live frames"),
+        ("parameters = false", "has parameters"),
+    ];
+    let text = expectations.map(|(expectation, _)| expectation).join("\n");
+    let scenario = Scenario::parse(&format!("{HEADER}[expect]\n{text}\n")).expect("a scenario");
+    let differences = scenario.run().compare(&scenario.expect).expect_err("no host is connected");
+    for (_, name) in expectations {
+        assert!(differences.contains(&format!("{name}: expected Some(")), "{name} is not in: {differences}");
+    }
+}
+
+#[test]
+fn impossible_events_are_named_with_their_line() {
     // Events, the line of the impossible one, and a word that the error must contain.
     for (events, line, word) in [
         ("[[at]]\ns = 2.0\nevent.walk = { steps = 1 }\n[[at]]\ns = 1.0\nevent = \"panic\"\n", 6, "sort"),
@@ -47,6 +79,12 @@ fn events_in_an_impossible_order_are_named_with_their_line() {
         ("[[at]]\ns = 1.0\nevent.power_cut = { off_s = 2.0 }\n[[at]]\ns = 2.0\nevent = \"panic\"\n", 6, "power"),
         ("[[at]]\ns = 1.0\nevent.walk = { steps = 3 }\n[[at]]\ns = 2.0\nevent.walk = { steps = 3 }\n", 6, "walk"),
         ("[[at]]\ns = 1.0\nevent.sensor_fault = \"open-cell\"\n", 3, "open-cell:17"),
+        (
+            "[[at]]\ns = 1.0\nevent.cable_cut = { for_s = 2.0 }\n[[at]]\ns = 2.0\nevent.cable_cut = { for_s = 2.0 }\n",
+            6,
+            "repaired",
+        ),
+        ("[[at]]\ns = 1.0\nevent.set_serial = \"A 0042\"\n", 3, "without spaces"),
     ] {
         let error = error_of(&format!("{HEADER}{events}"));
         let text = error.to_string();

@@ -1,9 +1,9 @@
-//! Persistent data in a NOR flash chip: records that are replaced, a log of steps that no host has acknowledged, and firmware
-//! images.
+//! Persistent data in a NOR flash chip: records that are replaced, a log of the steps, load bouts and alerts that no host has
+//! acknowledged, and firmware images.
 //!
 //! Records and log use the package `sequential-storage`, which spreads the wear, protects every item by a CRC-32 and recovers
-//! from a loss of power during any write: an item is stored completely or not at all. Every record and step contains the version
-//! of its format. `docs/storage.md` has the map of the chip, its wear, and the rules for the stored data.
+//! from a loss of power during any write: an item is stored completely or not at all. Every record and every entry of the log
+//! contains the version of its format. `docs/storage.md` has the map of the chip, its wear, and the rules for the stored data.
 
 pub mod boot;
 pub mod flash_map;
@@ -43,5 +43,6 @@ impl<E> From<Error<E>> for StorageError {
     }
 }
 
-/// Size of the longest item, bytes: a step with the overhead of the log and the padding to the chip's words.
+/// Longest item that any version of the firmware may store, bytes: an encoded record with its key, or an entry of the log. Older
+/// firmware with the same limit can then skip the items of a newer version (`docs/storage.md`).
 const BUFFER: usize = 512;

@@ -14,6 +14,7 @@ import xml.etree.ElementTree as ElementTree
 import zipfile
 
 SHEET = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
+# For each walk, the part of the name of its export and of its report that differs from those of the other walks.
 WALKS = [("102114", "10_21_14"), ("102137", "10_21_37"), ("102231", "10_22_31")]
 # In the reports, double support is one phase: from initial contact of this foot to toe off of the other one. The step duration
 # is the time from initial contact of this foot to that of the other one.
@@ -28,7 +29,7 @@ COLUMNS = {
 
 
 def table(book, number):
-    """The rows of a sheet, each a list of its cells."""
+    """Yields the rows of a sheet, each a dictionary from the letter of a column to the text of its cell."""
     shared = ElementTree.fromstring(book.read("xl/sharedStrings.xml"))
     texts = ["".join(part.text or "" for part in item.iter(f"{SHEET}t")) for item in shared]
     for row in ElementTree.fromstring(book.read(f"xl/worksheets/sheet{number}.xml")).iter(f"{SHEET}row"):
@@ -36,13 +37,14 @@ def table(book, number):
         for cell in row:
             value = cell.find(f"{SHEET}v")
             if value is not None:
-                text = cell.get("t") == "s"
-                values[re.match("[A-Z]+", cell.get("r"))[0]] = texts[int(value.text)] if text else value.text
+                # The type "s" is an index in the table of shared strings.
+                is_shared = cell.get("t") == "s"
+                values[re.match("[A-Z]+", cell.get("r"))[0]] = texts[int(value.text)] if is_shared else value.text
         yield values
 
 
 def steps(book, number):
-    """The steps in a sheet, with the values of COLUMNS."""
+    """Yields the steps in a sheet, with the values of COLUMNS."""
     rows = list(table(book, number))
     column = {title: letter for letter, title in rows[0].items()}
     for row in rows[1:]:

@@ -10,16 +10,20 @@ use crate::walk::Posture;
 use crate::world::{InsoleEvent, SharedWorld, World};
 use emulator::SensorFault;
 use parameters::{InsoleSize, Parameters};
+use plantar::faults::Fault;
 use plantar::firmware::shared::RECORD_QUEUE;
 use plantar::pipeline::alert::AlertRules;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::cumulative::LoadLimits;
+use plantar::pipeline::setup::PERIOD_US;
 use plantar::pipeline::tissue::{AreaFilter, Identified};
 use plantar::protocol::update::{Progress, Request};
 use plantar::protocol::{Alert, Bout, LoadRecord, Serial, Settings, Status, Step, StepRegion, ToDevice};
 use plantar::sequence::is_after;
-use serde::Deserialize;
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer};
 use std::cell::RefCell;
+use std::num::NonZeroU32;
 use std::rc::Rc;
 use std::time::Duration;
 use thiserror::Error;
@@ -34,12 +38,12 @@ pub enum ScenarioError {
     /// The file is not a scenario: it has for example an unknown event, or lacks a value. The message contains line and column.
     #[error("{0}")]
     Syntax(#[from] toml::de::Error),
-    /// The events are in an impossible order.
+    /// An event is impossible after the previous ones, or has an invalid value.
     #[error("line {line}: {reason}")]
     Order {
         /// Line of the event, from 1.
         line: usize,
-        /// Why the event is impossible there, and the remedy.
+        /// Why the event is impossible, and the remedy.
         reason: String,
     },
 }
@@ -51,10 +55,10 @@ pub struct Scenario {
     /// What happens and what is expected, in one sentence.
     pub title: String,
     /// Number of insoles: 1, or 2 for a pair.
-    #[serde(default = "one")]
+    #[serde(default = "default_insoles", deserialize_with = "one_or_two")]
     pub insoles: usize,
     /// Number of frames per second.
-    #[serde(default = "hundred")]
+    #[serde(default = "default_rate_hz", deserialize_with = "possible_rate")]
     pub rate_hz: f64,
     /// Duration until the events have no further effect, s.
     pub duration_s: f64,
@@ -66,12 +70,29 @@ pub struct Scenario {
     pub expect: Expect,
 }
 
-fn one() -> usize {
+fn default_insoles() -> usize {
     1
 }
 
-fn hundred() -> f64 {
+fn default_rate_hz() -> f64 {
     100.0
+}
+
+fn one_or_two<'de, D: Deserializer<'de>>(deserializer: D) -> Result<usize, D::Error> {
+    match usize::deserialize(deserializer)? {
+        insoles @ 1..=2 => Ok(insoles),
+        insoles => Err(D::Error::custom(format!("{insoles} insoles: use 1, or 2 for a pair"))),
+    }
+}
+
+fn possible_rate<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    let rate_hz = f64::deserialize(deserializer)?;
+    let possible_hz = [PERIOD_US.end(), PERIOD_US.start()].map(|&period_us| 1e6 / f64::from(period_us));
+    if !(possible_hz[0]..=possible_hz[1]).contains(&rate_hz) {
+        let [least_hz, most_hz] = possible_hz;
+        return Err(D::Error::custom(format!("{rate_hz} frames per second: use {least_hz} to {most_hz}")));
+    }
+    Ok(rate_hz)
 }
 
 /// An event and its time.
@@ -174,10 +195,10 @@ pub enum Event {
         /// [`plantar::pipeline::contact::ContactRule::full_kpa`].
         full_kpa: Option<f32>,
         /// Frames per second.
-        #[serde(default = "usual_rate")]
-        rate_hz: u32,
+        #[serde(default = "default_settings_rate_hz")]
+        rate_hz: NonZeroU32,
         /// [`Settings::scale`].
-        #[serde(default = "unscaled")]
+        #[serde(default = "default_scale")]
         scale: f32,
     },
     /// The host sets rules of alerts, with the recommended limits of pressure.
@@ -214,11 +235,11 @@ pub enum Event {
     ConfirmUpdate,
 }
 
-fn usual_rate() -> u32 {
-    100
+fn default_settings_rate_hz() -> NonZeroU32 {
+    const { NonZeroU32::new(100).unwrap() }
 }
 
-fn unscaled() -> f32 {
+fn default_scale() -> f32 {
     1.0
 }
 
@@ -290,10 +311,10 @@ impl Scenario {
     /// Reads a scenario.
     ///
     /// # Errors
-    /// If the text is not a scenario, or its events are in an impossible order; the message contains the line.
+    /// If the text is not a scenario, or an event is impossible; the message contains the line.
     pub fn parse(text: &str) -> Result<Self, ScenarioError> {
         let scenario: Self = toml::from_str(text)?;
-        let mut checker = OrderCheck::new(&scenario);
+        let mut checker = EventCheck::new(&scenario);
         for entry in &scenario.events {
             checker.check(entry.get_ref()).map_err(|reason| {
                 let line = 1 + text[..entry.span().start].matches('\n').count();
@@ -346,7 +367,7 @@ fn insole_event(event: &Event) -> Option<InsoleEvent> {
         Event::Damage { every_bytes } => InsoleEvent::Damage { every_bytes: *every_bytes },
         Event::RadioLost => InsoleEvent::RadioLost,
         Event::MissFrames { frames, from_row } => InsoleEvent::MissFrames { frames: *frames, from_row: *from_row },
-        // `OrderCheck` has verified that the fault can be parsed.
+        // `EventCheck` has verified that the fault can be parsed.
         Event::SensorFault(fault) => InsoleEvent::SensorFault(fault.parse().ok()?),
         Event::Stall(Part::Scan) => InsoleEvent::Stall("scan"),
         Event::Stall(Part::Model) => InsoleEvent::Stall("model"),
@@ -401,7 +422,7 @@ fn request(world: &SharedWorld, host: &mut Host, insole: usize, event: &Event) -
             let setup = client.setup()?;
             let settings = full_kpa.map(|full_kpa| Settings {
                 contact: ContactRule { full_kpa, ..setup.contact },
-                period_us: 1_000_000 / rate_hz,
+                period_us: 1_000_000 / *rate_hz,
                 scale: *scale,
                 ..Settings::of(&setup)
             });
@@ -420,6 +441,7 @@ fn request(world: &SharedWorld, host: &mut Host, insole: usize, event: &Event) -
         Event::SnoozeAlerts(snoozed_s) => client.snooze_alerts(*snoozed_s).map(drop),
         Event::SetSerial(serial) => {
             let identity = client.identity()?;
+            // `EventCheck` has verified that it is valid.
             let serial = Serial::new(serial).unwrap_or(Serial::NONE);
             client.set_identity(identity.side, serial).map(drop)
         }
@@ -438,8 +460,8 @@ fn request(world: &SharedWorld, host: &mut Host, insole: usize, event: &Event) -
     }
 }
 
-/// Finds events that are impossible after the previous ones.
-struct OrderCheck {
+/// Finds events that have an invalid value, or are impossible after the previous ones.
+struct EventCheck {
     /// Number of insoles.
     insoles: usize,
     /// Time of the previous event, s.
@@ -450,11 +472,13 @@ struct OrderCheck {
     walks_until_s: Vec<f64>,
     /// For each insole, the time at which power is back after the last cut, s.
     off_until_s: Vec<f64>,
+    /// For each insole, the time at which its cable is repaired after the last cut, s.
+    cut_until_s: Vec<f64>,
     /// For each insole, whether its host has a session.
     is_following: Vec<bool>,
 }
 
-impl OrderCheck {
+impl EventCheck {
     fn new(scenario: &Scenario) -> Self {
         let n = scenario.insoles;
         Self {
@@ -463,6 +487,7 @@ impl OrderCheck {
             end_s: scenario.duration_s,
             walks_until_s: vec![0.0; n],
             off_until_s: vec![0.0; n],
+            cut_until_s: vec![0.0; n],
             is_following: vec![false; n],
         }
     }
@@ -494,8 +519,15 @@ impl OrderCheck {
                 return Err("the insole is off: wait until power is back".into());
             }
             Event::PowerCut { off_s } => self.off_until_s[insole] = s + off_s,
+            Event::CableCut { .. } if s < self.cut_until_s[insole] => {
+                return Err("the cable is cut already: wait until it is repaired".into());
+            }
+            Event::CableCut { for_s } => self.cut_until_s[insole] = s + for_s,
             Event::SensorFault(text) => {
                 text.parse::<SensorFault>().map_err(|error| error.to_string())?;
+            }
+            Event::SetSerial(serial) if Serial::new(serial).is_none() => {
+                return Err(format!("`{serial}` is no serial number: use at most 16 ASCII characters without spaces"));
             }
             Event::Connect { .. } => self.is_following[insole] = true,
             Event::Acknowledge(_) | Event::ValueLength(_) => {}
@@ -556,7 +588,10 @@ impl Outcome {
                 status,
                 computed: computed.collect(),
                 frames: last.map_or(0, |boot| boot.reference.borrow().frames),
-                elapsed_frames: last.map_or(0, |boot| ((now_us() - boot.from_us - start_us) / period_us) as u32),
+                elapsed_frames: last.map_or(0, |boot| {
+                    // The scenario can end before a boot has scanned a frame.
+                    (now_us().saturating_sub(boot.from_us + start_us) / period_us) as u32
+                }),
                 resets: insole.boots.iter().map(|boot| boot.reset.name().to_owned()).collect(),
                 host,
             }
@@ -612,29 +647,29 @@ impl Outcome {
         if let Some(resets) = &expect.resets {
             compare("resets", format!("{resets:?}"), format!("{:?}", first.resets));
         }
+        // What is found is `None` if the insole has no session or does not answer, and then differs from every expected value.
         if let Some(faults) = &expect.faults {
             let found = first.host.client.as_mut().and_then(|client| client.faults().ok());
-            let found: Vec<_> = found
-                .iter()
-                .flat_map(|faults| &faults.list)
-                .map(|fault| format!("{} {}", fault.kind.name(), fault.place))
-                .collect();
-            compare("faults", format!("{faults:?}"), format!("{found:?}"));
+            let name = |fault: &Fault| format!("{} {}", fault.kind.name(), fault.place);
+            let found = found.map(|faults| faults.list.iter().map(name).collect::<Vec<_>>());
+            compare("faults", format!("{:?}", Some(faults)), format!("{found:?}"));
         }
         if let Some(loses) = expect.loses_live {
-            let lost = first.host.client.as_ref().map_or(0, |client| client.counters().frames_lost);
-            compare("loses live frames", loses.to_string(), (lost > 0).to_string());
+            let found = first.host.client.as_ref().map(|client| client.counters().frames_lost > 0);
+            compare("loses live frames", format!("{:?}", Some(loses)), format!("{found:?}"));
         }
-        let status = first.status.unwrap_or_default();
+        let status = first.status;
         if let Some(missed) = expect.frames_missed {
-            compare("missed frames", missed.to_string(), status.frames_missed.to_string());
+            let found = status.map(|status| status.frames_missed);
+            compare("missed frames", format!("{:?}", Some(missed)), format!("{found:?}"));
         }
         if let Some(skipped) = expect.frames_skipped {
-            compare("skipped frames", skipped.to_string(), status.frames_skipped.to_string());
+            let found = status.map(|status| status.frames_skipped);
+            compare("skipped frames", format!("{:?}", Some(skipped)), format!("{found:?}"));
         }
         if let Some(rejected) = expect.rejected {
-            let found = [status.rejected.short, status.rejected.long, status.rejected.broken];
-            compare("rejected contacts", format!("{rejected:?}"), format!("{found:?}"));
+            let found = status.map(|Status { rejected, .. }| [rejected.short, rejected.long, rejected.broken]);
+            compare("rejected contacts", format!("{:?}", Some(rejected)), format!("{found:?}"));
         }
         let hello = first.host.hellos.last();
         if let Some(version) = &expect.version {
@@ -662,7 +697,8 @@ impl Outcome {
         }
         if let Some(parameters) = expect.parameters {
             let tissue = first.host.client.as_mut().and_then(|client| client.tissue().ok());
-            compare("has parameters", parameters.to_string(), tissue.is_some_and(|tissue| tissue.id != 0).to_string());
+            let found = tissue.map(|tissue| tissue.id != 0);
+            compare("has parameters", format!("{:?}", Some(parameters)), format!("{found:?}"));
         }
         if let Some(text) = &expect.error {
             let has = first.host.errors.iter().any(|error| error.contains(text));

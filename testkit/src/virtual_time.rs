@@ -36,12 +36,21 @@ pub fn now_us() -> u64 {
     NOW_US.get()
 }
 
+/// Restores the origin of the clock when it is dropped, also while a reset or a panic unwinds the stack.
+struct RestoredOrigin {
+    before_us: u64,
+}
+
+impl Drop for RestoredOrigin {
+    fn drop(&mut self) {
+        ORIGIN_US.set(self.before_us);
+    }
+}
+
 /// Runs `work` with a clock that started at `origin_us`.
 pub fn with_origin<T>(origin_us: u64, work: impl FnOnce() -> T) -> T {
-    let before = ORIGIN_US.replace(origin_us);
-    let result = work();
-    ORIGIN_US.set(before);
-    result
+    let _origin = RestoredOrigin { before_us: ORIGIN_US.replace(origin_us) };
+    work()
 }
 
 /// Removes all timers of this thread. A new world begins with this call, because the timers of the previous world are still
@@ -62,4 +71,24 @@ pub fn wake_due() -> u64 {
 pub fn advance_to(at_us: u64) {
     assert!(at_us >= now_us(), "time must not go backwards");
     NOW_US.set(at_us);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{advance_to, now_us, with_origin};
+    use embassy_time::Instant;
+    use std::panic::{catch_unwind, resume_unwind};
+
+    #[test]
+    fn a_reset_of_an_insole_leaves_the_clock_of_other_code_unchanged() {
+        advance_to(5_000);
+        let reset = catch_unwind(|| {
+            with_origin(2_000, || {
+                assert_eq!(Instant::now().as_micros(), 3_000);
+                resume_unwind(Box::new(()))
+            })
+        });
+        assert!(reset.is_err());
+        assert_eq!(Instant::now().as_micros(), now_us());
+    }
 }

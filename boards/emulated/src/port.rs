@@ -9,10 +9,12 @@ use stm32_metapac::usart::Usart;
 /// A USART with its receive buffer.
 pub struct Port {
     registers: Usart,
+    /// Received bytes that no task has read yet. While it is full, the emulator delays further bytes, so no byte is lost.
     received: Pipe<CriticalSectionRawMutex, 288>,
 }
 
 impl Port {
+    /// A port that is not enabled yet.
     pub const fn new(registers: Usart) -> Self {
         Self { registers, received: Pipe::new() }
     }
@@ -27,9 +29,10 @@ impl Port {
         });
     }
 
+    /// Takes a received byte from the USART. The interrupt of the USART calls it.
     pub fn on_interrupt(&self) {
         if self.received.is_full() {
-            // The emulator delays further bytes until the interrupt is enabled again.
+            // `read` enables the interrupt again.
             self.registers.cr1().modify(|w| w.set_rxneie(false));
         } else if self.registers.sr().read().rxne() {
             let byte = self.registers.dr().read().dr() as u8;
@@ -54,7 +57,8 @@ impl Port {
     }
 }
 
-/// A port with the traits of `embedded-io-async`. One `End` can read while another writes.
+/// A handle of a port with the traits of `embedded-io-async`: a task can read through one handle while another writes through a
+/// second one.
 pub struct End(pub &'static Port);
 
 impl ErrorType for End {

@@ -112,17 +112,19 @@ pub struct ResistiveMatrix {
     pub supply: Output<'static>,
     /// The timer for settling times.
     pub timer: Microseconds,
-    /// When the battery was measured.
+    /// When the battery was last measured.
     pub measured_at: Instant,
 }
 
 impl ResistiveMatrix {
-    /// Measures the battery, without a load of this board's own, and the supply.
+    /// Measures the battery and the controller's supply. The front end must be off, because its current lowers the
+    /// battery's voltage.
     pub async fn measure_battery(&mut self) {
         self.measured_at = Instant::now();
         let mut battery = ChannelConfig::single_ended(self.battery.reborrow());
         battery.gain = Gain::Gain1_3;
-        // The divider has 340 kOhm, for which the data sheet requires this time.
+        // The source resistance of the divider is 340 kOhm. The product specification of the nRF52840 (SAADC, acquisition time)
+        // requires 20 us for up to 400 kOhm, and allows up to 800 kOhm with this time.
         battery.time = Time::_40US;
         // With two channels the converter remains in scan mode: it loses events after a change to a single channel (erratum 212).
         let channels = [battery, ChannelConfig::single_ended(VddInput)];

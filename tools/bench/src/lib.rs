@@ -1,5 +1,5 @@
-//! The parts that several programs of this package share: the output of figures, walks on the host loops, and the studies of the
-//! walkers.
+//! What several programs of this package share: the output of figures, walks on the host loops, and the studies of the ten
+//! barefoot walkers on a pressure plate.
 
 mod figures;
 pub mod host_loops;

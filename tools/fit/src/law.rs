@@ -27,8 +27,8 @@ impl Shape {
 /// The normalised deformation g of all samples, its rate, and the derivatives of both with respect to `max_ratio`.
 #[derive(Default)]
 pub(crate) struct Deformation {
-    /// For each sample, pi A B times its weight.
-    section_m2: Vec<f64>,
+    /// For each sample, pi A B times its weight ([`Samples::weight`]), m2/N.
+    weighted_section_m2_per_n: Vec<f64>,
     /// Derivative of ln(pi A B) with respect to `max_ratio`.
     ln_section_by_max_ratio: f64,
     /// ln g; 0 without contact.
@@ -44,8 +44,8 @@ impl Deformation {
     /// Computes all samples for a `max_ratio` within 0..1.
     pub fn set(&mut self, samples: &Samples, max_ratio: f64) {
         let section_m2 = samples.area_max_m2 / max_ratio;
-        self.section_m2.clear();
-        self.section_m2.extend(samples.weight.iter().map(|weight| section_m2 * weight));
+        self.weighted_section_m2_per_n.clear();
+        self.weighted_section_m2_per_n.extend(samples.weight.iter().map(|weight| section_m2 * weight));
         self.ln_section_by_max_ratio = -1.0 / max_ratio;
         self.g.clear();
         self.g_by_max_ratio.clear();
@@ -71,7 +71,7 @@ impl Deformation {
     /// `out`.
     pub fn elastic(&self, n: f64, out: &mut Column) {
         self.fill(out, |i, g, ln_g| {
-            let force = self.section_m2[i] * (ln_g * (n + 2.0)).exp() * (1.0 - g / 3.0);
+            let force = self.weighted_section_m2_per_n[i] * (ln_g * (n + 2.0)).exp() * (1.0 - g / 3.0);
             let by_g = (n + 2.0) / g - 1.0 / (3.0 - g);
             (force, force * (self.ln_section_by_max_ratio + by_g * self.g_by_max_ratio[i]))
         });
@@ -82,7 +82,7 @@ impl Deformation {
     pub fn viscous(&self, m: f64, out: &mut Column) {
         self.fill(out, |i, g, ln_g| {
             let quadratic = 6.0 - 4.0 * g + g * g;
-            let per_rate = self.section_m2[i] * (ln_g * (m + 1.0)).exp() * quadratic / (3.0 * (2.0 - g));
+            let per_rate = self.weighted_section_m2_per_n[i] * (ln_g * (m + 1.0)).exp() * quadratic / (3.0 * (2.0 - g));
             let force = per_rate * self.rate[i];
             let by_g = (m + 1.0) / g + (2.0 * g - 4.0) / quadratic + 1.0 / (2.0 - g);
             let by_max_ratio = force * (self.ln_section_by_max_ratio + by_g * self.g_by_max_ratio[i]);
@@ -103,8 +103,8 @@ impl Deformation {
     }
 }
 
-/// One of the two terms of the weighted force for all samples, with its derivatives with respect to `max_ratio` and to its
-/// exponent.
+/// One of the two terms of the weighted force (the force times [`Samples::weight`], which has no unit) for all samples, with its
+/// derivatives with respect to `max_ratio` and to its exponent.
 #[derive(Default)]
 pub(crate) struct Column {
     pub force: Vec<f64>,

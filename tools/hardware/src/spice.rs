@@ -7,9 +7,10 @@ use crate::data_sheet::{
 use crate::netlist::{GROUND, Netlist, Part, SUPPLY, column_net, input_net, row_net};
 use crate::parts::{Amplifier, Model, RowSwitch};
 use plantar::firmware::layout::{COLUMNS, ROWS};
+use std::collections::BTreeSet;
 use std::fmt::{Display, Write};
 
-/// Voltage of a gate over time.
+/// State of a row switch over time, from which the voltage of its gate follows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Gate {
     /// The row is connected to ground.
@@ -24,6 +25,12 @@ pub enum Gate {
 
 /// Rise and fall time of the decoder's outputs, s.
 const EDGE_S: f64 = 20e-9;
+/// Rise and fall time of the converter's sampling windows, s.
+const WINDOW_EDGE_S: f64 = 2e-9;
+/// Gate voltage at which a row switch has half of its conductance, V, and the scale of the logistic curve on both sides of it, V.
+/// These are assumptions: a gate is at ground or at the supply, so they only affect the shape of an edge.
+const HALF_ON_V: f64 = 1.5;
+const HALF_ON_SCALE_V: f64 = 0.05;
 
 impl Gate {
     fn source(self) -> String {
@@ -58,7 +65,7 @@ pub struct Conditions {
     pub probe: Option<(String, &'static str)>,
     /// The load switch is on.
     pub is_powered: bool,
-    /// Sampling windows of the converter: input, start and end, s.
+    /// Sampling windows of the converter: input, start and end, s. Those of one input are in the order of time.
     pub samples: Vec<(usize, f64, f64)>,
 }
 
@@ -204,7 +211,7 @@ impl Circuit<'_> {
         let RowSwitch { on_ohm, off_ohm, drain_f, gate_drain_f, gate_source_f } = self.conditions.row_switch;
         // ngspice's own switch is always off in the analysis of noise.
         self.line(format_args!(
-            "B_{name} {drain} {source} I=V({drain},{source})*({:e}+{:e}/(1+exp((1.5-V({gate},{source}))/0.05)))",
+            "B_{name} {drain} {source} I=V({drain},{source})*({:e}+{:e}/(1+exp(({HALF_ON_V}-V({gate},{source}))/{HALF_ON_SCALE_V})))",
             1.0 / off_ohm,
             1.0 / on_ohm
         ));
@@ -243,13 +250,11 @@ impl Circuit<'_> {
         if samples.is_empty() {
             return;
         }
-        let mut inputs: Vec<usize> = samples.iter().map(|(input, ..)| *input).collect();
-        inputs.dedup();
+        let inputs: BTreeSet<usize> = samples.iter().map(|(input, ..)| *input).collect();
         let mut lines = Vec::new();
         for input in inputs {
             let windows = samples.iter().filter(|(of, ..)| *of == input).map(|(_, start_s, end_s)| {
-                let edge_s = 2e-9;
-                format!(" {start_s:e} 0 {:e} 1 {:e} 1 {end_s:e} 0", start_s + edge_s, end_s - edge_s)
+                format!(" {start_s:e} 0 {:e} 1 {:e} 1 {end_s:e} 0", start_s + WINDOW_EDGE_S, end_s - WINDOW_EDGE_S)
             });
             lines.push(format!("V_window{input} window{input} 0 PWL(0 0{})", windows.collect::<String>()));
             lines.push(format!("S_window{input} {} {SAMPLED} window{input} 0 sampler", input_net(input)));
@@ -263,11 +268,13 @@ impl Circuit<'_> {
     /// product, a limit of its voltage, a second pole, and the output impedance.
     fn models(&mut self) {
         let a = &self.conditions.amplifier;
+        // The capacitance of the stage can be chosen: its conductance and its current are proportional to it.
         let stage_f = 10e-12;
         let conductance = std::f64::consts::TAU * a.gain_bandwidth_hz * stage_f;
         let stage_ohm = a.open_loop_gain / conductance;
         let limit_a = a.slew_v_per_s * stage_f;
-        // Boltzmann's constant; a resistor of this value has the noise density of the amplifier at 27 degrees.
+        // With Boltzmann's constant, J/K: a resistor of this value has the noise density of the amplifier at 27 °C, the
+        // temperature at which ngspice simulates.
         let noise_ohm = a.noise_v_per_sqrt_hz.powi(2) / (4.0 * 1.380_649e-23 * 300.15);
         let pole_f = 1.0 / (std::f64::consts::TAU * a.second_pole_hz);
         let Amplifier { swing_v, output_ohm, supply_a, .. } = *a;

@@ -27,6 +27,7 @@ export interface StepStorage {
   days(): Promise<DayTotals[]>;
   /** Stores all of these records, or none of them. Ignores those that are stored already. */
   add(records: readonly NewRecord[]): Promise<void>;
+  /** Deletes all records and totals. */
   clear(): Promise<void>;
 }
 
@@ -55,8 +56,8 @@ export class TemporaryStorage implements StepStorage {
 }
 
 /**
- * The storage of a browser without a database. Adding a step fails, so that the step is not acknowledged and remains on the
- * insole.
+ * The storage of a browser without a database. Adding a record fails, so that the record is not acknowledged and remains on
+ * the insole.
  */
 export class NoStorage extends TemporaryStorage {
   override add(): Promise<void> {
@@ -74,7 +75,7 @@ const RECORDS_1 = "steps";
 /** Number of records that are read at once. */
 const PART = 2000;
 
-/** Stores steps in the browser's database. */
+/** Stores records in the browser's database. */
 export class DatabaseStorage implements StepStorage {
   private constructor(private readonly database: IDBDatabase) {
     // A page of a newer version can upgrade the database only once this page has closed it.

@@ -1,4 +1,7 @@
-/** The steps, load bouts and alerts of the wearer. Each is stored before it is acknowledged, and is ignored if the insole sends it again. */
+/**
+ * The steps, load bouts and alerts of the wearer. Each is stored before it is acknowledged, and is ignored if the insole sends it
+ * again.
+ */
 
 import { type DayTotals, addLoad, loadOf } from "./days";
 import type { Alert, Bout, Side, Step } from "./generated/quantities";
@@ -10,14 +13,14 @@ import type { Wire } from "./wire";
 /** Number of the last records that are loaded, and of each kind that remain in memory. All others remain in the storage only. */
 const LOADED = 1000;
 
-/** A step, and when it arrived. */
+/** A step, and when it began. */
 export interface StoredStep {
   step: Step;
   /** Time of first contact on the browser's clock, s since 1970; `null` if it is unknown. */
   start_unix_s: number | null;
 }
 
-/** A load bout, and when it arrived. */
+/** A load bout, and when it began. */
 export interface StoredBout {
   bout: Bout;
   /** Time of its start on the browser's clock, s since 1970; `null` if it is unknown. */

@@ -19,6 +19,7 @@ use plantar::pipeline::setup::DEVICE_CELLS;
 use plantar::protocol::{Hello, LoadRecord, Status, Step, ToDevice, ToHost};
 use recording::{Recording, VirtualInsole};
 use std::net::TcpStream;
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -52,8 +53,8 @@ pub struct Emulate {
     #[arg(long, value_name = "FOLDER", conflicts_with = "params")]
     identify: Option<PathBuf>,
     /// With --identify: the number of first steps.
-    #[arg(long, value_name = "N", default_value_t = 24, requires = "identify")]
-    identify_steps: usize,
+    #[arg(long, value_name = "N", default_value = "24", requires = "identify")]
+    identify_steps: NonZeroUsize,
     /// End the walk after this number of steps, or of later steps with --identify.
     #[arg(long, value_name = "N")]
     steps: Option<usize>,
@@ -143,12 +144,12 @@ impl Emulate {
         result
     }
 
-    /// Plays the walk, and prints and writes its outcome. With --identify, `parameters` are not used. `seconds` is the duration of the
-    /// recording, `scans` the number of scans of the walk.
+    /// Plays the walk, and prints and writes its outcome. With --identify, `parameters` are not used. `seconds` is the duration
+    /// of the recording, `scans` the number of scans of the walk.
     fn walk(&self, board: &Board, link: TcpStream, parameters: &Parameters, seconds: f64, scans: u32) -> Result<()> {
         let mut client = Client::connect(Framed::new(link), ReconnectPolicy::STREAM.answer)?;
         let mut identification = match &self.identify {
-            Some(folder) => Some(Identification::begin(&mut client, folder, self.identify_steps)?),
+            Some(folder) => Some(Identification::begin(&mut client, folder, self.identify_steps.get())?),
             None => {
                 client.set_tissue(&parameters.tissue())?;
                 None
@@ -163,7 +164,8 @@ impl Emulate {
         if let Some(identification) = &identification {
             ensure!(
                 identification.has_sent_parameters(),
-                "the walk has fewer than {} steps to identify",
+                "the walk ended before the insole had sent {} steps to identify the wearer from: play a longer recording, or \
+                 use fewer steps with --identify-steps",
                 self.identify_steps
             );
             println!(

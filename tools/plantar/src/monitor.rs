@@ -128,8 +128,11 @@ impl<'m> JsonArray<'m> {
         let written = self.write(&[added.as_bytes(), END].concat());
         if written.is_ok() {
             self.len += added.len() as u64;
-        } else if self.len > 0 {
-            let _ = self.file.set_len(self.len).and_then(|()| self.write(END));
+        } else {
+            // Without an object the file is empty again, so that the next session can use it.
+            let end = if self.len > 0 { END } else { b"" };
+            // The error of the object is reported, and not that of the reset.
+            let _ = self.file.set_len(self.len).and_then(|()| self.write(end));
         }
         written.with_context(|| format!("cannot write {}", self.path.display()))
     }
@@ -139,11 +142,26 @@ impl<'m> JsonArray<'m> {
         self.file.seek(SeekFrom::Start(self.len))?;
         self.file.write_all(bytes)?;
         match self.file.sync_data() {
-            // Devices such as pipes have no contents to synchronise.
+            // Devices such as /dev/null have no contents to synchronise. A pipe is refused before, because it has no positions.
             Err(error) if error.kind() == io::ErrorKind::InvalidInput => Ok(()),
             synced => synced,
         }
     }
+}
+
+/// Refuses several names for one of these files, whose arrays would overwrite each other. The files exist.
+fn check_distinct(paths: &[&Path]) -> Result<()> {
+    let mut files = Vec::new();
+    for path in paths {
+        let file = path.canonicalize().with_context(|| format!("cannot read {}", path.display()))?;
+        ensure!(
+            !files.contains(&file),
+            "{} is named by several of --json, --bouts and --alerts: give each of them a file of its own",
+            path.display()
+        );
+        files.push(file);
+    }
+    Ok(())
 }
 
 /// Collects the steps, load bouts and alerts for the tables at the end of the session, and writes them to the JSON files.
@@ -194,6 +212,7 @@ impl Monitor {
         let paths = [&self.json, &self.bouts, &self.alerts];
         let [steps, bouts, alerts] = paths.map(|path| path.as_deref().map(JsonArray::create).transpose());
         let (steps, bouts, alerts) = (steps?, bouts?, alerts?);
+        check_distinct(&paths.into_iter().flatten().map(PathBuf::as_path).collect::<Vec<_>>())?;
         let mut insole = self.connection.open(ReconnectPolicy::STREAM)?;
         let mut view = View::open(insole.client().hello())?;
         let mut records = Collected { monitor: self, steps, bouts, alerts, all: Records::default(), stored: None };

@@ -186,6 +186,7 @@ fn errors_for_too_many_cells_and_missing_programs_name_the_remedy() {
     fail(&path, "emulate walk.parquet --firmware nowhere", &["nowhere", "cargo xtask build"]);
     fail(&path, "emulate walk.parquet --fault open-cell:300", &["no cell 300", "walk.parquet has cells 0 to"]);
     fail(&path, "monitor --tcp 127.0.0.1:1", &["127.0.0.1:1"]);
+    fail(&path, "monitor --tcp 127.0.0.1:1 --json a.json --alerts ./a.json", &["a.json", "a file of its own"]);
     fail(&path, "monitor --serial /dev/nowhere", &["/dev/nowhere"]);
 }
 

@@ -1,126 +1,10 @@
-//! The pedar import of small files in its format, and of a real measurement. The measurement is not part of this repository:
-//! the tests that use it are skipped unless the folder `shared/data/pedar` exists beside the repository.
+//! The pedar import of small files in its format, and of a real measurement, which is not part of this repository.
 
-use plantar::{Region, Side};
+mod common;
+
+use plantar::Side;
 use recording::{Recording, Result, pedar};
-use std::path::{Path, PathBuf};
 use tempfile::TempDir;
-
-/// The path of a file of the real measurement; `None` if the measurement is not present.
-fn measurement_file(name: &str) -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/pedar");
-    if !folder.is_dir() {
-        println!("skipped: the folder ../shared/data/pedar does not exist");
-        return None;
-    }
-    Some(folder.join(name))
-}
-
-/// The real measurement: the left and the right foot.
-fn both_feet() -> Option<[Recording; 2]> {
-    let (asc, geometry) = (measurement_file("pedar_example.asc")?, measurement_file("geometry.csv")?);
-    let import = |side| pedar::import(&asc, &geometry, side, &mut |_, _| {}).unwrap();
-    Some([import(Side::Left), import(Side::Right)])
-}
-
-/// The mean force per region over some frames, N.
-fn region_forces_n(recording: &Recording, frames: std::ops::Range<usize>) -> [f64; 8] {
-    let mut forces_n = [0.0; 8];
-    for i in frames.clone() {
-        for (cell, &kpa) in recording.layout.cells.iter().zip(recording.frame(i)) {
-            forces_n[cell.region as usize] += f64::from(kpa) * cell.area_mm2 * 1e-3 / frames.len() as f64;
-        }
-    }
-    forces_n
-}
-
-#[test]
-fn the_force_while_standing_is_plausible_for_the_mass_of_a_person() {
-    let Some([left, right]) = both_feet() else {
-        return;
-    };
-    assert_eq!((left.frames(), left.cells()), (1505, 99));
-    assert!((left.rate_hz - 100.0).abs() < 1e-6);
-    for i in (0..300).step_by(20) {
-        let force_n = left.force_n(i) + right.force_n(i);
-        assert!((700.0..1100.0).contains(&force_n), "{force_n} N");
-    }
-}
-
-#[test]
-fn both_insoles_have_the_same_foot_coordinates() {
-    let Some([left, right]) = both_feet() else {
-        return;
-    };
-    for foot in [&left, &right] {
-        let cells = &foot.layout.cells;
-        // The first sensor is at the heel, at the medial end of its row. The last sensor is at the toes.
-        assert!(cells[0].y_mm < 30.0 && cells[0].x_mm < cells[4].x_mm);
-        assert_eq!(cells[0].region, Region::Heel);
-        assert!(cells[98].y_mm > 250.0 && cells[98].region >= Region::Hallux);
-        let least = |along: fn(&recording::Cell) -> f64| cells.iter().map(along).fold(f64::INFINITY, f64::min);
-        assert!((0.0..15.0).contains(&least(|c| c.x_mm)));
-        assert!((0.0..15.0).contains(&least(|c| c.y_mm)));
-        for region in Region::ALL {
-            assert!(cells.iter().any(|c| c.region == region), "no {region:?}");
-        }
-    }
-    // The insoles are mirror images.
-    for (a, b) in left.layout.cells.iter().zip(&right.layout.cells) {
-        assert!((a.x_mm - b.x_mm).abs() < 3.0 && (a.y_mm - b.y_mm).abs() < 3.0);
-    }
-}
-
-#[test]
-fn while_standing_the_heel_carries_most_and_the_medial_arch_little() {
-    let Some(feet) = both_feet() else {
-        return;
-    };
-    for foot in &feet {
-        let standing_n = region_forces_n(foot, 0..100);
-        let most = standing_n.iter().copied().fold(0.0, f64::max);
-        assert_eq!(standing_n[Region::Heel as usize], most);
-        let midfoot = |medial: bool| -> f64 {
-            foot.layout
-                .cells
-                .iter()
-                .zip(foot.frame(50))
-                .filter(|(c, _)| (90.0..170.0).contains(&c.y_mm) && (c.x_mm < 50.0) == medial)
-                .map(|(c, &kpa)| f64::from(kpa) * c.area_mm2)
-                .sum()
-        };
-        assert!(midfoot(false) > midfoot(true));
-    }
-}
-
-#[test]
-fn steps_begin_at_the_heel_and_end_at_the_forefoot() {
-    let Some([left, right]) = both_feet() else {
-        return;
-    };
-    for foot in [&left, &right] {
-        // A shoe presses on the foot during swing, too. The threshold is above the force of this pressure.
-        let is_in_stance = |i: usize| foot.force_n(i) > 200.0;
-        // For each step, whether the heel carries most of the load at its start, and the forefoot at its end.
-        let mut lands_on_heel = Vec::new();
-        let mut leaves_from_front = Vec::new();
-        for i in 1..foot.frames() {
-            let front_share = |i: usize| {
-                let forces_n = region_forces_n(foot, i..i + 1);
-                forces_n[3..].iter().sum::<f64>() / foot.force_n(i)
-            };
-            match (is_in_stance(i - 1), is_in_stance(i)) {
-                (false, true) => lands_on_heel.push(front_share(i) < 0.3),
-                (true, false) => leaves_from_front.push(front_share(i - 1) > 0.6),
-                _ => {}
-            }
-        }
-        let three_quarters = |steps: &[bool]| steps.iter().filter(|&&ok| ok).count() * 4 >= steps.len() * 3;
-        assert!(lands_on_heel.len() >= 3, "{lands_on_heel:?}");
-        assert!(three_quarters(&lands_on_heel), "{lands_on_heel:?}");
-        assert!(three_quarters(&leaves_from_front), "{leaves_from_front:?}");
-    }
-}
 
 const GEOMETRY: &str = "side,sensor,area_mm2,x1_mm,y1_mm,x2_mm,y2_mm,x3_mm,y3_mm,x4_mm,y4_mm\n\
     right,1,100,100,10,110,10,110,20,100,20\n\
@@ -215,4 +99,115 @@ fn the_error_for_an_invalid_geometry_names_the_line() {
     refused("right,2", "right,3", &["geometry.csv:3", "expected 2"]);
     refused("right,2", "both,2", &["geometry.csv:3", "left or right"]);
     refused("right,1,100,100", "right,1,100,x", &["geometry.csv:2", "x1_mm"]);
+}
+
+/// Tests with a recording of a person, which is not public.
+mod unpublished {
+    use super::common::recordings;
+    use plantar::{Region, Side};
+    use recording::{Recording, pedar};
+
+    /// The real measurement: the left and the right foot.
+    fn both_feet() -> [Recording; 2] {
+        let folder = recordings().join("pedar");
+        let (asc, geometry) = (folder.join("pedar_example.asc"), folder.join("geometry.csv"));
+        [Side::Left, Side::Right].map(|side| pedar::import(&asc, &geometry, side, &mut |_, _| {}).unwrap())
+    }
+
+    /// The mean force per region over some frames, N.
+    fn region_forces_n(recording: &Recording, frames: std::ops::Range<usize>) -> [f64; 8] {
+        let mut forces_n = [0.0; 8];
+        for i in frames.clone() {
+            for (cell, &kpa) in recording.layout.cells.iter().zip(recording.frame(i)) {
+                forces_n[cell.region as usize] += f64::from(kpa) * cell.area_mm2 * 1e-3 / frames.len() as f64;
+            }
+        }
+        forces_n
+    }
+
+    #[test]
+    #[ignore = "needs recordings of people, which are not public: PLANTAR_RECORDINGS"]
+    fn the_force_while_standing_is_plausible_for_the_mass_of_a_person() {
+        let [left, right] = both_feet();
+        assert_eq!((left.frames(), left.cells()), (1505, 99));
+        assert!((left.rate_hz - 100.0).abs() < 1e-6);
+        for i in (0..300).step_by(20) {
+            let force_n = left.force_n(i) + right.force_n(i);
+            assert!((700.0..1100.0).contains(&force_n), "{force_n} N");
+        }
+    }
+
+    #[test]
+    #[ignore = "needs recordings of people, which are not public: PLANTAR_RECORDINGS"]
+    fn both_insoles_have_the_same_foot_coordinates() {
+        let [left, right] = both_feet();
+        for foot in [&left, &right] {
+            let cells = &foot.layout.cells;
+            // The first sensor is at the heel, at the medial end of its row. The last sensor is at the toes.
+            assert!(cells[0].y_mm < 30.0 && cells[0].x_mm < cells[4].x_mm);
+            assert_eq!(cells[0].region, Region::Heel);
+            assert!(cells[98].y_mm > 250.0 && cells[98].region >= Region::Hallux);
+            let least = |along: fn(&recording::Cell) -> f64| cells.iter().map(along).fold(f64::INFINITY, f64::min);
+            assert!((0.0..15.0).contains(&least(|c| c.x_mm)));
+            assert!((0.0..15.0).contains(&least(|c| c.y_mm)));
+            for region in Region::ALL {
+                assert!(cells.iter().any(|c| c.region == region), "no {region:?}");
+            }
+        }
+        // The insoles are mirror images.
+        for (a, b) in left.layout.cells.iter().zip(&right.layout.cells) {
+            assert!((a.x_mm - b.x_mm).abs() < 3.0 && (a.y_mm - b.y_mm).abs() < 3.0);
+        }
+    }
+
+    #[test]
+    #[ignore = "needs recordings of people, which are not public: PLANTAR_RECORDINGS"]
+    fn while_standing_the_heel_carries_most_and_the_medial_arch_little() {
+        for foot in &both_feet() {
+            let standing_n = region_forces_n(foot, 0..100);
+            let most = standing_n.iter().copied().fold(0.0, f64::max);
+            assert_eq!(standing_n[Region::Heel as usize], most);
+            let midfoot = |medial: bool| -> f64 {
+                foot.layout
+                    .cells
+                    .iter()
+                    .zip(foot.frame(50))
+                    .filter(|(c, _)| (90.0..170.0).contains(&c.y_mm) && (c.x_mm < 50.0) == medial)
+                    .map(|(c, &kpa)| f64::from(kpa) * c.area_mm2)
+                    .sum()
+            };
+            assert!(midfoot(false) > midfoot(true));
+        }
+    }
+
+    #[test]
+    #[ignore = "needs recordings of people, which are not public: PLANTAR_RECORDINGS"]
+    fn steps_begin_at_the_heel_and_end_at_the_forefoot() {
+        let [left, right] = both_feet();
+        for foot in [&left, &right] {
+            // A shoe presses on the foot during swing, too. The threshold is above the force of this pressure.
+            let is_in_stance = |i: usize| foot.force_n(i) > 200.0;
+            // For each step, whether the heel carries most of the load at its start, and the forefoot at its end.
+            let mut lands_on_heel = Vec::new();
+            let mut leaves_from_front = Vec::new();
+            for i in 1..foot.frames() {
+                let front_share = |i: usize| {
+                    let forces_n = region_forces_n(foot, i..i + 1);
+                    forces_n[Region::Metatarsals12 as usize..].iter().sum::<f64>() / foot.force_n(i)
+                };
+                match (is_in_stance(i - 1), is_in_stance(i)) {
+                    (false, true) => lands_on_heel.push(front_share(i) < 0.3),
+                    (true, false) => leaves_from_front.push(front_share(i - 1) > 0.6),
+                    _ => {}
+                }
+            }
+            let three_quarters = |steps: &[bool]| steps.iter().filter(|&&ok| ok).count() * 4 >= steps.len() * 3;
+            assert!(
+                lands_on_heel.len() >= 3 && leaves_from_front.len() >= 3,
+                "{lands_on_heel:?} {leaves_from_front:?}"
+            );
+            assert!(three_quarters(&lands_on_heel), "{lands_on_heel:?}");
+            assert!(three_quarters(&leaves_from_front), "{leaves_from_front:?}");
+        }
+    }
 }

@@ -50,10 +50,11 @@ impl Person {
         let size = settings.size.unwrap_or(search.size);
         let search = Search { size, tissue: settings.thickness.clone().or(search.tissue.clone()), ..search.clone() };
         let (tissue, notes) = search.tissue(read)?;
-        let baseline =
+        let read_zero =
             |path: &PathBuf| Ok::<_, anyhow::Error>((path.clone(), Zero::parse(&text(path, read(path))?, path)?));
-        let zero = settings.zero.as_ref().map(baseline).transpose()?;
-        Ok(Self { size, options: search.options(&tissue, 0)?, contact, notes, zero, settings })
+        let zero = settings.zero.as_ref().map(read_zero).transpose()?;
+        let no_resamples = 0;
+        Ok(Self { size, options: search.options(&tissue, no_resamples)?, contact, notes, zero, settings })
     }
 
     /// Everything besides the recordings that determines the rows of this person, as text.
@@ -81,7 +82,9 @@ impl Person {
     pub fn steps(&self, source: FrameSource, path: &Path) -> Result<Vec<Step>> {
         let steps = || {
             let insole = self.insole(&source)?;
-            Ok::<_, anyhow::Error>(isolate(&insole, insole.scans(source), 0, &mut |_| ())?.0)
+            // Each recording is evaluated on its own, so its index is 0.
+            let (steps, _excluded) = isolate(&insole, insole.scans(source), 0, &mut |_| ())?;
+            Ok::<_, anyhow::Error>(steps)
         };
         steps().with_context(|| format!("{}: the recording cannot be evaluated", path.display()))
     }

@@ -125,7 +125,7 @@ pub struct Soak {
 #[derive(Args)]
 pub struct Assure {
     /// Test one in so many changes to the core; all of them take about five hours on two idle cores.
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     pub every: u32,
     #[command(flatten)]
     pub figures: FiguresFile,

@@ -3,14 +3,14 @@
 use crate::arguments::Assure;
 use crate::command::{built, root, run_command};
 use crate::setup;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use serde_json::Value;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
 /// Least share of the core's lines that tests execute.
 const LEAST_COVERAGE: f64 = 0.90;
-/// Least share of the changes to the core that tests notice.
+/// Least share of the changes to the modules in `.cargo/mutants.toml` that tests notice.
 const LEAST_MUTATION_SCORE: f64 = 0.85;
 /// Least number of properties.
 const LEAST_PROOFS: usize = 10;
@@ -48,9 +48,15 @@ impl Assure {
         let figures =
             [("proofs", proofs.into()), ("coverage_lines", coverage.into()), ("mutation_score", score.into())];
         self.figures.write(&figures.map(|(key, figure)| (key.to_owned(), figure)).into_iter().collect())?;
-        if proofs < LEAST_PROOFS || coverage < LEAST_COVERAGE || score < LEAST_MUTATION_SCORE {
-            bail!("a figure misses its bar: {LEAST_PROOFS}, {LEAST_COVERAGE}, {LEAST_MUTATION_SCORE}");
-        }
+        let bars = [
+            ("proofs", proofs as f64, LEAST_PROOFS as f64),
+            ("coverage_lines", coverage, LEAST_COVERAGE),
+            ("mutation_score", score, LEAST_MUTATION_SCORE),
+        ];
+        let missed = bars.iter().filter(|(_, figure, least)| figure < least);
+        let missed: Vec<_> =
+            missed.map(|(name, figure, least)| format!("{name} is {figure:.3}, at least {least}")).collect();
+        ensure!(missed.is_empty(), "figures miss their bars: {}", missed.join("; "));
         Ok(())
     }
 }
@@ -62,7 +68,7 @@ fn cargo(arguments: &[&str]) -> Command {
     command
 }
 
-/// Checks all properties with large bounds, and all interleavings; returns the number of tests.
+/// Checks all properties with large bounds, and all interleavings of the firmware's loops; returns the number of tests.
 fn proofs() -> Result<usize> {
     let exhaustive =
         ["test", "--locked", "--release", "--package", "proofs", "--test", "exhaustive", "--test", "stored"];
@@ -83,7 +89,8 @@ fn proofs() -> Result<usize> {
 
 /// The number of tests in a list.
 fn tests(mut list: Command) -> Result<usize> {
-    let output = list.current_dir(root()).stderr(Stdio::null()).output()?;
+    let output = list.current_dir(root()).stderr(Stdio::inherit()).output()?;
+    ensure!(output.status.success(), "the tests of the package proofs cannot be listed");
     Ok(String::from_utf8_lossy(&output.stdout).lines().filter(|line| line.ends_with(": test")).count())
 }
 
@@ -120,10 +127,13 @@ fn coverage() -> Result<f64> {
             |key: &str| file["summary"]["lines"][key].as_u64().context("the report of the coverage has no lines");
         (covered, lines) = (covered + count("covered")?, lines + count("count")?);
     }
+    // Without lines the share would be NaN, which misses no bar.
+    ensure!(lines > 0, "{} has no file of {}: the coverage was not measured", json.display(), core.display());
     Ok(covered as f64 / lines as f64)
 }
 
-/// Changes the core at one in `every` places, one after the other, and returns the share of the changes that tests notice.
+/// Changes the modules in `.cargo/mutants.toml` at one in `every` places, one after the other, and returns the share of the
+/// changes that tests notice.
 fn mutation_score(every: u32) -> Result<f64> {
     let tool = setup::cargo_mutants()?;
     let mutants = |step: &str, arguments: &[&str]| {
@@ -146,11 +156,12 @@ fn mutation_score(every: u32) -> Result<f64> {
     let shard = format!("0/{every}");
     let fast = ["--sharding", "round-robin", "--shard", &shard, "--test-package", "plantar,proofs"];
     let (noticed, missed) = mutants("fast", &fast)?;
-    let count = missed.lines().count() as u64;
-    if count == 0 {
+    let missed_count = missed.lines().count() as u64;
+    ensure!(noticed + missed_count > 0, "no change could be tested: use a smaller number with --every");
+    if missed_count == 0 {
         return Ok(1.0);
     }
-    println!("Testing the {count} changes that they did not notice with slower tests");
+    println!("Testing the {missed_count} changes that they did not notice with slower tests");
     let names: Vec<String> = missed.lines().map(escaped).collect();
     let names = format!("^({})$", names.join("|"));
     let slower = SLOWER_TESTS.iter().flat_map(|test| ["--test", test]);
@@ -159,7 +170,7 @@ fn mutation_score(every: u32) -> Result<f64> {
     // cargo-mutants ignores the names for some kinds of changes, and tests more of these than it was asked for.
     let never: Vec<_> = missed.lines().filter(|change| never.lines().any(|other| other == *change)).collect();
     println!("Changes that no test noticed:\n{}", never.join("\n"));
-    Ok(1.0 - never.len() as f64 / (noticed + count) as f64)
+    Ok(1.0 - never.len() as f64 / (noticed + missed_count) as f64)
 }
 
 /// A regular expression for exactly this text.

@@ -2,17 +2,20 @@
 
 use crate::command::{built, join, root, run_command};
 use crate::setup;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use std::io::Read;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
 /// Largest memory that an input may need, MiB. The limit is high because a single page of a Parquet file may take 2 GiB.
 const MEMORY_MIB: u32 = 4096;
-/// Longest time that an input may take, s.
+/// Longest time that an input may take, s; a longer one counts as an endless loop.
 const HANG_S: u32 = 25;
 
-/// Runs every target. Returns an error that names the target and the input of the first failure.
+/// Runs every target; all of them together take `minutes` of one core.
+///
+/// # Errors
+/// If a target fails; the message names the target and its input.
 pub fn run(minutes: f64) -> Result<()> {
     let tool = setup::cargo_fuzz()?;
     let cargo_fuzz = |arguments: &[&str]| {
@@ -20,12 +23,11 @@ pub fn run(minutes: f64) -> Result<()> {
         command.current_dir(root()).args(arguments);
         command
     };
-    let targets = cargo_fuzz(&["list"]).output().context("cargo-fuzz does not start")?;
-    let targets = String::from_utf8(targets.stdout)?;
+    let list = cargo_fuzz(&["list"]).stderr(Stdio::inherit()).output().context("cargo-fuzz does not start")?;
+    ensure!(list.status.success(), "cargo-fuzz cannot list the targets in fuzz/Cargo.toml");
+    let targets = String::from_utf8(list.stdout)?;
     let targets: Vec<_> = targets.lines().collect();
-    if targets.is_empty() {
-        bail!("no fuzz targets in fuzz/Cargo.toml");
-    }
+    ensure!(!targets.is_empty(), "no fuzz targets in fuzz/Cargo.toml");
     let folder = built("fuzz");
     // A sanitizer would need a nightly toolchain, and the parsers contain no unsafe code.
     let options = ["--sanitizer", "none", "--target-dir", &folder.to_string_lossy()];
@@ -66,7 +68,10 @@ fn run_target(mut fuzzer: Command, target: &str, found: &Path, seconds: u64) -> 
         let artifact = output.split_once("Test unit written to ").and_then(|(_, rest)| rest.lines().next());
         let last: Vec<_> = output.lines().rev().take(40).collect();
         last.iter().rev().for_each(|line| eprintln!("{line}"));
-        bail!("fuzz target {target} failed: {}", artifact.unwrap_or("it wrote no artifact"));
+        match artifact {
+            Some(input) => bail!("fuzz target {target} failed for the input in {input}"),
+            None => bail!("fuzz target {target} failed without an input: see its output above"),
+        }
     }
     let executions = output.split_once("number_of_executed_units:").and_then(|(_, rest)| rest.lines().next());
     let executions: u64 = executions.context("the fuzzer printed no number of executions")?.trim().parse()?;

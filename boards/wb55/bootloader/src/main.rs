@@ -31,8 +31,8 @@ use plantar::storage::flash_map::{ACTIVE, CHIP_BYTES, MAX_IMAGE, STM32_FLASH};
 use plantar::storage::supplied::Supplied;
 use w25::{Q, W25};
 
-/// The watchdog resets the board after this time, us: if the swap of one sector takes longer, which takes less than a second, or
-/// if the started image does not feed the watchdog. An image on trial is then swapped back.
+/// Timeout of the watchdog, us. It resets the board if the swap of one sector does not end (it takes less than a second), or if
+/// the started image does not feed the watchdog. An image on trial is then swapped back.
 const WATCHDOG_US: u32 = 20_000_000;
 
 /// The level of the voltage detector: 2.8 V. The flash chip works from 2.7 V on.
@@ -51,7 +51,7 @@ fn is_supplied() -> bool {
     !pac::PWR.sr2().read().pvdo()
 }
 
-/// The controller's own flash. Each erase operation, one for each sector of a swap, feeds the watchdog.
+/// The controller's own flash, which feeds the watchdog before each erase operation, of which a swap has one for each sector.
 struct Fed<F> {
     flash: F,
     watchdog: IndependentWatchdog<'static, IWDG>,
