@@ -1,5 +1,8 @@
 //! Persists steps, load bouts, alerts, acknowledgements, parameters and bonds, and executes the commands of a host.
 
+#[cfg(feature = "management")]
+mod manage;
+
 use super::shared::Shared;
 use super::supervise::Part;
 use super::trial::{Trial, Verdict};
@@ -16,6 +19,7 @@ use core::task::{Context, Poll};
 use embassy_futures::select::select;
 use embassy_time::{Duration, Instant, Timer};
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
+use mcumgr::Sha256;
 
 /// Time from the acceptance of an update to the restart, in which the answer to the host is sent.
 const RESTART_DELAY: Duration = Duration::from_millis(500);
@@ -30,6 +34,7 @@ const IDLE: Duration = Duration::from_secs(10);
 const PROVEN: Duration = Duration::from_secs(3600);
 
 /// The state of persisting.
+#[cfg_attr(not(feature = "management"), allow(dead_code, reason = "management tools use some fields"))]
 struct Persist<'a> {
     shared: &'a Shared,
     /// The log may contain steps or load bouts after the newest one in RAM.
@@ -50,15 +55,19 @@ struct Persist<'a> {
     /// The last attempt to store the bonds failed.
     bonds_failed: bool,
     image: &'a Header,
+    content: &'a [u8],
+    /// Names the running image, once a tool has asked for it.
+    sha256: Option<Sha256>,
 }
 
 /// Persists steps, load bouts, acknowledgements, parameters and bonds. Never returns. An item that the chip fails to store is
 /// counted, and is in force until the next start. Receives firmware updates, and confirms the running image after its trial;
-/// `image` is its header.
+/// `image` is its header, `content` the image itself.
 pub async fn persist(
     store: &mut Store<impl MultiwriteNorFlash>,
     shared: &Shared,
     image: &Header,
+    content: &[u8],
     restart: fn() -> !,
 ) -> ! {
     // Without a chip no image can have been swapped.
@@ -80,6 +89,8 @@ pub async fn persist(
         has_previous: true,
         bonds_failed: false,
         image,
+        content,
+        sha256: None,
     };
     if is_on_trial {
         log::info!("update: this image is on trial");
@@ -94,6 +105,9 @@ pub async fn persist(
         state.store_bonds(store).await;
         state.note_radio(store).await;
         state.execute_command(store, restart).await;
+        // Not `if`, because the code of an asynchronous function that is never called remains.
+        #[cfg(feature = "management")]
+        state.execute_request(store).await;
         if Instant::now() >= state.daily_load_at {
             state.store_daily_load(store).await;
         }
