@@ -175,8 +175,12 @@ async fn serve(
         ],
         &mut advertised,
     )?;
-    let scanned_len =
-        AdStructure::encode_slice(&[AdStructure::CompleteLocalName(insole.name().as_bytes())], &mut scanned)?;
+    let scan_response = [
+        AdStructure::CompleteLocalName(insole.name().as_bytes()),
+        AdStructure::IncompleteServiceUuids128(&[gatt::MANAGEMENT_SERVICE.to_le_bytes()]),
+    ];
+    let structures = if insole.is_managed() { &scan_response[..] } else { &scan_response[..1] };
+    let scanned_len = AdStructure::encode_slice(structures, &mut scanned)?;
     let advertisement = Advertisement::ConnectableScannableUndirected {
         adv_data: &advertised[..len],
         scan_data: &scanned[..scanned_len],

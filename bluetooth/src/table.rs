@@ -5,8 +5,8 @@ use plantar::firmware::ble::GattServer;
 use plantar::protocol::gatt::{self, GattChannel};
 use trouble_host::prelude::*;
 
-/// Largest number of attributes.
-const ATTRIBUTES: usize = 40;
+/// Largest number of attributes: of a board with a battery that serves management tools.
+const ATTRIBUTES: usize = 43;
 
 /// A characteristic without a stored value: its values are sent or received when they occur.
 type Stream = Characteristic<[u8; 0]>;
@@ -24,12 +24,14 @@ pub struct Table {
     live: Stream,
     steps: Stream,
     parameters: Stream,
+    /// [`gatt::MANAGEMENT`]; `None` on a board that does not serve management tools.
+    management: Option<Stream>,
 }
 
 impl Table {
     /// Builds the table with the names and versions of the insole.
     pub fn build(insole: &dyn GattServer) -> (Self, Server<'_>) {
-        use CharacteristicProp::{Indicate, Notify, Read, Write};
+        use CharacteristicProp::{Indicate, Notify, Read, Write, WriteWithoutResponse};
         use trouble_host::prelude::{characteristic as c, service as s};
         let mut table = AttributeTable::new();
         let appearance = &appearance::running_walking_sensor::IN_SHOE_RUNNING_WALKING_SENSOR;
@@ -50,7 +52,7 @@ impl Table {
         let cadence = running.add_characteristic_small(c::RSC_MEASUREMENT, [Notify], []).build();
         // The insole has no optional feature of Running Speed and Cadence.
         running.add_characteristic_ro(c::RSC_FEATURE, &[0u8; 2]).build();
-        // The insole service comes last: everything from its first handle on needs a bond.
+        // The insole's service and that of management tools come last: everything from the first handle on needs a bond.
         let mut insole_service = table.add_service(Service::new(Uuid::from(gatt::SERVICE)));
         let mut stream = |uuid: u128, props: &[CharacteristicProp]| {
             insole_service.add_characteristic_small(Uuid::from(uuid), props, []).build()
@@ -59,7 +61,12 @@ impl Table {
         let live = stream(gatt::LIVE, &[Notify]);
         let steps = stream(gatt::STEPS, &[Notify]);
         let parameters = stream(gatt::PARAMETERS, &[Write, Indicate]);
-        (Self { battery, time, cadence, control, live, steps, parameters }, AttributeServer::new(table))
+        let management = insole.is_managed().then(|| {
+            let mut tools = table.add_service(Service::new(Uuid::from(gatt::MANAGEMENT_SERVICE)));
+            let props = [WriteWithoutResponse, Notify];
+            tools.add_characteristic_small(Uuid::from(gatt::MANAGEMENT), props, []).build()
+        });
+        (Self { battery, time, cadence, control, live, steps, parameters, management }, AttributeServer::new(table))
     }
 
     /// True for handles that only a bonded central on an encrypted link may write. Handles of subscriptions are included.
@@ -69,8 +76,12 @@ impl Table {
 
     /// The channel of a value handle that a central may write; `None` for other handles.
     pub fn written(&self, handle: u16) -> Option<GattChannel> {
-        let channels = [(&self.control, GattChannel::Control), (&self.parameters, GattChannel::Parameters)];
-        match channels.into_iter().find(|(stream, _)| stream.handle == handle) {
+        let channels = [
+            (Some(&self.control), GattChannel::Control),
+            (Some(&self.parameters), GattChannel::Parameters),
+            (self.management.as_ref(), GattChannel::Management),
+        ];
+        match channels.into_iter().find(|(stream, _)| stream.is_some_and(|stream| stream.handle == handle)) {
             Some((_, channel)) => Some(channel),
             None => (self.time.handle == handle).then_some(GattChannel::Time),
         }
@@ -85,6 +96,8 @@ impl Table {
             GattChannel::Live => &self.live,
             GattChannel::Steps => &self.steps,
             GattChannel::Parameters => &self.parameters,
+            // An insole sends no value of a characteristic that it does not have.
+            GattChannel::Management => self.management.as_ref().unwrap_or(&self.control),
         }
     }
 }

@@ -119,6 +119,14 @@ fn main() {
         let fragments = fragments(message);
         seed("fragments", &format!("to-device-{i}"), &pieces(fragments.iter().map(Vec::as_slice)));
     }
+    // An echo, the first part of a file, and a request in two lines.
+    seed("management", "echo", b"\x0a\0\0\x0a\0\0\x01\0\xa1adfInsole");
+    seed(
+        "management",
+        "upload",
+        b"\x0a\0\0\x1f\0\x01\x09\x01\xa3clen\x1a\0\x01\x11pcoff\0ddataJ=\xb8\xf3\x96\0\0\0\0h\0",
+    );
+    seed("management", "lines", b"\x06\tAAsI\r\n\x04\x14AAABAAEGAKAdoQ==\r\n");
     seed("client", "session", &pieces(to_host.iter().map(Vec::as_slice)));
 
     let session = session(&recording, &virtual_insole);

@@ -9,7 +9,7 @@ mod phones;
 use common::{firmware, replay, synthetic_walk, tissue};
 use firmware_image::{Image, development_key};
 use phones::{
-    BONDS_AT, CHARACTERISTICS, CONTROL, CURRENT_TIME, Insole, LIVE, PARAMETERS, Phone, RSC_MEASUREMENT,
+    BONDS_AT, CHARACTERISTICS, CONTROL, CURRENT_TIME, Insole, LIVE, MANAGEMENT, PARAMETERS, Phone, RSC_MEASUREMENT,
     RadioSimulation, STEPS, World, fragments,
 };
 use plantar::firmware::front_end::NOISE_CODES;
@@ -41,7 +41,7 @@ fn an_unbonded_phone_reads_the_device_information_and_nothing_else() {
     let mut phone = world.new_phone(1);
     let table = phone.connect(&mut world.radio, 247);
     // Properties of a characteristic.
-    let (read, write, notify, indicate) = (0x02, 0x08, 0x10, 0x20);
+    let (read, command, write, notify, indicate) = (0x02, 0x04, 0x08, 0x10, 0x20);
     let expected: Vec<(&str, Vec<(&str, u64)>)> = vec![
         ("1800", vec![("2a00", read), ("2a01", read)]),
         ("1801", vec![]),
@@ -53,6 +53,7 @@ fn an_unbonded_phone_reads_the_device_information_and_nothing_else() {
             "dca8c300-cb96-463f-8bec-f2094e1ccf7b",
             vec![(CONTROL, write | indicate), (LIVE, notify), (STEPS, notify), (PARAMETERS, write | indicate)],
         ),
+        ("8d53dc1d-1db7-4cd3-868b-8a527460aa84", vec![(MANAGEMENT, command | notify)]),
     ];
     let expected: Value = expected
         .into_iter()
@@ -85,7 +86,7 @@ fn an_unbonded_phone_reads_the_device_information_and_nothing_else() {
             "{characteristic}"
         );
     }
-    for characteristic in CHARACTERISTICS {
+    for characteristic in CHARACTERISTICS.into_iter().chain([MANAGEMENT]) {
         let subscribed = world.radio.try_request(json!({"do": "subscribe", "phone": phone.name, "to": characteristic}));
         assert_eq!(
             subscribed.expect_err("the subscription must be refused").att,

@@ -5,6 +5,7 @@
 //! attribute table; it uses the session through [`GattServer`].
 
 use super::board::BluetoothBoard;
+use super::manage::IS_MANAGED;
 use super::shared::{Carrier, Shared};
 use super::supervise::Part;
 use crate::protocol::fragment::{FragmentError, Joiner, Splitter};
@@ -47,6 +48,8 @@ pub trait GattServer {
     fn next(&self, value: &mut [u8]) -> Option<(GattChannel, usize)>;
     /// Ends the session after the central disconnected.
     fn close(&self);
+    /// True if the insole serves management tools, on the characteristic [`gatt::MANAGEMENT`].
+    fn is_managed(&self) -> bool;
     /// False while the insole is not worn; it then advertises slowly.
     fn is_worn(&self) -> bool;
     /// Counts a heartbeat of the radio: it has executed a command. To be called every second while centrals can connect or one is
@@ -78,18 +81,26 @@ impl<'a, B> GattSession<'a, B> {
         }
     }
 
-    /// Adds a fragment of a request that was written to `channel`, and passes the request to the session once it is complete.
+    /// Adds a fragment of a request that was written to `channel`, and passes the request on once it is complete.
     fn join(&self, channel: GattChannel, fragment: &[u8]) -> Result<(), WriteError> {
         let (joining, joiner) = &mut *self.joiner.borrow_mut();
         // A message that was begun on one characteristic does not continue on another.
         if core::mem::replace(joining, channel) != channel {
             *joiner = Joiner::new();
         }
-        let message = joiner.push(fragment).map_err(|error| match error {
+        let joined = match channel {
+            GattChannel::Management => joiner.push_plain(fragment, mcumgr::message_bytes),
+            _ => joiner.push(fragment),
+        };
+        let message = joined.map_err(|error| match error {
             FragmentError::OutOfOrder => WriteError::OutOfOrder,
             FragmentError::Empty | FragmentError::TooLong => WriteError::Length,
         })?;
         let Some(message) = message else { return Ok(()) };
+        if channel == GattChannel::Management {
+            self.shared.receive_management(Carrier::Bluetooth, message);
+            return Ok(());
+        }
         let message: ToDevice = decode(message).ok_or(WriteError::NotUnderstood)?;
         if GattChannel::of_request(&message) != channel {
             return Err(WriteError::NotUnderstood);
@@ -182,10 +193,16 @@ impl<B: BluetoothBoard> GattServer for GattSession<'_, B> {
             if let Some(next) = self.next_standard(value) {
                 return Some(next);
             }
-            let message = self.shared.next(Carrier::Bluetooth, splitter.buffer())?;
-            *channel = GattChannel::of_answer(message);
-            let len = message.len();
-            splitter.start(len);
+            if let Some(answer) = self.shared.next_management(Carrier::Bluetooth, splitter.buffer()) {
+                *channel = GattChannel::Management;
+                let len = answer.len();
+                splitter.start_plain(len);
+            } else {
+                let message = self.shared.next(Carrier::Bluetooth, splitter.buffer())?;
+                *channel = GattChannel::of_answer(message);
+                let len = message.len();
+                splitter.start(len);
+            }
         }
         splitter.next(value).map(|len| (*channel, len))
     }
@@ -194,6 +211,10 @@ impl<B: BluetoothBoard> GattServer for GattSession<'_, B> {
         self.shared.close(Carrier::Bluetooth);
         self.joiner.borrow_mut().1 = Joiner::new();
         self.splitter.borrow_mut().1 = Splitter::new();
+    }
+
+    fn is_managed(&self) -> bool {
+        IS_MANAGED
     }
 
     fn is_worn(&self) -> bool {

@@ -20,6 +20,7 @@ pub mod process;
 pub mod serve;
 pub mod admission;
 pub mod ble;
+mod manage;
 pub mod persist;
 mod trial;
 pub mod supervise;

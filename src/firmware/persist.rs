@@ -1,5 +1,8 @@
 //! Persists steps, load bouts, alerts, acknowledgements, parameters and bonds, and executes the commands of a host.
 
+#[cfg(feature = "management")]
+mod manage;
+
 use super::shared::Shared;
 use super::supervise::Part;
 use super::trial::{Trial, Verdict};
@@ -16,6 +19,7 @@ use core::task::{Context, Poll};
 use embassy_futures::select::select;
 use embassy_time::{Duration, Instant, Timer};
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
+use mcumgr::Sha256;
 
 /// Time from the acceptance of an update to the restart, in which the answer to the host is sent.
 const RESTART_DELAY: Duration = Duration::from_millis(500);
@@ -30,6 +34,7 @@ const IDLE: Duration = Duration::from_secs(10);
 const PROVEN: Duration = Duration::from_secs(3600);
 
 /// The state of persisting.
+#[cfg_attr(not(feature = "management"), allow(dead_code, reason = "management tools use some fields"))]
 struct Persist<'a> {
     shared: &'a Shared,
     /// The log may contain steps or load bouts after the newest one in RAM.
@@ -50,15 +55,19 @@ struct Persist<'a> {
     /// The last attempt to store the bonds failed.
     bonds_failed: bool,
     image: &'a Header,
+    content: &'a [u8],
+    /// Names the running image, once a tool has asked for it.
+    sha256: Option<Sha256>,
 }
 
 /// Persists steps, load bouts, acknowledgements, parameters and bonds. Never returns. An item that the chip fails to store is
 /// counted, and is in force until the next start. Receives firmware updates, and confirms the running image after its trial;
-/// `image` is its header.
+/// `image` is its header, `content` the image itself.
 pub async fn persist(
     store: &mut Store<impl MultiwriteNorFlash>,
     shared: &Shared,
     image: &Header,
+    content: &[u8],
     restart: fn() -> !,
 ) -> ! {
     // Without a chip no image can have been swapped.
@@ -80,6 +89,8 @@ pub async fn persist(
         has_previous: true,
         bonds_failed: false,
         image,
+        content,
+        sha256: None,
     };
     if is_on_trial {
         log::info!("update: this image is on trial");
@@ -94,6 +105,9 @@ pub async fn persist(
         state.store_bonds(store).await;
         state.note_radio(store).await;
         state.execute_command(store, restart).await;
+        // Not `if`, because the code of an asynchronous function that is never called remains.
+        #[cfg(feature = "management")]
+        state.execute_request(store).await;
         if Instant::now() >= state.daily_load_at {
             state.store_daily_load(store).await;
         }
@@ -120,7 +134,7 @@ pub async fn persist(
 impl Persist<'_> {
     async fn store_records(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
         while let Ok(record) = self.shared.records.try_receive() {
-            if !self.store_record(store, record).await {
+            if !self.store_record(store, &record).await {
                 self.shared.session.borrow_mut().push_record(record);
             }
         }
@@ -135,7 +149,7 @@ impl Persist<'_> {
 
     /// Stores a record. False if the session must also hold it in RAM, because it follows the records there or could not be stored.
     /// True if it will be loaded from the log later, or is lost.
-    async fn store_record(&mut self, store: &mut Store<impl MultiwriteNorFlash>, record: LoadRecord) -> bool {
+    async fn store_record(&mut self, store: &mut Store<impl MultiwriteNorFlash>, record: &LoadRecord) -> bool {
         if matches!(record, LoadRecord::Alert(_)) {
             // An alert must not be raised again after a loss of power.
             self.daily_load_at = Instant::now();
@@ -211,7 +225,7 @@ impl Persist<'_> {
     /// Executes the pending command of a host, if there is one, and completes it.
     async fn execute_command(&mut self, store: &mut Store<impl MultiwriteNorFlash>, restart: fn() -> !) {
         let Some(command) = self.shared.session.borrow().command() else { return };
-        let result = self.execute(store, command, restart).await;
+        let Some(result) = self.execute(store, &command).await.transpose() else { return };
         if result == Ok(CommandResult::Update(Progress::Accepted)) {
             log::info!("update: the image is accepted, restarting");
             self.restart_at = Instant::now() + RESTART_DELAY;
@@ -228,31 +242,32 @@ impl Persist<'_> {
         }
     }
 
+    /// Executes a command. Returns `None` if a restart follows instead of an answer. The command is borrowed, because a copy would
+    /// take static memory of this task.
     async fn execute(
         &mut self,
         store: &mut Store<impl MultiwriteNorFlash>,
-        command: Command,
-        restart: fn() -> !,
-    ) -> Result<CommandResult, Refusal> {
+        command: &Command,
+    ) -> Result<Option<CommandResult>, Refusal> {
         let identity = self.shared.session.borrow().identity();
         let hello = &self.shared.hello;
-        match command {
+        Ok(Some(match command {
             Command::Tissue(tissue, identified) => {
-                store.put(0, &IdentifiedRecord { tissue_id: tissue.id, identified }).await?;
-                store.put(0, &tissue).await?;
+                store.put(0, &IdentifiedRecord { tissue_id: tissue.id, identified: *identified }).await?;
+                store.put(0, tissue).await?;
                 log::info!("settings: parameters {:x} are stored", tissue.id);
-                Ok(CommandResult::Stored)
+                CommandResult::Stored
             }
             Command::SetIdentity(side, serial) => {
-                store.put(0, &IdentityRecord { side, serial }).await?;
+                store.put(0, &IdentityRecord { side: *side, serial: *serial }).await?;
                 log::info!("settings: side and serial number are stored");
-                Ok(CommandResult::Identity(Identity { side, serial, ..identity }))
+                CommandResult::Identity(Identity { side: *side, serial: *serial, ..identity })
             }
             Command::CalibrationBlock(block, cells) => {
-                store.put_calibration_block(block, &cells).await?;
-                Ok(CommandResult::Stored)
+                store.put_calibration_block(*block, cells).await?;
+                CommandResult::Stored
             }
-            Command::Calibration { layout_id, cells, id } => {
+            &Command::Calibration { layout_id, cells, id } => {
                 // A calibration remains valid if the settings change, but the hello's identifier includes them.
                 let board_layout_id = self.shared.session.borrow().setup().map(|setup| setup.layout_id);
                 let board_layout_id = board_layout_id.ok_or(Refusal::NoLayout)?;
@@ -261,43 +276,43 @@ impl Persist<'_> {
                     return Err(Refusal::Calibration);
                 }
                 log::info!("settings: calibration {:x} is stored", id);
-                Ok(CommandResult::Identity(Identity { calibration_id: id, ..identity }))
+                CommandResult::Identity(Identity { calibration_id: id, ..identity })
             }
             Command::Settings(settings) => {
-                store.put(0, &SettingsRecord(settings)).await?;
+                store.put(0, &SettingsRecord(*settings)).await?;
                 log::info!("settings: the rules are stored, for the next start");
-                Ok(CommandResult::Stored)
+                CommandResult::Stored
             }
             Command::AlertRules(rules) => {
-                store.put(0, &rules).await?;
+                store.put(0, rules).await?;
                 log::info!("settings: the rules of alerts are stored");
-                Ok(CommandResult::Stored)
+                CommandResult::Stored
             }
             Command::EraseWearer => {
                 log::info!("erase: the data of the wearer");
                 store.erase_wearer(|| self.shared.scan.heartbeats.progressed(Part::Storage)).await?;
-                Ok(CommandResult::Identity(identity))
+                CommandResult::Identity(identity)
             }
             Command::Restart => {
-                self.store_all(store).await;
                 log::info!("restart: requested by the host");
-                restart()
+                self.restart_at = Instant::MIN;
+                return Ok(None);
             }
             Command::Update(request) => {
-                if let Some(trial) = self.trial.as_mut().filter(|_| request == Request::Confirm) {
+                if let Some(trial) = self.trial.as_mut().filter(|_| *request == Request::Confirm) {
                     trial.confirm_by_host();
                     self.end_trial(store).await;
                 }
                 let progress = match store.flash() {
                     Some(flash) => {
-                        let mut handled = pin!(self.update.handle(flash, self.image, &update::KEY, &request));
+                        let mut handled = pin!(self.update.handle(flash, self.image, &update::KEY, request));
                         poll_fn(|context| poll_separately(handled.as_mut(), context)).await
                     }
                     None => Err(UpdateRefusal::Chip),
                 };
-                progress.map(CommandResult::Update).map_err(Refusal::Update)
+                CommandResult::Update(progress.map_err(Refusal::Update)?)
             }
-        }
+        }))
     }
 
     /// Stores that the radio has answered on this board.

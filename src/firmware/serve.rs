@@ -1,5 +1,6 @@
 //! The insole's side of a session over a byte carrier, such as a serial port.
 
+use super::manage::IS_MANAGED;
 use super::shared::{Carrier, Shared};
 use super::supervise::Part;
 use crate::protocol::{Decoder, MAX_FRAME, MAX_MESSAGE, decode, frame};
@@ -7,6 +8,7 @@ use embassy_futures::join::join;
 use embassy_futures::select::select;
 use embassy_time::{Duration, Timer};
 use embedded_io_async::{Read, Write};
+use mcumgr::line::{self, END};
 
 /// Longest time between two heartbeats of an idle link.
 const IDLE: Duration = Duration::from_millis(200);
@@ -30,6 +32,11 @@ async fn receive(mut rx: impl Read, shared: &Shared) -> ! {
                     shared.count_bad_frame();
                 }
                 shared.receive(Carrier::Serial, message);
+            } else if IS_MANAGED
+                && byte == END
+                && let Some(message) = decoder.management_message()
+            {
+                shared.receive_management(Carrier::Serial, message);
             }
             for _ in 0..core::mem::take(&mut decoder.bad_frames) {
                 shared.count_bad_frame();
@@ -44,8 +51,14 @@ async fn send(mut tx: impl Write, shared: &Shared) -> ! {
     loop {
         select(shared.changed(Carrier::Serial).wait(), Timer::after(IDLE)).await;
         shared.scan.heartbeats.progressed(Part::Link);
-        while let Some(message) = shared.next(Carrier::Serial, &mut message) {
-            let len = frame(message, &mut framed);
+        loop {
+            let len = if let Some(answer) = shared.next_management(Carrier::Serial, &mut message) {
+                framed.first_chunk_mut().map_or(0, |lines| line::wrap(answer, lines))
+            } else if let Some(message) = shared.next(Carrier::Serial, &mut message) {
+                frame(message, &mut framed)
+            } else {
+                break;
+            };
             if tx.write_all(&framed[..len]).await.is_err() {
                 shared.close(Carrier::Serial);
                 break;

@@ -17,6 +17,7 @@ use embassy_sync::signal::Signal;
 use embassy_time::Instant;
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 use heapless::Vec;
+use mcumgr::{Answer, Head, Request};
 
 /// Number of load records that can wait to be stored.
 pub const RECORD_QUEUE: usize = 2;
@@ -31,6 +32,20 @@ pub enum Carrier {
     Bluetooth,
 }
 
+/// The last request of a management tool. A further request replaces it, so that a tool that gave up waiting does not block others.
+#[allow(clippy::large_enum_variant, reason = "there is one exchange at a time, in place")]
+#[cfg_attr(not(feature = "management"), allow(dead_code, reason = "no request is executed"))]
+pub(super) enum Exchange {
+    /// None, or its answer was sent.
+    Idle,
+    /// The request waits for the storage.
+    Requested(Carrier, Head, Request),
+    /// The storage executes the request.
+    Executing,
+    /// The answer waits for the carrier.
+    Answered(Carrier, Head, Answer),
+}
+
 /// The state that the loops on the thread executor share.
 ///
 /// There is one session at a time. It belongs to the host that sent [`ToDevice::Connect`] last, over either carrier; messages over
@@ -38,6 +53,8 @@ pub enum Carrier {
 /// host has acknowledged it.
 pub struct Shared {
     pub(super) session: RefCell<Session>,
+    /// Not in place: the state is moved once at the start, which takes its size in stack.
+    pub(super) exchange: &'static RefCell<Exchange>,
     /// The carrier of the session.
     carrier: Cell<Carrier>,
     /// For each carrier: signalled when there may be something to send.
@@ -88,7 +105,13 @@ impl ProcessCounters {
 
 impl Shared {
     /// The state before the first connection.
-    pub fn new(hello: Hello, serial_bytes_per_s: u32, scan: &'static ScanCounters, gauges: Gauges) -> Self {
+    pub(super) fn new(
+        hello: Hello,
+        serial_bytes_per_s: u32,
+        scan: &'static ScanCounters,
+        gauges: Gauges,
+        exchange: &'static RefCell<Exchange>,
+    ) -> Self {
         let counters = ProcessCounters {
             steps: 0,
             rejected: Rejected::default(),
@@ -99,6 +122,7 @@ impl Shared {
         };
         Self {
             session: RefCell::new(Session::new()),
+            exchange,
             carrier: Cell::new(Carrier::Serial),
             changed: [Signal::new(), Signal::new()],
             cadence: Cell::default(),
@@ -193,6 +217,13 @@ impl Shared {
     pub fn next<'b>(&self, carrier: Carrier, buffer: &'b mut [u8]) -> Option<&'b [u8]> {
         let mut session = self.session.borrow_mut();
         (self.carrier.get() == carrier).then(|| session.next(&self.hello, || self.status(), buffer)).flatten()
+    }
+
+    /// Ends the session of a carrier, if there is one, because another kind of host uses the carrier.
+    pub(super) fn end_session(&self, carrier: Carrier) {
+        if self.carrier.get() == carrier && self.session.borrow().is_open() {
+            self.close(carrier);
+        }
     }
 
     /// Ends the session of a carrier that lost its host.

@@ -3,7 +3,7 @@
 use super::DeviceInsole;
 use super::board::Gauges;
 use super::scan::{Frame, ScanCounters};
-use super::shared::Shared;
+use super::shared::{Exchange, Shared};
 use crate::insole::Insole;
 use crate::log;
 use crate::pipeline::alert::AlertRules;
@@ -12,6 +12,7 @@ use crate::pipeline::tissue::{Identified, Tissue};
 use crate::protocol::update::Header;
 use crate::protocol::{BLOCK_CELLS, Hello, MAJOR, MAX_FAULT_TEXT, MINOR, Reset, Serial, Settings};
 use crate::storage::{IdentifiedRecord, IdentityRecord, SettingsRecord, Store, previous};
+use core::cell::RefCell;
 use core::fmt::{Display, Write};
 use core::pin::pin;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -65,6 +66,7 @@ pub struct Memory<F, const FRAMES: usize> {
     channel: StaticCell<Channel<'static, CriticalSectionRawMutex, Frame>>,
     store: StaticCell<Store<F>>,
     shared: StaticCell<Shared>,
+    exchange: StaticCell<RefCell<Exchange>>,
 }
 
 impl<F, const FRAMES: usize> Memory<F, FRAMES> {
@@ -77,6 +79,7 @@ impl<F, const FRAMES: usize> Memory<F, FRAMES> {
             channel: StaticCell::new(),
             store: StaticCell::new(),
             shared: StaticCell::new(),
+            exchange: StaticCell::new(),
         }
     }
 }
@@ -196,7 +199,8 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     );
     hello.layout_id = settings.map_or(setup.layout_id, |settings| settings.id(setup.layout_id));
     let (to_process, scanned) = memory.channel.init(Channel::new(memory.frames.take())).split();
-    let shared = init_shared(&memory.shared, hello, serial_bytes_per_s, counters, gauges);
+    let exchange = init_exchange(&memory.exchange);
+    let shared = init_shared(&memory.shared, hello, serial_bytes_per_s, counters, gauges, exchange);
     shared.restore(store, identity, calibration_id).await;
     {
         let mut session = shared.session.borrow_mut();
@@ -237,6 +241,12 @@ async fn open_store<F: MultiwriteNorFlash>(
     store.use_bonds();
 }
 
+/// Initialises the exchange with management tools, in a function of its own, like [`init_shared`].
+#[inline(never)]
+fn init_exchange(memory: &'static StaticCell<RefCell<Exchange>>) -> &'static RefCell<Exchange> {
+    memory.init(RefCell::new(Exchange::Idle))
+}
+
 /// Initialises the shared state, in a function of its own: the stack that its move needs is not reserved while the chip is read.
 #[inline(never)]
 fn init_shared(
@@ -245,8 +255,9 @@ fn init_shared(
     serial_bytes_per_s: u32,
     counters: &'static ScanCounters,
     gauges: Gauges,
+    exchange: &'static RefCell<Exchange>,
 ) -> &'static Shared {
-    memory.init(Shared::new(hello, serial_bytes_per_s, counters, gauges))
+    memory.init(Shared::new(hello, serial_bytes_per_s, counters, gauges, exchange))
 }
 
 /// The text of [`Hello::last_panic`] if the stored parameters cannot be used.

@@ -73,6 +73,12 @@ impl Trial {
         self.previous_counts = counts;
     }
 
+    /// True if the host has waited long enough for its confirmation: the checks have failed.
+    #[cfg(feature = "management")]
+    pub(super) fn is_overdue(&self) -> bool {
+        self.checks > 2 * CHECKS
+    }
+
     pub(super) fn verdict(&self) -> Verdict {
         let needed = if self.is_confirmed_by_host { CHECKS } else { UNATTENDED_CHECKS };
         match self.checks {

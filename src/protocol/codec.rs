@@ -2,6 +2,7 @@
 
 use crate::checksum::crc32;
 use heapless::Vec;
+use mcumgr::line::{self, Lines};
 use postcard::ser_flavors::Flavor;
 use serde::{Deserialize, Serialize};
 
@@ -9,6 +10,9 @@ use serde::{Deserialize, Serialize};
 pub const MAX_MESSAGE: usize = 560;
 /// Longest frame on a byte carrier: message, CRC, COBS overhead and the final zero, bytes.
 pub const MAX_FRAME: usize = MAX_MESSAGE + 4 + (MAX_MESSAGE + 4) / 254 + 1 + 1;
+
+// The lines of a management tool fit, too.
+const _: () = assert!(line::MAX_LINES <= MAX_FRAME && line::MAX_WRAPPED <= MAX_MESSAGE);
 
 /// The message does not fit its buffer, which cannot happen with [`MAX_MESSAGE`] bytes.
 pub type EncodeError = postcard::Error;
@@ -116,6 +120,25 @@ impl Decoder {
             self.bad_frames = self.bad_frames.wrapping_add(1);
         }
         message_len.map(|len| &self.buffer[..len])
+    }
+}
+
+impl Decoder {
+    /// Returns the message of a management tool ([`mcumgr`]) that the last byte has completed. To be called after
+    /// [`Decoder::push`] of a line feed, on an insole.
+    pub fn management_message(&mut self) -> Option<&[u8]> {
+        let len = core::mem::take(&mut self.len);
+        // Tools send no zero. Without this, a frame that is too long would disable them.
+        let Some(bytes) = self.buffer.get_mut(..len) else {
+            self.bad_frames = self.bad_frames.wrapping_add(1);
+            return None;
+        };
+        match line::unwrap(bytes) {
+            Lines::Message(message) => return Some(message),
+            Lines::Damaged => self.bad_frames = self.bad_frames.wrapping_add(1),
+            Lines::Incomplete => self.len = len,
+        }
+        None
     }
 }
 

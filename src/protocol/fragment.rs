@@ -18,12 +18,14 @@ pub struct Splitter {
     len: usize,
     sent: usize,
     next: u8,
+    /// The parts have no headers.
+    is_plain: bool,
 }
 
 impl Splitter {
     /// A splitter without a message.
     pub const fn new() -> Self {
-        Self { message: [0; MAX_MESSAGE], len: 0, sent: 0, next: 0 }
+        Self { message: [0; MAX_MESSAGE], len: 0, sent: 0, next: 0, is_plain: false }
     }
 
     /// The buffer for the next message, to be filled before [`Splitter::start`].
@@ -33,7 +35,13 @@ impl Splitter {
 
     /// Begins a message, the first `len` bytes of [`Splitter::buffer`].
     pub fn start(&mut self, len: usize) {
-        *self = Self { len: len.min(MAX_MESSAGE), sent: 0, next: 0, ..*self };
+        *self = Self { len: len.min(MAX_MESSAGE), sent: 0, next: 0, is_plain: false, ..*self };
+    }
+
+    /// As [`Splitter::start`], for a message that contains its length, so that its parts need no headers.
+    pub fn start_plain(&mut self, len: usize) {
+        self.start(len);
+        self.is_plain = true;
     }
 
     /// True if all fragments of the message were returned.
@@ -44,6 +52,12 @@ impl Splitter {
     /// Writes the next fragment into `fragment`, which has at least 6 bytes, and returns its length; `None` after the last one.
     pub fn next(&mut self, fragment: &mut [u8]) -> Option<usize> {
         let rest = self.message.get(self.sent..self.len).filter(|rest| !rest.is_empty())?;
+        if self.is_plain {
+            let len = rest.len().min(fragment.len());
+            fragment[..len].copy_from_slice(&rest[..len]);
+            self.sent += len;
+            return Some(len);
+        }
         let (header, room) = fragment.split_first_mut()?;
         let len = rest.len().min(room.len());
         room[..len].copy_from_slice(&rest[..len]);
@@ -110,6 +124,29 @@ impl Joiner {
             *self = Self::new();
         }
         joined.map(|()| self.whole.then_some(self.message.as_slice()))
+    }
+
+    /// Adds a part without a header. `message_bytes` returns the length of a message from its beginning, once this suffices; returns
+    /// the message if this was its last part.
+    ///
+    /// # Errors
+    /// [`FragmentError::TooLong`], if the message is too long or the part exceeds it.
+    pub fn push_plain(
+        &mut self,
+        part: &[u8],
+        message_bytes: impl Fn(&[u8]) -> Option<usize>,
+    ) -> Result<Option<&[u8]>, FragmentError> {
+        if self.whole {
+            *self = Self::new();
+        }
+        let is_stored = self.message.extend_from_slice(part).is_ok();
+        let expected = message_bytes(&self.message).unwrap_or(MAX_MESSAGE);
+        if !is_stored || expected > MAX_MESSAGE || self.message.len() > expected {
+            *self = Self::new();
+            return Err(FragmentError::TooLong);
+        }
+        self.whole = self.message.len() == expected;
+        Ok(self.whole.then_some(self.message.as_slice()))
     }
 
     fn join(&mut self, fragment: &[u8]) -> Result<(), FragmentError> {

@@ -108,6 +108,12 @@ impl From<Alert> for LoadRecord {
     }
 }
 
+impl From<&LoadRecord> for LoadRecord {
+    fn from(record: &LoadRecord) -> Self {
+        *record
+    }
+}
+
 impl From<LoadRecord> for ToHost {
     fn from(record: LoadRecord) -> Self {
         match record {

@@ -23,6 +23,7 @@ mod identity;
 mod live;
 mod live_counter;
 mod load_record;
+pub mod mcuboot;
 mod messages;
 mod quantities;
 mod refusal;

@@ -248,6 +248,11 @@ impl Session {
         new
     }
 
+    /// True while a host is connected.
+    pub fn is_open(&self) -> bool {
+        self.is_open
+    }
+
     /// Ends the session after the carrier lost its host: the live stream ends; records, parameters and the clock remain.
     pub fn close(&mut self) {
         *self = Self {

@@ -16,6 +16,7 @@ mod records;
 mod store;
 pub mod supplied;
 pub mod update;
+pub mod upload;
 
 pub use records::{
     Bonds, BootCounters, CalibrationRecord, CellsRecord, IdentifiedRecord, IdentityRecord, MAX_BONDS_BYTES,

@@ -222,16 +222,19 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// # Errors
     /// See [`StorageError`].
     pub async fn push_record(&mut self, record: impl Into<LoadRecord>) -> Result<u32, StorageError> {
-        let entry = Entry::of(self.contents.start, record.into());
-        let dropped = self.push(&entry).await?;
-        self.contents.next_record = entry.next_record();
+        let mut bytes = [0; BUFFER];
+        // The entry ends here, so that it takes no memory while it is written.
+        let (len, next_record) = {
+            let entry = Entry::of(self.contents.start, record.into());
+            (entry.encode(&mut bytes).len(), entry.next_record())
+        };
+        let dropped = self.push(&bytes[..len]).await?;
+        self.contents.next_record = next_record;
         Ok(dropped)
     }
 
-    /// Appends an entry to the log. A full log drops its oldest entries; returns the number of dropped load records.
-    async fn push(&mut self, entry: &Entry) -> Result<u32, StorageError> {
-        let mut bytes = [0; BUFFER];
-        let bytes = entry.encode(&mut bytes);
+    /// Appends an encoded entry to the log. A full log drops its oldest entries; returns the number of dropped load records.
+    async fn push(&mut self, bytes: &[u8]) -> Result<u32, StorageError> {
         self.check_use()?;
         let Self { flash, guard, log_cache, buffer, .. } = self;
         with_log(flash, guard, log_cache, async |log| {
@@ -257,7 +260,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         // All stored records are acknowledged, so the log would become empty and lose the number of the next one; this entry
         // preserves it. The acknowledged record can be later than all stored ones, if it could not be stored.
         if !is_after(self.contents.next_record, next) {
-            self.push(&Entry::Acknowledged { next }).await?;
+            self.push(Entry::Acknowledged { next }.encode(&mut [0; BUFFER])).await?;
             self.contents.next_record = next;
         }
         let Self { flash, guard, log_cache, buffer, contents, .. } = self;

@@ -11,6 +11,7 @@ use crate::protocol::update::{CHUNK, Chunk, Header, Offer, Progress, Refusal, Re
 use embassy_boot::{FirmwareState, FirmwareUpdater, FirmwareUpdaterConfig, FirmwareUpdaterError};
 use embassy_sync::mutex::Mutex;
 use embedded_storage_async::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind};
+use mcumgr::Sha256;
 
 /// The public half of the development key, in hex. Its secret half is published (`docs/security.md`).
 pub const DEVELOPMENT_KEY: &str = "68335e1b188bb8cd9c390c584b54e2ad61f1604f71091415177d09ab23c3970c";
@@ -49,16 +50,21 @@ const fn from_hex(text: &str) -> [u8; 32] {
 /// The state of a transfer.
 #[derive(Debug, Default)]
 pub struct Update {
-    /// The image that is being received.
-    offer: Option<Offer>,
-    /// Number of the next chunk.
-    next: u16,
+    /// The image that is being received. The signature of a file ([`Update::upload`]) is known at its end; until then, the checksum
+    /// of the file takes its place.
+    pub(super) offer: Option<Offer>,
+    /// Number of bytes of the image that were received.
+    pub(super) received: u32,
+    /// The name of the image, once it was received as a file.
+    pub(super) file: Option<Sha256>,
+    /// The image is marked for the bootloader.
+    pub(super) is_pending: bool,
 }
 
 impl Update {
     /// The state before the first transfer.
     pub const fn new() -> Self {
-        Self { offer: None, next: 0 }
+        Self { offer: None, received: 0, file: None, is_pending: false }
     }
 
     /// Executes a request. `running` is the header of the running image, `key` the public key for verifying the signature.
@@ -82,7 +88,7 @@ impl Update {
         }
     }
 
-    async fn begin<F: NorFlash>(
+    pub(super) async fn begin<F: NorFlash>(
         &mut self,
         flash: &mut F,
         running: &Header,
@@ -102,31 +108,42 @@ impl Update {
             return Err(Refusal::OnTrial);
         }
         if self.offer.as_ref() != Some(offer) {
-            *self = Self { offer: Some(*offer), next: 0 };
+            *self = Self { offer: Some(*offer), ..Self::new() };
         }
-        Ok(Progress::Next(self.next))
+        Ok(self.next())
+    }
+
+    /// The chunk that is expected next.
+    fn next(&self) -> Progress {
+        Progress::Next((self.received / CHUNK as u32) as u16)
     }
 
     async fn chunk<F: NorFlash>(&mut self, flash: &mut F, number: u16, chunk: &Chunk) -> Result<Progress, Refusal> {
         let offer = self.offer.as_ref().ok_or(Refusal::NotBegun)?;
         // A chunk with any other number is ignored: it is stored already, or an earlier chunk was lost.
-        if number == self.next && number < offer.chunks {
-            let at = OTHER.start + u32::from(number) * CHUNK as u32;
-            if number == 0 {
-                previous::forget(flash).await?;
-            }
-            if at.is_multiple_of(SECTOR) {
-                flash.erase(at, at + SECTOR).await.map_err(|error| error.kind())?;
-            }
-            flash.write(at, chunk.as_flattened()).await.map_err(|error| error.kind())?;
-            self.next += 1;
+        if u32::from(number) * CHUNK as u32 == self.received && number < offer.chunks {
+            self.write(flash, chunk.as_flattened()).await?;
         }
-        Ok(Progress::Next(self.next))
+        Ok(self.next())
     }
 
-    async fn finish<F: NorFlash>(&mut self, flash: &mut F, key: &[u8; 32]) -> Result<Progress, Refusal> {
+    /// Writes the next bytes of the image, which end within a page of the chip.
+    pub(super) async fn write<F: NorFlash>(&mut self, flash: &mut F, bytes: &[u8]) -> Result<(), Refusal> {
+        let at = OTHER.start + self.received;
+        if self.received == 0 {
+            previous::forget(flash).await?;
+        }
+        if at.is_multiple_of(SECTOR) {
+            flash.erase(at, at + SECTOR).await.map_err(|error| error.kind())?;
+        }
+        flash.write(at, bytes).await.map_err(|error| error.kind())?;
+        self.received += bytes.len() as u32;
+        Ok(())
+    }
+
+    pub(super) async fn finish<F: NorFlash>(&mut self, flash: &mut F, key: &[u8; 32]) -> Result<Progress, Refusal> {
         let offer = self.offer.ok_or(Refusal::NotBegun)?;
-        if self.next < offer.chunks {
+        if self.received < u32::from(offer.chunks) * CHUNK as u32 {
             return Err(Refusal::Incomplete);
         }
         // The transfer ends here: more chunks could not correct any of the following errors.

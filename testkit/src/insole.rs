@@ -36,6 +36,8 @@ const RESET_US: u64 = 20_000;
 
 /// Name of the board in images.
 pub const BOARD: &str = "host";
+/// Length of its images.
+const IMAGE_BYTES: usize = 40 * CHUNK;
 /// Time after which an image with [`Defect::Crash`] panics.
 const CRASH_S: u64 = 20;
 
@@ -65,7 +67,7 @@ impl Defect {
 /// # Panics
 /// If the version is longer than 16 bytes.
 pub fn image(version: &str, defect: Defect) -> Image {
-    let mut bytes = vec![0xa5; 40 * CHUNK];
+    let mut bytes = vec![0xa5; IMAGE_BYTES];
     let header = Header::new(BOARD, version).bytes();
     bytes[HEADER as usize..][..header.len()].copy_from_slice(&header);
     bytes[(HEADER + HEADER_BYTES) as usize] = defect as u8;
@@ -228,12 +230,12 @@ impl HostInsole {
             // A chip that fails here fails again in the firmware.
             let _ = BootLoader::new(config(&chip, active)).prepare_boot(AlignedBuffer([0; BUFFER]).as_mut());
         }
-        let (header, defect) = {
+        let (header, content, defect) = {
             let chip = self.chip.0.borrow();
             let active = &chip.bytes[ACTIVE_IMAGE.start as usize..ACTIVE_IMAGE.end as usize];
             let header = active[HEADER as usize..].first_chunk().and_then(Header::read);
             let defect = Defect::ALL[usize::from(active[(HEADER + HEADER_BYTES) as usize])];
-            (header.expect("the active image has a header"), defect)
+            (header.expect("the active image has a header"), active[..IMAGE_BYTES].to_vec(), defect)
         };
         // In recovery mode, the insole has no settings.
         let settings = self.settings.filter(|_| self.failed_starts < MAX_FAILED_STARTS);
@@ -245,6 +247,7 @@ impl HostInsole {
             is_chip_silent: self.is_chip_silent,
             report: BootReport { reset: reason, fault: cause.and_then(crash_text), failed_starts: self.failed_starts },
             image: Box::leak(Box::new(header)),
+            content: content.leak(),
             matrix: HostMatrix { wearer: self.wearer.clone(), reference },
             cable: self.cable.clone(),
             radio: self.radio.clone(),
@@ -273,6 +276,7 @@ struct BootResources {
     is_chip_silent: bool,
     report: BootReport,
     image: &'static Header,
+    content: &'static [u8],
     matrix: HostMatrix,
     cable: Rc<RefCell<Cable>>,
     radio: Rc<RefCell<RadioLink>>,
@@ -299,7 +303,7 @@ impl BootResources {
     /// Spawns the task `start` and the firmware's loops, each of which waits for its values from `start`. The static memory of a
     /// boot is leaked, because a test has few boots.
     fn spawn(self, executor: &mut Executor, from_us: u64) {
-        let Self { chip, is_chip_silent, report, image, matrix, cable, radio } = self;
+        let Self { chip, is_chip_silent, report, image, content, matrix, cable, radio } = self;
         let counters: &'static ScanCounters = Box::leak(Box::new(ScanCounters::new()));
         let memory: &'static Memory<SharedChip, FRAMES> = Box::leak(Box::new(Memory::new()));
         let (setup, cells) = (matrix.wearer.borrow().setup(), matrix.wearer.borrow().cells());
@@ -339,7 +343,7 @@ impl BootResources {
         });
         executor.spawn("persist", async move {
             let (store, shared) = take(for_persist).await;
-            persist::persist(store, shared, image, || reset(ResetCause::Software)).await
+            persist::persist(store, shared, image, content, || reset(ResetCause::Software)).await
         });
         executor.spawn("gatt", async move {
             let shared = take(for_gatt).await;

@@ -10,6 +10,7 @@ These commands create simulated devices:
 
     radio       Replaces or adds the controller `name` of an insole. Returns the TCP `port` for the insole's HCI.
     phone       Adds the phone `name` with an `address`. It bonds when it pairs, unless `bonding` is false.
+    computer    Adds the controller of a computer. Returns the TCP `port` for the HCI of a program on it.
 
 All others have the argument `phone`, the name of the phone that executes the command:
 
@@ -273,6 +274,7 @@ class World:
         self.link = LocalLink()
         self.phones = {}
         self.radios = {}
+        self.computers = []
 
     def scan_response(self, address):
         """The scan response of the controller with this address.
@@ -304,6 +306,12 @@ class World:
                         await phone.disconnected.wait()
             controller = Radio(command['name'], transport.source, transport.sink, link=self.link)
             self.radios[command['name']] = (controller, transport)
+            return {'port': listener.getsockname()[1]}
+        if do == 'computer':
+            listener = socket.socket()
+            listener.bind(('127.0.0.1', 0))
+            transport = await open_tcp_server_transport_with_socket(listener)
+            self.computers.append(Controller('computer', transport.source, transport.sink, link=self.link))
             return {'port': listener.getsockname()[1]}
         if do == 'phone':
             phone = self.phones[command['name']] = Phone(command['name'], command['address'], self.link)

@@ -292,7 +292,7 @@ async fn run_serve(link: BufferedUarte<'static>, shared: &'static Shared) {
 
 #[embassy_executor::task]
 async fn run_persist(store: &'static mut Store<Chip>, shared: &'static Shared, image: &'static Header) {
-    persist::persist(store, shared, image, SCB::sys_reset).await
+    persist::persist(store, shared, image, cortex_m_platform::image(), SCB::sys_reset).await
 }
 
 /// Runs the executor of the scan.

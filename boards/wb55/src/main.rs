@@ -279,7 +279,7 @@ async fn run_serve(link: BufferedUart<'static>, shared: &'static Shared) {
 
 #[embassy_executor::task]
 async fn run_persist(store: &'static mut Store<Chip>, shared: &'static Shared, image: &'static Header) {
-    persist::persist(store, shared, image, cortex_m::peripheral::SCB::sys_reset).await
+    persist::persist(store, shared, image, cortex_m_platform::image(), cortex_m::peripheral::SCB::sys_reset).await
 }
 
 #[embassy_executor::task]

@@ -195,7 +195,7 @@ async fn run_serve(shared: &'static Shared) {
 
 #[embassy_executor::task]
 async fn run_persist(store: &'static mut Store<NoChip>, shared: &'static Shared, image: &'static Header) {
-    persist::persist(store, shared, image, cortex_m::peripheral::SCB::sys_reset).await
+    persist::persist(store, shared, image, cortex_m_platform::image(), cortex_m::peripheral::SCB::sys_reset).await
 }
 
 /// The handlers of the controller's interrupts, which the package of a controller has. One is enough here.

@@ -53,6 +53,14 @@ pub fn moticon() -> PathBuf {
     named_by("PLANTAR_MOTICON", "the source archive of the package moticon-opengo")
 }
 
+/// A Python interpreter with smpclient.
+///
+/// # Panics
+/// If `PLANTAR_SMP` does not contain its path.
+pub fn smp() -> PathBuf {
+    named_by("PLANTAR_SMP", "the Python interpreter with smpclient")
+}
+
 /// A Python interpreter with bumble.
 ///
 /// # Panics

@@ -31,6 +31,8 @@ pub const STEPS: &str = "dca8c303-cb96-463f-8bec-f2094e1ccf7b";
 pub const PARAMETERS: &str = "dca8c304-cb96-463f-8bec-f2094e1ccf7b";
 /// The characteristics of the insole's own service.
 pub const CHARACTERISTICS: [&str; 4] = [CONTROL, LIVE, STEPS, PARAMETERS];
+/// The characteristic of management tools.
+pub const MANAGEMENT: &str = "da2e7828-fbce-4e01-ae9e-261174997c48";
 /// The characteristic Current Time of the standard service of that name.
 pub const CURRENT_TIME: &str = "2a2b";
 /// The characteristic RSC Measurement, which contains the cadence.

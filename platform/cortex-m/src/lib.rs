@@ -273,6 +273,21 @@ pub fn stack_bytes() -> u32 {
     top - low - 4 * painted as u32
 }
 
+/// The running image: everything that the linker has placed in the controller's flash.
+pub fn image() -> &'static [u8] {
+    unsafe extern "C" {
+        static __vector_table: u32;
+        static __sidata: u32;
+        static __sdata: u32;
+        static __edata: u32;
+    }
+    // The initial values of variables come last.
+    let start = addr_of!(__vector_table) as usize;
+    let end = addr_of!(__sidata) as usize + (addr_of!(__edata) as usize - addr_of!(__sdata) as usize);
+    // SAFETY: the linker has filled the flash between these addresses, and the application never writes it.
+    unsafe { core::slice::from_raw_parts(start as *const u8, end - start) }
+}
+
 /// Counts the core's cycles, including the cycles of interrupts, on a core with this clock, kHz. The cycle counter of the core must
 /// have been enabled.
 pub struct CycleCounter<const CORE_KHZ: u32>;

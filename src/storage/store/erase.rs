@@ -3,10 +3,10 @@
 use super::{Store, empty_cache, records};
 use crate::pipeline::alert::{AlertRules, DailyLoad};
 use crate::pipeline::tissue::Tissue;
-use crate::storage::StorageError;
 use crate::storage::flash_map::{LOG, RECORDS, SECTOR};
 use crate::storage::log::Entry;
 use crate::storage::records::{Bonds, IdentifiedRecord, Key, Record};
+use crate::storage::{BUFFER, StorageError};
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 
 /// The kinds of records about the wearer.
@@ -44,7 +44,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
             flash.erase(sector, sector + SECTOR).await.map_err(|_| StorageError::Chip)?;
             progressed();
         }
-        self.push(&Entry::Acknowledged { next: self.contents.next_record }).await.map(drop)
+        let entry = Entry::Acknowledged { next: self.contents.next_record };
+        self.push(entry.encode(&mut [0; BUFFER])).await.map(drop)
     }
 
     /// The key of a stored record about the wearer.

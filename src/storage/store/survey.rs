@@ -3,10 +3,10 @@
 use super::{Store, Use, empty_cache, records, with_log};
 use crate::checksum::CRC;
 use crate::protocol::{Contents, Reset};
-use crate::storage::StorageError;
 use crate::storage::flash_map::{LOG, RECORDS};
 use crate::storage::log::Entry;
 use crate::storage::records::{BootCounters, VERSIONS};
+use crate::storage::{BUFFER, StorageError};
 use core::ops::Range;
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 
@@ -110,7 +110,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         if survey.has_no_log() {
             self.clear_area(LOG, log, is_in_use).await;
             // From here on the log always has an entry, so that numbering continues after a restart.
-            let _ = self.push(&Entry::Acknowledged { next: 0 }).await;
+            let _ = self.push(Entry::Acknowledged { next: 0 }.encode(&mut [0; BUFFER])).await;
         }
     }
 

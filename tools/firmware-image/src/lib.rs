@@ -1,10 +1,11 @@
 //! Firmware images: made from the linker's output, signed, and verified before they are sent.
 //!
-//! An image file contains the image, padded to whole chunks, its Ed25519 signature, and the public key that verifies the
-//! signature.
+//! An image file has the form of MCUboot ([`plantar::protocol::mcuboot`]): the image, padded to whole chunks, between a header and
+//! a trailer with its Ed25519 signature and the public key that verifies the signature.
 
 use ed25519_dalek::{Digest, Sha512, Signer, VerifyingKey};
 use object::{Object, ObjectSegment};
+use plantar::protocol::mcuboot::{FRONT, Sha256, TRAILER, front, read_front, read_trailer, trailer};
 use plantar::protocol::update::{CHUNK, Chunk, Header, Offer};
 use plantar::storage::flash_map::{HEADER, MAX_IMAGE};
 use std::path::{Path, PathBuf};
@@ -69,13 +70,18 @@ impl Image {
     /// [`Error::NotAnImage`] and [`Error::Damaged`], which name `path`.
     pub fn parse(file: &[u8], path: &Path) -> Result<Self, Error> {
         let not_an_image = || Error::NotAnImage(path.into());
-        let (rest, key) = file.split_last_chunk::<KEY_BYTES>().ok_or_else(not_an_image)?;
-        let (bytes, signature) = rest.split_last_chunk::<SIGNATURE_BYTES>().ok_or_else(not_an_image)?;
-        let header = header(bytes).ok_or_else(not_an_image)?;
-        let damaged = |_| Error::Damaged(path.into());
-        let key = VerifyingKey::from_bytes(key).map_err(damaged)?;
-        key.verify_strict(&Sha512::digest(bytes), &signature.into()).map_err(damaged)?;
-        if bytes.len() % CHUNK != 0 || bytes.len() as u64 > u64::from(MAX_IMAGE) {
+        let (offered, image_bytes) = read_front(file).ok_or_else(not_an_image)?;
+        let (rest, end) = file.split_last_chunk::<TRAILER>().ok_or_else(not_an_image)?;
+        let bytes = rest.get(FRONT..).filter(|bytes| bytes.len() == image_bytes as usize).ok_or_else(not_an_image)?;
+        let header = header(bytes).filter(|header| *header == offered).ok_or_else(not_an_image)?;
+        let damaged = || Error::Damaged(path.into());
+        let (sha256, signature, key) = read_trailer(end).ok_or_else(damaged)?;
+        let key = VerifyingKey::from_bytes(key).map_err(|_| damaged())?;
+        key.verify_strict(&Sha512::digest(bytes), &signature.into()).map_err(|_| damaged())?;
+        if *sha256 != name(rest) {
+            return Err(damaged());
+        }
+        if bytes.len() as u64 > u64::from(MAX_IMAGE) {
             return Err(not_an_image());
         }
         Ok(Self { bytes: bytes.into(), header, signature: *signature, key })
@@ -83,7 +89,10 @@ impl Image {
 
     /// The contents of the file of this image.
     pub fn file(&self) -> Vec<u8> {
-        [&self.bytes[..], &self.signature, self.key.as_bytes()].concat()
+        let mut file = [&front(&self.header, self.bytes.len() as u32)[..], &self.bytes].concat();
+        let sha256 = name(&file);
+        file.extend(trailer(&sha256, &self.signature, self.key.as_bytes()));
+        file
     }
 
     /// The header, which names board and version.
@@ -115,6 +124,11 @@ impl Image {
         }
         chunk
     }
+}
+
+/// The SHA-256 of a file up to its trailer, which names the image.
+fn name(file: &[u8]) -> Sha256 {
+    sha2::Sha256::digest(file).into()
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, Error> {

@@ -56,6 +56,10 @@ const FORMAT_READERS: [&str; 14] = [
     "pylsl==1.18.6",
 ];
 
+/// The client of management tools (MCUmgr), with its serial port and its Bluetooth. It needs another version of bumble than [`BUMBLE`],
+/// so it has an environment of its own.
+const MANAGEMENT_CLIENT: [&str; 2] = ["smpclient[serial,bumble]==7.3.0", "smp==4.2.0"];
+
 /// The library of the C compiler Clang that `bindgen` loads, from PyPI because no compiler has to be installed for it.
 const LIBCLANG: &str = "libclang==18.1.1";
 
@@ -82,6 +86,7 @@ pub fn all() -> Result<Python> {
     bus()?;
     octave()?;
     formats()?;
+    management()?;
     package()?;
     python()
 }
@@ -294,6 +299,17 @@ pub fn formats() -> Result<PathBuf> {
         pip(&environment, &[&["install", "--no-deps"], &FORMAT_READERS[..]].concat()).context(
             "the readers of exported files come from PyPI and need Python 3.11 or newer: check the network connection",
         )
+    })?;
+    Ok(program(&environment, "python"))
+}
+
+/// Creates the private Python environment with [`MANAGEMENT_CLIENT`], if it is missing or has other packages. Returns its
+/// interpreter.
+pub fn management() -> Result<PathBuf> {
+    let environment = cache().join("management");
+    environment_with(&environment, &MANAGEMENT_CLIENT.join(" "), || {
+        pip(&environment, &[&["install"], &MANAGEMENT_CLIENT[..]].concat())
+            .context("smpclient comes from PyPI: check the network connection")
     })?;
     Ok(program(&environment, "python"))
 }

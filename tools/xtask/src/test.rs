@@ -71,7 +71,8 @@ fn host_tests(python: &Python) -> Result<()> {
         .env("PLANTAR_FORMATS", setup::formats()?)
         .env("PLANTAR_JIKU", &python.jiku)
         .env("PLANTAR_MOTICON", &python.moticon)
-        .env("PLANTAR_PYTHON", &python.interpreter);
+        .env("PLANTAR_PYTHON", &python.interpreter)
+        .env("PLANTAR_SMP", setup::management()?);
     match recordings() {
         Some(folder) => command.env("PLANTAR_RECORDINGS", folder),
         None => {

@@ -1,0 +1,162 @@
+"""Manages an insole with smpclient, for host-tests/tests/management_tools.rs.
+
+The first argument is `serial` if the link is the socket that is the standard input, or `bluetooth:<port>:<address>` to connect to
+this address with the virtual Bluetooth controller at this TCP port. Each further argument is a command; a line of output has its
+result as JSON, {"error": <code>} for a refusal.
+
+    parameters, echo:<text>, time, set-time:<text>, state, erase, reset
+    name:<file>     The SHA-256 that names the image in the file.
+    upload:<file>   Uploads the file.
+    test:<file>     Lets the image run at the next start.
+    confirm:<file>  Confirms the image.
+
+An image is listed as [slot, version, name, pending, confirmed, active].
+"""
+
+import asyncio
+import json
+import os
+import pty
+import socket
+import sys
+import threading
+import tty
+from pathlib import Path
+
+from smpclient import SMPClient
+from smpclient.exceptions import SMPUploadError
+from smpclient.generics import success
+from smpclient.mcuboot import IMAGE_TLV, ImageInfo
+from smpclient.requests.image_management import (
+    ImageErase,
+    ImageStatesRead,
+    ImageStatesWrite,
+)
+from smpclient.requests.os_management import (
+    DateTimeRead,
+    DateTimeWrite,
+    EchoWrite,
+    MCUMgrParametersRead,
+    ResetWrite,
+)
+
+# Longest time for an answer.
+TIMEOUT_S = 60
+
+
+def code(refused):
+    """The result for a refused request."""
+    return {"error": int(refused.err.rc) if hasattr(refused, "err") else int(refused.rc)}
+
+
+def name(file):
+    """The SHA-256 in the trailer of a file, as an independent reader finds it."""
+    return ImageInfo.load_file(file).get_tlv(IMAGE_TLV.SHA256).value
+
+
+def images(answer):
+    """The states in an answer."""
+    return [
+        [image.slot, image.version, image.hash.hex(), image.pending, image.confirmed, image.active]
+        for image in answer.images
+    ]
+
+
+async def execute(client, command, argument):
+    """Executes a command; returns its result."""
+
+    async def request(request, result):
+        answer = await client.request(request, timeout_s=TIMEOUT_S)
+        return result(answer) if success(answer) else code(answer)
+
+    match command:
+        case "parameters":
+            return await request(
+                MCUMgrParametersRead(), lambda answer: {"buf_size": answer.buf_size, "buf_count": answer.buf_count}
+            )
+        case "echo":
+            return await request(EchoWrite(d=argument), lambda answer: answer.r)
+        case "time":
+            return await request(DateTimeRead(), lambda answer: answer.datetime)
+        case "set-time":
+            return await request(DateTimeWrite(datetime=argument), lambda _: {})
+        case "state":
+            return await request(ImageStatesRead(), images)
+        case "erase":
+            return await request(ImageErase(), lambda _: {})
+        case "reset":
+            return await request(ResetWrite(), lambda _: {})
+        case "name":
+            return name(argument).hex()
+        case "test":
+            return await request(ImageStatesWrite(hash=name(argument)), images)
+        case "confirm":
+            return await request(ImageStatesWrite(hash=name(argument), confirm=True), images)
+        case "upload":
+            offset = None
+            try:
+                async for offset in client.upload(
+                    Path(argument).read_bytes(), first_timeout_s=TIMEOUT_S, subsequent_timeout_s=TIMEOUT_S
+                ):
+                    pass
+            except SMPUploadError as error:
+                return code(error.args[0])
+            return offset
+    raise ValueError(command)
+
+
+def serial_port(link):
+    """Connects a new terminal with a socket. Returns its name, and the terminal's descriptor, which must remain open."""
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+
+    def to_link():
+        while data := os.read(master, 4096):
+            link.sendall(data)
+
+    def to_terminal():
+        while True:
+            try:
+                data = link.recv(4096)
+            except BlockingIOError:
+                # A client of the test has set a timeout for the socket.
+                continue
+            if not data:
+                break
+            os.write(master, data)
+
+    for work in (to_link, to_terminal):
+        threading.Thread(target=work, daemon=True).start()
+    return os.ttyname(slave), slave
+
+
+def transport(link):
+    """The transport for a link, and the address of the insole."""
+    if link.startswith("bluetooth:"):
+        from smpclient.transport.bumble import SMPBumbleTransport
+        from smpclient.transport.bumble.pairing import NoInputNoOutput
+
+        _, port, address = link.split(":", 2)
+        hci = f"tcp-client:127.0.0.1:{port}"
+        return SMPBumbleTransport(hci=hci, pair_on_connect=NoInputNoOutput()), address
+    from smpclient.transport.serial import SMPSerialTransport
+
+    port, terminal = serial_port(socket.socket(fileno=0))
+    used = SMPSerialTransport()
+    used.terminal = terminal
+    return used, port
+
+
+async def main():
+    link, *commands = sys.argv[1:]
+    used, address = transport(link)
+    async with SMPClient(used, address, timeout_s=TIMEOUT_S) as client:
+        for command in commands:
+            command, _, argument = command.partition(":")
+            print(json.dumps(await execute(client, command, argument)), flush=True)
+
+
+asyncio.run(main())
+# The threads of the bridge wait for the link.
+sys.stdout.flush()
+os._exit(0)

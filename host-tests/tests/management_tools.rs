@@ -1,0 +1,534 @@
+//! Updates with management tools (MCUmgr): with messages on the loops of the firmware in virtual time, and with the Python package
+//! `smpclient` and the real firmware in QEMU. `PLANTAR_FIRMWARE` names the firmware, and `PLANTAR_SMP` the Python interpreter.
+
+// The link of a board is passed to Python as a Unix descriptor.
+#![cfg(unix)]
+
+mod common;
+mod phones;
+
+use ciborium::{Value, cbor};
+use client::Client;
+use common::{TIMEOUT, connect, firmware, smp, synthetic_walk};
+use emulation::EmulatorConfig;
+use emulator::{Board, Hardware, Looped, Recorded, Time};
+use firmware_image::{Image, SigningKey, development_key, flash_image};
+use mcumgr::{HEAD, line, message_bytes};
+use phones::RadioSimulation;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::stance_rule::StanceRule;
+use plantar::protocol::gatt::GattChannel;
+use plantar::protocol::mcuboot::{FRONT, TRAILER, read_trailer};
+use plantar::protocol::update::{CHUNK, Header, Request};
+use plantar::storage::flash_map::HEADER;
+use plantar::storage::update::{KEY, Update};
+use recording::VirtualInsole;
+use serde_json::{Value as Json, json};
+use std::cell::RefCell;
+use std::os::fd::OwnedFd;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::rc::Rc;
+use testkit::host::{Link, LinkKind};
+use testkit::insole::{BOARD, Defect, image};
+use testkit::nor_flash::NorFlashChip;
+use testkit::virtual_time::{now_us, with_origin};
+use testkit::world::{SharedWorld, World};
+
+const OLD: &str = env!("CARGO_PKG_VERSION");
+const NEW: &str = "0.3.0";
+/// Longest time until an answer, us.
+const ANSWER_US: u64 = 60_000_000;
+/// The groups of commands.
+const OS: u8 = 0;
+const IMAGES: u8 = 1;
+
+/// A tool that is connected with an insole on the host.
+struct Tool {
+    world: SharedWorld,
+    over: LinkKind,
+    sequence: u8,
+}
+
+impl Tool {
+    fn new(over: LinkKind) -> Self {
+        let world = Rc::new(RefCell::new(World::new(1, 100.0)));
+        let mut tool = Self { world, over, sequence: 0 };
+        tool.connect();
+        tool
+    }
+
+    /// Waits until the insole runs, and connects to it.
+    fn connect(&mut self) {
+        let mut world = self.world.borrow_mut();
+        world.run_for(2_000_000);
+        if self.over == LinkKind::Bluetooth {
+            world.insoles[0].radio.borrow_mut().set_connected(true);
+            world.run_for(10_000);
+        }
+    }
+
+    fn boots(&self) -> usize {
+        self.world.borrow().insoles[0].boots.len()
+    }
+
+    /// Sends a request and returns the fields of its answer.
+    fn request(&mut self, is_write: bool, group: u8, command: u8, fields: Value) -> Value {
+        self.sequence = self.sequence.wrapping_add(1);
+        let mut body = Vec::new();
+        ciborium::into_writer(&fields, &mut body).expect("a vector takes all bytes");
+        let [high, low] = (body.len() as u16).to_be_bytes();
+        let kind = 1 << 3 | if is_write { 2 } else { 0 };
+        let message = [&[kind, 0, high, low, 0, group, self.sequence, command], &body[..]].concat();
+        let answer = match self.over {
+            LinkKind::Serial => self.over_serial(&message),
+            LinkKind::Bluetooth => self.over_bluetooth(&message),
+        };
+        let (head, body) = answer.split_at(HEAD);
+        assert_eq!(head, [kind + 1, 0, head[2], head[3], 0, group, self.sequence, command]);
+        ciborium::from_reader(body).expect("the answer is valid CBOR")
+    }
+
+    fn over_serial(&self, message: &[u8]) -> Vec<u8> {
+        let mut lines = [0; line::MAX_LINES];
+        let len = line::wrap(message, &mut lines);
+        let mut world = self.world.borrow_mut();
+        let cable = world.insoles[0].cable.clone();
+        cable.borrow_mut().to_host.clear();
+        cable.borrow_mut().write(&lines[..len]);
+        let mut answer = Vec::new();
+        let is_answered = world.run(now_us() + ANSWER_US, |_| {
+            let mut received: Vec<u8> = cable.borrow().to_host.iter().copied().collect();
+            if let line::Lines::Message(message) = line::unwrap(&mut received) {
+                answer = message.to_vec();
+            }
+            !answer.is_empty()
+        });
+        assert!(is_answered, "no answer to {message:02x?}");
+        answer
+    }
+
+    fn over_bluetooth(&self, message: &[u8]) -> Vec<u8> {
+        let mut world = self.world.borrow_mut();
+        let radio = world.insoles[0].radio.clone();
+        let (server, origin_us) = {
+            let radio = radio.borrow();
+            (radio.server.clone().expect("the insole is on"), radio.origin_us)
+        };
+        for value in message.chunks(244) {
+            with_origin(origin_us, || server.write(GattChannel::Management, value)).expect("the value is accepted");
+        }
+        let mut answer = Vec::new();
+        let is_answered = world.run(now_us() + ANSWER_US, |_| {
+            for (channel, value) in radio.borrow_mut().to_central.drain(..) {
+                assert_eq!(channel, GattChannel::Management);
+                answer.extend(value);
+            }
+            message_bytes(&answer) == Some(answer.len())
+        });
+        assert!(is_answered, "no answer to {message:02x?}");
+        answer
+    }
+
+    /// Sends a part of a file; returns the next offset, or the code of the refusal.
+    fn part(&mut self, file: &[u8], offset: usize, len: usize, upgrade: bool) -> Result<usize, u64> {
+        let data = Value::Bytes(file[offset..file.len().min(offset + len)].to_vec());
+        let fields = match offset {
+            0 => cbor!({
+                "image" => 0, "len" => file.len(), "off" => 0, "sha" => Value::Bytes(vec![file[HEADER as usize + 90]; 32]),
+                "data" => data, "upgrade" => upgrade,
+            }),
+            _ => cbor!({ "off" => offset, "data" => data }),
+        };
+        let answer = self.request(true, IMAGES, 1, fields.expect("a value"));
+        refusal(&answer).map_or_else(|| Ok(number(&answer, "off") as usize), Err)
+    }
+
+    /// Sends a file from its beginning on.
+    fn upload(&mut self, file: &[u8]) -> Result<(), u64> {
+        let mut offset = self.part(file, 0, 180, false)?;
+        while offset < file.len() {
+            let next = self.part(file, offset, 256, false)?;
+            assert!(next > offset, "no progress at {offset}");
+            offset = next;
+        }
+        Ok(())
+    }
+
+    /// Marks an image for the next start, or confirms one.
+    fn set(&mut self, name: Option<[u8; 32]>, confirm: bool) -> Result<Vec<State>, u64> {
+        let fields = match name {
+            Some(name) => cbor!({ "hash" => Value::Bytes(name.to_vec()), "confirm" => confirm }),
+            None => cbor!({ "confirm" => confirm }),
+        };
+        let answer = self.request(true, IMAGES, 0, fields.expect("a value"));
+        refusal(&answer).map_or_else(|| Ok(states(&answer)), Err)
+    }
+
+    fn states(&mut self) -> Vec<State> {
+        states(&self.request(false, IMAGES, 0, Value::Map(Vec::new())))
+    }
+
+    /// Restarts the insole by a request, and connects again.
+    fn reset(&mut self) {
+        let boots = self.boots();
+        assert_eq!(self.request(true, OS, 5, Value::Map(Vec::new())), Value::Map(Vec::new()));
+        self.connect();
+        assert_eq!(self.boots(), boots + 1);
+    }
+}
+
+/// The states of an image: slot, version, name, pending, confirmed, active.
+type State = (u64, String, Vec<u8>, bool, bool, bool);
+
+fn field<'v>(map: &'v Value, name: &str) -> Option<&'v Value> {
+    map.as_map().expect("a map").iter().find(|(key, _)| key.as_text() == Some(name)).map(|(_, value)| value)
+}
+
+fn number(map: &Value, name: &str) -> u64 {
+    let number = field(map, name).and_then(Value::as_integer).unwrap_or_else(|| panic!("no {name} in {map:?}"));
+    number.try_into().expect("the number is positive")
+}
+
+/// The code of the group of images for a refusal.
+fn refusal(answer: &Value) -> Option<u64> {
+    let error = field(answer, "err")?;
+    assert_eq!(number(error, "group"), u64::from(IMAGES));
+    Some(number(error, "rc"))
+}
+
+fn states(answer: &Value) -> Vec<State> {
+    let images = field(answer, "images").and_then(Value::as_array).expect("a list of images");
+    let state = |image: &Value| {
+        let flag = |name| field(image, name).and_then(Value::as_bool).expect("a flag");
+        let version = field(image, "version").and_then(Value::as_text).expect("a text");
+        let name = field(image, "hash").and_then(Value::as_bytes).expect("bytes");
+        let flags = (flag("pending"), flag("confirmed"), flag("active"));
+        (number(image, "slot"), version.into(), name.clone(), flags.0, flags.1, flags.2)
+    };
+    images.iter().map(state).collect()
+}
+
+/// The name of the image in a file.
+fn name(file: &[u8]) -> [u8; 32] {
+    *read_trailer(&file[file.len() - TRAILER..]).expect("the file has a trailer").0
+}
+
+/// The state of the running image.
+fn running(version: &str, confirmed: bool) -> State {
+    (0, version.into(), name(&image(version, Defect::None).file()).to_vec(), false, confirmed, true)
+}
+
+#[test]
+fn an_image_is_uploaded_tested_and_confirmed_over_both_links() {
+    let file = image(NEW, Defect::None).file();
+    for over in [LinkKind::Serial, LinkKind::Bluetooth] {
+        let mut tool = Tool::new(over);
+        assert_eq!(tool.states(), [running(OLD, true)]);
+        assert_eq!(tool.upload(&file), Ok(()));
+        let mut received = (1, NEW.to_string(), name(&file).to_vec(), false, false, false);
+        assert_eq!(tool.states(), [running(OLD, true), received.clone()]);
+        received.3 = true;
+        assert_eq!(tool.set(Some(name(&file)), false), Ok(vec![running(OLD, true), received.clone()]));
+        // The same request again changes nothing; another image is refused now.
+        assert_eq!(tool.set(Some(name(&file)), false), Ok(vec![running(OLD, true), received]));
+        assert_eq!(tool.part(&file, 0, 180, false), Err(28));
+        tool.reset();
+        assert_eq!(tool.states(), [running(NEW, false)]);
+        // The answer waits for the checks of the trial.
+        assert_eq!(tool.set(Some(name(&file)), true), Ok(vec![running(NEW, true)]));
+        let trial_us = now_us() - tool.world.borrow().insoles[0].boots[1].from_us;
+        assert!((9_000_000..20_000_000).contains(&trial_us), "{trial_us}");
+        assert_eq!(tool.set(None, true), Ok(vec![running(NEW, true)]));
+        tool.world.borrow_mut().insoles[0].cut_power(500_000);
+        tool.connect();
+        assert_eq!(tool.states(), [running(NEW, true)]);
+    }
+}
+
+#[test]
+fn an_image_that_is_not_confirmed_or_not_tested_does_not_remain() {
+    let file = image(NEW, Defect::None).file();
+    let mut tool = Tool::new(LinkKind::Serial);
+    assert_eq!(tool.upload(&file), Ok(()));
+    tool.reset();
+    assert_eq!(tool.states(), [running(OLD, true)], "an image that is not tested does not run");
+    assert_eq!(tool.upload(&file), Ok(()));
+    tool.set(Some(name(&file)), false).expect("the image is accepted");
+    tool.reset();
+    assert_eq!(tool.states(), [running(NEW, false)]);
+    tool.reset();
+    assert_eq!(tool.states(), [running(OLD, true)]);
+    // An image that loses what it stores is never confirmed, and the tool is told so.
+    let failing = image(NEW, Defect::Storage).file();
+    assert_eq!(tool.upload(&failing), Ok(()));
+    tool.set(Some(name(&failing)), false).expect("the image is accepted");
+    tool.reset();
+    assert_eq!(tool.set(None, true), Err(32));
+}
+
+/// An image of the same size with this header and key.
+fn signed(header: &Header, key: &SigningKey) -> Vec<u8> {
+    let mut bytes = image(NEW, Defect::None).bytes().to_vec();
+    bytes[HEADER as usize..][..Header::BYTES].copy_from_slice(&header.bytes());
+    Image::sign(bytes, key).expect("the image has a header").file()
+}
+
+#[test]
+fn images_that_must_not_run_are_refused_and_the_owner_connects_afterwards() {
+    let key = development_key().expect("the key is valid");
+    let file = image(NEW, Defect::None).file();
+    let mut tool = Tool::new(LinkKind::Serial);
+    // Another key: everything but the signature is valid. The image is gone afterwards.
+    let other_key = signed(&Header::new(BOARD, NEW), &SigningKey::from_bytes(&[1; 32]));
+    assert_eq!(tool.upload(&other_key), Ok(()));
+    assert_eq!(tool.set(Some(name(&other_key)), false), Err(5));
+    assert_eq!(tool.states(), [running(OLD, true)]);
+    // Older, of the same version where a newer one is asked for, and for another board.
+    assert_eq!(tool.upload(&signed(&Header::new(BOARD, "0.1.9"), &key)), Err(27));
+    assert_eq!(tool.part(&image(OLD, Defect::None).file(), 0, 180, true), Err(27));
+    assert_eq!(tool.upload(&signed(&Header::new("other", NEW), &key)), Err(25));
+    // A header of the file that is not the one of the image: the signature covers the latter.
+    let mut pretended = signed(&Header::new(BOARD, "0.1.9"), &key);
+    pretended[..FRONT].copy_from_slice(&file[..FRONT]);
+    assert_eq!(tool.upload(&pretended), Err(5));
+    // Damaged in the image, in the trailer and in the header, too short, and with another length.
+    for (at, code) in [(2000, 5), (file.len() - 50, 5), (file.len() - 140, 4), (3, 22), (13, 30)] {
+        let mut damaged = file.clone();
+        damaged[at] ^= 1;
+        let refused = tool.upload(&damaged).and_then(|()| tool.set(Some(name(&file)), false).map(drop));
+        assert_eq!(refused, Err(code), "byte {at}");
+    }
+    assert_eq!(tool.upload(&file[..file.len() - 1]), Err(30));
+    assert_eq!(tool.part(&file, 0, FRONT - 1, false), Err(22));
+    // Names of other images.
+    assert_eq!(tool.set(Some([7; 32]), false), Err(8));
+    assert_eq!(tool.set(Some([7; 32]), true), Err(8));
+    assert_eq!(tool.set(Some(name(&image(OLD, Defect::None).file())), false), Err(33));
+    assert_eq!(tool.upload(&file), Ok(()));
+    assert_eq!(tool.set(Some(name(&file)), true), Err(32), "an image is confirmed once it runs");
+    // Noise, then the owner's own session.
+    tool.world.borrow_mut().insoles[0].cable.borrow_mut().write(&[0x55; 2000]);
+    let link = Link::open(&tool.world, 0, LinkKind::Serial).expect("the cable is there");
+    let mut client = Client::connect(link, TIMEOUT).expect("the insole answers");
+    assert_eq!(client.hello().firmware, OLD);
+    assert!(client.status().expect("the insole answers").bad_frames > 0);
+    assert_eq!(tool.boots(), 1);
+}
+
+#[test]
+fn repeated_and_lost_parts_do_no_harm_and_a_transfer_continues() {
+    let file = image(NEW, Defect::None).file();
+    let mut tool = Tool::new(LinkKind::Serial);
+    assert_eq!(tool.part(&file, 500, 100, false), Err(3), "a transfer begins at the beginning");
+    let first = tool.part(&file, 0, 180, false).expect("the part is accepted");
+    let second = tool.part(&file, first, 200, false).expect("the part is accepted");
+    for (offset, len) in [(first, second - first), (first, 10), (second + 64, 100), (file.len() - 10, 10)] {
+        assert_eq!(tool.part(&file, offset, len, false), Ok(second), "part at {offset}");
+    }
+    // A part that overlaps what is stored, then the same file from the beginning on.
+    let third = tool.part(&file, second - 20, 100, false).expect("the part is accepted");
+    assert_eq!(third, second + 80);
+    assert_eq!(tool.upload(&file), Ok(()));
+    assert_eq!(tool.set(Some(name(&file)), false).map(|states| states.len()), Ok(2));
+    // A discarded image is not there any more, but one that is marked stays.
+    assert_eq!(refusal(&tool.request(true, IMAGES, 5, Value::Map(Vec::new()))), Some(28));
+    let mut tool = Tool::new(LinkKind::Serial);
+    assert_eq!(tool.upload(&file), Ok(()));
+    assert_eq!(tool.request(true, IMAGES, 5, Value::Map(Vec::new())), Value::Map(Vec::new()));
+    assert_eq!(tool.set(Some(name(&file)), false), Err(8));
+}
+
+#[test]
+fn tools_set_the_clock_and_do_not_disturb_a_session_over_the_other_link() {
+    let mut tool = Tool::new(LinkKind::Serial);
+    let link = Link::open(&tool.world, 0, LinkKind::Bluetooth).expect("the insole is on");
+    let mut client = Client::connect(link, TIMEOUT).expect("the insole answers");
+    let clock = |text: &str| cbor!({ "datetime" => text }).expect("a value");
+    for (set, read) in
+        [("2026-03-31T12:34:56", "2026-03-31T12:34:56"), ("2026-03-31T00:34:56.25+01:00", "2026-03-30T23:34:56")]
+    {
+        assert_eq!(tool.request(true, OS, 4, clock(set)), Value::Map(Vec::new()));
+        assert_eq!(tool.request(false, OS, 4, Value::Map(Vec::new())), clock(read));
+    }
+    for wrong in ["2026-02-30T00:00:00", "1969-01-01T00:00:00"] {
+        let answer = tool.request(true, OS, 4, clock(wrong));
+        assert_eq!(field(&answer, "err").map(|error| number(error, "rc")), Some(5), "{wrong}");
+    }
+    assert!(client.status().expect("the session goes on").is_clock_set);
+    // On the same link, the tool ends the session, and a client connects again.
+    let link = Link::open(&tool.world, 0, LinkKind::Serial).expect("the cable is there");
+    let mut client = Client::connect(link, TIMEOUT).expect("the insole answers");
+    let echo = cbor!({ "d" => "x".repeat(mcumgr::CHUNK) }).expect("a value");
+    assert_eq!(Some(tool.request(true, OS, 0, echo)), cbor!({ "r" => "x".repeat(mcumgr::CHUNK) }).ok());
+    assert_eq!(client.reconnect(TIMEOUT).expect("the insole answers").firmware, OLD);
+}
+
+/// An insole in QEMU.
+struct Insole {
+    flash: Option<Vec<u8>>,
+}
+
+impl Insole {
+    /// Switches the insole on. `swapped` is the result of [`Self::wait`], `hci` the port of its Bluetooth controller.
+    fn start(&self, swapped: bool, hci: Option<u64>) -> Board {
+        let walk = synthetic_walk(2, 100.0);
+        let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
+        let cells = virtual_insole.cells.clone();
+        let config = EmulatorConfig::new(virtual_insole.setup);
+        let hci = hci.map(|port| ([127, 0, 0, 1], port as u16).into());
+        let hardware = Hardware { flash: self.flash.clone(), swapped, hci };
+        let walk = Looped(Recorded::new(walk, virtual_insole));
+        Board::start_with(&firmware(), &config, &cells, Time::Max, walk, &hardware).expect("the board boots")
+    }
+
+    /// Waits until the board ends, and saves its chip. Returns true if the bootloader swapped images.
+    fn wait(&mut self, mut board: Board) -> bool {
+        let swapped = board.wait().expect("the board runs");
+        self.flash = Some(board.flash().expect("the chip can be read"));
+        swapped
+    }
+}
+
+/// Runs `smpclient` with these commands on the serial link of a board. Returns the result of each command.
+fn smpclient(board: &Board, commands: &[&str]) -> Vec<Json> {
+    smpclient_over("serial", OwnedFd::from(board.link().expect("the board has a link")).into(), commands)
+}
+
+/// Runs `smpclient` with these commands over a link; `input` is the standard input of the script.
+fn smpclient_over(link: &str, input: Stdio, commands: &[&str]) -> Vec<Json> {
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/management.py");
+    let output = Command::new(smp()).args([script, link]).args(commands).stdin(input).output().expect("Python runs");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let lines = String::from_utf8(output.stdout).expect("the output is text");
+    lines.lines().map(|line| serde_json::from_str(line).expect("a line is JSON")).collect()
+}
+
+/// Writes a file of the firmware with this version, signed with this key. Returns its path.
+fn newer(folder: &Path, version: &str, key: &SigningKey) -> String {
+    let mut bytes = flash_image(&firmware()).expect("the firmware is built");
+    bytes[HEADER as usize..][..Header::BYTES].copy_from_slice(&Header::new("emulated", version).bytes());
+    let path = folder.join(format!("{version}.bin"));
+    std::fs::write(&path, Image::sign(bytes, key).expect("the image has a header").file()).expect("written");
+    path.to_string_lossy().into()
+}
+
+/// A short image that is not firmware.
+fn short(folder: &Path, board: &str, version: &str, key: &SigningKey) -> String {
+    let mut bytes = vec![0xff; 8 * CHUNK];
+    bytes[HEADER as usize..][..Header::BYTES].copy_from_slice(&Header::new(board, version).bytes());
+    let path = folder.join(format!("short-{board}-{version}-{}.bin", key.to_bytes()[0]));
+    std::fs::write(&path, Image::sign(bytes, key).expect("the image has a header").file()).expect("written");
+    path.to_string_lossy().into()
+}
+
+#[test]
+#[ignore = "needs the emulated board's firmware and Python with smpclient: cargo xtask test"]
+fn smpclient_updates_the_real_firmware_over_serial() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let key = development_key().expect("the key is valid");
+    let file = newer(folder.path(), "99.0.1", &key);
+    let mut insole = Insole { flash: None };
+    let board = insole.start(false, None);
+    let results = smpclient(&board, &["parameters", "echo:Insole", "set-time:2026-03-31T12:34:56", "state"]);
+    assert_eq!(results[0], json!({"buf_size": 204, "buf_count": 1}));
+    assert_eq!(results[1], json!("Insole"));
+    assert_eq!(results[2], json!({}));
+    let version = env!("PLANTAR_VERSION");
+    let running = |version: &str, hash: &Json, confirmed: bool| json!([[0, version, hash, false, confirmed, true]]);
+    let before = results[3][0][2].clone();
+    assert_eq!(results[3], running(version, &before, true));
+    // The refused images come first: each leaves the insole as it was.
+    let refused = [
+        short(folder.path(), "emulated", "99.0.1", &SigningKey::from_bytes(&[1; 32])),
+        short(folder.path(), "emulated", "0.0.9", &key),
+        short(folder.path(), "wb55", "99.0.1", &key),
+    ];
+    let commands = ["upload", "test", "upload", "upload"];
+    let commands: Vec<_> =
+        commands.iter().zip([0, 0, 1, 2]).map(|(command, file)| format!("{command}:{}", refused[file])).collect();
+    let results = smpclient(&board, &commands.iter().map(String::as_str).collect::<Vec<_>>());
+    assert_eq!(results[1..], [json!({"error": 5}), json!({"error": 27}), json!({"error": 25})]);
+    assert_eq!(connect(&board).hello().firmware, version);
+
+    let (upload, test) = (format!("upload:{file}"), format!("test:{file}"));
+    let results = smpclient(
+        &board,
+        &["name:".to_string() + &file, upload, test, "reset".into()]
+            .iter()
+            .map(|command| &**command)
+            .collect::<Vec<_>>(),
+    );
+    let name = &results[0];
+    assert_eq!(results[2][0], json!([0, version, before, false, true, true]));
+    assert_eq!(results[2][1], json!([1, "99.0.1", name, true, false, false]));
+    assert!(insole.wait(board), "the bootloader must swap the images after the restart");
+
+    let board = insole.start(true, None);
+    board.play();
+    let results = smpclient(&board, &["state", &format!("confirm:{file}"), "state"]);
+    assert_eq!(results[0], running("99.0.1", name, false));
+    assert_eq!(results[1..], [running("99.0.1", name, true), running("99.0.1", name, true)]);
+    insole.flash = Some(board.flash().expect("the chip can be read"));
+    drop(board);
+    let board = insole.start(false, None);
+    assert_eq!(connect(&board).hello().firmware, "99.0.1");
+}
+
+/// Writes an image to an insole's chip as an accepted update, by the insole's own code. This is faster than a transfer.
+fn accept(insole: &mut Insole, file: &str) {
+    let board = insole.start(false, None);
+    connect(&board);
+    let mut chip = NorFlashChip::of(board.flash().expect("the chip can be read"));
+    let image = Image::read(Path::new(file)).expect("the file is valid");
+    let mut update = Update::new();
+    let chunks = (0..image.offer().chunks).map(|number| Request::Chunk { number, chunk: image.chunk(number) });
+    for request in [Request::Begin(image.offer())].into_iter().chain(chunks).chain([Request::Finish]) {
+        let running = Header::new("emulated", OLD);
+        embassy_futures::block_on(update.handle(&mut chip, &running, &KEY, &request)).expect("the request is accepted");
+    }
+    insole.flash = Some(chip.bytes);
+}
+
+#[test]
+#[ignore = "needs the emulated board's firmware and Python with bumble and smpclient: cargo xtask test"]
+fn smpclient_manages_the_real_firmware_over_bluetooth() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let key = development_key().expect("the key is valid");
+    let mut radio = RadioSimulation::start();
+    let port = |answer: Json| answer["port"].as_u64().expect("the simulation returns a port");
+    let computer = port(radio.request(json!({"do": "computer"})));
+    radio.request(json!({"do": "phone", "name": "finder", "address": "D0:00:00:00:00:01"}));
+    let mut boot = |insole: &Insole, swapped: bool| {
+        let hci = port(radio.request(json!({"do": "radio", "name": "left"})));
+        let board = insole.start(swapped, Some(hci));
+        let found = radio.request(json!({"do": "scan", "phone": "finder", "name": "Plantar L"}));
+        (board, format!("bluetooth:{computer}:{}", found["address"].as_str().expect("an address")))
+    };
+    let mut insole = Insole { flash: None };
+    let (board, link) = boot(&insole, false);
+    let [refused, older, accepted] = [("99.0.1", &SigningKey::from_bytes(&[1; 32])), ("0.0.9", &key), ("99.0.1", &key)]
+        .map(|(version, key)| short(folder.path(), "emulated", version, key));
+    let commands = ["upload:", "test:", "upload:", "echo:", "upload:", "test:", "erase", "reset"];
+    let files = [&*refused, &refused, &older, "Insole", &accepted, &accepted, "", ""];
+    let commands: Vec<_> = commands.iter().zip(files).map(|(command, file)| format!("{command}{file}")).collect();
+    let commands: Vec<_> = commands.iter().map(String::as_str).collect();
+    let results = smpclient_over(&link, Stdio::null(), &commands);
+    assert_eq!(results[1..4], [json!({"error": 5}), json!({"error": 27}), json!("Insole")]);
+    assert_eq!((&results[5][1][1], &results[5][1][3]), (&json!("99.0.1"), &json!(true)));
+    assert_eq!(results[6..], [json!({"error": 28}), json!({})]);
+    assert!(insole.wait(board), "the bootloader must swap the images after the restart");
+
+    // The short image does not run; this one does, and is confirmed.
+    let file = newer(folder.path(), "99.0.2", &key);
+    insole.flash = None;
+    accept(&mut insole, &file);
+    let board = insole.start(false, None);
+    assert!(insole.wait(board));
+    let (board, link) = boot(&insole, true);
+    board.play();
+    let results = smpclient_over(&link, Stdio::null(), &["state", &format!("confirm:{file}")]);
+    let state = |confirmed: bool| (json!("99.0.2"), json!(confirmed), json!(true));
+    let seen = |states: &Json| (states[0][1].clone(), states[0][4].clone(), states[0][5].clone());
+    assert_eq!((seen(&results[0]), seen(&results[1])), (state(false), state(true)));
+}

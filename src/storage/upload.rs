@@ -1,0 +1,159 @@
+//! Receives an image as a file in the form of MCUboot ([`crate::protocol::mcuboot`]), part by part, for the same transfer and with
+//! the same checks as [`Update::handle`].
+
+use super::flash_map::OTHER;
+use super::partition::is_on_trial;
+use super::update::Update;
+use crate::protocol::mcuboot::{FRONT, TRAILER, front, read_front, read_trailer};
+use crate::protocol::update::{CHUNK, Header, Offer, Refusal};
+use embassy_futures::yield_now;
+use embedded_storage_async::nor_flash::{NorFlash, NorFlashError};
+use mcumgr::{Sha256, Upload};
+use sha2::Digest;
+
+/// An image that was received as a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Received {
+    /// The header of the image.
+    pub header: Header,
+    /// Names the image, as in its file.
+    pub sha256: Sha256,
+    /// The image is marked for the bootloader.
+    pub is_pending: bool,
+}
+
+impl Update {
+    /// Receives a part of a file. Returns the offset of the part that is expected next: the length of the file after its last part.
+    /// Parts with another offset are not stored, so a lost or repeated part does no harm.
+    ///
+    /// # Errors
+    /// The [`Refusal`] to send to the host.
+    pub async fn upload<F: NorFlash>(
+        &mut self,
+        flash: &mut F,
+        running: &Header,
+        part: &Upload,
+    ) -> Result<u32, Refusal> {
+        if part.offset == 0 {
+            self.begin_file(flash, running, part).await?;
+        }
+        let offer = self.offer.ok_or(Refusal::NotBegun)?;
+        let image_bytes = u32::from(offer.chunks) * CHUNK as u32;
+        let next = FRONT as u32 + self.received;
+        let skipped = next.checked_sub(part.offset).map(|skipped| skipped as usize);
+        let data = skipped.and_then(|skipped| part.data.get(skipped..)).unwrap_or_default();
+        if self.file.is_some() {
+            return Ok(next + TRAILER as u32);
+        }
+        if self.received < image_bytes {
+            let mut data = &data[..data.len().min((image_bytes - self.received) as usize)];
+            while !data.is_empty() {
+                // The rest of this page of the chip.
+                let room = CHUNK - self.received as usize % CHUNK;
+                let (page, rest) = data.split_at(data.len().min(room));
+                self.write(flash, page).await?;
+                data = rest;
+            }
+            return Ok(FRONT as u32 + self.received);
+        }
+        if data.is_empty() {
+            return Ok(next);
+        }
+        let (name, signature, _) = read_trailer(data).ok_or(Refusal::Incomplete)?;
+        if *name != sha256(&offer.header, image_bytes, Place::Chip(flash)).await? {
+            *self = Self::new();
+            return Err(Refusal::Signature);
+        }
+        let (signature, _) = signature.as_chunks();
+        self.offer = Some(Offer { signature: [signature[0], signature[1]], ..offer });
+        self.file = Some(*name);
+        Ok(next + TRAILER as u32)
+    }
+
+    /// Begins the transfer of a file, or continues that of the same file.
+    async fn begin_file<F: NorFlash>(&mut self, flash: &mut F, running: &Header, part: &Upload) -> Result<(), Refusal> {
+        let (header, image_bytes) = read_front(&part.data).ok_or(Refusal::Header)?;
+        let chunks = u16::try_from(image_bytes / CHUNK as u32).map_err(|_| Refusal::Length)?;
+        if part.file_bytes != Some((FRONT + TRAILER) as u32 + image_bytes) {
+            return Err(Refusal::Length);
+        }
+        if part.must_be_newer && header.number() == running.number() {
+            return Err(Refusal::Older);
+        }
+        let signature = [part.sha256.unwrap_or_default(); 2];
+        self.begin(flash, running, &Offer { header, chunks, signature }).await?;
+        if part.sha256.is_none() {
+            // It may be another file.
+            self.received = 0;
+        }
+        Ok(())
+    }
+
+    /// Verifies the signature of the image that was received as a file and has this name, and marks it for the bootloader.
+    ///
+    /// # Errors
+    /// The [`Refusal`] to send to the host. The image is then discarded.
+    pub async fn mark<F: NorFlash>(&mut self, flash: &mut F, key: &[u8; 32]) -> Result<(), Refusal> {
+        if self.is_pending {
+            return Ok(());
+        }
+        let (offer, received, file) = (self.offer, self.received, self.file);
+        self.finish(flash, key).await?;
+        *self = Self { offer, received, file, is_pending: true };
+        Ok(())
+    }
+
+    /// Discards the image that is being received or was received.
+    ///
+    /// # Errors
+    /// [`Refusal::OnTrial`] if it is marked for the bootloader, or if the chip contains the image to which an image on trial returns.
+    pub async fn discard<F: NorFlash>(&mut self, flash: &mut F) -> Result<(), Refusal> {
+        if is_on_trial(flash).await? {
+            return Err(Refusal::OnTrial);
+        }
+        *self = Self::new();
+        Ok(())
+    }
+
+    /// The image that was received as a file.
+    pub fn received(&self) -> Option<Received> {
+        let (offer, sha256) = (self.offer?, self.file?);
+        Some(Received { header: offer.header, sha256, is_pending: self.is_pending })
+    }
+}
+
+/// Where an image is.
+enum Place<'a, F> {
+    /// In the flash chip, as the one that is being received.
+    Chip(&'a mut F),
+    /// In the controller's memory.
+    Memory(&'a [u8]),
+}
+
+/// The name of an image with this header and length. Other tasks can run after each chunk.
+async fn sha256<F: NorFlash>(header: &Header, image_bytes: u32, mut place: Place<'_, F>) -> Result<Sha256, Refusal> {
+    let mut digest = sha2::Sha256::new_with_prefix(front(header, image_bytes));
+    for at in (0..image_bytes).step_by(CHUNK) {
+        let mut chunk = [0xff; CHUNK];
+        match &mut place {
+            Place::Chip(flash) => {
+                flash.read(OTHER.start + at, &mut chunk).await.map_err(|error| error.kind())?;
+            }
+            Place::Memory(image) => {
+                let rest = image.get(at as usize..).unwrap_or_default();
+                chunk.iter_mut().zip(rest).for_each(|(byte, own)| *byte = *own);
+            }
+        }
+        digest.update(chunk);
+        yield_now().await;
+    }
+    Ok(digest.finalize().into())
+}
+
+/// The name of the running image, which is padded with 0xff to whole chunks in its file. The first argument states the type of the
+/// chip, so that the code exists once.
+pub async fn sha256_of_running<F: NorFlash>(_: &F, header: &Header, image: &[u8]) -> Sha256 {
+    let image_bytes = image.len().next_multiple_of(CHUNK) as u32;
+    // Reading memory does not fail.
+    sha256(header, image_bytes, Place::<F>::Memory(image)).await.unwrap_or_default()
+}
