@@ -59,9 +59,9 @@ fn write_lines(message: &[u8], out: &mut [u8]) -> Option<usize> {
 /// What received bytes are.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Lines<'b> {
-    /// Not the lines of a complete message. The bytes are unchanged.
+    /// Not the lines of a complete message, but for example a part of a frame. The bytes are unchanged.
     Incomplete,
-    /// The lines of a message with a wrong checksum, or more than a message.
+    /// The lines of a message with a wrong length or checksum.
     Damaged,
     /// This message.
     Message(&'b [u8]),
@@ -72,11 +72,14 @@ pub enum Lines<'b> {
 #[inline(never)]
 pub fn unwrap(bytes: &mut [u8]) -> Lines<'_> {
     let Some(start) = bytes.windows(FIRST.len()).rposition(|pair| pair == FIRST) else { return Lines::Incomplete };
-    let lines = &mut bytes[start..];
-    // The other bytes begin and end the lines.
+    let lines = &mut bytes[start + FIRST.len()..];
     let text = |byte: &u8| byte.is_ascii_graphic();
+    // A frame, too, may contain the beginning of a message and a line feed, but with bytes of any kind between them.
+    if !lines.iter().all(|byte| text(byte) || [b'\r', END].contains(byte) || FURTHER.contains(byte)) {
+        return Lines::Incomplete;
+    }
     let found = lines.iter().filter(|byte| text(byte)).count();
-    let Some(first) = lines.get(FIRST.len()..FIRST.len() + 4) else { return Lines::Incomplete };
+    let Some(first) = lines.get(..4) else { return Lines::Incomplete };
     let mut number = [0; 3];
     let Ok(&[high, low, _]) = Base64::decode(first, &mut number) else { return Lines::Damaged };
     let len = usize::from(u16::from_be_bytes([high, low]));

@@ -135,9 +135,11 @@ impl Decoder {
         };
         match line::unwrap(bytes) {
             Lines::Message(message) => return Some(message),
+            // The bytes remain, because they may be a part of a frame. Otherwise the beginning of the next message replaces them.
             Lines::Damaged => self.bad_frames = self.bad_frames.wrapping_add(1),
-            Lines::Incomplete => self.len = len,
+            Lines::Incomplete => {}
         }
+        self.len = len;
         None
     }
 }
