@@ -6,23 +6,19 @@
 
 mod common;
 mod phones;
+mod updates;
 
 use ciborium::{Value, cbor};
 use client::Client;
-use common::{TIMEOUT, connect, firmware, smp, synthetic_walk};
-use emulation::EmulatorConfig;
-use emulator::{Board, Hardware, Looped, Recorded, Time};
-use firmware_image::{Image, SigningKey, development_key, flash_image};
+use common::{TIMEOUT, connect, smp};
+use emulator::Board;
+use firmware_image::{Image, SigningKey};
 use mcumgr::{HEAD, line, message_bytes};
 use phones::RadioSimulation;
-use plantar::pipeline::contact::ContactRule;
-use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::gatt::GattChannel;
 use plantar::protocol::mcuboot::{FRONT, TRAILER, read_trailer};
-use plantar::protocol::update::{CHUNK, Header, Request};
+use plantar::protocol::update::{CHUNK, Header};
 use plantar::storage::flash_map::HEADER;
-use plantar::storage::update::{KEY, Update};
-use recording::VirtualInsole;
 use serde_json::{Value as Json, json};
 use std::cell::RefCell;
 use std::os::fd::OwnedFd;
@@ -31,9 +27,9 @@ use std::process::{Command, Stdio};
 use std::rc::Rc;
 use testkit::host::{Link, LinkKind};
 use testkit::insole::{BOARD, Defect, image};
-use testkit::nor_flash::NorFlashChip;
 use testkit::virtual_time::{now_us, with_origin};
 use testkit::world::{SharedWorld, World};
+use updates::{Insole, development, firmware_with};
 
 const OLD: &str = env!("CARGO_PKG_VERSION");
 const NEW: &str = "0.3.0";
@@ -259,7 +255,7 @@ fn an_image_that_is_not_confirmed_or_not_tested_does_not_remain() {
     assert_eq!(tool.states(), [running(NEW, false)]);
     tool.reset();
     assert_eq!(tool.states(), [running(OLD, true)]);
-    // An image that loses what it stores is never confirmed, and the tool is told so.
+    // An image that loses what it stores is never confirmed, and the tool receives a refusal.
     let failing = image(NEW, Defect::Storage).file();
     assert_eq!(tool.upload(&failing), Ok(()));
     tool.set(Some(name(&failing)), false).expect("the image is accepted");
@@ -269,14 +265,12 @@ fn an_image_that_is_not_confirmed_or_not_tested_does_not_remain() {
 
 /// An image of the same size with this header and key.
 fn signed(header: &Header, key: &SigningKey) -> Vec<u8> {
-    let mut bytes = image(NEW, Defect::None).bytes().to_vec();
-    bytes[HEADER as usize..][..Header::BYTES].copy_from_slice(&header.bytes());
-    Image::sign(bytes, key).expect("the image has a header").file()
+    updates::signed(image(NEW, Defect::None).bytes().to_vec(), header, key).file()
 }
 
 #[test]
 fn images_that_must_not_run_are_refused_and_the_owner_connects_afterwards() {
-    let key = development_key().expect("the key is valid");
+    let key = development();
     let file = image(NEW, Defect::None).file();
     let mut tool = Tool::new(LinkKind::Serial);
     // Another key: everything but the signature is valid. The image is gone afterwards.
@@ -364,32 +358,6 @@ fn tools_set_the_clock_and_do_not_disturb_a_session_over_the_other_link() {
     assert_eq!(client.reconnect(TIMEOUT).expect("the insole answers").firmware, OLD);
 }
 
-/// An insole in QEMU.
-struct Insole {
-    flash: Option<Vec<u8>>,
-}
-
-impl Insole {
-    /// Switches the insole on. `swapped` is the result of [`Self::wait`], `hci` the port of its Bluetooth controller.
-    fn start(&self, swapped: bool, hci: Option<u64>) -> Board {
-        let walk = synthetic_walk(2, 100.0);
-        let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
-        let cells = virtual_insole.cells.clone();
-        let config = EmulatorConfig::new(virtual_insole.setup);
-        let hci = hci.map(|port| ([127, 0, 0, 1], port as u16).into());
-        let hardware = Hardware { flash: self.flash.clone(), swapped, hci };
-        let walk = Looped(Recorded::new(walk, virtual_insole));
-        Board::start_with(&firmware(), &config, &cells, Time::Max, walk, &hardware).expect("the board boots")
-    }
-
-    /// Waits until the board ends, and saves its chip. Returns true if the bootloader swapped images.
-    fn wait(&mut self, mut board: Board) -> bool {
-        let swapped = board.wait().expect("the board runs");
-        self.flash = Some(board.flash().expect("the chip can be read"));
-        swapped
-    }
-}
-
 /// Runs `smpclient` with these commands on the serial link of a board. Returns the result of each command.
 fn smpclient(board: &Board, commands: &[&str]) -> Vec<Json> {
     smpclient_over("serial", OwnedFd::from(board.link().expect("the board has a link")).into(), commands)
@@ -404,32 +372,27 @@ fn smpclient_over(link: &str, input: Stdio, commands: &[&str]) -> Vec<Json> {
     lines.lines().map(|line| serde_json::from_str(line).expect("a line is JSON")).collect()
 }
 
-/// Writes a file of the firmware with this version, signed with this key. Returns its path.
-fn newer(folder: &Path, version: &str, key: &SigningKey) -> String {
-    let mut bytes = flash_image(&firmware()).expect("the firmware is built");
-    bytes[HEADER as usize..][..Header::BYTES].copy_from_slice(&Header::new("emulated", version).bytes());
-    let path = folder.join(format!("{version}.bin"));
-    std::fs::write(&path, Image::sign(bytes, key).expect("the image has a header").file()).expect("written");
+/// Writes the file of an image into a folder. Returns its path.
+fn write(folder: &Path, name: &str, image: &Image) -> String {
+    let path = folder.join(name);
+    std::fs::write(&path, image.file()).expect("the file is written");
     path.to_string_lossy().into()
 }
 
-/// A short image that is not firmware.
-fn short(folder: &Path, board: &str, version: &str, key: &SigningKey) -> String {
-    let mut bytes = vec![0xff; 8 * CHUNK];
-    bytes[HEADER as usize..][..Header::BYTES].copy_from_slice(&Header::new(board, version).bytes());
-    let path = folder.join(format!("short-{board}-{version}-{}.bin", key.to_bytes()[0]));
-    std::fs::write(&path, Image::sign(bytes, key).expect("the image has a header").file()).expect("written");
-    path.to_string_lossy().into()
+/// Writes the file of a short image that is not firmware. Returns its path.
+fn write_short(folder: &Path, board: &str, version: &str, key: &SigningKey) -> String {
+    let image = updates::signed(vec![0xff; 8 * CHUNK], &Header::new(board, version), key);
+    write(folder, &format!("short-{board}-{version}-{}.bin", key.to_bytes()[0]), &image)
 }
 
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with smpclient: cargo xtask test"]
 fn smpclient_updates_the_real_firmware_over_serial() {
     let folder = tempfile::tempdir().expect("a folder");
-    let key = development_key().expect("the key is valid");
-    let file = newer(folder.path(), "99.0.1", &key);
-    let mut insole = Insole { flash: None };
-    let board = insole.start(false, None);
+    let key = development();
+    let file = write(folder.path(), "99.0.1.bin", &firmware_with("99.0.1", &key));
+    let mut insole = Insole::new();
+    let board = insole.start(None, false, None);
     let results = smpclient(&board, &["parameters", "echo:Insole", "set-time:2026-03-31T12:34:56", "state"]);
     assert_eq!(results[0], json!({"buf_size": 204, "buf_count": 1}));
     assert_eq!(results[1], json!("Insole"));
@@ -440,9 +403,9 @@ fn smpclient_updates_the_real_firmware_over_serial() {
     assert_eq!(results[3], running(version, &before, true));
     // The refused images come first: each leaves the insole as it was.
     let refused = [
-        short(folder.path(), "emulated", "99.0.1", &SigningKey::from_bytes(&[1; 32])),
-        short(folder.path(), "emulated", "0.0.9", &key),
-        short(folder.path(), "wb55", "99.0.1", &key),
+        write_short(folder.path(), "emulated", "99.0.1", &SigningKey::from_bytes(&[1; 32])),
+        write_short(folder.path(), "emulated", "0.0.9", &key),
+        write_short(folder.path(), "wb55", "99.0.1", &key),
     ];
     let commands = ["upload", "test", "upload", "upload"];
     let commands: Vec<_> =
@@ -464,51 +427,36 @@ fn smpclient_updates_the_real_firmware_over_serial() {
     assert_eq!(results[2][1], json!([1, "99.0.1", name, true, false, false]));
     assert!(insole.wait(board), "the bootloader must swap the images after the restart");
 
-    let board = insole.start(true, None);
+    let board = insole.start(None, true, None);
     board.play();
     let results = smpclient(&board, &["state", &format!("confirm:{file}"), "state"]);
     assert_eq!(results[0], running("99.0.1", name, false));
     assert_eq!(results[1..], [running("99.0.1", name, true), running("99.0.1", name, true)]);
     insole.flash = Some(board.flash().expect("the chip can be read"));
     drop(board);
-    let board = insole.start(false, None);
+    let board = insole.start(None, false, None);
     assert_eq!(connect(&board).hello().firmware, "99.0.1");
-}
-
-/// Writes an image to an insole's chip as an accepted update, by the insole's own code. This is faster than a transfer.
-fn accept(insole: &mut Insole, file: &str) {
-    let board = insole.start(false, None);
-    connect(&board);
-    let mut chip = NorFlashChip::of(board.flash().expect("the chip can be read"));
-    let image = Image::read(Path::new(file)).expect("the file is valid");
-    let mut update = Update::new();
-    let chunks = (0..image.offer().chunks).map(|number| Request::Chunk { number, chunk: image.chunk(number) });
-    for request in [Request::Begin(image.offer())].into_iter().chain(chunks).chain([Request::Finish]) {
-        let running = Header::new("emulated", OLD);
-        embassy_futures::block_on(update.handle(&mut chip, &running, &KEY, &request)).expect("the request is accepted");
-    }
-    insole.flash = Some(chip.bytes);
 }
 
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble and smpclient: cargo xtask test"]
 fn smpclient_manages_the_real_firmware_over_bluetooth() {
     let folder = tempfile::tempdir().expect("a folder");
-    let key = development_key().expect("the key is valid");
+    let key = development();
     let mut radio = RadioSimulation::start();
     let port = |answer: Json| answer["port"].as_u64().expect("the simulation returns a port");
     let computer = port(radio.request(json!({"do": "computer"})));
     radio.request(json!({"do": "phone", "name": "finder", "address": "D0:00:00:00:00:01"}));
     let mut boot = |insole: &Insole, swapped: bool| {
         let hci = port(radio.request(json!({"do": "radio", "name": "left"})));
-        let board = insole.start(swapped, Some(hci));
+        let board = insole.start(None, swapped, Some(hci));
         let found = radio.request(json!({"do": "scan", "phone": "finder", "name": "Plantar L"}));
         (board, format!("bluetooth:{computer}:{}", found["address"].as_str().expect("an address")))
     };
-    let mut insole = Insole { flash: None };
+    let mut insole = Insole::new();
     let (board, link) = boot(&insole, false);
     let [refused, older, accepted] = [("99.0.1", &SigningKey::from_bytes(&[1; 32])), ("0.0.9", &key), ("99.0.1", &key)]
-        .map(|(version, key)| short(folder.path(), "emulated", version, key));
+        .map(|(version, key)| write_short(folder.path(), "emulated", version, key));
     let commands = ["upload:", "test:", "upload:", "echo:", "upload:", "test:", "erase", "reset"];
     let files = [&*refused, &refused, &older, "Insole", &accepted, &accepted, "", ""];
     let commands: Vec<_> = commands.iter().zip(files).map(|(command, file)| format!("{command}{file}")).collect();
@@ -520,10 +468,11 @@ fn smpclient_manages_the_real_firmware_over_bluetooth() {
     assert!(insole.wait(board), "the bootloader must swap the images after the restart");
 
     // The short image does not run; this one does, and is confirmed.
-    let file = newer(folder.path(), "99.0.2", &key);
+    let image = firmware_with("99.0.2", &key);
+    let file = write(folder.path(), "99.0.2.bin", &image);
     insole.flash = None;
-    accept(&mut insole, &file);
-    let board = insole.start(false, None);
+    insole.accept(&image);
+    let board = insole.start(None, false, None);
     assert!(insole.wait(board));
     let (board, link) = boot(&insole, true);
     board.play();

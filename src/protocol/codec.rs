@@ -121,9 +121,7 @@ impl Decoder {
         }
         message_len.map(|len| &self.buffer[..len])
     }
-}
 
-impl Decoder {
     /// Returns the message of a management tool ([`mcumgr`]) that the last byte has completed. To be called after
     /// [`Decoder::push`] of a line feed, on an insole.
     pub fn management_message(&mut self) -> Option<&[u8]> {

@@ -149,7 +149,7 @@ impl<'m> JsonArray<'m> {
     }
 }
 
-/// Refuses several names for one of these files, whose arrays would overwrite each other. The files exist.
+/// Refuses two of these files if they are the same one: the arrays in it would overwrite each other. The files exist.
 fn check_distinct(paths: &[&Path]) -> Result<()> {
     let mut files = Vec::new();
     for path in paths {

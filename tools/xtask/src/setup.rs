@@ -283,35 +283,33 @@ pub fn python() -> Result<Python> {
 /// Creates the private Python environment with the tools for the Python package, if it is missing or has other packages. Returns
 /// its folder.
 pub fn package() -> Result<PathBuf> {
-    let environment = cache().join("package");
-    environment_with(&environment, &PACKAGE_TOOLS.join(" "), || {
-        pip(&environment, &[&["install"], &PACKAGE_TOOLS[..]].concat())
-            .context("the tools for the Python package come from PyPI: check the network connection")
-    })?;
-    Ok(environment)
+    let needs = "the tools for the Python package come from PyPI: check the network connection";
+    environment_of("package", &PACKAGE_TOOLS, &[], needs)
 }
 
 /// Creates the private Python environment with [`FORMAT_READERS`], if it is missing or has other packages. Returns its
 /// interpreter.
 pub fn formats() -> Result<PathBuf> {
-    let environment = cache().join("formats");
-    environment_with(&environment, &FORMAT_READERS.join(" "), || {
-        pip(&environment, &[&["install", "--no-deps"], &FORMAT_READERS[..]].concat()).context(
-            "the readers of exported files come from PyPI and need Python 3.11 or newer: check the network connection",
-        )
-    })?;
-    Ok(program(&environment, "python"))
+    let needs =
+        "the readers of exported files come from PyPI and need Python 3.11 or newer: check the network connection";
+    Ok(program(&environment_of("formats", &FORMAT_READERS, &["--no-deps"], needs)?, "python"))
 }
 
 /// Creates the private Python environment with [`MANAGEMENT_CLIENT`], if it is missing or has other packages. Returns its
 /// interpreter.
 pub fn management() -> Result<PathBuf> {
-    let environment = cache().join("management");
-    environment_with(&environment, &MANAGEMENT_CLIENT.join(" "), || {
-        pip(&environment, &[&["install"], &MANAGEMENT_CLIENT[..]].concat())
-            .context("smpclient comes from PyPI: check the network connection")
+    let needs = "smpclient comes from PyPI: check the network connection";
+    Ok(program(&environment_of("management", &MANAGEMENT_CLIENT, &[], needs)?, "python"))
+}
+
+/// Creates the private Python environment `name` with these packages, if it is missing or has other packages. Returns its folder.
+/// `options` are those of `pip install`; `needs` is reported if the installation fails.
+fn environment_of(name: &str, packages: &[&str], options: &[&str], needs: &'static str) -> Result<PathBuf> {
+    let environment = cache().join(name);
+    environment_with(&environment, &packages.join(" "), || {
+        pip(&environment, &[&["install"], options, packages].concat()).context(needs)
     })?;
-    Ok(program(&environment, "python"))
+    Ok(environment)
 }
 
 /// Creates a Python environment in this folder, unless it was completed with the same list of packages. `fill` installs them.
