@@ -37,7 +37,8 @@ pub fn run_command(command: &mut Command) -> Result<()> {
     if !status.success() {
         bail!("{line} failed");
     }
-    eprintln!("< {:.1} s", start.elapsed().as_secs_f64());
+    // The line is repeated, because some commands run at the same time.
+    eprintln!("< {:.1} s: {line}", start.elapsed().as_secs_f64());
     Ok(())
 }
 
