@@ -4,7 +4,7 @@
 use embassy_boot::{AlignedBuffer, BootError, BootLoader, State};
 use embassy_futures::block_on;
 use embassy_sync::mutex::Mutex;
-use embedded_storage_async::nor_flash::MultiwriteNorFlash;
+use embedded_storage_async::nor_flash::{ErrorType, MultiwriteNorFlash, NorFlash, ReadNorFlash};
 use emulation::ACTIVE_IMAGE;
 use emulation::FLASH_BYTES;
 use firmware_image::{Image, SigningKey};
@@ -18,7 +18,7 @@ use plantar::storage::supplied::Supplied;
 use plantar::storage::update::{Update, confirm, is_on_trial};
 use proptest::prelude::*;
 use std::sync::LazyLock;
-use testkit::nor_flash::{NorFlashChip, Supply, Torn};
+use testkit::nor_flash::{NorFlashChip, PowerOff, Supply, Torn};
 
 static SECRET: LazyLock<SigningKey> = LazyLock::new(|| SigningKey::from_bytes(&[7; 32]));
 static OLD: LazyLock<Image> = LazyLock::new(|| image("1.2.9", 53 * SECTOR as usize + CHUNK));
@@ -197,6 +197,66 @@ fn a_flipped_bit_in_the_chip_is_detected() {
         let answer = ask(&mut update, &mut chip, Request::Finish);
         assert!(matches!(answer, Err(Refusal::Signature | Refusal::Header)), "{answer:?} at {at}");
         assert!(boot(&mut chip) == Ok(State::Boot) && active(&chip) == Some(&OLD));
+    }
+}
+
+/// A chip that returns a flipped bit once: in one of the times that the received image is read from its beginning on.
+struct Wavering<'c> {
+    chip: &'c mut NorFlashChip,
+    /// Number of times that the image was read so far.
+    readings: usize,
+    wrong_reading: usize,
+}
+
+impl ErrorType for Wavering<'_> {
+    type Error = PowerOff;
+}
+
+impl ReadNorFlash for Wavering<'_> {
+    const READ_SIZE: usize = 1;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), PowerOff> {
+        self.chip.read(offset, bytes).await?;
+        if offset == OTHER.start {
+            self.readings += 1;
+            bytes[0] ^= u8::from(self.readings == self.wrong_reading);
+        }
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        self.chip.capacity()
+    }
+}
+
+impl NorFlash for Wavering<'_> {
+    const WRITE_SIZE: usize = 1;
+    const ERASE_SIZE: usize = SECTOR as usize;
+
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), PowerOff> {
+        self.chip.erase(from, to).await
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), PowerOff> {
+        self.chip.write(offset, bytes).await
+    }
+}
+
+/// The signature is verified twice, each time with the bytes that the chip returns then.
+#[test]
+fn an_image_that_the_chip_returns_wrong_once_is_refused() {
+    for (wrong_reading, expected) in
+        [(1, Err(Refusal::Signature)), (2, Err(Refusal::Signature)), (3, Ok(Progress::Accepted))]
+    {
+        let (mut update, mut chip) = (Update::new(), chip());
+        ask(&mut update, &mut chip, Request::Begin(NEW.offer())).expect("the image is offered");
+        for number in 0..NEW.offer().chunks {
+            ask(&mut update, &mut chip, chunk(&NEW, number)).expect("the chunk is accepted");
+        }
+        let mut wavering = Wavering { chip: &mut chip, readings: 0, wrong_reading };
+        let answer = block_on(update.handle(&mut wavering, OLD.header(), &key(), &Request::Finish));
+        assert_eq!(answer, expected, "wrong in reading {wrong_reading}");
+        assert_eq!(boot(&mut chip) == Ok(State::Swap), expected.is_ok(), "wrong in reading {wrong_reading}");
     }
 }
 

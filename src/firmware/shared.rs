@@ -6,7 +6,9 @@ use crate::log;
 use crate::pipeline::cadence::Cadence;
 use crate::pipeline::stance::Rejected;
 use crate::protocol::session::Session;
-use crate::protocol::{CellStream, Contents, Hello, Identity, LoadRecord, Refusal, Status, ToDevice, gatt};
+use crate::protocol::{
+    CellStream, Contents, Hello, Identity, LoadRecord, Refusal, Status, ToDevice, ToHost, encode, gatt,
+};
 use crate::storage::update::{KEY, key_id};
 use crate::storage::{Bonds, IdentityRecord, MAX_BONDS_BYTES, Store};
 use core::cell::{Cell, RefCell};
@@ -14,13 +16,17 @@ use core::sync::atomic::Ordering;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
-use embassy_time::Instant;
+use embassy_time::{Duration, Instant};
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 use heapless::Vec;
 use mcumgr::{Answer, Head, Request};
 
 /// Number of load records that can wait to be stored.
 pub const RECORD_QUEUE: usize = 2;
+
+/// Time after the last message of a session's host in which a host on the other carrier is refused. Hosts that receive the live
+/// stream send several messages a second; a command at a computer ends its session without a message.
+const OCCUPIED: Duration = Duration::from_secs(30);
 
 /// The kind of link to a host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,15 +54,18 @@ pub(super) enum Exchange {
 
 /// The state that the loops on the thread executor share.
 ///
-/// There is one session at a time. It belongs to the host that sent [`ToDevice::Connect`] last, over either carrier; messages over
-/// the other carrier are ignored until a host connects there. So all steps wait in one queue, and a step leaves the queue once a
-/// host has acknowledged it.
+/// There is one session at a time. It belongs to the host that sent [`ToDevice::Connect`] last, over either carrier; other messages
+/// over the other carrier are refused. So all steps wait in one queue, and a step leaves the queue once a host has acknowledged it.
 pub struct Shared {
     pub(super) session: RefCell<Session>,
     /// Not in place: the state is moved once at the start, which takes its size in stack.
     pub(super) exchange: &'static RefCell<Exchange>,
     /// The carrier of the session.
     carrier: Cell<Carrier>,
+    /// Time of the last message of the session's host.
+    heard: Cell<Instant>,
+    /// A host on the other carrier must learn that the session is not its own.
+    is_other_host_refused: Cell<bool>,
     /// For each carrier: signalled when there may be something to send.
     changed: [Signal<NoopRawMutex, ()>; 2],
     pub(super) cadence: Cell<Cadence>,
@@ -124,6 +133,8 @@ impl Shared {
             session: RefCell::new(Session::new()),
             exchange,
             carrier: Cell::new(Carrier::Serial),
+            heard: Cell::new(Instant::MIN),
+            is_other_host_refused: Cell::new(false),
             changed: [Signal::new(), Signal::new()],
             cadence: Cell::default(),
             frame_us: Cell::default(),
@@ -163,13 +174,21 @@ impl Shared {
 
     /// Receives a message over a carrier; `None` stands for a message that was not understood.
     pub fn receive(&self, carrier: Carrier, message: Option<ToDevice>) {
+        let mut session = self.session.borrow_mut();
         if matches!(message, Some(ToDevice::Connect { .. })) {
             log::info!("link: a host connects over {}", carrier);
-            self.carrier.set(carrier);
+            let former = self.carrier.replace(carrier);
+            self.is_other_host_refused.set(former != carrier && session.is_open());
+            self.changed(former).signal(());
         }
-        let mut session = self.session.borrow_mut();
+        if self.carrier.get() == carrier {
+            self.heard.set(Instant::now());
+        }
         match message {
-            _ if self.carrier.get() != carrier => {}
+            _ if self.carrier.get() != carrier => {
+                let is_occupied = session.is_open() && self.heard.get().elapsed() < OCCUPIED;
+                self.is_other_host_refused.set(is_occupied && message.is_some());
+            }
             Some(ToDevice::StreamCells(Some(stream))) if let Some(refusal) = self.refuses(carrier, stream) => {
                 session.refuse(refusal);
             }
@@ -215,8 +234,11 @@ impl Shared {
 
     /// The next message to send over a carrier.
     pub fn next<'b>(&self, carrier: Carrier, buffer: &'b mut [u8]) -> Option<&'b [u8]> {
-        let mut session = self.session.borrow_mut();
-        (self.carrier.get() == carrier).then(|| session.next(&self.hello, || self.status(), buffer)).flatten()
+        if self.carrier.get() == carrier {
+            return self.session.borrow_mut().next(&self.hello, || self.status(), buffer);
+        }
+        let is_refused = self.is_other_host_refused.take();
+        is_refused.then(|| encode(&ToHost::Refused(Refusal::OtherHost), buffer).ok().map(|used| &*used)).flatten()
     }
 
     /// Ends the session of a carrier, if there is one, because another kind of host uses the carrier.

@@ -49,6 +49,9 @@ pub enum Refusal {
     NotLifted,
     /// A wall clock outside of [`CLOCK_US`](super::session::CLOCK_US).
     Clock,
+    /// The session belongs to a host on the insole's other carrier, which has connected later. The insole answers every message with
+    /// this refusal, except a connect request, until that host ends its session or remains silent.
+    OtherHost,
 }
 
 impl From<TissueError> for Refusal {
@@ -94,6 +97,10 @@ impl fmt::Display for Refusal {
                 f,
                 "the connection is too slow for this stream of cells: request one of every {every} frames, or use the \
                  serial port"
+            ),
+            Self::OtherHost => f.write_str(
+                "another phone or program is connected to the insole, by cable or Bluetooth, and receives its steps now: this \
+                 connection continues soon after the other one has ended",
             ),
             Self::NoLayout => f.write_str("the insole has no valid layout; its hello has the reason"),
             Self::Settings => write!(

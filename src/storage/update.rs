@@ -9,9 +9,11 @@ use super::partition::{Partition, STATE_WORD, state_partition};
 use super::previous;
 use crate::protocol::update::{CHUNK, Chunk, Header, Offer, Progress, Refusal, Request};
 use embassy_boot::{FirmwareState, FirmwareUpdater, FirmwareUpdaterConfig, FirmwareUpdaterError};
+use embassy_futures::yield_now;
 use embassy_sync::mutex::Mutex;
 use embedded_storage_async::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind};
 use mcumgr::Sha256;
+use salty::{PublicKey, Sha512};
 
 /// The public half of the development key, in hex. Its secret half is published (`docs/security.md`).
 pub const DEVELOPMENT_KEY: &str = "68335e1b188bb8cd9c390c584b54e2ad61f1604f71091415177d09ab23c3970c";
@@ -153,15 +155,38 @@ impl Update {
         if Header::read(&header) != Some(offer.header) {
             return Err(Refusal::Header);
         }
+        let signature = *offer.signature.as_flattened().as_array().ok_or(Refusal::Signature)?;
+        let len = u32::from(offer.chunks) * CHUNK as u32;
+        // A disturbance of the supply can make the core skip instructions. The signature is verified here and again by
+        // `embassy-boot`, so that skipping a branch of one check does not accept an image.
+        if !is_signed(flash, len, key, &signature).await? {
+            return Err(Refusal::Signature);
+        }
         let chip = Mutex::new(flash);
         let mut word = [0; STATE_WORD];
         let config =
             FirmwareUpdaterConfig { dfu: Partition::<_, CHUNK>::new(&chip, OTHER), state: state_partition(&chip) };
-        let signature = *offer.signature.as_flattened().as_array().ok_or(Refusal::Signature)?;
-        let len = u32::from(offer.chunks) * CHUNK as u32;
         FirmwareUpdater::new(config, &mut word).verify_and_mark_updated(key, &signature, len).await?;
         Ok(Progress::Accepted)
     }
+}
+
+/// True if this is the signature of the first `len` bytes of the received image, a multiple of [`CHUNK`], by the secret half of
+/// this key.
+async fn is_signed<F: NorFlash>(
+    flash: &mut F,
+    len: u32,
+    key: &[u8; 32],
+    signature: &[u8; 64],
+) -> Result<bool, NorFlashErrorKind> {
+    let (mut digest, mut page) = (Sha512::new(), [0; CHUNK]);
+    for at in (OTHER.start..OTHER.start + len).step_by(CHUNK) {
+        flash.read(at, &mut page).await.map_err(|error| error.kind())?;
+        digest.update(&page);
+        yield_now().await;
+    }
+    let is_valid = |key: PublicKey| key.verify(&digest.finalize(), &signature.into()).is_ok();
+    Ok(PublicKey::try_from(key).is_ok_and(is_valid))
 }
 
 /// Confirms the running image, of which `running` is the header.

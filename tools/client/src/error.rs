@@ -44,8 +44,11 @@ pub enum Error {
 }
 
 impl Error {
-    /// True for a failure of the link, after which opening it again can help.
+    /// True if the link failed, or another host has taken the session: opening it again can help, immediately or later.
     pub fn is_link_failure(&self) -> bool {
-        matches!(self, Self::Open(_) | Self::NoAnswer(..) | Self::Closed(_) | Self::Carrier(_))
+        matches!(
+            self,
+            Self::Open(_) | Self::NoAnswer(..) | Self::Closed(_) | Self::Carrier(_) | Self::Refused(Refusal::OtherHost)
+        )
     }
 }

@@ -1,7 +1,7 @@
 //! A session that is opened again after its link was lost: how long to wait, when to try again, when to give up.
 
 use crate::{Carrier, Client, Error};
-use plantar::protocol::{Hello, ToDevice, ToHost};
+use plantar::protocol::{Hello, Refusal, ToDevice, ToHost};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
@@ -63,6 +63,9 @@ enum State {
     Open(SessionStart),
     Streaming {
         last_message: Instant,
+        /// The session belongs to another host now. This one continues once the insole no longer answers: then it sends a connect
+        /// request, as after any silence.
+        is_superseded: bool,
     },
     Lost {
         since: Instant,
@@ -78,6 +81,8 @@ pub enum SessionStart {
     AfterSilence,
     /// The carrier was opened again. The insole may have restarted, or be another one.
     Reconnected,
+    /// Another host had taken the session, and has ended its own.
+    AfterOtherHost,
 }
 
 /// The result of [`Link::next_event`].
@@ -90,7 +95,8 @@ pub enum Event {
     Message(ToHost),
     /// No message arrived within the carrier's timeout, the link is lost, or it was just opened again and the next event is `Started`.
     Timeout,
-    /// The session ended for this reason. The next calls open it again.
+    /// The session ended for this reason. The next calls open it again. If it ended with [`Refusal::OtherHost`], they first wait
+    /// until the session of the other host has ended.
     Lost(Error),
 }
 
@@ -122,7 +128,7 @@ impl<C: Carrier + 'static> Link<C> {
     /// Those of the requests.
     pub fn start(&mut self) -> Result<(), Error> {
         (self.start)(&mut self.client)?;
-        self.state = State::Streaming { last_message: Instant::now() };
+        self.state = State::Streaming { last_message: Instant::now(), is_superseded: false };
         Ok(())
     }
 
@@ -140,13 +146,22 @@ impl<C: Carrier + 'static> Link<C> {
                 Ok(()) => Event::Started(reason),
                 Err(error) => self.lose(error),
             }),
-            State::Streaming { last_message } => Ok(match self.client.receive() {
+            State::Streaming { last_message, is_superseded } => Ok(match self.client.receive() {
                 Ok(Some(message)) => {
-                    self.state = State::Streaming { last_message: Instant::now() };
-                    Event::Message(message)
+                    let is_refused = matches!(message, ToHost::Refused(Refusal::OtherHost));
+                    self.state = State::Streaming { last_message: Instant::now(), is_superseded: is_refused };
+                    match message {
+                        ToHost::Refused(_) if is_refused && is_superseded => Event::Timeout,
+                        ToHost::Refused(refusal) if is_refused => Event::Lost(Error::Refused(refusal)),
+                        message => Event::Message(message),
+                    }
                 }
                 Ok(None) if last_message.elapsed() <= self.policy.silence => Event::Timeout,
                 Ok(None) => match self.client.reconnect(self.policy.probe) {
+                    Ok(_) if is_superseded => {
+                        self.state = State::Open(SessionStart::AfterOtherHost);
+                        Event::Timeout
+                    }
                     Ok(_) => {
                         self.state = State::Open(SessionStart::AfterSilence);
                         Event::Timeout

@@ -87,6 +87,11 @@ impl RecordOrder {
         self.requested_us.take().is_some()
     }
 
+    /// Called when another host receives the records. The next one that arrives here can have any number.
+    pub(crate) fn interrupt(&mut self) {
+        *self = Self::default();
+    }
+
     /// When a replay that has not begun yet was requested, us.
     pub(crate) fn requested_us(&self) -> Option<u64> {
         self.requested_us

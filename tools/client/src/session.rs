@@ -5,7 +5,7 @@ use crate::delivered::Delivered;
 use crate::order::{Arrival, RecordOrder};
 use crate::{Axis, Carrier, Error};
 use plantar::protocol::session::CLOCK_US;
-use plantar::protocol::{Hello, LiveCounter, LoadRecord, MAJOR, MINOR, ToDevice, ToHost};
+use plantar::protocol::{Hello, LiveCounter, LoadRecord, MAJOR, MINOR, Refusal, ToDevice, ToHost};
 use std::collections::VecDeque;
 use std::io;
 use std::time::Duration;
@@ -232,6 +232,7 @@ impl<C: Carrier> Client<C> {
                     return Ok(None);
                 }
             }
+            ToHost::Refused(Refusal::OtherHost) => self.order.interrupt(),
             // Answers are matched with their requests by `Client::request`.
             _ => {}
         }

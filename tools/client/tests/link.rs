@@ -4,7 +4,7 @@ use client::{Carrier, Error, Event, Link, ReconnectPolicy, SessionStart};
 use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::session::Session;
-use plantar::protocol::{Hello, Live, MAJOR, MAX_MESSAGE, MINOR, Reset, Status, ToDevice, ToHost, decode};
+use plantar::protocol::{Hello, Live, MAJOR, MAX_MESSAGE, MINOR, Refusal, Reset, Status, ToDevice, ToHost, decode};
 use std::io;
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
@@ -28,12 +28,14 @@ struct State {
     is_silent: bool,
     /// Number of attempts to open the carrier.
     opened: u32,
+    /// Number of connect requests.
+    connects: u32,
 }
 
 impl Insole {
     fn new() -> Self {
         let (session, firmware) = (Session::new(), "1.0.0");
-        let state = State { session, firmware, is_unplugged: false, is_silent: false, opened: 0 };
+        let state = State { session, firmware, is_unplugged: false, is_silent: false, opened: 0, connects: 0 };
         Self(Arc::new(Mutex::new(state)))
     }
 
@@ -59,6 +61,7 @@ impl Carrier for Insole {
             return Err(io::ErrorKind::BrokenPipe.into());
         }
         if !state.is_silent {
+            state.connects += u32::from(matches!(message, ToDevice::Connect { .. }));
             state.session.receive(message, 1);
         }
         Ok(())
@@ -160,6 +163,28 @@ fn a_silent_insole_is_first_connected_over_the_same_carrier() {
     assert!(matches!(next(&insole, &mut link), Ok(Event::Lost(Error::NoAnswer(..)))));
     insole.state().is_silent = false;
     assert!(matches!(next(&insole, &mut link), Ok(Event::Started(SessionStart::Reconnected))));
+}
+
+/// The insole refuses each message until the other host has ended its session, and does not answer afterwards.
+#[test]
+fn a_session_that_another_host_has_taken_is_reported_once_and_not_taken_back() {
+    let insole = Insole::new();
+    let mut link = insole.connect().expect("an insole");
+    link.start().expect("it streams");
+    let mut reports = 0;
+    for _ in 0..40 {
+        insole.state().session.refuse(Refusal::OtherHost);
+        match link.next_event() {
+            Ok(Event::Lost(Error::Refused(Refusal::OtherHost))) => reports += 1,
+            event => assert!(matches!(event, Ok(Event::Timeout)), "{event:?}"),
+        }
+    }
+    assert_eq!((reports, insole.state().connects), (1, 1));
+    insole.state().session = Session::new();
+    assert!(matches!(next(&insole, &mut link), Ok(Event::Started(SessionStart::AfterOtherHost))));
+    expect_live(&insole, &mut link);
+    let state = insole.state();
+    assert_eq!((state.connects, state.opened), (2, 1));
 }
 
 #[test]

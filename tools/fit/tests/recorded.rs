@@ -1,6 +1,5 @@
 //! Fits to recorded steps: their errors agree with an independent reference and with the code of the insole. The recordings are not
-//! part of this repository. Barefoot tests are skipped unless `PLANTAR_JIKU` names the folder SpeedPP2DS of `jiku-data`; the test
-//! with shoes is skipped unless the folder `shared/data/pedar` exists beside the repository.
+//! part of this repository.
 
 use fit::quality::Evaluated;
 use fit::steps::ExclusionReason;
@@ -13,7 +12,7 @@ use plantar::pipeline::stance_rule::StanceRule;
 use plantar::pipeline::step::RegionStep;
 use plantar::{Region, Side};
 use recording::{MAX_CELLS, Recording, VirtualInsole, jiku, pedar};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
 fn study(recordings: &[Recording], contact: ContactRule) -> Study {
@@ -45,24 +44,13 @@ fn steps_of(recordings: &[Recording], contact: ContactRule, options: Options) ->
     study
 }
 
-fn walker(walker: usize, trials: std::ops::Range<usize>) -> Option<Recording> {
-    let Some(data) = std::env::var_os("PLANTAR_JIKU").map(PathBuf::from) else {
-        println!("skipped: PLANTAR_JIKU does not name the folder SpeedPP2DS of jiku-data");
-        return None;
-    };
-    Some(jiku::import(data, walker, trials, &mut |_, _| ()).expect("jiku-data"))
-}
-
-fn pedar_feet() -> Option<[Recording; 2]> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/pedar");
-    if !folder.is_dir() {
-        println!("skipped: the folder ../shared/data/pedar does not exist");
-        return None;
-    }
-    let (asc, geometry) = (folder.join("pedar_example.asc"), folder.join("geometry.csv"));
-    Some(
-        [Side::Left, Side::Right].map(|side| pedar::import(&asc, &geometry, side, &mut |_, _| ()).expect("pedar data")),
-    )
+/// Steps of a walker of the data set SpeedPP2DS.
+///
+/// # Panics
+/// If `PLANTAR_JIKU` does not contain the path of the data set.
+fn walker(walker: usize, trials: std::ops::Range<usize>) -> Recording {
+    let data = std::env::var_os("PLANTAR_JIKU").expect("PLANTAR_JIKU names the folder SpeedPP2DS of jiku-data");
+    jiku::import(PathBuf::from(data), walker, trials, &mut |_, _| ()).expect("jiku-data")
 }
 
 /// The root mean square of the NRMSE of each region's steps, %, in fits by SciPy to the same filtered areas within the same bounds.
@@ -114,34 +102,18 @@ fn assert_as_good_as_the_reference(study: &Study) {
 }
 
 #[test]
-#[ignore = "needs Python with SciPy, whose path PLANTAR_PYTHON contains"]
-fn steps_in_shoes_are_fitted_as_well_as_by_the_reference() {
-    let Some([left, right]) = pedar_feet() else { return };
-    let studies = [left, right].map(least_squares);
-    assert_eq!(studies.each_ref().map(|s| s.steps.len()), [9, 8]);
-    // The recording begins while the person stands and ends within a step.
-    assert_eq!(studies.each_ref().map(|s| s.excluded_contacts.len()), [1, 2]);
-    assert_eq!(
-        studies[1].excluded_contacts.iter().map(|contact| contact.reason).collect::<Vec<_>>(),
-        [ExclusionReason::NoHeelStrike, ExclusionReason::NoToeOff]
-    );
-    studies.iter().for_each(assert_as_good_as_the_reference);
-    assert!(matches!(studies[0].fits[6], Err(NotFitted::NeverLoaded)));
-}
-
-#[test]
-#[ignore = "needs Python with SciPy, whose path PLANTAR_PYTHON contains"]
+#[ignore = "needs the data set SpeedPP2DS and Python with SciPy: cargo xtask test"]
 fn barefoot_steps_are_fitted_as_well_as_by_the_reference() {
-    let Some(walk) = walker(0, 0..6) else { return };
-    let study = least_squares(walk);
+    let study = least_squares(walker(0, 0..6));
     assert_eq!((study.steps.len(), study.excluded_contacts.len()), (6, 0));
     assert_as_good_as_the_reference(&study);
 }
 
 /// The errors of each fit equal the errors that the code of the insole computes from the recording with the same parameters.
 #[test]
+#[ignore = "needs the data set SpeedPP2DS: cargo xtask test"]
 fn the_errors_of_a_fit_are_those_of_the_insole() {
-    let Some(walk) = walker(2, 0..8) else { return };
+    let walk = walker(2, 0..8);
     for contact in [ContactRule::COUNTED, ContactRule::COVERED] {
         let study = study(std::slice::from_ref(&walk), contact);
         let force_laws: Vec<_> =
@@ -173,11 +145,43 @@ fn the_errors_of_a_fit_are_those_of_the_insole() {
 }
 
 #[test]
+#[ignore = "needs the data set SpeedPP2DS: cargo xtask test"]
 fn recordings_of_two_walkers_are_rejected_and_those_of_one_walker_are_not() {
-    let (Some(one), Some(more), Some(other)) = (walker(1, 0..10), walker(1, 20..30), walker(4, 0..10)) else { return };
+    let (one, more, other) = (walker(1, 0..10), walker(1, 20..30), walker(4, 0..10));
     let mixed = study(&[one.clone(), other], ContactRule::COUNTED);
     let mixed_regions = mixed.fits.iter().filter(|f| matches!(f, Err(NotFitted::MixedPeople(_)))).count();
     assert!((2..8).contains(&mixed_regions), "{mixed_regions}");
     let halves = study(&[one, more], ContactRule::COUNTED);
     assert!(halves.fits.iter().all(|f| !matches!(f, Err(NotFitted::MixedPeople(_)))));
+}
+
+/// Tests with recordings of people, which are not public.
+mod unpublished {
+    use super::*;
+
+    /// A walk in shoes, both feet.
+    ///
+    /// # Panics
+    /// If `PLANTAR_RECORDINGS` does not name the folder of the recordings.
+    fn pedar_feet() -> [Recording; 2] {
+        let folder = std::env::var_os("PLANTAR_RECORDINGS").expect("PLANTAR_RECORDINGS names a folder");
+        let folder = PathBuf::from(folder).join("pedar");
+        let (asc, geometry) = (folder.join("pedar_example.asc"), folder.join("geometry.csv"));
+        [Side::Left, Side::Right].map(|side| pedar::import(&asc, &geometry, side, &mut |_, _| ()).expect("pedar data"))
+    }
+
+    #[test]
+    #[ignore = "needs recordings of people, which are not public: PLANTAR_RECORDINGS; and Python with SciPy"]
+    fn steps_in_shoes_are_fitted_as_well_as_by_the_reference() {
+        let studies = pedar_feet().map(least_squares);
+        assert_eq!(studies.each_ref().map(|s| s.steps.len()), [9, 8]);
+        // The recording begins while the person stands and ends within a step.
+        assert_eq!(studies.each_ref().map(|s| s.excluded_contacts.len()), [1, 2]);
+        assert_eq!(
+            studies[1].excluded_contacts.iter().map(|contact| contact.reason).collect::<Vec<_>>(),
+            [ExclusionReason::NoHeelStrike, ExclusionReason::NoToeOff]
+        );
+        studies.iter().for_each(assert_as_good_as_the_reference);
+        assert!(matches!(studies[0].fits[6], Err(NotFitted::NeverLoaded)));
+    }
 }

@@ -19,6 +19,7 @@ const TEXTS: Record<SessionState, string> = {
   closed: NOT_CONNECTED,
   waiting: "Waiting",
   lost: "Connection lost",
+  "other-host": "Used by another device",
   "other-version": "Update needed",
 };
 

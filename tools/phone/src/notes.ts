@@ -34,6 +34,11 @@ function sessionProblems({ hello, state, reason }: Session, facts: Facts): strin
         `The connection to the ${hello.side} insole is lost (${reason}). The page tries to connect again. ` +
           "The insole stores your steps until then.",
       ];
+    case "other-host":
+      return [
+        `Another phone or program is connected to the ${hello.side} insole, and receives its steps now. ` +
+          "The page continues half a minute after the other one has ended.",
+      ];
     case "live":
       if (!hello.last_panic) return [];
       // After any other reset, the previous run did not end with a fault. Then `last_panic` states why the insole cannot measure.

@@ -25,9 +25,10 @@ const RATE_MS = 2000;
  * - "waiting": the link is open, but the insole has not sent its hello;
  * - "live": the insole has sent its hello, and messages arrive;
  * - "lost": the link broke, or messages no longer arrive;
+ * - "other-host": another phone or program has connected to the insole, which sends it the messages instead;
  * - "other-version": the insole uses another major version of the protocol.
  */
-export type SessionState = "closed" | "waiting" | "live" | "lost" | "other-version";
+export type SessionState = "closed" | "waiting" | "live" | "lost" | "other-host" | "other-version";
 
 /** A decoded message that contains a step, a load bout or an alert. */
 export type RecordMessage = Extract<ToHost, { kind: "step" | "bout" | "alert" }>;
@@ -153,8 +154,13 @@ export class Session {
       case "time":
         this.axis.answer(message);
         return;
-      case "tissue":
       case "refused":
+        if (message.is_other_host) {
+          if (this.state === "live") this.state = "other-host";
+          return;
+        }
+        return this.onAnswer(message, this);
+      case "tissue":
         return this.onAnswer(message, this);
       case "ellipses":
         if (this.state === "live") this.ellipses = message.regions;
@@ -218,7 +224,8 @@ export class Session {
 
   /** Sends the requests that are due. To be called a few times a second. */
   tick(now_ms: number): void {
-    if (this.state === "live" && now_ms - this.last_message_ms > TIMEOUT_MS) {
+    // An insole repeats that another host is connected as long as this is true, and then no longer answers.
+    if ((this.state === "live" || this.state === "other-host") && now_ms - this.last_message_ms > TIMEOUT_MS) {
       this.state = "lost";
       this.reason = "no data for two seconds";
       // The insole may have restarted. Then it waits for a connect request.
@@ -233,7 +240,7 @@ export class Session {
       this.status_requested_ms = now_ms;
       this.send(this.wire.getStatus());
     }
-    if (this.state === "live" && now_ms - this.time_requested_ms >= TIME_MS) {
+    if ((this.state === "live" || this.state === "other-host") && now_ms - this.time_requested_ms >= TIME_MS) {
       this.time_requested_ms = now_ms;
       this.send(this.wire.getTime(unix_us(performance.now())));
     }

@@ -1,7 +1,7 @@
 /**
  * The identification as WebAssembly in Node.js. It is compared with `plantar fit`: `PLANTAR` is the path of the command line, and
- * `PLANTAR_WALK` that of a computed walk of 60 steps of each foot. `cargo xtask test` sets both. `PLANTAR_FIGURES` is a file to which
- * time and largest difference are written.
+ * `PLANTAR_WALK` that of a computed walk of 60 steps of each foot. `cargo xtask test` sets both. `PLANTAR_FIGURES` is a folder for a
+ * file with time and largest difference.
  */
 
 import { spawnSync } from "node:child_process";
@@ -110,7 +110,7 @@ test.skipIf(!plantar || !long_walk)("the parameters of sixty steps equal those o
       worst = { fit_wasm_s: Math.max(worst.fit_wasm_s, duration_s), fit_wasm_equal: Math.max(worst.fit_wasm_equal, most) };
     }
     console.log(`fit_wasm_s ${worst.fit_wasm_s.toFixed(2)}, fit_wasm_equal ${worst.fit_wasm_equal.toExponential(1)}`);
-    if (figures) writeFileSync(figures, JSON.stringify(worst));
+    if (figures) writeFileSync(join(figures, "identification.json"), JSON.stringify(worst));
   } finally {
     rmSync(folder, { recursive: true });
   }

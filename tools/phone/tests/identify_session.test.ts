@@ -161,13 +161,13 @@ test("an insole that refuses or does not answer is named, and the parameters can
   walk(all);
   for (const insole of [0, 1] as const) answer({ kind: "result", insole, result: result(8) });
   session.push(0);
-  session.insoleAnswer("left", { kind: "refused", reason: "The memory is full." }, 10);
+  session.insoleAnswer("left", { kind: "refused", reason: "The memory is full.", is_other_host: false }, 10);
   for (const now_ms of [3000, 6000, 9000]) session.tick(now_ms, []);
   expect(session.phase).toBe("result");
   expect(session.comments().join()).toContain("did not accept the parameters");
   session.push(10_000);
   session.insoleAnswer("right", { kind: "tissue", id: 42 }, 10_010);
-  session.insoleAnswer("left", { kind: "refused", reason: "The memory is full." }, 10_020);
+  session.insoleAnswer("left", { kind: "refused", reason: "The memory is full.", is_other_host: false }, 10_020);
   expect(session.phase).toBe("verify");
   const answers = session.feet.map(({ sent, refusal }) => [sent, refusal]);
   expect(answers).toEqual([["failed", "The memory is full."], ["confirmed", ""]]);

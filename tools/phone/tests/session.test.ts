@@ -131,6 +131,24 @@ test("after a timeout the connection is lost and the session sends a connect req
   expect(sent.at(-1)).toEqual(wire.connect());
 });
 
+test("a session that another host has taken waits until the insole no longer answers", () => {
+  let next: ToHost = hello(wire.facts.major);
+  const { session, sent } = start(() => next);
+  session.opened(0);
+  session.receive(new Uint8Array(1), 0);
+  next = { kind: "refused", reason: "another host", is_other_host: true };
+  for (const now_ms of [100, 1000, 2500, 4000]) {
+    session.receive(new Uint8Array(1), now_ms);
+    session.tick(now_ms);
+    expect(session.state).toBe("other-host");
+  }
+  // It asks, but takes nothing from the other host.
+  const connects = () => sent.filter((message) => message[0] === wire.connect()[0]).length;
+  expect([connects(), sent.at(-1)?.[0]]).toEqual([1, wire.getTime(0)[0]]);
+  session.tick(4000 + TIMEOUT_MS + 1);
+  expect([session.state, connects()]).toEqual(["lost", 2]);
+});
+
 describe("an insole of another major version", () => {
   test("is identified, but its values are ignored", () => {
     let next: ToHost = hello(wire.facts.major + 1);

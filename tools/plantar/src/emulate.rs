@@ -236,7 +236,10 @@ impl Emulate {
         let mut records = Records::default();
         let mut is_status_pending = false;
         let mut last_message = Instant::now();
+        // A view that was closed for the identification does not know what was entered before.
+        let mut is_ended_by_user = false;
         loop {
+            is_ended_by_user |= view.wants_to_end()?;
             let mut is_silent = false;
             match client.receive()? {
                 Some(ToHost::Live(live)) => view.live(&live, client.counters())?,
@@ -270,7 +273,7 @@ impl Emulate {
                 // The insole sends its status after all messages that were due before, so none of them is missing.
                 Some(ToHost::Status(status)) => {
                     let done = status.frame_times();
-                    if done >= scans || self.has_enough(&records.steps) || view.wants_to_end()? {
+                    if done >= scans || self.has_enough(&records.steps) || is_ended_by_user {
                         return Ok(Outcome { records, status });
                     }
                     is_status_pending = false;
@@ -289,7 +292,7 @@ impl Emulate {
                 last_message = Instant::now();
             }
             if !is_status_pending
-                && (board.plant().scans() >= scans || self.has_enough(&records.steps) || view.wants_to_end()?)
+                && (board.plant().scans() >= scans || self.has_enough(&records.steps) || is_ended_by_user)
             {
                 is_status_pending = true;
                 client.send(ToDevice::GetStatus)?;

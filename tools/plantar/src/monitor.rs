@@ -87,7 +87,9 @@ pub fn follow(connection: &Connection, insole: &mut Insole, view: &mut View, sin
                 );
                 match start {
                     SessionStart::AfterSilence => view.restarted(hello),
-                    SessionStart::Connected | SessionStart::Reconnected => view.reconnected(hello),
+                    SessionStart::Connected | SessionStart::Reconnected | SessionStart::AfterOtherHost => {
+                        view.reconnected(hello);
+                    }
                 }
                 sink.reconnected(insole.client())?;
             }

@@ -1,15 +1,15 @@
-//! The import of SpeedPP2DS. Most tests are skipped unless `PLANTAR_JIKU` names the folder of the installed data set.
+//! The import of SpeedPP2DS.
 
 use plantar::Region;
 use recording::{Recording, jiku};
 use std::path::PathBuf;
 
-fn folder() -> Option<PathBuf> {
-    let folder = std::env::var_os("PLANTAR_JIKU").map(PathBuf::from);
-    if folder.is_none() {
-        println!("skipped: PLANTAR_JIKU does not name the folder SpeedPP2DS of jiku-data");
-    }
-    folder
+/// The folder of the installed data set.
+///
+/// # Panics
+/// If `PLANTAR_JIKU` does not contain its path.
+fn folder() -> PathBuf {
+    std::env::var_os("PLANTAR_JIKU").expect("PLANTAR_JIKU names the folder SpeedPP2DS of jiku-data").into()
 }
 
 fn import(folder: &PathBuf, walker: usize, trials: impl IntoIterator<Item = usize>) -> Recording {
@@ -36,10 +36,9 @@ fn step_peaks_n(recording: &Recording) -> Vec<f64> {
 }
 
 #[test]
+#[ignore = "needs the data set SpeedPP2DS: cargo xtask test"]
 fn peak_forces_are_plausible_for_the_mass_of_a_person() {
-    let Some(folder) = folder() else {
-        return;
-    };
+    let folder = folder();
     for walker in [0, 2, 9] {
         let walk = import(&folder, walker, [0, 20, 40]);
         let peaks_n = step_peaks_n(&walk);
@@ -51,10 +50,9 @@ fn peak_forces_are_plausible_for_the_mass_of_a_person() {
 }
 
 #[test]
+#[ignore = "needs the data set SpeedPP2DS: cargo xtask test"]
 fn a_walk_has_the_documented_layout_and_provenance() {
-    let Some(folder) = folder() else {
-        return;
-    };
+    let folder = folder();
     let walk = import(&folder, 0, [3, 1]);
     assert_eq!(walk.rate_hz, 500.0);
     for part in ["subj000.h5", "2 separate barefoot steps", "trials 3, 1", "0.4 s"] {
@@ -80,29 +78,32 @@ fn a_walk_has_the_documented_layout_and_provenance() {
 }
 
 #[test]
+#[ignore = "needs the data set SpeedPP2DS: cargo xtask test"]
 fn steps_are_aligned() {
-    let Some(folder) = folder() else {
-        return;
-    };
+    let folder = folder();
     // If the steps were not shifted onto each other, ten steps together would load far more cells than one step.
     let one_step = import(&folder, 1, [0]).cells();
     let ten_steps = import(&folder, 1, 0..10).cells();
     assert!(ten_steps < one_step * 3 / 2, "{one_step} {ten_steps}");
 }
 
+fn refused(folder: &PathBuf, walker: usize, trials: &[usize]) -> String {
+    jiku::import(folder, walker, trials.iter().copied(), &mut |_, _| {}).unwrap_err().to_string()
+}
+
 #[test]
-fn errors_name_the_missing_file_walker_or_trial() {
+fn errors_name_the_missing_walker_or_file() {
     let nowhere = PathBuf::from("no-such-folder");
-    let refused = |folder: &PathBuf, walker, trials: Vec<usize>| {
-        jiku::import(folder, walker, trials, &mut |_, _| {}).unwrap_err().to_string()
-    };
-    assert!(refused(&nowhere, 10, vec![0]).contains("a walker from 0 to 9"));
-    let error = refused(&nowhere, 3, vec![0]);
+    assert!(refused(&nowhere, 10, &[0]).contains("a walker from 0 to 9"));
+    let error = refused(&nowhere, 3, &[0]);
     assert!(error.contains("no-such-folder") && error.contains("no file subj003.h5"));
-    if let Some(folder) = folder() {
-        assert!(refused(&folder, 0, vec![60]).contains("trials from 0 to 59"));
-        assert!(refused(&folder, 0, vec![]).contains("no usable step"));
-    }
+}
+
+#[test]
+#[ignore = "needs the data set SpeedPP2DS: cargo xtask test"]
+fn errors_name_the_missing_trials() {
+    assert!(refused(&folder(), 0, &[60]).contains("trials from 0 to 59"));
+    assert!(refused(&folder(), 0, &[]).contains("no usable step"));
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Measures the tests themselves.
 
 use crate::arguments::Assure;
+use crate::build::{cargo_firmware, firmware};
 use crate::command::{built, root, run_command};
 use crate::setup;
 use anyhow::{Context, Result, bail, ensure};
@@ -36,17 +37,26 @@ impl Assure {
     pub fn run(&self) -> Result<()> {
         setup::rust()?;
         let proofs = proofs()?;
+        let skips = instruction_skips(self.every)?;
         undefined_behaviour()?;
         let coverage = coverage()?;
         let score = mutation_score(self.every)?;
         println!("{:<20} {proofs:>8}  properties, checked for all inputs within their bounds", "proofs");
+        println!(
+            "{:<20} {skips:>8}  images with a wrong signature that were accepted because instructions were skipped",
+            "instruction_skips"
+        );
         println!("{:<20} {coverage:>8.3}  share of the lines of src that tests execute", "coverage_lines");
         println!(
             "{:<20} {score:>8.3}  share of the changes to protocol, storage and supervision that tests notice",
             "mutation_score"
         );
-        let figures =
-            [("proofs", proofs.into()), ("coverage_lines", coverage.into()), ("mutation_score", score.into())];
+        let figures = [
+            ("proofs", proofs.into()),
+            ("instruction_skips", skips.into()),
+            ("coverage_lines", coverage.into()),
+            ("mutation_score", score.into()),
+        ];
         self.figures.write(&figures.map(|(key, figure)| (key.to_owned(), figure)).into_iter().collect())?;
         let bars = [
             ("proofs", proofs as f64, LEAST_PROOFS as f64),
@@ -54,8 +64,11 @@ impl Assure {
             ("mutation_score", score, LEAST_MUTATION_SCORE),
         ];
         let missed = bars.iter().filter(|(_, figure, least)| figure < least);
-        let missed: Vec<_> =
+        let mut missed: Vec<_> =
             missed.map(|(name, figure, least)| format!("{name} is {figure:.3}, at least {least}")).collect();
+        if skips > 0 {
+            missed.push(format!("instruction_skips is {skips}, at most 0"));
+        }
         ensure!(missed.is_empty(), "figures miss their bars: {}", missed.join("; "));
         Ok(())
     }
@@ -92,6 +105,31 @@ fn tests(mut list: Command) -> Result<usize> {
     let output = list.current_dir(root()).stderr(Stdio::inherit()).output()?;
     ensure!(output.status.success(), "the tests of the package proofs cannot be listed");
     Ok(String::from_utf8_lossy(&output.stdout).lines().filter(|line| line.ends_with(": test")).count())
+}
+
+/// Makes the emulated core skip 2 to 10 bytes at one in `every` instructions of the check of a wrong signature; returns the number
+/// of images that it accepted. The same attack must succeed against a single check, otherwise it shows nothing.
+fn instruction_skips(every: u32) -> Result<u64> {
+    setup::qemu()?;
+    const PROGRAM: &str = "signature-check";
+    cargo_firmware("build", PROGRAM, &[])?;
+    let json = built("instruction-skips.json");
+    let mut command = Command::new(setup::gdb()?);
+    command
+        .args(["--batch", "--nx", "-x", "proofs/signature-check/skips.py"])
+        .env("PLANTAR_PROGRAM", std::path::absolute(firmware(PROGRAM))?)
+        .env("PLANTAR_EVERY", every.to_string())
+        .env("PLANTAR_SKIPS", std::path::absolute(&json)?)
+        // GDB reports every stop there.
+        .stdout(Stdio::null());
+    run_command(&mut command)?;
+    let results = read(&json)?;
+    let count = |check: &str, key: &str| {
+        results[check][key].as_u64().with_context(|| format!("{} has no {key} for {check}", json.display()))
+    };
+    ensure!(count("one check", "accepted")? > 0, "no skip defeats a single check: use a smaller number with --every");
+    ensure!(count("both checks", "attempts")? > 0, "no instruction was skipped");
+    count("both checks", "accepted")
 }
 
 /// Runs tests of the core in Miri.

@@ -11,10 +11,18 @@ use std::path::Path;
 use std::process::Command;
 
 /// Figures by their keys.
-type Figures = Map<String, Value>;
+pub type Figures = Map<String, Value>;
 
-/// Measures the sizes and runs all benchmarks.
+/// Measures the sizes, runs all benchmarks and measures the page.
 pub fn bench() -> Result<Figures> {
+    let mut figures = bench_without_page()?;
+    page::build()?;
+    figures.extend(page::measure(&built("release/plantar"))?);
+    Ok(figures)
+}
+
+/// Measures the sizes and runs all benchmarks but those of the page.
+pub fn bench_without_page() -> Result<Figures> {
     setup::rust()?;
     setup::qemu()?;
     let python = setup::python()?;
@@ -34,9 +42,6 @@ pub fn bench() -> Result<Figures> {
     ];
     let unpublished = recordings.as_deref().map(|folder| ("--recordings", folder));
     run_bench(&options.into_iter().chain(unpublished).collect::<Vec<_>>())?;
-    figures.extend(read(&json)?);
-    page::build()?;
-    page::measure(&plantar, &json)?;
     figures.extend(read(&json)?);
     Ok(figures)
 }
@@ -92,7 +97,7 @@ pub fn sizes() -> Result<Figures> {
 }
 
 /// Reads figures from a file.
-fn read(json: &Path) -> Result<Figures> {
+pub fn read(json: &Path) -> Result<Figures> {
     let text = std::fs::read_to_string(json).with_context(|| format!("cannot read {}", json.display()))?;
     Ok(serde_json::from_str(&text)?)
 }

@@ -1,5 +1,6 @@
 //! Builds and tests the page for a phone, including the library's code as WebAssembly.
 
+use crate::bench::{self, Figures};
 use crate::build::build_example;
 use crate::command::{built, root, run, run_command};
 use crate::setup;
@@ -35,33 +36,55 @@ const WALK_STEPS: &str = "60";
 
 /// Checks the types of the page and runs its tests: unit tests, and tests in Chromium with the computed walk and with an emulated
 /// insole, also with recordings of people where there are some. `plantar` is the command line, `firmware` the firmware of the
-/// emulated board.
-pub fn test(plantar: &Path, firmware: &Path) -> Result<()> {
-    setup::chromium()?;
+/// emulated board. Returns the same figures as [`measure`].
+pub fn test(plantar: &Path, firmware: &Path) -> Result<Figures> {
     npm(&["run", "check"])?;
     let mut command = tests(plantar)?;
     command.env("PLANTAR_FIRMWARE", std::path::absolute(firmware)?);
     if let Some(folder) = recordings() {
         command.env("PLANTAR_RECORDINGS", std::path::absolute(folder)?);
     }
-    run_command(&mut command)
+    run_command(&mut command)?;
+    figures()
 }
 
-/// Measures the identification on the page in Node.js, and writes its time and its largest difference from that of `plantar`, the
-/// command line, to the JSON file `figures`.
-pub fn measure(plantar: &Path, figures: &Path) -> Result<()> {
-    run_command(tests(plantar)?.env("PLANTAR_FIGURES", std::path::absolute(figures)?).args(["--", "identify_core"]))
+/// Measures the identification on the page in Node.js, compares it with that of `plantar`, the command line, and measures how fast
+/// the page opens in Chromium with many stored records.
+pub fn measure(plantar: &Path) -> Result<Figures> {
+    run_command(tests(plantar)?.args(["--", "--no-file-parallelism", "identify_core", "browser/storage"]))?;
+    figures()
+}
+
+/// The folder for the figures that the page's tests measure.
+fn figures_folder() -> PathBuf {
+    built("page-figures")
+}
+
+/// Reads the figures that the page's tests have measured.
+fn figures() -> Result<Figures> {
+    let mut figures = Figures::new();
+    for file in std::fs::read_dir(figures_folder())? {
+        figures.extend(bench::read(&file?.path())?);
+    }
+    Ok(figures)
 }
 
 /// The command that runs the page's tests.
 fn tests(plantar: &Path) -> Result<Command> {
+    setup::chromium()?;
     let walk = std::path::absolute(built("walk.plantar"))?;
     build_example("serve", "computed_walk")?;
     run_command(Command::new(built("release/examples/computed_walk")).arg(&walk).arg(WALK_STEPS))?;
+    let figures = figures_folder();
+    if figures.exists() {
+        std::fs::remove_dir_all(&figures)?;
+    }
+    std::fs::create_dir_all(&figures)?;
     let mut command = Command::new("npm");
     command
         .args(["--prefix", FOLDER, "run", "test"])
         .env("PLANTAR", std::path::absolute(plantar)?)
+        .env("PLANTAR_FIGURES", std::path::absolute(figures)?)
         .env("PLANTAR_WALK", walk);
     Ok(command)
 }

@@ -136,6 +136,27 @@ pub fn ngspice() -> Result<()> {
     install(&Package { title: "ngspice", apt: "ngspice", dnf: "ngspice", pacman: "ngspice", brew: "ngspice" })
 }
 
+/// Installs GDB for Arm, and returns the name of the program.
+pub fn gdb() -> Result<&'static str> {
+    let knows_arm = |program: &&str| {
+        let mut command = Command::new(program);
+        command.args(["--batch", "--nx", "-ex", "set architecture armv7e-m"]);
+        command.stdout(Stdio::null()).stderr(Stdio::null()).status().is_ok_and(|status| status.success())
+    };
+    let find = || ["gdb-multiarch", "arm-none-eabi-gdb", "gdb"].into_iter().find(knows_arm);
+    if let Some(program) = find() {
+        return Ok(program);
+    }
+    install(&Package {
+        title: "GDB for Arm",
+        apt: "gdb-multiarch",
+        dnf: "gdb",
+        pacman: "arm-none-eabi-gdb",
+        brew: "arm-none-eabi-gdb",
+    })?;
+    find().context("the installed GDB does not know the architecture armv7e-m")
+}
+
 /// The oldest major version of Node.js that the page's tools support.
 const NODE_MAJOR: u32 = 18;
 

@@ -42,12 +42,14 @@ pub fn all() -> Result<()> {
     }
     page::build()?;
     build_whole_host()?;
-    page::test(&built("release/plantar"), &firmware(EMULATED))?;
+    let page_figures = page::test(&built("release/plantar"), &firmware(EMULATED))?;
     host_tests(&python)?;
     package::test()?;
     Soak { short: true, json: None }.run()?;
     fuzz::run(FUZZ_MINUTES)?;
-    limits::check(&bench::bench()?)
+    let mut figures = bench::bench_without_page()?;
+    figures.extend(page_figures);
+    limits::check(&figures)
 }
 
 /// Checks the format.

@@ -15,7 +15,9 @@ is_on: boolean, } | { "kind": "daily_load", load: DailyLoad, } | { "kind": "stat
 /** Identifies the parameters of the wearer's tissue; 0 if the insole has none. */
 id: number, } | { "kind": "refused",
 /** The reason, as a sentence for the wearer. */
-reason: string, } | { "kind": "time",
+reason: string,
+/** True if the session belongs to another host now. The insole repeats this until that host has left. */
+is_other_host: boolean, } | { "kind": "time",
 /** The page's time in the request. */
 host_us: number,
 /** The insole's time when the request arrived. */

@@ -1,6 +1,7 @@
-/** The stored records on the built page in Chromium. */
+/** The stored records on the built page in Chromium. `PLANTAR_FIGURES` is a folder for a file with the time to open the page. */
 
-import { readFileSync } from "node:fs";
+import { readFileSync, writeFileSync } from "node:fs";
+import { join } from "node:path";
 import type { Page } from "playwright-core";
 import { expect, test } from "vitest";
 import { loadWire, messagesOf } from "../wire";
@@ -119,6 +120,8 @@ test("a page with many stored records shows the last ones and all days", { timeo
   const { metrics } = await protocol.send("Performance.getMetrics");
   const heap_mb = (metrics.find(({ name }) => name === "JSHeapUsedSize")?.value ?? NaN) / 1e6;
   console.log(`page_load_ms ${load_ms.toFixed(0)} with ${MANY} stored steps, ${heap_mb.toFixed(0)} MB of memory`);
+  const figures = { page_load_ms: Math.round(load_ms), page_load_mb: Math.round(heap_mb) };
+  if (process.env.PLANTAR_FIGURES) writeFileSync(join(process.env.PLANTAR_FIGURES, "storage.json"), JSON.stringify(figures));
   expect((await days(page)).length).toBe(MANY / 10_000);
   await page.locator("nav [data-to=steps]").click();
   expect(await page.locator("#measures").textContent()).toContain(`${MANY}`);

@@ -58,6 +58,8 @@ pub(crate) enum Message {
     Refused {
         /// The reason, as a sentence for the wearer.
         reason: String,
+        /// True if the session belongs to another host now. The insole repeats this until that host has left.
+        is_other_host: bool,
     },
     Time {
         /// The page's time in the request.
@@ -177,7 +179,9 @@ impl Message {
             ToHost::DailyLoad(daily) => Self::DailyLoad { load: daily_load_to_json(&daily) },
             ToHost::Status(status) => Self::Status(status.into()),
             ToHost::Tissue(tissue) => Self::Tissue { id: tissue.id },
-            ToHost::Refused(refusal) => Self::Refused { reason: refusal.to_string() },
+            ToHost::Refused(refusal) => {
+                Self::Refused { reason: refusal.to_string(), is_other_host: refusal == protocol::Refusal::OtherHost }
+            }
             ToHost::Time { host_us, device_us } => Self::Time { host_us, device_us },
             ToHost::Faults(faults) => Self::Faults(faults.into()),
             ToHost::Ellipses(ellipses) => Self::Ellipses {

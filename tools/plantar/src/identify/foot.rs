@@ -113,7 +113,11 @@ impl Foot {
                 }
                 Event::Timeout => continue,
                 Event::Lost(error) if error.is_link_failure() => {
-                    self.update(|progress| progress.remark = "connection lost: come closer, or check the cable".into());
+                    let remark = match error {
+                        Error::Refused(refusal) => refusal.to_string(),
+                        _ => "connection lost: come closer, or check the cable".into(),
+                    };
+                    self.remark(remark);
                     continue;
                 }
                 Event::Lost(error) => return Err(error.into()),

@@ -1,0 +1,94 @@
+//! Two hosts that connect to one insole, one over the cable and one over the radio. The host that connected last has the session;
+//! the other one waits until it is free. Each step arrives at one of them, once.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+use testkit::host::{Host, LinkKind};
+use testkit::virtual_time::now_us;
+use testkit::world::{InsoleEvent, SharedWorld, World};
+
+/// An insole of a wearer who walks, and a host for each carrier.
+struct Hosts {
+    world: SharedWorld,
+    cable: Host,
+    radio: Host,
+}
+
+impl Hosts {
+    fn new() -> Self {
+        let world = Rc::new(RefCell::new(World::new(1, 100.0)));
+        world.borrow_mut().schedule(1_000_000, 0, InsoleEvent::Walk { steps: 60 });
+        let [cable, radio] = [(); 2].map(|()| Host::new(&world, 0));
+        Self { world, cable, radio }
+    }
+
+    /// Lets both hosts run for this number of seconds; returns the number of live frames that each received.
+    fn run(&mut self, seconds: u64) -> [u64; 2] {
+        let before = [self.cable.live, self.radio.live];
+        let end_us = now_us() + 1_000_000 * seconds;
+        while now_us() < end_us {
+            for host in [&mut self.cable, &mut self.radio] {
+                // A host that has messages does not wait, so time advances once it has received all of them.
+                let poll_us = now_us();
+                while now_us() == poll_us {
+                    host.poll();
+                }
+            }
+        }
+        [self.cable.live - before[0], self.radio.live - before[1]]
+    }
+
+    /// The numbers of all received steps, sorted.
+    fn steps(&self) -> Vec<u32> {
+        let mut steps: Vec<_> = self.cable.steps().chain(self.radio.steps()).map(|step| step.step).collect();
+        steps.sort_unstable();
+        steps
+    }
+}
+
+/// A page on a phone follows the insole, and a program at a computer connects for a while.
+#[test]
+fn a_host_waits_while_another_one_uses_the_insole() {
+    let mut hosts = Hosts::new();
+    hosts.cable.connect(LinkKind::Serial, true);
+    let [cable, _] = hosts.run(10);
+    assert!(cable > 800, "{cable}");
+
+    hosts.radio.connect(LinkKind::Bluetooth, true);
+    hosts.run(1);
+    let [cable, radio] = hosts.run(20);
+    assert!(cable == 0 && radio > 1_800, "{cable} {radio}");
+    assert_eq!(hosts.cable.hellos.len(), 1, "it takes nothing from the other host");
+
+    // The central disconnects, which the insole notices.
+    hosts.radio.disconnect();
+    hosts.run(4);
+    let [cable, _] = hosts.run(10);
+    assert!(cable > 900, "{cable}");
+    assert_eq!(hosts.cable.hellos.len(), 2);
+
+    let (with_cable, with_radio) = (hosts.cable.steps().count(), hosts.radio.steps().count());
+    assert!(with_cable > 15 && with_radio > 10, "{with_cable} {with_radio}");
+    let steps = hosts.steps();
+    assert!(steps.iter().copied().eq(0..steps.len() as u32), "{steps:?}");
+    assert!(hosts.cable.errors.is_empty(), "{:?}", hosts.cable.errors);
+}
+
+/// A command at a computer, which ends without a message over the cable.
+#[test]
+fn a_host_continues_after_the_other_one_was_silent_for_half_a_minute() {
+    let mut hosts = Hosts::new();
+    hosts.radio.connect(LinkKind::Bluetooth, true);
+    hosts.run(5);
+    hosts.cable.connect(LinkKind::Serial, false);
+    hosts.run(1);
+    hosts.cable.is_following = false;
+    let [_, radio] = hosts.run(28);
+    assert_eq!((radio, hosts.radio.hellos.len()), (0, 1));
+    hosts.run(6);
+    let [_, radio] = hosts.run(10);
+    assert!(radio > 900, "{radio}");
+    assert_eq!(hosts.radio.hellos.len(), 2);
+    let steps = hosts.steps();
+    assert!(steps.iter().copied().eq(0..steps.len() as u32), "{steps:?}");
+}
