@@ -5,11 +5,10 @@ use std::cell::RefCell;
 use std::rc::Rc;
 use testkit::host::{Host, LinkKind};
 use testkit::virtual_time::now_us;
-use testkit::world::{InsoleEvent, SharedWorld, World};
+use testkit::world::{InsoleEvent, World};
 
 /// An insole of a wearer who walks, and a host for each carrier.
 struct Hosts {
-    world: SharedWorld,
     cable: Host,
     radio: Host,
 }
@@ -19,7 +18,7 @@ impl Hosts {
         let world = Rc::new(RefCell::new(World::new(1, 100.0)));
         world.borrow_mut().schedule(1_000_000, 0, InsoleEvent::Walk { steps: 60 });
         let [cable, radio] = [(); 2].map(|()| Host::new(&world, 0));
-        Self { world, cable, radio }
+        Self { cable, radio }
     }
 
     /// Lets both hosts run for this number of seconds; returns the number of live frames that each received.
