@@ -233,8 +233,8 @@ impl<R: Real, const N: usize> Insole<R, N> {
             }
         }
         self.sum_cells(seq, codes);
-        for ((load, live), law) in self.loads.iter_mut().zip(&mut self.live).zip(&self.force_laws) {
-            load.tissue = live.update(law, load.frame.area.area_mm2(), per_s);
+        for ((load, live), &law) in self.loads.iter_mut().zip(&mut self.live).zip(&self.force_laws) {
+            load.tissue = live.update(&law, load.frame.area.area_mm2(), per_s);
         }
         self.accumulate(if elapsed > 1 { self.represented(elapsed) } else { 1 });
         let centre_mm = self.move_centre();

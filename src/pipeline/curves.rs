@@ -97,22 +97,24 @@ impl<R: Real> Curves<R> {
             self.len = STANCE_SAMPLES / 2;
             self.stride *= 2;
         }
-        let is_stored = self.frames.is_multiple_of(self.stride);
+        // The comparison with the length is always true. It is made here once, instead of in each of the accesses below.
+        let place = self.len;
+        let is_stored = self.frames.is_multiple_of(self.stride) && place < STANCE_SAMPLES;
         for region in 0..8 {
             let sample = sample(region);
             self.last[region] = sample;
             if is_stored {
-                self.area_mm2[region][self.len] = sample.0;
-                self.force_n[region][self.len] = sample.1;
-                self.pressure_dkpa[region][self.len] = (sample.2 * R::of(10.0)).round_u16();
+                self.area_mm2[region][place] = sample.0;
+                self.force_n[region][place] = sample.1;
+                self.pressure_dkpa[region][place] = (sample.2 * R::of(10.0)).round_u16();
             }
         }
         self.last_centre_mm = centre_mm;
         if is_stored {
             let units = |mm: R| (mm * R::of_f32(PER_MM)).round_i16();
-            self.centre[self.len] = (units(centre_mm.0), units(centre_mm.1));
+            self.centre[place] = (units(centre_mm.0), units(centre_mm.1));
+            self.len = place + 1;
         }
-        self.len += usize::from(is_stored);
         self.frames += 1;
         is_stored
     }

@@ -320,13 +320,16 @@ impl<R: Real> Stance<R> {
     /// Adds a measured frame.
     fn store(&mut self, regions: &[&RegionFrame<R>; 8], centre_mm: (R, R)) {
         let is_stored = self.curves.push(regions, centre_mm);
+        let (mut at_peak, mut saturated) = (0, 0);
         for (i, (region, peak_n)) in regions.iter().zip(&mut self.region_peaks_n).enumerate() {
             if is_stored && region.force.force_n > *peak_n {
                 *peak_n = region.force.force_n;
-                self.at_peak |= 1 << i;
+                at_peak |= 1 << i;
             }
-            self.saturated |= u8::from(region.saturated) << i;
+            saturated |= u8::from(region.saturated) << i;
         }
+        self.at_peak = at_peak;
+        self.saturated |= saturated;
     }
 
     /// True from heel strike until toe off is confirmed, and during contacts that will not become steps.

@@ -201,8 +201,14 @@ macro_rules! region_bytes {
             pub fn serialize<S: Serializer>(regions: &[$region; 8], serializer: S) -> Result<S::Ok, S::Error> {
                 let mut bytes = [0; 8 * REGION];
                 for (place, region) in bytes.chunks_exact_mut(REGION).zip(regions) {
-                    for (place, number) in place.chunks_exact_mut(2).zip(region.numbers()) {
-                        place.copy_from_slice(&number.to_le_bytes());
+                    let numbers = region.numbers();
+                    let ((words, rest), (pairs, last)) = (place.as_chunks_mut(), numbers.as_chunks());
+                    // Two numbers at once, which takes a third of the instructions.
+                    for (word, &[low, high]) in words.iter_mut().zip(pairs) {
+                        *word = (u32::from(low as u16) | u32::from(high as u16) << 16).to_le_bytes();
+                    }
+                    if let [number] = last {
+                        rest.copy_from_slice(&number.to_le_bytes());
                     }
                 }
                 serializer.serialize_bytes(&bytes)

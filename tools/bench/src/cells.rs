@@ -7,7 +7,7 @@ use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::DEVICE_CELLS;
 use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::{CellCoder, MAX_MESSAGE, Resolution, ToHost, encode};
-use recording::{Recording, VirtualInsole, jiku, pedar};
+use recording::{Cell, Recording, VirtualInsole, jiku, pedar, synthetic};
 use std::path::Path;
 
 /// The device's usual number of cells.
@@ -21,16 +21,53 @@ const NOISE: u16 = 1 << 4;
 const WALKERS: usize = 10;
 const TRIALS: usize = 12;
 
-/// Measures walkers on a plate with the device's number of cells and, if `recordings` has recordings of people, the in-shoe
-/// recording among them with its own cells.
+/// Measures walkers on a plate and, if `recordings` has recordings of people, the in-shoe recording among them, with the device's
+/// number of cells.
 pub fn measure(data: &Path, recordings: Option<&Path>, figures: &mut Figures) -> Result<()> {
     let import = |walker| jiku::import(data, walker, 0..TRIALS, &mut |_, _| ());
     let on_plate = (0..WALKERS).map(|walker| Ok(import(walker)?.at_rate(RATE_HZ)?.binned(CELLS)?));
     add("", &on_plate.collect::<Result<Vec<_>>>()?, figures)?;
     let Some(folder) = recordings.map(|folder| folder.join("pedar")) else { return Ok(()) };
     let (file, geometry) = (folder.join("pedar_example.asc"), folder.join("geometry.csv"));
-    let in_shoe = [Side::Left, Side::Right].map(|side| Ok(pedar::import(&file, &geometry, side, &mut |_, _| ())?));
+    let in_shoe = [Side::Left, Side::Right]
+        .map(|side| Ok(on_device_cells(&pedar::import(&file, &geometry, side, &mut |_, _| ())?)));
     add(".pedar", &in_shoe.into_iter().collect::<Result<Vec<_>>>()?, figures)
+}
+
+/// The same walk on an insole of the same size with the device's number of cells, each of which reads the pressure of the nearest
+/// cell of the recording.
+fn on_device_cells(walk: &Recording) -> Recording {
+    let mut layout = synthetic::insole(CELLS);
+    let axes: [fn(&mut Cell) -> &mut f64; 2] = [|cell| &mut cell.x_mm, |cell| &mut cell.y_mm];
+    for axis in axes {
+        let extent = |cells: &[Cell]| {
+            let positions_mm = || cells.iter().map(|&(mut cell)| *axis(&mut cell));
+            (positions_mm().fold(f64::INFINITY, f64::min), positions_mm().fold(f64::NEG_INFINITY, f64::max))
+        };
+        let (from_mm, to_mm) = extent(&walk.layout.cells);
+        let (device_from_mm, device_to_mm) = extent(&layout.cells);
+        for cell in &mut layout.cells {
+            let position_mm = axis(cell);
+            *position_mm =
+                from_mm + (*position_mm - device_from_mm) * (to_mm - from_mm) / (device_to_mm - device_from_mm);
+        }
+    }
+    let nearest: Vec<usize> = layout
+        .cells
+        .iter()
+        .map(|to| {
+            let distance2 = |from: &Cell| (from.x_mm - to.x_mm).powi(2) + (from.y_mm - to.y_mm).powi(2);
+            let cells = walk.layout.cells.iter().enumerate();
+            let nearest = cells.min_by(|(_, a), (_, b)| distance2(a).total_cmp(&distance2(b)));
+            nearest.map_or(0, |(index, _)| index)
+        })
+        .collect();
+    // The cells share the area of the recording's cells, so that forces are about the same.
+    let area_mm2 = walk.layout.cells.iter().map(|cell| cell.area_mm2).sum::<f64>() / CELLS as f64;
+    layout.cells.iter_mut().for_each(|cell| cell.area_mm2 = area_mm2);
+    let frames = walk.pressure_kpa.chunks_exact(walk.cells());
+    let pressure_kpa = frames.flat_map(|frame| nearest.iter().map(|&index| frame[index])).collect();
+    Recording { layout, pressure_kpa, ..walk.clone() }
 }
 
 /// Packs all frames of these walks, and adds the mean lengths. `suffix` is the end of the keys.
