@@ -11,7 +11,7 @@ use std::fmt;
 
 /// Recordings with fewer steps are not compared, because recordings of one person would differ by chance.
 const COMPARED_STEPS: usize = 10;
-/// The halves of a recording are compared if each has this number of steps.
+/// The halves of a recording are compared if each has at least this number of steps.
 const HALF_STEPS: usize = 5;
 /// The halves differ if the error with the parameters of the other half exceeds this multiple of the error with their own.
 const CHANGED_ERROR: f64 = 2.5;
@@ -125,6 +125,7 @@ impl Change {
         (self.error_ratio > CHANGED_ERROR || self.has_other_load()).then_some(self)
     }
 
+    /// The larger of the two changes, in logarithms relative to its threshold: above 1 if the change is significant.
     fn size(&self) -> f64 {
         (self.error_ratio.ln() / CHANGED_ERROR.ln()).max(self.load_ratio.ln().abs() / CHANGED_LOAD.ln())
     }

@@ -41,8 +41,8 @@ impl Bounds {
         m: [0.0, 5.0],
     };
 
-    /// The default bounds: n may be negative, down to [`Bounds::LEAST_N`]. Measured force often grows by less than the square of
-    /// the area. A negative n states that there the area is no measure of the indentation, and not that tissue becomes softer.
+    /// The default bounds: n may be negative, down to [`Bounds::LEAST_N`], because measured force often grows more slowly than the
+    /// square of the area. A negative n then means that the area is no measure of the indentation, not that tissue becomes softer.
     pub const USUAL: Self = Self { n: [Self::LEAST_N, 5.0], ..Self::PAPER };
 }
 
@@ -194,10 +194,11 @@ fn grid(samples: &Samples, bounds: &Bounds) -> (Vec<Shape>, usize) {
 }
 
 /// The K and G within their bounds for which the sum of squares is smallest, and this sum. They are the unconstrained solution if
-/// it is within the bounds, otherwise the best point at a bound.
-fn linear(elastic: &[f64], viscous: &[f64], force_n: &[f64], bounds: &Bounds) -> ([f64; 2], f64) {
+/// it is within the bounds, otherwise the best point at a bound. All samples are weighted: the terms for K and G of 1, and the
+/// measured force.
+fn linear(elastic: &[f64], viscous: &[f64], target: &[f64], bounds: &Bounds) -> ([f64; 2], f64) {
     let (mut ee, mut ev, mut vv, mut ef, mut vf, mut ff) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-    for ((&e, &v), &f) in elastic.iter().zip(viscous).zip(force_n) {
+    for ((&e, &v), &f) in elastic.iter().zip(viscous).zip(target) {
         ee += e * e;
         ev += e * v;
         vv += v * v;

@@ -129,6 +129,7 @@ pub fn from_posterior(
             five(&prior::parameters(&moved, 0.0, 0), area_max_m2)[i]
         };
         let ends = [end(-1.0), end(1.0)];
+        // The prior leaves K free, and states G only relative to K.
         let deviation_of_prior = match i {
             1 => f64::INFINITY,
             2 => prior.deviation[3],

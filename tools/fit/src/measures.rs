@@ -249,7 +249,7 @@ impl Basis<'_> {
     }
 }
 
-/// Relative step of numerical derivatives.
+/// Step of numerical derivatives: relative to g, and absolute in the coordinates of the prior, which have no unit.
 const STEP: f64 = 1e-4;
 
 /// The g at which an increasing function has a value, by bisection; `None` if the function is smaller at g = 1.

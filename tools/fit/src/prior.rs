@@ -184,7 +184,7 @@ struct Found {
     at: Coordinates,
     /// Sum of the squared residuals of the force.
     squares: f64,
-    /// The same with the squares of the prior.
+    /// The minimised sum: `squares`, and the squares of the rows of the prior times the variance of the noise.
     objective: f64,
     evaluations: usize,
 }

@@ -46,10 +46,10 @@ pub struct RegionFit {
     pub ellipse_misfit: Option<f64>,
     /// Number of different areas in a step, median of the steps.
     pub area_levels: usize,
-    /// How much worse a recording is predicted by parameters from the other recordings of the same foot than by its own: the median
-    /// error of its steps with parameters fitted to the other recordings, divided by their median error with parameters fitted to
-    /// the recording itself. The value is the largest ratio of all recordings. `None` if no recording and its other recordings have
-    /// ten steps each.
+    /// How much worse a recording is predicted by parameters from the other recordings of the same foot than by its own: the
+    /// median error of its steps with parameters fitted to the other recordings, divided by their median error with parameters
+    /// fitted to the recording itself. The value is the largest ratio of all recordings. A recording counts only if it has at
+    /// least ten steps, and the others together have at least ten; `None` if no recording counts.
     pub recordings_ratio: Option<f64>,
     /// The difference between the two halves of a recording; `None` if they do not differ.
     pub change: Option<Change>,
@@ -139,7 +139,8 @@ pub(crate) fn fit_region(steps: &[Step], region: usize, options: &Options) -> Re
     Ok(RegionFit { predicted_nrmse, recordings_ratio, change, ..fit })
 }
 
-/// Up to this number of steps, cross-validation leaves out one step at a time.
+/// Up to this number of steps, cross-validation leaves out one step at a time. The limit bounds the computing time: each step or
+/// group that is left out requires a fit.
 const LEFT_OUT_ALONE: usize = 60;
 /// With more steps, cross-validation divides them into this number of groups and leaves out one group at a time.
 const GROUPS: usize = 20;

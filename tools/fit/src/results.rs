@@ -10,7 +10,8 @@ use parameters::{DeformationScale, Identified, InsoleSize, Parameters};
 use plantar::{Region, Side};
 use serde_json::{Map, Value, json};
 
-/// Formats a value with three significant digits, but at most three decimal places.
+/// Formats a value with three significant digits, but with at most three decimal places, and with all digits before the decimal
+/// point.
 pub fn significant(value: f64) -> String {
     if value.abs() < 5e-4 {
         return "0".into();
@@ -25,7 +26,8 @@ pub fn widest(interval: &Interval) -> [f64; 2] {
     interval.bootstrap.filter(|b| width(*b) > width(interval.jacobian)).unwrap_or(interval.jacobian)
 }
 
-/// What the scale of the deformation rests on. A C that was searched rests on no measurement of the tissue.
+/// The measurements and assumptions that determine the scale of the deformation. A C that was searched follows from no
+/// measurement of the tissue.
 pub fn deformation_scale(fixed: &FixedParameters) -> DeformationScale {
     match (fixed.scale, fixed.is_thickness_measured) {
         // A curvature determines C without the thickness.

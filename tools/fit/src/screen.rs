@@ -52,7 +52,10 @@ impl fmt::Display for NotFitted {
             }
             Self::ZeroForce => f.write_str("in contact but without force: check the calibration and the baseline"),
             Self::HardlyLoaded(peak_n) => {
-                write!(f, "hardly loaded: at most {peak_n:.1} N in any step; at least {MIN_FORCE_N} N are needed")
+                write!(
+                    f,
+                    "hardly loaded: at most {peak_n:.1} N in any step, at least {MIN_FORCE_N} N are needed; check the calibration"
+                )
             }
             Self::TooFewFrames(samples) => {
                 write!(
@@ -111,8 +114,8 @@ pub(crate) fn usable(steps: &[Step], region: usize, filter: Filter) -> Result<Ve
         NotFitted::ZeroForce => (1, 0.0),
         NotFitted::HardlyLoaded(peak_n) => (2, *peak_n),
         NotFitted::TooFewFrames(samples) => (3, *samples as f64),
-        NotFitted::ConstantArea => (4, 0.0),
-        NotFitted::ConstantForce => (5, 0.0),
+        NotFitted::ConstantForce => (4, 0.0),
+        NotFitted::ConstantArea => (5, 0.0),
         NotFitted::SaturatedArea(share) => (6, -share),
         _ => (7, 0.0),
     };

@@ -25,7 +25,7 @@ pub enum Choice {
     AreaScale(ContactRule),
     /// The filter of the area.
     Filter(Filter),
-    /// The steps without every fourth one, from this one on.
+    /// All steps except every fourth, of which the first has this index.
     LeftOut(usize),
 }
 

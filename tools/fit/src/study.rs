@@ -150,7 +150,7 @@ impl fmt::Display for OtherContactRule {
         write!(
             f,
             "steps were measured by the contact rule {} (on / off / full) and others by {}: areas of different rules cannot be \
-             fitted together",
+             fitted together; record and fit the steps of each rule separately",
             rule(&self.found),
             rule(&self.expected)
         )

@@ -64,8 +64,8 @@ impl Noise {
 }
 
 /// The curves of a region in one step. The area rises faster than it falls. `size` scales the area. `noise` is the standard
-/// deviation of the force, relative to its peak; `source` generates this noise. Of the two force curves,
-/// only the input of `filter` is not zero.
+/// deviation of the noise of the force, relative to its peak; `source` generates this noise. Of the two force curves, only the
+/// input of `filter` is not zero.
 pub fn curves(region: usize, rate_hz: f64, filter: Filter, size: f64, noise: f64, source: &mut Noise) -> RegionCurves {
     let ([ab_mm2, ..], [start, end, share]) = TRUTH[region];
     let area = |t_s: f64| {

@@ -133,7 +133,7 @@ fn contradicting_measurements_are_named_and_the_assumption_is_used() {
 /// C is proportional to the compression. Secant stiffness and modulus at a strain follow from the law by hand: with a C that is
 /// larger by 20 %, the strain of 20 % is reached at a normalised deformation that is smaller by the same factor.
 #[test]
-fn the_effect_of_a_pin_is_that_of_a_fit_with_another_value() {
+fn the_effect_of_the_scale_is_that_of_a_fit_with_another_value() {
     let steps = walk(6, 100.0, Filter::Direct, 0.01, 1);
     let fit = &fitted(&steps, &OPTIONS)[0];
     let effect = fit.scale_effect.expect("known");

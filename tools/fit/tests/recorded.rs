@@ -82,8 +82,8 @@ fn reference(study: &Study) -> [Option<f64>; 8] {
     std::array::from_fn(|region| is_fitted(&region).then(|| percents.next().expect("one line for each region")))
 }
 
-/// Asserts that these errors of the fits, which use no random starts, are at most 0.1 percentage points above those of the
-/// reference, and at most 0.3 below.
+/// Asserts that the root mean square of the NRMSE of each fitted region is at most 0.1 percentage points above that of the
+/// [`reference`], and at most 0.3 below. The fits use no random starts.
 fn assert_as_good_as_the_reference(study: &Study) {
     for (i, reference) in reference(study).into_iter().enumerate() {
         let (region, fit) = (Region::ALL[i], &study.fits[i]);
