@@ -57,7 +57,7 @@ impl Shown {
     }
 }
 
-/// Changes above these are printed in bold: relative, and of an error.
+/// Changes above these are printed in bold: a relative change, and the difference of an error, as fractions.
 const LARGE: [f64; 2] = [0.2, 0.02];
 
 fn cell(change: Option<f64>, is_error: bool) -> Markup {
