@@ -78,9 +78,9 @@ fn layout(foot: &Foot) -> Vec<(&'static str, MatVariable)> {
     ]
 }
 
-/// The quantities of steps: a column for each quantity of the foot, a matrix for each quantity of the regions. `start_s` is omitted,
-/// because the time of the heel strike is a field of the foot, on the clock of the session. `starts_ago` is omitted, because it
-/// is 0 in every recording.
+/// The quantities of steps: a column for each quantity of the foot, a matrix for each quantity of the regions. `start_s` is
+/// omitted, because the time of the heel strike is a field of the foot, on the clock of the session. `starts_ago` is omitted,
+/// because it is 0 in every recording.
 fn steps(steps: &[Step]) -> Vec<(&'static str, MatVariable)> {
     let value = |of: Option<f64>| of.unwrap_or(f64::NAN);
     let of_step = Step::QUANTITIES.iter().filter(|quantity| !["start_s", "starts_ago"].contains(&quantity.name));

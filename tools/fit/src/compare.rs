@@ -109,8 +109,8 @@ fn load_ratio(mut before: Vec<f64>, mut after: Vec<f64>) -> f64 {
 /// The difference between the first and the second half of the steps of a recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Change {
-    /// The region's peak force, relative to that of the whole foot, in the second half divided by that in the first half; 1 if the
-    /// difference is within the scatter of the steps.
+    /// The region's peak force, relative to that of the whole foot, in the second half divided by that in the first half; 1 if
+    /// the difference is within the scatter of the steps.
     pub load_ratio: f64,
     /// Error of a half with the parameters of the other half, divided by its error with its own.
     pub error_ratio: f64,

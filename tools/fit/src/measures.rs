@@ -44,7 +44,8 @@ pub enum Quantity {
     ViscousModulus,
     /// Work of the measured force up to the largest deformation, mean over the steps.
     LoadingEnergy,
-    /// Work of the measured force over the whole contact, which is the area of its loop over the deformation, mean over the steps.
+    /// Work of the measured force over the whole contact, which is the area of its loop over the deformation, mean over the
+    /// steps.
     DissipatedEnergy,
 }
 
@@ -197,8 +198,8 @@ impl Basis<'_> {
         }
     }
 
-    /// The quantities of the most probable parameters `at` with their covariance matrix, and of fits to resampled steps. The wider of
-    /// the two intervals is used.
+    /// The quantities of the most probable parameters `at` with their covariance matrix, and of fits to resampled steps. The
+    /// wider of the two intervals is used.
     pub fn measures(
         &self,
         at: &Coordinates,

@@ -41,8 +41,8 @@ pub struct RegionFit {
     pub quality: Quality,
     /// NRMSE of each step, as a fraction, with parameters that were fitted to the other steps. Empty if there is only one step.
     pub predicted_nrmse: Vec<f64>,
-    /// Area of the contact ellipse divided by the contact area, minus 1; mean over the stance weighted by force, or that at the peak
-    /// force for a live stream. 0 if the contact is an ellipse. `None` without contact ellipses.
+    /// Area of the contact ellipse divided by the contact area, minus 1; mean over the stance weighted by force, or that at the
+    /// peak force for a live stream. 0 if the contact is an ellipse. `None` without contact ellipses.
     pub ellipse_misfit: Option<f64>,
     /// Number of different areas in a step, median of the steps.
     pub area_levels: usize,
@@ -145,8 +145,8 @@ const LEFT_OUT_ALONE: usize = 60;
 /// With more steps, cross-validation divides them into this number of groups and leaves out one group at a time.
 const GROUPS: usize = 20;
 
-/// The force laws that fit resampled steps: as many steps as there are, drawn with replacement. The same steps always result in the
-/// same laws. Empty for fewer than [`interval::RESAMPLED_STEPS`] steps.
+/// The force laws that fit resampled steps: as many steps as there are, drawn with replacement. The same steps always result in
+/// the same laws. Empty for fewer than [`interval::RESAMPLED_STEPS`] steps.
 fn resample(curves: &[&RegionCurves], near: &SearchResult, region: usize, options: &Options) -> Vec<ForceLaw<f64>> {
     if curves.len() < interval::RESAMPLED_STEPS {
         return Vec::new();
@@ -277,8 +277,8 @@ impl SearchResult {
         }
     }
 
-    /// The mechanical quantities of the result. `covariance` is that of [`Self::covariance`], and `resampled` are fits to resampled
-    /// steps.
+    /// The mechanical quantities of the result. `covariance` is that of [`Self::covariance`], and `resampled` are fits to
+    /// resampled steps.
     pub(crate) fn measures(
         &self,
         curves: &[&RegionCurves],

@@ -11,8 +11,8 @@ pub struct Repeatability {
     /// Standard error of measurement, in the unit of the quantity: the standard deviation of a recording about the mean of the
     /// person (Weir).
     pub sem: f64,
-    /// Minimal detectable change with 95 % confidence, in the unit of the quantity: two recordings that differ by less may be of an
-    /// unchanged person (Weir).
+    /// Minimal detectable change with 95 % confidence, in the unit of the quantity: two recordings that differ by less may be of
+    /// an unchanged person (Weir).
     pub mdc: f64,
 }
 

@@ -6,8 +6,8 @@ use std::fmt;
 
 /// Smallest number of samples in contact. Fewer samples cannot determine five parameters.
 pub const MIN_SAMPLES: usize = 12;
-/// Smallest peak force of a region, N: about the force of one cell at the pressure of first contact. With less, the area is that of
-/// single cells.
+/// Smallest peak force of a region, N: about the force of one cell at the pressure of first contact. With less, the area is that
+/// of single cells.
 pub const MIN_FORCE_N: f64 = 3.0;
 /// The area must be below its maximum for some of the contact time. If it is at its maximum for at least this fraction, force
 /// cannot be related to area.
@@ -107,8 +107,8 @@ pub(crate) fn usable(steps: &[Step], region: usize, filter: Filter) -> Result<Ve
             Err(reason) => reasons.push(reason),
         }
     }
-    // A step ranks higher if it failed a later check; a clipped step ranks highest. For equal reasons, the step that came closer to
-    // passing the check ranks higher.
+    // A step ranks higher if it failed a later check; a clipped step ranks highest. For equal reasons, the step that came closer
+    // to passing the check ranks higher.
     let rank = |reason: &NotFitted| match reason {
         NotFitted::NeverLoaded => (0, 0.0),
         NotFitted::ZeroForce => (1, 0.0),

@@ -18,8 +18,8 @@ const SATURATES: f64 = 0.2;
 const FOLLOWS: f64 = 0.1;
 /// The steps differ if the NRMSE of prediction exceeds this multiple of the NRMSE with parameters fitted to each step alone.
 const STEPS_DIFFER: f64 = 1.5;
-/// The contact area limits the fit if [`crate::Quality::floor`] exceeds this fraction of the NRMSE of prediction, and the condition
-/// of [`AT_FLOOR`] is met.
+/// The contact area limits the fit if [`crate::Quality::floor`] exceeds this fraction of the NRMSE of prediction, and the
+/// condition of [`AT_FLOOR`] is met.
 const NEAR_FLOOR: f64 = 0.6;
 /// Second condition of [`NEAR_FLOOR`]: the NRMSE with parameters fitted to each step alone exceeds this fraction of the floor.
 const AT_FLOOR: f64 = 0.9;

@@ -78,8 +78,8 @@ fn a_region_that_changes_within_a_recording_is_named_with_the_remedy() {
     assert!(fits[0].change.is_some_and(|change| change.load_ratio == 1.0 && change.error_ratio > 2.5));
 }
 
-/// The measurements that a perfect observer would take of the heel, if its ellipsoid had this C. The contact of computed steps has
-/// A = B.
+/// The measurements that a perfect observer would take of the heel, if its ellipsoid had this C. The contact of computed steps
+/// has A = B.
 fn measured(steps: &[Step], c_m: f64, thickness_m: f64) -> (f64, [Option<f64>; 2]) {
     let law = law(0);
     let areas_mm2 = steps.iter().flat_map(|step| &step.regions[0].area_mm2);

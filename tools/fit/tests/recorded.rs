@@ -1,5 +1,5 @@
-//! Fits to recorded steps: their errors agree with an independent reference and with the code of the insole. The recordings are not
-//! part of this repository.
+//! Fits to recorded steps: their errors agree with an independent reference and with the code of the insole. The recordings are
+//! not part of this repository.
 
 use fit::quality::Evaluated;
 use fit::steps::ExclusionReason;
@@ -53,8 +53,8 @@ fn walker(walker: usize, trials: std::ops::Range<usize>) -> Recording {
     jiku::import(PathBuf::from(data), walker, trials, &mut |_, _| ()).expect("jiku-data")
 }
 
-/// The root mean square of the NRMSE of each region's steps, %, in fits by SciPy to the same filtered areas within the same bounds.
-/// Both fits minimise it. `None` if the region is not fitted.
+/// The root mean square of the NRMSE of each region's steps, %, in fits by SciPy to the same filtered areas within the same
+/// bounds. Both fits minimise it. `None` if the region is not fitted.
 fn reference(study: &Study) -> [Option<f64>; 8] {
     let python = std::env::var_os("PLANTAR_PYTHON").expect("PLANTAR_PYTHON names an interpreter with SciPy");
     let is_fitted = |region: &usize| study.fits[*region].is_ok();

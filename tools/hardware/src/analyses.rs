@@ -172,11 +172,11 @@ pub struct Crosstalk {
     pub row_one: f64,
     /// One neighbour in the column of an open cell, through the amplifiers' offsets, at their maximum.
     pub column_one: f64,
-    /// One cell in the next column and another row, beside a loaded cell of the measured column, also through the offsets at their
-    /// maximum.
+    /// One cell in the next column and another row, beside a loaded cell of the measured column, also through the offsets at
+    /// their maximum.
     pub diagonal: f64,
-    /// A saturated cell beside the measured one, while one cell of each of the two columns is loaded in another row: the column of
-    /// the saturated cell is not at the virtual ground.
+    /// A saturated cell beside the measured one, while one cell of each of the two columns is loaded in another row: the column
+    /// of the saturated cell is not at the virtual ground.
     pub saturated: f64,
 }
 

@@ -139,8 +139,8 @@ impl Foot {
     }
 }
 
-/// For each cell, whether it belongs to a square of two by two loaded cells. A single row or column of cells may respond to noise,
-/// and must not extend the foot. If there is no such square, all cells belong to the foot.
+/// For each cell, whether it belongs to a square of two by two loaded cells. A single row or column of cells may respond to
+/// noise, and must not extend the foot. If there is no such square, all cells belong to the foot.
 fn under_foot(indices: &BTreeMap<(usize, usize), usize>, pressure_kpa: &[f32]) -> Vec<bool> {
     /// Fraction of the largest pressure that a cell under the foot exceeds at some time.
     const LOADED: f32 = 0.02;

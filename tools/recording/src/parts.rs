@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 /// Opens the files of a folder in the order of their names, and returns them with the description of the joined recording.
 ///
 /// # Errors
-/// Fails if the folder or a file cannot be read, if the folder has no recording, or if a part does not continue the one before it:
-/// it must be of the same foot, layout and rate, and begin one frame later, to within a tenth of a frame.
+/// Fails if the folder or a file cannot be read, if the folder has no recording, or if a part does not continue the one before
+/// it: it must be of the same foot, layout and rate, and begin one frame later, to within a tenth of a frame.
 pub fn open(folder: &Path) -> Result<(Recording, Vec<ColumnFile>)> {
     let entries = std::fs::read_dir(folder).map_err(Error::io(folder))?;
     let mut paths: Vec<PathBuf> = entries

@@ -40,7 +40,8 @@ struct Header<'a> {
     sensor: &'a str,
 }
 
-/// Imports one foot. `side` states the foot; without it, the end of the name in the header or of the file does: L, R, left or right.
+/// Imports one foot. `side` states the foot; without it, the end of the name in the header or of the file does: L, R, left or
+/// right.
 ///
 /// # Errors
 /// Fails if a line violates the format. The message names file, line and remedy.

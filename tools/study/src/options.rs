@@ -123,7 +123,8 @@ impl ContactOptions {
         }
     }
 
-    /// This rule with the values that are given. If only the contact threshold is given, the release threshold changes in proportion.
+    /// This rule with the values that are given. If only the contact threshold is given, the release threshold changes in
+    /// proportion.
     ///
     /// # Errors
     /// If the result is no valid rule.
