@@ -103,12 +103,13 @@ fn note(fit: &Result<RegionFit, NotFitted>, name: &str, method: Method) -> Strin
     }
 }
 
-/// How C follows the value that determines it, in words.
+/// How C changes with the value that determines it, in words.
 fn effect(fit: &RegionFit) -> String {
     fit.scale_effect.map_or(String::new(), |effect| {
         let mm = |values: &ScaledValues| significant(values.c_m * 1e3);
         let percent = SCALE_CHANGE * 100.0;
-        format!("; {} mm if that were {percent:.0} % less, {} mm if more", mm(&effect.at_less), mm(&effect.at_more))
+        let (less, more) = (mm(&effect.at_less), mm(&effect.at_more));
+        format!("; C would be {less} mm if this value were {percent:.0} % smaller, {more} mm if {percent:.0} % larger")
     })
 }
 

@@ -58,7 +58,9 @@ pub(crate) fn verdict(fit: &RegionFit) -> String {
 pub(crate) fn defects(steps: usize, are_equal: bool) -> Option<String> {
     if steps == 1 {
         return Some(
-            "only one step could be used: the error of new steps, and how much steps differ, are unknown; record at least ten".into(),
+            "only one step could be used: the error of new steps, and how much steps differ, are unknown; record at least ten \
+             steps"
+                .into(),
         );
     }
     are_equal.then(|| {

@@ -111,7 +111,8 @@ pub fn five(study: &Study) -> Markup {
         table.dense {
             caption {
                 "The five identifiable parameters: estimate (95 % confidence interval); * estimate at a bound of the search; \
-                 † not determined by the force: mostly the value of other people, or without meaning if G is 0. Resampling requires at least " (RESAMPLED_STEPS) " steps."
+                 † not determined by the force: mostly the value of other people, or without meaning if G is 0. Resampling \
+                 requires at least " (RESAMPLED_STEPS) " steps."
             }
             thead {
                 tr {
