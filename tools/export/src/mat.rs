@@ -21,7 +21,7 @@ const MOST_BYTES: u64 = i32::MAX as u64;
 pub fn write(session: &Session, path: &Path) -> Result<()> {
     for foot in &session.feet {
         let frame_bytes = size_of_val(foot.cells_kpa(0)) + size_of::<f64>() * (2 * Region::ALL.len() + 3);
-        // The tables of steps and cells take far less than a part in sixteen.
+        // The tables of steps and cells take far less than a sixteenth of the variable.
         if (session.frames() * frame_bytes) as u64 > MOST_BYTES / 16 * 15 {
             let problem = format!("{} frames of {} cells exceed 2 GiB", session.frames(), foot.layout.cells.len());
             return Err(content(
@@ -78,8 +78,9 @@ fn layout(foot: &Foot) -> Vec<(&'static str, MatVariable)> {
     ]
 }
 
-/// The quantities of steps: a column for each quantity of the foot, a matrix for each quantity of the regions. The time of the
-/// heel strike is a field of the foot, on its clock.
+/// The quantities of steps: a column for each quantity of the foot, a matrix for each quantity of the regions. `start_s` is
+/// omitted, because the time of the heel strike is a field of the foot, on the clock of the session. `starts_ago` is omitted,
+/// because it is 0 in every recording.
 fn steps(steps: &[Step]) -> Vec<(&'static str, MatVariable)> {
     let value = |of: Option<f64>| of.unwrap_or(f64::NAN);
     let of_step = Step::QUANTITIES.iter().filter(|quantity| !["start_s", "starts_ago"].contains(&quantity.name));

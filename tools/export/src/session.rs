@@ -97,7 +97,7 @@ impl Foot {
                     step,
                 });
             }
-            // The insole numbers steps and load bouts together, also those that nobody takes.
+            // Steps and load bouts share their numbers, and a bout has one only if it is taken.
             insole.take_bout();
             if t_s.is_some() {
                 frames.push(frame(&insole));
@@ -197,6 +197,9 @@ impl Session {
     ///
     /// # Errors
     /// Fails if both recordings are of the same foot, have no frame between these times in common, or have different rates.
+    ///
+    /// # Panics
+    /// Panics without feet.
     pub fn new(mut feet: Vec<Foot>, from_s: Option<f64>, to_s: Option<f64>) -> Result<Self> {
         feet.sort_by_key(|foot| foot.side == Side::Right);
         if let [first, second] = &feet[..]
@@ -215,7 +218,8 @@ impl Session {
             let files = feet.iter().map(|foot| foot.file.as_str()).collect::<Vec<_>>().join(" and ");
             let times = feet.iter().map(|foot| format!("{} to {} s", foot.t_s[0], foot.t_s[foot.t_s.len() - 1]));
             let times = times.collect::<Vec<_>>().join(" and ");
-            let problem = format!("no frame in common between the times of the frames ({times}), --from and --to");
+            let problem =
+                format!("no frame in common between the recordings ({times}) and the range of --from and --to");
             return Err(content(&files, problem, "name times within the recording, and recordings on one clock"));
         }
         for (foot, first) in feet.iter_mut().zip(firsts) {

@@ -1,5 +1,5 @@
-//! The people of a cohort, and means as in the paper: over the steps of each trial, over the trials of both feet, then over the people
-//! of each pair of insole sizes.
+//! The people of a cohort, and means as in the paper: over the steps of each trial, over the trials of both feet, then over the
+//! people of each pair of insole sizes.
 
 use crate::trials::{Moments, Trial, Values, means};
 use crate::variable::Variable;

@@ -11,7 +11,7 @@ use std::fmt;
 
 /// Recordings with fewer steps are not compared, because recordings of one person would differ by chance.
 const COMPARED_STEPS: usize = 10;
-/// The halves of a recording are compared if each has this number of steps.
+/// The halves of a recording are compared if each has at least this number of steps.
 const HALF_STEPS: usize = 5;
 /// The halves differ if the error with the parameters of the other half exceeds this multiple of the error with their own.
 const CHANGED_ERROR: f64 = 2.5;
@@ -109,8 +109,8 @@ fn load_ratio(mut before: Vec<f64>, mut after: Vec<f64>) -> f64 {
 /// The difference between the first and the second half of the steps of a recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Change {
-    /// The region's peak force, relative to that of the whole foot, in the second half divided by that in the first half; 1 if the
-    /// difference is within the scatter of the steps.
+    /// The region's peak force, relative to that of the whole foot, in the second half divided by that in the first half; 1 if
+    /// the difference is within the scatter of the steps.
     pub load_ratio: f64,
     /// Error of a half with the parameters of the other half, divided by its error with its own.
     pub error_ratio: f64,
@@ -125,6 +125,7 @@ impl Change {
         (self.error_ratio > CHANGED_ERROR || self.has_other_load()).then_some(self)
     }
 
+    /// The larger of the two changes, in logarithms relative to its threshold: above 1 if the change is significant.
     fn size(&self) -> f64 {
         (self.error_ratio.ln() / CHANGED_ERROR.ln()).max(self.load_ratio.ln().abs() / CHANGED_LOAD.ln())
     }

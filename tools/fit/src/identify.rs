@@ -1,7 +1,7 @@
 //! Identification of the five parameters that a force trace determines, by variable projection.
 //!
-//! For a given shape (`max_ratio`, n, m) the force is linear in K and G, and the best values of K and G within bounds follow from a
-//! 2 x 2 system. The identification has three stages. The first evaluates a grid over the shape. The second searches over the
+//! For a given shape (`max_ratio`, n, m) the force is linear in K and G, and the best values of K and G within bounds follow from
+//! a 2 x 2 system. The identification has three stages. The first evaluates a grid over the shape. The second searches over the
 //! shape, from the best points of the grid. The third searches over all five parameters, and omits tensile force as the device
 //! does. The result is deterministic.
 
@@ -31,8 +31,8 @@ impl Bounds {
     /// vanishes.
     pub const LEAST_N: f64 = -0.95;
 
-    /// Bounds with the exponents of the paper, which are at least 0. They allow pi A B to be 1 to 8.3 times the largest area. If it
-    /// were larger, the ellipsoid would be so flat that force is nearly a power of area, and A B and K could not be separated.
+    /// Bounds with the exponents of the paper, which are at least 0. They allow pi A B to be 1 to 8.3 times the largest area. If
+    /// it were larger, the ellipsoid would be so flat that force is nearly a power of area, and A B and K could not be separated.
     pub const PAPER: Self = Self {
         max_ratio: [0.12, 0.999_999],
         stiffness_pa: [1e4, 1e7],
@@ -41,8 +41,9 @@ impl Bounds {
         m: [0.0, 5.0],
     };
 
-    /// The default bounds: n may be negative, down to [`Bounds::LEAST_N`]. Measured force often grows by less than the square of
-    /// the area. A negative n states that there the area is no measure of the indentation, and not that tissue becomes softer.
+    /// The default bounds: n may be negative, down to [`Bounds::LEAST_N`], because measured force often grows more slowly than
+    /// the square of the area. A negative n then means that the area is no measure of the indentation, not that tissue becomes
+    /// softer.
     pub const USUAL: Self = Self { n: [Self::LEAST_N, 5.0], ..Self::PAPER };
 }
 
@@ -133,9 +134,9 @@ pub fn identify(samples: &Samples, bounds: &Bounds) -> Identified {
     Identified::from(&minimum, evaluations + 1)
 }
 
-/// Performs only the third stage, the search over all five parameters, from one point. It is for comparison, and may end in a local
-/// minimum. `start` contains numbers between 0, the lower bound, and 1, the upper bound, in the order `max_ratio`, n, m, K, G. The
-/// scale of K is logarithmic.
+/// Performs only the third stage, the search over all five parameters, from one point. It is for comparison, and may end in a
+/// local minimum. `start` contains numbers between 0, the lower bound, and 1, the upper bound, in the order `max_ratio`, n, m, K,
+/// G. The scale of K is logarithmic.
 pub fn identify_from(samples: &Samples, bounds: &Bounds, start: [f64; 5]) -> Identified {
     let [least, most] = limits(bounds);
     let at = |i: usize| match i {
@@ -194,10 +195,11 @@ fn grid(samples: &Samples, bounds: &Bounds) -> (Vec<Shape>, usize) {
 }
 
 /// The K and G within their bounds for which the sum of squares is smallest, and this sum. They are the unconstrained solution if
-/// it is within the bounds, otherwise the best point at a bound.
-fn linear(elastic: &[f64], viscous: &[f64], force_n: &[f64], bounds: &Bounds) -> ([f64; 2], f64) {
+/// it is within the bounds, otherwise the best point at a bound. All samples are weighted: the terms for K and G of 1, and the
+/// measured force.
+fn linear(elastic: &[f64], viscous: &[f64], target: &[f64], bounds: &Bounds) -> ([f64; 2], f64) {
     let (mut ee, mut ev, mut vv, mut ef, mut vf, mut ff) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-    for ((&e, &v), &f) in elastic.iter().zip(viscous).zip(force_n) {
+    for ((&e, &v), &f) in elastic.iter().zip(viscous).zip(target) {
         ee += e * e;
         ev += e * v;
         vv += v * v;

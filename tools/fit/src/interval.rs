@@ -83,8 +83,8 @@ pub fn noise(samples: &Samples, identified: &Identified) -> Noise {
     Noise { variance: identified.squares / degrees_of_freedom, degrees_of_freedom }
 }
 
-/// The covariance matrix of the coordinates at the most probable parameters, in Laplace's approximation. `variance` is that of the
-/// noise.
+/// The covariance matrix of the coordinates at the most probable parameters, in Laplace's approximation. `variance` is that of
+/// the noise.
 pub fn covariance(samples: &Samples, prior: &Prior, identified: &Identified, variance: f64) -> Matrix5<f64> {
     let mut law = NonNegativeForce::new(samples);
     law.set(&identified.x());
@@ -107,8 +107,8 @@ const AT_BOUND: f64 = 0.005;
 /// The place of each of the parameters [`FIVE`] among the variables of the search and among the coordinates of the prior.
 const SEARCHED: [usize; 5] = [0, 3, 4, 1, 2];
 
-/// Intervals of the most probable parameters, from the `covariance` matrix of their coordinates. `area_max_m2` is the largest area
-/// of the samples.
+/// Intervals of the most probable parameters, from the `covariance` matrix of their coordinates. `area_max_m2` is the largest
+/// area of the samples.
 pub fn from_posterior(
     area_max_m2: f64,
     prior: &Prior,
@@ -129,6 +129,7 @@ pub fn from_posterior(
             five(&prior::parameters(&moved, 0.0, 0), area_max_m2)[i]
         };
         let ends = [end(-1.0), end(1.0)];
+        // The prior leaves K free, and states G only relative to K.
         let deviation_of_prior = match i {
             1 => f64::INFINITY,
             2 => prior.deviation[3],
@@ -192,8 +193,8 @@ pub fn from_jacobian(samples: &Samples, bounds: &Bounds, identified: &Identified
     let limits = limits(bounds, samples.area_max_m2);
     let interval = |i: usize| {
         let (value, half, [least, most]) = (values[i], half_width(i), limits[i]);
-        // The distributions of A B and K are skewed towards large values, so their intervals are symmetric in logarithms. The same
-        // applies to G if its uncertainty is small.
+        // The distributions of A B and K are skewed towards large values, so their intervals are symmetric in logarithms. The
+        // same applies to G if its uncertainty is small.
         let raw = match i < 2 || (i == 2 && value > 0.0 && half < 1.0) {
             true => [value * (-half).exp(), value * half.exp()],
             false => {
@@ -223,7 +224,8 @@ fn limits(bounds: &Bounds, area_max_m2: f64) -> [[f64; 2]; 5] {
     [[ab(bounds.max_ratio[1]), ab(bounds.max_ratio[0])], bounds.stiffness_pa, bounds.damping_pa_s, bounds.n, bounds.m]
 }
 
-/// Adds the bootstrap intervals to `uncertainty`: the middle 95 % of the `resampled` parameters, which are in the order of [`FIVE`].
+/// Adds the bootstrap intervals to `uncertainty`: the middle 95 % of the `resampled` parameters, which are in the order of
+/// [`FIVE`].
 pub fn add_bootstrap(uncertainty: &mut Uncertainty, resampled: &[[f64; 5]]) {
     for (i, interval) in uncertainty.intervals.iter_mut().enumerate() {
         interval.bootstrap = middle(resampled.iter().map(|five| five[i]));

@@ -88,8 +88,8 @@ pub struct Options {
     pub method: Method,
     /// Bounds of the parameters; not used by the paper's method.
     pub bounds: Bounds,
-    /// The distribution of the parameters among people, in the order of [`Region::ALL`]; `None` for least squares within `bounds`.
-    /// Not used by the paper's method.
+    /// The distribution of the parameters among people, in the order of [`Region::ALL`]; `None` for least squares within
+    /// `bounds`. Not used by the paper's method.
     pub prior: Option<[Prior; 8]>,
     /// Thickness of the unloaded tissue, m, in the order of [`Region::ALL`].
     pub thickness_m: [f64; 8],

@@ -38,10 +38,12 @@ pub struct LiveSteps {
     pending: Vec<StepMessage>,
     /// Number, start time (us) and duration (us) of all records, by which a repeated record is recognised.
     received: BTreeSet<(u32, u64, u32)>,
-    /// The different contact rules of the steps of this stream. Steps from before may be of other rules.
+    /// The different contact rules of the steps of this stream. Steps from before the stream may have other rules, which are not
+    /// listed.
     contact_rules: Vec<ContactRule>,
     /// The foot of the last record.
     side: Option<Side>,
+    /// See [`LiveSteps::masked_steps`].
     masked_steps: [usize; 8],
     /// Number of steps of this stream, and of those among them in which the small toes carry more than the hallux.
     toes: [usize; 2],
@@ -152,7 +154,7 @@ impl LiveSteps {
     }
 
     /// True if the insole seems to lie under the other foot: in nearly all steps, the region of the small toes carries more than
-    /// that of the hallux. In none of 120 steps of ten barefoot walkers (SpeedPP2DS) it does.
+    /// that of the hallux. It does so in none of 120 steps of ten barefoot walkers (SpeedPP2DS).
     pub fn looks_mirrored(&self) -> bool {
         let [steps, mirrored] = self.toes;
         steps >= MIRRORED_STEPS && mirrored as f64 >= MIRRORED_SHARE * steps as f64

@@ -44,7 +44,8 @@ pub enum Quantity {
     ViscousModulus,
     /// Work of the measured force up to the largest deformation, mean over the steps.
     LoadingEnergy,
-    /// Work of the measured force over the whole contact, which is the area of its loop over the deformation, mean over the steps.
+    /// Work of the measured force over the whole contact, which is the area of its loop over the deformation, mean over the
+    /// steps.
     DissipatedEnergy,
 }
 
@@ -197,8 +198,8 @@ impl Basis<'_> {
         }
     }
 
-    /// The quantities of the most probable parameters `at` with their covariance matrix, and of fits to resampled steps. The wider of
-    /// the two intervals is used.
+    /// The quantities of the most probable parameters `at` with their covariance matrix, and of fits to resampled steps. The
+    /// wider of the two intervals is used.
     pub fn measures(
         &self,
         at: &Coordinates,
@@ -249,7 +250,7 @@ impl Basis<'_> {
     }
 }
 
-/// Relative step of numerical derivatives.
+/// Step of numerical derivatives: relative to g, and absolute in the coordinates of the prior, which have no unit.
 const STEP: f64 = 1e-4;
 
 /// The g at which an increasing function has a value, by bisection; `None` if the function is smaller at g = 1.

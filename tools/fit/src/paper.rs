@@ -1,10 +1,10 @@
 //! The identification of the paper, for comparison. A general solver searches eight variables within bounds from several random
 //! starts. It minimises the sum of Eq. 18 with the penalty of Eq. 19.
 //!
-//! The bounds of the paper (its Appendix A) and its penalty factor P are not published; the values here are this project's choice.
-//! The logarithms of k and c are searched instead of k and c, because otherwise the solver rarely converges. The constraint that pi
-//! A B exceeds every contact area is not stated in the paper and is not enforced here. If a result violates it, the device flags
-//! the step as clamped.
+//! The bounds of the paper (its Appendix A) and its penalty factor P are not published; the values here are this project's
+//! choice. The logarithms of k and c are searched instead of k and c, because otherwise the solver rarely converges. The
+//! constraint that pi A B exceeds every contact area is not stated in the paper and is not enforced here. If a result violates
+//! it, the device flags the step as clamped.
 
 use crate::Samples;
 use crate::fixed::{FixedParameters, Scale};
@@ -14,8 +14,8 @@ use std::cell::Cell;
 /// Number of random starts. The result is the best of the minima.
 pub const STARTS: u64 = 10;
 
-/// Bounds of A, B, C and d0 (m), ln k, n, ln c, m for size 42. The lengths are scaled to the size, as the bounds of the paper depend on
-/// the insole size.
+/// Bounds of A, B, C and d0 (m), ln k, n, ln c, m for size 42. The lengths are scaled to the size, as the bounds of the paper
+/// depend on the insole size.
 const BOUNDS: [(f64, f64); 8] = [
     (0.002, 0.08),
     (0.002, 0.08),
@@ -49,8 +49,8 @@ fn bounds(size_scale: f64) -> [(f64, f64); 8] {
     bounds
 }
 
-/// The best ellipsoid, and the number of evaluations of the model. `size_scale` is the length of the foot relative to that of size
-/// 42.
+/// The best ellipsoid, and the number of evaluations of the model. `size_scale` is the length of the foot relative to that of
+/// size 42.
 pub fn identify(samples: &Samples, size_scale: f64) -> (Ellipsoid<f64>, usize) {
     let bounds = bounds(size_scale);
     let evaluations = Cell::new(0);

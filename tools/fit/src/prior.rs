@@ -1,9 +1,10 @@
 //! What is known about the parameters of a region before any step is recorded: their distribution among people.
 //!
-//! Five numbers cannot be determined from every region: one with a few newtons, or with a few steps, leaves the shape of its force
-//! law open, and least squares then ends at a bound. So the identification is a maximum of the posterior density: the residuals
-//! are weighed against the deviation of the shape from that of a cohort of walkers (empirical Bayes). The scale of the force, K, is
-//! left to the data: it depends on the sensor, the shoe and the person, and one loaded sample suffices to determine it.
+//! Five numbers cannot be determined from every region: one with a few newtons, or with a few steps, leaves the shape of its
+//! force law open, and least squares then ends at a bound. So the identification is a maximum of the posterior density: the
+//! residuals are weighed against the deviation of the shape from that of a cohort of walkers (empirical Bayes). The scale of the
+//! force, K, is left to the data: it depends on the sensor, the shoe and the person, and one loaded sample suffices to determine
+//! it.
 
 use crate::bounded::Residuals;
 use crate::identify::{Bounds, Identified, NonNegativeForce, identify};
@@ -29,11 +30,11 @@ pub struct Prior {
     pub deviation: ShapeCoordinates,
 }
 
-/// A parameter at a bound has no finite coordinate. A search starts inside of this absolute value, where the force still depends on
-/// the coordinate; for G, relative to K, it is a relaxation time of 2.5 ms.
+/// A parameter at a bound has no finite coordinate. A search starts inside of this absolute value, where the force still depends
+/// on the coordinate; for G, relative to K, it is a relaxation time of 2.5 ms.
 const INSIDE: f64 = 6.0;
-/// Smallest logit of `max_ratio`, which is then 0.12 as for least squares. With less, the force law is a power of the area, and A B
-/// and C would grow beyond every limit if steps have no noise.
+/// Smallest logit of `max_ratio`, which is then 0.12 as for least squares. With less, the force law is a power of the area, and A
+/// B and C would grow beyond every limit if steps have no noise.
 pub(crate) const LEAST_LOGIT: f64 = -2.0;
 /// Largest absolute value of a coordinate.
 const FAR: f64 = 30.0;
@@ -108,8 +109,8 @@ impl Prior {
         [at[0], at[1], at[2], at[4] - at[3]]
     }
 
-    /// The rows by which the logarithm of the density enters a sum of squares: the deviations of the shape in units of their standard
-    /// deviation.
+    /// The rows by which the logarithm of the density enters a sum of squares: the deviations of the shape in units of their
+    /// standard deviation.
     fn rows(&self, at: &Coordinates) -> [f64; 4] {
         let shape = Self::shape(at);
         std::array::from_fn(|i| (shape[i] - self.mean[i]) / self.deviation[i])
@@ -184,7 +185,7 @@ struct Found {
     at: Coordinates,
     /// Sum of the squared residuals of the force.
     squares: f64,
-    /// The same with the squares of the prior.
+    /// The minimised sum: `squares`, and the squares of the rows of the prior times the variance of the noise.
     objective: f64,
     evaluations: usize,
 }
@@ -255,8 +256,8 @@ const ROUNDS: usize = 8;
 /// The distribution of the shape among people, in the order of [`plantar::Region::ALL`]. `people` contains the steps of each
 /// person. A region that fewer than three people load has the distribution [`Prior::BROAD`].
 ///
-/// The fits of the people and the distribution, which is the prior of the fits, are computed in turn: the EM algorithm of a normal
-/// hierarchical model, in Laplace's approximation.
+/// The fits of the people and the distribution, which is the prior of the fits, are computed in turn: the EM algorithm of a
+/// normal hierarchical model, in Laplace's approximation.
 pub fn learn(people: &[&[Step]], options: &Options) -> [Prior; 8] {
     let priors = parallel::map(8, |region| learn_region(people, region, options));
     std::array::from_fn(|region| priors[region])

@@ -32,8 +32,8 @@ pub struct Quality {
 }
 
 impl Quality {
-    /// Computes the errors. `fitted` contains the steps evaluated with the parameters that were fitted to all steps, and `own` the
-    /// steps evaluated with parameters that were fitted to each step alone. `predicted` contains the NRMSE of each step with
+    /// Computes the errors. `fitted` contains the steps evaluated with the parameters that were fitted to all steps, and `own`
+    /// the steps evaluated with parameters that were fitted to each step alone. `predicted` contains the NRMSE of each step with
     /// parameters that were fitted to the other steps.
     pub(crate) fn new(fitted: &[Evaluated], own: &[Evaluated], predicted: &[f64]) -> Self {
         let mean = |of: fn(&Evaluated) -> f64, all: &[Evaluated]| all.iter().map(of).sum::<f64>() / all.len() as f64;

@@ -41,15 +41,15 @@ pub struct RegionFit {
     pub quality: Quality,
     /// NRMSE of each step, as a fraction, with parameters that were fitted to the other steps. Empty if there is only one step.
     pub predicted_nrmse: Vec<f64>,
-    /// Area of the contact ellipse divided by the contact area, minus 1; mean over the stance weighted by force, or that at the peak
-    /// force for a live stream. 0 if the contact is an ellipse. `None` without contact ellipses.
+    /// Area of the contact ellipse divided by the contact area, minus 1; mean over the stance weighted by force, or that at the
+    /// peak force for a live stream. 0 if the contact is an ellipse. `None` without contact ellipses.
     pub ellipse_misfit: Option<f64>,
     /// Number of different areas in a step, median of the steps.
     pub area_levels: usize,
-    /// How much worse a recording is predicted by parameters from the other recordings of the same foot than by its own: the median
-    /// error of its steps with parameters fitted to the other recordings, divided by their median error with parameters fitted to
-    /// the recording itself. The value is the largest ratio of all recordings. `None` if no recording and its other recordings have
-    /// ten steps each.
+    /// How much worse a recording is predicted by parameters from the other recordings of the same foot than by its own: the
+    /// median error of its steps with parameters fitted to the other recordings, divided by their median error with parameters
+    /// fitted to the recording itself. The value is the largest ratio of all recordings. A recording counts only if it has at
+    /// least ten steps, and the others together have at least ten; `None` if no recording counts.
     pub recordings_ratio: Option<f64>,
     /// The difference between the two halves of a recording; `None` if they do not differ.
     pub change: Option<Change>,
@@ -139,13 +139,14 @@ pub(crate) fn fit_region(steps: &[Step], region: usize, options: &Options) -> Re
     Ok(RegionFit { predicted_nrmse, recordings_ratio, change, ..fit })
 }
 
-/// Up to this number of steps, cross-validation leaves out one step at a time.
+/// Up to this number of steps, cross-validation leaves out one step at a time. The limit bounds the computing time: each step or
+/// group that is left out requires a fit.
 const LEFT_OUT_ALONE: usize = 60;
 /// With more steps, cross-validation divides them into this number of groups and leaves out one group at a time.
 const GROUPS: usize = 20;
 
-/// The force laws that fit resampled steps: as many steps as there are, drawn with replacement. The same steps always result in the
-/// same laws. Empty for fewer than [`interval::RESAMPLED_STEPS`] steps.
+/// The force laws that fit resampled steps: as many steps as there are, drawn with replacement. The same steps always result in
+/// the same laws. Empty for fewer than [`interval::RESAMPLED_STEPS`] steps.
 fn resample(curves: &[&RegionCurves], near: &SearchResult, region: usize, options: &Options) -> Vec<ForceLaw<f64>> {
     if curves.len() < interval::RESAMPLED_STEPS {
         return Vec::new();
@@ -276,8 +277,8 @@ impl SearchResult {
         }
     }
 
-    /// The mechanical quantities of the result. `covariance` is that of [`Self::covariance`], and `resampled` are fits to resampled
-    /// steps.
+    /// The mechanical quantities of the result. `covariance` is that of [`Self::covariance`], and `resampled` are fits to
+    /// resampled steps.
     pub(crate) fn measures(
         &self,
         curves: &[&RegionCurves],

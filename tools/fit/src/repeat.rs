@@ -11,8 +11,8 @@ pub struct Repeatability {
     /// Standard error of measurement, in the unit of the quantity: the standard deviation of a recording about the mean of the
     /// person (Weir).
     pub sem: f64,
-    /// Minimal detectable change with 95 % confidence, in the unit of the quantity: two recordings that differ by less may be of an
-    /// unchanged person (Weir).
+    /// Minimal detectable change with 95 % confidence, in the unit of the quantity: two recordings that differ by less may be of
+    /// an unchanged person (Weir).
     pub mdc: f64,
 }
 
@@ -48,8 +48,8 @@ fn mdc(sem: f64) -> f64 {
     1.96 * 2f64.sqrt() * sem
 }
 
-/// Standard error of measurement and minimal detectable change from the variation within people alone, which one person suffices
-/// for. `people` is as in [`Repeatability::of`]. `None` without people, and for people with a single recording.
+/// Standard error of measurement and minimal detectable change from the variation within people alone, for which one person
+/// suffices. `people` is as in [`Repeatability::of`]. `None` without people, and if each person has a single recording.
 pub fn within_person(people: &[Vec<f64>]) -> Option<(f64, f64)> {
     let mut squares = 0.0;
     let mut freedom = 0;

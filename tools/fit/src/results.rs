@@ -10,7 +10,8 @@ use parameters::{DeformationScale, Identified, InsoleSize, Parameters};
 use plantar::{Region, Side};
 use serde_json::{Map, Value, json};
 
-/// Formats a value with three significant digits, but at most three decimal places.
+/// Formats a value with three significant digits, but with at most three decimal places, and with all digits before the decimal
+/// point.
 pub fn significant(value: f64) -> String {
     if value.abs() < 5e-4 {
         return "0".into();
@@ -25,7 +26,8 @@ pub fn widest(interval: &Interval) -> [f64; 2] {
     interval.bootstrap.filter(|b| width(*b) > width(interval.jacobian)).unwrap_or(interval.jacobian)
 }
 
-/// What the scale of the deformation rests on. A C that was searched rests on no measurement of the tissue.
+/// The measurements and assumptions that determine the scale of the deformation. A C that was searched follows from no
+/// measurement of the tissue.
 pub fn deformation_scale(fixed: &FixedParameters) -> DeformationScale {
     match (fixed.scale, fixed.is_thickness_measured) {
         // A curvature determines C without the thickness.
@@ -101,12 +103,13 @@ fn note(fit: &Result<RegionFit, NotFitted>, name: &str, method: Method) -> Strin
     }
 }
 
-/// How C follows the value that determines it, in words.
+/// How C changes with the value that determines it, in words.
 fn effect(fit: &RegionFit) -> String {
     fit.scale_effect.map_or(String::new(), |effect| {
         let mm = |values: &ScaledValues| significant(values.c_m * 1e3);
         let percent = SCALE_CHANGE * 100.0;
-        format!("; {} mm if that were {percent:.0} % less, {} mm if more", mm(&effect.at_less), mm(&effect.at_more))
+        let (less, more) = (mm(&effect.at_less), mm(&effect.at_more));
+        format!("; C would be {less} mm if this value were {percent:.0} % smaller, {more} mm if {percent:.0} % larger")
     })
 }
 

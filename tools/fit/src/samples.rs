@@ -24,11 +24,11 @@ pub struct Samples {
     pub(crate) per_s: Vec<f64>,
     /// Measured force, N.
     pub force_n: Vec<f64>,
-    /// Weight of the residual of a sample, 1/N: 1 / (F sqrt(N)), where F is the peak force of the step and N its number of samples.
-    /// With these weights all steps count equally: the sum of squares is the sum of the squared NRMSE (Eq. 20) of the steps. For
-    /// one step, it is Eq. 18 up to a constant factor.
+    /// Weight of the residual of a sample, in 1/N: the reciprocal of the peak force of the step, N, times the square root of its
+    /// number of samples. With these weights all steps count equally: the sum of squares is the sum of the squared NRMSE (Eq. 20)
+    /// of the steps. For one step, it is Eq. 18 up to a constant factor.
     pub(crate) weight: Vec<f64>,
-    /// Measured force times weight.
+    /// Measured force times weight; without a unit.
     pub(crate) target: Vec<f64>,
     /// Unfiltered area, m2.
     pub raw_area_m2: Vec<f64>,
@@ -70,8 +70,8 @@ impl Samples {
         samples
     }
 
-    /// Adds the contact phase of one step. Until all steps are added, `share` is in m2 and [`UNLOADED`] stands for the index of the
-    /// unloaded tissue.
+    /// Adds the contact phase of one step. Until all steps are added, `share` is in m2 and [`UNLOADED`] stands for the index of
+    /// the unloaded tissue.
     fn push(&mut self, curve: &RegionCurves, filter: Filter) {
         let loaded = |&area: &f64| area > 0.0;
         let (area_mm2, force_n, sample_s) = curve.of(filter);
@@ -94,8 +94,8 @@ impl Samples {
             Filter::Smoothed => {
                 smooth::moving_average(&mut filtered);
                 smooth::polynomial(&mut filtered);
-                // As in Eq. 16, the rate of a sample is the difference to the next sample. The last sample has no next sample; its
-                // rate is that of the sample before.
+                // As in Eq. 16, the rate of a sample is the difference to the next sample. The last sample has no next sample;
+                // its rate is that of the sample before.
                 let forward = (start..end).map(|i| if i + 1 < end { (i + 1, i) } else { (i, i.max(start + 1) - 1) });
                 self.difference.extend(forward.map(|(later, earlier)| (later as u32, earlier as u32)));
                 self.per_s.extend(std::iter::repeat_n(1.0 / sample_s, count));

@@ -6,8 +6,8 @@ use std::fmt;
 
 /// Smallest number of samples in contact. Fewer samples cannot determine five parameters.
 pub const MIN_SAMPLES: usize = 12;
-/// Smallest peak force of a region, N: about the force of one cell at the pressure of first contact. With less, the area is that of
-/// single cells.
+/// Smallest peak force of a region, N: about the force of one cell at the pressure of first contact. With less, the area is that
+/// of single cells.
 pub const MIN_FORCE_N: f64 = 3.0;
 /// The area must be below its maximum for some of the contact time. If it is at its maximum for at least this fraction, force
 /// cannot be related to area.
@@ -52,7 +52,10 @@ impl fmt::Display for NotFitted {
             }
             Self::ZeroForce => f.write_str("in contact but without force: check the calibration and the baseline"),
             Self::HardlyLoaded(peak_n) => {
-                write!(f, "hardly loaded: at most {peak_n:.1} N in any step; at least {MIN_FORCE_N} N are needed")
+                write!(
+                    f,
+                    "hardly loaded: at most {peak_n:.1} N in any step, at least {MIN_FORCE_N} N are needed; check the calibration"
+                )
             }
             Self::TooFewFrames(samples) => {
                 write!(
@@ -104,15 +107,15 @@ pub(crate) fn usable(steps: &[Step], region: usize, filter: Filter) -> Result<Ve
             Err(reason) => reasons.push(reason),
         }
     }
-    // A step ranks higher if it failed a later check; a clipped step ranks highest. For equal reasons, the step that came closer to
-    // passing the check ranks higher.
+    // A step ranks higher if it failed a later check; a clipped step ranks highest. For equal reasons, the step that came closer
+    // to passing the check ranks higher.
     let rank = |reason: &NotFitted| match reason {
         NotFitted::NeverLoaded => (0, 0.0),
         NotFitted::ZeroForce => (1, 0.0),
         NotFitted::HardlyLoaded(peak_n) => (2, *peak_n),
         NotFitted::TooFewFrames(samples) => (3, *samples as f64),
-        NotFitted::ConstantArea => (4, 0.0),
-        NotFitted::ConstantForce => (5, 0.0),
+        NotFitted::ConstantForce => (4, 0.0),
+        NotFitted::ConstantArea => (5, 0.0),
         NotFitted::SaturatedArea(share) => (6, -share),
         _ => (7, 0.0),
     };

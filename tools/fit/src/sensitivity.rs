@@ -25,7 +25,7 @@ pub enum Choice {
     AreaScale(ContactRule),
     /// The filter of the area.
     Filter(Filter),
-    /// The steps without every fourth one, from this one on.
+    /// All steps except every fourth, of which the first has this index.
     LeftOut(usize),
 }
 
@@ -128,8 +128,8 @@ pub fn choices(study: &Study, has_cells: bool) -> Vec<Choice> {
     thresholds.chain(scales).chain(filters.map(Choice::Filter)).chain((0..quarters).map(Choice::LeftOut)).collect()
 }
 
-/// NRMSE, as a fraction, of the steps of each region that are predicted from the others, in the order of [`plantar::Region::ALL`].
-/// `None` for a region that cannot be fitted, and for a single step.
+/// NRMSE, as a fraction, of the steps of each region that are predicted from the others, in the order of
+/// [`plantar::Region::ALL`]. `None` for a region that cannot be fitted, and for a single step.
 pub fn predicted_nrmse(steps: &[Step], options: &Options) -> [Option<f64>; 8] {
     let all = parallel::map(8, |region| main_results(steps, region, options)?.predicted_nrmse);
     std::array::from_fn(|region| all[region])

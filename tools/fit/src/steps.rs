@@ -71,8 +71,8 @@ pub struct MeanEllipse {
 }
 
 impl MeanEllipse {
-    /// The weighted mean of ellipses, which are given with their weights. `None` if the weights add up to 0. The mean of the radii
-    /// is geometric, so that the mean aspect ratio does not favour an axis.
+    /// The weighted mean of ellipses, which are given with their weights. `None` if the weights add up to 0. The mean of the
+    /// radii is geometric, so that the mean aspect ratio does not favour an axis.
     pub fn of(weighted: impl IntoIterator<Item = (f64, Self)>) -> Option<Self> {
         let mut sum = Self::default();
         let mut all = 0.0;

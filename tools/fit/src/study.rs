@@ -44,8 +44,8 @@ pub struct Study {
     pub excluded_contacts: Vec<ExcludedContact>,
     /// The options of the fit.
     pub options: Options,
-    /// NRMSE, as a fraction, of steps that are predicted from the others with counted cells instead of covered shares, in the order
-    /// of [`Region::ALL`]. `None` if it was not computed, because the sources do not contain the cells.
+    /// NRMSE, as a fraction, of steps that are predicted from the others with counted cells instead of covered shares, in the
+    /// order of [`Region::ALL`]. `None` if it was not computed, because the sources do not contain the cells.
     pub counted_nrmse: [Option<f64>; 8],
     /// The main results with other choices of the method; `None` if they were not computed.
     pub sensitivity: Option<Sensitivity>,
@@ -150,7 +150,7 @@ impl fmt::Display for OtherContactRule {
         write!(
             f,
             "steps were measured by the contact rule {} (on / off / full) and others by {}: areas of different rules cannot be \
-             fitted together",
+             fitted together; record and fit the steps of each rule separately",
             rule(&self.found),
             rule(&self.expected)
         )

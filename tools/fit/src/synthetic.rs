@@ -1,6 +1,6 @@
 //! Computed steps with known true parameters, for tests and benchmarks. The curves of the area have a plausible shape. The forces
-//! follow from the filtered areas by the force law of the device. The deformation rates and the live filter are implemented here a
-//! second time, in a straightforward form, as a check of the device's implementation.
+//! follow from the filtered areas by the force law of the device. The deformation rates and the live filter are implemented here
+//! a second time, in a straightforward form, as a check of the device's implementation.
 
 use crate::{Filter, RegionCurves, Step, smooth};
 use plantar::Side;
@@ -8,8 +8,8 @@ use plantar::pipeline::curves::STANCE_SAMPLES;
 use plantar::pipeline::model::ForceLaw;
 use std::f64::consts::PI;
 
-/// Two arrays for each region. The first contains A B (mm2), K (kPa), G (kPa s), n and m. The second contains the start and the end
-/// of the contact as fractions of stance, and the largest area divided by pi A B.
+/// Two arrays for each region. The first contains A B (mm2), K (kPa), G (kPa s), n and m. The second contains the start and the
+/// end of the contact as fractions of stance, and the largest area divided by pi A B.
 pub const TRUTH: [([f64; 5], [f64; 3]); 8] = [
     ([1150.0, 480.0, 20.0, 1.2, 0.8], [0.0, 0.6, 0.75]),
     ([600.0, 400.0, 16.0, 0.8, 1.0], [0.05, 0.7, 0.6]),
@@ -64,8 +64,8 @@ impl Noise {
 }
 
 /// The curves of a region in one step. The area rises faster than it falls. `size` scales the area. `noise` is the standard
-/// deviation of the force, relative to its peak; `source` generates this noise. Of the two force curves,
-/// only the input of `filter` is not zero.
+/// deviation of the noise of the force, relative to its peak; `source` generates this noise. Of the two force curves, only the
+/// input of `filter` is not zero.
 pub fn curves(region: usize, rate_hz: f64, filter: Filter, size: f64, noise: f64, source: &mut Noise) -> RegionCurves {
     let ([ab_mm2, ..], [start, end, share]) = TRUTH[region];
     let area = |t_s: f64| {
@@ -146,8 +146,8 @@ pub fn forces(curves: &RegionCurves, filter: Filter, law: &ForceLaw<f64>) -> Vec
     force_n
 }
 
-/// Computed steps with all regions. The areas of successive steps differ slightly. `noise` is the standard deviation of the force,
-/// relative to its peak.
+/// Computed steps with all regions. The areas of successive steps differ slightly. `noise` is the standard deviation of the
+/// force, relative to its peak.
 pub fn walk(steps: usize, rate_hz: f64, filter: Filter, noise: f64, seed: u64) -> Vec<Step> {
     let mut source = Noise::new(seed);
     (0..steps)

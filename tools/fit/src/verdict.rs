@@ -18,8 +18,8 @@ const SATURATES: f64 = 0.2;
 const FOLLOWS: f64 = 0.1;
 /// The steps differ if the NRMSE of prediction exceeds this multiple of the NRMSE with parameters fitted to each step alone.
 const STEPS_DIFFER: f64 = 1.5;
-/// The contact area limits the fit if [`crate::Quality::floor`] exceeds this fraction of the NRMSE of prediction, and the condition
-/// of [`AT_FLOOR`] is met.
+/// The contact area limits the fit if [`crate::Quality::floor`] exceeds this fraction of the NRMSE of prediction, and the
+/// condition of [`AT_FLOOR`] is met.
 const NEAR_FLOOR: f64 = 0.6;
 /// Second condition of [`NEAR_FLOOR`]: the NRMSE with parameters fitted to each step alone exceeds this fraction of the floor.
 const AT_FLOOR: f64 = 0.9;
@@ -54,11 +54,13 @@ pub(crate) fn verdict(fit: &RegionFit) -> String {
     format!("approximate: {error}, and {:.0} % for the best non-decreasing function of area", q.floor * 100.0)
 }
 
-/// The reasons why the result of a region is not whole that follow from its steps: their number, and whether all of them are equal.
+/// The reason why the result of a region is not whole, if its steps give one: there is only one step, or all steps are equal.
 pub(crate) fn defects(steps: usize, are_equal: bool) -> Option<String> {
     if steps == 1 {
         return Some(
-            "only one step could be used: the error of new steps, and how much steps differ, are unknown; record at least ten".into(),
+            "only one step could be used: the error of new steps, and how much steps differ, are unknown; record at least ten \
+             steps"
+                .into(),
         );
     }
     are_equal.then(|| {

@@ -78,8 +78,8 @@ fn a_region_that_changes_within_a_recording_is_named_with_the_remedy() {
     assert!(fits[0].change.is_some_and(|change| change.load_ratio == 1.0 && change.error_ratio > 2.5));
 }
 
-/// The measurements that a perfect observer would take of the heel, if its ellipsoid had this C. The contact of computed steps has
-/// A = B.
+/// The measurements that a perfect observer would take of the heel, if its ellipsoid had this C. The contact of computed steps
+/// has A = B.
 fn measured(steps: &[Step], c_m: f64, thickness_m: f64) -> (f64, [Option<f64>; 2]) {
     let law = law(0);
     let areas_mm2 = steps.iter().flat_map(|step| &step.regions[0].area_mm2);
@@ -133,7 +133,7 @@ fn contradicting_measurements_are_named_and_the_assumption_is_used() {
 /// C is proportional to the compression. Secant stiffness and modulus at a strain follow from the law by hand: with a C that is
 /// larger by 20 %, the strain of 20 % is reached at a normalised deformation that is smaller by the same factor.
 #[test]
-fn the_effect_of_a_pin_is_that_of_a_fit_with_another_value() {
+fn the_effect_of_the_scale_is_that_of_a_fit_with_another_value() {
     let steps = walk(6, 100.0, Filter::Direct, 0.01, 1);
     let fit = &fitted(&steps, &OPTIONS)[0];
     let effect = fit.scale_effect.expect("known");

@@ -1,5 +1,5 @@
-//! The most probable parameters: they are the maximum of the density, agree with the truth of exact steps, and are usable from one
-//! step on.
+//! The most probable parameters: they are the maximum of the density, agree with the truth of exact steps, and are usable from
+//! one step on.
 
 use fit::identify::{Bounds, identify};
 use fit::measures::Quantity;
@@ -67,8 +67,8 @@ fn exact_steps_overrule_the_prior() {
     }
 }
 
-/// The forces follow, without noise, from the known law of a region or from an ellipsoid with a hundred times the largest area, which
-/// is beyond the search: pi A B is at most 1 + e^2 times the largest area.
+/// The forces follow, without noise, from the known law of a region or from an ellipsoid with a hundred times the largest area,
+/// which is beyond the search: pi A B is at most 1 + e^2 times the largest area.
 #[test]
 fn a_fit_that_ends_at_the_largest_ellipsoid_is_marked() {
     let options = Options::usual([0.012; 8]);

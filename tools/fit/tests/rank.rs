@@ -93,7 +93,7 @@ fn aspect_c_and_d0_leave_the_force_unchanged() {
 }
 
 #[test]
-fn an_ellipsoid_has_its_pins_and_its_force_law() {
+fn an_ellipsoid_has_its_fixed_parameters_and_its_force_law() {
     for region in 0..8 {
         let truth = law(region);
         // The contact area at which the normalised deformation is 0.6, by Eq. 14.

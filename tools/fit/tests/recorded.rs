@@ -1,5 +1,5 @@
-//! Fits to recorded steps: their errors agree with an independent reference and with the code of the insole. The recordings are not
-//! part of this repository.
+//! Fits to recorded steps: their errors agree with an independent reference and with the code of the insole. The recordings are
+//! not part of this repository.
 
 use fit::quality::Evaluated;
 use fit::steps::ExclusionReason;
@@ -53,8 +53,8 @@ fn walker(walker: usize, trials: std::ops::Range<usize>) -> Recording {
     jiku::import(PathBuf::from(data), walker, trials, &mut |_, _| ()).expect("jiku-data")
 }
 
-/// The root mean square of the NRMSE of each region's steps, %, in fits by SciPy to the same filtered areas within the same bounds.
-/// Both fits minimise it. `None` if the region is not fitted.
+/// The root mean square of the NRMSE of each region's steps, %, in fits by SciPy to the same filtered areas within the same
+/// bounds. Both fits minimise it. `None` if the region is not fitted.
 fn reference(study: &Study) -> [Option<f64>; 8] {
     let python = std::env::var_os("PLANTAR_PYTHON").expect("PLANTAR_PYTHON names an interpreter with SciPy");
     let is_fitted = |region: &usize| study.fits[*region].is_ok();
@@ -82,8 +82,8 @@ fn reference(study: &Study) -> [Option<f64>; 8] {
     std::array::from_fn(|region| is_fitted(&region).then(|| percents.next().expect("one line for each region")))
 }
 
-/// Asserts that these errors of the fits, which use no random starts, are at most 0.1 percentage points above those of the
-/// reference, and at most 0.3 below.
+/// Asserts that the root mean square of the NRMSE of each fitted region is at most 0.1 percentage points above that of the
+/// [`reference`], and at most 0.3 below. The fits use no random starts.
 fn assert_as_good_as_the_reference(study: &Study) {
     for (i, reference) in reference(study).into_iter().enumerate() {
         let (region, fit) = (Region::ALL[i], &study.fits[i]);

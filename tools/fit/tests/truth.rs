@@ -36,8 +36,8 @@ fn parameters_of_exact_steps_are_recovered() {
 
 const REPEATS: u64 = 200;
 
-/// For each parameter, the number of repeats in which the interval from the Jacobian contains the true value. `autocorrelation` is
-/// the correlation of the noise between neighbouring samples.
+/// For each parameter, the number of repeats in which the interval from the Jacobian contains the true value. `autocorrelation`
+/// is the correlation of the noise between neighbouring samples.
 fn covered(region: usize, autocorrelation: f64) -> [u32; 5] {
     let truth = law(region);
     let expected = [truth.ab_m2, truth.stiffness_pa, truth.damping_pa_s, truth.n, truth.m];
@@ -65,8 +65,8 @@ fn intervals_contain_the_truth() {
     }
 }
 
-/// The residuals of a model with a systematic error are correlated. Intervals that assumed independent residuals would contain the
-/// true value in only half of the repeats.
+/// The residuals of a model with a systematic error are correlated. Intervals that assumed independent residuals would contain
+/// the true value in only half of the repeats.
 #[test]
 fn intervals_account_for_the_correlation_of_residuals() {
     for (autocorrelation, least) in [(0.5, 160), (0.8, 160)] {

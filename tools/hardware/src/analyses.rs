@@ -21,9 +21,9 @@ const BESIDE: usize = 6;
 pub const FULL_LOAD_OHM: f64 = 3_400.0;
 /// A cell at a pressure of 300 kPa, as under a heel in walking, ohm.
 pub const WALKING_OHM: f64 = 7_900.0;
-/// The least resistance of a cell, at which its amplifier saturates, ohm.
+/// The smallest resistance that a cell is assumed to reach, ohm. It saturates the amplifier of the column.
 pub const SATURATING_OHM: f64 = 1_000.0;
-/// Codes of one step of the converter.
+/// Number of codes in one LSB of the converter: a code is the sum of this number of conversions.
 pub const CODES_PER_LSB: f64 = CONVERSIONS as f64;
 
 /// Half a cycle of the converter's clock, s.
@@ -172,10 +172,11 @@ pub struct Crosstalk {
     pub row_one: f64,
     /// One neighbour in the column of an open cell, through the amplifiers' offsets, at their maximum.
     pub column_one: f64,
-    /// A cell of the next column and another row, next to a loaded cell of the measured column, likewise.
+    /// One cell in the next column and another row, beside a loaded cell of the measured column, also through the offsets at
+    /// their maximum.
     pub diagonal: f64,
-    /// A saturated cell beside the measured one, with one loaded cell of each in another row: the saturated column is not at the
-    /// virtual ground.
+    /// A saturated cell beside the measured one, while one cell of each of the two columns is loaded in another row: the column
+    /// of the saturated cell is not at the virtual ground.
     pub saturated: f64,
 }
 

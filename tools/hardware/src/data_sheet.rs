@@ -31,7 +31,7 @@ pub struct Figure {
     pub quantity: &'static str,
     /// The value in [`Figure::unit`].
     pub value: f64,
-    /// The SI unit.
+    /// The unit, as in the table of the figures.
     pub unit: &'static str,
     /// The data sheet with its table, or the reason for an assumption.
     pub source: &'static str,

@@ -54,7 +54,7 @@ impl Run {
             .output()
             .context("cannot run ngspice: install it with `cargo xtask setup`")?;
         let log = String::from_utf8_lossy(&output.stderr) + String::from_utf8_lossy(&output.stdout);
-        // ngspice then writes the values of its last attempt, and ends with success.
+        // After such a message, ngspice still writes the values of its last attempt, and ends with success.
         if let Some(line) = log.lines().find(|line| FAILURES.iter().any(|failure| line.contains(failure))) {
             bail!("ngspice found no solution: {line}");
         }

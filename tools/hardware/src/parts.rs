@@ -64,7 +64,7 @@ pub struct Amplifier {
     pub slew_v_per_s: f64,
     /// Open-loop output impedance, ohm.
     pub output_ohm: f64,
-    /// Distance of the output from either rail at which it saturates, V.
+    /// Smallest distance of the output from either rail, V. The output saturates there.
     pub swing_v: f64,
     /// Input voltage noise density, V/sqrt(Hz).
     pub noise_v_per_sqrt_hz: f64,
@@ -215,7 +215,7 @@ pub const ON: PartType = resistor(
     &["ERJ-3EKF4703V", "CRCW0603470KFKEA"],
     "switches the front end on while the controller is in reset",
 );
-/// Selects the side of the insole.
+/// Selects the side of the insole. Its model has 0.01 ohm, because the simulation divides by resistances.
 pub const SIDE: PartType =
     resistor(0.01, "0 ohm", "RC0603JR-070RL", &["ERJ-3GEY0R00V"], "fitted on the board of a right insole only");
 /// Feedback capacitor of a column amplifier.
@@ -414,7 +414,7 @@ pub const CONTROLLER: PartType = PartType {
     ],
     model: Model::Controller,
 };
-/// The connector of the sensor sheet. Its contacts are named in [`crate::netlist`].
+/// The connector of the sensor sheet. [`crate::netlist`] assigns its contacts to the lines of the sheet.
 pub const CONNECTOR: PartType = PartType {
     number: "FH12-40S-0.5SH(55)",
     manufacturer: "Hirose",

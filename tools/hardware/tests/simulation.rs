@@ -13,7 +13,7 @@ use plantar::pipeline::calibrate::Curve;
 use plantar::pipeline::region::Side;
 use std::f64::consts::TAU;
 
-/// Boltzmann's constant times 27 degrees, J.
+/// Boltzmann's constant times the temperature of the simulation, 27 °C, J.
 const KT: f64 = 1.380_649e-23 * 300.15;
 
 fn ohm(model: Model) -> f64 {

@@ -43,10 +43,13 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
             "export all pictures of the measurement",
         ));
     };
+    let comparison = match differences.into_iter().reduce(f64::max) {
+        Some(largest) => format!("their force differs from that in the file by up to {:.2} %", 100.0 * largest),
+        None => "no frame has a stated force of more than 1 N, with which the import could be compared".to_owned(),
+    };
     let mut remarks = vec![format!(
-        "{} frames; their force differs from that in the file by up to {:.2} %.{}",
+        "{} frames; {comparison}.{}",
         frames.t_s.len(),
-        100.0 * differences.iter().copied().fold(0.0, f64::max),
         if summaries > 0 { format!(" {summaries} pages without a frame were skipped.") } else { String::new() },
     )];
     let foot = Foot {
@@ -62,7 +65,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
 /// What was read from the pages.
 struct Pages<'a> {
     path: &'a Path,
-    /// Width and height of a cell.
+    /// Width and height of a cell, mm.
     size_mm: Option<[f64; 2]>,
     period_s: Option<f64>,
     frames: Frames,

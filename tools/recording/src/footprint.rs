@@ -1,8 +1,8 @@
 //! The orientation of a foot on its sensor, from the distribution of the pressure over space and time.
 //!
 //! In a stance, the centre of pressure moves from the heel to the toes, the load of the midfoot is on its lateral side, and the
-//! hallux carries more than the lesser toes. These rules hold for most people, not for all. So they decide only where an export
-//! states nothing, and else lead to a warning.
+//! hallux carries more than the lesser toes. These rules hold for most people, not for all. So they determine the orientation
+//! only where an export does not state it; where it does, a contradiction leads to a warning.
 
 use crate::{Cell, Recording, template};
 use plantar::{Region, Side};

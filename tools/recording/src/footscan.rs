@@ -84,8 +84,12 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         }
         // Before the first frame of a foot, lines describe the measurement.
         let Some((_, frames)) = feet.last_mut().filter(|(_, frames)| !frames.t_s.is_empty()) else { continue };
-        if *columns.get_or_insert(filled) != filled || at >= MAX_LINES || filled > MAX_LINES {
-            let problem = format!("{filled} values, the rows before have {}", columns.unwrap_or(0));
+        let expected = *columns.get_or_insert(filled);
+        if expected != filled || at >= MAX_LINES || filled > MAX_LINES {
+            let problem = match expected == filled {
+                true => format!("a frame of more than {MAX_LINES} rows or columns"),
+                false => format!("{filled} values, the rows before have {expected}"),
+            };
             return Err(Error::content(place(), problem, "the export is cut off or damaged: export or copy it again"));
         }
         for (column, field) in fields.iter().enumerate() {

@@ -7,10 +7,10 @@
 //! pressures, areas and ellipses are nominal.
 
 use crate::assembly::Parts;
-use crate::table::{at_line, check_later, check_width, file_name};
+use crate::table::{at_line, check_later, file_name};
 use crate::text::{decode, number, parse_number};
 use crate::totals::Totals;
-use crate::{Cell, Export, Result, template};
+use crate::{Cell, Error, Export, Result, template};
 use plantar::{Region, Side};
 use std::path::Path;
 
@@ -68,7 +68,10 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         if fields.is_empty() {
             continue;
         }
-        check_width(fields.len(), COLUMNS, &place)?;
+        if fields.len() != COLUMNS {
+            let problem = format!("{} columns, a walk of gaitpdb has {COLUMNS}", fields.len());
+            return Err(Error::content(place(), problem, "copy the file from PhysioNet again"));
+        }
         let now_s = number(fields[0], "the time", &place)?;
         check_later(now_s, t_s.last().copied(), &place)?;
         t_s.push(now_s);

@@ -139,8 +139,8 @@ impl Foot {
     }
 }
 
-/// For each cell, whether it belongs to a square of two by two loaded cells. Single lines of cells respond to noise, and must not
-/// extend the foot. If there is no such square, all cells belong to the foot.
+/// For each cell, whether it belongs to a square of two by two loaded cells. A single row or column of cells may respond to
+/// noise, and must not extend the foot. If there is no such square, all cells belong to the foot.
 fn under_foot(indices: &BTreeMap<(usize, usize), usize>, pressure_kpa: &[f32]) -> Vec<bool> {
     /// Fraction of the largest pressure that a cell under the foot exceeds at some time.
     const LOADED: f32 = 0.02;
@@ -182,7 +182,7 @@ fn turn_toes_to_top(cells: &mut [Cell], under_foot: &[bool], pressure_kpa: &[f32
     let Some([x, y]) = footprint.walking_direction() else {
         remarks.push(
             "The direction of walking cannot be determined, because the pressure does not move along the foot: the toes are \
-             assumed at the first row."
+             assumed at the upper edge of the plate, as seen from above."
                 .to_owned(),
         );
         return;

@@ -33,8 +33,8 @@ pub struct VirtualInsole {
 /// entry. Without the table, `powf` would take most of the time of a replay.
 #[derive(Clone, Debug)]
 struct LawTable {
-    /// For each value of the leading bits, modulo the length: the straight line that approximates the law, as its code at pressure
-    /// 0 and its slope in codes per kPa. Pressures up to [`MIN_KPA`] have the line of the code 0.
+    /// For each value of the leading bits, modulo the length: the straight line that approximates the law, as its code at
+    /// pressure 0 and its slope in codes per kPa. Pressures up to [`MIN_KPA`] have the line of the code 0.
     lines: Box<[(f32, f32); ENTRIES]>,
 }
 

@@ -44,11 +44,11 @@ const AREAS: [f64; CELLS] = [
     0.0604, 0.0540, 0.0652, 0.0641, 0.0641, 0.0636, 0.0877, 0.0889, 0.0765, 0.0607, 0.0611, 0.0619, 0.0500, 0.0495,
     0.0611, 0.0312,
 ];
-/// Length of an insole relative to the square root of the area of its cells, and width relative to its length. A typical insole
-/// of size 45 has 297 mm and about 0.35 of this; its cells have 20,480 mm².
+/// Length of an insole relative to the square root of the total area of its cells, and width relative to its length. A typical
+/// insole of size 45 is 297 mm long, its width is about 0.35 of this, and its cells have 20,480 mm² in total.
 const LENGTH: f64 = 2.07;
 const WIDTH: f64 = 0.345;
-/// Area of all cells, mm2, of an insole that is never loaded: about size 42.
+/// Assumed total area of the cells of an insole that is never loaded, mm2: about size 42.
 const TYPICAL_MM2: f64 = 18_000.0;
 
 /// Whether a text is such an export.

@@ -4,8 +4,8 @@
 
 use plantar::pipeline::contact::ContactRule;
 
-/// The name of areas by a contact rule. With covered shares, the area depends on pressure and on the size of the cells, so that
-/// it is an effective one.
+/// The name of an area that a contact rule determines. With covered shares ([`ContactRule::COVERED`]), the area also depends on
+/// pressure and on the size of the cells, so it is called effective.
 pub fn area_title(rule: &ContactRule) -> &'static str {
     if rule.full_kpa > 0.0 { "effective area" } else { "contact area" }
 }

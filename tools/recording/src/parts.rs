@@ -7,12 +7,14 @@ use std::path::{Path, PathBuf};
 /// Opens the files of a folder in the order of their names, and returns them with the description of the joined recording.
 ///
 /// # Errors
-/// Where the folder has no recording, or where a part does not continue the one before it.
+/// Fails if the folder or a file cannot be read, if the folder has no recording, or if a part does not continue the one before
+/// it: it must be of the same foot, layout and rate, and begin one frame later, to within a tenth of a frame.
 pub fn open(folder: &Path) -> Result<(Recording, Vec<ColumnFile>)> {
     let entries = std::fs::read_dir(folder).map_err(Error::io(folder))?;
     let mut paths: Vec<PathBuf> = entries
         .map(|entry| entry.map(|entry| entry.path()).map_err(Error::io(folder)))
-        .filter(|path| path.as_ref().is_ok_and(|path| path.extension().is_some_and(|end| end == "parquet")))
+        // Errors remain, and end the collection.
+        .filter(|path| !path.as_ref().is_ok_and(|path| path.extension().is_none_or(|end| end != "parquet")))
         .collect::<Result<_>>()?;
     paths.sort();
     let mut parts = paths.iter();
@@ -20,7 +22,7 @@ pub fn open(folder: &Path) -> Result<(Recording, Vec<ColumnFile>)> {
         return Err(Error::content(
             folder.display().to_string(),
             "the folder has no .parquet file",
-            "name a recording",
+            "name a recording, or a folder with the parts of one",
         ));
     };
     let (mut head, first) = ColumnFile::open(first)?;

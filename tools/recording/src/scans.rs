@@ -59,9 +59,9 @@ impl From<RecordingReader> for FrameSource<'_> {
 pub struct Scans<'a> {
     insole: &'a VirtualInsole,
     frames: Frames<'a>,
-    /// Number of frames that were returned.
+    /// Number of scans that were returned, repetitions included.
     returned: usize,
-    /// Number of repetitions that are still to return.
+    /// Number of repetitions that remain to be returned.
     repetitions: usize,
     codes: Vec<u16>,
 }

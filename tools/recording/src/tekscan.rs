@@ -40,7 +40,8 @@ struct Header<'a> {
     sensor: &'a str,
 }
 
-/// Imports one foot. `side` states the foot, if neither the header nor the name of the file ends with L or R.
+/// Imports one foot. `side` states the foot; without it, the end of the name in the header or of the file does: L, R, left or
+/// right.
 ///
 /// # Errors
 /// Fails if a line violates the format. The message names file, line and remedy.
@@ -160,7 +161,7 @@ fn calibration(value: &str) -> Option<(f64, f64)> {
     (kind.to_lowercase().starts_with("raw") && force_n > 0.0 && sum > 0.0).then_some((force_n, sum))
 }
 
-/// The foot whose letter ends the name of a file.
+/// The foot that the end of a file's name states: L, R, left or right.
 fn side_of(name: &str) -> Option<Side> {
     let stem = name.rsplit(['\\', '/']).next()?;
     let stem = stem.rsplit_once('.').map_or(stem, |(stem, _)| stem).to_lowercase();
@@ -183,7 +184,7 @@ fn read_frames<'a>(
 ) -> Result<Frames> {
     let mut frames = Frames::default();
     let mut numbers: Vec<u64> = Vec::new();
-    // The number of rows of the current frame; `rows` before the first one.
+    // The number of rows that were read of the current frame; `rows` before the first frame.
     let mut found = rows;
     let cut_off = |place: String, found: usize| {
         let problem = format!("a frame ends after {found} of {rows} rows");

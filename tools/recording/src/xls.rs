@@ -174,7 +174,7 @@ mod tests {
 
     #[test]
     fn numbers_of_30_bits_are_decoded() {
-        // The examples of the specification: 1, 1.23 and 12345.67 in the four codings.
+        // The four codings: a double, an integer in hundredths, an integer, and a double in hundredths.
         assert_eq!(rk_value(1.0f64.to_bits().wrapping_shr(32) as u32), 1.0);
         assert_eq!(rk_value(123 << 2 | 3), 1.23);
         assert_eq!(rk_value((-7i32 << 2) as u32 | 2), -7.0);

@@ -176,7 +176,7 @@ impl FootZero {
         Ok(zero)
     }
 
-    /// As [`Zero::apply_to`], whichever the foot of the insole is.
+    /// As [`Zero::apply_to`], for an insole of either foot.
     ///
     /// # Errors
     /// Fails if this is the zero of other cells, or an offset exceeds half of the scale of a cell.

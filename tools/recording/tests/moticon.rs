@@ -21,7 +21,7 @@ fn total_n(frame: usize) -> f64 {
     (0..16).map(|cell| pressure(frame, cell) * AREAS_CM2[cell]).sum::<f64>()
 }
 
-/// A file of both feet. The right foot lacks these frames.
+/// A file of both feet. The right foot lacks the frames `lost`.
 fn text(lost: &[usize]) -> String {
     let mut text = "# Start time: 27.09.2023 10:21:14.922\n# Size: 7\n# time".to_owned();
     for side in ["left", "right"] {

@@ -1,5 +1,5 @@
-//! The report on a cohort: its participants (Table 1 of the paper), errors and values by region and insole size (Figs. 7 and 8), and
-//! the repeatability of the values between trials.
+//! The report on a cohort: its participants (Table 1 of the paper), errors and values by region and insole size (Figs. 7 and 8),
+//! and the repeatability of the values between trials.
 
 mod by_size;
 mod page;

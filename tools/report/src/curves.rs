@@ -133,7 +133,7 @@ fn chart(study: &Study, height: f64, largest: f64) -> Curves {
     }
 }
 
-/// The chart of contact area, measured and smoothed; `None` if the region was not fitted.
+/// The chart of contact area, measured and filtered; `None` if the region was not fitted.
 pub fn area(study: &Study, region: usize, typical: &Result<Typical, String>) -> Option<Drawing> {
     let Typical { start_s, curves, .. } = typical.as_ref().ok()?;
     let title = recording::area_title(&study.contact);
@@ -205,7 +205,7 @@ pub fn legend() -> Vec<Drawing> {
         (html! { path.line d="M0 9h24" {} }, "measured force, smoothed"),
         (
             html! { @for region in 0..4 { path.model.(colour(region)) d={ "M" (6 * region) " 9h6" } {} } },
-            "area, smoothed; model force",
+            "area, filtered; model force",
         ),
         (html! { path.line.dashed d="M0 9h24" {} }, "whole foot, if regions are not fitted"),
     ])

@@ -172,11 +172,11 @@ pub fn tick(value: f64) -> String {
     }
 }
 
-/// A chart of curves over time.
+/// The scales of a chart of curves.
 pub struct Curves {
-    /// Time, s.
+    /// The horizontal scale: time, s, in the charts of a step.
     pub x: Scale,
-    /// The quantity.
+    /// The vertical scale: the quantity.
     pub y: Scale,
 }
 
@@ -201,7 +201,8 @@ impl Curves {
         }
     }
 
-    /// A line through samples as an SVG path. The first sample is at time `start`, and `every` is the time between samples.
+    /// A line through samples as an SVG path. The first sample is at the abscissa `start`, and `every` is the distance between
+    /// samples, both in the unit of the horizontal scale.
     pub fn line(&self, start: f64, every: f64, values: &[f64]) -> String {
         self.path(start, every, values, |i| if i == 0 { "M" } else { "L" }, "")
     }

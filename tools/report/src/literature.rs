@@ -15,7 +15,7 @@ struct Published {
     value: &'static str,
     conditions: &'static str,
     source: &'static str,
-    /// The value of this person.
+    /// The value of this person with its origin; `None` if the fit has no such value.
     own: fn(&RegionFit) -> Option<String>,
 }
 
@@ -60,8 +60,12 @@ const PUBLISHED: [Published; 6] = [
         source: CAVANAGH,
         own: |fit| {
             let strain = number(fit.fixed.compression(&fit.law, fit.area_max_m2) * 100.0);
-            let is_measured = matches!(fit.fixed.scale, Scale::PeakStrain(_) | Scale::Curvature(_));
-            Some(format!("{strain}, {}", if is_measured { "measured" } else { "assumed" }))
+            let origin = match fit.fixed.scale {
+                Scale::PeakStrain(_) | Scale::Curvature(_) => "measured",
+                Scale::Assumed(_) => "assumed",
+                Scale::Searched(_) => "searched",
+            };
+            Some(format!("{strain}, {origin}"))
         },
     },
     Published {

@@ -111,7 +111,8 @@ pub fn five(study: &Study) -> Markup {
         table.dense {
             caption {
                 "The five identifiable parameters: estimate (95 % confidence interval); * estimate at a bound of the search; \
-                 † not determined by the force: mostly the value of other people, or without meaning if G is 0. Resampling requires at least " (RESAMPLED_STEPS) " steps."
+                 † not determined by the force: mostly the value of other people, or without meaning if G is 0. Resampling \
+                 requires at least " (RESAMPLED_STEPS) " steps."
             }
             thead {
                 tr {
@@ -227,7 +228,7 @@ fn dagger(fit: &RegionFit, parameter: usize) -> &'static str {
     if interval.is_some_and(|interval| !interval.is_identifiable) { " †" } else { "" }
 }
 
-/// The limitations of the fit of each region, of which those come first that make a result unusable.
+/// The limitations of the fit of each region: first the defects, which make a result unusable, then the warnings.
 pub fn warnings(study: &Study) -> Markup {
     let of = |fit: &RegionFit| [&fit.defects[..], &fit.warnings[..]].concat();
     let warned: Vec<_> = fitted(study).map(|(region, fit)| (region, of(fit))).collect();

@@ -18,7 +18,10 @@ pub fn protocol(study: &Study) -> Markup {
             @if study.options.method == Method::Projection {
                 dt { "Bounds" } dd { (bounds(study)) }
                 dt { "Assumed compression" }
-                dd { (number(study.options.compression * 100.0)) " % of the thickness; assumed, determines C of regions without a measured peak strain or curvature" }
+                dd {
+                    (number(study.options.compression * 100.0)) " % of the thickness: it determines C of regions without a measured \
+                     peak strain or curvature"
+                }
             }
             dt { "Software" } dd { "Plantar " (env!("PLANTAR_VERSION")) }
         }

@@ -35,6 +35,7 @@ pub fn charts(study: &Study) -> impl Iterator<Item = Drawing> {
                 broad: measure.interval,
                 thin: None,
             },
+            Ok(None) if matches!(quantity, Quantity::AreaAtForce(_)) => Row::Text("the force is not reached".into()),
             Ok(None) => Row::Text("20 % strain is not reached".into()),
             Err(reason) => unfitted(&reason),
         };

@@ -57,7 +57,7 @@ impl Shown {
     }
 }
 
-/// Changes above these are printed in bold: relative, and of an error.
+/// Changes above these are printed in bold: a relative change, and the difference of an error, as fractions.
 const LARGE: [f64; 2] = [0.2, 0.02];
 
 fn cell(change: Option<f64>, is_error: bool) -> Markup {
@@ -73,7 +73,12 @@ fn cell(change: Option<f64>, is_error: bool) -> Markup {
 /// The content of the section.
 pub fn sensitivity(study: &Study) -> Markup {
     let Some(sensitivity) = &study.sensitivity else {
-        return html! { p { "The fit was not repeated with other choices of the method. `plantar fit --report` does so for the same recordings." } };
+        return html! {
+            p {
+                "The fit was not repeated with other choices of the method. `plantar fit --report` repeats it, with the same \
+                 recordings."
+            }
+        };
     };
     html! {
         p {

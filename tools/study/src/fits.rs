@@ -14,8 +14,8 @@ use std::path::Path;
 /// A row: the names of the columns with their values.
 pub type FitRow = Row<Cow<'static, str>>;
 
-/// The columns of the five identified parameters. Each has a value, the two ends of its 95 % interval, and whether the value is
-/// at a bound of the search.
+/// The columns of the five identified parameters, four for each: the value, the two ends of its 95 % interval, and whether the
+/// value is at a bound of the search.
 const PARAMETER_COLUMNS: [[&str; 4]; 5] = [
     ["ab_mm2", "ab_mm2_low", "ab_mm2_high", "ab_at_bound"],
     ["stiffness_pa", "stiffness_pa_low", "stiffness_pa_high", "stiffness_at_bound"],
@@ -52,7 +52,7 @@ pub fn trial<'a>(person: &Person, recording: impl Into<FrameSource<'a>>, path: &
     }
     let fits = fit::fit(&steps, &person.options, &|_| ());
     if fits.iter().all(Result::is_err) {
-        bail!("{}: no region could be fitted", path.display());
+        bail!("{}: no region could be fitted; `plantar fit` of this recording states the reasons", path.display());
     }
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
     Ok(Trial::of(name.into_owned(), side, &fits))

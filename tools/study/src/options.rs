@@ -109,7 +109,7 @@ pub struct ContactOptions {
     pub on_kpa: Option<f32>,
     /// A cell loses contact below this pressure.
     pub off_kpa: Option<f32>,
-    /// A cell counts as a whole from this pressure on; 0 to count whole cells only.
+    /// A cell in contact counts with its whole area from this pressure on; 0 if every cell in contact counts with its whole area.
     pub full_kpa: Option<f32>,
 }
 
@@ -123,7 +123,8 @@ impl ContactOptions {
         }
     }
 
-    /// This rule with the values that are given. Another contact threshold leaves the ratio of the two thresholds unchanged.
+    /// This rule with the values that are given. If only the contact threshold is given, the release threshold changes in
+    /// proportion.
     ///
     /// # Errors
     /// If the result is no valid rule.

@@ -24,7 +24,7 @@ pub struct Person {
     pub contact: ContactRule,
     /// Values that were not used, in sentences.
     pub notes: Vec<String>,
-    /// The zero of the cells, and its file.
+    /// The file with the readings of the unloaded cells, and its content.
     zero: Option<(PathBuf, Zero)>,
 }
 

@@ -19,7 +19,7 @@ pub type Row<Name = &'static str> = Vec<(Name, Value)>;
 pub enum Value {
     /// A text.
     Text(Option<String>),
-    /// A count, or a number of a record.
+    /// A count, or the number of a record such as a step.
     Integer(Option<i32>),
     /// A real number.
     Real(Option<f64>),

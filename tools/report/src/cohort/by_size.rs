@@ -24,7 +24,8 @@ const GAP: f64 = 8.0;
 /// Values whose largest mean exceeds the smallest by this factor have a logarithmic axis.
 const LOGARITHMIC_FROM: f64 = 30.0;
 
-/// The CSS class that sets the colour of the size group with this index. There are six groups from 35-36 to 45-46.
+/// The CSS class that sets the colour of a size group. There are six colours, for the groups from 35-36 to 45-46; smaller and
+/// larger sizes have the first and the last colour.
 fn colour(group: &SizeGroup) -> String {
     format!("s{}", usize::from(group.smaller_eur.saturating_sub(35) / 2).min(5))
 }
@@ -34,7 +35,7 @@ struct Form {
     width: f64,
     /// Height of the mark of a size group.
     step: f64,
-    /// True for bars from 0 on instead of points.
+    /// True for bars that begin at 0, false for points.
     bars: bool,
 }
 
@@ -101,8 +102,8 @@ fn chart(groups: &[SizeGroup], variable: Variable, form: &Form) -> Drawing {
     }
 }
 
-/// The scale from 0 on, or a logarithmic one. It covers the standard deviations, but a logarithmic scale extends at most a factor of 3
-/// below the smallest mean.
+/// The scale from 0 on, or a logarithmic one. It covers the standard deviations, but a logarithmic scale extends at most a factor
+/// of 3 below the smallest mean.
 fn scale(groups: &[SizeGroup], variable: Variable, width: f64) -> Scale {
     let positions = [LEFT, width - RIGHT];
     let (mut means, mut ends) = ([f64::MAX, f64::MIN], [f64::MAX, f64::MIN]);
