@@ -19,7 +19,7 @@ const fn title(region: Region) -> &'static str {
     }
 }
 
-/// The regions of a bit mask.
+/// The regions of a bit mask: bit i is the region with index i in [`Region::ALL`].
 fn regions_of(bits: u8) -> impl Iterator<Item = Region> {
     Region::ALL.into_iter().enumerate().filter(move |(i, _)| bits >> i & 1 == 1).map(|(_, region)| region)
 }
@@ -60,7 +60,7 @@ pub fn alert_to_json(alert: &Alert) -> Value {
     let mut object = Map::new();
     object.insert("side".into(), alert.side.name().into());
     crate::json::insert(&mut object, Alert::QUANTITIES, alert);
-    // Unlike a step, an alert may be evaluated before the insole's clock is known to the host.
+    // Unlike for a step, this time is always included: the host may not know the insole's clock yet when the alert arrives.
     object.insert("start_unix_s".into(), alert.start_unix_us.map(|us| us as f64 / 1e6).into());
     object.insert("sustained".into(), names(alert.sustained));
     object.insert("dose".into(), names(alert.dose));

@@ -35,6 +35,7 @@ pub struct CellReceiver {
     coder: CellCoder,
     /// See [`CellReceiver::codes`].
     codes: Vec<u16>,
+    /// Sequence number of the next frame; `None` before the first one.
     expected: Option<u32>,
     /// Frames that were received and unpacked.
     pub received: u32,
@@ -46,7 +47,7 @@ pub struct CellReceiver {
 }
 
 impl CellReceiver {
-    /// Before the first frame of a stream of this number of cells.
+    /// A receiver before the first frame of `stream`, from an insole with this number of cells.
     pub fn new(stream: &CellStream, cells: usize) -> Self {
         let coder = CellCoder::new(stream.resolution);
         Self { coder, codes: vec![0; cells], expected: None, received: 0, lost: 0, dropped: 0 }

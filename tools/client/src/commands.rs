@@ -116,7 +116,7 @@ impl<C: Carrier> Client<C> {
     /// # Errors
     /// See the `impl` block; [`plantar::protocol::Refusal::NotLifted`] if the foot carries load or moves.
     pub fn zero(&mut self) -> Result<ZeroResult, Error> {
-        // The request waits for the end of a second, and the answer too.
+        // The insole accepts the request at the end of a second, and then counts whole seconds. The rest is for the answer.
         let patience = Duration::from_secs(u64::from(ZERO_S) + 4);
         self.request_within(patience, ToDevice::Zero, |message| match message {
             ToHost::Zero(result) => Some(*result),
@@ -250,7 +250,7 @@ impl<C: Carrier> Client<C> {
         }
     }
 
-    /// Turns the stream of cells on or off. It is off after a reconnection.
+    /// Turns the stream of cells on or, with `None`, off. It is off after a reconnection.
     ///
     /// # Errors
     /// See the `impl` block; [`plantar::protocol::Refusal::CellRate`] offers the highest rate if the carrier is too slow.
@@ -260,8 +260,8 @@ impl<C: Carrier> Client<C> {
         })
     }
 
-    /// Turns the stream of ellipses on, with one of every `every` frames, or off for 0. It is off after a reconnection. Returns once
-    /// the insole has answered a later request, because it answers this one only by a refusal.
+    /// Turns the stream of ellipses on, with one of every `every` frames, or off for 0. It is off after a reconnection. Returns
+    /// once the insole has answered a later request, because it answers this one only by a refusal.
     ///
     /// # Errors
     /// See the `impl` block; [`plantar::protocol::Refusal::EllipseRate`] has the highest rate if this one is above 25 Hz.

@@ -88,8 +88,8 @@ pub const MEASURES: [Measure; COUNT] = [
     measure("force_integral_n_s", "Force-time integral", "N s", 1, true),
 ];
 
-/// Longest stride time, s. A longer time between two steps of a foot contains a pause. The slowest of the walks with reports of
-/// another vendor has strides of up to 2.2 s.
+/// Longest stride time, s. A longer time between two steps of a foot contains a pause. The longest strides in the walks of the
+/// package `moticon-opengo` (docs/baseline.md) take 2.2 s.
 pub const LONGEST_STRIDE_S: f64 = 2.5;
 
 /// A stride: from a heel strike to the next heel strike of the same foot.
@@ -110,7 +110,7 @@ pub struct Stride {
 pub struct FootGait {
     /// The strides in use.
     pub strides: Vec<Stride>,
-    /// Number of pairs of successive steps that are no stride, because of a pause or a missing step.
+    /// Number of pairs of successive steps that are no stride: there is a pause or a missing step between them, or they overlap.
     pub gaps: usize,
     /// Number of strides that are not used, because they do not contain exactly one heel strike of the other foot.
     pub unpaired: usize,
@@ -129,7 +129,8 @@ pub struct Gait {
     pub cadence_per_min: Option<Estimate>,
     /// Symmetry index of the measures, %, in the order of [`MEASURES`]: 0 for equal feet, positive if the left value is larger.
     pub symmetry_percent: [Option<Estimate>; COUNT],
-    /// Time from the first to the last heel strike, s; `None` if there is a pause.
+    /// Time from the first to the last heel strike of both feet, s; `None` if there is a pause or a missing step, or if the steps
+    /// of both feet are not known on one clock.
     pub walking_s: Option<f64>,
 }
 
@@ -236,7 +237,7 @@ fn follows(next: &FootStep, step: &FootStep) -> bool {
     next.number == step.number.wrapping_add(1) && next.start_s - step.start_s <= LONGEST_STRIDE_S
 }
 
-/// The measures of a stride that need one foot.
+/// The measures of a stride that need only the steps of its own foot, in the order of [`MEASURES`].
 fn values_of(step: &FootStep, stride_s: f64) -> [Option<f64>; COUNT] {
     let swing_s = stride_s - step.duration_s;
     let percent = |time_s: f64| Some(100.0 * time_s / stride_s);
@@ -267,12 +268,14 @@ fn values_of_both(
 ) -> [Option<f64>; COUNT] {
     let stride_s = next.start_s - step.start_s;
     let mut values = values_of(step, stride_s);
+    // The step time.
     values[1] = Some(next.start_s - other.start_s);
     if let Some(before) = before.filter(|before| follows(other, before)) {
         let first_s = (before.end_s() - step.start_s).max(0.0);
         let second_s = (step.end_s() - other.start_s).max(0.0);
         let (double_s, single_s) = (first_s + second_s, step.duration_s - first_s - second_s);
         let supports = [first_s, double_s, 100.0 * double_s / stride_s, single_s, 100.0 * single_s / stride_s];
+        // The phases of double and of single support.
         values[6..11].copy_from_slice(&supports.map(Some));
     }
     values
@@ -312,7 +315,7 @@ fn cadence_per_min([left, right]: &[FootGait; 2], has_both_feet: bool) -> Option
     Estimate::new(&values.collect::<Vec<_>>())
 }
 
-/// Time from the first to the last heel strike, s; `None` if there is a pause or a missing step.
+/// See [`Gait::walking_s`].
 fn walking_s(steps: &[Vec<FootStep>; 2], has_both_feet: bool) -> Option<f64> {
     let is_walk = |steps: &&Vec<FootStep>| steps.windows(2).all(|pair| follows(&pair[1], &pair[0]));
     if !has_both_feet || !steps.iter().all(|steps| is_walk(&steps)) {

@@ -93,7 +93,8 @@ pub enum Event {
     Started(SessionStart),
     /// A message arrived.
     Message(ToHost),
-    /// No message arrived within the carrier's timeout, the link is lost, or it was just opened again and the next event is `Started`.
+    /// No message arrived within the carrier's timeout, the link is lost, or it was just opened again and the next event is
+    /// `Started`.
     Timeout,
     /// The session ended for this reason. The next calls open it again. If it ended with [`Refusal::OtherHost`], they first wait
     /// until the session of the other host has ended.
@@ -210,8 +211,8 @@ impl<C: Carrier + 'static> Link<C> {
         Ok(self.client.hello())
     }
 
-    /// Waits for an insole that restarts by itself: sends connect requests, over a newly opened carrier if the one in use fails, until
-    /// `check` returns a value. `check` receives the insole's hello, and whether the insole was silent at any time before.
+    /// Waits for an insole that restarts by itself: sends connect requests, over a newly opened carrier if the one in use fails,
+    /// until `check` returns a value. `check` receives the insole's hello, and whether the insole was silent at any time before.
     ///
     /// # Errors
     /// The error of the last attempt, or [`Error::NoAnswer`], once the policy gives up.

@@ -9,7 +9,7 @@ use thiserror::Error;
 pub struct LogEntry {
     /// Time since the reset, as the firmware prints it.
     pub time: String,
-    /// "error", "warn", "info", "debug" or "trace".
+    /// "error", "warn", "info", "debug" or "trace"; empty for a message without a level.
     pub level: &'static str,
     /// The message. It begins with the name of a part of the firmware, as in "storage: ...".
     pub text: String,

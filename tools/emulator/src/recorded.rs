@@ -27,7 +27,7 @@ impl Walk for Recorded {
     }
 }
 
-/// A walk that is repeated without end.
+/// Repeats a walk, which has at least one scan, without end.
 pub struct Looped<W>(pub W);
 
 impl<W: Walk> Walk for Looped<W> {

@@ -66,6 +66,7 @@ struct Typical {
     /// A, B and C, mm. C is such that the largest area compresses the tissue by 45.7 %, as measured under the metatarsal heads
     /// (Cavanagh 1999).
     radii_mm: [f64; 3],
+    /// Thickness of the unloaded tissue, mm.
     d0_mm: f64,
     /// K in kPa, G in kPa s, n and m of the force law.
     law: [f64; 4],
@@ -78,9 +79,10 @@ const fn typical(radii_mm: [f64; 3], d0_mm: f64, law: [f64; 4], area_mm2: [f64; 
 
 /// Size 42, for each region from heel to toes: radii, thickness, force law, and the ranges of area and pressure.
 ///
-/// The most probable parameters of 200 steps of ten barefoot walkers on a plate together (SpeedPP2DS), with covered shares, computed
-/// by `cargo run --release -p bench --bin typical`. The forces of a single walker at the same area differ from them by 12 to
-/// 23 % (one standard deviation), at the anterior midfoot by a factor of 1.9. All areas and pressures are those of covered shares.
+/// The most probable parameters of 200 steps that ten barefoot walkers took on a plate (SpeedPP2DS, every third step), fitted
+/// together by `cargo run --release -p bench --bin typical`. The forces of a single walker at the same area differ from them by
+/// 12 to 23 % (one standard deviation), at the anterior midfoot by a factor of 1.9. All areas and pressures are those of the
+/// contact rule with covered shares ([`plantar::pipeline::contact::ContactRule::COVERED`]).
 const SIZE_42: [Typical; 8] = [
     typical([36.4, 44.7, 16.9], 16.0, [685.0, 132.06, -0.56, 1.07], [2033.0, 3418.0], [204.0, 626.0]),
     typical([28.8, 18.5, 9.0], 12.0, [220.0, 3.73, -0.93, 0.24], [25.0, 1356.0], [79.0, 147.0]),
@@ -108,14 +110,14 @@ impl TypicalRange {
         SIZE_42.map(|Typical { range, .. }| Self { area_mm2: range.area_mm2.map(|mm2| mm2 * scale), ..range })
     }
 
-    /// True if area and pressure are at most [`MARGIN`] times outside of the range.
+    /// True if area and pressure are within their ranges, each extended by the factor [`MARGIN`] at both ends.
     pub fn includes(&self, area_mm2: f64, pressure_kpa: f64) -> bool {
         let within = |value: f64, [least, most]: [f64; 2]| (least / MARGIN..=most * MARGIN).contains(&value);
         within(area_mm2, self.area_mm2) && within(pressure_kpa, self.pressure_kpa)
     }
 }
 
-/// Feet of one size differ, and the walkers' sizes are not known.
+/// Factor by which a range is extended at both ends: feet of one size differ, and the sizes of the walkers are not known.
 const MARGIN: f64 = 1.3;
 
 impl Parameters {

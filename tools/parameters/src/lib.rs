@@ -121,7 +121,7 @@ pub const DIRECT: &str = "direct";
 pub const LIVE: &str = "live";
 /// [`Identified::filter`] of the paper's smoothing.
 pub const SMOOTHED: &str = "smoothed";
-/// The name of [`SMOOTHED`] in files of version 0.2.
+/// The name of [`SMOOTHED`] in files that Plantar 0.2 wrote.
 const SMOOTHED_IN_0_2: &str = "step";
 /// [`Identified::side`] of both feet.
 const BOTH: &str = "both";
@@ -327,7 +327,7 @@ impl Parameters {
         text
     }
 
-    /// The force laws that a device evaluates.
+    /// The force laws that an insole evaluates.
     pub fn tissue(&self) -> Tissue {
         Tissue::new(self.regions.each_ref().map(|ellipsoid| ellipsoid.force_law().single()))
     }

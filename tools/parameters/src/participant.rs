@@ -26,7 +26,7 @@ pub struct Participant {
     pub height_cm: Option<f64>,
     /// Path of the file with the zeros (unloaded readings) of the insoles, as `plantar zero` writes it.
     pub zero: Option<PathBuf>,
-    /// Path of the file with the measured tissue thickness.
+    /// Path of the file with measurements of the tissue; see [`crate::TissueMeasurements`].
     pub thickness: Option<PathBuf>,
 }
 

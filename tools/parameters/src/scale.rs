@@ -54,7 +54,8 @@ impl DeformationScale {
     }
 }
 
-/// The words for the deformation of regions with these scales: every value has the mark unless all rest on measurements.
+/// The title for the deformations of regions with these scales. It states that they are scaled by assumption, unless all scales
+/// rest on measurements.
 pub fn deformation_title(scales: &[DeformationScale]) -> &'static str {
     match scales.iter().all(|scale| *scale == DeformationScale::Measured) {
         true => "deformation",

@@ -12,10 +12,14 @@ pub struct CellRecorder {
     folder: PathBuf,
     /// Number of the recording in progress.
     pub recording: usize,
+    /// Number of the next part of this recording.
     part: usize,
     receiver: CellReceiver,
+    /// The frames that are not written yet.
     cells: StreamedCells,
+    /// Provenance, for the metadata of the recordings.
     source: String,
+    /// Number of frames in the parts that are written.
     written: usize,
 }
 

@@ -123,8 +123,9 @@ impl Cohort {
     /// Prints a note on stderr for each participant in the table that has no folder.
     fn note_others(&self, names: &[String]) -> Result<()> {
         let known: Vec<_> = names.iter().map(|name| self.file_of(name)).collect();
-        for entry in fs::read_dir(&self.out)? {
-            let path = entry?.path().join(STEPS_FILE);
+        let error = || format!("cannot read {}", self.out.display());
+        for entry in fs::read_dir(&self.out).with_context(error)? {
+            let path = entry.with_context(error)?.path().join(STEPS_FILE);
             if path.exists() && !known.contains(&path) {
                 eprintln!(
                     "note: the table has {}, but this participant has no folder: remove the file unless you need it",

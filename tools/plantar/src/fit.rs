@@ -221,10 +221,10 @@ impl Fit {
         let participant = self.participant.clone().unwrap_or_else(|| stem(&self.recordings[0]));
         let inputs = self.recordings.iter().map(|path| Input::open(path)).collect::<Result<Vec<_>>>()?;
         let mut study = Study::new(participant, self.contact_rule(&inputs)?, self.search.options(RESAMPLES)?);
-        let (mut checksums, mut recordings) = (Vec::new(), Vec::new());
+        let (mut known, mut recordings) = (Vec::new(), Vec::new());
         for input in inputs {
             match input {
-                Input::Recording(path) => recordings.push(add(&mut study, path, &self.zero, &mut checksums)?),
+                Input::Recording(path) => recordings.push(add(&mut study, path, &self.zero, &mut known)?),
                 Input::Live(sources) => sources.into_iter().try_for_each(|source| add_live(&mut study, source))?,
             }
         }
@@ -347,15 +347,15 @@ fn add_live(study: &mut Study, source: LiveSource) -> Result<()> {
     Ok(study.add_live(source.name, source.origin, source.side, &source.steps)?)
 }
 
-/// Adds the steps of a recording to the study, and returns the recording. `checksums` has the checksums of the previous recordings: a recording may not be
-/// given twice, because its steps would then be predicted from copies of themselves.
-fn add(study: &mut Study, path: &Path, zero: &ZeroArgs, checksums: &mut Vec<u32>) -> Result<Recording> {
+/// Adds the steps of a recording to the study, and returns the recording. `known` has the checksums and names of the previous
+/// recordings: a recording may not be given twice, because its steps would then be predicted from copies of themselves.
+fn add(study: &mut Study, path: &Path, zero: &ZeroArgs, known: &mut Vec<(u32, String)>) -> Result<Recording> {
     let recording = Recording::read(path)?;
     let sum = crc32(&recording.pressure_kpa.iter().flat_map(|kpa| kpa.to_le_bytes()).collect::<Vec<_>>());
-    if let Some(before) = checksums.iter().position(|previous| *previous == sum) {
-        bail!("{} is the same recording as {}: give each recording once", path.display(), study.sources[before].name);
+    if let Some((_, before)) = known.iter().find(|(previous, _)| *previous == sum) {
+        bail!("{} is the same recording as {before}: give each recording once", path.display());
     }
-    checksums.push(sum);
+    known.push((sum, path.display().to_string()));
     let mut insole = setup::insole(&recording, study.contact).with_context(|| path.display().to_string())?;
     zero.apply(&mut insole)?;
     let bar = progress(recording.frames() as u64, "frames");

@@ -115,7 +115,7 @@ fn from_stream(bytes: &[u8]) -> Result<Walk> {
             Some(ToHost::Hello(_)) => *axis = Axis::new(),
             Some(ToHost::Time { host_us, device_us }) => axis.answer(host_us, device_us),
             Some(ToHost::Step(step)) => {
-                // An insole sends unacknowledged steps again.
+                // An insole can send twice as many records again as its queue holds, and a file has two insoles.
                 let record = LoadRecord::from(step);
                 let is_same = |known: &Step| LoadRecord::from(*known).is_same(&record);
                 let is_known = steps.iter().rev().take(4 * RECORD_QUEUE).any(|(known, _)| is_same(known));
@@ -141,7 +141,7 @@ fn from_recording(recording: &Recording) -> Result<Walk> {
     insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied())?;
     let start_s = recording.t_s.first().copied().unwrap_or(0.0);
     if start_s < 0.0 {
-        bail!("the time column begins before 0");
+        bail!("the time column begins at {start_s} s: shift it, so that it begins at 0 or later");
     }
     let mut codes = vec![0; virtual_insole.cells.len()];
     let Walk { mut steps, mut others } = Walk::default();

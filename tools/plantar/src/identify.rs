@@ -155,7 +155,7 @@ impl Identify {
                     }
                     rest_s -= s;
                 }
-                "Done; this takes a moment".into()
+                "The trial is complete: wait a moment".into()
             };
             let trials = stage(feet, cue, |foot, stop| foot.stand(stop, Duration::from_secs(all)))?;
             let trials: Vec<_> = feet.iter().zip(&trials).map(|(foot, trial)| foot.evaluate(trial)).collect();
@@ -275,8 +275,8 @@ fn stage<T: Send>(
     Ok(outcomes)
 }
 
-/// The stream files of a foot with the steps in them. A session that was interrupted at once has left a file without steps, which is
-/// not used.
+/// The stream files of a foot with the steps in them. A session that was interrupted at once has left a file without steps, which
+/// is not used.
 fn streams(foot: &Foot) -> Result<Vec<(PathBuf, Vec<LiveSource>)>> {
     let read = |path: PathBuf| live::read(&path).ok().flatten().map(|sources| (path, sources));
     Ok(foot.stream_files()?.into_iter().filter_map(read).collect())
@@ -309,10 +309,11 @@ fn print_verification(foot: &Foot, steps: &[Step], study: &Study) -> bool {
         };
         is_good &= is_within;
         let percent = |percent: Option<f64>| percent.map_or("-".into(), |percent| format!("{percent:.1}"));
-        let remark = match (predicted, is_within) {
-            (None, _) => "not identified",
-            (_, true) => "as predicted",
-            (_, false) => "WORSE than predicted",
+        let remark = match (predicted, found, is_within) {
+            (None, ..) => "not identified",
+            (_, None, _) => "not loaded",
+            (.., true) => "as predicted",
+            (.., false) => "WORSE than predicted",
         };
         table.add_row([
             region.name().into(),

@@ -56,8 +56,8 @@ pub enum Insole {
     },
     /// Measure the baselines of all cells: sit down, lift the foot, and hold it still.
     ///
-    /// An insole does this by itself at its start and in each swing, if two successive swings agree. The command makes it use the next
-    /// reading at once, for example after the shoe was laced again. It refuses a foot that carries load or moves.
+    /// An insole does this by itself at its start and in each swing, if two successive swings agree. The command makes it use the
+    /// next reading at once, for example after the shoe was laced again. The insole refuses if the foot carries load or moves.
     Zero {
         #[command(flatten)]
         connection: Connection,
@@ -196,7 +196,7 @@ fn show(connection: &Connection) -> Result<()> {
         ),
         (
             contents.newer_records > 0,
-            "the insole stores steps of a newer firmware, which are not changed: update its firmware to receive them",
+            "the insole's log has entries of a newer firmware, which remain until it is full: update the firmware to receive them",
         ),
         (
             contents.erased > 0,
@@ -211,7 +211,10 @@ fn show(connection: &Connection) -> Result<()> {
             !status.is_clock_set,
             "the insole's clock is not set since its last start: steps have no time of day until a host streams from it",
         ),
-        (status.records_dropped > 0, "the insole's log was full, so the oldest steps were dropped"),
+        (
+            status.records_dropped > 0,
+            "the insole's log was full, so the oldest steps, load bouts and alerts were dropped",
+        ),
     ];
     for (_, warning) in warnings.iter().filter(|(applies, _)| *applies) {
         println!("warning: {warning}");

@@ -32,8 +32,9 @@ pub fn open(folder: &Path, search: &Search, contact: &ContactArgs) -> Result<(Pe
     let person = Person::open(folder, &search.of_study(), contact.rule(None)?, &|path| fs::read(path))?;
     print_notes(&person.notes);
     let mut recordings = Vec::new();
-    for entry in fs::read_dir(folder).with_context(|| format!("cannot read {}", folder.display()))? {
-        recordings.push(entry?.path());
+    let error = || format!("cannot read {}", folder.display());
+    for entry in fs::read_dir(folder).with_context(error)? {
+        recordings.push(entry.with_context(error)?.path());
     }
     recordings.retain(|path| path.extension().is_some_and(|ending| ending == "parquet"));
     recordings.sort();

@@ -23,7 +23,7 @@ const LISTED: usize = 6;
 /// The display of a session.
 pub struct View {
     title: String,
-    /// What the columns of area and deformation are.
+    /// The names of the area and of the deformation, below their columns.
     columns: String,
     /// `None` if stdout is not a terminal, or once the display is closed.
     terminal: Option<DefaultTerminal>,
@@ -121,8 +121,8 @@ impl View {
         Ok(())
     }
 
-    /// Lists a step. An alert is shown until the next one, with the terminal's bell. If stdout is not a terminal, it is printed, as
-    /// a load bout is.
+    /// Lists a step, or shows an alert until the next one and rings the terminal's bell. If stdout is not a terminal, prints the
+    /// step, load bout or alert.
     pub fn load_record(&mut self, record: &LoadRecord) {
         match record {
             LoadRecord::Step(step) => self.step(step),
@@ -164,6 +164,7 @@ impl View {
         let alert_height = if self.alert.is_empty() { 0 } else { 3 };
         let heights = [11, LISTED as u16 + 2, alert_height, 1].map(Constraint::Length);
         let [loads, steps, alert, footer] = Layout::vertical(heights).areas(frame.area());
+        // The border takes 2 characters and the numbers 49. The other 11 are for a flag, and the end of a longer one is cut off.
         let width = usize::from(loads.width).saturating_sub(62).max(10);
         let mut lines = vec![
             Line::from(format!("{:<10} {:>8} {:>8} {:>9} {:>8}  ", "", "force N", "model N", "area mm2", "deform mm"))

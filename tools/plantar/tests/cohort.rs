@@ -155,8 +155,8 @@ fn the_summary_has_means_over_steps_then_trials_then_participants_of_a_size() {
         let found: f64 = found.parse().expect("a number");
         assert!((found - expected).abs() <= 1e-9 * expected.abs(), "{found}, not {expected}");
     };
-    let columns = "force_at_70_percent_area_n area_at_100_n_mm2 secant_modulus_kpa dissipated_energy_mj a_mm b_mm c_mm d0_mm k_n_m3 n c_n_s_m3 m ab_mm2 stiffness_pa damping_pa_s nrmse_percent \
-                   nrmse_smoothed_percent";
+    let columns = "force_at_70_percent_area_n area_at_100_n_mm2 secant_modulus_kpa dissipated_energy_mj a_mm b_mm c_mm d0_mm \
+                   k_n_m3 n c_n_s_m3 m ab_mm2 stiffness_pa damping_pa_s nrmse_percent nrmse_smoothed_percent";
     for line in &lines {
         let participants: &[&Vec<Row>] = if line["insole_size"] == "35-36" { &[&ann] } else { &[&bob, &cid] };
         for column in columns.split_whitespace() {

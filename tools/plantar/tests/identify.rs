@@ -29,7 +29,7 @@ use std::time::Duration;
 /// its time.
 static ALONE: Mutex<()> = Mutex::new(());
 
-/// What the wearer does.
+/// The values of [`Wearer::does`].
 const LIFTED: u8 = 0;
 const STANDING: u8 = 1;
 const WALKING: u8 = 2;
@@ -43,6 +43,7 @@ const INTERRUPTED_AFTER: usize = 4;
 
 /// A wearer who does what the last instruction says. Each cell reads its own offset without load.
 struct Wearer {
+    /// The present action: [`LIFTED`], [`STANDING`] or [`WALKING`].
     does: Arc<AtomicU8>,
     insole: VirtualInsole,
     standing: Vec<f32>,
@@ -88,8 +89,9 @@ fn assert_offsets(calibration: &Path) {
     }
 }
 
-/// Runs the command with these environment variables in a terminal of 100 by 40 characters until it ends. `see` receives each screen, and returns the keys to
-/// press. Returns the exit status, all screens that differ, and the text after them.
+/// Runs the command with these environment variables in a terminal of 100 by 40 characters until it ends. `see` receives each
+/// screen, and returns the keys to press. Returns the exit status and all screens that differ from the one before; the last one
+/// has the text after the session.
 fn run(
     arguments: &[&str],
     environment: &[(&str, &str)],

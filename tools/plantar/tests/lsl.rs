@@ -20,7 +20,7 @@ use std::sync::{Arc, Condvar, Mutex};
 use std::time::Duration;
 use study::table;
 
-/// Limit for what happens within milliseconds.
+/// Timeout for events that take only milliseconds.
 const TIMEOUT: Duration = Duration::from_secs(30);
 /// Largest error of a time, s: a tenth of the time between two frames.
 const TIME_ERROR_S: f64 = 1e-3;
@@ -454,7 +454,7 @@ fn tail<'a, R, S>(received: &'a [R], sent: &'a [S], least: usize) -> impl Iterat
     received.iter().zip(&sent[sent.len() - received.len()..])
 }
 
-/// Asserts what is written about the streams and their channels.
+/// Asserts the descriptions of the streams and of their channels.
 fn assert_description(streams: &Value) {
     for side in ["left", "right"] {
         let stream = |name: &str| &streams[format!("plantar_{side}_{name}")];

@@ -14,6 +14,7 @@ use std::error::Error;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 
+/// Number of steps of each foot, unless the second argument names another number.
 const STEPS: usize = 6;
 /// Duration of a stride, s; the right foot strikes half a stride after the left foot.
 const STRIDE_S: f64 = 1.05;

@@ -6,7 +6,7 @@ use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::{LoadRecord, ToDevice, ToHost};
 use std::time::{Duration, Instant};
 
-/// Time between two requests for the insole's counters.
+/// Time between two requests for the insole's counters and its load of the day.
 const STATUS_INTERVAL: Duration = Duration::from_secs(1);
 
 /// A session with an insole, over any carrier.

@@ -30,7 +30,7 @@ struct Insole {
     hello: Option<Hello>,
     /// The configuration that pages can read, and its identifier in the hello.
     layout: Option<(u32, Layout)>,
-    /// The rate of the stream of ellipses that was requested from the insole: one of so many frames, or 0 for none.
+    /// The rate of the stream of ellipses that was requested from the insole: one of this number of frames, or 0 for none.
     ellipses_every: u8,
     /// The wearer's parameters, if they are known.
     tissue: Option<Tissue>,
@@ -48,7 +48,7 @@ struct Insole {
     session: u64,
     /// Records that no page has acknowledged, at most as many as the insole holds in RAM.
     pending: VecDeque<Pending>,
-    /// The last ones that a page acknowledged: after a lost acknowledgement, the insole sends them again.
+    /// The last records that a page acknowledged: after a lost acknowledgement, the insole sends them again.
     acknowledged: VecDeque<LoadRecord>,
     /// Number of the record to acknowledge to the insole next.
     to_acknowledge: Option<u32>,
@@ -58,8 +58,8 @@ struct Insole {
     outlets: Option<Outlets>,
 }
 
-/// Rules and cells of an insole. The cells are never freed, because sessions on an insole refer to static ones; a program reads few
-/// layouts.
+/// Rules and cells of an insole. The cells are never freed, because the firmware's [`Session`] refers to static ones; a program
+/// reads few layouts.
 pub(crate) type Layout = (Setup, &'static [SetupCell]);
 
 struct Pending {
@@ -242,7 +242,7 @@ impl Hub {
         self.changed.send_replace(());
     }
 
-    /// The request for another rate of the stream of ellipses, if that of the pages has changed: the highest rate that a page requested.
+    /// The request for another rate of the stream of ellipses, if the highest rate that a page requested has changed.
     pub fn ellipses_to_request(&self, index: usize) -> Option<ToDevice> {
         let mut insole = self.insole(index);
         let rates = insole.pages.iter().map(|(_, link)| link.ellipses.every());
@@ -394,7 +394,7 @@ impl Page {
             }
             // The insole answers with the load of the day, which all pages receive.
             Some(request @ ToDevice::SnoozeAlerts { .. }) => insole.to_send.push_back(request),
-            // A page may not change other settings of an insole.
+            // A page may neither read nor change other parameters and settings of an insole.
             Some(
                 ToDevice::SetTissue(_)
                 | ToDevice::SetIdentifiedTissue { .. }
@@ -447,11 +447,11 @@ impl Page {
 }
 
 impl Insole {
-    /// The page that waits for the answer to its command, if it is such a command. It then waits no more.
+    /// Returns the page that waits for an answer, and ends its wait, if `is_answered` is true for its command.
     fn takes_waiting(&mut self, is_answered: impl Fn(&Command) -> bool) -> Option<u64> {
         let waiting = self.waiting?;
         let command = self.pages.iter().find(|(id, _)| *id == waiting).and_then(|(_, link)| link.command());
-        // A page that has closed its session, or was left, waits no more either.
+        // A page that has closed its session or its connection no longer waits either.
         if command.as_ref().is_none_or(is_answered) {
             self.waiting = None;
         }

@@ -1,4 +1,4 @@
-//! Decides which web pages may connect. A browser lets a page of any origin try to.
+//! Decides which web pages may connect, because a browser lets a page of any origin try to connect.
 
 use std::net::IpAddr;
 

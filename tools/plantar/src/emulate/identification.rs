@@ -35,7 +35,7 @@ impl Identification {
         })
     }
 
-    /// Adds a frame of cells.
+    /// Adds a frame of cells. The recording ends at the first gap that is too long to be interpolated.
     pub fn frame(&mut self, frame: &CellFrame) {
         if self.receiver.frame(frame) && self.cells.is_continued_by(frame.scan) {
             self.cells.push(frame.scan, self.receiver.codes());
@@ -64,7 +64,8 @@ impl Identification {
         let path = self.folder.join("cells.parquet");
         recording.write(&path)?;
         println!(
-            "\nThe insole sent {} frames of all its cells; {} were lost. The wearer's parameters are identified from them:",
+            "\n{} frames of all cells arrived from the insole; {} were lost. The wearer's parameters are identified from those that \
+             arrived:",
             self.receiver.received, self.receiver.lost
         );
         let fit = Fit::of_cells(path, &self.folder, contact.clone());

@@ -59,7 +59,8 @@ impl LiveSource {
     }
 }
 
-/// Reads a stream file or the folder of `plantar record`. `None` if `path` is neither, which is then a recording of all cells.
+/// Reads a stream file or the folder of `plantar record`. `None` if `path` is neither: it is then taken for a recording
+/// of all cells.
 pub fn read(path: &Path) -> Result<Option<Vec<LiveSource>>> {
     if path.is_dir() {
         return session::read(path);

@@ -34,7 +34,7 @@ pub struct Foot {
     pub progress: Arc<Mutex<Progress>>,
 }
 
-/// What an insole sent, or that its session began again, so that streams have to be requested again.
+/// A message of an insole, or the start of another session with it, in which streams have to be requested again.
 #[allow(clippy::large_enum_variant, reason = "items exist one at a time")]
 enum Item {
     Message(ToHost),
@@ -209,8 +209,9 @@ impl Foot {
     /// The stream files of the walk so far.
     pub fn stream_files(&self) -> Result<Vec<PathBuf>> {
         let mut files = Vec::new();
-        for entry in std::fs::read_dir(&self.folder)? {
-            let path = entry?.path();
+        let error = || format!("cannot read {}", self.folder.display());
+        for entry in std::fs::read_dir(&self.folder).with_context(error)? {
+            let path = entry.with_context(error)?.path();
             let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
             if name.starts_with(WALK) && name.ends_with(".plantar") && std::fs::metadata(&path)?.len() > 0 {
                 files.push(path);
@@ -237,7 +238,6 @@ impl Foot {
             cells_folder,
             part_start: Instant::now(),
             last_step: Instant::now(),
-            next: 1,
         };
         let followed = self.follow(stop, |foot, item| walk.take(foot, item, &mut file));
         if let Some(cells) = &mut walk.cells {
@@ -318,14 +318,12 @@ struct Walk {
     needed: usize,
     /// The value of [`LiveSteps::evaluated`] for which `done` and `unused` were determined.
     evaluated: usize,
-    /// Why the last step was not used; `None` if it was, and before the first step.
+    /// Why the last step was not used; `None` if it was used, and before the first step.
     unused: Option<ExclusionReason>,
     cells: Option<CellRecorder>,
     cells_folder: PathBuf,
     part_start: Instant,
     last_step: Instant,
-    /// Number of the next recording of cells.
-    next: usize,
 }
 
 impl Walk {
@@ -335,8 +333,8 @@ impl Walk {
                 file.write(0, &ToHost::Hello(foot.link.client().hello().clone()))?;
                 if let Some(cells) = &mut self.cells {
                     cells.complete_part()?;
-                    self.cells = foot.begin_cells(&self.cells_folder, self.next)?;
-                    self.next += 1;
+                    let next = cells.recording + 1;
+                    self.cells = foot.begin_cells(&self.cells_folder, next)?;
                 }
             }
             Item::Message(ToHost::Cells(frame)) => {
@@ -394,8 +392,9 @@ const TRIAL_GAP_S: f64 = 1.0;
 /// The cells of a standing trial.
 pub struct Trial {
     started: StartedCells,
+    /// The insole sends one of this number of scans.
     every: u8,
-    /// Number and codes of each scan.
+    /// Number and codes of each scan that arrived.
     frames: Vec<(u32, Vec<u16>)>,
 }
 
@@ -421,7 +420,8 @@ impl Trial {
         }
     }
 
-    /// Number and codes of every [`Self::every`]th scan from the first one on. A missing frame has the codes of the frame before it.
+    /// Number and codes of every [`Self::every`]th scan from the first one on. A missing frame has the codes of the frame before
+    /// it.
     fn regular_frames(&self, name: &str) -> Result<Vec<(u32, &[u16])>> {
         let period_s = f64::from(self.started.setup.period_us) * 1e-6;
         let max_scans = ((TRIAL_GAP_S / period_s) as u32).max(self.every.into());

@@ -43,7 +43,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Before the first frame.
+    /// The progress before the first frame.
     pub fn new(side: Side) -> Self {
         Self { side, live: Live::default(), done: 0, needed: 0, remark: String::new() }
     }
@@ -156,7 +156,7 @@ fn draw_sole(frame: &mut Frame, foot: &Progress, area: Rect) {
             by_colour[colour.min(COLOURS.len() - 1)].push((x_mm, y_mm));
         }
     }
-    // A character is about twice as high as wide, and has two by four points. The picture keeps the shape of the foot.
+    // A character is about twice as high as wide. The picture keeps the shape of the foot.
     let shown_mm = length_mm.max(width_mm * f64::from(area.height) * 2.0 / f64::from(area.width.max(1)));
     let middle_mm = width_mm / 2.0;
     let half_mm = shown_mm * f64::from(area.width) / f64::from(area.height.max(1)) / 4.0;

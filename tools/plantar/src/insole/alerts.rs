@@ -51,7 +51,7 @@ pub struct AlertArgs {
     snooze: Option<u16>,
 }
 
-/// The bit of a region, by its name.
+/// The bit of the region with this name in [`AlertRules::regions`], or all bits for `all`.
 fn region(name: &str) -> Result<u8, String> {
     if name == "all" {
         return Ok(0xff);

@@ -1,7 +1,7 @@
 //! Finds the source locations of the calls whose addresses are in an insole's crash report.
 
 use addr2line::Loader;
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Result, anyhow};
 use std::path::Path;
 
 /// Hex digits of an address.
@@ -11,7 +11,8 @@ const DIGITS: usize = 8;
 /// eight hex digits are addresses; other words are skipped.
 pub fn run(firmware: &Path, report: &str) -> Result<()> {
     let in_file = |error: Box<dyn std::error::Error>| anyhow!("{}: {error}", firmware.display());
-    let loader = Loader::new(firmware).map_err(in_file).context("build it with `cargo xtask build`")?;
+    let loader = Loader::new(firmware)
+        .map_err(|error| anyhow!("{}: {error}; build it with `cargo xtask build`", firmware.display()))?;
     let words = report.split_whitespace().filter(|word| word.len() == DIGITS);
     for address in words.filter_map(|word| u64::from_str_radix(word, 16).ok()) {
         println!("{address:08x}");

@@ -17,7 +17,8 @@ pub fn sign(firmware: &Path, key: Option<&Path>, out: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Returns the signing key: that in `file` or, without a file, the key for development.
+/// Returns the signing key: that in `file` or, without a file, the key for development. Refuses a key whose images the firmware of
+/// this build does not accept.
 fn signing_key(file: Option<&Path>) -> Result<SigningKey> {
     let key = match file {
         Some(file) => read_signing_key(file)?,
@@ -51,7 +52,8 @@ pub fn make_key(out: &Path) -> Result<()> {
         file,
         "# Secret key for Plantar firmware. Its owner can replace the firmware of every insole that accepts it.\n{}",
         hex(&bytes)
-    )?;
+    )
+    .with_context(|| format!("cannot write {}", out.display()))?;
     println!("{}: keep it secret, and back it up in a safe place", out.display());
     println!("build firmware that accepts it with PLANTAR_UPDATE_KEY={}", hex(key.verifying_key().as_bytes()));
     Ok(())

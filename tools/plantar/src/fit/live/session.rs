@@ -190,7 +190,7 @@ fn region_of(row: &Row) -> Result<StepRegion> {
 fn for_each_row(folder: &Path, columns: &[&'static str], mut act: impl FnMut(&Row) -> Result<()>) -> Result<()> {
     for file in files(folder).with_context(|| format!("cannot read {}", folder.display()))? {
         read_file(&file, columns, &mut act).with_context(|| {
-            format!("{}: not a complete table of plantar record; remove the file to fit the others", file.display())
+            format!("{}: not a complete table of plantar record; remove the file to use the others", file.display())
         })?;
     }
     Ok(())
