@@ -3,6 +3,7 @@
 use plantar::firmware::admission::Admission;
 use testkit::virtual_time::{advance_to, now_us};
 
+/// Resolution with which the virtual time advances, us.
 const STEP_US: u64 = 200_000;
 
 /// Connects a central that never encrypts its link, again and again, for this time; returns the fraction of the time in which it

@@ -1,7 +1,8 @@
 """Cumulative load and alerts, from the pressure of the highest cell of each region in every frame.
 
-Reads a JSON object from stdin: rate_hz, peaks_kpa (one list for each region), and the rules. Writes the totals of each region, and
-the times of the alerts in seconds.
+Reads a JSON object from the standard input: rate_hz, peaks_kpa (one list for each region), and the rules. Writes the totals of
+each region, and for each alert its time (s), the regions under sustained load, and the regions whose dose reached its limit, as
+bits.
 """
 
 import json
@@ -29,6 +30,7 @@ for second in range(seconds):
     remains = before & (share[:, second] >= given["relieved_percent"] / 100 - 1e-9)
     sustained[:, second] = begins | remains
 
+# In the loop, the regions whose dose has raised an alert before are `announced`.
 alerts, silent_until, announced = [], 0, np.zeros(8, bool)
 for second in range(seconds):
     over = (dose[:, second] >= given["dose_kpa_s"]) & (given["dose_kpa_s"] > 0) & ~announced

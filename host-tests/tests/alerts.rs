@@ -23,7 +23,8 @@ const RULES: AlertRules = AlertRules {
     ..AlertRules::RECOMMENDED
 };
 
-/// Passes a recording through an insole with these rules. `request` is called after each second.
+/// Passes a recording through an insole with these rules. `request` is called after each second. Returns the alerts, and the load
+/// of the day.
 fn run(
     recording: &Recording,
     rules: &AlertRules,
@@ -49,7 +50,7 @@ fn run(
     (alerts, insole.daily_load())
 }
 
-/// Several minutes of these activities, each of 50 s if it has no steps.
+/// A recording of these activities, each of 50 s if it has no steps.
 fn day(activities: &[Activity], seed: u64) -> Recording {
     activity::recording(activities, 700.0, RATE_HZ as f64, 50.0, seed).0
 }
@@ -98,6 +99,7 @@ fn totals_and_alerts_equal_those_of_numpy() {
         let recording = day(activities, seed as u64);
         let (alerts, daily) = run(&recording, &RULES, |_, _| ());
         let expected = numpy(&recording, &RULES);
+        // An alert has the time of the last frame of its second, one frame period of 10 ms before the end of the second.
         let seconds: Vec<_> = alerts
             .iter()
             .map(|alert| json!([(alert.start_us + 10_000) / 1_000_000, alert.sustained, alert.dose]))
@@ -174,7 +176,8 @@ fn a_day_begins_without_load_and_continues_after_a_restart() {
     assert!(renewed.totals.steps == 0 && renewed.totals.loaded_s < whole.totals.loaded_s, "{renewed:?}");
 
     let earlier = DailyLoad { day: 7, totals: Totals { steps: 1000, ..Totals::NONE }, alerts: 2, ..DailyLoad::NONE };
-    // A date that goes back by one day is a correction of the clock. Changing the time at which the day begins does not reset the load.
+    // A date that goes back by one day is a correction of the clock. Changing the time at which the day begins does not reset the
+    // load.
     let (_, same) = run(&recording, &RULES, |seconds, insole| match seconds {
         20 => insole.enter_day(7),
         40 => insole.enter_day(6),

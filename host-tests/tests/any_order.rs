@@ -31,11 +31,11 @@ enum Event {
     Nothing,
 }
 
-/// The times that restrict which event can be next.
+/// The state that restricts which event can be next.
 #[derive(Clone, Debug, Default)]
 struct Schedule {
     now_ms: u64,
-    /// End of the present walk.
+    /// End of the present walk, ms.
     walks_until_ms: u64,
     /// Number of crashes so far.
     crashes: u32,

@@ -143,8 +143,9 @@ fn a_bonded_phone_receives_every_frame_and_step_of_a_walk() {
     let mut phone = world.bonded_phone(247);
     let begin = Instant::now();
     stream(&mut world.radio, &mut [(&world.insole, &mut phone)]);
+    // A live frame for each scan, and two fragments for each of the three steps.
     let values = f64::from(world.insole.scans()) + 6.0;
-    println!("{:.0} notifications a second of at most 90 bytes", values / begin.elapsed().as_secs_f64());
+    println!("{:.0} notifications a second, nearly all of them live frames", values / begin.elapsed().as_secs_f64());
     println!("deepest stack with a pairing: {} bytes", phone.status(&mut world.radio).stack_bytes);
 }
 
@@ -356,6 +357,7 @@ fn break_links(seed: u32) {
     while cuts < CUTS || store.0.len() < STEPS {
         // The link is cut after a random number of values, within a message or between two. Every fourth session has live frames.
         phone.send(&mut world.radio, ToDevice::Stream { live: cuts % 4 == 3 });
+        // The generator of Numerical Recipes. Its upper bits are the most random ones.
         random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         for _ in 0..random >> 28 {
             if store.0.len() == STEPS {
@@ -431,7 +433,7 @@ fn malformed_values_are_refused_and_the_session_continues() {
     stream_steps(&mut world, &mut phone, 1);
 }
 
-/// Plays the walk to its end and waits for the steps.
+/// Plays the walk to its end, and waits for this number of steps.
 fn stream_steps(world: &mut World, phone: &mut Phone, steps: usize) {
     world.insole.play(u32::MAX);
     for _ in 0..steps {

@@ -164,7 +164,7 @@ fn both_feet_stream_a_minute_in_real_time() {
         assert!(foot.numbers.iter().copied().eq(0..records), "every record must arrive once, in order");
         assert_eq!(foot.steps.len() as u32, status.steps, "every step must arrive");
         assert_eq!((status.records_dropped, status.bad_frames), (0, 0));
-        // The emulated board misses scans if the host is busy. A stance with too many missed scans is a bout, and is counted.
+        // The emulated board misses scans if the host is busy. A stance with too many missed scans is rejected as a step, and counted.
         assert_eq!(status.steps + status.rejected.broken, STEPS as u32);
 
         let live_ms = foot.live.iter().map(|(at, live)| foot.age_ms(*at, live.t_us));
@@ -181,8 +181,8 @@ fn both_feet_stream_a_minute_in_real_time() {
             foot.steps.len()
         );
         println!(
-            "{side}: a live frame is {live_ms:.0} ms old (at most {live_most_ms:.0}), a step {step_ms:.0} ms after toe off (at \
-             most {step_most_ms:.0})"
+            "{side}: median age on arrival: live frame {live_ms:.0} ms (at most {live_most_ms:.0}), step after toe off \
+             {step_ms:.0} ms (at most {step_most_ms:.0})"
         );
     }
     // A phone cannot determine these errors, because it knows only the delays of its own requests.

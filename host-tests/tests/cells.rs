@@ -12,7 +12,7 @@ use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::{CellStream, Refusal, Resolution, ToDevice, ToHost};
 use recording::{StreamedCells, VirtualInsole};
 
-/// They take a little more than a minute.
+/// Number of steps of the walk, which takes a little more than a minute.
 const STEPS: usize = 57;
 
 /// One minute at 100 Hz, with live frames and steps beside the cells.
@@ -21,6 +21,7 @@ const STEPS: usize = 57;
 fn every_cell_of_every_frame_arrives_in_either_resolution() {
     let walk = synthetic_walk(STEPS, 100.0);
     let insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
+    // Each resolution, and the bits of a code that it transmits.
     for (resolution, mask) in [(Resolution::Converter, 0xfff0), (Resolution::Oversampled, 0xffff)] {
         let board = Board::start(
             &firmware(),

@@ -41,12 +41,13 @@ impl Truth {
     }
 }
 
-/// Ellipses with a shorter radius from `shortest_mm` to 30 mm, an aspect ratio from `min_aspect_ratio` to 3, and the first
-/// radius clearly less than 45 degrees from x.
+/// Ellipses with a shorter radius from `shortest_mm` to 30 mm, a longer one of up to 58 mm, an aspect ratio from
+/// `min_aspect_ratio` to 3, and the first radius clearly less than 45 degrees from x.
 fn truth(shortest_mm: f64, min_aspect_ratio: f64) -> impl Strategy<Value = Truth> {
     let centre = (-4.0..4.0f64, -4.0..4.0f64);
     (centre, shortest_mm..30.0, min_aspect_ratio..3.0, any::<bool>(), -43.0..43.0f64).prop_map(
         |((x_mm, y_mm), short_mm, aspect_ratio, along_x, angle_deg)| {
+            // The ellipse must lie within the grid of cells, which extends to 64 mm.
             let long_mm = (short_mm * aspect_ratio).min(58.0);
             let (r_a_mm, r_b_mm) = if along_x { (long_mm, short_mm) } else { (short_mm, long_mm) };
             Truth { x_mm, y_mm, r_a_mm, r_b_mm, angle_deg }

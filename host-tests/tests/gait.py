@@ -1,8 +1,8 @@
 """The measures of both feet in NumPy, straight from their definitions in docs/measures.md.
 
-Reads from the standard input, as JSON, the steps of the "left" and of the "right" foot in the order of time: number, heel strike (s),
-stance time (s), peak force (N) and force-time integral (N s). Prints an object: for each measure and for the cadence, its number of
-values, mean, standard deviation and interval of the mean, or null.
+Reads from the standard input, as JSON, the steps of the "left" and of the "right" foot in the order of time: number, heel strike
+(s), stance time (s), peak force (N) and force-time integral (N s). Prints an object: for each measure and for the cadence, the
+number of values, their mean and standard deviation, and the 95 % interval of the mean; null for what cannot be computed.
 """
 
 import json
@@ -12,7 +12,8 @@ import numpy as np
 from scipy import stats
 
 data = json.load(sys.stdin)
-LONGEST_S = 2.5
+# Longest stride, as in docs/measures.md.
+LONGEST_STRIDE_S = 2.5
 SYMMETRIC = ["step_time_s", "stance_time_s", "swing_time_s", "peak_force_n", "force_integral_n_s"]
 
 
@@ -37,7 +38,7 @@ def strides(own, other):
     found = []
     for (number, start, stance, peak, integral), (after, end, *_) in zip(own, own[1:]):
         between = [k for k, step in enumerate(other) if start < step[1] < end]
-        if after != number + 1 or end - start > LONGEST_S or stance >= end - start or len(between) != 1:
+        if after != number + 1 or end - start > LONGEST_STRIDE_S or stance >= end - start or len(between) != 1:
             continue
         k = between[0]
         strike = other[k][1]
@@ -52,7 +53,7 @@ def strides(own, other):
             "peak_force_n": peak,
             "force_integral_n_s": integral,
         }
-        if k > 0 and other[k][0] == other[k - 1][0] + 1 and strike - other[k - 1][1] <= LONGEST_S:
+        if k > 0 and other[k][0] == other[k - 1][0] + 1 and strike - other[k - 1][1] <= LONGEST_STRIDE_S:
             toe_off = other[k - 1][1] + other[k - 1][2]
             # The times of the stance in which the other foot is on the ground: until its toe off, and from its heel strike.
             overlap = lambda a, b: max(0.0, min(b, start + stance) - max(a, start))
@@ -85,5 +86,5 @@ for key in SYMMETRIC:
     result[f"symmetry {key}"] = estimate(*zip(*pairs))
 both = sorted(left + right, key=lambda s: s[0])
 cadence = [120 / s[3]["stride_time_s"] for s in both]
-result["cadence"] = estimate(cadence, [i > 0 and both[i][0] - both[i - 1][0] <= LONGEST_S for i in range(len(both))])
+result["cadence"] = estimate(cadence, [i > 0 and both[i][0] - both[i - 1][0] <= LONGEST_STRIDE_S for i in range(len(both))])
 json.dump(result, sys.stdout)

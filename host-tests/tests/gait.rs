@@ -80,7 +80,7 @@ fn measures_of_irregular_walks_equal_those_of_numpy() {
     println!("{} measures of five walks agree", 3 * COUNT + 1);
 }
 
-/// The insole detects heel strike when the force reaches its threshold, and toe off when it falls below another one, so a stance is
+/// The insole detects heel strike when the force reaches one threshold, and toe off when it falls below another, so a stance is
 /// shorter than the time with force. Both feet have the same force over time, so the differences between feet remain.
 #[test]
 fn a_computed_walk_of_both_feet_has_its_true_times() {
@@ -101,7 +101,7 @@ fn a_computed_walk_of_both_feet_has_its_true_times() {
         gait.feet[foot].measures[i].expect("a value").mean
     };
     let stride_s = walk.stance_s + walk.swing_s;
-    // The frames of the stance with less than 35 N at its beginning and 65 N at its end.
+    // The detected stance lacks the frames with less than 35 N at its beginning and with less than 65 N at its end.
     assert!((walk.stance_s - 0.06..walk.stance_s).contains(&stance_s), "{stance_s}");
     for foot in 0..2 {
         let expected = [

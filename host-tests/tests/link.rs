@@ -617,24 +617,24 @@ fn an_acknowledgement_is_passed_to_the_storage_once() {
 /// frames that are sent can be unpacked one after the other.
 #[test]
 fn frames_of_cells_are_sent_last_and_dropped_whole() {
-    let mut link = streaming();
+    let mut session = streaming();
     let stream = CellStream { resolution: Resolution::Converter, every: 1 };
-    link.receive(ToDevice::StreamCells(Some(stream)), 0);
-    assert_eq!(all(&mut link), [Sent::CellStream(Some(stream))]);
-    (0..5).for_each(|scan| link.push_cells(scan, &[100 * scan as u16; 240]));
-    push_live(&mut link);
-    link.push_record(step(0));
+    session.receive(ToDevice::StreamCells(Some(stream)), 0);
+    assert_eq!(all(&mut session), [Sent::CellStream(Some(stream))]);
+    (0..5).for_each(|scan| session.push_cells(scan, &[100 * scan as u16; 240]));
+    push_live(&mut session);
+    session.push_record(step(0));
     let cells = |scan, dropped| Sent::Cells { scan, dropped };
-    assert_eq!(all(&mut link), [Sent::Step(0), Sent::Live(0), cells(0, 0), cells(1, 0), cells(2, 0)]);
-    link.push_cells(5, &[500; 240]);
+    assert_eq!(all(&mut session), [Sent::Step(0), Sent::Live(0), cells(0, 0), cells(1, 0), cells(2, 0)]);
+    session.push_cells(5, &[500; 240]);
     let mut buffer = [0; MAX_MESSAGE];
-    let frame = link.next(&hello(), status, &mut buffer).and_then(decode);
+    let frame = session.next(&hello(), status, &mut buffer).and_then(decode);
     let Some(ToHost::Cells(frame)) = frame else { panic!("{frame:?}") };
     assert_eq!((frame.sequence, frame.scan, frame.dropped), (3, 5, 2));
 
-    link.receive(ToDevice::StreamCells(None), 0);
-    link.push_cells(6, &[600; 240]);
-    assert_eq!(all(&mut link), [Sent::CellStream(None)]);
+    session.receive(ToDevice::StreamCells(None), 0);
+    session.push_cells(6, &[600; 240]);
+    assert_eq!(all(&mut session), [Sent::CellStream(None)]);
 }
 
 /// Passes a frame to a session as the insole does: computes ellipses only if they are due.
@@ -646,69 +646,69 @@ fn push_ellipses(session: &mut Session, frame: u32) {
 
 #[test]
 fn ellipses_have_a_rate_of_at_most_25_hz() {
-    let mut link = streaming();
-    link.receive(ToDevice::StreamEllipses { every: 40 }, 0);
-    assert_eq!(all(&mut link), [Sent::Refused(Refusal::NoLayout)]);
+    let mut session = streaming();
+    session.receive(ToDevice::StreamEllipses { every: 40 }, 0);
+    assert_eq!(all(&mut session), [Sent::Refused(Refusal::NoLayout)]);
     for (period_us, least) in [(10_000, 4), (2_500, 16), (3_333, 13), (50_000, 1)] {
-        link.set_layout(Setup { period_us, ..SETUP }, &[], None);
+        session.set_layout(Setup { period_us, ..SETUP }, &[], None);
         for every in 1..least {
-            link.receive(ToDevice::StreamEllipses { every }, 0);
-            assert_eq!(all(&mut link), [Sent::Refused(Refusal::EllipseRate { every: least })]);
-            assert_eq!(link.ellipses.due(), None, "no stream runs");
+            session.receive(ToDevice::StreamEllipses { every }, 0);
+            assert_eq!(all(&mut session), [Sent::Refused(Refusal::EllipseRate { every: least })]);
+            assert_eq!(session.ellipses.due(), None, "no stream runs");
         }
-        link.receive(ToDevice::StreamEllipses { every: least }, 0);
+        session.receive(ToDevice::StreamEllipses { every: least }, 0);
         let due = (0..3 * least).filter(|&frame| {
-            push_ellipses(&mut link, frame.into());
-            all(&mut link).len() == 1
+            push_ellipses(&mut session, frame.into());
+            all(&mut session).len() == 1
         });
         assert_eq!(due.collect::<Vec<_>>(), [0, least, 2 * least]);
-        link.receive(ToDevice::StreamEllipses { every: 0 }, 0);
-        assert_eq!((link.ellipses.due(), all(&mut link)), (None, vec![]));
+        session.receive(ToDevice::StreamEllipses { every: 0 }, 0);
+        assert_eq!((session.ellipses.due(), all(&mut session)), (None, vec![]));
     }
 }
 
 #[test]
 fn ellipses_wait_for_all_other_messages_and_only_the_newest_is_sent() {
-    let mut link = streaming();
-    link.set_layout(SETUP, &[], None);
-    link.receive(ToDevice::StreamEllipses { every: 10 }, 0);
+    let mut session = streaming();
+    session.set_layout(SETUP, &[], None);
+    session.receive(ToDevice::StreamEllipses { every: 10 }, 0);
     let stream = CellStream { resolution: Resolution::Converter, every: 1 };
-    link.receive(ToDevice::StreamCells(Some(stream)), 0);
-    (0..30).for_each(|frame| push_ellipses(&mut link, frame));
-    link.push_cells(0, &[100; 240]);
-    push_live(&mut link);
-    link.push_record(step(0));
+    session.receive(ToDevice::StreamCells(Some(stream)), 0);
+    (0..30).for_each(|frame| push_ellipses(&mut session, frame));
+    session.push_cells(0, &[100; 240]);
+    push_live(&mut session);
+    session.push_record(step(0));
     let cells = Sent::Cells { scan: 0, dropped: 0 };
     let expected = [Sent::Step(0), Sent::Live(0), Sent::CellStream(Some(stream)), cells, Sent::Ellipses(2)];
-    assert_eq!(all(&mut link), expected);
+    assert_eq!(all(&mut session), expected);
     // Another host receives none unless it asks for them.
-    connect(&mut link);
-    assert_eq!(link.ellipses.due(), None);
+    connect(&mut session);
+    assert_eq!(session.ellipses.due(), None);
 }
 
 #[test]
 fn one_of_every_n_scans_is_sent() {
-    let mut link = streaming();
-    link.receive(ToDevice::StreamCells(Some(CellStream { resolution: Resolution::Oversampled, every: 3 })), 0);
-    (0..9).for_each(|scan| link.push_cells(scan, &[0; 240]));
-    let sent: Vec<_> = all(&mut link).into_iter().skip(1).collect();
+    let mut session = streaming();
+    session.receive(ToDevice::StreamCells(Some(CellStream { resolution: Resolution::Oversampled, every: 3 })), 0);
+    (0..9).for_each(|scan| session.push_cells(scan, &[0; 240]));
+    let sent: Vec<_> = all(&mut session).into_iter().skip(1).collect();
     assert_eq!(sent, [0, 3, 6].map(|scan| Sent::Cells { scan, dropped: 0 }));
 }
 
 #[test]
-fn the_configuration_is_read_in_parts_and_refused_without_one() {
-    let mut link = streaming();
-    link.receive(ToDevice::GetSetup, 0);
-    link.receive(ToDevice::GetSetupCells { first: 0 }, 0);
-    assert_eq!(all(&mut link), [Sent::Refused(Refusal::NoLayout); 2]);
+fn the_configuration_is_read_in_parts_and_refused_without_a_layout() {
+    let mut session = streaming();
+    session.receive(ToDevice::GetSetup, 0);
+    session.receive(ToDevice::GetSetupCells { first: 0 }, 0);
+    assert_eq!(all(&mut session), [Sent::Refused(Refusal::NoLayout); 2]);
     let cells: &'static [_] = vec![cell(Region::Heel, 10.0, 20.0, 25.0); SETUP_CELLS + 4].leak();
-    link.set_layout(SETUP, cells, None);
-    link.receive(ToDevice::GetSetup, 0);
+    session.set_layout(SETUP, cells, None);
+    session.receive(ToDevice::GetSetup, 0);
     for first in [0, SETUP_CELLS as u16, 1000] {
-        link.receive(ToDevice::GetSetupCells { first }, 0);
+        session.receive(ToDevice::GetSetupCells { first }, 0);
     }
     let expected = [Sent::Setup, Sent::SetupCells(SETUP_CELLS), Sent::SetupCells(4), Sent::SetupCells(0)];
-    assert_eq!(all(&mut link), expected);
+    assert_eq!(all(&mut session), expected);
 }
 
 #[test]
@@ -766,17 +766,17 @@ fn identified_parameters_are_accepted_with_their_contact_rule_only() {
 
 #[test]
 fn a_queued_frame_of_cells_has_the_bytes_of_its_message() {
-    let mut link = streaming();
+    let mut session = streaming();
     let stream = CellStream { resolution: Resolution::Converter, every: 1 };
-    link.receive(ToDevice::StreamCells(Some(stream)), 0);
-    assert_eq!(all(&mut link), [Sent::CellStream(Some(stream))]);
+    session.receive(ToDevice::StreamCells(Some(stream)), 0);
+    assert_eq!(all(&mut session), [Sent::CellStream(Some(stream))]);
     let mut coder = CellCoder::new(stream.resolution);
     for scan in [0, 300, 70_000] {
         let codes: Vec<u16> = (0..240).map(|cell| 7 * cell * (scan % 99) as u16).collect();
-        link.push_cells(scan, &codes);
+        session.push_cells(scan, &codes);
         let (mut sent, mut expected) = ([0; MAX_MESSAGE], [0; MAX_MESSAGE]);
         let expected = encode(&ToHost::Cells(coder.pack(scan, 0, &codes)), &mut expected).expect("it fits");
-        assert_eq!(link.next(&hello(), status, &mut sent), Some(&*expected));
+        assert_eq!(session.next(&hello(), status, &mut sent), Some(&*expected));
     }
 }
 

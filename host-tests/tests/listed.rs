@@ -1,4 +1,5 @@
-//! The list of unsafe code in docs/unsafe.md, with that of each board in its folder, is complete, and every unsafe block has a SAFETY comment.
+//! The lists of unsafe code, docs/unsafe.md and the file of that name in the folder of each board, are complete, and every unsafe
+//! block has a SAFETY comment.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -8,10 +9,11 @@ use std::path::{Path, PathBuf};
 const KEYWORD: &str = concat!("un", "safe");
 
 /// The folders with Rust sources. Some may be absent.
-const FOLDERS: [&str; 12] = [
+const FOLDERS: [&str; 13] = [
     "src",
     "bluetooth",
     "boards",
+    "mcumgr",
     "platform",
     "emulation",
     "proofs",

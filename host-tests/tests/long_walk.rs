@@ -9,7 +9,8 @@ fn both_feet_deliver_every_step_of_a_long_walk() {
     let walk = LongWalk { rounds: 1, steps: 400, rests: &[], rate_hz: 100.0 };
     let start = std::time::Instant::now();
     let (outcome, walked) = walk.run(|_| ());
-    println!("{:?} walked in {:?}: {}", walked, start.elapsed(), walked.as_secs_f64() / start.elapsed().as_secs_f64());
+    let elapsed = start.elapsed();
+    println!("{walked:?} walked in {elapsed:?}, {:.0} times real time", walked.as_secs_f64() / elapsed.as_secs_f64());
     assert_eq!(outcome.verify(), Ok(0));
     for insole in &outcome.insoles {
         assert_eq!(insole.host.steps().count(), 400);
@@ -21,8 +22,8 @@ fn both_feet_deliver_every_step_of_a_long_walk() {
 fn both_feet_deliver_every_step_and_load_bout_of_a_day() {
     const RESTS: &[(Posture, u64)] = &[(Posture::Stand, 600), (Posture::Sit, 2_500), (Posture::Shuffle, 60)];
     let day = LongWalk { rounds: 8, steps: 400, rests: RESTS, rate_hz: 50.0 };
-    let (outcome, lived) = day.run(|_| ());
-    assert!(lived.as_secs() >= 8 * 3_500, "{lived:?}");
+    let (outcome, duration) = day.run(|_| ());
+    assert!(duration.as_secs() >= 8 * 3_500, "{duration:?}");
     assert_eq!(outcome.verify(), Ok(0));
     for insole in &outcome.insoles {
         assert_eq!(insole.host.steps().count(), 8 * 400);
@@ -30,7 +31,7 @@ fn both_feet_deliver_every_step_and_load_bout_of_a_day() {
             let bouts = insole.host.bouts().filter(|bout| bout.kind == kind);
             bouts.map(|bout| u64::from(bout.duration_us)).sum::<u64>() as f64 / 60e6
         };
-        // A bout ends up to two windows of two seconds earlier or later than what the wearer does.
+        // A bout ends up to two windows of two seconds earlier or later than the wearer's activity.
         for (kind, expected) in
             [(BoutKind::Standing, 80.0), (BoutKind::Sitting, 8.0 * 2_500.0 / 60.0), (BoutKind::Shuffling, 8.0)]
         {

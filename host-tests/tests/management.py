@@ -1,8 +1,8 @@
 """Manages an insole with smpclient, for host-tests/tests/management_tools.rs.
 
 The first argument is `serial` if the link is the socket that is the standard input, or `bluetooth:<port>:<address>` to connect to
-this address with the virtual Bluetooth controller at this TCP port. Each further argument is a command; a line of output has its
-result as JSON, {"error": <code>} for a refusal.
+this address with the virtual Bluetooth controller at this TCP port. Each further argument is a command. For each command, a line
+of output has the result as JSON, or {"error": <code>} for a refusal.
 
     parameters, echo:<text>, time, set-time:<text>, state, erase, reset
     name:<file>     The SHA-256 that names the image in the file.
@@ -55,7 +55,7 @@ def name(file):
 
 
 def images(answer):
-    """The states in an answer."""
+    """The images in an answer, each as a list."""
     return [
         [image.slot, image.version, image.hash.hex(), image.pending, image.confirmed, image.active]
         for image in answer.images
@@ -106,7 +106,7 @@ async def execute(client, command, argument):
 
 
 def serial_port(link):
-    """Connects a new terminal with a socket. Returns its name, and the terminal's descriptor, which must remain open."""
+    """Connects a new terminal with a socket. Returns the terminal's name, and its descriptor, which must remain open."""
     master, slave = pty.openpty()
     tty.setraw(slave)
 
@@ -157,6 +157,6 @@ async def main():
 
 
 asyncio.run(main())
-# The threads of the bridge wait for the link.
+# The process ends at once, because the threads of the terminal still wait for the link.
 sys.stdout.flush()
 os._exit(0)

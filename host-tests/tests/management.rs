@@ -1,5 +1,5 @@
-//! The messages of management tools (MCUmgr). The bytes of requests and lines were made by the Python package `smp` 4.2, answers are
-//! read with another implementation of CBOR.
+//! The messages of management tools (MCUmgr). The bytes of requests and lines were made by the Python package `smp` 4.2. Answers
+//! are read by an independent implementation of CBOR, `ciborium`.
 
 use ciborium::{Value, cbor};
 use mcumgr::line::{END, Lines, MAX_LINES, MAX_WRAPPED, unwrap, wrap};
@@ -57,7 +57,7 @@ fn the_requests_of_tools_are_decoded() {
         ),
         (&further_hex, Request::Upload(further_part)),
         ("0a00000700010b05a164736c6f7401", Request::Erase),
-        // Without a map, and with a map without length, as some tools encode it.
+        // An empty body, and a map of indefinite length, as some tools encode them.
         ("080000000000ff06", Request::Parameters),
         ("0a00000b00010800bf67636f6e6669726df5ff", Request::SetImage { sha256: None, is_confirmed: true }),
         // Fields that this protocol does not have are ignored, with everything in them.
@@ -201,7 +201,7 @@ fn lines_with_any_flipped_bit_are_no_message() {
     for bit in 0..8 * len {
         let mut flipped = lines;
         flipped[bit / 8] ^= 1 << (bit % 8);
-        // Padding, and the bits of the last letter that mean nothing, may be anything.
+        // Ends of lines, padding and the unused bits of the last character have no meaning.
         let is_unused = lines[bit / 8] == END || lines[bit / 8..len].contains(&b'=') && len - bit / 8 <= 4;
         if !is_unused {
             assert!(!matches!(unwrap(&mut flipped[..len]), Lines::Message(_)), "bit {bit}");
@@ -209,7 +209,7 @@ fn lines_with_any_flipped_bit_are_no_message() {
     }
 }
 
-/// Passes bytes to a decoder as the serial port does. Returns the frames' messages and those of tools.
+/// Passes bytes to a decoder as the serial port does. Returns the messages of frames, and those of management tools.
 fn receive(decoder: &mut Decoder, bytes: &[u8]) -> (Vec<Vec<u8>>, Vec<Vec<u8>>) {
     let (mut framed, mut managed) = (Vec::new(), Vec::new());
     for &byte in bytes {
@@ -243,7 +243,8 @@ fn frames_and_lines_share_a_port() {
     let received = receive(&mut decoder, &[&status_frame, lines, lines, lines, &status_frame].concat());
     assert_eq!(received, (vec![status.clone(); 2], vec![echo.clone(); 3]));
     assert_eq!(decoder.bad_frames, 0);
-    // A half of a message before a whole one, noise before a message, and more than the buffer holds: the next message arrives.
+    // Half a message, an incomplete line, noise, more noise than the buffer holds, and a line with a wrong CRC: the next message
+    // arrives.
     let half = &lines[..len - 9];
     let noise: Vec<u8> = (1..=255).cycle().take(2 * MAX_FRAME).collect();
     for before in [half, b"\x06\tAA\n", b"noise", &noise, b"\x06\x09AAsIAAABAAEGAKAdoA==\n"] {

@@ -1,5 +1,6 @@
-//! Updates with management tools (MCUmgr): with messages on the loops of the firmware in virtual time, and with the Python package
-//! `smpclient` and the real firmware in QEMU. `PLANTAR_FIRMWARE` names the firmware, and `PLANTAR_SMP` the Python interpreter.
+//! Updates with management tools (MCUmgr): with single messages to the firmware's loops in virtual time, and with the Python
+//! package `smpclient` and the real firmware in QEMU. `PLANTAR_FIRMWARE` names the firmware, and `PLANTAR_SMP` the Python
+//! interpreter.
 
 // The link of a board is passed to Python as a Unix descriptor.
 #![cfg(unix)]
@@ -186,7 +187,11 @@ fn number(map: &Value, name: &str) -> u64 {
     number.try_into().expect("the number is positive")
 }
 
-/// The code of the group of images for a refusal.
+/// The code of the group of images for a refusal; `None` for another answer.
+///
+/// 3: no transfer was begun; 4: no valid trailer; 5: damaged, or wrong signature; 8: no image with this name; 22: no valid
+/// header; 25: for another board; 27: older; 28: an image is on trial, or marked for the next start; 30: wrong length; 32: the
+/// image cannot be confirmed, because it is on trial or does not run; 33: the image runs already.
 fn refusal(answer: &Value) -> Option<u64> {
     let error = field(answer, "err")?;
     assert_eq!(number(error, "group"), u64::from(IMAGES));

@@ -1,8 +1,8 @@
 """The standard measures of steps in NumPy, straight from their definitions in docs/measures.md.
 
-Reads from the standard input, as JSON: "rate_hz"; the "cells" with x and y (mm), area (mm2) and the index of the region; the contact
-thresholds "on_kpa" and "off_kpa"; and for each of the "steps" the pressures (kPa) of all cells in the frames from heel strike to toe
-off. Prints an array for each step: the measures of the foot, then those of the regions.
+Reads from the standard input, as JSON: "rate_hz"; the "cells" with x and y (mm), area (mm2) and the index of the region; the
+contact thresholds "on_kpa" and "off_kpa"; and for each of the "steps" the pressures (kPa) of all cells in the frames from heel
+strike to toe off. Prints an array for each step: the measures of the foot, then those of the regions.
 """
 
 import json

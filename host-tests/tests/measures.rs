@@ -34,6 +34,7 @@ fn steps(recording: &Recording) -> (VirtualInsole, Vec<MeasuredStep>) {
     (virtual_insole, steps)
 }
 
+/// The measures of the foot, in the order in which measures.py prints them.
 fn of_foot(foot: &FootMeasures<f64>) -> Vec<f64> {
     let humps = [foot.first_peak, foot.valley, foot.second_peak].map(|extremum| [extremum.force_n, extremum.t_s]);
     let mut values = vec![foot.peak_n];
@@ -45,6 +46,7 @@ fn of_foot(foot: &FootMeasures<f64>) -> Vec<f64> {
     values
 }
 
+/// The measures of a region, in the order in which measures.py prints them.
 fn of_region(region: &RegionMeasures<f64>) -> Vec<f64> {
     vec![
         region.peak_pressure_kpa,

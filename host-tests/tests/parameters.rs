@@ -78,7 +78,7 @@ fn lengths_within_their_limits_are_accepted() {
 }
 
 #[test]
-fn what_a_deformation_rests_on_is_read_back_from_a_file_and_assumed_otherwise() {
+fn the_scale_of_a_deformation_is_read_back_from_a_file_and_assumed_otherwise() {
     let mut parameters = Parameters::typical(InsoleSize::default());
     let assumed = parameters.to_toml();
     assert!(!assumed.contains("deformation_scale"));

@@ -4,7 +4,6 @@ use embedded_storage_async::nor_flash::NorFlash;
 use plantar::Side;
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::tissue::Tissue;
-
 use plantar::protocol::{BLOCK_CELLS, LoadRecord, Reset, Serial, Step, StepFoot, StepRegion};
 use plantar::storage::flash_map::SECTOR;
 use plantar::storage::flash_map::{LOG, RECORDS};
@@ -393,7 +392,8 @@ fn a_chip_without_two_equal_surveys_is_not_used() {
     assert!(chip.operations == 0 && chip.bytes == before.bytes, "{contents:?}");
 }
 
-/// All reads that would show that the chip was in use before fail. The erased areas are counted nevertheless.
+/// The areas of the records and of the log have random content, in which nothing shows that the chip was in use before. They are
+/// counted nevertheless.
 #[test]
 fn an_area_with_more_than_a_first_entry_is_counted_when_it_is_erased() {
     let mut chip = chip();

@@ -1,4 +1,4 @@
-//! Which messages a stream file synchronises with the disk.
+//! A stream file synchronises steps with the disk, and returns an error if this fails; live frames are not synchronised.
 #![cfg(unix)]
 
 use client::StreamFile;

@@ -282,7 +282,7 @@ fn a_matrix_that_does_not_answer_is_no_fault() {
     assert!(status.frames_missed > 0);
 }
 
-/// `stopped` is the index of the part that stops, and `healthy` the number of checks before that.
+/// `stopped` is the part that stops, and `healthy` the number of checks before it stops.
 #[test]
 fn the_watchdog_finds_a_stalled_part_after_the_allowed_number_of_checks_and_not_before() {
     for stopped in [Part::Scan, Part::Model, Part::Link, Part::Storage, Part::Radio] {

@@ -200,11 +200,12 @@ fn a_flipped_bit_in_the_chip_is_detected() {
     }
 }
 
-/// A chip that returns a flipped bit once: in one of the times that the received image is read from its beginning on.
+/// A chip that returns a flipped bit once: at one of the times when the received image is read from its beginning.
 struct Wavering<'c> {
     chip: &'c mut NorFlashChip,
     /// Number of times that the image was read so far.
     readings: usize,
+    /// The reading with the flipped bit, from 1.
     wrong_reading: usize,
 }
 
@@ -288,9 +289,9 @@ proptest! {
     }
 }
 
-/// Runs `work` on copies of the chip `before`, each with a power cut in another one of its write and erase operations, at each of
-/// the moments [`TORN`]: in every `stride`th operation. Passes each chip to `check` afterwards, with the number of the operation
-/// and the moment. Returns the number of cuts.
+/// Runs `work` on copies of the chip `before`, each with one power cut: in every `stride`th write or erase operation of `work`,
+/// at each of the moments [`TORN`]. Passes each chip to `check` afterwards, with the number of the operation and the moment.
+/// Returns the number of cuts.
 fn cuts(
     before: &NorFlashChip,
     stride: usize,
@@ -422,8 +423,8 @@ fn a_loss_of_power_anywhere_in_the_return_of_the_previous_image_leaves_one_of_th
     println!("{count} cuts");
 }
 
-/// Runs `work` until it is not interrupted, with a power cut in one of the next operations before each further attempt, which are
-/// fewer than `within`. Returns the number of cuts.
+/// Repeats `work` until an attempt is not interrupted. In each attempt, power fails in a random one of the first `within` write
+/// and erase operations, if the attempt has so many. Returns the number of cuts.
 fn interrupted(
     chip: &mut NorFlashChip,
     random: &mut fastrand::Rng,
@@ -454,10 +455,10 @@ fn many_losses_of_power_leave_one_of_the_two_images() {
     let start = |chip: &mut NorFlashChip| {
         let _ = boot(chip);
     };
-    let keep = |chip: &mut NorFlashChip| {
+    let confirm_new = |chip: &mut NorFlashChip| {
         let _ = block_on(confirm(chip, NEW.header()));
     };
-    let fall_back = |chip: &mut NorFlashChip| {
+    let request_swap_back = |chip: &mut NorFlashChip| {
         let _ = block_on(previous::swap_back(chip, NEW.header()));
     };
     let (mut cuts, mut updates, mut returns) = (0, 0, 0);
@@ -467,10 +468,10 @@ fn many_losses_of_power_leave_one_of_the_two_images() {
         cuts += interrupted(&mut chip, &mut random, SWAP, start);
         // Without a cut in between, this is the second start, which swaps back.
         if random.bool() && active(&chip) == Some(&*NEW) && block_on(is_on_trial(&mut chip)) == Ok(true) {
-            cuts += interrupted(&mut chip, &mut random, MARK, keep);
+            cuts += interrupted(&mut chip, &mut random, MARK, confirm_new);
             assert_eq!(active(&chip), Some(&*NEW), "after {cuts} cuts");
             if random.bool() {
-                cuts += interrupted(&mut chip, &mut random, SWAP, fall_back);
+                cuts += interrupted(&mut chip, &mut random, SWAP, request_swap_back);
             }
         }
         cuts += interrupted(&mut chip, &mut random, SWAP, start);

@@ -26,7 +26,7 @@ fn area_mm2(step: usize) -> Vec<f64> {
     (0..SAMPLES).map(|i| PI * 1e3 * size * (PI * ((i as f64 + 0.5) / SAMPLES as f64).powf(0.7)).sin()).collect()
 }
 
-/// The forces of a law, N, with the normalised deformation and its rate over 10 ms to both sides.
+/// The force of a law in each sample, N. The deformation rate is taken between the samples 10 ms before and after.
 fn force_n(law: &ForceLaw<f64>, area_mm2: &[f64]) -> Vec<f64> {
     let g: Vec<f64> = area_mm2.iter().map(|mm2| 1.0 - (1.0 - mm2 * 1e-6 / (PI * law.ab_m2)).sqrt()).collect();
     let rate = |i: usize| {
@@ -36,7 +36,7 @@ fn force_n(law: &ForceLaw<f64>, area_mm2: &[f64]) -> Vec<f64> {
     (0..g.len()).map(|i| law.force_n(g[i], rate(i))).collect()
 }
 
-/// Small numbers that look random but are always the same, with mean 0.
+/// Pseudorandom numbers from -0.5 to 0.5 with mean 0, the same in every run.
 fn noise(i: usize) -> f64 {
     ((i as f64 * 12.9898).sin() * 43_758.545_3).fract() * 0.5
 }

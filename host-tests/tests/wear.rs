@@ -10,9 +10,9 @@ use recording::Recording;
 use recording::synthetic::{self, SyntheticStanding, SyntheticWalk};
 use testkit::wear::{Found, LEVELS_KPA, Residual, compare, find, noisy_walk, with_residual};
 
-/// The walk has the noise of a sensor. Each scenario has its own variation of the steps.
+/// The walk has the noise of a sensor. Its steps vary differently for each kind of residual pressure.
 #[test]
-fn steps_are_found_whatever_the_shoe_presses() {
+fn steps_are_found_however_hard_the_shoe_presses() {
     let (mut walked, mut found) = (0, 0);
     for contact in [ContactRule::COUNTED, ContactRule::COVERED] {
         for (seed, residual) in (1..).zip(Residual::ALL) {
@@ -31,7 +31,7 @@ fn steps_are_found_whatever_the_shoe_presses() {
     assert!(found as f64 >= 0.995 * walked as f64, "{found} of {walked}");
 }
 
-/// What an insole with the default rules finds.
+/// The steps, load bouts and faults that an insole with the default rules finds.
 fn found(recording: &Recording) -> Found {
     find(recording, ContactRule::COVERED, StanceRule::ADAPTIVE)
 }
@@ -68,7 +68,8 @@ fn all_wearers_have_their_steps() {
     }
 }
 
-/// A hard spot in the shoe presses more than a baseline can have: its cells are reported, and steps and other cells are not affected.
+/// A hard spot in the shoe presses more than a baseline can have: its cells are reported, and steps and other cells are not
+/// affected.
 #[test]
 fn cells_without_a_baseline_are_reported_by_region() {
     let walk = noisy_walk(&SyntheticWalk { steps: 12, ..SyntheticWalk::default() });

@@ -329,8 +329,8 @@ fn to_device() -> impl Strategy<Value = ToDevice> {
         any::<(u32, u16, u32)>().prop_map(|(layout_id, cells, id)| ToDevice::SetCalibration { layout_id, cells, id }),
         Just(ToDevice::Restart),
         any_update().prop_map(ToDevice::Update),
-        (1u8.., any::<bool>()).prop_map(|(every, is_12)| {
-            let resolution = if is_12 { Resolution::Converter } else { Resolution::Oversampled };
+        (1u8.., any::<bool>()).prop_map(|(every, is_converter)| {
+            let resolution = if is_converter { Resolution::Converter } else { Resolution::Oversampled };
             ToDevice::StreamCells(Some(CellStream { resolution, every }))
         }),
         Just(ToDevice::StreamCells(None)),
@@ -353,7 +353,7 @@ fn to_device() -> impl Strategy<Value = ToDevice> {
     ]
 }
 
-/// Settings that differ by a number.
+/// Settings whose contact rule and frame period depend on `number`. They need not be in range.
 fn any_settings(number: u16) -> Settings {
     let full_kpa = f32::from(number);
     Settings { contact: ContactRule { full_kpa, ..ContactRule::COUNTED }, period_us: number.into(), ..SETTINGS }
@@ -363,7 +363,7 @@ fn serial() -> impl Strategy<Value = Serial> {
     "[!-~]{0,16}".prop_map(|text| Serial::new(&text).expect("the serial number is valid"))
 }
 
-/// One message of each kind to the host.
+/// Messages of most kinds to the host.
 fn samples() -> Vec<ToHost> {
     vec![
         ToHost::Hello(hello()),

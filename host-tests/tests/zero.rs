@@ -11,7 +11,7 @@ use testkit::activity::{self, Activity};
 const RATE_HZ: usize = 100;
 /// Pressure of the shoe on all cells from [`LACED_S`] on, kPa.
 const SHOE_KPA: f32 = 5.0;
-/// The wearer laces the shoe while the foot is lifted, s.
+/// Time at which the wearer laces the shoe, while the foot is lifted, s.
 const LACED_S: usize = 16;
 
 /// Walks, lifts the foot, laces the shoe, and continues with this activity.
@@ -23,8 +23,8 @@ fn wearer(last: Activity) -> Recording {
     recording
 }
 
-/// Requests a measurement after a number of seconds. Returns its outcome, the number of seconds from the request to the outcome, and
-/// the total force two seconds later, N.
+/// Requests a measurement after a number of seconds. Returns its outcome, the number of seconds from the request to the outcome,
+/// and the total force two seconds later, N.
 fn request_after(recording: &Recording, request_s: usize) -> (Result<ZeroResult, NotLifted>, usize, f64) {
     let virtual_insole = VirtualInsole::new(recording, ContactRule::COVERED, StanceRule::ADAPTIVE);
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());

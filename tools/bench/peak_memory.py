@@ -1,4 +1,4 @@
-"""Runs a command and prints its largest memory (MB).
+"""Runs a command and prints its largest resident memory: on Linux in MiB, because ru_maxrss is in KiB there.
 
 The arguments are a folder, which is not used, and the command with its arguments.
 """

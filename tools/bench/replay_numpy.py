@@ -1,10 +1,11 @@
 """A replay in vectorised NumPy, for comparison with the library.
 
 It has the same stages: codes of the virtual sensor, calibration, contact with hysteresis, areas, forces, centres of
-pressure, second moments, the live model, and for each step the paper's smoothing and model. The arguments are a folder
-with the data, the full scale of the sensor (kPa), the exponent of its curve, and the frames per second. The pressures
-are in pressure.f32, or in a recording walk.parquet, which pandas then reads as part of the replay. The script prints the
-seconds, the number of steps, and the peak live model force of each region (N).
+pressure, second moments, the live model, and for each step the model. Other than the library, it smooths the area of a
+step as in the paper. The arguments are a folder with the data, the full scale of the sensor (kPa), the exponent of its
+curve, and the frames per second. The pressures are in pressure.f32, or in a recording walk.parquet, which pandas then
+reads as part of the replay. The script prints the seconds, the number of steps, and the peak live model force of each
+region (N).
 """
 
 import sys
@@ -16,7 +17,8 @@ import numpy as np
 folder, full_kpa, exponent, rate_hz = sys.argv[1], *map(float, sys.argv[2:5])
 # The sensor's code at full scale.
 FULL_CODE = 16 * 4095
-# The library's default rules for contact and stance.
+# ContactRule::COUNTED, and the thresholds of StanceRule::ABSOLUTE. The library is measured with StanceRule::ADAPTIVE, which
+# finds the same number of steps in this walk: the benchmark checks it.
 ON_KPA, OFF_KPA = 10.0, 7.5
 STRIKE_N, RELEASE_N, MIN_SWING_S = 30.0, 20.0, 0.04
 

@@ -58,7 +58,7 @@ from bumble.pairing import PairingConfig, PairingDelegate
 from bumble.transport.common import AsyncPipeSink, PacketParser
 from bumble.transport.tcp_server import open_tcp_server_transport_with_socket
 
-# Longest time for a step of a command.
+# Longest wait for one event within a command.
 TIMEOUT_S = 20
 # Time after the command to reset the controller in which the insole sends nothing, because it waits for the result.
 RESET_SILENCE_S = 0.2
@@ -382,7 +382,7 @@ class World:
 
 
 async def main():
-    # Otherwise bumble warns about packets that are in flight when a link breaks.
+    # bumble would warn about packets that are in flight when a link breaks.
     logging.disable(logging.WARNING)
     loop = asyncio.get_running_loop()
     reader = asyncio.StreamReader()

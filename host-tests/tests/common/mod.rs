@@ -1,4 +1,4 @@
-//! Shared parts of the tests that run the firmware.
+//! Shared parts of the tests: programs and data that environment variables name, boards, replays and computed walks.
 #![allow(dead_code, reason = "each test uses a part of it")]
 
 use client::{Client, Framed};
@@ -58,15 +58,15 @@ pub fn moticon() -> PathBuf {
 /// # Panics
 /// If `PLANTAR_SMP` does not contain its path.
 pub fn smp() -> PathBuf {
-    named_by("PLANTAR_SMP", "the Python interpreter with smpclient")
+    named_by("PLANTAR_SMP", "a Python interpreter with smpclient")
 }
 
-/// A Python interpreter with bumble.
+/// A Python interpreter with bumble, NumPy and SciPy.
 ///
 /// # Panics
 /// If `PLANTAR_PYTHON` does not contain its path.
 pub fn python() -> PathBuf {
-    named_by("PLANTAR_PYTHON", "a Python interpreter with bumble")
+    named_by("PLANTAR_PYTHON", "a Python interpreter with bumble, NumPy and SciPy")
 }
 
 /// Runs a Python program, given by these arguments, with this standard input. Returns what it prints.
@@ -78,7 +78,7 @@ pub fn run_python(arguments: &[&str], input: &str) -> String {
     let mut child = child.expect("Python can be started");
     child.stdin.take().expect("it is piped").write_all(input.as_bytes()).expect("the program reads its input");
     let output = child.wait_with_output().expect("the program ends");
-    assert!(output.status.success(), "the program fails");
+    assert!(output.status.success(), "{arguments:?} failed: {}", output.status);
     String::from_utf8(output.stdout).expect("the program prints text")
 }
 

@@ -13,12 +13,13 @@ use std::path::Path;
 /// The device's usual number of cells.
 const CELLS: usize = 240;
 const RATE_HZ: f64 = 100.0;
-/// A frame with more force than this belongs to a stance, N: the heel strike of the stance rule.
+/// A frame with at least this force belongs to a stance, N: the threshold of heel strike of `StanceRule::ABSOLUTE`.
 const STANCE_N: f64 = 30.0;
-/// One bit of the converter, of 12 in codes of 16.
+/// One step of the 12-bit converter, in codes of 16 bits.
 const NOISE: u16 = 1 << 4;
-/// Walkers, and steps of each.
+/// Number of walkers.
 const WALKERS: usize = 10;
+/// Number of steps of each walker.
 const TRIALS: usize = 12;
 
 /// Measures walkers on a plate and, if `recordings` has recordings of people, the in-shoe recording among them, with the device's

@@ -1,5 +1,5 @@
-//! Measures the identification through the insole: walkers are identified from their recordings, and from what the emulated insole
-//! sends when their recordings are played into its matrix.
+//! Measures the identification through the insole: walkers are identified from their recordings, and from the messages that the
+//! emulated insole sends when their recordings are played into its matrix.
 
 use anyhow::{Context, Result, ensure};
 use bench::Figures;
@@ -16,8 +16,9 @@ use recording::{Recording, StreamedCells, VirtualInsole, jiku};
 use std::path::Path;
 use std::time::Duration;
 
-/// Number of walkers, and number of steps of each.
+/// Number of walkers.
 const WALKERS: usize = 3;
+/// Number of steps of each walker.
 const TRIALS: usize = 30;
 /// The device's usual number of cells and frame rate.
 const CELLS: usize = 240;
@@ -34,8 +35,8 @@ struct Sent {
     lost: u32,
 }
 
-/// Measures the predicted error of the parameters from the cells and from the live stream, relative to that of the parameters from
-/// the recording, and the number of lost frames of cells.
+/// Measures the predicted error of the parameters from the cells and from the live stream, relative to that of the parameters
+/// from the recording, and the number of lost frames of cells.
 pub fn measure(firmware: &Path, data: &Path, figures: &mut Figures) -> Result<()> {
     let (mut worst, mut lost, mut frames) = ([0.0f64; 2], 0, 0);
     for walker in 0..WALKERS {

@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
 
-/// Number of steps.
+/// Number of steps of all walkers.
 const STEPS: usize = jiku::WALKERS * jiku::TRIALS;
 
 /// Runs the command line at the path `plantar` on the data set in the folder `data`, and the Python package with Dask if `python`
@@ -46,11 +46,11 @@ fn time(command: &mut Command) -> Result<f64> {
     let output = command.output().with_context(|| format!("cannot run {program}"))?;
     let seconds = start.elapsed().as_secs_f64();
     if !output.status.success() {
-        bail!("the cohort failed: {}", String::from_utf8_lossy(&output.stderr));
+        bail!("{program} failed to fit the cohort: {}", String::from_utf8_lossy(&output.stderr));
     }
     let stdout = String::from_utf8(output.stdout)?;
     if !stdout.contains(&format!("{STEPS} steps")) {
-        bail!("the cohort did not fit {STEPS} steps: {stdout}");
+        bail!("{program} did not fit {STEPS} steps: {stdout}");
     }
     Ok(seconds)
 }

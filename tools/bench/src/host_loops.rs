@@ -1,5 +1,5 @@
-//! Long walks on the host loops: the firmware's loops run in virtual time on this computer, for both feet, with storage and the
-//! real client.
+//! Long walks of both feet through the firmware's loops, which run on this computer in virtual time, with storage and the real
+//! client.
 
 use crate::Figures;
 use anyhow::{Result, anyhow, ensure};
@@ -24,11 +24,11 @@ pub fn measure_speed(figures: &mut Figures) -> Result<()> {
     let (outcome, duration) = LongWalk { rounds: 1, rests: &[], steps: SPEED_STEPS, rate_hz: RATE_HZ }.run(|_| ());
     let speed = duration.as_secs_f64() / start.elapsed().as_secs_f64();
     let lost = outcome.verify().map_err(|error| anyhow!("{error}"))?;
-    ensure!(lost == 0, "{lost} steps of the walk on the host loops were lost");
+    ensure!(lost == 0, "{lost} steps of the walk through the firmware's loops were lost");
     figures.add(
         "scenario_speed",
         speed.round(),
-        "at least 200: speed of a walk of both feet on the host loops, relative to real time",
+        "at least 200: speed of a walk of both feet through the firmware's loops on this computer, relative to real time",
     );
     Ok(())
 }
@@ -49,7 +49,11 @@ pub fn soak(is_short: bool, figures: &mut Figures) -> Result<()> {
     let lost = outcome.verify().map_err(|error| anyhow!("{error}"))?;
     let arrived: usize = outcome.insoles.iter().map(|insole| insole.host.steps().count()).sum();
     ensure!(lost == 0 && arrived == 2 * steps as usize, "{arrived} of {} steps arrived, {lost} were lost", 2 * steps);
-    figures.add("soak_steps", arrived, "steps of both feet in a long walk on the host loops, each received once");
+    figures.add(
+        "soak_steps",
+        arrived,
+        "steps of both feet in a long walk through the firmware's loops, each received once",
+    );
     figures.add(
         "soak_hours",
         (duration.as_secs_f64() / 360.0).round() / 10.0,

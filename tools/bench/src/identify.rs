@@ -15,7 +15,7 @@ use std::time::Instant;
 
 /// Samples per second of the computed steps.
 const RATE_HZ: f64 = 100.0;
-/// Standard deviation of the noise, relative to the peak force.
+/// Standard deviation of the independent noise, relative to the peak force.
 const NOISE: f64 = 0.01;
 /// Number of runs. The fastest one is reported, because other processes slow the others down.
 const RUNS: usize = 20;
@@ -28,7 +28,7 @@ const COVERAGE_REPEATS: u64 = 200;
 /// A search counts as successful if its NRMSE exceeds that of this identification by less than this.
 const SUCCESS: f64 = 0.001;
 
-/// Measures all figures; `python` is an interpreter with NumPy and SciPy.
+/// Measures all figures of the identification; `python` is an interpreter with NumPy and SciPy.
 pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
     exact(figures);
     coverage(figures);
@@ -144,6 +144,7 @@ fn coverage(figures: &mut Figures) {
             let mut curves = curves(region, RATE_HZ, Filter::Direct, 1.0, 0.0, &mut Noise::new(seed));
             let area_max_m2 = Samples::new([&curves], Filter::Direct).area_max_m2;
             let truth = prior::parameters(&Coordinates::new(logit, ln_n, ln_m, ln_k, ln_k + ln_tau), 0.0, 0);
+            // The radius C, here 10 mm, does not affect the force.
             curves.force_n = forces(&curves, Filter::Direct, &truth.law(area_max_m2, 0.01));
             let peak_n = curves.force_n.iter().copied().fold(0.0, f64::max);
             for (force_n, area_mm2) in curves.force_n.iter_mut().zip(&curves.area_mm2) {
@@ -162,6 +163,7 @@ fn coverage(figures: &mut Figures) {
             }
         }
         least = covered.into_iter().fold(least, f64::min);
+        // The mean over eight regions with five parameters each.
         all += covered.iter().sum::<f64>() / 40.0;
     }
     figures.add(
@@ -174,7 +176,7 @@ fn coverage(figures: &mut Figures) {
 
 /// The results of the paper's search through SciPy.
 struct Scipy {
-    /// Time for all regions.
+    /// Time for all regions, s.
     seconds: f64,
     /// Model evaluations, mean of the regions.
     evaluations: f64,

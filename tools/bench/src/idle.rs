@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 const MEASURED: Duration = Duration::from_secs(6);
 /// Time within which the insole must answer.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(20);
-/// The times in `/proc` are in ticks, of which this number is a second.
+/// Number of ticks per second: the unit of the times in `/proc`.
 const USER_HZ: f64 = 100.0;
 
 /// Measures the share of a core that the emulator uses at 100 Hz with a live stream. On a host without `/proc`, adds no figure.

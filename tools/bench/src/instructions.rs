@@ -141,8 +141,8 @@ impl Walk for Striding {
     }
 }
 
-/// Instructions that the tracking adds to the evaluation of a step: the difference to a step without tracking whose model force is
-/// 0, which leaves nothing to sum up.
+/// Instructions that the tracking adds to the evaluation of a step: the difference to a step without tracking. The model force of
+/// the latter is 0, which leaves nothing to sum up.
 fn tracking(firmware: &Path, insole: &VirtualInsole, codes: &[u16]) -> Result<f64> {
     let law = |stiffness_pa, damping_pa_s| ForceLaw {
         // pi A B exceeds every area, and the model force is positive in all samples.
@@ -171,11 +171,12 @@ fn tracking(firmware: &Path, insole: &VirtualInsole, codes: &[u16]) -> Result<f6
             false => client.set_tissue(&tissue)?,
         }
         play(&board, &mut client, STRIDE * STRIDES)?;
-        // Interrupts lengthen most steps, but not each part of each step.
+        // The log has nine numbers of cycles for each step: for its eight regions, and for the rest. Interrupts lengthen most
+        // steps, but not each part of each step.
         let mut least = [u32::MAX; 9];
         for entry in board.log(firmware)?.iter().filter(|entry| entry.text.contains("evaluated in")).skip(FIRST_ADAPTED)
         {
-            let (_, cycles) = entry.text.split_once("evaluated in").context("the text contains it")?;
+            let (_, cycles) = entry.text.split_once("evaluated in").context("the log has no cycles")?;
             let numbers =
                 cycles.split(|letter: char| !letter.is_ascii_digit()).filter_map(|number| number.parse::<u32>().ok());
             least.iter_mut().zip(numbers).for_each(|(least, cycles)| *least = cycles.min(*least));

@@ -1,5 +1,5 @@
-//! What several programs of this package share: the output of figures, walks on the host loops, and the studies of the ten
-//! barefoot walkers on a pressure plate.
+//! Shared parts of the programs of this package: the output of figures, walks through the firmware's loops on this computer, and
+//! the studies of the ten barefoot walkers on a pressure plate.
 
 mod figures;
 pub mod host_loops;

@@ -15,11 +15,11 @@ use std::time::Instant;
 
 /// Number of steps of the walk.
 const STEPS: usize = 300;
-/// Number of repetitions of the walk in a longer file, so that the start of the threads takes no part of the time.
+/// Number of repetitions of the walk in a longer file, so that the start of the threads takes a negligible part of the time.
 const REPETITIONS: usize = 12;
 /// Number of runs. The fastest one is reported, because other processes slow the others down.
 const RUNS: usize = 3;
-/// Hours of the day, each a part of its recording; the wearer walks in one of three.
+/// Number of hours of the day, each of them one file of its recording; the wearer walks in every third hour.
 const HOURS: usize = 24;
 const SECONDS_PER_HOUR: usize = 3600;
 
@@ -57,8 +57,9 @@ pub fn measure(python: &Path, plantar: &Path, figures: &mut Figures) -> Result<(
     let arguments = python_arguments(&walk, &insole, directory.path())?;
     let numbers = python::run(python, "replay_numpy.py", directory.path(), &arguments)?.concat();
     let pandas_steps = numbers.get(1).map_or(0, |&steps| steps as usize);
-    if pandas_steps != replay(&walk_path)? {
-        bail!("NumPy found {pandas_steps} steps in the file, this library another number");
+    let own_steps = replay(&walk_path)?;
+    if pandas_steps != own_steps {
+        bail!("NumPy found {pandas_steps} steps in the file, this library {own_steps}");
     }
     let pandas_per_s = walk.frames() as f64 / numbers[0];
     figures.add(
@@ -97,7 +98,7 @@ fn repeated(walk: &Recording, first: usize, frames: usize) -> Recording {
     recording
 }
 
-/// Number of steps of a recording.
+/// Replays a recording; returns its number of steps.
 fn replay(path: &Path) -> Result<usize> {
     let reader = RecordingReader::open(path)?;
     let insole = VirtualInsole::up_to(reader.largest_kpa()?, &reader.head, ContactRule::COUNTED, StanceRule::ADAPTIVE);

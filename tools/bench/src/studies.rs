@@ -8,7 +8,7 @@ use plantar::pipeline::stance_rule::StanceRule;
 use recording::{Recording, VirtualInsole, jiku};
 use std::path::Path;
 
-/// Every how many steps of a walker serve to learn the prior of the others.
+/// The prior of the other walkers is learnt from one in this number of a walker's steps.
 const LEARNT_FROM: usize = 3;
 
 /// The recordings of all walkers, from the folder SpeedPP2DS of the Python package jiku-data.
@@ -36,7 +36,7 @@ pub fn fitted(walks: &[Recording], contact: ContactRule) -> Result<Vec<Study>> {
     Ok(studies)
 }
 
-/// The mean over the walkers whose region was fitted, %.
+/// The mean of the fraction `of` over the walkers whose region was fitted, %.
 pub fn mean_percent(studies: &[Study], region: usize, of: fn(&RegionFit) -> Option<f64>) -> f64 {
     let values: Vec<f64> = studies.iter().filter_map(|study| of(study.fits[region].as_ref().ok()?)).collect();
     values.iter().sum::<f64>() / values.len() as f64 * 100.0

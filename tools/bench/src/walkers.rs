@@ -1,6 +1,6 @@
-//! Measures the errors of the identification for ten barefoot walkers on a pressure plate (SpeedPP2DS): each step is predicted from
-//! the walker's other steps, and the quantities of the two halves of a session are compared. The prior of a walker is learnt from
-//! the other nine.
+//! Measures the errors of the identification for ten barefoot walkers on a pressure plate (SpeedPP2DS): each step is predicted
+//! from the walker's other steps, and the quantities of the two halves of a session are compared. The prior of a walker is learnt
+//! from the other nine.
 
 use anyhow::{Context, Result};
 use bench::Figures;
@@ -32,6 +32,7 @@ pub fn measure(data: &Path, figures: &mut Figures) -> Result<()> {
     repeatability(&covered, figures)
 }
 
+/// Measures the NRMSE of each region, and its means over the regions.
 fn errors(covered: &[Study], counted: &[Study], figures: &mut Figures) {
     let steps: usize = covered.iter().map(|study| study.steps.len()).sum();
     let predicted = |fit: &RegionFit| fit.quality.predicted;

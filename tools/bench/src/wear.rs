@@ -10,7 +10,8 @@ use testkit::activity::{recognised, recording, sequences};
 use testkit::moticon;
 use testkit::wear::{LEVELS_KPA, Residual, compare, find, noisy_walk};
 
-/// Measures all figures; `moticon` is the source archive of the package moticon-opengo.
+/// Measures all figures of walks in shoes; `moticon` is the source archive of the package moticon-opengo, which a
+/// script for `python` reads.
 pub fn measure(python: &Path, moticon: &Path, figures: &mut Figures) -> Result<()> {
     let (mut walked, mut found, mut extra, mut faults, mut force_error) = (0, 0, 0, 0, 0.0f64);
     for contact in [ContactRule::COUNTED, ContactRule::COVERED] {

@@ -44,9 +44,10 @@ pub enum Task {
     /// Test the endurance: power cuts in every write, bit errors on the cable, and a day of walking. The test takes about an
     /// hour.
     Soak(Soak),
-    /// Measure the tests themselves: properties of the core for all inputs within larger bounds than in `test`, the orders in which
-    /// the firmware's loops interrupt each other, undefined behaviour, the lines of the core that tests execute, and the share of
-    /// changes to the core that tests notice. The task takes hours, and installs what it needs.
+    /// Measure the tests themselves: properties of the core for all inputs within larger bounds than in `test`, the orders in
+    /// which the firmware's loops interrupt each other, wrong signatures that are accepted when instructions are skipped,
+    /// undefined behaviour, the lines of the core that tests execute, and the share of changes to the core that tests notice. The
+    /// task takes hours, and installs the programs that it needs.
     Assure(Assure),
     /// Compare the dependencies with RustSec's database of known vulnerabilities, which is downloaded.
     Advisories,
@@ -114,7 +115,7 @@ pub struct Demo {
 
 #[derive(Args)]
 pub struct Soak {
-    /// Run only a small part of each test. This takes some minutes.
+    /// Run only a small part of each test. This takes a few minutes.
     #[arg(long)]
     pub short: bool,
     /// Also write the figures to this file, as one JSON object with a number for each key.
@@ -124,7 +125,8 @@ pub struct Soak {
 
 #[derive(Args)]
 pub struct Assure {
-    /// Test one in so many changes to the core; all of them take about five hours on two idle cores.
+    /// Test one in N changes to the core, and skip instructions at one in N places of the check of a signature. All changes take
+    /// about five hours on two idle cores.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     pub every: u32,
     #[command(flatten)]

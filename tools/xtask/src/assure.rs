@@ -1,4 +1,4 @@
-//! Measures the tests themselves.
+//! Measures the tests themselves: their number, the code that they execute, and the changes and attacks that they notice.
 
 use crate::arguments::Assure;
 use crate::build::{cargo_firmware, firmware};
@@ -13,7 +13,7 @@ use std::process::{Command, Stdio};
 const LEAST_COVERAGE: f64 = 0.90;
 /// Least share of the changes to the modules in `.cargo/mutants.toml` that tests notice.
 const LEAST_MUTATION_SCORE: f64 = 0.85;
-/// Least number of properties.
+/// Least number of tests of properties and of interleavings.
 const LEAST_PROOFS: usize = 10;
 
 /// The tests of other packages that cover the core and need no firmware. They run if the fast tests have not noticed a change.
@@ -65,9 +65,9 @@ impl Assure {
         ];
         let missed = bars.iter().filter(|(_, figure, least)| figure < least);
         let mut missed: Vec<_> =
-            missed.map(|(name, figure, least)| format!("{name} is {figure:.3}, at least {least}")).collect();
+            missed.map(|(name, figure, least)| format!("{name} is {figure:.3}, must be at least {least}")).collect();
         if skips > 0 {
-            missed.push(format!("instruction_skips is {skips}, at most 0"));
+            missed.push(format!("instruction_skips is {skips}, must be 0"));
         }
         ensure!(missed.is_empty(), "figures miss their bars: {}", missed.join("; "));
         Ok(())
@@ -81,7 +81,7 @@ fn cargo(arguments: &[&str]) -> Command {
     command
 }
 
-/// Checks all properties with large bounds, and all interleavings of the firmware's loops; returns the number of tests.
+/// Checks all properties with large bounds, and all interleavings of the firmware's loops. Returns the number of these tests.
 fn proofs() -> Result<usize> {
     let exhaustive =
         ["test", "--locked", "--release", "--package", "proofs", "--test", "exhaustive", "--test", "stored"];
@@ -107,8 +107,8 @@ fn tests(mut list: Command) -> Result<usize> {
     Ok(String::from_utf8_lossy(&output.stdout).lines().filter(|line| line.ends_with(": test")).count())
 }
 
-/// Makes the emulated core skip 2 to 10 bytes at one in `every` instructions of the check of a wrong signature; returns the number
-/// of images that it accepted. The same attack must succeed against a single check, otherwise it shows nothing.
+/// Makes the emulated core skip 2 to 10 bytes at one in `every` instructions of the check of a wrong signature; returns the
+/// number of accepted images. The same attack must succeed against a single check, otherwise it shows nothing.
 fn instruction_skips(every: u32) -> Result<u64> {
     setup::qemu()?;
     const PROGRAM: &str = "signature-check";
@@ -216,6 +216,7 @@ fn escaped(text: &str) -> String {
     text.chars().flat_map(|c| c.is_ascii_punctuation().then_some('\\').into_iter().chain([c])).collect()
 }
 
+/// Reads a JSON file.
 fn read(json: &Path) -> Result<Value> {
     let text = std::fs::read_to_string(json).with_context(|| format!("cannot read {}", json.display()))?;
     Ok(serde_json::from_str(&text)?)

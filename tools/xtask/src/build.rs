@@ -54,7 +54,7 @@ pub fn firmware_command(command: &str, package: &str) -> Result<Command> {
     }
     if PRODUCTS.contains(&package) && env::var_os("PLANTAR_UPDATE_KEY").is_none() {
         eprintln!(
-            "warning: {package} accepts updates that anyone can sign: set PLANTAR_UPDATE_KEY for insoles of others"
+            "warning: {package} accepts updates that anyone can sign: set PLANTAR_UPDATE_KEY before others use the insole"
         );
         cargo.args(["--features", "development-key"]);
     }

@@ -52,7 +52,7 @@ pub fn size(package: &str) -> Result<Size> {
     Ok(Size { flash_bytes, ram_bytes })
 }
 
-/// What a firmware file loads into flash.
+/// The bytes that a firmware file loads into flash. They are also written to the file `out`.
 pub fn segments(firmware: &Path, out: &Path) -> Result<Vec<u8>> {
     run_command(firmware_image("segments")?.arg(firmware).arg("--out").arg(out))?;
     Ok(std::fs::read(out)?)

@@ -9,7 +9,9 @@ use anyhow::{Context, Result};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+/// The folder of the page.
 const FOLDER: &str = "tools/phone";
+/// The compilation target of its WebAssembly.
 const WASM: &str = "wasm32-unknown-unknown";
 
 /// The folder of the built page.
@@ -35,7 +37,7 @@ pub fn build() -> Result<()> {
 const WALK_STEPS: &str = "60";
 
 /// Checks the types of the page and runs its tests: unit tests, and tests in Chromium with the computed walk and with an emulated
-/// insole, also with recordings of people where there are some. `plantar` is the command line, `firmware` the firmware of the
+/// insole, also with recordings of people if this machine has some. `plantar` is the command line, `firmware` the firmware of the
 /// emulated board. Returns the same figures as [`measure`].
 pub fn test(plantar: &Path, firmware: &Path) -> Result<Figures> {
     npm(&["run", "check"])?;
@@ -48,8 +50,8 @@ pub fn test(plantar: &Path, firmware: &Path) -> Result<Figures> {
     figures()
 }
 
-/// Measures the identification on the page in Node.js, compares it with that of `plantar`, the command line, and measures how fast
-/// the page opens in Chromium with many stored records.
+/// Measures the identification on the page in Node.js, compares it with that of `plantar`, the command line, and measures how
+/// fast the page opens in Chromium with many stored records.
 pub fn measure(plantar: &Path) -> Result<Figures> {
     run_command(tests(plantar)?.args(["--", "--no-file-parallelism", "identify_core", "browser/storage"]))?;
     figures()

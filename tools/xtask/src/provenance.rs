@@ -1,4 +1,4 @@
-//! Shows where firmware comes from: builds that can be repeated, and lists of all dependencies.
+//! Shows the origin of firmware: builds that can be repeated, and lists of all dependencies.
 
 use crate::command::{run, run_command};
 use crate::{BOARDS, TARGET, build, image, setup};
@@ -40,8 +40,10 @@ pub fn reproduce() -> Result<()> {
     let (first, second) = (build("plantar")?, build("plantar-another-folder")?);
     for ((package, first), second) in packages.iter().zip(&first).zip(&second) {
         if first != second {
+            // Without a different byte, the longer one differs from the end of the shorter one on.
             let at = first.iter().zip(second).position(|(first, second)| first != second);
-            bail!("{package} differs between two builds of the same commit, from byte {at:?} on");
+            let at = at.unwrap_or(first.len().min(second.len()));
+            bail!("{package} differs between two builds of the same commit, from byte {at} on");
         }
         println!("{package}: {} bytes, equal in both builds", first.len());
     }

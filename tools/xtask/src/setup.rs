@@ -10,7 +10,8 @@ use std::process::{Command, Stdio};
 /// The package with the sample walk. It is licensed under GPLv3, so it is stored only in the private cache, and never in the
 /// repository. Its dependencies are not installed, because the importer only reads its data files.
 const SAMPLE_PACKAGE: &str = "jiku-data==0.1.16";
-/// The package with walks of another vendor's insoles, which are only in its source archive. It is stored in the private cache, too.
+/// The package with walks of another vendor's insoles, which are only in its source archive. It is stored in the private cache,
+/// too.
 const WALKS_PACKAGE: &str = "moticon-opengo";
 const WALKS_VERSION: &str = "1.0.3";
 const NUMPY: &str = "numpy>=1.26,<3";
@@ -56,7 +57,7 @@ const FORMAT_READERS: [&str; 14] = [
     "pylsl==1.18.6",
 ];
 
-/// The client of management tools (MCUmgr), with its serial port and its Bluetooth. It needs another version of bumble than [`BUMBLE`],
+/// The client of management tools (MCUmgr), with serial port and Bluetooth. It needs another version of bumble than [`BUMBLE`],
 /// so it has an environment of its own.
 const MANAGEMENT_CLIENT: [&str; 2] = ["smpclient[serial,bumble]==7.3.0", "smp==4.2.0"];
 
@@ -205,7 +206,8 @@ pub fn cargo_cyclonedx() -> Result<PathBuf> {
     cargo_tool("cargo-cyclonedx", "0.5.9")
 }
 
-/// Installs cargo-llvm-cov, which measures what lines tests execute, and the component of the toolchain that it needs. Returns its path.
+/// Installs cargo-llvm-cov, which measures the lines that tests execute, and the component of the toolchain that it needs.
+/// Returns its path.
 pub fn cargo_llvm_cov() -> Result<PathBuf> {
     run("rustup", &["component", "add", "llvm-tools"]).context("the component llvm-tools measures coverage")?;
     cargo_tool("cargo-llvm-cov", "0.9.1")
@@ -241,8 +243,9 @@ fn cargo_tool(name: &str, version: &str) -> Result<PathBuf> {
     Ok(tool)
 }
 
-/// Installs libclang in the private cache. Returns the environment variables with which `bindgen` finds it, and the headers that
-/// every C compiler has (`stdint.h` and such), which the package lacks: those of the system's compiler, which Rust needs anyway.
+/// Installs libclang in the private cache. Returns the environment variables with which `bindgen` finds libclang, and the headers
+/// that every C compiler has, such as `stdint.h`. The package lacks these headers, so they are those of the system's compiler,
+/// which Rust needs anyway.
 pub fn libclang() -> Result<[(&'static str, OsString); 2]> {
     let environment = cache().join("libclang");
     environment_with(&environment, LIBCLANG, || {

@@ -9,7 +9,7 @@ use anyhow::Result;
 use std::path::PathBuf;
 use std::process::Command;
 
-/// Options of Clippy.
+/// Arguments of Clippy that make every warning an error.
 pub const DENY_WARNINGS: [&str; 3] = ["--", "--deny", "warnings"];
 
 /// The name of the module with tests that need recordings of people. These recordings are not public.

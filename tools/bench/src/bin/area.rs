@@ -1,5 +1,5 @@
-//! Computes the tables of docs/identification.md on the scale of the effective area, as Markdown: the predicted error by scale, and
-//! the bias of the area by the pitch of the sensor and the pressure.
+//! Computes the tables of docs/identification.md on the scale of the effective area, as Markdown: the predicted error by scale,
+//! and the bias of the area by the pitch of the sensor and the pressure.
 
 use anyhow::Result;
 use bench::studies::{self, mean_percent};
@@ -13,7 +13,8 @@ use plantar::{Region, Side};
 use recording::{Cell, Layout, MAX_CELLS, Recording, VirtualInsole};
 use std::path::PathBuf;
 
-/// Computes the predicted errors of ten walkers by the scale of the effective area, and the bias of the area of pressed ellipsoids.
+/// Computes the predicted errors of ten walkers by the scale of the effective area, and the bias of the area of pressed
+/// ellipsoids.
 #[derive(Parser)]
 struct Arguments {
     /// The folder SpeedPP2DS of the Python package jiku-data.
@@ -104,7 +105,7 @@ impl Pressed {
 
     /// Mean over the positions of the area that an insole measures, relative to the area of the contact ellipse, minus 1, %.
     fn bias_percent(&self, pitch_mm: f64, peak_kpa: f64, rule: ContactRule) -> Result<f64> {
-        // Two further cells, because the ellipsoid is shifted by up to one.
+        // One further cell on each side, because the ellipsoid is shifted by up to half a cell.
         let side = (2.0 * self.r_mm[0].max(self.r_mm[1]) / pitch_mm).ceil() as usize + 2;
         let centre_mm = |i: usize| (i as f64 - (side as f64 - 1.0) / 2.0) * pitch_mm;
         let cell = |i: usize| Cell {

@@ -1,6 +1,6 @@
-//! Computes what is known about people from the ten walkers of SpeedPP2DS: the distribution of the shape of their force laws
-//! (`fit::prior::WALKERS`), the typical parameters (`parameters::defaults`) and the minimal detectable change of the tracked stiffness
-//! (`plantar::pipeline::step::STIFFNESS_MDC`). It prints them as Rust source.
+//! Computes three constants from the ten walkers of SpeedPP2DS, and prints them as Rust source: the distribution of the shape of
+//! force laws among people (`fit::prior::WALKERS`), the typical parameters (`parameters::defaults`), and the minimal detectable
+//! change of the tracked stiffness (`plantar::pipeline::step::STIFFNESS_MDC`).
 
 use anyhow::Result;
 use clap::Parser;
@@ -49,14 +49,15 @@ fn main() -> Result<()> {
         study.fit(&|_| ());
     }
     typical(&walkers, &options);
-    refit_change(&walkers, &options);
+    stiffness_mdc(&walkers, &options);
     Ok(())
 }
 
-/// Prints the minimal detectable change of the K that an insole tracks. K is identified from one half of a walker's steps and tracked
-/// through the other half, in both orders; the wearer does not change, so every change that the insole reports is an error.
-fn refit_change(walkers: &[Study], options: &Options) {
-    let limit = |region: usize| {
+/// Prints the minimal detectable change of the K that an insole tracks. K is identified from one half of a walker's steps and
+/// tracked through the other half, in both orders; the wearer does not change, so every change that the insole reports is an
+/// error.
+fn stiffness_mdc(walkers: &[Study], options: &Options) {
+    let mdc = |region: usize| {
         let of_walker = |study: &Study| {
             let (first, second) = study.steps.split_at(study.steps.len() / 2);
             [(first, second), (second, first)]
@@ -66,11 +67,11 @@ fn refit_change(walkers: &[Study], options: &Options) {
         };
         // The change of the identified K itself is 0.
         let trials: Vec<Vec<f64>> = walkers.iter().flat_map(of_walker).map(|change| vec![0.0, change]).collect();
-        // Ten walkers load every region.
+        // NaN does not occur, because ten walkers load every region.
         within_person(&trials).map_or(f64::NAN, |(_, mdc)| mdc)
     };
-    let limits: [f64; 8] = std::array::from_fn(limit);
-    println!("\npub const STIFFNESS_MDC: [f64; 8] = {limits:.2?};");
+    let mdcs: [f64; 8] = std::array::from_fn(mdc);
+    println!("\npub const STIFFNESS_MDC: [f64; 8] = {mdcs:.2?};");
 }
 
 /// The changes of K that the insole reports in the steps `walked`, with parameters that were identified from other steps.
@@ -94,7 +95,7 @@ fn typical(walkers: &[Study], options: &Options) {
     let pooled: Vec<Step> = walkers.iter().flat_map(|study| study.steps.iter().step_by(3).cloned()).collect();
     println!("const SIZE_42: [Typical; 8] = [");
     for (region, fit) in fit::fit(&pooled, &Options { resamples: 0, ..*options }, &|_| ()).into_iter().enumerate() {
-        // Ten walkers load every region.
+        // Every region is fitted, because ten walkers load every region.
         let Ok(fit) = fit else { continue };
         let (law, e) = (&fit.law, &fit.ellipsoid);
         let peaks: Vec<[f64; 2]> = pooled

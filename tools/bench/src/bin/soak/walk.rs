@@ -150,7 +150,7 @@ fn walk(firmware: &Path, side: Side, steps: u32) -> Result<Walked> {
     let walked = receive(&mut client, side, steps, expected)?;
     ensure!(
         board.plant().scans().wrapping_sub(first_scan) - walked.scans <= 10,
-        "the plant played more scans than the insole counted: {:?}",
+        "the plant played over 10 scans more than the insole counted: {:?}",
         walked.status
     );
     Ok(walked)
