@@ -90,7 +90,8 @@ pub struct EmulatorConfig {
     pub battery_percent: Option<u8>,
     /// Number of the first scan, if the plant paces the scans.
     pub first_scan: u32,
-    /// Number of the flash operation (a write, or the erasure of a sector; from 0) in which power fails; `None` if power does not fail.
+    /// Number of the flash operation (a write, or the erasure of a sector; from 0) in which power fails; `None` if power does not
+    /// fail.
     pub power_cut: Option<u32>,
     /// The fault to inject; `None` for no fault.
     pub fault: Option<PlannedFault>,

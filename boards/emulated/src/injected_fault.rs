@@ -1,5 +1,5 @@
-//! Injects faults on request, so that tests can observe the recovery. [`inject`] is called in the code of this board, above all in
-//! its implementations of the board traits.
+//! Injects faults on request, so that tests can observe the recovery. [`inject`] is called in the code of this board, above all
+//! in its implementations of the board traits.
 
 use core::cell::Cell;
 use core::hint::black_box;

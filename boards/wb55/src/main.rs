@@ -122,8 +122,8 @@ fn start_crystal() -> bool {
 }
 
 /// The clocks: 64 MHz, the maximum of this core, from the 32 MHz crystal, which the radio needs in any case and which makes frame
-/// times accurate. The converter runs at 64 MHz, too, which is also its maximum. The internal oscillator of 16 MHz replaces a crystal
-/// that does not oscillate.
+/// times accurate. The converter runs at 64 MHz, too, which is also its maximum. The internal oscillator of 16 MHz replaces a
+/// crystal that does not oscillate.
 fn clocks(has_crystal: bool) -> rcc::Config {
     let mut clocks = rcc::Config::new();
     let (source, prediv) = if has_crystal {

@@ -80,8 +80,8 @@ fn append(queue: u32, packet: u32) {
 /// The bytes of a packet that belongs to this core.
 fn bytes(packet: u32) -> &'static [u8] {
     let h4 = (packet + H4) as *const u8;
-    // SAFETY: the packet is in SHARED, and the radio's core does not write to it until this core returns it, after the last use of
-    // these bytes.
+    // SAFETY: the packet is in SHARED, and the radio's core does not write to it until this core returns it, after the last use
+    // of these bytes.
     unsafe {
         let len = match *h4 {
             H4_DATA => 5 + usize::from(u16::from_le_bytes([*h4.add(3), *h4.add(4)])),

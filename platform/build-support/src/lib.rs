@@ -84,8 +84,8 @@ pub fn link(program: Program, flash: u32, ram: Range<u32>, regions: &[Region]) {
     version();
 }
 
-/// Requires that `PLANTAR_UPDATE_KEY` is another key than the development key, unless the feature `development-key` of the package
-/// under build is enabled.
+/// Requires that `PLANTAR_UPDATE_KEY` is another key than the development key, unless the feature `development-key` of the
+/// package under build is enabled.
 ///
 /// # Panics
 /// If it is not, which ends the build with the remedy.

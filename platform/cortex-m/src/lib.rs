@@ -148,8 +148,8 @@ macro_rules! on_systick {
 }
 
 /// Checks that all parts ([`PARTS`]) make progress; if one of them is stalled, saves the crash record and resets the board. To be
-/// called every [`CHECK_PERIOD_MS`] in an exception above all tasks, with the address of the registers that it put on the stack, as
-/// [`on_systick`] passes it.
+/// called every [`CHECK_PERIOD_MS`] in an exception above all tasks, with the address of the registers that it put on the stack,
+/// as [`on_systick`] passes it.
 pub fn check(frame: u32, heartbeats: &Heartbeats) {
     let (stalled, healthy_checks) = WATCHDOG.lock(|cell| {
         let mut watchdog = cell.get();

@@ -38,8 +38,8 @@ static PAGE: Page = [const { AtomicU32::new(0) }; PAGE_WORDS];
 /// How a program waits.
 #[allow(async_fn_in_trait, reason = "executors of this board do not move tasks between threads")]
 pub trait Wait {
-    /// Waits until `is_ready` returns true; returns false if it does not within `limit_ms`. The interrupt `QSPI` is requested when
-    /// the result of `is_ready` changes to true.
+    /// Waits until `is_ready` returns true; returns false if it does not within `limit_ms`. The interrupt `QSPI` is requested
+    /// when the result of `is_ready` changes to true.
     async fn until(&mut self, limit_ms: u32, is_ready: impl Fn() -> bool) -> bool;
 
     /// Waits for `ms` milliseconds.
