@@ -57,7 +57,7 @@ class OnlyFrame:
 
 
 class NoUnwinding(gdb.unwinder.Unwinder):
-    """Prevents GDB from following the stack, because GDB's own unwinder ends GDB if the stack pointer is outside of the memory."""
+    """Prevents GDB from following the stack, because GDB's own unwinder crashes if the stack pointer is outside of the memory."""
 
     def __init__(self):
         super().__init__("no unwinding")
