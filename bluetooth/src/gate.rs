@@ -32,7 +32,7 @@ impl Progress {
         self.switched.set(0);
     }
 
-    /// Counts a completed command, and signals what it completes.
+    /// Signals that a command is complete, and counts the switches of the resolution of addresses.
     fn completed(&self, command: Opcode) {
         if command == LeSetAddrResolutionEnable::OPCODE {
             self.switched.set(self.switched.get().saturating_add(1));

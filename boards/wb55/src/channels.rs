@@ -95,8 +95,8 @@ pub async fn send(channel: usize, fill: impl FnOnce()) {
     pac::IPCC.cpu(THIS).scr().write(|w| w.set_chs(channel, true));
 }
 
-/// Waits until the radio's core has filled a channel, empties it by `take`, and returns the result of `take`. If this is `None`,
-/// it waits for the next time.
+/// Waits until the radio's core has filled a channel, calls `take`, and empties the channel. Returns the value that `take`
+/// returned; if `take` returned `None`, waits again.
 pub async fn receive<T>(channel: usize, mut take: impl FnMut() -> Option<T>) -> T {
     loop {
         poll_fn(|context| {

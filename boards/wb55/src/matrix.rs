@@ -76,7 +76,7 @@ pub struct ResistiveMatrix {
     is_switched: bool,
     /// The internal reference voltage.
     reference: AnyAdcChannel<'static, ADC1>,
-    /// Time of the next measurement of the supply, at the end of a scan.
+    /// The supply is measured at the end of the first scan after this time.
     supply_due: Instant,
 }
 

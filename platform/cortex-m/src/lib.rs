@@ -34,7 +34,7 @@ const STALLED: u32 = 1 << 8;
 #[derive(Clone, Copy)]
 struct CrashRecord {
     magic: u32,
-    /// Number of successive failed starts. The present start counts as failed until [`HEALTHY_CHECKS`].
+    /// Number of successive failed starts. The present start counts as failed until [`HEALTHY_CHECKS`] checks were healthy.
     failed_starts: u32,
     /// The failure that ended the run; 0 if none was recorded.
     cause: u32,
