@@ -13,8 +13,8 @@ const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 /// What is stored: [`VERSION`] and, as `postcard`, this type, followed by the CRC-32 of both (little endian).
 #[derive(Default, Serialize, Deserialize)]
 pub struct Keys {
-    /// The key with which bonded centrals resolve the insole's private addresses; `None` if centrals have bonded before insoles
-    /// had such a key.
+    /// The key with which bonded centrals resolve the insole's private addresses; `None` if it was not created yet, or if a
+    /// central bonded with older firmware, which had no such key.
     pub identity_key: Option<[u8; 16]>,
     /// The bonds, the least recently used bond first.
     pub bonds: Vec<StoredBond, MAX_BONDS>,
@@ -51,8 +51,8 @@ impl StoredBond {
 
 /// Version of the stored form.
 const VERSION: u8 = 2;
-/// The version with the bonds only. It is still written without an identity key, so that older firmware, which may be swapped back,
-/// finds its bonds.
+/// The version with the bonds only. It is still written while there is no identity key, so that older firmware, which may be
+/// swapped back, finds its bonds.
 const BONDS_ONLY: u8 = 1;
 
 /// Loads the stored keys; none if they are damaged or of an unknown version.
@@ -70,7 +70,7 @@ pub fn load(insole: &dyn GattServer) -> Keys {
         .unwrap_or_default()
 }
 
-/// Stores keys, unless they are already stored.
+/// Stores the keys, unless the same ones are already stored.
 pub fn store(keys: &Keys, insole: &dyn GattServer) {
     let (mut bytes, mut before) = ([0; MAX_BONDS_BYTES], [0; MAX_BONDS_BYTES]);
     // Neither operation can fail: the version, the insole's key, four bonds of at most 40 bytes each and the checksum fit.

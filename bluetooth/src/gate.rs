@@ -19,8 +19,8 @@ pub struct Progress {
     pub answered: Signal<NoopRawMutex, ()>,
     /// Signalled when the radio can advertise with private addresses.
     pub is_private: Signal<NoopRawMutex, ()>,
-    /// Number of times that the radio has switched the resolution of addresses off or on. The host switches it off, passes the keys,
-    /// and switches it on.
+    /// Number of times that the radio has switched the resolution of addresses off or on. The host switches it off, passes the
+    /// keys, and switches it on, so the second time completes the set-up of private addresses.
     switched: Cell<u8>,
 }
 
@@ -32,7 +32,7 @@ impl Progress {
         self.switched.set(0);
     }
 
-    /// Notes a completed command.
+    /// Signals that a command is complete, and counts the switches of the resolution of addresses.
     fn completed(&self, command: Opcode) {
         if command == LeSetAddrResolutionEnable::OPCODE {
             self.switched.set(self.switched.get().saturating_add(1));

@@ -45,7 +45,7 @@ const CONNECTION_CHECK: Duration = Duration::from_millis(200);
 
 /// Time between two advertisements of a worn insole: the default of the Bluetooth host. A phone finds it within a second.
 const ADVERTISING_WORN: Duration = Duration::from_millis(160);
-/// The same of an insole that is not worn, which saves energy: a phone finds it within some seconds.
+/// The same for an insole that is not worn. It is longer, to save energy; a phone finds the insole within some seconds.
 const ADVERTISING_UNWORN: Duration = Duration::from_millis(1_285);
 
 /// The HCI byte stream (H4) between radio and Bluetooth host, in one direction.
@@ -72,7 +72,7 @@ pub async fn run(from_radio: &'static HciPipe, to_radio: &'static HciPipe, insol
         let (mut rx, mut control, mut tx) = stack.runner().split();
         // If the radio fails, one of these futures ends, and the host is set up again.
         select3(rx.run(), control.run(), async {
-            // Without a radio, sender and server would wait in a busy loop, so they start after the first answer of the radio.
+            // Without an answer of the radio, `tx` and `serve` would run in a busy loop, so they start after the first one.
             progress.answered.wait().await;
             if let Ok(false) = create_identity_key(&stack, insole).await {
                 // Until the radio has the key, it would advertise with the address that does not change.
@@ -100,9 +100,9 @@ fn build_table(insole: &'static dyn GattServer) -> &'static (Table, Server<'stat
     TABLE.init_with(|| Table::build(insole))
 }
 
-/// Sets up the Bluetooth host with the address, the identity key and the bonds of the insole. With an identity key, the controller
-/// advertises with private addresses, which it changes every 15 minutes, and only bonded centrals recognise the insole; true
-/// is returned then.
+/// Sets up the Bluetooth host with the address, the identity key and the bonds of the insole. Returns the host, and true if the
+/// insole has an identity key: the controller then advertises with private addresses, which it changes every 15 minutes, and only
+/// bonded centrals recognise the insole.
 #[inline(never)]
 fn set_up<'a>(
     radio: &'a Radio,
@@ -127,8 +127,8 @@ fn set_up<'a>(
     (stack, key.is_some())
 }
 
-/// Creates and stores the insole's identity key, if it has none and no central has bonded: the address that a bonded central knows
-/// must not change. True if there is a new key, which the next set-up of the host uses.
+/// Creates and stores the insole's identity key, if it has none and no central has bonded: the address that a bonded central
+/// knows must not change. Returns true if it created the key, which the next set-up of the host uses.
 async fn create_identity_key(stack: &Host<'_>, insole: &dyn GattServer) -> Result<bool, Error> {
     let mut keys = bonds::load(insole);
     if keys.identity_key.is_some() || !keys.bonds.is_empty() {
@@ -147,11 +147,11 @@ async fn create_identity_key(stack: &Host<'_>, insole: &dyn GattServer) -> Resul
 /// The Bluetooth host.
 type Host<'s> = Stack<'s, Gate<'s, Radio>, DefaultPacketPool>;
 
-/// Lets the radio execute a command every second. Returns if the radio refuses it; a radio that does not answer is found by the
-/// supervision.
+/// Lets the radio execute a command every second, and counts its heartbeats. Returns if the radio refuses the command; the
+/// supervision detects a radio that does not answer.
 async fn check_radio(stack: &Host<'_>, insole: &dyn GattServer) -> Result<(), Error> {
     loop {
-        // If advertising fails, the host is set up again within this time, and no heartbeat is counted.
+        // The wait comes first, so that no heartbeat is counted if advertising fails at once and ends this function.
         Timer::after(RADIO_CHECK).await;
         stack.command(LeRand::new()).await.map_err(|_| Error::Other)?;
         insole.radio_answered();

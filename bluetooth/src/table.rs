@@ -35,7 +35,7 @@ impl Table {
         use trouble_host::prelude::{characteristic as c, service as s};
         let mut table = AttributeTable::new();
         let appearance = &appearance::running_walking_sensor::IN_SHOE_RUNNING_WALKING_SENSOR;
-        // This fails only for names of more than 22 bytes, and the name of an insole is shorter.
+        // This fails only if the name has more than 22 bytes, and the name of an insole is shorter.
         let _ = GapConfig::Peripheral(PeripheralConfig { name: insole.name(), appearance }).build(&mut table);
 
         let mut information = table.add_service(Service::new(s::DEVICE_INFORMATION));

@@ -13,7 +13,7 @@ use semihosting::io::{self, Read, Seek, SeekFrom, Write};
 pub struct FlashFile {
     /// `None` if there is no chip.
     file: Option<File>,
-    /// Number of write and erase operations before power fails.
+    /// Number of write operations and erasures of a sector before power fails; `None` if power does not fail.
     operations_left: Option<u32>,
 }
 
@@ -34,7 +34,7 @@ impl NorFlashError for NoAnswer {
 }
 
 impl FlashFile {
-    /// Opens the chip. Power fails in operation number `cut_at` (write or erase, from 0); never for `None`.
+    /// Opens the chip. Power fails in operation number `cut_at` (a write, or the erasure of a sector; from 0); never for `None`.
     pub fn open(cut_at: Option<u32>) -> Self {
         Self { file: File::options().read(true).write(true).open(FLASH_FILE).ok(), operations_left: cut_at }
     }

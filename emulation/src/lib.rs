@@ -40,11 +40,11 @@ pub const ACTIVE_IMAGE: Range<u32> = 0x20_0000..0x20_0000 + MAX_IMAGE;
 pub const SWAPPED: i32 = 3;
 /// Name of a file that exists after an exit with [`SWAPPED`]: at the next start, the bootloader starts the application directly.
 pub const SWAPPED_FILE: &core::ffi::CStr = c"swapped";
-/// Cells in a row of the emulated matrix; the last row may be shorter.
+/// Number of cells in a row of the emulated matrix; the last row may be shorter.
 pub const COLUMNS: usize = 16;
 /// Requests a scan.
 pub const SCAN: u8 = b'S';
-/// Asks when the next scan is due; the plant answers at that time; used only if the plant paces the scans.
+/// Requests an answer at the time of the next scan. Used only if the plant paces the scans.
 pub const TICK: u8 = b'T';
 
 /// A fault to inject into the board's software.
@@ -52,7 +52,7 @@ pub const TICK: u8 = b'T';
 pub enum InjectedFault {
     /// Scanning enters an endless loop, in its interrupt.
     ScanStalled,
-    /// Processing enters an endless loop, in a frame.
+    /// Processing enters an endless loop while it processes a frame.
     ModelStalled,
     /// The link enters an endless loop.
     LinkStalled,
@@ -69,7 +69,7 @@ pub enum InjectedFault {
 pub struct PlannedFault {
     /// The kind of fault.
     pub kind: InjectedFault,
-    /// Time after the start, ms.
+    /// Time from the start to the fault, ms.
     pub after_ms: u32,
     /// True: the fault is injected after every reset; false: only after power-on.
     pub is_repeated: bool,
@@ -90,7 +90,8 @@ pub struct EmulatorConfig {
     pub battery_percent: Option<u8>,
     /// Number of the first scan, if the plant paces the scans.
     pub first_scan: u32,
-    /// Number of the flash operation (write or erase, from 0) in which power fails; `None` if power does not fail.
+    /// Number of the flash operation (a write, or the erasure of a sector; from 0) in which power fails; `None` if power does not
+    /// fail.
     pub power_cut: Option<u32>,
     /// The fault to inject; `None` for no fault.
     pub fault: Option<PlannedFault>,
@@ -116,7 +117,7 @@ impl EmulatorConfig {
 const ITEM_BYTES: usize = 192;
 
 /// Decodes the set-up file item by item, because all of it would take kilobytes of stack. `read` fills a buffer from an offset in
-/// the file, and returns how many bytes it read. `None` if the file is absent or incomplete.
+/// the file, and returns how many bytes it read. Returns `None` if the file is absent or incomplete.
 pub fn read_setup<F>(read: F) -> Option<(EmulatorConfig, impl Iterator<Item = SetupCell> + Clone)>
 where
     F: Fn(usize, &mut [u8]) -> Option<usize> + Clone,

@@ -5,7 +5,7 @@ use build_support::{Program, STM32_FLASH, link};
 fn main() {
     // The RAM of this board. The flash map is the same for all boards.
     link(Program::Application, STM32_FLASH, 0x2000_0000..0x2002_0000, &[]);
-    // The package of a controller has a file with the names of its interrupts. This board has none.
+    // The package of a controller contains a file with the names of its interrupts. This board has no such package.
     let folder = std::env::var("OUT_DIR").expect("cargo sets OUT_DIR");
     std::fs::write(format!("{folder}/device.x"), "").expect("cargo has created the folder");
     println!("cargo:rustc-link-search={folder}");

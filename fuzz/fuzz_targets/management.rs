@@ -1,5 +1,5 @@
-//! Messages of management tools: any bytes are refused or decoded, as lines on a serial port, which a frame of the insole's own
-//! protocol may follow, and as parts over Bluetooth. Any message survives its lines.
+//! Messages of management tools: any bytes are refused or decoded, as lines on a serial port and as parts over Bluetooth. After
+//! any lines, a frame of the insole's own protocol is received. Every message is unwrapped from its lines unchanged.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,5 +1,5 @@
-//! The TOML files of parameters, tissue measurements, participants and baselines: each is refused or has valid values. Parameters and a
-//! baseline that were read can be written, and are the same after reading again.
+//! The TOML files of parameters, tissue measurements, participants and baselines: each is refused or has valid values. Parameters
+//! and a baseline that were read can be written, and are the same after reading again.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

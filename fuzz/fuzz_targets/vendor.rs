@@ -1,5 +1,5 @@
-//! The export of a vendor's program: its first byte selects the format and the foot; one value of it lets the format be
-//! recognised. The recordings are consistent, or the file is refused.
+//! The export of a vendor's program, after one byte that selects the format, or that the format is recognised, and the foot. The
+//! recordings are consistent, or the file is refused.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

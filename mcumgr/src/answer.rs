@@ -29,7 +29,7 @@ pub enum Answer {
 pub struct ImageState {
     /// The version of the image.
     pub version: String<16>,
-    /// Names the image, as in its file.
+    /// The SHA-256 that names the image, as in its file.
     pub sha256: Sha256,
     /// The image runs from the next start on.
     pub is_pending: bool,
@@ -37,8 +37,9 @@ pub struct ImageState {
     pub is_confirmed: bool,
 }
 
-/// Why a request was not executed: the code that all groups share, which is the only one in version 0 of the protocol, and the code
-/// of a group with its group. One number, because many functions return it.
+/// Why a request was not executed: the code that all groups share, which is the only one in version 0 of the protocol, and the
+/// code of a group with its group. One number, because many functions return it: the code of the group in the bits 0 to 5 (0 for
+/// none), the group in the bits 6 and 7, and the shared code above them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Failure(u16);
 
@@ -66,7 +67,7 @@ impl Failure {
     /// The running image cannot be tested.
     pub const RUNS: Self = Self::of_image(6, 33);
 
-    /// A failure with this code of the group of images, 1 to 63, and the code that all groups share.
+    /// A failure with the code `code` of the group of images, 1 to 63, and the code `common` that all groups share.
     pub const fn of_image(common: u8, code: u8) -> Self {
         Self::new(common, IMAGE, code)
     }
@@ -88,8 +89,8 @@ impl Failure {
 }
 
 impl Answer {
-    /// Encodes the answer to the request with this head; returns the used part of `buffer`, `None` if it is too short, which cannot
-    /// happen with [`super::line::MAX_WRAPPED`] bytes.
+    /// Encodes the answer to the request with this head. Returns the used part of `buffer`; `None` if the buffer is too short,
+    /// which cannot happen with [`super::line::MAX_WRAPPED`] bytes.
     // Not inlined, because the caller may be compiled for speed.
     #[inline(never)]
     pub fn encode<'b>(&self, request: &Head, buffer: &'b mut [u8]) -> Option<&'b [u8]> {

@@ -1,6 +1,7 @@
-//! The part of CBOR (RFC 8949) that the protocol uses. With `minicbor` 2.3 in its place, the firmware of the STM32WB55 was 4,816 bytes
-//! longer, 608 bytes below its limit.
+//! The part of CBOR (RFC 8949) that the protocol uses. With `minicbor` 2.3 in its place, the firmware of the STM32WB55 was 4,816
+//! bytes longer and only 608 bytes below its limit.
 
+// The major types.
 const NUMBER: u8 = 0;
 const BYTES: u8 = 2;
 const TEXT: u8 = 3;
@@ -10,10 +11,10 @@ const TAG: u8 = 6;
 const SIMPLE: u8 = 7;
 /// The values of the simple items for false and true.
 const FALSE: u32 = 20;
-/// The length of a map that ends with a special item, and the value of this item.
+/// Stands for the length of a map of indefinite length, and for the value of the item "break" that ends it.
 const OPEN: u32 = u32::MAX;
 
-/// A decoded item. Of an array or a map it is the beginning.
+/// A decoded item. For an array, a map or a tag, it is only the head; the items that belong to it follow.
 #[derive(Clone, Copy)]
 pub(crate) struct Item<'b> {
     kind: u8,

@@ -2,7 +2,7 @@
 
 use heapless::String;
 
-/// Length of a date with a time of day.
+/// Length of a date with a time of day, characters.
 const LEN: usize = 19;
 /// Where the numbers after the year begin in a text.
 const NUMBERS: [usize; 5] = [5, 8, 11, 14, 17];
@@ -54,6 +54,7 @@ impl Clock {
             "" | "Z" => 0,
             zone => {
                 let (hours, minutes) = zone.get(1..)?.split_once(':')?;
+                // The limits avoid an overflow: up to four digits are accepted.
                 let minutes = digits(hours)?.min(24) * 60 + digits(minutes)?.min(60);
                 match zone.as_bytes()[0] {
                     b'+' => minutes as i16,
@@ -66,7 +67,7 @@ impl Clock {
     }
 }
 
-/// The number of up to four digits.
+/// The number that a text of one to four digits represents; `None` for any other text.
 fn digits(text: &str) -> Option<u16> {
     let are_digits = (1..=4).contains(&text.len()) && text.bytes().all(|digit| digit.is_ascii_digit());
     are_digits.then(|| text.bytes().fold(0, |number, digit| 10 * number + u16::from(digit - b'0')))

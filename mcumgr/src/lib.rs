@@ -1,8 +1,8 @@
-//! The Simple Management Protocol (SMP) of MCUmgr, with which standard tools update a device: requests and answers, each a head of
-//! eight bytes and a map in CBOR.
+//! The Simple Management Protocol (SMP) of MCUmgr, with which standard tools update a device: requests and answers, each a head
+//! of eight bytes and a map in CBOR.
 //!
-//! A tool sends a request and waits for the answer. `docs/update.md` has the commands. On a serial port messages travel in lines of
-//! text ([`line`]), over Bluetooth as the values of a characteristic.
+//! A tool sends a request and waits for the answer. `docs/update.md` has the commands. On a serial port messages travel in lines
+//! of text ([`line`]), over Bluetooth as the values of a characteristic.
 //!
 //! This is a separate package because it is compiled for size, while the library is compiled for speed.
 #![no_std]
@@ -21,10 +21,10 @@ use heapless::{String, Vec};
 
 /// Length of the head of a message, bytes.
 pub const HEAD: usize = 8;
-/// Largest number of bytes of a text, and of a file in one request.
+/// Largest number of bytes of a text, and of the part of a file in one request.
 pub const CHUNK: usize = 192;
-/// Length of a message, with two bytes for its length and two for its checksum, that tools may send. Its lines have 281 bytes, which
-/// the receive buffers of serial ports hold.
+/// Longest message that tools may send, bytes, including two bytes for its length and two for its checksum. Its lines have 281
+/// bytes, which the receive buffers of serial ports can hold.
 pub const BUFFER: u16 = 204;
 
 /// A SHA-256.
@@ -164,7 +164,10 @@ impl<'b> Fields<'b> {
     }
 }
 
-/// The request of a head with these fields.
+/// The request with this head and this body.
+///
+/// # Errors
+/// The failure to answer, if the request is malformed or not supported.
 fn request(head: &Head, body: &[u8]) -> Result<Request, Failure> {
     // A request without fields may have no map.
     let body = if body.is_empty() { EMPTY_MAP } else { body };

@@ -16,14 +16,14 @@ const FIRST: [u8; 2] = [6, 9];
 const FURTHER: [u8; 2] = [4, 20];
 /// The last byte of each line.
 pub const END: u8 = b'\n';
-/// Number of bytes in a line, which has 127 characters then.
+/// Largest number of bytes that a line encodes. Such a line has 127 characters: its first two bytes, base64 and the line feed.
 const LINE: usize = 93;
 /// Length of the message's length, and of its checksum, bytes.
 const NUMBER: usize = 2;
 
-/// Length of the longest message, bytes: of the answer to the longest echo.
+/// Length of the longest message, bytes. The longest answer, with the states of two images, has 257.
 pub const MAX_WRAPPED: usize = 300;
-/// Length of its lines, bytes.
+/// Length of the lines of the longest message, bytes.
 pub const MAX_LINES: usize = text_bytes(MAX_WRAPPED) + (2 * NUMBER + MAX_WRAPPED).div_ceil(LINE) * 3;
 
 /// Length of the base64 of a message of this length, bytes.
@@ -31,7 +31,7 @@ const fn text_bytes(message_bytes: usize) -> usize {
     (NUMBER + message_bytes + NUMBER).div_ceil(3) * 4
 }
 
-/// Writes the lines of a message of at most [`MAX_WRAPPED`] bytes to `out`; returns their length, 0 for a message that is too long.
+/// Writes the lines of a message of at most [`MAX_WRAPPED`] bytes to `out`; returns their length, 0 if the message is too long.
 // Not inlined, because the caller may be compiled for speed.
 #[inline(never)]
 pub fn wrap(message: &[u8], out: &mut [u8; MAX_LINES]) -> usize {
@@ -56,14 +56,14 @@ fn write_lines(message: &[u8], out: &mut [u8]) -> Option<usize> {
     }
 }
 
-/// What received bytes are.
+/// The result of [`unwrap`]: the content of received bytes.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Lines<'b> {
     /// Not the lines of a complete message, but for example a part of a frame. The bytes are unchanged.
     Incomplete,
     /// The lines of a message with a wrong length or checksum.
     Damaged,
-    /// This message.
+    /// The lines of this message.
     Message(&'b [u8]),
 }
 

@@ -1,8 +1,10 @@
-"""Makes the emulated core skip instructions while it checks a wrong signature. A script for GDB, which reads from its environment:
+"""Makes the emulated core skip instructions while it checks a wrong signature.
+
+This is a script for GDB. It reads from its environment:
 
 PLANTAR_PROGRAM: the program `signature-check`
 PLANTAR_EVERY: attack one in so many instructions
-PLANTAR_SKIPS: the file for the result, a JSON object with the number of attempts and of accepted images for each check
+PLANTAR_SKIPS: the file for the result, a JSON object with the numbers of attempts and of accepted images for each check
 
 GDB reports every stop on its standard output, so messages are on the standard error.
 """
@@ -18,7 +20,7 @@ import gdb.unwinder
 
 # Numbers of bytes that are skipped. An instruction has two or four.
 SKIPS = range(2, 11, 2)
-# What the bootloader takes for the order to swap the images.
+# The bytes in the bootloader's state that order it to swap the images.
 MARK = b"\xf0" * 8
 
 
@@ -35,12 +37,13 @@ def program_counter():
 
 
 def proceed():
-    """Runs to the next breakpoint."""
+    """Runs to the next breakpoint, and returns its address."""
     gdb.execute("continue", to_string=True)
     return program_counter()
 
 
 def proceed_from(at):
+    """Continues at this address, to the next breakpoint."""
     gdb.execute(f"set $pc = {at:#x}")
     return proceed()
 
@@ -54,7 +57,7 @@ class OnlyFrame:
 
 
 class NoUnwinding(gdb.unwinder.Unwinder):
-    """Keeps GDB from following the stack, because its own unwinder ends GDB if the stack pointer is outside of the memory."""
+    """Prevents GDB from following the stack, because GDB's own unwinder crashes if the stack pointer is outside of the memory."""
 
     def __init__(self):
         super().__init__("no unwinding")
@@ -73,7 +76,7 @@ class Core:
             gdb.execute(f"set {setting}")
         gdb.execute(f"file {program}", to_string=True)
         gdb.unwinder.register_unwinder(None, NoUnwinding())
-        # The time of this emulator is the number of instructions, so a timeout does not depend on this computer.
+        # The emulator counts time in instructions (-icount), so a timeout does not depend on the speed of this computer.
         emulator = "qemu-system-arm -M netduinoplus2 -display none -monitor none -serial none -icount shift=0"
         self.emulator = f"{emulator} -kernel {program} -d in_asm -D {log} -S -gdb stdio"
         self.start()
@@ -157,7 +160,7 @@ def main():
         checks = {"one check": True, "both checks": False}
         for is_single in checks.values():
             check(core, is_single)
-        # An attack makes the core execute data too, so the addresses are those before the first one.
+        # An attack makes the core execute data too, so only the instructions that ran before the first attack count.
         addresses = instructions(log.name)[::every]
         results = {name: attack(core, addresses, name, is_single) for name, is_single in checks.items()}
         gdb.execute("kill", to_string=True)

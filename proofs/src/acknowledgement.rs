@@ -152,9 +152,9 @@ impl Observed {
     }
 }
 
-/// After these events, in a session with records that are numbered from `first`, the next host receives exactly the records that no
-/// host has acknowledged, each once and in order. The dropped records are counted, and the newest acknowledged one is reported to the
-/// log.
+/// After these events, in a session with records that are numbered from `first`, the next host receives exactly the records that
+/// no host has acknowledged, each once and in order. The dropped records are counted, and the newest acknowledged one is reported
+/// to the log.
 pub fn session(first: u32, events: &[Event]) {
     let mut observed = Observed {
         session: Session::new(),

@@ -2,7 +2,7 @@
 
 use plantar::protocol::current_time::{from_current_time, to_current_time};
 
-/// A day of the calendar, which counts by itself.
+/// A day of the calendar, computed by counting from the first day, independently of the code under test.
 #[derive(Clone, Copy, Debug)]
 pub struct Day {
     year: u16,
@@ -46,7 +46,8 @@ impl Day {
         [low, high, self.month, self.day, hour, minute, second, self.weekday, fraction, 0]
     }
 
-    /// A time on day `number` since 1970 has the bytes of this day, and back.
+    /// A time on this day, the day `number` since 1970 (from 0), is encoded as the bytes of this day, which are decoded as this
+    /// time.
     pub fn encoding(self, number: u64, second: u32, fraction: u8) {
         let bytes = self.bytes(second, fraction);
         // The first microsecond of a 256th of a second.
@@ -56,8 +57,8 @@ impl Day {
         assert_eq!(from_current_time(&bytes), Some(unix_us - us + u64::from(fraction) * 1_000_000 / 256));
     }
 
-    /// Bytes of this day in which `field`, from the month on, has another value are a time exactly if the field has this value on some
-    /// day. The day of the week and the reason of the adjustment are ignored.
+    /// The bytes of this day in which `field` (an index, from 2 for the month to 9) has the value `value` are a time if and only
+    /// if the field has this value on some day. The day of the week and the reason of the adjustment are ignored.
     pub fn field(self, field: usize, value: u8) {
         let mut bytes = self.bytes(86_399, 0);
         bytes[field] = value;

@@ -92,8 +92,8 @@ pub fn framing(message: &[u8]) {
     assert_eq!(decoder.push(*last), Some(message));
 }
 
-/// The frame of a message in which two bytes, at the positions `at`, are replaced by `bytes`, yields this message or none, and the
-/// next frame is received.
+/// The frame of a message in which two bytes, at the positions `at`, are replaced by `bytes`, yields this message or none, and
+/// the next frame is received.
 pub fn damage(message: &[u8], at: [usize; 2], bytes: [u8; 2]) {
     let mut framed = [0; MAX_FRAME];
     let len = frame(message, &mut framed);
@@ -111,7 +111,8 @@ pub fn damage(message: &[u8], at: [usize; 2], bytes: [u8; 2]) {
     assert_eq!(received, 1);
 }
 
-/// Some bytes are no message, or a message that is the same after it was encoded and decoded again. Returns whether it is one.
+/// The bytes are no message, or a message that is the same after it was encoded and decoded again. Returns true if they are a
+/// message.
 pub fn message_of<T: Serialize + DeserializeOwned + PartialEq>(bytes: &[u8]) -> bool {
     let Some(message) = decode::<T>(bytes) else { return false };
     let mut buffer = [0; plantar::protocol::MAX_MESSAGE];

@@ -15,7 +15,7 @@ enum Change {
     Erase(Range<u32>),
 }
 
-/// A chip of any size that notes the last change. Each byte depends on its address.
+/// A chip that records the last change. It has any address, and each byte depends on its address.
 #[derive(Default)]
 struct Probe {
     change: Option<Change>,

@@ -1,7 +1,7 @@
-//! The properties that Kani proves. A harness has all inputs at once; where it says so, within bounds.
+//! The properties that Kani proves. A harness covers all inputs at once, within the bounds that its comment states, if any.
 //!
-//! These harnesses have never run: Kani's set-up downloads its compiler from its release page, and the workflow that runs it has not
-//! run yet.
+//! These harnesses have never run: Kani's set-up downloads its compiler from its release page, and the workflow that runs it has
+//! not run yet.
 
 use crate::{codec, flash, fragments, numbers};
 use fragments::Fragment;

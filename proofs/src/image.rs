@@ -26,9 +26,10 @@ pub fn version(version: &str) {
     assert_eq!(Header::read(&header.bytes()), numbers(version).map(|_| header));
 }
 
-/// The bytes are a header if and only if they begin with the mark of a header, and the text up to the first zero of the version is
-/// one.
+/// The bytes are a header if and only if they begin with the mark of a header, and the text of the version, up to its first zero,
+/// is a version.
 pub fn header(bytes: &[u8; Header::BYTES]) {
+    // Eight bytes of the mark, 16 of the board, and 16 of the version.
     let (start, version) = bytes.split_at(24);
     let text = version.split(|byte| *byte == 0).next().and_then(|text| str::from_utf8(text).ok()).unwrap_or_default();
     let expected = numbers(text).filter(|_| start.starts_with(b"plantar1"));

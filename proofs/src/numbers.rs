@@ -1,9 +1,10 @@
-//! Sequence numbers and what is counted by them.
+//! Sequence numbers, the counts of lost frames, and the rate of a stream of cells.
 
 use plantar::protocol::{CellStream, LiveCounter, Resolution};
 use plantar::sequence::{is_after, skipped};
 
-/// A number is after `from` if it is ahead by less than half of all numbers, and the numbers between count as skipped.
+/// A number `to` is after `from` if it is ahead by less than half of all numbers; then `from` and all numbers before `to` count
+/// as skipped.
 pub fn order(from: u32, distance: u32) {
     let to = ((u64::from(from) + u64::from(distance)) % (1 << 32)) as u32;
     let is_ahead = (1..=0x7fff_ffff).contains(&distance);
@@ -11,8 +12,8 @@ pub fn order(from: u32, distance: u32) {
     assert_eq!(skipped(from, to), if is_ahead { distance } else { 0 });
 }
 
-/// Of `due` live frames, those with a bit set in `arrived` arrive. The counter reports exactly the others as lost once it knows the
-/// insole's count; it also gets this count earlier, after `status` frames.
+/// Of `due` live frames, those with a bit set in `arrived` arrive. The counter reports exactly the others as lost once it knows
+/// the insole's count; it also gets this count earlier, after `status` frames.
 pub fn live_losses(arrived: u32, due: u32, status: u32) {
     let mut counter = LiveCounter::NEW;
     for sequence in 0..due {
@@ -33,6 +34,7 @@ pub fn live_losses(arrived: u32, due: u32, status: u32) {
 /// A stream of cells is sent at the highest rate, not above the requested one, at which it fits beside the live frames.
 pub fn fitting_rate(resolution: Resolution, every: u8, cells: u32, period_us: u32, bytes_per_s: u32) {
     let frames_per_s = 1_000_000 / u64::from(period_us.max(1));
+    // Bytes with the framing of a byte carrier: 22 and 60 % of the plain codes for a frame of cells, 92 for a live frame.
     let frame_bytes = 22 + u64::from(cells) * u64::from(resolution.bits()) * 6 / 80;
     let live_bytes_per_s = 92 * frames_per_s;
     let fits = |every: u64| live_bytes_per_s * every + frame_bytes * frames_per_s <= u64::from(bytes_per_s) * every;

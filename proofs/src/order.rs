@@ -5,7 +5,7 @@ use plantar::protocol::session::{LIVE_QUEUE, Session};
 use plantar::protocol::{Live, LoadRecord, MAJOR, MAX_MESSAGE, MINOR, Status, ToDevice, ToHost, decode};
 use std::collections::VecDeque;
 
-/// Answers that can wait.
+/// Number of answers that can wait for the carrier.
 const ANSWERS: usize = 16;
 
 /// What happens to a session.
@@ -34,8 +34,9 @@ fn next(session: &mut Session) -> Option<Sent> {
     })
 }
 
-/// After a full queue of live frames and an answer, these events happen. Records come first, then live frames, of which a full queue
-/// drops the oldest, and of which at most eight precede an answer, then the answers; further answers than can wait are not given.
+/// The events happen to a session with a full queue of live frames and with room for one more answer. It sends records first,
+/// then live frames, of which a full queue drops the oldest and of which at most eight precede an answer, then answers. A request
+/// whose answer cannot wait is not answered.
 pub fn of_messages(events: &[Event]) {
     let mut session = Session::new();
     session.receive(ToDevice::Connect { major: MAJOR, minor: MINOR }, 0);
@@ -84,7 +85,7 @@ pub fn of_messages(events: &[Event]) {
     while let Some(record) = records.pop_front() {
         assert_eq!(next(&mut session), Some(record));
     }
-    // Nothing waits for a host that has gone.
+    // After the end of the session, nothing is sent.
     session.close();
     assert_eq!((session.next_live(), next(&mut session)), (None, None));
 }

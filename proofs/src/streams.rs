@@ -13,7 +13,7 @@ use plantar::protocol::{
 
 use crate::acknowledgement::hello;
 
-/// Packed frames that can wait for the carrier.
+/// Number of packed frames that can wait for the carrier.
 const QUEUE: usize = 3;
 
 fn next(session: &mut Session) -> Option<ToHost> {
@@ -70,7 +70,8 @@ pub fn cells(every: u8, events: &[bool]) {
     }
 }
 
-/// One of `every` frames has ellipses, the newest of which is sent, unless the rate is above 25 Hz.
+/// One of `every` frames has ellipses, and the newest ellipses are sent; a rate above 25 Hz is refused. The carrier takes a
+/// message after each frame whose number, modulo 32, has a bit set in `taken`.
 pub fn ellipses(every: u8, period_us: u32, frames: u32, taken: u32) {
     let mut session = session(period_us);
     session.receive(ToDevice::StreamEllipses { every }, 0);

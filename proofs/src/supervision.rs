@@ -5,9 +5,9 @@ use plantar::firmware::supervise::{Heartbeats, MOST_CHECKS, PARTS, Part, START_C
 /// The parts, in the order of [`PARTS`].
 pub const ALL: [Part; PARTS.len()] = [Part::Scan, Part::Model, Part::Link, Part::Storage, Part::Radio];
 
-/// The watchdog reports what follows from the heartbeats alone: from the allowed number of checks without a heartbeat on, the parts
-/// that are silent for that long, or for up to two checks less. `has_heartbeat` states whether a part has a heartbeat before a
-/// check; at each check, a frame waits for processing unless processing has a heartbeat.
+/// Once a part was silent for its allowed number of checks, the watchdog reports all parts that were silent for at least their
+/// own allowed number minus two. `has_heartbeat` states whether a part has a heartbeat before a check; at each check, a frame
+/// waits for processing unless processing has a heartbeat.
 pub fn watchdog(checks: u32, has_heartbeat: impl Fn(Part, u32) -> bool) {
     let (heartbeats, mut watchdog) = (Heartbeats::new(), Watchdog::new());
     let mut silent_checks = [0; PARTS.len()];

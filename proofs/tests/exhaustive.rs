@@ -1,5 +1,5 @@
-//! Each property for all inputs within its bounds. `cargo xtask assure` sets the environment variable `PLANTAR_ASSURE`, for larger
-//! bounds.
+//! Each property for all inputs within its bounds. `cargo xtask assure` sets the environment variable `PLANTAR_ASSURE`, for
+//! larger bounds.
 
 use critical_section as _; // links the host's implementation of the critical sections that the firmware uses
 use plantar::firmware::supervise::{MOST_CHECKS, Part, START_CHECKS};
@@ -174,7 +174,7 @@ fn a_partition_returns_the_bytes_of_its_area_only() {
     let mut bytes = [0; 3 * CHUNK];
     for start in [0, 256, 4096, CHIP_BYTES - 1024] {
         for len in [0, 1, 255, 256, 257, 1024] {
-            for (before, offset) in offsets(len).flat_map(|before| [0, 300, 1023].map(|offset| (offset, before))) {
+            for (before, offset) in offsets(len).flat_map(|offset| [0, 300, 1023].map(|before| (before, offset))) {
                 for read in (0..=600).step_by(bound(23, 1)).chain([255, 256, 257, 511, 512, 513]) {
                     flash::read(start..start + len, before, offset, &mut bytes[..read]);
                 }
@@ -265,7 +265,7 @@ fn a_part_that_continues_in_time_is_not_reported() {
         for (stop, silent) in (1..4).flat_map(|stop| (most - 3..most + 3).map(move |silent| (stop, silent))) {
             supervision::watchdog(most + 20, |other, check| other != part || !(stop..stop + silent).contains(&check));
         }
-        // Nothing has a heartbeat before the start has ended, or not even then.
+        // No part has a heartbeat in the first half of the time that a start may take; or no part ever has one.
         supervision::watchdog(START_CHECKS + most + 3, |other, check| other != part && check > START_CHECKS / 2);
         supervision::watchdog(START_CHECKS + most + 3, |_, _| false);
     }

@@ -1,5 +1,5 @@
-//! Scan, processing and watchdog in all orders in which they can interrupt each other. Needs `RUSTFLAGS="--cfg shuttle"`, with which
-//! the library's counters are Shuttle's atomics: `cargo xtask assure` sets it.
+//! Scan, processing and watchdog in all orders in which they can interrupt each other. Needs `RUSTFLAGS="--cfg shuttle"`, with
+//! which the library's counters are Shuttle's atomics: `cargo xtask assure` sets it.
 #![cfg(shuttle)]
 
 use critical_section as _; // links the host's implementation of the critical sections that the firmware uses
@@ -32,14 +32,15 @@ impl embassy_time_driver::Driver for Clock {
     fn schedule_wake(&self, _: u64, _: &Waker) {}
 }
 
-/// How urgent a thread is, from the least. The first thread prepares the others and checks the result.
+/// The names of the threads. Their first character is their urgency, from the least. The main thread prepares the others and
+/// checks the result.
 const PROCESSING: &str = "1 processing";
 const SCAN: &str = "2 scan";
 const WATCHDOG: &str = "3 watchdog";
 const MAIN: char = '9';
 
-/// All orders on one core with priorities: a thread, which is one activation of a loop, is interrupted only by more urgent ones, and
-/// continues once these have ended.
+/// All orders on one core with priorities: a thread, which is one activation of a loop, is interrupted only by more urgent ones,
+/// and continues once these have ended.
 struct Priorities {
     orders: DfsScheduler,
     begun: BTreeSet<TaskId>,
@@ -123,8 +124,9 @@ fn status(shared: &Shared) -> Status {
     }
 }
 
-/// Frames 0, 1, 3 and 4 become due while processing evaluates frames and a host reads the counters. Frame 2 is missed, frame 3 does
-/// not answer, and the queue has room for one frame. Whenever the scan interrupts the other loops, every frame is counted once.
+/// Frames 0, 1, 3 and 4 become due while processing evaluates frames and a host reads the counters. Frame 2 is missed, frame 3
+/// does not answer, and the queue has room for one frame. Whenever the scan interrupts the other loops, every frame is counted
+/// once.
 #[test]
 fn every_frame_is_counted_once_in_all_orders() {
     const NUMBERS: [u32; 4] = [0, 1, 3, 4];
@@ -173,8 +175,8 @@ fn every_frame_is_counted_once_in_all_orders() {
     assert!(orders > 100, "{orders}");
 }
 
-/// The watchdog interrupts a scan, of which the last heartbeat is almost too long ago: it reports the scan if and only if it comes before the
-/// heartbeat, and never sees more frames pending than were queued.
+/// The last heartbeat of a scan is almost too long ago when the watchdog interrupts it. The watchdog reports the scan if and only
+/// if it runs before the next heartbeat, and never sees more frames pending than were queued.
 #[test]
 fn a_heartbeat_counts_from_its_moment_on_in_all_orders() {
     let orders = in_all_orders(|| {
@@ -214,7 +216,7 @@ fn a_heartbeat_counts_from_its_moment_on_in_all_orders() {
     assert!(orders > 100, "{orders}");
 }
 
-/// Each counter has one writer, because a second one would lose counts: so these tests find what they are for.
+/// A counter with two writers loses counts, so each counter has one. The loss also shows that these tests can find one.
 #[test]
 fn a_second_writer_would_lose_counts() {
     let fewest = Arc::new(AtomicU32::new(u32::MAX));

@@ -48,7 +48,8 @@ enum Asked {
     Confirm,
 }
 
-/// The chip contains the chunks that were received in order, and accepts them once they are complete and their signature is valid.
+/// The expected behaviour: the chip contains the chunks that were received in order, and the image is accepted once they are
+/// complete and their signature is valid.
 #[derive(Default)]
 struct Receiver {
     /// The signature of the offered image is valid.

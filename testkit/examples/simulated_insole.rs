@@ -1,6 +1,6 @@
 //! A simulated insole at a network port, for tests of other programs: `cargo run -p testkit --example simulated_insole -- STEPS`.
-//! The code of the firmware's session serves one host after the other; it stores parameters, but computes nothing with them. After
-//! the steps it sends a load bout and an alert. The program prints its address, and then each acknowledgement that arrives.
+//! The code of the firmware's session serves one host after the other; it stores parameters, but computes nothing with them.
+//! After the steps it sends a load bout and an alert. The program prints its address, and then each acknowledgement that arrives.
 
 use plantar::protocol::session::{CommandResult, Session};
 use plantar::protocol::{Decoder, MAX_FRAME, MAX_MESSAGE, ToDevice, decode, frame};
@@ -8,7 +8,8 @@ use std::io::{self, Read, Write};
 use std::net::{TcpListener, TcpStream};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let steps: u32 = std::env::args().nth(1).ok_or("name the number of steps")?.parse()?;
+    let steps: u32 =
+        std::env::args().nth(1).ok_or("the number of steps is missing: simulated_insole STEPS")?.parse()?;
     let listener = TcpListener::bind("127.0.0.1:0")?;
     println!("{}", listener.local_addr()?);
     let mut session = Session::new();
@@ -52,7 +53,8 @@ fn serve(session: &mut Session, mut host: TcpStream) -> io::Result<()> {
     }
 }
 
-/// The insole's clock, which began 1.7e9 s after the Unix epoch: a request for its time arrives at the moment at which it was sent.
+/// The insole's time, us, when a message arrives. It began 1.7e9 s after the Unix epoch, and a request for it arrives at the
+/// moment at which it was sent.
 fn device_us(message: &ToDevice) -> u64 {
     match message {
         ToDevice::GetTime { host_us } => host_us - 1_700_000_000_000_000,

@@ -44,7 +44,7 @@ impl Activity {
         }
     }
 
-    /// The steps of this activity: stance time, swing time, and peak force relative to the weight.
+    /// The steps of this activity: stance time, s, swing time, s, and peak force relative to the weight.
     fn steps(self) -> Option<(f64, f64, f64)> {
         match self {
             Self::Walk => Some((0.65, 0.4, 1.1)),
@@ -54,7 +54,7 @@ impl Activity {
         }
     }
 
-    /// Force at this time, relative to the weight.
+    /// Force at this time, s, relative to the weight; 0 for activities that consist of steps.
     fn load(self, t_s: f64) -> f64 {
         let wave = |period_s: f64| (TAU * t_s / period_s).sin();
         match self {
@@ -79,7 +79,8 @@ pub fn sequences() -> impl Iterator<Item = Vec<Activity>> {
 /// The frames of a recording in which the wearer did something.
 pub type Span = (Activity, Range<usize>);
 
-/// Computes a recording of a foot of a wearer with this weight, N, who does these activities, each without steps for `seconds`.
+/// Computes a recording of a foot of a wearer with this weight, N, who does these activities. Each activity without steps takes
+/// `seconds`.
 pub fn recording(
     activities: &[Activity],
     weight_n: f64,
@@ -126,7 +127,7 @@ pub fn recording(
         last = *loads.last().unwrap_or(&0.0);
         spans.push((*activity, start + ramp..all.pressure_kpa.len() / frame_kpa.len()));
     }
-    // A child has small feet.
+    // Lengths are in proportion to the cube root of the weight, so that a child has small feet. The layout is that of 650 N.
     let size = (weight_n / 650.0).cbrt();
     for cell in &mut all.layout.cells {
         (cell.x_mm, cell.y_mm, cell.area_mm2) = (cell.x_mm * size, cell.y_mm * size, cell.area_mm2 * size * size);
@@ -138,7 +139,7 @@ pub fn recording(
     (all, spans)
 }
 
-/// The number of activities with a kind, and of those of which most of the time is within bouts of this kind.
+/// The number of activities that have a kind, and the number of them that are for most of their time in bouts of this kind.
 pub fn recognised(spans: &[Span], found: &Found, period_us: u64) -> (usize, usize) {
     let (mut labelled, mut right) = (0, 0);
     for (activity, frames) in spans {

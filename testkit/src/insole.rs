@@ -36,9 +36,9 @@ const RESET_US: u64 = 20_000;
 
 /// Name of the board in images.
 pub const BOARD: &str = "host";
-/// Length of its images.
+/// Length of its images, bytes.
 const IMAGE_BYTES: usize = 40 * CHUNK;
-/// Time after which an image with [`Defect::Crash`] panics.
+/// Time from the start to the panic of an image with [`Defect::Crash`], s.
 const CRASH_S: u64 = 20;
 
 /// A defect of an image; the byte after the header of an image states it.

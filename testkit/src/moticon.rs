@@ -31,13 +31,13 @@ impl Foot {
     }
 }
 
-/// A step in a report of the vendor. The report lacks times that need a step before or after its first or last one.
+/// A step in a report of the vendor. A time that ends with a later step is `None` if the report has no such step.
 #[derive(Deserialize)]
 struct VendorStep {
     /// Initial contact.
     contact_s: f64,
     toe_off_s: f64,
-    /// Largest force.
+    /// Largest total force.
     most_n: f64,
     /// Time to the next initial contact of the same foot.
     stride_s: Option<f64>,
@@ -73,14 +73,17 @@ pub struct Agreement {
     pub stride_ms: f64,
     /// Difference of step time, ms.
     pub step_ms: f64,
-    /// Difference of a phase of double support, which is what the vendor reports, ms.
+    /// Difference of the first phase of double support, ms. The vendor reports each phase on its own.
     pub double_support_ms: f64,
     /// Difference of the double support of a stride, both phases together, ms.
     pub both_phases_ms: f64,
 }
 
-/// Detects the stances in the total forces of all walks. `archive` is the source archive of the package moticon-opengo, and
-/// `python` an interpreter.
+/// Detects the stances in the total forces of all walks, and compares them with the vendor's steps. `archive` is the source
+/// archive of the package moticon-opengo, and `python` an interpreter.
+///
+/// # Panics
+/// If the interpreter cannot read the archive.
 pub fn compare(python: &Path, archive: &Path) -> Agreement {
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/src/moticon.py");
     let output = Command::new(python).arg(script).arg(archive).output().expect("Python can be started");

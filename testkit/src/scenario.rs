@@ -231,7 +231,7 @@ pub enum Event {
         #[serde(default)]
         defect: Defect,
     },
-    /// The host states that the running image serves it.
+    /// The host confirms the running image.
     ConfirmUpdate,
 }
 
@@ -580,7 +580,7 @@ impl Outcome {
                 (records, boot.is_cut_short)
             });
             let last = insole.boots.last();
-            // A start waits for a silent chip.
+            // A start waits two seconds for a silent chip.
             let start_us = if insole.is_chip_silent { 2_000_000 } else { 0 };
             let hello = host.hellos.last();
             let period_us = u64::from(hello.map_or(insole.wearer.borrow().setup().period_us, |hello| hello.period_us));
@@ -599,8 +599,9 @@ impl Outcome {
         Self { insoles: hosts.into_iter().enumerate().map(collect).collect() }
     }
 
-    /// Checks the invariants of all scenarios: every computed step and load bout arrives once, in order and unchanged, except
-    /// the last ones of a boot that was cut short; numbers increase; counters are consistent. Returns the number of lost ones.
+    /// Checks the invariants of all scenarios: every computed step and load bout arrives once, in order and unchanged, except the
+    /// last ones of a boot that was cut short; numbers increase; counters are consistent. Returns the number of lost steps and
+    /// load bouts.
     ///
     /// # Errors
     /// The first invariant that is violated.

@@ -93,10 +93,11 @@ fn blocks(value: u16) -> (Vec<CalibrationBlock>, u32) {
     (cells.chunks(BLOCK_CELLS).map(block).collect(), id.id())
 }
 
-type Chip<'c> = Store<&'c mut NorFlashChip>;
+/// A store on a simulated chip.
+type TestStore<'c> = Store<&'c mut NorFlashChip>;
 
 /// Executes an action on a store that has this content.
-async fn act(store: &mut Chip<'_>, action: Action, content: &Content) -> Result<(), StorageError> {
+async fn act(store: &mut TestStore<'_>, action: Action, content: &Content) -> Result<(), StorageError> {
     match action {
         Action::Tissue(value) => store.put(0, &tissue(value)).await,
         Action::Identity(value) => store.put(0, &identity(value)).await,
@@ -121,7 +122,7 @@ async fn act(store: &mut Chip<'_>, action: Action, content: &Content) -> Result<
     }
 }
 
-async fn has_record<R: Record>(store: &mut Chip<'_>, expected: Option<R>) -> bool {
+async fn has_record<R: Record>(store: &mut TestStore<'_>, expected: Option<R>) -> bool {
     store.get::<R>(0).await.expect("the chip works") == expected
 }
 
@@ -129,7 +130,7 @@ async fn has_record<R: Record>(store: &mut Chip<'_>, expected: Option<R>) -> boo
 ///
 /// # Errors
 /// A description of the first item that differs.
-async fn check_content(store: &mut Chip<'_>, expected: &Content) -> Result<(), String> {
+async fn check_content(store: &mut TestStore<'_>, expected: &Content) -> Result<(), String> {
     let calibration = store.calibration(LAYOUT, CELLS as u16).await.expect("the chip works");
     let mut cells = Vec::new();
     if let Some(calibration) = &calibration {

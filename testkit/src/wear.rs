@@ -82,7 +82,7 @@ pub struct Found {
 }
 
 impl Found {
-    /// Share of the stream's force-time integral that is in no step or load bout, or in two.
+    /// Share of the stream's force-time integral that is in no step or load bout, or in more than one.
     pub fn unassigned(&self, rate_hz: f64) -> f64 {
         let stream_n_s = self.totals_n.iter().sum::<f64>() / rate_hz;
         (self.integral_n_s - stream_n_s).abs() / stream_n_s
@@ -156,7 +156,7 @@ pub fn compare(walk: &Recording, contact: ContactRule, residual: Residual, level
     }
 }
 
-/// A walk of 60 steps with the noise of a sensor.
+/// A computed walk with the noise of a sensor.
 pub fn noisy_walk(walk: &synthetic::SyntheticWalk) -> Recording {
     let mut recording = synthetic::walk(walk).recording;
     let offsets = vec![0.0; recording.cells()];

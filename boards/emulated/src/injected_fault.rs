@@ -1,5 +1,5 @@
-//! Injects faults on request, so that tests can observe the recovery. The calls of [`inject`] are in the code of this board, above
-//! all in its implementations of the board traits.
+//! Injects faults on request, so that tests can observe the recovery. [`inject`] is called in the code of this board, above all
+//! in its implementations of the board traits.
 
 use core::cell::Cell;
 use core::hint::black_box;
@@ -31,7 +31,7 @@ pub fn inject(kinds: &[InjectedFault]) {
     }
 }
 
-/// Recurses deeper than any stack.
+/// Recurses until the stack overflows.
 #[inline(never)]
 fn too_deep(n: u32) -> u32 {
     let room = black_box([n; 8]);

@@ -49,8 +49,8 @@ use time::{RELOAD, Time};
 embassy_time_driver::time_driver_impl!(static TIME: Time = Time::new());
 defmt::timestamp!("{=u64:us}", Instant::now().as_micros());
 
-/// The header of this image. It is at a fixed place, so that host programs find it, and so does the running firmware that receives
-/// this image as an update.
+/// The header of this image. It is at a fixed place, so that host programs find it, and so does the running firmware that
+/// receives this image as an update.
 #[used]
 #[unsafe(link_section = ".header")]
 static IMAGE: Header = Header::new("emulated", env!("PLANTAR_VERSION"));
@@ -106,8 +106,8 @@ fn main() -> ! {
     for port in [&LINK, &HCI, &PLANT] {
         port.start();
     }
-    // SysTick, which drives the time and the supervision, keeps the highest priority, 0. The ports have the next priority, then
-    // follow the executor of the scan (TIM2) and, last, the executor of all other tasks (TIM3).
+    // SysTick, which drives the timers and the supervision, has the highest priority, 0, after a reset. The ports have the next
+    // one; then follow the executor of the scan (TIM2) and, last, the executor of all other tasks (TIM3).
     for (interrupt, priority) in [
         (Interrupt::USART1, 0x40),
         (Interrupt::USART2, 0x40),

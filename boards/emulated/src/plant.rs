@@ -148,7 +148,7 @@ impl FrameClock for Clock {
     }
 }
 
-/// Waits and counts heartbeats meanwhile, because a plant that pauses is not a stalled scan.
+/// Waits for `wait`, and counts heartbeats of the scan meanwhile, because a plant that pauses is not a stalled scan.
 async fn wait_with_heartbeats<T>(counters: &ScanCounters, wait: impl Future<Output = T>) -> T {
     let mut wait = pin!(wait);
     loop {

@@ -40,10 +40,12 @@ impl State {
 }
 
 impl Time {
+    /// A time driver that is not started yet.
     pub const fn new() -> Self {
         Self(CriticalSectionMutex::new(RefCell::new(State { wraps: 0, last: 0, queue: Queue::new() })))
     }
 
+    /// Starts the counter at 0, and the exception SysTick.
     pub fn start(&self, systick: &mut SYST) {
         TIM5.psc().write_value((TIMER_HZ / TICK_HZ - 1) as u16);
         TIM5.cr1().write(|w| w.set_cen(true));

@@ -17,7 +17,7 @@ const CRYSTAL_LIMIT_MS: u32 = 500;
 /// Longest time until the clock has stopped, ms.
 const STOP_LIMIT_MS: u32 = 5;
 
-/// Checks a condition every millisecond, and feeds the watchdog meanwhile. False if it is not met in time.
+/// Checks a condition every millisecond, and feeds the watchdog meanwhile. Returns false if it is not met within `limit_ms`.
 fn within_ms(limit_ms: u32, condition: impl Fn() -> bool) -> bool {
     (0..limit_ms).any(|_| {
         watchdog::feed();
@@ -26,7 +26,8 @@ fn within_ms(limit_ms: u32, condition: impl Fn() -> bool) -> bool {
     })
 }
 
-/// True if the crystal of 32,768 Hz oscillates. The clock is stopped again, because its source can be changed only then.
+/// Starts the crystal of 32,768 Hz; returns true if it oscillates. Then stops the clock again, because its source can be changed
+/// only while it is stopped.
 pub fn has_crystal() -> bool {
     pac::CLOCK.lfclksrc().write(|w| w.set_src(Lfclksrc::Xtal));
     pac::CLOCK.events_lfclkstarted().write_value(0);
@@ -34,7 +35,7 @@ pub fn has_crystal() -> bool {
     let has_started = within_ms(CRYSTAL_LIMIT_MS, || pac::CLOCK.events_lfclkstarted().read() != 0);
     pac::CLOCK.tasks_lfclkstop().write_value(1);
     pac::CLOCK.events_lfclkstarted().write_value(0);
-    // The watchdog keeps a clock of its own, so the result does not matter: the clock is started again in any case.
+    // The result does not matter: `embassy_nrf::init` starts the clock again in any case, and the watchdog has its own clock.
     within_ms(STOP_LIMIT_MS, || !pac::CLOCK.lfclkstat().read().state());
     has_started
 }
@@ -55,7 +56,7 @@ impl Microseconds {
         Self(timer)
     }
 
-    /// Waits for this time, which must not be 0.
+    /// Waits for `us` microseconds, at least 1.
     pub async fn wait(&mut self, us: u32) {
         pac::TIMER2.tasks_stop().write_value(1);
         pac::TIMER2.tasks_clear().write_value(1);

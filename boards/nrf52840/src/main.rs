@@ -75,8 +75,8 @@ bind_interrupts!(struct Irqs {
 
 defmt::timestamp!("{=u64:us}", Instant::now().as_micros());
 
-/// The header of this image. It is at a fixed place, so that host programs find it, and so does the running firmware that receives
-/// this image as an update.
+/// The header of this image. It is at a fixed place, so that host programs find it, and so does the running firmware that
+/// receives this image as an update.
 #[used]
 #[unsafe(link_section = ".header")]
 static IMAGE: Header = Header::new("nrf52840", env!("PLANTAR_VERSION"));
@@ -140,7 +140,7 @@ const TICK: Int = Int(1);
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    // First of all, so that nothing below can stop the board for ever.
+    // First of all, so that the board is reset if anything below hangs.
     watchdog::start();
     let boot = cortex_m_platform::boot_report(Some(take_reset_reason()));
     // The compiler must not assume the content of the header, because a tool may have patched it in the image.
@@ -183,7 +183,7 @@ fn main() -> ! {
     }
 }
 
-/// A pin that controls a switch.
+/// An output, which is low at first.
 fn line(pin: Peri<'static, AnyPin>) -> Output<'static> {
     Output::new(pin, Level::Low, OutputDrive::Standard)
 }

@@ -23,13 +23,13 @@ bind_interrupts!(struct Irqs {
     SAADC => InterruptHandler;
 });
 
-/// Number of inputs of the converter: of each, a multiplexer selects one of [`CHANNELS`] columns.
+/// Number of inputs of the converter. A multiplexer connects one of [`CHANNELS`] columns to each.
 pub const INPUTS: usize = 4;
-/// Number of columns for each input.
+/// Number of columns that share an input.
 const CHANNELS: usize = 4;
 const _: () = assert!(INPUTS * CHANNELS == COLUMNS && ROWS == 16);
 
-/// Time from the supply of the front end to the first row, us. The largest part is the charge of the buffer's capacitor.
+/// Time from switching on the supply of the front end to the first row, us. Charging the buffer's capacitor takes most of it.
 const SUPPLY_US: u32 = 500;
 /// Settling time after a change of the multiplexers, us: they connect outputs that have settled, through 200 ohm to 1 nF.
 const SWITCH_US: u32 = 3;
@@ -44,10 +44,10 @@ const BATTERY_TIMEOUT: Duration = Duration::from_millis(5);
 /// Time between two measurements of the battery.
 const BATTERY_PERIOD: Duration = Duration::from_secs(10);
 
-/// The converter returns 14 bits, and a code is a sum of 16 conversions of 12 bits.
+/// Factor from the converter's 14 bits to a code, which has the scale of a sum of 16 conversions of 12 bits.
 const CODES_PER_STEP: u16 = 4;
 
-/// The charge of the battery, percent.
+/// The charge of the battery, percent; 0 before the first measurement.
 static BATTERY_PERCENT: AtomicU8 = AtomicU8::new(0);
 
 /// The controller's supply, mV; 0 before the first measurement.
@@ -58,7 +58,8 @@ pub fn supply_mv() -> Option<u16> {
     Some(SUPPLY_MV.load(Ordering::Relaxed)).filter(|&supply_mv| supply_mv > 0)
 }
 
-/// True if the last measured supply is sufficient for the flash chip, which works from 2.3 V on. The supply is regulated to 3.3 V.
+/// True if the last measured supply is sufficient for the flash chip, which works from 2.3 V on. The supply is regulated to
+/// 3.3 V.
 pub fn is_supplied() -> bool {
     supply_mv().is_some_and(|supply_mv| supply_mv >= SUFFICIENT_SUPPLY_MV)
 }
@@ -85,8 +86,8 @@ const CONNECT: u8 = 1 << 4;
 const CHANNEL: usize = 5;
 
 impl ShiftRegister {
-    /// Outputs these bits. A level lasts for at least 60 ns, because each write to a pin takes that long; the register needs 20
-    /// ns.
+    /// Outputs these bits. A level lasts for at least 60 ns, because each write to a pin takes that long; the register needs
+    /// 20 ns.
     fn output(&mut self, bits: u8) {
         for bit in (0..u8::BITS).rev() {
             self.data.set_level((bits >> bit & 1 == 1).into());
@@ -156,7 +157,7 @@ impl ResistiveMatrix {
         config.oversample = Oversample::Over4x;
         let channels = self.inputs.each_mut().map(|input| {
             let mut channel = ChannelConfig::single_ended(input.reborrow());
-            // A fraction of the supply, as the signals are.
+            // The reference is a fraction of the supply, as the signals are, so that the supply cancels.
             channel.reference = Reference::VDD1_4;
             channel.gain = Gain::Gain1_4;
             channel.time = Time::_3US;

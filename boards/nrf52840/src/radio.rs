@@ -49,7 +49,7 @@ bind_interrupts!(struct Irqs {
     RTC0 => HighPrioInterruptHandler;
 });
 
-/// Longest data packet, bytes: the packets of the Bluetooth host have as many.
+/// Longest data packet, bytes: the size of the Bluetooth host's packets.
 const PACKET: u16 = 251;
 /// Number of packets to the central that the controller buffers.
 const TX_PACKETS: u8 = 3;
@@ -79,7 +79,7 @@ const COMMAND_STATUS: u8 = 0x0f;
 /// Length of the parameters of both events, without return parameters.
 const STATUS_BYTES: u8 = 4;
 
-/// The parts of the controller that the radio uses.
+/// The peripherals that the radio uses.
 pub struct Parts {
     /// For the scheduler of the radio.
     pub scheduler: SchedulerPeripherals<'static>,
@@ -171,7 +171,7 @@ async fn receive(radio: &SoftdeviceController<'_>, host: &Host<'_>) -> ! {
                 3 + usize::from(packet[2])
             }
             Err(error) => {
-                defmt::error!("radio: no packet: {}", error);
+                defmt::error!("radio: the controller returned no packet: {}", error);
                 Timer::after(RETRY).await;
                 continue;
             }
@@ -201,7 +201,7 @@ async fn send(radio: &SoftdeviceController<'_>, mut from_host: &HciPipe, host: &
         match (packet[0], packet.get(1..len)) {
             (H4_DATA, Some(data)) => {
                 if let Err(error) = radio.hci_data_put(data) {
-                    defmt::error!("radio: data refused: {}", error);
+                    defmt::error!("radio: the controller refused a data packet: {}", error);
                 }
             }
             (H4_COMMAND, Some(command)) => {
@@ -318,7 +318,7 @@ async fn execute(radio: &SoftdeviceController<'_>, parameters: &[u8], reply: &mu
         ($opcode:expr; $($function:ident: $($command:ident)*;)*) => {
             match $opcode {
                 $($(<$command as Cmd>::OPCODE => $function::<$command>(radio, parameters, reply).await,)*)*
-                opcode => defmt::warn!("radio: unknown command {=u16:x}", opcode.to_raw()),
+                opcode => defmt::warn!("radio: the host sent the unknown command {=u16:x}", opcode.to_raw()),
             }
         };
     }

@@ -87,7 +87,7 @@ pub async fn emptied(channel: usize) {
     .await;
 }
 
-/// Passes to the radio's core what `fill` writes, once the channel is empty.
+/// Waits until a channel is empty, lets `fill` write its buffer, and passes the buffer to the radio's core.
 pub async fn send(channel: usize, fill: impl FnOnce()) {
     emptied(channel).await;
     fill();
@@ -95,7 +95,8 @@ pub async fn send(channel: usize, fill: impl FnOnce()) {
     pac::IPCC.cpu(THIS).scr().write(|w| w.set_chs(channel, true));
 }
 
-/// Receives what `take` reads from a channel that the radio's core has filled.
+/// Waits until the radio's core has filled a channel, calls `take`, and empties the channel. Returns the value that `take`
+/// returned; if `take` returned `None`, waits again.
 pub async fn receive<T>(channel: usize, mut take: impl FnMut() -> Option<T>) -> T {
     loop {
         poll_fn(|context| {

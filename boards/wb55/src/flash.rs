@@ -67,12 +67,13 @@ pub async fn open(
     config.frequency = Hertz(BIT_HZ);
     config.miso_pull = Pull::Down;
     let spi = Spi::new(spi, clock, to_chip, from_chip, send, receive, Irqs, config);
-    // Neither a pin of this controller nor its SPI as master can fail. `unwrap` is not used, because it needs errors with `Debug`,
-    // which one of them lacks, and because the texts of the other would take kilobytes.
+    // Neither a pin of this controller nor its SPI as master can fail. `unwrap` is not used, because it needs errors with
+    // `Debug`: the first error lacks it, and the texts of the second would take kilobytes.
     let device = ExclusiveDevice::new(spi, select, Delay).unwrap_or_else(|_| unreachable!());
     let mut chip = W25::new_no_pins(device, CHIP_BYTES).await.unwrap_or_else(|_| unreachable!());
     for _ in 0..IDENTITY_READS {
         let identity = chip.jedec_id().await.ok().filter(|id| id.manufacturer() == JedecId::MANUFACTURER)?;
+        // The flash map needs 2 MiB.
         if (identity.major_device_id().ok()? as u8) < MajorDeviceId::W25_16 as u8 {
             return None;
         }

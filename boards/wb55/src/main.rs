@@ -44,8 +44,8 @@ use plantar::storage::Store;
 use radio::Wb55;
 use static_cell::{ConstStaticCell, StaticCell};
 
-/// Bit rate of the link. A live frame is at most 90 bytes with its framing: 9 kB/s at 100 Hz and 36 kB/s at 400 Hz, of the 46
-/// kB/s of the link. The rate is PCLK2 / 139, with an error of 0.08 %.
+/// Bit rate of the link. A live frame is at most 90 bytes with its framing: 9 kB/s at 100 Hz and 36 kB/s at 400 Hz, of the
+/// 46 kB/s of the link. The rate is PCLK2 / 139, with an error of 0.08 %.
 const LINK_BIT_HZ: u32 = 460_800;
 
 /// The core's clock, kHz.
@@ -54,8 +54,8 @@ const CORE_KHZ: u32 = 64_000;
 /// The independent watchdog resets the board after this time without a check by the supervision, ms.
 const WATCHDOG_MS: u16 = 1_000;
 
-/// Number of checks whether the crystal oscillates, and cycles between them. At the 32 MHz with which the bootloader starts this
-/// program they take 100 ms; a crystal needs 2 ms.
+/// Number of checks whether the crystal oscillates, and number of cycles between them. The bootloader starts this program with a
+/// clock of 32 MHz, at which all checks take 100 ms; a crystal needs 2 ms.
 const CRYSTAL_CHECKS: u32 = 1_000;
 const CRYSTAL_CHECK_CYCLES: u32 = 3_200;
 
@@ -79,8 +79,8 @@ bind_interrupts!(struct Irqs {
 
 defmt::timestamp!("{=u64:us}", Instant::now().as_micros());
 
-/// The header of this image. It is at a fixed place, so that host programs find it, and so does the running firmware that receives
-/// this image as an update.
+/// The header of this image. It is at a fixed place, so that host programs find it, and so does the running firmware that
+/// receives this image as an update.
 #[used]
 #[unsafe(link_section = ".header")]
 static IMAGE: Header = Header::new("stm32wb55", env!("PLANTAR_VERSION"));
@@ -104,7 +104,7 @@ fn start_watchdog() {
     pac::IWDG.kr().write(|w| w.set_key(Key::START));
 }
 
-/// Starts the crystal's oscillator. False, and the oscillator is off, if it does not oscillate.
+/// Starts the crystal's oscillator. Switches it off and returns false if the crystal does not oscillate.
 fn start_crystal() -> bool {
     if let Some(trim) = CRYSTAL_TRIM {
         pac::RCC.hsecr().write_value(Hsecr(UNLOCK_TRIM));
@@ -122,8 +122,8 @@ fn start_crystal() -> bool {
 }
 
 /// The clocks: 64 MHz, the maximum of this core, from the 32 MHz crystal, which the radio needs in any case and which makes frame
-/// times accurate. The converter runs at 64 MHz, too, which is also its maximum. Without a crystal, the internal oscillator of 16
-/// MHz replaces it.
+/// times accurate. The converter runs at 64 MHz, too, which is also its maximum. The internal oscillator of 16 MHz replaces a
+/// crystal that does not oscillate.
 fn clocks(has_crystal: bool) -> rcc::Config {
     let mut clocks = rcc::Config::new();
     let (source, prediv) = if has_crystal {
@@ -171,7 +171,7 @@ fn take_reset_reason() -> Reset {
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
-    // First of all, so that nothing below can stop the board for ever.
+    // First of all, so that the board is reset if anything below hangs.
     start_watchdog();
     let boot = cortex_m_platform::boot_report(Some(take_reset_reason()));
     // The compiler must not assume the content of the header, because a tool may have patched it in the image.

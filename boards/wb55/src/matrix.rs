@@ -3,7 +3,7 @@
 //! Time of a row at 64 MHz (`docs/hardware.md`): 37 us for settling, 16 columns x 16 conversions x 25 cycles = 100 us for the
 //! conversions, and an allowance of 15 us for set-up and wake-ups. 16 rows take 2.43 ms, and 2.45 ms with the first conversion,
 //! which is discarded, of the 2.5 ms of a frame at 400 Hz. After a longer scan, the next scan starts late, or is skipped and
-//! counted: so does the scan after the supply was measured, every ten seconds, at 400 Hz.
+//! counted. At 400 Hz this happens every ten seconds, after the measurement of the supply.
 //!
 //! Between scans no row is connected and, at frame rates that leave the time for it, the front end has no supply.
 
@@ -30,7 +30,8 @@ const SETTLE: Duration = Duration::from_micros(front_end::SETTLE_US as u64);
 /// Time from switching on the supply of the front end to settled outputs: the rise time of the load switch, which its capacitor
 /// of 330 pF determines, and 0.1 ms for the amplifiers and the virtual ground.
 const FRONT_END_START: Duration = Duration::from_micros(500);
-/// Shortest time between frames with which the front end is switched off between scans, us: a scan takes 2.95 ms then.
+/// Shortest time between frames at which the front end is switched off between scans, us. A scan with the start of the front end
+/// takes 2.95 ms.
 const SWITCHING_PERIOD_US: u32 = 4_000;
 
 /// Sampling time of a conversion: four time constants of the 150 ohm and 330 pF at each input. Only the first of 16 conversions
@@ -49,7 +50,7 @@ const CONVERSION_TIMEOUT: Duration = Duration::from_millis(1);
 const SUPPLY_PERIOD: Duration = Duration::from_secs(10);
 /// Sampling time of the internal reference, which needs at least 4 us: 10 us at 64 MHz.
 const REFERENCE_SAMPLE: SampleTime = SampleTime::CYCLES640_5;
-/// The supply at which the reference was measured when the chip was made, mV (DS11929, internal voltage reference).
+/// The supply at which the manufacturer measured the reference of each controller, mV (DS11929, internal voltage reference).
 const CALIBRATION_MV: u32 = 3_600;
 
 /// The supply, mV; 0 until it is measured.
@@ -71,11 +72,11 @@ pub struct ResistiveMatrix {
     rows_off: Output<'static>,
     /// High: the front end has a supply.
     front_end: Output<'static>,
-    /// The front end has no supply between scans.
+    /// The front end is switched off between scans.
     is_switched: bool,
     /// The internal reference voltage.
     reference: AnyAdcChannel<'static, ADC1>,
-    /// The supply is measured from then on.
+    /// The supply is measured at the end of the first scan after this time.
     supply_due: Instant,
 }
 

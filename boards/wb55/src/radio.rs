@@ -80,8 +80,8 @@ fn append(queue: u32, packet: u32) {
 /// The bytes of a packet that belongs to this core.
 fn bytes(packet: u32) -> &'static [u8] {
     let h4 = (packet + H4) as *const u8;
-    // SAFETY: the packet is in SHARED, and the radio's core does not write it before this core returns it, which happens after the
-    // last use of these bytes.
+    // SAFETY: the packet is in SHARED, and the radio's core does not write to it until this core returns it, after the last use
+    // of these bytes.
     unsafe {
         let len = match *h4 {
             H4_DATA => 5 + usize::from(u16::from_le_bytes([*h4.add(3), *h4.add(4)])),
@@ -146,7 +146,7 @@ fn has_firmware(packets: &Packets) -> bool {
         match SystemEvent::decode(bytes(packet)) {
             Some(SystemEvent::Ready) => defmt::info!("radio: the wireless firmware runs"),
             Some(SystemEvent::UpdateService) => {
-                defmt::error!("radio: ST's update service runs, because there is no wireless firmware: install it");
+                defmt::error!("radio: ST's update service runs, because the wireless firmware is missing: install it");
                 has_firmware = false;
             }
             Some(SystemEvent::Error(code)) => defmt::error!("radio: the radio's core reports error {=u8}", code),
@@ -171,6 +171,7 @@ pub async fn run(ipcc: Peri<'static, IPCC>, from_radio: &HciPipe, to_radio: &Hci
         let [low, high] = BLE_INIT_OPCODE.to_le_bytes();
         let parameters = BleInit::PERIPHERAL.bytes();
         fill(at!(system_command), &[H4_SYSTEM_COMMAND, low, high, parameters.len() as u8]);
+        // After the four bytes of the header.
         fill(at!(system_command) + 4, parameters);
     })
     .await;

@@ -37,8 +37,8 @@ static SCAN_COUNTERS: ScanCounters = ScanCounters::new();
 /// The frame queue holds three frames.
 static MEMORY: Memory<NoChip, 3> = Memory::new();
 
-/// A clock that does not advance. The package of a controller, such as `embassy-stm32`, has a time driver; without one, this is where to
-/// implement it.
+/// A clock that does not advance. The package of a controller, such as `embassy-stm32`, has a time driver. A board without such a
+/// package implements it here.
 struct NoTime;
 
 impl embassy_time_driver::Driver for NoTime {
@@ -198,7 +198,7 @@ async fn run_persist(store: &'static mut Store<NoChip>, shared: &'static Shared,
     persist::persist(store, shared, image, cortex_m_platform::image(), cortex_m::peripheral::SCB::sys_reset).await
 }
 
-/// The handlers of the controller's interrupts, which the package of a controller has. One is enough here.
+/// The table of the controller's interrupt handlers, which the package of a controller contains. One entry is enough here.
 #[used]
 #[unsafe(link_section = ".vector_table.interrupts")]
 #[unsafe(no_mangle)]
@@ -208,7 +208,7 @@ static __INTERRUPTS: [Option<extern "C" fn()>; 1] = [None];
 #[derive(Clone, Copy)]
 struct SpareInterrupt;
 
-// SAFETY: the number is that of an interrupt of the controller.
+// SAFETY: the table above has an interrupt with this number.
 unsafe impl cortex_m::interrupt::InterruptNumber for SpareInterrupt {
     fn number(self) -> u16 {
         0
@@ -217,7 +217,7 @@ unsafe impl cortex_m::interrupt::InterruptNumber for SpareInterrupt {
 
 cortex_m_platform::on_systick!(tick);
 
-/// Checks that scan, processing and link make progress, and resets the board if one of them is stalled.
+/// Checks that all parts of the firmware make progress, and resets the board if one of them is stalled.
 extern "C" fn tick(frame: u32) {
     cortex_m_platform::check(frame, &SCAN_COUNTERS.heartbeats);
 }

@@ -84,11 +84,11 @@ pub fn link(program: Program, flash: u32, ram: Range<u32>, regions: &[Region]) {
     version();
 }
 
-/// Ends the build with an error unless `PLANTAR_UPDATE_KEY` is a key of its own, or the feature `development-key` of the package
-/// is enabled.
+/// Requires that `PLANTAR_UPDATE_KEY` is another key than the development key, unless the feature `development-key` of the
+/// package under build is enabled.
 ///
 /// # Panics
-/// In this case, with the remedy.
+/// If it is not, which ends the build with the remedy.
 pub fn require_update_key() {
     println!("cargo:rerun-if-env-changed=PLANTAR_UPDATE_KEY");
     let key = env::var("PLANTAR_UPDATE_KEY").ok();
@@ -100,7 +100,7 @@ pub fn require_update_key() {
 /// Checks the key with which updates must be signed; `None` stands for the development key.
 ///
 /// # Errors
-/// If it is the development key and this is not allowed.
+/// If it is the development key and `is_development_allowed` is false. The text has the remedy.
 pub fn check_update_key(key: Option<&str>, is_development_allowed: bool) -> Result<(), String> {
     let is_development = key.is_none_or(|key| key.eq_ignore_ascii_case(DEVELOPMENT_KEY));
     if is_development && !is_development_allowed {
@@ -139,6 +139,7 @@ fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2).unwrap_or(Path::new(".")).into()
 }
 
+/// The folder for the output of the build script.
 fn out_dir() -> PathBuf {
     // Cargo always sets this variable.
     PathBuf::from(env::var_os("OUT_DIR").unwrap_or_default())

@@ -34,7 +34,7 @@ const STALLED: u32 = 1 << 8;
 #[derive(Clone, Copy)]
 struct CrashRecord {
     magic: u32,
-    /// Number of successive failed starts. The present start counts as failed until it is successful.
+    /// Number of successive failed starts. The present start counts as failed until [`HEALTHY_CHECKS`] checks were healthy.
     failed_starts: u32,
     /// The failure that ended the run; 0 if none was recorded.
     cause: u32,
@@ -147,8 +147,9 @@ macro_rules! on_systick {
     };
 }
 
-/// Checks that scan, processing and link make progress, and resets the board if one of them is stalled. To be called every
-/// [`CHECK_PERIOD_MS`] in the exception `SysTick`, with the address that [`on_systick`] passed.
+/// Checks that all parts ([`PARTS`]) make progress; if one of them is stalled, saves the crash record and resets the board. To be
+/// called every [`CHECK_PERIOD_MS`] in an exception above all tasks, with the address of the registers that it put on the stack,
+/// as [`on_systick`] passes it.
 pub fn check(frame: u32, heartbeats: &Heartbeats) {
     let (stalled, healthy_checks) = WATCHDOG.lock(|cell| {
         let mut watchdog = cell.get();
@@ -176,7 +177,7 @@ pub fn boot_report(controller_reset: Option<Reset>) -> BootReport {
         (_, None, Some(_)) => Reset::Software,
         (_, None, None) => Reset::Power,
     };
-    // A run that ended otherwise, as by the user, did not fail.
+    // A run that ended in another way, for example by the user, did not fail.
     let failed_starts =
         before.filter(|_| matches!(reset, Reset::Panic | Reset::Watchdog)).map_or(0, |before| before.failed_starts);
     let next_failed = failed_starts.saturating_add(1);
@@ -288,8 +289,8 @@ pub fn image() -> &'static [u8] {
     unsafe { core::slice::from_raw_parts(start as *const u8, end - start) }
 }
 
-/// Counts the core's cycles, including the cycles of interrupts, on a core with this clock, kHz. The cycle counter of the core must
-/// have been enabled.
+/// Counts the core's cycles, including the cycles of interrupts, on a core with this clock, kHz. The cycle counter of the core
+/// must have been enabled.
 pub struct CycleCounter<const CORE_KHZ: u32>;
 
 impl<const CORE_KHZ: u32> Stopwatch for CycleCounter<CORE_KHZ> {

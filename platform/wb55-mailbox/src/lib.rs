@@ -99,13 +99,13 @@ pub struct Shared {
     pub ble: Ble,
     pub system: System,
     pub memory: Memory,
-    /// The tables of unused functions, of which the longest has four words.
+    /// Stands for the tables of unused functions, of which the longest has four words.
     pub unused: [u32; 4],
     pub free: Node,
     pub ble_events: Node,
     pub system_events: Node,
     pub ble_command: Packet<COMMAND>,
-    /// Command Status has four bytes.
+    /// Seven bytes: H4 byte, code and length, and the four bytes of a Command Status.
     pub ble_status: Packet<7>,
     pub ble_data: Packet<DATA>,
     pub system_command: Packet<COMMAND>,

@@ -1,4 +1,4 @@
-//! The interrupts of the mailbox, against a model of the controller after RM0434, section IPCC.
+//! The interrupts of the mailbox, compared with a model of the peripheral by RM0434, section IPCC.
 
 use wb55_mailbox::channels::{CHANNELS, Masks};
 
@@ -42,7 +42,7 @@ fn one_call_of_a_handler_releases_its_interrupt_line() {
     }
 }
 
-/// The data channel, number 6, is the one that a host with much to send waits for.
+/// The data channel has number 6: a host with much to send waits for it.
 #[test]
 fn each_channel_asserts_its_line_once_it_is_awaited_and_changes() {
     assert_eq!(CHANNELS, 6);

@@ -108,7 +108,7 @@ fn main() -> ! {
 /// Verifies the signature, and marks the image for the bootloader if it is valid.
 #[inline(never)]
 fn check(update: &mut Update) {
-    // Without the black box, the compiler would conclude that this is never true.
+    // Without the black box, the compiler would conclude that the flag is never true, because only the debugger sets it.
     if black_box(&IS_SINGLE).load(Ordering::Relaxed) {
         let (chip, mut word) = (Mutex::new(Chip), [0; STATE_WORD]);
         let config =
@@ -126,7 +126,8 @@ fn end() -> ! {
     SCB::sys_reset()
 }
 
-/// Ends an attempt in which the core has left its way: a hundred times as long as the check takes.
+/// Starts the timeout that ends an attempt in which the core does not return from the check: a hundred times the duration of the
+/// check.
 fn start_timeout() {
     if let Some(mut peripherals) = Peripherals::take() {
         peripherals.SYST.set_clock_source(SystClkSource::Core);

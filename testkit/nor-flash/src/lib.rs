@@ -185,13 +185,13 @@ impl Supply {
         Self { operations: Cell::new(0), sufficient, low }
     }
 
-    /// Whether the supply is sufficient for the next operation. To be called once for each.
+    /// True if the supply is sufficient for the next operation. To be called once for each operation.
     pub fn is_sufficient(&self) -> bool {
         let operation = self.operations.replace(self.operations.get() + 1);
         operation < self.sufficient || operation >= self.sufficient + self.low
     }
 
-    /// Number of operations so far, whether they were possible or not.
+    /// Number of operations so far, with a sufficient or a low supply.
     pub fn operations(&self) -> u64 {
         self.operations.get()
     }

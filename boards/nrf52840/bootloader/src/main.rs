@@ -26,7 +26,7 @@ const APPLICATION: u32 = NRF52_FLASH + ACTIVE.start;
 /// The core's clock, kHz.
 const CORE_KHZ: u32 = 64_000;
 
-/// Waits in loops. Each wait feeds the watchdog, because each is limited.
+/// Waits in loops. Each wait for the chip is limited, so it may feed the watchdog.
 struct Busy;
 
 impl Wait for Busy {

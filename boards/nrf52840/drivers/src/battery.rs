@@ -7,7 +7,7 @@ const FULL_SCALE_MV: u32 = 1800;
 /// Number of bits of a conversion.
 const BITS: u32 = 12;
 
-/// Voltages of a cell at a small load, mV, with their charges, percent. These are typical values, not those of a certain cell:
+/// Voltages of a cell at a small load, mV, with their charges, percent. These are typical values, not those of a particular cell:
 /// the voltage changes little between 20 % and 80 %, so the charge is accurate to some 10 %.
 const CURVE: [(u32, u32); 9] =
     [(3300, 0), (3610, 5), (3690, 10), (3770, 30), (3840, 50), (3910, 65), (4020, 80), (4110, 90), (4200, 100)];

@@ -1,7 +1,7 @@
 //! The flash chip: reads and writes of any bytes, by transfers of whole words within a page.
 //!
 //! The controller's DMA only transfers whole, aligned words, from and to RAM. So every transfer uses a buffer of one page that
-//! belongs to the [`Bus`]: a transfer that was given up half-way can then never write to memory that is used otherwise.
+//! belongs to the [`Bus`]: a transfer that was given up half-way can then never write to memory that has another use.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 use embedded_storage_async::nor_flash::{
@@ -31,7 +31,7 @@ const IDENTITY_READS: usize = 5;
 const READ_STATUS: u8 = 0x05;
 /// Command Read Identification: manufacturer, type and capacity.
 const READ_IDENTITY: u8 = 0x9f;
-/// Command Release Power-down: a chip that other firmware has put to sleep stays asleep while it has a supply.
+/// Command Release Power-down. Other firmware may have put the chip to sleep, and a reset of the controller does not wake it.
 const RELEASE: u8 = 0xab;
 /// The bit in the status register that is set while the chip writes or erases.
 const BUSY: u8 = 1;
@@ -55,7 +55,7 @@ pub trait Bus {
     /// Switches the bus off, which saves power.
     fn deactivate(&mut self);
 
-    /// Reads the first `words` words of the buffer from an address that is a multiple of 4.
+    /// Reads `words` words into the beginning of the buffer, from an address of the chip that is a multiple of 4.
     ///
     /// # Errors
     /// If the transfer does not end.
@@ -80,7 +80,7 @@ pub trait Bus {
     /// If the transfer does not end.
     async fn command(&mut self, opcode: u8) -> Result<[u8; 3], NoAnswer>;
 
-    /// Waits.
+    /// Waits for `ms` milliseconds.
     async fn pause_ms(&mut self, ms: u32);
 }
 
@@ -120,9 +120,9 @@ fn check<const BYTES: u32>(offset: u32, len: usize) -> Result<(), Error> {
     if len <= room as usize { Ok(()) } else { Err(Error::OutOfBounds) }
 }
 
-/// The place of a byte in the buffer: its word, and its number of bits within the word. The first byte of a word is the lowest.
+/// The place of a byte in the buffer: its word, and its offset within the word, bits. The first byte of a word is the lowest.
 fn place(page: &Page, at: usize) -> (&AtomicU32, u32) {
-    // The callers pass offsets within a page; the remainder only spares a panic.
+    // The callers pass offsets within a page. The remainder only avoids the code of a panic.
     (&page[at / 4 % PAGE_WORDS], at as u32 % 4 * 8)
 }
 

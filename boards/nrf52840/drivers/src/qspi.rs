@@ -3,8 +3,8 @@
 //! `embassy-nrf` has a driver for it, too. It is not used here, because it panics on addresses, lengths and buffers that are not
 //! aligned, and because it waits in a loop without an end if a transfer is given up, as after a timeout.
 //!
-//! The chip is used with one data line in each direction. Four would need a bit in a non-volatile register of the chip, and read
-//! more than this board has to: 16 Mbit/s read an image in a quarter of a second.
+//! The chip is used with one data line in each direction. Four lines would need a bit in a non-volatile register of the chip, and
+//! the board needs no higher rate: at 16 Mbit/s, it reads an image in a quarter of a second.
 
 use crate::flash::{Bus, NoAnswer, PAGE_WORDS, Page};
 use core::sync::atomic::{AtomicU32, Ordering, compiler_fence};
@@ -38,11 +38,11 @@ static PAGE: Page = [const { AtomicU32::new(0) }; PAGE_WORDS];
 /// How a program waits.
 #[allow(async_fn_in_trait, reason = "executors of this board do not move tasks between threads")]
 pub trait Wait {
-    /// Waits until `is_ready` returns true; returns false if it does not within this time. The interrupt `QSPI` is requested when
-    /// it changes to true.
+    /// Waits until `is_ready` returns true; returns false if it does not within `limit_ms`. The interrupt `QSPI` is requested
+    /// when the result of `is_ready` changes to true.
     async fn until(&mut self, limit_ms: u32, is_ready: impl Fn() -> bool) -> bool;
 
-    /// Waits.
+    /// Waits for `ms` milliseconds.
     async fn pause_ms(&mut self, ms: u32);
 }
 
@@ -64,7 +64,7 @@ impl<W: Wait> Qspi<W> {
                 w.set_drive(Drive::H0h1);
             });
         }
-        // A missing chip reads 0, which means that it is not busy, and which is no identity.
+        // A missing chip reads 0. As a status, this means that it is not busy; as an identity, it is not valid.
         P0.pin_cnf(FROM_CHIP).write(|w| {
             w.set_input(Input::Connect);
             w.set_pull(Pull::Pulldown);

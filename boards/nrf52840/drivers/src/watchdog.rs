@@ -8,7 +8,7 @@ use embassy_nrf::pac::wdt::vals::{Halt, Rr, Sleep};
 /// The watchdog resets the board after this time, ms. The longest times without feeding it are 0.1 s between two checks of the
 /// supervision, 0.1 s for an operation of the controller's own flash, and at most 0.5 s until the crystal oscillates.
 const TIMEOUT_MS: u32 = 1_000;
-/// Its rate, ticks per s.
+/// The rate of the watchdog's counter, ticks per s.
 const TICKS_PER_S: u32 = 32_768;
 
 /// Starts the watchdog, unless it already runs, and feeds it. It is paused while a debugger halts the core.

@@ -43,7 +43,7 @@ const DETECTOR_STARTS_CYCLES: u32 = 3_200;
 /// Address of the application.
 const APPLICATION: u32 = STM32_FLASH + ACTIVE.start;
 
-/// Number of times that a busy chip is asked again, at some 10 us each. The longest operation of the chip takes 0.4 s.
+/// Number of times that the status of a busy chip is read, some 10 us each: 1 s. The longest operation of the chip takes 0.4 s.
 const BUSY_POLLS: u32 = 100_000;
 
 /// True if the supply is sufficient for the flash chip.
@@ -51,7 +51,7 @@ fn is_supplied() -> bool {
     !pac::PWR.sr2().read().pvdo()
 }
 
-/// The controller's own flash, which feeds the watchdog before each erase operation, of which a swap has one for each sector.
+/// The controller's own flash. It feeds the watchdog before each erase operation; a swap erases one sector at a time.
 struct Fed<F> {
     flash: F,
     watchdog: IndependentWatchdog<'static, IWDG>,
@@ -117,8 +117,8 @@ fn main() -> ! {
         let own = BlockingMutex::<NoopRawMutex, _>::new(RefCell::new(Fed { flash, watchdog }));
         let active = BlockingPartition::new(&own, ACTIVE.start, MAX_IMAGE);
         if BootLoader::try_prepare::<_, _, _, BUFFER>(config(&chip, active)).is_err() {
-            // The swap failed half-way, so no image would run. It continues after the reset. With a low supply, the same sector of
-            // the controller's own flash would be erased at each start, so that the reset waits for the supply, or for the watchdog.
+            // The swap failed half-way, so no image would run. It continues after the reset. With a low supply, each start would
+            // erase the same sector of the controller's own flash again, so the loop waits for the supply, or for the watchdog.
             while !is_supplied() {}
             SCB::sys_reset()
         }
