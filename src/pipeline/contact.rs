@@ -70,9 +70,10 @@ pub struct ContactCell {
     squared_shares_per_kpa: f32,
     /// The present share, in units of 1/[`WHOLE`].
     share: u16,
-    /// The codes from `low` to `low + span - 1` need no [`ContactCell::update`]. All are above the code at zero pressure.
-    low: u16,
-    span: u16,
+    /// The codes from `low` to `low + span - 1` need no [`ContactCell::update`]. All are above the code at zero pressure. The two
+    /// numbers are words, because one instruction loads two words.
+    low: u32,
+    span: u32,
 }
 
 impl ContactCell {
@@ -99,7 +100,7 @@ impl ContactCell {
     #[inline(always)]
     pub fn is_unchanged(&self, code: u32) -> bool {
         // A code below `low` wraps to a number above any span.
-        code.wrapping_sub(u32::from(self.low)) < u32::from(self.span)
+        code.wrapping_sub(self.low) < self.span
     }
 
     /// Processes a code and returns the change of the share, in units of 1/[`WHOLE`]. `curve_kpa` is the pressure of the code above
@@ -109,14 +110,14 @@ impl ContactCell {
     pub fn update(&mut self, code: u32, zero: u16, curve_kpa: f32) -> i32 {
         let before = self.share;
         let threshold = if before > 0 { self.off } else { self.on };
-        let (pressed_from, whole_from) = (zero.saturating_add(1), self.full.max(self.off));
-        (self.share, self.low, self.span) = if code < u32::from(threshold) {
-            (0, pressed_from, self.on.saturating_sub(pressed_from))
+        let (share, low, end) = if code < u32::from(threshold) {
+            (0, u32::from(zero) + 1, self.on)
         } else if code >= u32::from(self.full) {
-            (WHOLE, whole_from, FULL_CODE.saturating_sub(whole_from))
+            (WHOLE, self.full.max(self.off).into(), FULL_CODE)
         } else {
-            (self.part(curve_kpa), self.off, self.full - self.off)
+            (self.part(curve_kpa), self.off.into(), self.full)
         };
+        (self.share, self.low, self.span) = (share, low, u32::from(end).saturating_sub(low));
         i32::from(self.share) - i32::from(before)
     }
 
@@ -157,14 +158,13 @@ impl ContactCell {
 
     /// Requests [`ContactCell::update`] for codes from `code` on, in addition to those that change the share.
     pub(crate) fn notify_at(&mut self, code: u32) {
-        // The minimum with a u16 fits into a u16.
-        self.span = code.saturating_sub(self.low.into()).min(self.span.into()) as u16;
+        self.span = code.saturating_sub(self.low).min(self.span);
     }
 
     /// Requests [`ContactCell::update`] for codes that differ from `code` by more than [`SAME_CODE`].
     pub(crate) fn notify_on_change(&mut self, code: u16) {
-        self.low = code.saturating_sub(SAME_CODE).max(self.off);
-        self.span = code.saturating_add(SAME_CODE + 1).saturating_sub(self.low);
+        self.low = code.saturating_sub(SAME_CODE).max(self.off).into();
+        self.span = (u32::from(code) + u32::from(SAME_CODE) + 1).saturating_sub(self.low);
     }
 
     /// Requests [`ContactCell::update`] for any code.
