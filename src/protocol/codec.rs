@@ -101,7 +101,7 @@ impl Decoder {
         Self { buffer: [0; MAX_FRAME], len: 0, bad_frames: 0 }
     }
 
-    /// Processes one byte; returns the message, without its frame, where the byte completes one.
+    /// Processes one byte; returns the message, without its frame, if the byte completes one.
     pub fn push(&mut self, byte: u8) -> Option<&[u8]> {
         if byte != 0 {
             // A length one past the end marks a frame that is too long.
