@@ -72,7 +72,7 @@ pub struct Insole<R, const N: usize> {
     records: u32,
 }
 
-/// The frame, for the fault detection. A function would borrow the detector, too.
+/// The frame, for the fault detection. It is a macro, because a function would borrow the whole insole, with its detector.
 macro_rules! frame_context {
     ($insole:ident, $seq:ident, $codes:ident) => {
         FrameContext {
@@ -285,7 +285,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         (u64::from(wraps) << 32 | u64::from(seq)) * u64::from(self.setup.period_us)
     }
 
-    /// The time of which a stage has computed the lower part, from a frame number that wraps.
+    /// Adds the wraps of the frame number to `time_us`, which a stage has computed from the frame number alone, us.
     fn unwrapped_us(&self, time_us: u64) -> u64 {
         self.time_us(time_us.checked_div(u64::from(self.setup.period_us)).unwrap_or(0) as u32)
     }
@@ -339,9 +339,9 @@ impl<R: Real, const N: usize> Insole<R, N> {
         }
     }
 
-    /// Sums the cells region by region. `COVERED` states whether cells can be in contact in part. Returns the change of the contact
-    /// area, in the units of [`area_units`]. A device spends most of its time in this function, which is not inlined, so that all
-    /// registers are available.
+    /// Sums the cells region by region. `COVERED` states whether cells can be in contact in part. Returns the change of the
+    /// contact area, in the units of [`area_units`]. A device spends most of its time in this function, which is not inlined, so
+    /// that all registers are available.
     #[inline(never)]
     fn sum_regions<const COVERED: bool>(&mut self, codes: &[u16]) -> i32 {
         let (mut cells, mut codes) = (self.cells.as_mut_slice(), codes);

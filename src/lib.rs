@@ -1,12 +1,12 @@
 //! Plantar: firmware for instrumented insoles. This crate is the part that is independent of hardware and operating system:
 //! `no_std`, without allocation, generic over `f32` and `f64`.
 //!
-//! The firmware scans the sensor matrix of an insole, determines the contact area and a fitted ellipse in each of eight regions of
-//! the foot, and evaluates a viscoelastic model of the plantar tissue on the insole itself (DeBerardinis, Dufek, Trabia, J.
+//! The firmware scans the sensor matrix of an insole, determines the contact area and a fitted ellipse in each of eight regions
+//! of the foot, and evaluates a viscoelastic model of the plantar tissue on the insole itself (DeBerardinis, Dufek, Trabia, J.
 //! Biomech. 92, 2019, 137-145). The output is small: live regional loads, and one record for each step.
 //!
-//! Plantar is for people who wear instrumented insoles and want to see their regional loads, for biomechanists with recordings who
-//! want area, ellipses, deformation and force of each region and step, and for firmware engineers, who can run and test
+//! Plantar is for people who wear instrumented insoles and want to see their regional loads, for biomechanists with recordings
+//! who want area, ellipses, deformation and force of each region and step, and for firmware engineers, who can run and test
 //! everything in an emulator. The same code runs on a device in single precision, and on a host in single or double precision.
 //!
 //! ```text

@@ -3,7 +3,7 @@
 #[cfg(feature = "defmt")]
 pub(crate) use defmt::{error, info, warn};
 
-/// Discards a message, but uses its arguments.
+/// Discards a message, but uses its arguments, so that the compiler does not report them as unused.
 #[cfg(not(feature = "defmt"))]
 macro_rules! discard {
     ($text:literal $(, $argument:expr)* $(,)?) => {{

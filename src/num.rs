@@ -1,8 +1,8 @@
 //! The arithmetic of the data path: [`Real`] is `f32` on a device, and `f32` or `f64` on a host.
 //!
 //! Transcendental functions are those of `libm` on all targets, or are defined here, and never those of `std`, so that a host in
-//! `f32` computes exactly the same bits as a device. The square root is an instruction of the FPU if there is one. The instruction is correctly rounded,
-//! as the function of `libm` is, so both have equal results.
+//! `f32` computes exactly the same bits as a device. The square root is an instruction of the FPU if there is one. The
+//! instruction is correctly rounded, as the function of `libm` is, so both have equal results.
 
 use core::fmt::Debug;
 use core::iter::Sum;
@@ -156,15 +156,15 @@ impl Real for f32 {
     fn sqrt(self) -> Self {
         fpu::sqrt(self)
     }
-    /// The logarithm of the significand is a series in the inverse hyperbolic tangent that is accurate to 1e-9, so that the result is
-    /// accurate to 1.2e-7, relative to the larger of 1 and itself. It costs half the instructions of the function of `libm`, which
-    /// also treats subnormal and infinite numbers: here, numbers below 1e-38 count as 0.
+    /// The logarithm of the significand is computed by a series of the inverse hyperbolic tangent that is accurate to 1e-9, so
+    /// the result is accurate to 1.2e-7, relative to the larger of 1 and itself. It takes half the instructions of the function
+    /// of `libm`, which also treats subnormal and infinite numbers: here, numbers below 1e-38 count as 0.
     #[inline(always)]
     fn log2(self) -> Self {
         /// The bits of the square root of 1/2, the smallest significand.
         const LEAST: u32 = 0x3f35_04f3;
-        /// The polynomial of 3rd order in s^2 with the smallest largest relative error from log2((1 + s) / (1 - s)) / s; highest order
-        /// first.
+        /// The polynomial of 3rd order in s^2 that minimises the largest relative error from log2((1 + s) / (1 - s)) / s; highest
+        /// order first.
         const SERIES: [f32; 4] = [0.431_735_78, 0.576_714_4, 0.961_798_85, 2.885_39];
         if self < f32::MIN_POSITIVE {
             return f32::NEG_INFINITY;
@@ -177,14 +177,16 @@ impl Real for f32 {
         let series = SERIES.into_iter().reduce(|sum, next| sum * squared + next).unwrap_or(0.0);
         s * series + exponent as f32
     }
-    /// The fractional part is evaluated by a polynomial that is accurate to 8e-8, so that the result is accurate to 2.5e-7. It costs
-    /// half the instructions of the function of `libm`, which also treats subnormal results: here, results below 3e-38 are 0, and
-    /// those above 4e37 are infinite. The model takes two powers for each region and frame.
+    /// The fractional part is evaluated by a polynomial that is accurate to 8e-8, so that the result is accurate to 2.5e-7. It
+    /// takes half the instructions of the function of `libm`, which also treats subnormal results: here, results below 2^-125 are
+    /// 0, and those above 2^125 are infinite. The model computes two powers for each region and frame.
     #[inline(always)]
     fn exp2(self) -> Self {
-        /// Adding and subtracting it rounds a small number to the nearest integer, which then is in the low bits of the sum.
+        /// 1.5 * 2^23: adding this number to a small one rounds the small one to the nearest integer, which is then in the low
+        /// bits of the sum. Subtracting it returns that integer.
         const TO_INTEGER: f32 = 12_582_912.0;
-        /// The polynomial of 5th order with the smallest largest relative error from 2^x within -1/2 and 1/2; highest order first.
+        /// The polynomial of 5th order that minimises the largest relative error from 2^x within -1/2 and 1/2; highest order
+        /// first.
         const SERIES: [f32; 6] = [1.327_647_2e-3, 9.675_541e-3, 5.550_713e-2, 0.240_221_2, 0.693_146_94, 1.000_000_1];
         if self.abs() > 125.0 {
             return if self < 0.0 { 0.0 } else { f32::INFINITY };

@@ -94,8 +94,8 @@ impl FaultDetector {
         self.masking.regions
     }
 
-    /// Adds `change`, in units of [`crate::pipeline::cell::area_units`], to the contact area. True if more than half of the insole
-    /// is in contact: then [`FaultDetector::frame`] only checks saturated cells.
+    /// Adds `change`, in units of [`crate::pipeline::cell::area_units`], to the contact area. True if more than half of the
+    /// insole is in contact: then [`FaultDetector::frame`] only checks saturated cells.
     #[inline(always)]
     pub(crate) fn is_foot_down(&mut self, change: i32) -> bool {
         self.contact_area += change;
@@ -125,8 +125,8 @@ impl FaultDetector {
         }
     }
 
-    /// Processes a frame in which the foot is not lifted, or not for long enough. `is_down` states whether it is on the ground. True
-    /// if this interrupts a review that has changed baselines.
+    /// Processes a frame in which the foot is not lifted, or not for long enough. `is_down` states whether it is on the ground.
+    /// True if this interrupts a review that has changed baselines.
     #[inline(always)]
     pub(crate) fn pause(&mut self, is_down: bool) -> bool {
         let is_changed = is_down && self.next_cell.is_some() && self.review.rezeroed > 0;

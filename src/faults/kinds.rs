@@ -84,8 +84,8 @@ pub struct Faults {
     /// Number of masked cells of each region; 255 stands for 255 or more.
     pub masked_cells: [u8; 8],
     /// Number of cells of each region without a baseline: in the last swing, they read more than a baseline can have
-    /// ([`MAX_RESIDUAL_KPA`](crate::pipeline::baseline::MAX_RESIDUAL_KPA)), so their former baseline remains in force. 255 stands for
-    /// 255 or more.
+    /// ([`MAX_RESIDUAL_KPA`](crate::pipeline::baseline::MAX_RESIDUAL_KPA)), so their former baseline remains in force. 255 stands
+    /// for 255 or more.
     pub without_baseline: [u8; 8],
     /// The first [`MAX_FAULTS`] faults, in the order of their detection.
     pub list: Vec<Fault, MAX_FAULTS>,

@@ -33,7 +33,7 @@ impl Masking {
         !self.masks.is_empty()
     }
 
-    /// Masks a cell; returns the change of [`area_units`]. At most [`MAX_INTERPOLATED`] masked cells are interpolated, the first.
+    /// Masks a cell; returns the change of [`area_units`]. Only the first [`MAX_INTERPOLATED`] masked cells are interpolated.
     pub(super) fn mask<R: Real>(&mut self, frame: &mut FrameContext<'_, R>, index: usize) -> i32 {
         let region = frame.region(index);
         let cell = &mut frame.cells[index];

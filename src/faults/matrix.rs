@@ -16,8 +16,8 @@ pub(crate) struct MatrixRows {
 impl MatrixRows {
     pub(crate) const NONE: Self = Self { cells: [0; MATRIX_CELLS], ends: [0; LINES] };
 
-    /// Lists the cells of an insole. Cells after the first [`MATRIX_CELLS`] are omitted: a larger insole is not searched for faulty
-    /// lines.
+    /// Lists the cells of an insole. Cells after the first [`MATRIX_CELLS`] are omitted: a larger insole is not searched for
+    /// faulty lines.
     pub(crate) fn set<R>(&mut self, cells: &[InsoleCell<R>]) {
         let mut len = 0;
         for (row, end) in self.ends.iter_mut().enumerate() {

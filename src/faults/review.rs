@@ -14,7 +14,8 @@ use crate::pipeline::marks::{
 /// Largest deviation from the baseline in swing that can be a slow drift, codes.
 const MAX_SLOW: u16 = 1024;
 
-/// Rise of a reading from swing to swing, codes, from which on the step between them is no evidence of crosstalk in the cell's row.
+/// Rise of a reading from one swing to the next, codes, above which the step between them is no evidence of crosstalk in the
+/// cell's row.
 const MAX_RISE: i16 = 2 * NOISE as i16;
 
 /// A running review of all cells.
@@ -84,8 +85,8 @@ fn reading<R>(cell: &InsoleCell<R>, code: u16) -> i16 {
     above.clamp(i16::MIN.into(), i16::MAX.into()) as i16
 }
 
-/// Reviews the unloaded reading of a cell: it can be at full scale, stuck, or drift farther than the baseline follows. `around` are
-/// the neighbours, if their state was determined.
+/// Reviews the unloaded reading of a cell: it can be at full scale, stuck, or drift farther than the baseline follows. `around`
+/// are the neighbours, if their state was determined.
 fn review_swing<R: Real>(cell: &mut InsoleCell<R>, code: u16, around: Option<&Neighbourhood>, curve: &Curve) {
     let (reading, reading_before) = (reading(cell, code), cell.marks.swing_reading);
     let (size, size_before) = (reading.unsigned_abs(), reading_before.unsigned_abs());

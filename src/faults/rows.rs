@@ -1,7 +1,7 @@
 //! Crosstalk: a row of which every cell reads a part of the row's load.
 //!
-//! An inspection shows that a row is clean, that is, free of crosstalk, if one of its cells is loaded and another is not. Rows are
-//! inspected in turn while the foot is partly in contact. A row that was clean in earlier steps, and then is not clean in
+//! An inspection shows that a row is clean, that is, free of crosstalk, if one of its cells is loaded and another is not. Rows
+//! are inspected in turn while the foot is partly in contact. A row that was clean in earlier steps, and then is not clean in
 //! successive steps, has crosstalk.
 
 use super::MIN_LINE_CELLS;
@@ -9,8 +9,8 @@ use super::neighbourhood::FrameContext;
 use crate::pipeline::calibrate::FULL_CODE;
 use crate::pipeline::marks::LINES;
 
-/// An inspection is conclusive if the highest pressure of the row is at least this much above that of the lifted foot, on the sensor
-/// curve, kPa, and its code below half of full scale.
+/// An inspection is conclusive if the highest pressure of the row is at least this much above that of the lifted foot, on the
+/// sensor curve, kPa, and its code below half of full scale.
 const CONCLUSIVE_KPA: f32 = 31.0;
 /// A conclusive inspection is clean if the lowest pressure of the row is less than the highest one divided by this number.
 const CLEAN_FRACTION: f32 = 76.0;

@@ -4,8 +4,8 @@ use embassy_time::{Duration, Instant};
 
 /// Time for a central to encrypt the link, or to pair.
 const ENCRYPTION: Duration = Duration::from_secs(30);
-/// The same for an unknown central, after another one did not encrypt its link. It is short, so that the owner's phone soon gets its
-/// turn.
+/// The same for an unknown central, after another one did not encrypt its link. It is short, so that the owner's phone soon gets
+/// its turn.
 const SUSPECTED: Duration = Duration::from_secs(2);
 /// Time for which unknown centrals are suspected.
 const SUSPICION: Duration = Duration::from_secs(300);

@@ -25,10 +25,10 @@ pub const FEEDBACK_OHM: u32 = 33_000;
 pub const FULL_SCALE_OHM: u32 = FEEDBACK_OHM / REFERENCE_DIVISOR as u32;
 /// Code of an unloaded cell, whose amplifier is at the virtual ground.
 pub const UNLOADED_CODE: u16 = FULL_CODE / REFERENCE_DIVISOR;
-/// Codes from here on count as full scale: an amplifier may saturate up to 1 % of its supply, 33 mV, below that.
+/// Codes from here on count as full scale, because an amplifier may saturate up to 33 mV, 1 % of its supply, below the supply.
 pub const CLIPPED_CODE: u16 = FULL_CODE - FULL_CODE / 100;
 
-/// Time from the selection of a row to the first conversion, us.
+/// Time from the selection of a row to the first conversion, us: longer than the simulated settling (docs/hardware.md).
 pub const SETTLE_US: u32 = 37;
 /// Clock of the converter, kHz.
 pub const ADC_KHZ: u32 = 64_000;

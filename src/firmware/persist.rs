@@ -33,16 +33,16 @@ const IDLE: Duration = Duration::from_secs(10);
 /// Time after the start at which the image has shown that it works: the previous image does not return any more.
 const PROVEN: Duration = Duration::from_secs(3600);
 
-/// The state of persisting.
+/// The state of [`persist()`].
 #[cfg_attr(not(feature = "management"), allow(dead_code, reason = "management tools use some fields"))]
 struct Persist<'a> {
     shared: &'a Shared,
-    /// The log may contain steps or load bouts after the newest one in RAM.
+    /// The log may contain load records after the newest one in RAM.
     has_more_in_log: bool,
     /// The last attempt to read from the log succeeded.
     is_log_readable: bool,
     update: Update,
-    /// Time of the restart after an accepted update.
+    /// Time of the restart after a request or an accepted update; [`Instant::MAX`] if none is due.
     restart_at: Instant,
     /// Time at which the load of the day is stored next.
     daily_load_at: Instant,
@@ -60,9 +60,9 @@ struct Persist<'a> {
     sha256: Option<Sha256>,
 }
 
-/// Persists steps, load bouts, acknowledgements, parameters and bonds. Never returns. An item that the chip fails to store is
-/// counted, and is in force until the next start. Receives firmware updates, and confirms the running image after its trial;
-/// `image` is its header, `content` the image itself.
+/// Persists steps, load bouts, alerts, acknowledgements, parameters and bonds. Never returns. An item that the chip fails to
+/// store is counted, and is in force until the next start. Receives firmware updates, and confirms the running image after its
+/// trial; `image` is its header, `content` the image itself.
 pub async fn persist(
     store: &mut Store<impl MultiwriteNorFlash>,
     shared: &Shared,
@@ -105,7 +105,7 @@ pub async fn persist(
         state.store_bonds(store).await;
         state.note_radio(store).await;
         state.execute_command(store, restart).await;
-        // Not `if`, because the code of an asynchronous function that is never called remains.
+        // Not `if IS_MANAGED`: the code of an asynchronous function remains in the firmware, even if it is never called.
         #[cfg(feature = "management")]
         state.execute_request(store).await;
         if Instant::now() >= state.daily_load_at {
@@ -141,14 +141,15 @@ impl Persist<'_> {
         self.shared.frames_before.set(None);
     }
 
-    /// Stores what a restart would lose. The records are the last, because one may come while the load of the day is stored.
+    /// Stores what a restart would lose. The records are stored last, because one may be queued while the load of the day is
+    /// being stored.
     async fn store_all(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
         self.store_daily_load(store).await;
         self.store_records(store).await;
     }
 
-    /// Stores a record. False if the session must also hold it in RAM, because it follows the records there or could not be stored.
-    /// True if it will be loaded from the log later, or is lost.
+    /// Stores a record. False if the session must also hold it in RAM, because it follows the records there or could not be
+    /// stored. True if it will be loaded from the log later, or is lost.
     async fn store_record(&mut self, store: &mut Store<impl MultiwriteNorFlash>, record: &LoadRecord) -> bool {
         if matches!(record, LoadRecord::Alert(_)) {
             // An alert must not be raised again after a loss of power.
@@ -181,7 +182,8 @@ impl Persist<'_> {
         }
     }
 
-    /// Stores the bonds if they have changed. A failure is counted once, and the bonds are stored as soon as the chip accepts them.
+    /// Stores the bonds if they have changed. A failure is counted once, and the bonds are stored as soon as the chip accepts
+    /// them.
     async fn store_bonds(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
         if !self.shared.bonds_changed.take() {
             return;
@@ -242,8 +244,8 @@ impl Persist<'_> {
         }
     }
 
-    /// Executes a command. Returns `None` if a restart follows instead of an answer. The command is borrowed, because a copy would
-    /// take static memory of this task.
+    /// Executes a command. Returns `None` if a restart follows instead of an answer. The command is borrowed, because a copy
+    /// would take static memory of this task.
     async fn execute(
         &mut self,
         store: &mut Store<impl MultiwriteNorFlash>,
@@ -280,7 +282,7 @@ impl Persist<'_> {
             }
             Command::Settings(settings) => {
                 store.put(0, &SettingsRecord(*settings)).await?;
-                log::info!("settings: the rules are stored, for the next start");
+                log::info!("settings: stored, in force from the next start on");
                 CommandResult::Stored
             }
             Command::AlertRules(rules) => {
@@ -353,7 +355,7 @@ impl Persist<'_> {
             if update::confirm(flash, self.image).await.is_ok() {
                 log::info!("update: the image is confirmed");
             } else {
-                log::error!("update: the image could not be confirmed");
+                log::error!("update: the image could not be confirmed, the next start swaps it back");
             }
         }
         verdict

@@ -79,8 +79,8 @@ fn push_ellipses(insole: &DeviceInsole, shared: &Shared, sequence: u32, t_us: u6
 
 /// Evaluates a frame, and queues its live message and its cells. True at toe off.
 ///
-/// This function, [`evaluate_region`] and [`assemble_step`] are not generic. So they are compiled with this library, for speed, and
-/// not with the board, for size.
+/// This function, [`evaluate_region`] and [`assemble_step`] are not generic. So they are compiled with this library, for speed,
+/// and not with the board, for size.
 #[inline(never)]
 fn evaluate_frame(insole: &mut DeviceInsole, shared: &Shared, seq: u32, codes: &[u16]) -> bool {
     let is_toe_off = insole.frame(seq, codes);
@@ -127,16 +127,16 @@ fn adopt_tissue(insole: &mut DeviceInsole, shared: &Shared) {
     }
 }
 
-/// Lets every frame be scanned, or one frame in `interval`.
+/// Sets the number of frames from one scan to the next; 1 scans every frame.
 #[cold]
 fn set_scan_interval(shared: &Shared, interval: u32) {
     if shared.scan.interval.swap(interval, Ordering::Relaxed) != interval {
-        log::info!("scan: {} from one scan to the next", interval);
+        log::info!("scan: one of every {} frames", interval);
     }
 }
 
-/// Executes the requests of hosts that concern alerts and baselines, publishes the load of the day, and determines whether the insole
-/// is worn. A change takes effect within a second.
+/// Executes the requests of hosts that concern alerts and baselines, publishes the load of the day, and determines whether the
+/// insole is worn. A change takes effect within a second.
 #[cold]
 #[inline(never)]
 fn end_second(insole: &mut DeviceInsole, shared: &Shared) {
@@ -190,7 +190,7 @@ async fn complete_step(insole: &mut DeviceInsole, shared: &Shared, cycles: impl 
     let before = cycles();
     let Some(step) = assemble_step(insole, regions) else { return };
     let used = cycles().wrapping_sub(before);
-    log::info!("process: step {} was evaluated in {} cycles by region, and {} cycles", step.step, region_cycles, used);
+    log::info!("process: step {}: {} cycles for each region, {} for the record", step.step, region_cycles, used);
     let start_unix_us = shared.session.borrow().unix_us(step.start_us);
     queue(shared, Step { start_unix_us, ..step }.into());
     let mut cadence = shared.cadence.get();

@@ -36,12 +36,12 @@ pub struct ScanCounters {
     pub(super) scanning_ms: AtomicU32,
     /// When the first scan was due, us since the start.
     pub(super) began_us: AtomicU32,
-    /// Progress of scan, processing and link.
+    /// The heartbeats of all parts.
     pub heartbeats: Heartbeats,
 }
 
 impl ScanCounters {
-    /// All zeros.
+    /// The state before the first scan: every frame is scanned.
     pub const fn new() -> Self {
         Self {
             missed: AtomicU32::new(0),

@@ -22,7 +22,7 @@ use heapless::Vec;
 use mcumgr::{Answer, Head, Request};
 
 /// Number of load records that can wait to be stored.
-pub const RECORD_QUEUE: usize = 2;
+pub const STORAGE_QUEUE: usize = 2;
 
 /// Time after the last message of a session's host in which a host on the other carrier is refused. Hosts that receive the live
 /// stream send several messages a second; a command at a computer ends its session without a message.
@@ -38,7 +38,8 @@ pub enum Carrier {
     Bluetooth,
 }
 
-/// The last request of a management tool. A further request replaces it, so that a tool that gave up waiting does not block others.
+/// The last request of a management tool. A further request replaces it, so that a tool that gave up waiting does not block
+/// others.
 #[allow(clippy::large_enum_variant, reason = "there is one exchange at a time, in place")]
 #[cfg_attr(not(feature = "management"), allow(dead_code, reason = "no request is executed"))]
 pub(super) enum Exchange {
@@ -54,16 +55,17 @@ pub(super) enum Exchange {
 
 /// The state that the loops on the thread executor share.
 ///
-/// There is one session at a time. It belongs to the host that sent [`ToDevice::Connect`] last, over either carrier; other messages
-/// over the other carrier are refused. So all steps wait in one queue, and a step leaves the queue once a host has acknowledged it.
+/// There is one session at a time. It belongs to the host that sent [`ToDevice::Connect`] last, over either carrier; other
+/// messages over the other carrier are refused. So all steps wait in one queue, and a step leaves the queue once a host has
+/// acknowledged it.
 pub struct Shared {
     pub(super) session: RefCell<Session>,
-    /// Not in place: the state is moved once at the start, which takes its size in stack.
+    /// A reference, because this structure is moved once at the start, which takes as much stack as its size.
     pub(super) exchange: &'static RefCell<Exchange>,
     /// The carrier of the session.
     carrier: Cell<Carrier>,
     /// Time of the last message of the session's host.
-    heard: Cell<Instant>,
+    last_message_at: Cell<Instant>,
     /// A host on the other carrier must learn that the session is not its own.
     is_other_host_refused: Cell<bool>,
     /// For each carrier: signalled when there may be something to send.
@@ -77,7 +79,7 @@ pub struct Shared {
     pub(super) scan: &'static ScanCounters,
     gauges: Gauges,
     /// Load records that [`super::persist::persist`] has not taken yet.
-    pub(super) records: Channel<NoopRawMutex, LoadRecord, RECORD_QUEUE>,
+    pub(super) records: Channel<NoopRawMutex, LoadRecord, STORAGE_QUEUE>,
     /// The bonded centrals.
     bonds: RefCell<Vec<u8, MAX_BONDS_BYTES>>,
     pub(super) bonds_changed: Cell<bool>,
@@ -133,7 +135,7 @@ impl Shared {
             session: RefCell::new(Session::new()),
             exchange,
             carrier: Cell::new(Carrier::Serial),
-            heard: Cell::new(Instant::MIN),
+            last_message_at: Cell::new(Instant::MIN),
             is_other_host_refused: Cell::new(false),
             changed: [Signal::new(), Signal::new()],
             cadence: Cell::default(),
@@ -182,11 +184,11 @@ impl Shared {
             self.changed(former).signal(());
         }
         if self.carrier.get() == carrier {
-            self.heard.set(Instant::now());
+            self.last_message_at.set(Instant::now());
         }
         match message {
             _ if self.carrier.get() != carrier => {
-                let is_occupied = session.is_open() && self.heard.get().elapsed() < OCCUPIED;
+                let is_occupied = session.is_open() && self.last_message_at.get().elapsed() < OCCUPIED;
                 self.is_other_host_refused.set(is_occupied && message.is_some());
             }
             Some(ToDevice::StreamCells(Some(stream))) if let Some(refusal) = self.refuses(carrier, stream) => {

@@ -39,8 +39,9 @@ pub enum Part {
     Radio,
 }
 
-/// For each part, the number of successive checks without a heartbeat after which it counts as stalled. A stall of the storage or
-/// the radio does not stop the measurement, and both may be busy for seconds.
+/// For each part, the number of successive checks without a heartbeat after which it counts as stalled: a second, for the storage
+/// a minute, and for the radio half a minute. A stall of these two does not stop the measurement, and both may be busy for
+/// seconds.
 pub const MOST_CHECKS: [u16; PARTS.len()] = [STALLED_CHECKS, STALLED_CHECKS, STALLED_CHECKS, 600, 300];
 
 /// Counters that change while their part makes progress. Each has one writer.

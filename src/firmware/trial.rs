@@ -7,7 +7,7 @@
 use super::supervise::{Heartbeats, PARTS, Part};
 use embassy_time::{Duration, Instant};
 
-/// Time between checks. Every part has a heartbeat at least every second.
+/// Time between checks. Every part has a heartbeat in this time: the storage with each check, the others at least every second.
 const PERIOD: Duration = Duration::from_secs(2);
 /// Number of successive checks, all with progress, after which the host's confirmation counts: 10 s.
 const CHECKS: u16 = 5;

@@ -43,8 +43,8 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.cumulative.second_frames()
     }
 
-    /// Replaces the rules of alerts. The load of the day remains; the time under sustained load begins again if its limits are new.
-    /// The caller has checked that the rules are valid.
+    /// Replaces the rules of alerts. The load of the day remains; the time under sustained load begins again if its limits are
+    /// new. The caller has checked that the rules are valid.
     pub fn set_alert_rules(&mut self, rules: &AlertRules) {
         if rules.limits != self.alert_rules.limits {
             self.cumulative.clear_window();

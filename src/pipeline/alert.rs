@@ -79,7 +79,7 @@ pub struct AlertRecord {
     pub side: Side,
     /// Number of the record; steps, load bouts and alerts are numbered together.
     pub number: u32,
-    /// Time of the alert, us.
+    /// Time of the alert since frame 0, us.
     pub start_us: u64,
     /// Bit i: region i is under sustained load.
     pub sustained: u8,
@@ -94,8 +94,8 @@ pub struct AlertRecord {
 /// The load of a day, and the state of the alerts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DailyLoad {
-    /// Number of the wearer's day, see [`AlertRules::day`]; 0 without a clock: then the day begins with the start of the insole, and
-    /// lasts 24 hours.
+    /// Number of the wearer's day, see [`AlertRules::day`]; 0 without a clock: then the day begins with the start of the insole,
+    /// and lasts 24 hours.
     pub day: u32,
     /// The load.
     pub totals: Totals,
@@ -119,7 +119,7 @@ impl DailyLoad {
 pub(crate) struct Alerts {
     /// Number of the day.
     pub(crate) day: u32,
-    /// Number of seconds without a clock in this day.
+    /// Number of seconds since the beginning of the day. A day without a clock ends by this count.
     seconds: u32,
     snoozed_s: u16,
     today: u8,
@@ -153,7 +153,8 @@ impl Alerts {
         self.snoozed_s = snoozed_s;
     }
 
-    /// The alert that was raised since the last call, as the record of an insole with these rules and this time between frames, us.
+    /// The alert that was raised since the last call, as the record of an insole with these rules and this time between frames,
+    /// us.
     pub(crate) fn take(&mut self, rules: &AlertRules, side: Side, number: u32, period_us: u32) -> Option<AlertRecord> {
         let (sustained, dose) = core::mem::take(&mut self.raised);
         (sustained | dose != 0).then_some(AlertRecord {
@@ -174,7 +175,7 @@ impl Alerts {
         self.snoozed_s = self.snoozed_s.max(earlier.snoozed_s);
     }
 
-    /// Counts a second of a day without a clock; true if the day has ended.
+    /// Counts a second. True if the day has no clock and has ended.
     pub(crate) fn ends_day(&mut self) -> bool {
         self.seconds += 1;
         self.day == 0 && self.seconds >= 86_400

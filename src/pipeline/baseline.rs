@@ -5,9 +5,9 @@
 //!
 //! - A reading below the baseline lowers the baseline at once, because a cell without load cannot read less than its baseline.
 //! - A reading above it raises the baseline to the lower of this reading and that of the previous swing, which must be at most
-//!   [`GAIT_MS`] earlier; so neither a foot that rests for a moment, nor the foot of a person who sits down and stands up,
-//!   becomes the baseline. The first reading after the start becomes the baseline at once, unless the foot has carried load
-//!   before; so does the first one after a host has requested it.
+//!   [`GAIT_MS`] earlier; so neither the reading under a foot that rests for a moment, nor that under the foot of a person who
+//!   sits down and stands up, becomes the baseline. The first reading after the start becomes the baseline at once, unless the
+//!   foot has carried load before; so does the first one after a host has requested a measurement.
 //! - A baseline is at most [`MAX_RESIDUAL_KPA`] above the zero. The former baseline of a cell that reads more under a
 //!   lifted foot remains in force, and the cell is counted in [`Faults::without_baseline`](crate::faults::Faults).
 //!
@@ -33,8 +33,8 @@ pub const ZERO_S: u8 = 4;
 pub struct ZeroResult {
     /// Number of cells of which the baseline has changed by more than the noise.
     pub changed: u16,
-    /// Number of cells of each region that read more than [`MAX_RESIDUAL_KPA`], so that their former baseline remains in force; 255
-    /// stands for 255 or more.
+    /// Number of cells of each region that read more than [`MAX_RESIDUAL_KPA`], so that their former baseline remains in force;
+    /// 255 stands for 255 or more.
     pub without_baseline: [u8; 8],
     /// Force of the baselines of each region, 0.1 N.
     pub residual_dn: [u16; 8],
@@ -57,9 +57,10 @@ impl Baseline {
         Self { code: calibration.offset, residual_kpa: 0.0, gain: calibration.gain }
     }
 
-    /// The baseline after a code of the lifted foot; `None` if it does not change. `zero` is the code of the cell at zero
-    /// pressure, `lowered` how far it is below the calibrated one, in units of [`NOISE`] codes, and `before` the reading of the
-    /// previous swing, codes above the baseline. Changes within the noise are ignored. The second number is the new `lowered`.
+    /// The baseline after a code of the lifted foot, and the new `lowered`; `None` if the baseline does not change. `zero` is the
+    /// code of the cell at zero pressure, `lowered` the distance from the calibrated code at zero pressure down to it, in units
+    /// of [`NOISE`] codes, and `before` the reading of the previous swing, codes above the baseline. Changes within the noise are
+    /// ignored.
     pub(crate) fn follow(
         &self,
         code: u16,

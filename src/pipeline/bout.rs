@@ -13,21 +13,21 @@ use serde::{Deserialize, Serialize};
 
 /// Time outside steps after which a window ends, ms.
 const WINDOW_MS: u32 = 2_000;
-/// A window that ends before one in this number of parts of [`WINDOW_MS`], because the foot leaves the ground, has no kind of
-/// its own.
+/// A window that is shorter than [`WINDOW_MS`] divided by this number, because the foot left or touched the ground, has no kind
+/// of its own.
 const LEAST_PART: u32 = 2;
 /// A bout ends with the window in which it reaches this duration, s.
 const LONGEST_S: u32 = 60;
-/// The same for a bout with a mean force below [`LIGHT`], s.
+/// As [`LONGEST_S`], for a bout with a mean force below [`LIGHT`], s.
 const LONGEST_LIGHT_S: u32 = 3_600;
 
-/// Range of the total force in a window of shuffling, relative to the peak of the wearer's steps: more than the sway of a
-/// person who stands, less than the transfer of half of the weight to the other foot.
+/// Smallest range of the total force in a window of shuffling, relative to the peak of the wearer's steps: more than the sway of
+/// a person who stands, less than the transfer of half of the weight to the other foot.
 const MOVING: f64 = 0.25;
-/// Mean force of standing, relative to the same: each foot of a person who stands has about half of the weight, of a person who
-/// sits less than a tenth.
+/// Smallest mean force of standing, relative to the same peak: each foot of a person who stands carries about half of the weight,
+/// and each foot of a person who sits less than a tenth.
 const STANDING: f64 = 0.15;
-/// Mean force of a foot in the air is below this, relative to the same.
+/// Smallest mean force of sitting, relative to the same peak; that of a foot in the air is smaller.
 const LIGHT: f64 = 0.01;
 /// A bout has at least this force-time integral, N s. A smaller one is added to the next bout.
 const LEAST_N_S: f64 = 1.0;
@@ -81,7 +81,7 @@ pub struct BoutRecord<R> {
     pub number: u32,
     /// The kind.
     pub kind: BoutKind,
-    /// Time of the first frame, us.
+    /// Time of the first frame since frame 0, us.
     pub start_us: u64,
     /// Time from the first to the last frame, us. The bout can span steps; their load is not part of it.
     pub duration_us: u32,

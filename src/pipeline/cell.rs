@@ -47,8 +47,8 @@ impl<R: Real> InsoleCell<R> {
         has_pressure
     }
 
-    /// Updates contact and region with a code that may change them, unless the cell is masked. It is not inlined, because few cells
-    /// change in a frame.
+    /// Updates contact and region with a code that may change them, unless the cell is masked. It is not inlined, because few
+    /// cells change in a frame.
     #[cold]
     #[inline(never)]
     fn update(&mut self, code: u32, curve: &Curve, frame: &mut RegionFrame<R>) {
@@ -62,8 +62,8 @@ impl<R: Real> InsoleCell<R> {
         frame.saturated |= is_saturated(code);
     }
 
-    /// Lets the baseline follow a code of the lifted foot; see [`Baseline::follow`]. The contact follows with the next frame. True if
-    /// the baseline has changed.
+    /// Lets the baseline follow a code of the lifted foot; see [`Baseline::follow`]. The contact follows with the next frame.
+    /// True if the baseline has changed.
     pub(crate) fn follow(&mut self, code: u16, before: i16, rise: Rise, contact: &ContactRule, curve: &Curve) -> bool {
         let zero = (self.zero, self.marks.lowered);
         let Some((code, lowered)) = self.baseline.follow(code, before, rise, zero, curve) else { return false };
@@ -120,7 +120,8 @@ pub(crate) fn sum_region<R: Real, const COVERED: bool>(
     let (force, change) = (ForceMoments::NONE, ContactArea::NONE);
     let mut sums = Sums { force, change, candidate, peak: Peak { kpa: R::ZERO, code: 0 } };
     frame.saturated = false;
-    // Some cells at a time, because the instructions of the loop itself are a tenth of it.
+    // The loop is unrolled, because the instructions of a loop over single cells would be a tenth of the instructions of this
+    // function.
     let (groups, last_cells) = cells.as_chunks_mut::<UNROLLED>();
     let (code_groups, last_codes) = codes.as_chunks::<UNROLLED>();
     for (group, group_codes) in groups.iter_mut().zip(code_groups) {
@@ -136,7 +137,7 @@ pub(crate) fn sum_region<R: Real, const COVERED: bool>(
     frame.area.add(sums.change);
 }
 
-/// Number of cells that [`sum_region`] processes without a loop.
+/// Number of cells that [`sum_region`] processes in each pass of its unrolled loop.
 const UNROLLED: usize = 3;
 
 /// The sums over the cells of a region, and its highest cell so far.
@@ -174,8 +175,9 @@ impl<R: Real> Sums<R> {
     }
 }
 
-/// The highest cell of a region. Its code is at least seven eighths of every other cell's, so it has the highest pressure as long as
-/// the gains of the cells differ by a factor of less than 1.18.
+/// The highest cell of a region. A cell that was not compared has a code of at most seven eighths of the previous frame's highest
+/// one. So while pressures do not fall, the highest cell has the highest pressure as long as the gains of the cells differ by a
+/// factor of less than 1.18, which is 8/7 to the power 1/0.8, with the exponent of the reference insole's sensor law.
 struct Peak<R> {
     /// Pressure above the baseline, kPa.
     kpa: R,

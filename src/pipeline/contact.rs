@@ -27,8 +27,7 @@ impl ContactRule {
     /// pressure falls below 7.5 kPa.
     pub const COUNTED: Self = Self { on_kpa: 10.0, off_kpa: 7.5, full_kpa: 0.0 };
     /// *Covered shares*: a cell in contact, by the same thresholds, counts with its covered share, and with its whole area from
-    /// 150 kPa on.
-    /// docs/identification.md has the reason for this value.
+    /// 150 kPa on. docs/identification.md has the reason for this value.
     pub const COVERED: Self = Self { full_kpa: 150.0, ..Self::COUNTED };
 
     /// True if the pressures are in range and in order.
@@ -94,17 +93,17 @@ impl ContactCell {
         Self { on, off: code_at(rule.off_kpa), full, squared_shares_per_kpa, share: 0, low: 0, span: 0 }
     }
 
-    /// True if [`ContactCell::update`] need not be called: the cell has pressure and remains without contact, in contact in part, or
-    /// in contact as a whole, and the code is neither saturated, nor was requested by one of the `notify` functions. If the rule has
-    /// covered shares, [`ContactCell::update_part`] must then be called.
+    /// True if [`ContactCell::update`] need not be called: the cell has pressure and remains without contact, in contact in part,
+    /// or in contact as a whole, and the code is neither saturated, nor was requested by one of the `notify` functions. If the
+    /// rule has covered shares, [`ContactCell::update_part`] must then be called.
     #[inline(always)]
     pub fn is_unchanged(&self, code: u32) -> bool {
         // A code below `low` wraps to a number above any span.
         code.wrapping_sub(self.low) < self.span
     }
 
-    /// Processes a code and returns the change of the share, in units of 1/[`WHOLE`]. `curve_kpa` is the pressure of the code above
-    /// the baseline, on the sensor curve that all cells share, kPa, and `zero` is the code at zero pressure.
+    /// Processes a code and returns the change of the share, in units of 1/[`WHOLE`]. `curve_kpa` is the pressure of the code
+    /// above the baseline, on the sensor curve that all cells share, kPa, and `zero` is the code at zero pressure.
     ///
     /// The share is computed in single precision and integers on every machine, so that all machines compute the same area.
     pub fn update(&mut self, code: u32, zero: u16, curve_kpa: f32) -> i32 {
@@ -121,8 +120,8 @@ impl ContactCell {
         i32::from(self.share) - i32::from(before)
     }
 
-    /// Processes a code for which [`ContactCell::is_unchanged`] is true: updates the share if the cell is in contact in part. Returns
-    /// the change of the share, as [`ContactCell::update`] does.
+    /// Processes a code for which [`ContactCell::is_unchanged`] is true: updates the share if the cell is in contact in part.
+    /// Returns the change of the share, as [`ContactCell::update`] does.
     #[inline(always)]
     pub fn update_part(&mut self, curve_kpa: f32) -> i32 {
         let before = self.share;

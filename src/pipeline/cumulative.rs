@@ -4,9 +4,9 @@
 //!
 //! - the *dose*: the pressure above [`LoadLimits::dose_kpa`], integrated over time;
 //! - the cumulative squared pressure, which the heating of the tissue follows;
-//! - the *sustained load*: a region is under sustained load from when its pressure was at or above [`LoadLimits::sustained_kpa`]
-//!   for [`LoadLimits::sustained_percent`] of the last [`LoadLimits::window_s`] until this share is below
-//!   [`LoadLimits::relieved_percent`]. The time before the first frame counts as unloaded.
+//! - the *sustained load*: a region comes under sustained load when its pressure was at or above [`LoadLimits::sustained_kpa`]
+//!   for [`LoadLimits::sustained_percent`] of the last [`LoadLimits::window_s`], and remains under it until this share falls
+//!   below [`LoadLimits::relieved_percent`]. The time before the first frame counts as unloaded.
 //!
 //! Frames are collected for a second, so that the totals are integers without accumulated rounding errors. `docs/alerts.md` has
 //! the sources of the limits.
@@ -35,8 +35,9 @@ pub struct LoadLimits {
 }
 
 impl LoadLimits {
-    /// A dose above the peak pressure in the shoes of people whose ulcers remained healed, about 200 kPa; sustained load above a
-    /// capillary pressure of 35 mmHg for nearly a quarter of an hour, until three minutes of it were without this load.
+    /// The dose counts above 200 kPa, about the peak pressure in the shoes of people whose ulcers remained healed. Sustained load
+    /// begins when the pressure was at least a capillary pressure of 35 mmHg for 95 % of a quarter of an hour, and ends when it
+    /// was lower for more than three minutes of the last quarter of an hour.
     pub const DEFAULT: Self =
         Self { dose_kpa: 200.0, sustained_kpa: 4.7, window_s: 900, sustained_percent: 95, relieved_percent: 80 };
 
@@ -107,8 +108,8 @@ impl<R: Real> Sums<R> {
     const NONE: Self = Self { dose_kpa: R::ZERO, squared_kpa2: R::ZERO, sustained: 0 };
 }
 
-/// Largest cell pressure from which an insole counts as loaded, kPa. It is above noise and uncalibrated offsets of cells, and below
-/// the pressure of a resting foot.
+/// An insole counts as loaded from this pressure of any cell on, kPa. It is above noise and uncalibrated offsets of cells, and
+/// below the pressure of a resting foot.
 pub const LOADED_KPA: f32 = 1.0;
 
 /// Time above the limit in each part of the window, 0.01 s; the part in progress at [`CumulativeLoad::part`].
@@ -129,7 +130,7 @@ pub(crate) struct CumulativeLoad<R> {
     part_s: u16,
     /// Bit i: region i is under sustained load.
     sustained: u8,
-    /// A frame of the present second was loaded.
+    /// The insole was loaded in a frame of the present second.
     is_loaded: bool,
     /// Number of complete seconds since the last load.
     unloaded_s: u32,
@@ -207,9 +208,10 @@ impl<R: Real> CumulativeLoad<R> {
             let rounded = |sum: R| (sum * frame_s + R::of(0.5)).to_f64() as u32;
             total.dose_dkpa_s = total.dose_dkpa_s.saturating_add(rounded(sums.dose_kpa * R::of(10.0)));
             total.squared_kpa2_s = total.squared_kpa2_s.saturating_add(rounded(sums.squared_kpa2));
-            // At most 1.25 s, for a second after missing frames at 20 Hz, in a part of at most 240 s.
+            // The sum fits 16 bits: a part has at most 240 s, and after missing frames at 20 Hz its last second adds up to 1.25
+            // s.
             window[usize::from(self.part)] += (sums.sustained * 100 / self.second_frames) as u16;
-            let loaded_cs = share_cs(window, oldest, self.part_s, part_s);
+            let loaded_cs = time_above_limit_cs(window, oldest, self.part_s, part_s);
             let at = |percent: u8| u32::from(percent) * u32::from(limits.window_s);
             let bit = 1 << i;
             if loaded_cs >= at(limits.sustained_percent) {
@@ -246,8 +248,9 @@ impl<R: Real> CumulativeLoad<R> {
     }
 }
 
-/// Time above the limit within the window, 0.01 s. `elapsed_s` is the number of seconds of the part in progress.
-fn share_cs(window: &Window, oldest: usize, elapsed_s: u16, part_s: u16) -> u32 {
+/// Time above the limit within the window, 0.01 s. `oldest` is the index of the oldest part, and `elapsed_s` the number of
+/// seconds of the part in progress, of `part_s` in all.
+fn time_above_limit_cs(window: &Window, oldest: usize, elapsed_s: u16, part_s: u16) -> u32 {
     let sum: u32 = window.iter().map(|part| u32::from(*part)).sum();
     sum - u32::from(window[oldest]) * u32::from(elapsed_s) / u32::from(part_s.max(1))
 }

@@ -153,17 +153,23 @@ impl<R: Real> Curves<R> {
     /// Contact area of a region, mm2.
     ///
     /// # Panics
-    /// If `region` is not an index of [`crate::Region::ALL`]. So do the next two functions.
+    /// If `region` is not an index of [`crate::Region::ALL`].
     pub fn area_mm2(&self, region: usize) -> &[R] {
         &self.area_mm2[region][..self.len]
     }
 
     /// Measured force of a region, N.
+    ///
+    /// # Panics
+    /// If `region` is not an index of [`crate::Region::ALL`].
     pub fn force_n(&self, region: usize) -> &[R] {
         &self.force_n[region][..self.len]
     }
 
     /// Largest cell pressure of a region, in 0.1 kPa.
+    ///
+    /// # Panics
+    /// If `region` is not an index of [`crate::Region::ALL`].
     pub fn pressure_dkpa(&self, region: usize) -> &[u16] {
         &self.pressure_dkpa[region][..self.len]
     }

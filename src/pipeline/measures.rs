@@ -18,7 +18,8 @@ pub struct RegionMeasures<R> {
     pub loading_rate_n_s: R,
     /// Time from heel strike to the first sample in contact, s.
     pub contact_start_s: R,
-    /// Force of the region under the lifted foot, which is subtracted from the measured force, N. [`RegionMeasures::new`] returns 0.
+    /// Force of the region under the lifted foot, which is subtracted from the measured force, N. [`RegionMeasures::new`] returns
+    /// 0.
     pub residual_n: R,
 }
 
@@ -126,14 +127,15 @@ pub struct FootMeasures<R> {
     pub gait_line_mm: [(R, R); GAIT_POINTS],
     /// Length of the path of the centre of pressure from 10 to 90 % of stance, mm.
     pub gait_length_mm: R,
-    /// Extent of this path to the lateral side, mm.
+    /// Extent of this path along the medial-lateral axis, mm.
     pub gait_width_mm: R,
-    /// This length, divided by the time from 10 to 90 % of stance, mm/s.
+    /// Length of this path, divided by the time from 10 to 90 % of stance, mm/s.
     pub gait_velocity_mm_s: R,
     /// Centre of pressure excursion index: distance of the path from the line between its ends, in the plane at two thirds of the
     /// foot, divided by the width of the forefoot. It is positive if the path is lateral of that line.
     pub excursion_index: R,
-    /// Arch index: largest contact area of the midfoot, divided by that of the foot without toes.
+    /// Arch index: sum of the largest contact areas of the two midfoot regions, divided by the sum of those of all regions but
+    /// the toes.
     pub arch_index: R,
 }
 
@@ -144,7 +146,7 @@ pub struct Extent {
     pub heel_mm: f32,
     /// y of the foremost cell.
     pub toe_mm: f32,
-    /// Width of the forefoot: extent of the metatarsal regions to the lateral side.
+    /// Width of the forefoot: extent of the metatarsal regions along the medial-lateral axis.
     pub forefoot_width_mm: f32,
 }
 

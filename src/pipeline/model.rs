@@ -12,8 +12,8 @@ use serde::{Deserialize, Serialize};
 pub const LENGTH_M: RangeInclusive<f64> = 1e-4..=0.2;
 /// Range of A B, the product of two radii, m2.
 pub const AB_M2: RangeInclusive<f64> = 1e-8..=0.04;
-/// Range of K, Pa, and G, Pa s: up to a thousand times the values of a sole. With all parameters at their limits, a force is below
-/// 1e11 N, and its square is within single precision.
+/// Range of K, Pa, and G, Pa s: up to a thousand times the values of a sole. With all parameters at their limits, a force is
+/// below 1e11 N, and its square is within single precision.
 pub const COEFFICIENT: RangeInclusive<f64> = 0.0..=1e9;
 /// Largest exponent n or m; a steeper law is almost a step function. Both exponents are above -1, so that pressure vanishes with
 /// deformation.
@@ -136,8 +136,8 @@ impl<R: Real> Ellipsoid<R> {
     }
 }
 
-/// `base^exponent` for a base that is not negative; 0 also for a base of 0 with a negative exponent, because exponents above -1
-/// yield no pressure at zero deformation.
+/// `base^exponent` for a base that is not negative. A base of 0 yields 1 with the exponent 0, and 0 with any other one, also with
+/// a negative one, because exponents above -1 yield no pressure at zero deformation.
 fn power<R: Real>(base: R, exponent: R) -> R {
     if base <= R::ZERO {
         return if exponent == R::ZERO { R::ONE } else { R::ZERO };

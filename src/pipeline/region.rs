@@ -172,7 +172,7 @@ impl ContactArea {
     /// No contact.
     pub const NONE: Self = Self(0);
 
-    /// Updates the area after a change of the share of a cell that is in contact, in units of 1/[`WHOLE`].
+    /// Updates the area after the share of `cell` that is in contact has changed by `share`, in units of 1/[`WHOLE`].
     #[inline(always)]
     pub fn change<R>(&mut self, cell: &RegionCell<R>, share: i32) {
         self.0 += share * i32::from(cell.area);
@@ -255,8 +255,9 @@ impl AreaMoments {
         if units <= 0 {
             return None;
         }
-        // The moments are first shifted, in integers, to the coordinate unit nearest to the mean. Without this shift, the variance
-        // of a contact far from the reference point would be a small difference of large squares, which single precision loses.
+        // The moments are first shifted, in integers, to the mean, truncated to whole coordinate units. Without this shift, the
+        // variance of a contact far from the reference point would be a small difference of large squares, which single precision
+        // loses.
         let area = i64::from(units);
         let (centre_x, centre_y) = (self.x / area, self.y / area);
         let (x, y) = (self.x - centre_x * area, self.y - centre_y * area);

@@ -3,7 +3,7 @@
 use super::calibrate::{CellCalibration, SensorLaw};
 use super::contact::ContactRule;
 use super::measures::Extent;
-use super::region::{Cell, MAX_CELL_MM2, MAX_DISTANCE_MM, MAX_REGION_MM2, MIN_CELL_MM2, Side};
+use super::region::{Cell, MAX_CELL_MM2, MAX_DISTANCE_MM, MAX_REGION_MM2, MIN_CELL_MM2, Region, Side};
 use super::stance_rule::StanceRule;
 use core::fmt;
 use core::ops::Range;
@@ -62,8 +62,8 @@ pub struct SetupCell {
     pub cell: Cell,
     /// Calibration.
     pub calibration: CellCalibration,
-    /// Position in the matrix, row times 16 plus column, from which faults of whole rows and columns are recognised. It is ignored
-    /// in an insole with more than [`crate::faults::MATRIX_CELLS`] cells.
+    /// Position in the matrix, row times 16 plus column, from which faults of whole rows and columns are recognised. It is
+    /// ignored in an insole with more than [`crate::faults::MATRIX_CELLS`] cells.
     pub row_column: u8,
 }
 
@@ -93,12 +93,13 @@ impl fmt::Display for SetupError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Period => write!(f, "frame period outside of {} to {} us", PERIOD_US.start(), PERIOD_US.end()),
-            Self::Sensor => f.write_str("sensor law out of range"),
+            Self::Sensor => f.write_str("sensor law: needs 0 < full_kpa <= 100000, 0.3 <= exponent <= 3"),
             Self::Contact => f.write_str(
                 "contact: needs 0 < off_kpa <= on_kpa <= 1000, and full_kpa = 0 or on_kpa <= full_kpa <= 2000",
             ),
+            // At most 96 bytes, as in a hello.
             Self::Stance => f.write_str(
-                "stance: needs 0 < release_n <= 1000, 0 < strike_n <= 1000, min_stance_ms < max_stance_ms, min_swing_ms > 0",
+                "stance: needs 0 < strike_n, release_n <= 1000, min_stance_ms < max_stance_ms, min_swing_ms > 0",
             ),
             Self::TooManyCells => f.write_str("more cells than this device holds"),
             Self::NoCells => f.write_str("no cells"),
@@ -139,7 +140,8 @@ impl Division {
             )
         };
         let (heel_mm, toe_mm) = range(0..8, |(_, y_mm)| y_mm);
-        let (medial_mm, lateral_mm) = range(3..5, |(x_mm, _)| x_mm);
+        let metatarsals = Region::Metatarsals12 as usize..Region::Metatarsals35 as usize + 1;
+        let (medial_mm, lateral_mm) = range(metatarsals, |(x_mm, _)| x_mm);
         Extent { heel_mm, toe_mm, forefoot_width_mm: lateral_mm - medial_mm }
     }
 

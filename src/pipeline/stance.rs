@@ -124,7 +124,8 @@ impl<R: Real> Stance<R> {
         }
     }
 
-    /// Returns to the state before the first frame, in place, because the curves are large. `period_us` is the time between frames.
+    /// Returns to the state before the first frame, in place, because the curves are large. `period_us` is the time between
+    /// frames.
     pub fn reset(&mut self, period_us: u32) {
         self.phase = Phase::Unknown;
         self.curves.clear();
@@ -230,8 +231,8 @@ impl<R: Real> Stance<R> {
         is_toe_off
     }
 
-    /// True in the frame with which the total force has been constant long enough for a lifted foot. Then [`Stance::lift`] must be
-    /// called if the foot is lifted.
+    /// True in the frame with which the total force has been constant long enough for a lifted foot. Then [`Stance::lift`] must
+    /// be called if the foot is lifted.
     pub(crate) fn has_settled(&self, limits: &StanceLimits<R>) -> bool {
         self.constancy.frames() == limits.settle_frames
     }

@@ -9,8 +9,8 @@ pub const REFERENCE_PEAK_N: f64 = 700.0;
 /// a person of 70 kg who runs, or of 130 kg who walks.
 const SCALE: (f64, f64) = (0.2, 2.0);
 
-/// Time for which the total force must be constant before the foot counts as lifted, ms. The toes are then unloaded. The review of
-/// all cells that follows takes as long again; a swing lasts about 300 ms or longer, so both fit.
+/// Time for which the total force must be constant before the foot counts as lifted, ms. The toes are then unloaded. The review
+/// of all cells that follows takes as long again; a swing lasts about 300 ms or longer, so both fit.
 pub(crate) const SETTLE_MS: u32 = 100;
 
 /// The rule that determines stance from the total force.
@@ -18,8 +18,8 @@ pub(crate) const SETTLE_MS: u32 = 100;
 pub struct StanceRule {
     /// Heel strike: the total force reaches this value, N, at most 1000.
     pub strike_n: f32,
-    /// Toe off: the total force falls below this value, N, at most 1000. If it is above `strike_n`, a force that fades after toe off
-    /// is no heel strike.
+    /// Toe off: the total force falls below this value, N, at most 1000. If `release_n` is above `strike_n`, a force that fades
+    /// after toe off is no heel strike.
     pub release_n: f32,
     /// Shorter contacts are not steps, ms; below `max_stance_ms`.
     pub min_stance_ms: u16,
@@ -33,9 +33,9 @@ pub struct StanceRule {
 }
 
 impl StanceRule {
-    /// For children and adults who walk or run, barefoot or in a shoe. Heel strike and toe off are those that the reports of another
-    /// vendor's insoles state for walks in shoes (docs/baseline.md): sensors in a shoe still read some load when the toes have left
-    /// the ground.
+    /// For children and adults who walk or run, barefoot or in a shoe. Heel strike and toe off are those that the reports of
+    /// another vendor's insoles state for walks in shoes (docs/baseline.md): sensors in a shoe still read some load when the toes
+    /// have left the ground.
     pub const ADAPTIVE: Self = Self {
         strike_n: 35.0,
         release_n: 65.0,
@@ -106,7 +106,8 @@ impl<R: Real> StanceLimits<R> {
         }
     }
 
-    /// The mean peak of the recent steps after a step with `peak_n`, N. `before_n` is that before this step, 0 before the first.
+    /// The running mean of the step peaks after a step with `peak_n`, N: the last step counts half. `before_n` is the mean before
+    /// this step, 0 before the first one.
     pub(super) fn recent_peak_n(before_n: R, peak_n: R) -> R {
         let before_n = if before_n > R::ZERO { before_n } else { R::of(REFERENCE_PEAK_N) };
         before_n + (peak_n - before_n) * R::of(0.5)

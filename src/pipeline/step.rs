@@ -51,9 +51,9 @@ pub struct RegionStep<R> {
     pub contact_s: R,
     /// Time from the first sample in contact to the largest measured force, s.
     pub time_to_peak_s: R,
-    /// Contact ellipse in the sample of the largest measured force; `None` without contact. [`RegionStep::new`] returns its centre
-    /// relative to the reference point of the region; [`Insole::step_region`](crate::insole::Insole::step_region) returns it in
-    /// foot coordinates.
+    /// Contact ellipse in the sample of the largest measured force; `None` without contact. [`RegionStep::new`] returns its
+    /// centre relative to the reference point of the region; [`Insole::step_region`](crate::insole::Insole::step_region) returns
+    /// it in foot coordinates.
     pub ellipse_at_peak: Option<Ellipse<R>>,
     /// NRMSE (Eq. 20): root mean square of model minus measured force over the contact, divided by the largest measured force.
     /// The measured force is not smoothed. 0.1 is 10 %.
@@ -80,16 +80,17 @@ impl<R: Real> RegionStep<R> {
 /// Largest number of samples of a curve that contribute to [`StepSums`]. Neighbouring samples differ little, and the cost is
 /// proportional.
 const SUMMED: usize = 8;
-/// The minimal detectable change (95 %) of the tracked K in the order of [`crate::Region::ALL`], relative to K. It was computed by
-/// `cargo run --release -p bench --bin typical` for the ten barefoot walkers of docs/identification.md: K was identified from one
-/// half of a session and tracked through the other half.
+/// The minimal detectable change (95 %) of the tracked K in the order of [`crate::Region::ALL`], relative to K. It was computed
+/// by `cargo run --release -p bench --bin typical` for the ten barefoot walkers of docs/identification.md: K was identified from
+/// one half of a session and tracked through the other half.
 pub const STIFFNESS_MDC: [f64; 8] = [0.11, 0.07, 0.08, 0.15, 0.07, 0.20, 0.14, 0.11];
-/// Change of K beyond which the wearer should be identified again, relative to [`STIFFNESS_MDC`]: with it, one in twenty steps of an
-/// unchanged wearer exceeds the limit in any of its eight regions by chance (Sidak's correction, 2.73 instead of 1.96 standard
+/// Change of K beyond which the wearer should be identified again, relative to [`STIFFNESS_MDC`]: with it, one in twenty steps of
+/// an unchanged wearer exceeds the limit in any of its eight regions by chance (Sidak's correction, 2.73 instead of 1.96 standard
 /// deviations).
 pub const REFIT_PER_MDC: f64 = 1.4;
 
-/// The sums of one step over the samples of a region: products of the elastic force e, the viscous force v and the measured force f.
+/// The sums of one step over the samples of a region: products of the elastic force e, the viscous force v and the measured force
+/// f.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StepSums<R> {
     pub(super) ee: R,

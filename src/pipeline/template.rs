@@ -37,8 +37,8 @@ const METATARSALS_SPLIT: f32 = 0.45;
 /// Boundaries between hallux and toe 2, and between toes 2 and 3.
 const TOES_SPLIT: [f32; 2] = [0.40, 0.58];
 
-/// The region at a fraction of the width (0 medial, 1 lateral) and of the length (0 heel, 1 toes). A position outside of 0..=1 has
-/// the region of the nearest position inside.
+/// The region at a fraction of the width (0 medial, 1 lateral) and of the length (0 heel, 1 toes). A position outside of 0..=1
+/// has the region of the nearest position inside.
 ///
 /// ```
 /// use plantar::{Region, pipeline::template::region_at};

@@ -1,9 +1,9 @@
 //! Tracking: follows changes of the wearer's tissue and shoes since the identification, from step to step.
 //!
 //! The force law (Eq. 13) is linear in K and G. After each step, both are the least-squares solution over the recent steps, in
-//! which a step counts less the longer ago it was: recursive least squares with exponential forgetting, in the form that keeps the
-//! normal equations of two unknowns. A B, n and m remain those of the identification. A step is weighted by its peak force, as in
-//! the identification.
+//! which a step counts less the longer ago it was: recursive least squares with exponential forgetting, in the form that stores
+//! the sums of the normal equations of the two unknowns. A B, n and m remain those of the identification. A step is weighted by
+//! its peak force, as in the identification.
 
 use super::model::ForceLaw;
 use super::step::{RegionStep, StepSums};
@@ -11,18 +11,19 @@ use crate::num::Real;
 
 /// Factor by which the weight of a step decreases with each further step: the memory is about 30 steps.
 const FORGETTING: f64 = 1.0 - 1.0 / 30.0;
-/// Number of steps of a region before its law is changed. Fewer steps would pass on their own variation.
+/// Number of steps of a region from which on its law is changed. With fewer, the law would follow the variation of single steps.
 const FIRST_STEPS: u8 = 10;
 /// The tracked K is within half and twice the identified one.
 const STIFFNESS_RANGE: [f64; 2] = [0.5, 2.0];
 /// The tracked G is within a quarter and four times the identified one, which is less certain than K.
 const DAMPING_RANGE: [f64; 2] = [0.25, 4.0];
-/// Elastic and viscous force are distinguished only if the determinant of their normal equations exceeds this fraction of the product
-/// of their squares.
+/// Elastic and viscous force are distinguished only if the determinant of their normal equations exceeds this fraction of the
+/// product of their squares.
 const INDEPENDENT: f64 = 0.01;
+
 impl<R: Real> StepSums<R> {
-    /// The older sums, which are forgotten in part, and the sums of a new step, divided by the square of `peak_n`. The forces of the
-    /// new step were computed with K and G scaled by `scale`.
+    /// The older sums, which are forgotten in part, and the sums of a new step, divided by the square of `peak_n`. The forces of
+    /// the new step were computed with K and G scaled by `scale`.
     fn with(self, new: &Self, scale: [R; 2], peak_n: R) -> Self {
         let forgetting = R::of(FORGETTING);
         let [e, v] = scale.map(|scale| R::ONE / (scale * peak_n));
@@ -86,8 +87,8 @@ impl<R: Real> Tracker<R> {
         *self = Self::OFF;
     }
 
-    /// Adapts `law`, the present force law of a region, to a step that was evaluated with it. A step with `is_reliable` false is not
-    /// used: with faults of the sensor or a limited area, its forces are not those of the tissue.
+    /// Adapts `law`, the present force law of a region, to a step that was evaluated with it. A step with `is_reliable` false is
+    /// not used: with faults of the sensor or a limited area, its forces are not those of the tissue.
     ///
     /// Returns the relative change of K since the identification.
     ///

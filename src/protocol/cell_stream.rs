@@ -3,7 +3,8 @@
 use super::cells::{CellCoder, CellStream, MAX_PACKED, Packed};
 use super::{ToHost, encode};
 
-/// Longest message of a frame before its packed codes, bytes: tag, three numbers of 32 bits, the sum, and the length of the codes.
+/// Largest length of a message before the packed codes, bytes: tag, three numbers of 32 bits, the sum, and the length of the
+/// codes.
 const MAX_HEAD: usize = 1 + 3 * 5 + 3 + 2;
 /// Packed frames that can wait for the carrier.
 const QUEUE: usize = 3;
@@ -57,7 +58,8 @@ impl CellSender {
         self.running.is_some()
     }
 
-    /// Packs the codes of a scan, where it is due. A full queue drops it: a frame that is packed is needed for the next one.
+    /// Packs the codes of a scan, if it is due. If the queue is full, the scan is dropped before it is packed, because a packed
+    /// frame is needed to unpack the next one.
     // Not inlined, so that all registers are available.
     #[inline(never)]
     pub fn push(&mut self, scan: u32, codes: &[u16]) {

@@ -62,14 +62,15 @@ pub struct CellStream {
 }
 
 impl CellStream {
-    /// Bytes of a frame of `cells` cells in a stance. A packed frame takes at most 60 % of its plain codes there; longer ones are
-    /// rare, and dropped where the carrier cannot send them in time.
+    /// Bytes of a frame of `cells` cells in a stance. A packed frame is at most 60 % as long as its plain codes there; longer
+    /// ones are rare, and dropped if the carrier cannot send them in time.
     const fn frame_bytes(self, cells: u32) -> u32 {
         OVERHEAD_BYTES + cells * self.resolution.bits() * 6 / 10 / 8
     }
 
-    /// The highest rate, at most this one, at which a carrier of `bytes_per_s` can send the frames of `cells` cells beside live
-    /// frames: `every` of the stream; `None` where it is too slow for any.
+    /// The smallest [`CellStream::every`], at least that of this stream, with which a carrier of `bytes_per_s` bytes per second
+    /// can send the frames of `cells` cells in addition to the live frames; `None` if it is too slow for any. `period_us` is the
+    /// time between scans.
     pub fn fitting(self, cells: u32, period_us: u32, bytes_per_s: u32) -> Option<u8> {
         let frames_per_s = 1_000_000 / period_us.max(1);
         let left = bytes_per_s.saturating_sub(LIVE_BYTES * frames_per_s);
@@ -147,7 +148,7 @@ impl BitWriter<'_> {
         }
     }
 
-    /// Writes a unit. MAX_PACKED has as many as the longest frame.
+    /// Writes a unit of 16 bits. There is one left, because MAX_PACKED bytes hold the longest frame.
     #[inline(always)]
     fn flush(&mut self) {
         if let Some(unit) = self.units.next() {
@@ -250,7 +251,7 @@ impl CellCoder {
         Packed { sequence, sum: sum as u16, len: writer.finish() }
     }
 
-    /// Unpacks the codes of a frame into `codes`, one for each cell, in 16 bits in either resolution. `None` where the frame does
+    /// Unpacks the codes of a frame into `codes`, one for each cell, in 16 bits in either resolution. `None` if the frame does
     /// not continue the stream, or is damaged; the next key frame can be unpacked again.
     pub fn unpack(&mut self, frame: &CellFrame, codes: &mut [u16]) -> Option<()> {
         if frame.sequence.is_multiple_of(KEY_INTERVAL) {

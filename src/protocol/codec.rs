@@ -20,21 +20,21 @@ pub type EncodeError = postcard::Error;
 /// Encodes a message without a frame; returns the used part of `buffer`.
 ///
 /// # Errors
-/// Where `buffer` is too short.
+/// If `buffer` is too short.
 pub fn encode<'b, T: Serialize>(message: &T, buffer: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
     postcard::to_slice(message, buffer)
 }
 
-/// Appends an encoded message without a frame, for a queue of messages, in which it has its place already.
+/// Encodes `value` without a frame and appends it to `message`, which is already in its place in a queue.
 ///
 /// # Errors
-/// Where `message` has too little room.
+/// If `message` has too little room.
 #[inline(always)]
 pub(crate) fn append<T: Serialize, const N: usize>(value: &T, message: &mut Vec<u8, N>) -> Result<(), EncodeError> {
     postcard::serialize_with_flavor(value, Append(message))
 }
 
-/// Appends bytes to a message. A buffer of bytes would have to be initialised first.
+/// Appends bytes to a message. An array, as [`encode`] needs it, would have to be initialised first.
 struct Append<'a, const N: usize>(&'a mut Vec<u8, N>);
 
 impl<const N: usize> Flavor for Append<'_, N> {
@@ -101,7 +101,7 @@ impl Decoder {
         Self { buffer: [0; MAX_FRAME], len: 0, bad_frames: 0 }
     }
 
-    /// Processes one byte; returns the message, without its frame, where the byte completes one.
+    /// Processes one byte; returns the message, without its frame, if the byte completes one.
     pub fn push(&mut self, byte: u8) -> Option<&[u8]> {
         if byte != 0 {
             // A length one past the end marks a frame that is too long.
@@ -126,7 +126,8 @@ impl Decoder {
     /// [`Decoder::push`] of a line feed, on an insole.
     pub fn management_message(&mut self) -> Option<&[u8]> {
         let len = core::mem::take(&mut self.len);
-        // Tools send no zero. Without this, a frame that is too long would disable them.
+        // Management tools send no zero, which would end a frame that is too long. If the bytes of such a
+        // frame were not discarded here, no message of a tool would be found any more.
         let Some(bytes) = self.buffer.get_mut(..len) else {
             self.bad_frames = self.bad_frames.wrapping_add(1);
             return None;

@@ -32,7 +32,7 @@ pub enum Command {
     Restart,
     /// Execute a step of a firmware update.
     Update(update::Request),
-    /// Store settings.
+    /// Store settings; with `None`, the board's own configuration is in force from the next start on.
     Settings(Option<Settings>),
     /// Store rules of alerts, which are in force from then on.
     AlertRules(AlertRules),

@@ -126,8 +126,8 @@ impl Joiner {
         joined.map(|()| self.whole.then_some(self.message.as_slice()))
     }
 
-    /// Adds a part without a header. `message_bytes` returns the length of a message from its beginning, once this suffices; returns
-    /// the message if this was its last part.
+    /// Adds a part without a header. `message_bytes` returns the length of a message from its beginning, once this suffices;
+    /// returns the message if this was its last part.
     ///
     /// # Errors
     /// [`FragmentError::TooLong`], if the message is too long or the part exceeds it.

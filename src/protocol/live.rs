@@ -83,5 +83,5 @@ quantities! {
     fn numbers(&self) -> [u16];
 }
 
-// This takes fewer instructions than serialising every number.
+// Serialising all numbers as one sequence of bytes takes fewer instructions than serialising each number.
 region_bytes!(live_regions, LiveRegion, u16);

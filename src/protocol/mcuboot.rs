@@ -7,16 +7,16 @@
 use super::update::{CHUNK, Header};
 pub use mcumgr::Sha256;
 
-/// Length of a file before the image, bytes.
+/// Length of the part of a file before the image, bytes.
 pub const FRONT: usize = MCUBOOT_HEADER + Header::BYTES;
-/// Length of a file after the image, bytes.
+/// Length of the part of a file after the image, bytes.
 pub const TRAILER: usize = ENTRY + (ENTRY + 32) + (ENTRY + 64) + (ENTRY + 32);
 
 /// Length of the header of MCUboot, bytes.
 const MCUBOOT_HEADER: usize = 32;
 /// The first bytes of that header.
 const MAGIC: [u8; 4] = 0x96f3_b83d_u32.to_le_bytes();
-/// Length of what precedes the trailer's entries, and the value of each entry, bytes.
+/// Length of the head of a trailer, and of the head of each entry before its value, bytes.
 const ENTRY: usize = 4;
 /// The first bytes of a trailer.
 const TRAILER_MAGIC: [u8; 2] = 0x6907_u16.to_le_bytes();
@@ -48,7 +48,7 @@ pub fn read_front(file: &[u8]) -> Option<(Header, u32)> {
     (*bytes == front(&header, image_bytes) && image_bytes.is_multiple_of(CHUNK as u32)).then_some((header, image_bytes))
 }
 
-/// The entries of a trailer, each with its length and type.
+/// The entries of a trailer: the type of each, and the length of its value, bytes.
 const ENTRIES: [(u8, usize); 3] = [(SHA256, 32), (SIGNATURE, 64), (PUBLIC_KEY, 32)];
 
 /// The trailer with these values.

@@ -177,8 +177,8 @@ pub enum ToDevice {
     Restart,
     /// A step of a firmware update; answered by [`ToHost::Update`] or [`ToHost::Refused`].
     Update(update::Request),
-    /// Turns the stream of cells on or off; answered by [`ToHost::CellStream`], or by [`ToHost::Refused`] where the carrier is too
-    /// slow.
+    /// Turns the stream of cells on or off; answered by [`ToHost::CellStream`], or by [`ToHost::Refused`] if the carrier is
+    /// too slow.
     StreamCells(Option<CellStream>),
     /// Asks for [`ToHost::Setup`].
     GetSetup,
@@ -192,7 +192,7 @@ pub enum ToDevice {
     /// Replaces the settings from the next start on, with `None` by the board's own configuration; answered by
     /// [`ToHost::Settings`] once they are stored, or by [`ToHost::Refused`].
     SetSettings(Option<Settings>),
-    /// As [`ToDevice::SetTissue`], for parameters that hold for one contact rule: refused where another rule is in force. If the
+    /// As [`ToDevice::SetTissue`], for parameters that hold for one contact rule: refused if another rule is in force. If the
     /// rule changes later, the parameters are not used any more.
     SetIdentifiedTissue {
         /// The parameters.
@@ -210,16 +210,16 @@ pub enum ToDevice {
     GetDailyLoad,
     /// Raises no alerts for this time; answered by [`ToHost::DailyLoad`].
     SnoozeAlerts {
-        /// The time, s; 0 ends a snooze.
+        /// The time, s; 0 ends a snooze. A time above [`MAX_SNOOZE_S`](crate::pipeline::alert::MAX_SNOOZE_S) is limited to it.
         snoozed_s: u16,
     },
-    /// Turns the stream of ellipses on or off; answered by [`ToHost::Refused`] where the rate is above 25 Hz.
+    /// Turns the stream of ellipses on or off; answered by [`ToHost::Refused`] if the rate is above 25 Hz.
     StreamEllipses {
         /// One of so many frames is sent; 0 for none.
         every: u8,
     },
-    /// Measures the baselines of all cells under the lifted foot; answered by [`ToHost::Zero`], or by [`ToHost::Refused`] if the foot
-    /// is not lifted within [`ZERO_S`](crate::pipeline::baseline::ZERO_S) seconds.
+    /// Measures the baselines of all cells under the lifted foot; answered by [`ToHost::Zero`], or by [`ToHost::Refused`] if the
+    /// foot is not lifted within [`ZERO_S`](crate::pipeline::baseline::ZERO_S) seconds.
     Zero,
     /// Erases everything about the wearer: parameters, rules of alerts, load of the day, bonds, and all records of steps, load
     /// bouts and alerts. Foot, serial number, calibration and settings remain. Answered by [`ToHost::Identity`] within a minute;

@@ -1,5 +1,5 @@
-//! Quantities of steps and live frames: the description from which the message structures, the columns of files, the page's types
-//! and `docs/quantities.md` are derived. `step.rs` and `live.rs` hold the declarations.
+//! Quantities of steps, load bouts, alerts, live frames and ellipses: the description from which the message structures, the
+//! columns of files, the page's types and `docs/quantities.md` are derived. The modules of these messages hold the declarations.
 
 /// A quantity of a `T`: its encoding in messages, and its names in files.
 #[derive(Debug)]
@@ -77,12 +77,13 @@ pub(super) fn bits<T>(regions: &[T; 8], is_set: fn(&T) -> bool) -> u8 {
 /// ```text
 /// /// Meaning, one sentence on one line.
 /// field: integer type = expression that computes it
-///     => name_in_files as "key.in_json" [steps per "unit"] if other_field,
+///     => name_in_files as "key.in_json" [per_unit per "unit"] if other_field,
 ///     "Equation or definition.";
 /// ```
 ///
-/// `as` is omitted if the name is also the key. `if` names a field that is 0 if the quantity is absent. A field with one
-/// bit for each region is described by `, flags "Definition.";`. A field without a description is not a quantity.
+/// `per_unit` is the value of the integer for one unit, such as 10 for an integer in 0.1 N. `as` is omitted if the name is also
+/// the key. `if` names a field that is 0 if the quantity is absent. A field with one bit for each region is described by
+/// `, flags "Definition.";`. A field without a description is not a quantity.
 ///
 /// `fn new` names the inputs of the expressions. With `fn numbers` the structure can also be read as an array.
 macro_rules! quantities {

@@ -29,7 +29,8 @@ pub enum Refusal {
     Update(update::Refusal),
     /// The carrier is too slow for this stream of cells.
     CellRate {
-        /// It is fast enough for every frame with a number that this divides, or for none, where it is 0.
+        /// The smallest [`CellStream::every`](super::CellStream::every) for which the carrier is fast enough; 0 if it is too slow
+        /// for any.
         every: u8,
     },
     /// The insole has no valid layout.
@@ -42,15 +43,16 @@ pub enum Refusal {
     AlertRules,
     /// The stream of ellipses has at most 25 messages a second.
     EllipseRate {
-        /// The highest rate is that of one of every so many frames.
+        /// The smallest accepted value of `every`, other than 0, in
+        /// [`ToDevice::StreamEllipses`](super::ToDevice::StreamEllipses).
         every: u8,
     },
     /// The foot was not lifted, so the baselines were not measured.
     NotLifted,
     /// A wall clock outside of [`CLOCK_US`](super::session::CLOCK_US).
     Clock,
-    /// The session belongs to a host on the insole's other carrier, which has connected later. The insole answers every message with
-    /// this refusal, except a connect request, until that host ends its session or remains silent.
+    /// The session belongs to a host on the insole's other carrier, which has connected later. The insole answers every message
+    /// with this refusal, except a connect request, until that host ends its session or remains silent.
     OtherHost,
 }
 
@@ -68,7 +70,8 @@ impl fmt::Display for Refusal {
         match self {
             Self::NotUnderstood => f.write_str("a message was not understood: update the insole's firmware"),
             Self::NotStored => f.write_str(
-                "the flash chip of the insole failed, so the value is not stored: it is in force until the insole restarts",
+                "the flash chip of the insole failed, so the value is not stored: it is in force until the insole \
+                 restarts",
             ),
             Self::Busy => f.write_str("the insole is still executing the previous request: wait for its answer"),
             Self::Serial => f.write_str("a serial number has up to 16 printable ASCII characters and no spaces"),
@@ -99,8 +102,8 @@ impl fmt::Display for Refusal {
                  serial port"
             ),
             Self::OtherHost => f.write_str(
-                "another phone or program is connected to the insole, by cable or Bluetooth, and receives its steps now: this \
-                 connection continues soon after the other one has ended",
+                "another phone or program is connected to the insole, by cable or Bluetooth, and receives its steps now: \
+                 this connection continues soon after the other one has ended",
             ),
             Self::NoLayout => f.write_str("the insole has no valid layout; its hello has the reason"),
             Self::Settings => write!(
@@ -114,16 +117,18 @@ impl fmt::Display for Refusal {
                 SCALE.end(),
             ),
             Self::ContactRule => f.write_str(
-                "the parameters were identified with another contact rule than the one of the insole: set the rule first",
+                "the parameters were identified with another contact rule than the one of the insole: set the rule \
+                 first",
             ),
             Self::NotLifted => f.write_str(
-                "the baselines were not measured, because the foot carries load or moves: sit down, lift the foot, and hold it still",
+                "the baselines were not measured, because the foot carries load or moves: sit down, lift the foot, and \
+                 hold it still",
             ),
             Self::AlertRules => write!(
                 f,
-                "the rules of alerts are out of range: pressures of 1 to 2000 kPa, a window of 60 to 3600 s that is a multiple of \
-                 {WINDOW_PARTS} s, relieved_percent above 0 and below sustained_percent, a dose of 0 to 1e7 kPa s, 60 to 43200 s without \
-                 another alert",
+                "the rules of alerts are out of range: pressures of 1 to 2000 kPa, a window of 60 to 3600 s that is a multiple \
+                 of {WINDOW_PARTS} s, relieved_percent above 0 and below sustained_percent, which is at most 100, a dose of \
+                 0 to 1e7 kPa s, 60 to 43200 s without another alert, and a day that begins before minute 1440",
             ),
             Self::Clock => f.write_str("the time is before 2020 or after 2099: set the clock of this computer or phone"),
             Self::EllipseRate { every } => {

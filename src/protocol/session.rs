@@ -1,10 +1,10 @@
 //! The insole's side of a session with a host, over any carrier: it decides which message to send next and which commands to
 //! execute.
 //!
-//! A live frame is soon out of date, so a full queue drops the oldest. A load record, a step or a load bout, must not be lost:
-//! it remains until it is acknowledged, and is sent again in the next session. The session holds the oldest unacknowledged
-//! records; the log ([`crate::storage`]) contains all of them. The wearer's parameters and the clock remain after the session
-//! that set them.
+//! A live frame is soon out of date, so a full queue drops the oldest. A load record (a step, a load bout or an alert) must not
+//! be lost: it remains until it is acknowledged, and is sent again in the next session. The session holds the oldest
+//! unacknowledged records; the log ([`crate::storage`]) contains all of them. The wearer's parameters and the clock remain after
+//! the session that set them.
 
 mod configuration;
 
@@ -313,9 +313,9 @@ impl Session {
         let _ = self.records.push_back(record.into());
     }
 
-    /// The next message to send, encoded into `buffer`; `None` when there is nothing to send. The hello comes first, then records,
-    /// then live frames, then answers in the order of their requests, then frames of cells, then ellipses. On a carrier that is
-    /// too slow for the live stream, at most [`LIVE_QUEUE`] live frames go before an answer.
+    /// The next message to send, encoded into `buffer`; `None` when there is nothing to send. The hello comes first, then
+    /// records, then live frames, then answers in the order of their requests, then frames of cells, then ellipses. On a carrier
+    /// that is too slow for the live stream, at most [`LIVE_QUEUE`] live frames go before an answer.
     pub fn next<'b>(
         &mut self,
         hello: &Hello,

@@ -80,7 +80,8 @@ pub struct Contents {
     pub newer_kinds: u32,
     /// Number of entries of the log in a newer format. They are not changed until the log is full.
     pub newer_records: u32,
-    /// Number of areas, records or log, that were damaged beyond repair and were erased at this start.
+    /// Number of areas of the chip (that of the records, that of the log) that were damaged beyond repair and erased at this
+    /// start.
     pub erased: u32,
     /// Number of surveys at this start that contradicted the survey before. A chip without two surveys in a row that agree is not
     /// used.

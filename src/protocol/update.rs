@@ -27,7 +27,10 @@ impl Header {
     /// Length of [`Header::bytes`].
     pub const BYTES: usize = size_of::<Self>();
 
-    /// The header of an image for a board. Its name and the version (`1.2.3` or `1.2.3+build`) have at most 16 bytes each.
+    /// The header of an image for the board with the name `board`; `version` has the form `1.2.3` or `1.2.3+build`.
+    ///
+    /// # Panics
+    /// If a text is longer than 16 bytes.
     pub const fn new(board: &str, version: &str) -> Self {
         const fn padded(text: &str) -> [u8; 16] {
             let (text, mut bytes) = (text.as_bytes(), [0; 16]);
@@ -156,15 +159,19 @@ impl fmt::Display for Refusal {
             Self::Older => "the image is older than the running firmware: choose a newer one",
             Self::Length => "the image is empty or too long for the insole",
             Self::OnTrial => {
-                "the running firmware was just updated and is still on trial: wait half a minute, confirm it, then try again"
+                "the running firmware was just updated and is still on trial: wait half a minute, confirm it, then try \
+                 again"
             }
             Self::NotBegun => "the insole restarted during the transfer: send the image again",
             Self::Incomplete => "parts of the image are missing: send it again",
             Self::Header => "the received image is not the one that was offered: send it again",
             Self::Signature => {
-                "the image is damaged, or not signed with the key that this insole accepts: ask its manufacturer for a signed one"
+                "the image is damaged, or not signed with the key that this insole accepts: ask its manufacturer for a \
+                 signed one"
             }
-            Self::Chip => "the flash chip of the insole failed: the insole works, but must be repaired before it can be updated",
+            Self::Chip => {
+                "the flash chip of the insole failed: the insole works, but must be repaired before it can be updated"
+            }
         })
     }
 }

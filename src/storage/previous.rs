@@ -3,7 +3,7 @@
 //! After a swap the previous image is in [`OTHER`], one sector after the beginning. A note beside it states which image replaced
 //! it, and its checksum. The note is written before the new image is confirmed, and erased before anything is written over the
 //! previous image. So the note guards against two dangers: an image that was received and never verified must not be swapped in,
-//! and neither must an image of any age, see `docs/update.md`.
+//! and neither must an arbitrarily old image (`docs/update.md`).
 
 use super::flash_map::{HEADER, MAX_IMAGE, OTHER, PREVIOUS, SECTOR, STATE};
 use super::partition::{STATE_WORD, is_on_trial};

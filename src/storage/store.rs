@@ -20,8 +20,8 @@ mod survey;
 /// Largest number of attempts to write a record. An attempt fails if the record cannot be read back.
 const WRITE_ATTEMPTS: usize = 3;
 
-/// The second of the two slots for a calibration; the first is 0. The part of a block's record is the slot combined with the block
-/// number, which is below this bit.
+/// The second of the two slots for a calibration; the first is 0. The part of a block's record is the slot combined with the
+/// block number, which is below this bit.
 const OTHER_SLOT: u8 = 0x80;
 
 type LogCache = Cache<CalculatedPageStates, Uncached, Uncached>;
@@ -35,7 +35,7 @@ fn empty_cache() -> LogCache {
 enum Use {
     /// It reads and writes everything.
     All,
-    /// It reads the bonds.
+    /// It reads the bonds only.
     Bonds,
     /// Nothing.
     None,
@@ -74,7 +74,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         (self.flash, self.used_for) = (None, Use::None);
     }
 
-    /// An error in recovery mode.
+    /// Fails while the store does not read and write everything, as in recovery mode.
     fn check_use(&self) -> Result<(), StorageError> {
         if self.used_for == Use::All { Ok(()) } else { Err(StorageError::Chip) }
     }
@@ -163,8 +163,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
         self.put(slot | block, &CellsRecord(*cells)).await
     }
 
-    /// Makes the stored blocks the calibration that is in force from the next start on. Returns false, and changes nothing, if the
-    /// checksum of their cells is not `id`.
+    /// Makes the stored blocks the calibration that is in force from the next start on. Returns false, and changes nothing, if
+    /// the checksum of their cells is not `id`.
     ///
     /// # Errors
     /// See [`StorageError`].
@@ -223,7 +223,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// See [`StorageError`].
     pub async fn push_record(&mut self, record: impl Into<LoadRecord>) -> Result<u32, StorageError> {
         let mut bytes = [0; BUFFER];
-        // The entry ends here, so that it takes no memory while it is written.
+        // The entry goes out of scope in this block, so that it takes no RAM while its bytes are written.
         let (len, next_record) = {
             let entry = Entry::of(self.contents.start, record.into());
             (entry.encode(&mut bytes).len(), entry.next_record())

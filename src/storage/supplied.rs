@@ -5,8 +5,8 @@ use embedded_storage_async::nor_flash::{
 };
 
 /// A chip whose write and erase operations are refused while `is_sufficient` returns false: below its lowest supply, a chip may
-/// change other bytes than the addressed ones. A refused operation changes nothing, so data are lost at most as by a loss of power
-/// at that moment: the store keeps what it has, and counts what it could not store.
+/// change other bytes than the addressed ones. A refused operation changes nothing, so data are lost at most as by a loss of
+/// power at that moment: the stored data remain, and the items that could not be stored are counted.
 pub struct Supplied<F, S> {
     chip: F,
     is_sufficient: S,

@@ -1,7 +1,7 @@
 //! Receives a firmware image, verifies its signature, and marks it for the bootloader to swap with the running image.
 //!
-//! The bootloader, `embassy-boot`, swaps the images at the next start, and swaps them back at the start after that, unless the new
-//! image has confirmed itself. `docs/update.md` has the whole procedure.
+//! The bootloader, `embassy-boot`, swaps the images at the next start, and swaps them back at the start after that, unless the
+//! new image has confirmed itself. `docs/update.md` has the whole procedure.
 
 use super::flash_map::{HEADER, MAX_IMAGE, OTHER, SECTOR};
 pub use super::partition::is_on_trial;
@@ -52,8 +52,8 @@ const fn from_hex(text: &str) -> [u8; 32] {
 /// The state of a transfer.
 #[derive(Debug, Default)]
 pub struct Update {
-    /// The image that is being received. The signature of a file ([`Update::upload`]) is known at its end; until then, the checksum
-    /// of the file takes its place.
+    /// The image that is being received. The signature of a file ([`Update::upload`]) is known at its end; until then, the
+    /// checksum of the file takes its place.
     pub(super) offer: Option<Offer>,
     /// Number of bytes of the image that were received.
     pub(super) received: u32,
@@ -129,7 +129,7 @@ impl Update {
         Ok(self.next())
     }
 
-    /// Writes the next bytes of the image, which end within a page of the chip.
+    /// Writes the next bytes of the image, which must not extend beyond the current page of the chip.
     pub(super) async fn write<F: NorFlash>(&mut self, flash: &mut F, bytes: &[u8]) -> Result<(), Refusal> {
         let at = OTHER.start + self.received;
         if self.received == 0 {

@@ -1,5 +1,5 @@
-//! Receives an image as a file in the form of MCUboot ([`crate::protocol::mcuboot`]), part by part, for the same transfer and with
-//! the same checks as [`Update::handle`].
+//! Receives an image as a file in the form of MCUboot ([`crate::protocol::mcuboot`]), part by part, for the same transfer and
+//! with the same checks as [`Update::handle`].
 
 use super::flash_map::OTHER;
 use super::partition::is_on_trial;
@@ -23,8 +23,8 @@ pub struct Received {
 }
 
 impl Update {
-    /// Receives a part of a file. Returns the offset of the part that is expected next: the length of the file after its last part.
-    /// Parts with another offset are not stored, so a lost or repeated part does no harm.
+    /// Receives a part of a file. Returns the offset of the part that is expected next: the length of the file after its last
+    /// part. Parts with another offset are not stored, so a lost or repeated part does no harm.
     ///
     /// # Errors
     /// The [`Refusal`] to send to the host.
@@ -106,7 +106,8 @@ impl Update {
     /// Discards the image that is being received or was received.
     ///
     /// # Errors
-    /// [`Refusal::OnTrial`] if it is marked for the bootloader, or if the chip contains the image to which an image on trial returns.
+    /// [`Refusal::OnTrial`] if it is marked for the bootloader, or if the chip contains the image to which an image on trial
+    /// returns.
     pub async fn discard<F: NorFlash>(&mut self, flash: &mut F) -> Result<(), Refusal> {
         if is_on_trial(flash).await? {
             return Err(Refusal::OnTrial);
@@ -150,8 +151,8 @@ async fn sha256<F: NorFlash>(header: &Header, image_bytes: u32, mut place: Place
     Ok(digest.finalize().into())
 }
 
-/// The name of the running image, which is padded with 0xff to whole chunks in its file. The first argument states the type of the
-/// chip, so that the code exists once.
+/// The name of the running image, which is padded with 0xff to whole chunks in its file. The first argument states the type of
+/// the chip, so that the code exists once.
 pub async fn sha256_of_running<F: NorFlash>(_: &F, header: &Header, image: &[u8]) -> Sha256 {
     let image_bytes = image.len().next_multiple_of(CHUNK) as u32;
     // Reading memory does not fail.

@@ -11,7 +11,7 @@ use crate::world::{InsoleEvent, SharedWorld, World};
 use emulator::SensorFault;
 use parameters::{InsoleSize, Parameters};
 use plantar::faults::Fault;
-use plantar::firmware::shared::RECORD_QUEUE;
+use plantar::firmware::shared::STORAGE_QUEUE;
 use plantar::pipeline::alert::AlertRules;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::cumulative::LoadLimits;
@@ -751,7 +751,7 @@ impl InsoleOutcome {
             }
             // Records of the last boot may still wait on the insole if the host has ended its session or does not acknowledge.
             let is_last = boot + 1 == self.computed.len();
-            let may_lose = if *is_cut_short { RECORD_QUEUE + 1 } else { 0 };
+            let may_lose = if *is_cut_short { STORAGE_QUEUE + 1 } else { 0 };
             let from = computed.len().saturating_sub(may_lose);
             let is_waiting = !self.host.is_following || !self.host.acknowledges;
             if let Some(index) = missing.iter().find(|index| **index < from && !(is_waiting && is_last)) {

@@ -44,7 +44,7 @@ impl Session {
         self.to_insole.rules = Some(rules);
     }
 
-    /// What hosts have requested since the last call.
+    /// Returns and clears the requests that hosts have made since the last call.
     pub fn take_to_insole(&mut self) -> ToInsole {
         core::mem::replace(&mut self.to_insole, ToInsole::NONE)
     }
