@@ -28,14 +28,14 @@ pub(crate) enum Message {
     },
     /// A load bout.
     Bout {
-        /// Identifies the load bout, as that of a step.
+        /// Identifies the load bout. It does not change when an insole sends the load bout again.
         key: String,
         #[cfg_attr(test, ts(type = "Bout"))]
         bout: Value,
     },
     /// An alert.
     Alert {
-        /// Identifies the alert, as that of a step.
+        /// Identifies the alert. It does not change when an insole sends the alert again.
         key: String,
         #[cfg_attr(test, ts(type = "Alert"))]
         alert: Value,
@@ -56,7 +56,7 @@ pub(crate) enum Message {
         id: u32,
     },
     Refused {
-        /// The reason, as a sentence for the wearer.
+        /// The reason, as a phrase without a full stop.
         reason: String,
         /// True if the session belongs to another host now. The insole repeats this until that host has left.
         is_other_host: bool,
