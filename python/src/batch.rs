@@ -25,7 +25,7 @@ pub fn schema<Name: AsRef<str>>(columns: &Row<Name>) -> Schema {
     Schema::new(columns.iter().map(field).collect::<Vec<_>>())
 }
 
-/// A table of rows. `columns` is any row, which has the types of the columns, because there may be no rows.
+/// A table of `rows`. `columns` is a row with the names and types of the columns, because `rows` may be empty.
 pub fn table<Name: AsRef<str>>(columns: &Row<Name>, rows: &[Row<Name>]) -> PyResult<RecordBatch> {
     // All rows have the same columns with the same types.
     let array = |(index, (_, value)): (usize, &(Name, Value))| -> ArrayRef {

@@ -50,8 +50,9 @@ pub fn replay(
     }
     if let Some(identified) = parameters.identified.as_ref().filter(|identified| identified.contact != contact) {
         notes.push(format!(
-            "the parameters were identified with another contact rule, {:?}: model force and deformation are not valid",
-            identified.contact
+            "the parameters were identified with another contact rule (contact_on_kpa {}, contact_off_kpa {}, \
+             contact_full_kpa {}): model force and deformation are not valid",
+            identified.contact.on_kpa, identified.contact.off_kpa, identified.contact.full_kpa
         ));
     }
     let run = match precision {
@@ -94,7 +95,7 @@ fn run<R: Real>(
         if toe_off && let Some(step) = insole.whole_step() {
             steps.push(Step::new(&step));
         }
-        // The insole numbers steps and load bouts together.
+        // The insole numbers steps and load bouts together, also load bouts that are not used.
         insole.take_bout();
         if has_frames && let Some(t_s) = t_s {
             row.clear();

@@ -10,7 +10,6 @@ import plantar
 
 mpl.use("Agg")
 
-# A folder for the figures, to look at them.
 pytestmark = pytest.mark.filterwarnings("ignore:parameters .* are not personal")
 
 

@@ -30,7 +30,7 @@ from plantar.recording import REGIONS
 _MADE_FROM = b"plantar.made_from"
 """The metadata key of the description of a file's inputs: the file is up to date if these are the present inputs."""
 _STAMPS = ("size", "mtime", "created", "LastModified", "ETag", "etag", "md5Hash")
-"""What file systems report of a file, of which at least one value differs after a change."""
+"""Properties that file systems report for a file. At least one of them differs after a change of the file."""
 _CONNECT_TIMEOUT = "5s"
 
 
@@ -72,7 +72,7 @@ def participants(study: str, out: str) -> list[str]:
 def evaluate(participant: str, study: str, out: str, options: Options) -> Outcome:
     """Fits each step of a participant, and writes the rows to the table, unless they are up to date there.
 
-    This is the task of an engine: it needs nothing but its arguments, and can be repeated at any time.
+    This is the task that Dask or another engine runs: it needs nothing but its arguments, and can be repeated at any time.
     """
     files, root = fsspec.url_to_fs(study)
     table_files, table = fsspec.url_to_fs(out)
@@ -104,7 +104,8 @@ def _evaluate(participant: str, files: Any, folder: str, table_files: Any, targe
             left_out.append(str(error))
     steps = sum(batch.num_rows for batch in batches) // len(REGIONS)
     if steps == 0:
-        problem = f"{folder}: {len(recordings)} recordings (*.parquet), but no whole step"
+        found = f"{len(recordings)} recordings (*.parquet), but no complete step"
+        problem = f"{folder}: {found}: record a walk of several steps"
         raise ValueError("; ".join([*left_out, problem]))
     # Without a description of its inputs the file is out of date, so the next run tries the unusable recordings again.
     metadata = {_MADE_FROM: b"" if left_out else made_from}
@@ -127,7 +128,8 @@ def _write(files: Any, path: str, table: pyarrow.Table) -> None:
     """Writes a file. An existing one is replaced only when the new one is complete."""
     folder = path.rsplit("/", 1)[0]
     files.makedirs(folder, exist_ok=True)
-    # Two workers may write the same file if one of them was believed to be lost. Programs that read the table ignore the dot.
+    # Two workers may write the same file if one of them was believed to be lost, so each has a temporary file of its own.
+    # Programs that read the table ignore files whose names begin with a dot.
     temporary = f"{folder}/.{uuid.uuid4().hex}.part"
     with files.open(temporary, "wb") as file:
         pyarrow.parquet.write_table(table, file)
@@ -176,7 +178,7 @@ def run(
         if not client.nthreads():
             problem = f"the scheduler {scheduler} has no worker yet: start one with `dask worker {scheduler}`"
             warnings.warn(problem, stacklevel=2)
-        # Equal calls of another run have equal arguments, but possibly other files.
+        # With `pure`, Dask would take the results of an earlier run with the same arguments, although the files may have changed.
         futures = client.map(evaluate, names, study=study, out=out, options=options, pure=False)
         name_of = {future.key: name for future, name in zip(futures, names, strict=True)}
         for future in distributed.as_completed(futures):
@@ -214,13 +216,17 @@ def _options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--bounds", choices=["free", "paper"], default="free", help="bounds of the exponents [free]")
     parser.add_argument("--tissue", metavar="FILE", help="tissue measurements, on a path of all workers")
     parser.add_argument("--compression", type=float, metavar="FRACTION", help="assumed compression of the tissue")
-    for name in ("on", "off", "full"):
-        parser.add_argument(f"--contact-{name}", type=float, metavar="KPA", dest=f"contact_{name}_kpa")
+    for name, text in (
+        ("on", "a cell comes into contact at this pressure [10]"),
+        ("off", "a cell loses contact below this pressure [3/4 of --contact-on]"),
+        ("full", "a cell counts with its whole area from this pressure on; 0: always [150]"),
+    ):
+        parser.add_argument(f"--contact-{name}", type=float, metavar="KPA", dest=f"contact_{name}_kpa", help=text)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command. Exit status: 0 if all participants and recordings were used, 3 if some could not be used, 1 otherwise."""
-    parser = argparse.ArgumentParser(prog="python -m plantar.cohort", description=run.__doc__)
+    parser = argparse.ArgumentParser(prog="python -m plantar.cohort", description=__doc__)
     parser.add_argument("study", metavar="STUDY", help="the folder with one folder per participant")
     parser.add_argument("--out", required=True, metavar="TABLE", help="the folder of the table to write")
     parser.add_argument("--scheduler", default="threads", help="threads, processes or tcp://HOST:8786 [threads]")

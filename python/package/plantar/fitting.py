@@ -51,8 +51,8 @@ def fit(recordings: Recordings, *, participant: str | None = None, options: Opti
 def fit_steps(recording: Recording | Path, *, options: Options = Options()) -> pyarrow.Table:
     """Fits each region of each step of a recording separately, as ``plantar cohort``.
 
-    The table has one row for each region of each step. It needs no other recording and has no state, so that any engine can call
-    this function for the recordings of a study.
+    The table has one row for each region of each step. The function needs no other recording and has no state, so that any engine
+    can call it for the recordings of a study.
     """
     import pyarrow
 
@@ -125,7 +125,7 @@ class Fit:
         pathlib.Path(path).write_text(self._core.toml(), encoding="utf-8")
 
     def report(self, path: Path) -> None:
-        """Writes the report of ``plantar fit`` as an HTML file, without its repetition with other choices of the method."""
+        """Writes the report of ``plantar fit`` as an HTML file, without the section that repeats the fit with other choices."""
         pathlib.Path(path).write_text(self._core.html(), encoding="utf-8")
 
     def plot(self) -> Figure:

@@ -105,6 +105,8 @@ export class App {
       this.use(transport);
     } catch (error) {
       this.problem = error instanceof Error ? error.message : "The recording cannot be played. Reload the page and try again.";
+      // In a temporary storage, the steps of insoles that are connected next would be acknowledged and then lost.
+      await this.loadSteps();
       byId("start").hidden = false;
     }
   }
@@ -143,8 +145,11 @@ export class App {
     // An alert that the page has already stored is a repetition, because its acknowledgement was lost.
     if (message.kind === "alert" && !this.store.has(message)) this.alerts.raise(message.alert, start_unix_s, session.live?.t_s);
     this.store.add(message, bytes, start_unix_s).then(
-      () => session.acknowledge(number),
-      // It is not acknowledged, so the insole still stores it and sends it again.
+      () => {
+        session.acknowledge(number);
+        if (this.problem === CANNOT_STORE) this.problem = "";
+      },
+      // The record is not acknowledged, so the insole still stores it and sends it again.
       () => (this.problem = CANNOT_STORE),
     );
     this.stepsChanged();

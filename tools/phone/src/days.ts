@@ -61,7 +61,7 @@ export const boutIntegral_n_s = ({ regions }: Bout) =>
 
 const NO_LOAD: FootTotals = { steps: 0, bouts: 0, alerts: 0, integral_n_s: 0, peak_n: 0 };
 
-/** Adds a load to the totals of its day, which `days` has by date. */
+/** Adds a load to the totals of its day. `days` contains the totals by date. */
 export function addLoad(days: Map<string, DayTotals>, { day, side, kind, integral_n_s, peak_n }: DayLoad): void {
   const totals = days.get(day) ?? { day, left: NO_LOAD, right: NO_LOAD };
   const foot = totals[side];

@@ -75,7 +75,7 @@ export interface FootResult {
   parameters: string;
 }
 
-/** The identification with its own memory. */
+/** The WebAssembly module of the identification. It collects the messages of the insoles in its memory. */
 export class IdentifyCore {
   private readonly text = new TextDecoder();
 

@@ -18,19 +18,20 @@ import type { Insole } from "./transport/transport";
 const STAND_MS = 3000;
 /** A foot carries the wearer from this force on. */
 const STANDING_N = 50;
-/** Messages are passed on after this time at the latest. */
+/** Messages are passed to the worker and to the storage after this time at the latest. */
 const PASS_ON_MS = 1000;
 /** Time between two spoken remarks on steps that were not used. */
 const REMARK_MS = 8000;
 /** Time without a step after which the wearer is reminded to walk. */
 const REMIND_MS = 12_000;
-/** An insole confirms parameters within this time. They are sent this number of times at most. */
+/** An insole confirms parameters within this time; otherwise they are sent again. */
 const CONFIRM_MS = 3000;
+/** Largest number of times that the parameters are sent. */
 const ATTEMPTS = 3;
 /** Number of regions of a foot. */
 const REGIONS = 8;
 
-/** The steps of a guided session, in their order; "failed" can follow each of them. */
+/** The phases of a guided session, in their order; "failed" can follow each of them. */
 export type Phase = "closed" | "stand" | "walk" | "fit" | "result" | "push" | "verify" | "done" | "failed";
 
 /** Stores the messages of a session across visits of the page. */
@@ -43,10 +44,11 @@ export interface IdentifyStorage {
 /** Cues for a wearer who does not look at the page. */
 export interface Cues {
   say(text: string): void;
+  /** Vibrates. `pattern_ms` has the durations of the vibrations and of the pauses between them, beginning with a vibration. */
   vibrate(pattern_ms: number[]): void;
 }
 
-/** What a guided session needs of the page. */
+/** The functions of the page that a guided session calls. */
 export interface Host {
   /** Passes a request to the worker. */
   solve(request: Request): void;
@@ -64,8 +66,9 @@ export interface Foot {
   /** The steps so far; `undefined` before the first step. */
   collected: Collected | undefined;
   result: FootResult | undefined;
-  /** State of the transfer of the parameters, and the reason if the insole refused them. */
+  /** State of the transfer of the parameters. */
   sent: "no" | "waiting" | "confirmed" | "failed";
+  /** The reason for which the insole refused the parameters, as a phrase; empty if it did not. */
   refusal: string;
   /** True if the link is lost. */
   is_lost: boolean;
@@ -111,7 +114,7 @@ export class IdentifySession {
     return REGIONS * this.fittable().length;
   }
 
-  /** Begins a new session with these feet and the hello messages of their insoles. Deletes the messages of the session before. */
+  /** Begins a new session with these feet and the hello messages of their insoles. Deletes the messages of the previous session. */
   start(hellos: ReadonlyMap<Side, Uint8Array>, now_ms: number, unix_ms: number): void {
     this.reset([...hellos.keys()]);
     this.start_unix_ms = unix_ms;
@@ -127,15 +130,15 @@ export class IdentifySession {
   resume(parts: Uint8Array<ArrayBuffer>[], hellos: ReadonlyMap<Side, Uint8Array>, now_ms: number, unix_ms: number): void {
     this.reset([...hellos.keys()]);
     this.parts = parts;
-    const last_ms = lastTime_ms(parts);
+    const end_ms = endTime_ms(parts);
     // The times of the file continue where they ended.
-    this.start_unix_ms = unix_ms - last_ms;
+    this.start_unix_ms = unix_ms - end_ms;
     this.phase = "walk";
     this.last_step_ms = now_ms;
     this.host.solve({ kind: "clear" });
     for (const bytes of parts) this.host.solve({ kind: "add", bytes });
     for (const [side, hello] of hellos) this.collect(side, hello, unix_ms);
-    this.remarks.add("The session was interrupted. The steps from before count.");
+    this.remarks.add("The session was interrupted. The steps before the interruption count.");
     this.host.cues.say("Continue to walk.");
   }
 
@@ -190,7 +193,7 @@ export class IdentifySession {
     this.host.storage.add(part).catch(() => this.cannotStore());
   }
 
-  /** A live frame of a foot arrived. */
+  /** A live frame of a foot arrived. `force_n` returns the total force on another foot in its last frame, N. */
   live(side: Side, live: Live, now_ms: number, force_n: (side: Side) => number): void {
     if (this.phase !== "stand" || !this.foot(side)) return;
     const is_standing = this.feet.every((foot) => (foot.side === side ? totalForce(live) : force_n(foot.side)) >= STANDING_N);
@@ -221,7 +224,6 @@ export class IdentifySession {
       this.passOn(now_ms);
     } else if (this.phase === "verify" && foot.sent === "confirmed" && step.starts_ago === 0) {
       this.last_step_ms = now_ms;
-      // The first step may have begun with the parameters from before.
       foot.checked.set(key, step);
       this.evaluateCheck();
     }
@@ -371,7 +373,9 @@ export class IdentifySession {
     if (feet.some(({ sent }) => sent === "waiting")) return;
     if (!feet.some(({ sent }) => sent === "confirmed")) {
       this.phase = "result";
-      this.remarks.add("The insoles did not accept the parameters. Check the connection and send them again.");
+      const reasons = feet.flatMap(({ side, refusal }) => (refusal ? [`The ${side} insole refused them: ${refusal}.`] : []));
+      const remark = "The insoles did not accept the parameters. Check the connection and send them again.";
+      this.remarks.add([remark, ...reasons].join(" "));
       for (const foot of feet) [foot.sent, foot.refusal] = ["no", ""];
       return;
     }
@@ -388,7 +392,7 @@ export class IdentifySession {
   /** Evaluates the check once each foot with new parameters has enough steps. */
   private evaluateCheck(): void {
     const feet = this.feet.filter(({ sent }) => sent === "confirmed");
-    // The step that was in progress when the parameters arrived is not counted.
+    // The first step may have begun with the previous parameters, so it is not counted.
     if (feet.some(({ checked }) => checked.size <= CHECK_STEPS)) return;
     for (const foot of feet) {
       if (foot.result) foot.check = check(foot.result, [...foot.checked.values()].slice(1));
@@ -403,8 +407,11 @@ export class IdentifySession {
 const mirrored = (side: Side) =>
   `The loads of the ${side} insole look like those of the other foot. Check that the ${side} insole is in the ${side} shoe.`;
 
-/** The time of the last message. */
-function lastTime_ms(parts: readonly Uint8Array[]): Entry["t_ms"] {
+/**
+ * The time from which the times of a continued session go on: that of the first message in the last part, plus the longest time
+ * that a part covers.
+ */
+function endTime_ms(parts: readonly Uint8Array[]): Entry["t_ms"] {
   const last = parts.at(-1);
   return last === undefined || last.length < 4 ? 0 : new DataView(last.buffer, last.byteOffset).getUint32(0, true) + PASS_ON_MS;
 }

@@ -8,13 +8,13 @@ import type { Foot, IdentifySession } from "./identify_session";
 import type { Insoles } from "./insoles";
 import { SIDES, sideTitle } from "./side";
 
-/** An insole is too slow for a session below this share of its frames. */
+/** Least share of an insole's frames that must arrive. Below it, the wearer is warned before the session. */
 const LEAST_RATE = 0.8;
 const LOW_BATTERY_PERCENT = 15;
 /** Errors of the model below these values, %, are called good and fair. */
 const [GOOD_PERCENT, FAIR_PERCENT] = [10, 20];
 
-/** What the view shows besides the session. */
+/** Everything but the session that the view shows. */
 export interface IdentifyState {
   insoles: Insoles;
   shoe_size: number;
@@ -78,7 +78,7 @@ function content(session: IdentifySession, state: IdentifyState): Node[] {
   }
 }
 
-/** What must be right before the session, for each insole. */
+/** The problems of each insole that the wearer should solve before the session, as sentences. */
 export function startProblems({ insoles, now_ms }: Pick<IdentifyState, "insoles" | "now_ms">): string[] {
   return SIDES.flatMap((side) => {
     const session = insoles.of(side);
@@ -195,7 +195,7 @@ function resultTable({ side, collected, result }: Foot, { regions }: FootResult)
 
 const refusals = (session: IdentifySession): Node[] =>
   session.feet.flatMap(({ side, sent, refusal }) =>
-    sent === "failed" ? [note(`The ${side} insole did not accept the parameters. ${refusal}`)] : [],
+    sent === "failed" ? [note(`The ${side} insole did not accept the parameters${refusal && `: ${refusal}`}.`)] : [],
   );
 
 const exports = (session: IdentifySession): Node[] => [

@@ -156,6 +156,7 @@ export class LiveView {
   private measure(is_dark: boolean): void {
     const palette = colours(is_dark);
     this.soles.measure(palette);
+    // Every seventh of the 64 colours, from the first to the last one.
     byId("scale").style.background = `linear-gradient(to right, ${palette.filter((_, i) => i % 7 === 0).join(", ")})`;
     // A resized canvas is empty, so it is drawn immediately instead of with the next frame of the screen.
     this.draw();

@@ -63,7 +63,7 @@ export function remarks(insoles: Insoles): string[] {
   if (changed.length > 0) {
     return [
       `The ${changed.join(" and ")} foot or its shoe has changed since it was measured. Check that the insole lies flat in the shoe. ` +
-        "If this stays, measure your feet again.",
+        "If this message remains, choose \"Identify my tissue\" in the settings.",
     ];
   }
   const is_waiting = sessions.every(({ state }) => state === "closed" || state === "waiting");

@@ -77,7 +77,7 @@ export class Session {
   damaged = 0;
   readonly axis: Axis;
   readonly counter: LiveCounter;
-  /** True if the last step says that tissue or shoe have changed so much that the wearer should be identified again. */
+  /** True if the last step reports that tissue or shoe have changed so much that the wearer should be identified again. */
   needs_refit = false;
   /** The cells of the insole that have arrived. */
   private cells: LayoutCell[] = [];
@@ -224,7 +224,8 @@ export class Session {
 
   /** Sends the requests that are due. To be called a few times a second. */
   tick(now_ms: number): void {
-    // An insole repeats that another host is connected as long as this is true, and then no longer answers.
+    // An insole repeats its refusal as long as another host is connected. Afterwards it sends nothing until it receives a connect
+    // request.
     if ((this.state === "live" || this.state === "other-host") && now_ms - this.last_message_ms > TIMEOUT_MS) {
       this.state = "lost";
       this.reason = "no data for two seconds";

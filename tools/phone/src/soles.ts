@@ -6,7 +6,10 @@ import { type Path, type Point } from "./pressure_path";
 import { colourOf } from "./scale";
 import { SIDES } from "./side";
 
-/** Distance of each sole from the edges and from the middle of the canvas. */
+/**
+ * Distance of each sole from the middle and from the bottom of the canvas, and least distance from its top. The least distance from
+ * the left or the right edge is half as large again.
+ */
 const MARGIN_MM = 10;
 
 /** The content of the picture of one sole. */
@@ -32,14 +35,14 @@ interface Ink {
 /** The canvas with both soles. */
 export class Soles {
   private readonly context: CanvasRenderingContext2D;
-  /** The shapes of the soles that were drawn last. */
+  /** The shapes of each sole that was drawn, so that they are made once. */
   private readonly shapes = new WeakMap<Sole, { outline: Path2D; regions: Path2D[] }>();
   private ink: Ink = { back: "", text: "", line: "", sole: "" };
   private palette: readonly string[] = [];
   /** Size of the canvas on the page; 0 while it is not displayed. */
   private width = 0;
   private height = 0;
-  /** The {@link appearanceOf} each sole when it was drawn last. */
+  /** The text of {@link appearanceOf} for each sole when it was drawn last. */
   private readonly drawn: Record<Side, string> = { left: "", right: "" };
 
   constructor(private readonly canvas: HTMLCanvasElement) {
@@ -209,7 +212,7 @@ export class Soles {
 /** A text that is equal for pictures with the same appearance. */
 function appearanceOf({ live, text, ellipses, sole, path }: SolePicture, colours: readonly string[]): string {
   const flags = live?.regions.map(({ saturated, clamped }) => (saturated ? 2 : clamped ? 1 : 0)) ?? [];
-  const shapes = live ? ellipses.flatMap(({ x_mm, y_mm, r_a_mm, r_b_mm }) => [x_mm, y_mm, r_a_mm, r_b_mm]) : [];
+  const shapes = live ? ellipses.flatMap(({ x_mm, y_mm, r_a_mm, r_b_mm, angle_deg }) => [x_mm, y_mm, r_a_mm, r_b_mm, angle_deg]) : [];
   return [text, ...sole.from_mm, sole.outline_mm.length, ...colours, ...flags, ...shapes, path.length, path.at(0)?.t_s, path.at(-1)?.t_s].join();
 }
 

@@ -93,7 +93,7 @@ export class StepStore {
   async load(): Promise<void> {
     for (const totals of await this.storage.days()) this.days.set(totals.day, totals);
     for (const record of await this.storage.latest(LOADED)) {
-      // Those of another protocol version are not shown, but remain in the storage.
+      // Records of another protocol version are not shown, but remain in the storage.
       const decoded = decodeRecord(this.wire, record);
       if (!decoded) continue;
       this.latest.add(decoded, record.start_unix_s);

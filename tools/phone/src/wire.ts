@@ -96,7 +96,7 @@ export class LiveCounter {
   }
 }
 
-/** The functions of the core. */
+/** Encodes, decodes and computes by the functions of the core. */
 export class Wire {
   readonly facts: Facts;
   private readonly text = new TextDecoder();
@@ -132,8 +132,8 @@ export class Wire {
   getStatus = () => this.request(this.core.get_status());
   getAlertRules = () => this.request(this.core.get_alert_rules());
   /**
-   * Turns alerts on or off. `rules` is the insole's message with its rules, of which all others remain. The wearer's day begins
-   * `day_start_min` minutes after midnight UTC.
+   * Turns alerts on or off. `rules` is the insole's message with its present rules; all values but the number of alerts in a day
+   * and the beginning of the day remain. The wearer's day begins `day_start_min` minutes after midnight UTC.
    */
   setAlerts(rules: Uint8Array, is_on: boolean, day_start_min: number): Uint8Array {
     this.write(rules);

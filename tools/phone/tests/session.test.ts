@@ -142,7 +142,7 @@ test("a session that another host has taken waits until the insole no longer ans
     session.tick(now_ms);
     expect(session.state).toBe("other-host");
   }
-  // It asks, but takes nothing from the other host.
+  // The session asks for the time. A connect request would take the insole from the other host.
   const connects = () => sent.filter((message) => message[0] === wire.connect()[0]).length;
   expect([connects(), sent.at(-1)?.[0]]).toEqual([1, wire.getTime(0)[0]]);
   session.tick(4000 + TIMEOUT_MS + 1);

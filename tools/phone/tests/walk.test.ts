@@ -9,7 +9,7 @@ const wire = await loadWire();
 const SETTINGS = loadSettings({ getItem: () => null } as unknown as Storage);
 const STRIDE_S = 1.2;
 
-/** Steps of a foot with equal strides; the clock of the insole shows 70 s less than that of the browser. */
+/** Steps of a foot with equal strides. The clock of the insole shows 70 s when that of the browser shows 1,800,000,000 s. */
 function foot(side: Side, lag_s: number, duration_s: number, count: number): StoredStep[] {
   return Array.from({ length: count }, (_, n) => {
     const start_unix_s = 1_800_000_000 + lag_s + n * STRIDE_S;

@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 fn set_tissue(study: &Study, size: InsoleSize) -> Vec<u8> {
     let parameters = results::parameters(study, size);
     let tissue = parameters.tissue();
-    // The fits of this session use a filter of an insole, so the conditions are known to an insole.
+    // `on_insole` fails only for the filter `smoothed`, which this session does not use.
     let identified = parameters.identified.as_ref().and_then(|identified| identified.on_insole().ok());
     let message = match identified {
         Some(identified) => ToDevice::SetIdentifiedTissue { tissue, identified },

@@ -12,9 +12,9 @@ const VALUE_BYTES = 20;
 interface Connected {
   device: BluetoothDevice;
   reconnect: Reconnect;
-  /** The characteristic to which all other requests are written; `undefined` while the insole is not connected. */
+  /** The characteristic to which requests are written, except those for parameters; `undefined` while there is no connection. */
   control?: BluetoothRemoteGATTCharacteristic | undefined;
-  /** The characteristic to which requests for parameters are written. */
+  /** The characteristic to which requests for parameters are written; `undefined` while there is no connection. */
   parameters?: BluetoothRemoteGATTCharacteristic | undefined;
   /** Resolves after the last write. The next write waits for it, because writes must not overlap. */
   writing: Promise<void>;

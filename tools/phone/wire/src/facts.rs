@@ -33,9 +33,9 @@ pub struct Gatt {
     service: String,
     /// The page writes requests to it, and the insole indicates the answers.
     control: String,
-    /// The insole notifies live frames.
+    /// The insole notifies live frames and contact ellipses.
     live: String,
-    /// The insole notifies steps.
+    /// The insole notifies steps, load bouts and alerts.
     steps: String,
     /// The page writes requests for the wearer's parameters to it, and the insole indicates the answers. It needs a bond.
     parameters: String,

@@ -96,8 +96,9 @@ pub extern "C" fn get_alert_rules() -> usize {
     request(ToDevice::GetAlertRules)
 }
 
-/// Encodes a request that turns alerts on or off. The buffer contains the insole's message with its rules, which remain otherwise.
-/// The wearer's day begins `day_start_min` minutes after midnight UTC.
+/// Encodes a request that turns alerts on or off. The buffer contains the insole's message with its present rules; all values but the
+/// number of alerts in a day and the beginning of the day remain. Alerts are off if their number in a day is 0; if it was 0, it
+/// becomes the recommended one when they are turned on. The wearer's day begins `day_start_min` minutes after midnight UTC.
 #[unsafe(no_mangle)]
 pub extern "C" fn set_alerts(is_on: bool, day_start_min: u16) -> usize {
     let rules = match phone_buffer::with(|message| decode_message(message)) {

@@ -28,14 +28,14 @@ pub(crate) enum Message {
     },
     /// A load bout.
     Bout {
-        /// Identifies the load bout, as that of a step.
+        /// Identifies the load bout. It does not change when an insole sends the load bout again.
         key: String,
         #[cfg_attr(test, ts(type = "Bout"))]
         bout: Value,
     },
     /// An alert.
     Alert {
-        /// Identifies the alert, as that of a step.
+        /// Identifies the alert. It does not change when an insole sends the alert again.
         key: String,
         #[cfg_attr(test, ts(type = "Alert"))]
         alert: Value,
@@ -56,7 +56,7 @@ pub(crate) enum Message {
         id: u32,
     },
     Refused {
-        /// The reason, as a sentence for the wearer.
+        /// The reason, as a phrase without a full stop.
         reason: String,
         /// True if the session belongs to another host now. The insole repeats this until that host has left.
         is_other_host: bool,
@@ -321,7 +321,8 @@ impl Serialize for RegionOf<'_> {
     }
 }
 
-/// Serialises quantities of a live frame. Unlike the quantities of a step, they have no nested keys and are always present.
+/// Serialises quantities of a live frame or of a contact ellipse. Unlike the quantities of a step, they have no nested keys and are
+/// always present.
 fn serialize_quantities<T, M: SerializeMap>(map: &mut M, quantities: &[Quantity<T>], of: &T) -> Result<(), M::Error> {
     quantities.iter().try_for_each(|quantity| match quantity.per_unit {
         1 => map.serialize_entry(quantity.key, &(quantity.value)(of)),
