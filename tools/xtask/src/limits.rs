@@ -54,7 +54,7 @@ const LIMITS: [(&str, f64, f64); 51] = [
     ("moticon.peak_force_n", 0.0, 1.0),
     ("moticon.stride_ms", 0.0, 15.0),
     ("moticon.step_ms", 0.0, 15.0),
-    ("moticon.double_support_ms", 0.0, 18.0),
+    ("moticon.double_support_ms", 0.0, 15.0),
     ("moticon.both_phases_ms", 0.0, 35.0),
 ];
 
