@@ -174,9 +174,13 @@ fn tracking(firmware: &Path, insole: &VirtualInsole, codes: &[u16]) -> Result<f6
         // The log has nine numbers of cycles for each step: for its eight regions, and for the rest. Interrupts lengthen most
         // steps, but not each part of each step.
         let mut least = [u32::MAX; 9];
-        for entry in board.log(firmware)?.iter().filter(|entry| entry.text.contains("evaluated in")).skip(FIRST_ADAPTED)
+        for entry in board
+            .log(firmware)?
+            .iter()
+            .filter(|entry| entry.text.contains("cycles for each region"))
+            .skip(FIRST_ADAPTED)
         {
-            let (_, cycles) = entry.text.split_once("evaluated in").context("the log has no cycles")?;
+            let (_, cycles) = entry.text.split_once('[').context("the log has no cycles")?;
             let numbers =
                 cycles.split(|letter: char| !letter.is_ascii_digit()).filter_map(|number| number.parse::<u32>().ok());
             least.iter_mut().zip(numbers).for_each(|(least, cycles)| *least = cycles.min(*least));
