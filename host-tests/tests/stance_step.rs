@@ -220,8 +220,8 @@ fn a_long_stance_stores_every_second_fourth_or_eighth_frame() {
         for i in 0..frames {
             assert!(!push(&mut stance, &limits, 1 + i, &frame(50.0, force_n(i))));
         }
-        let ended = (0..16).position(|i| push(&mut stance, &limits, 1 + frames + i, &frame(0.0, 0.0)));
-        assert_eq!(ended, Some(15), "toe off must be confirmed after 40 ms, 16 frames at 400 Hz");
+        let ended = (0..20).position(|i| push(&mut stance, &limits, 1 + frames + i, &frame(0.0, 0.0)));
+        assert_eq!(ended, Some(19), "toe off must be confirmed after 50 ms, 20 frames at 400 Hz");
         let (area_mm2, stored_n) = (stance.curves().area_mm2(0), stance.curves().force_n(0));
         assert_eq!(stance.frames(), frames);
         assert!(stored_n.len() <= STANCE_SAMPLES && area_mm2.len() == stored_n.len());

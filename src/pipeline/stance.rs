@@ -56,8 +56,8 @@ enum Phase {
 ///     let regions = [loaded, RegionFrame::NONE];
 ///     stance.push(&limits, seq, &core::array::from_fn(|region| &regions[region.min(1)]), (0.0, 0.0))
 /// });
-/// // Toe off is confirmed after 40 ms.
-/// assert_eq!((toe_off, stance.start_seq(), stance.frames()), (Some(113), 50, 60));
+/// // Toe off is confirmed after 50 ms.
+/// assert_eq!((toe_off, stance.start_seq(), stance.frames()), (Some(114), 50, 60));
 /// assert_eq!(stance.curves().force_n(0), [600.0; 60]);
 /// ```
 #[derive(Debug)]

@@ -40,12 +40,14 @@ impl StanceRule {
         strike_n: 35.0,
         release_n: 75.0,
         min_stance_ms: 90,
-        min_swing_ms: 40,
+        min_swing_ms: 50,
         max_stance_ms: 2500,
         is_adaptive: true,
     };
-    /// As [`StanceRule::ADAPTIVE`], with fixed thresholds, as in the paper.
-    pub const ABSOLUTE: Self = Self { strike_n: 30.0, release_n: 20.0, is_adaptive: false, ..Self::ADAPTIVE };
+    /// As [`StanceRule::ADAPTIVE`], with fixed thresholds, as in the paper. A force seldom falls below the lower threshold of toe
+    /// off within a stance, so a shorter gap ends it.
+    pub const ABSOLUTE: Self =
+        Self { strike_n: 30.0, release_n: 20.0, min_swing_ms: 40, is_adaptive: false, ..Self::ADAPTIVE };
 
     /// True if forces and times are in range and in order.
     pub fn is_valid(&self) -> bool {
