@@ -412,11 +412,13 @@ fn accepted_parameters_are_confirmed_and_reported_from_then_on() {
         session.complete(Ok(CommandResult::Stored));
         assert_eq!(*session.tissue(), tissue);
         assert_eq!(
-            session.tissue_due(),
+            session.take_tissue_due(),
             None,
             "new parameters must not apply before the answer, because earlier live frames use the previous ones"
         );
         assert_eq!(all(&mut session), [Sent::Tissue(tissue.id)]);
+        assert_eq!(session.take_tissue_due(), Some(&tissue), "the same parameters must apply again");
+        assert_eq!(session.take_tissue_due(), None, "parameters must apply once");
     }
     assert!(session.next_live().is_some(), "the stream must continue");
     session.close();

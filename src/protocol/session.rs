@@ -50,6 +50,8 @@ pub struct Session {
     acknowledged: Option<u32>,
     command: Option<Command>,
     configured: Configured,
+    /// The parameters are new, and no frame was evaluated with them yet.
+    is_tissue_due: bool,
     cells: CellSender,
     /// The stream of ellipses. Its messages wait until the carrier has sent everything else.
     pub ellipses: EllipseSender,
@@ -81,6 +83,7 @@ impl Session {
             acknowledged: None,
             command: None,
             configured: Configured::NONE,
+            is_tissue_due: false,
             cells: CellSender::new(),
             ellipses: EllipseSender::new(),
             faults: Faults::NONE,
@@ -176,6 +179,7 @@ impl Session {
             match command {
                 Command::Tissue(tissue, identified) => {
                     (self.configured.tissue, self.configured.identified) = (tissue, identified);
+                    self.is_tissue_due = true;
                 }
                 Command::AlertRules(rules) => self.set_alert_rules(rules),
                 _ => {}
@@ -261,6 +265,7 @@ impl Session {
             acknowledged: self.acknowledged,
             command: self.command,
             configured: self.configured,
+            is_tissue_due: self.is_tissue_due,
             faults: core::mem::take(&mut self.faults),
             daily: self.daily,
             to_insole: ToInsole { zero: false, ..self.to_insole },
