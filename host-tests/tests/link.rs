@@ -508,6 +508,23 @@ fn a_carrier_that_is_too_slow_for_live_frames_delivers_answers() {
     assert!(after >= first + 2 * at as u32, "{first} {at} {after}");
 }
 
+/// Only new parameters make the queued live frames out of date.
+#[test]
+fn live_frames_remain_queued_when_another_value_could_not_be_stored() {
+    let mut session = streaming();
+    session.receive(ToDevice::SetSettings(None), 0);
+    session.complete(Err(Refusal::NotStored));
+    session.receive(ToDevice::GetTissue, 0);
+    let mut sent = Vec::new();
+    for _ in 0..12 {
+        push_live(&mut session);
+        sent.extend(next(&mut session));
+    }
+    let live: Vec<_> = sent.iter().filter(|sent| matches!(sent, Sent::Live(_))).copied().collect();
+    assert_eq!(live, (0..10).map(Sent::Live).collect::<Vec<_>>());
+    assert!(sent.contains(&Sent::Refused(Refusal::NotStored)) && sent.contains(&Sent::Tissue(0)));
+}
+
 #[test]
 fn parameters_are_not_accepted_outside_of_a_session() {
     for connect in [None, Some(ToDevice::Connect { major: MAJOR + 1, minor: MINOR })] {

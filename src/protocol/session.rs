@@ -186,6 +186,7 @@ impl Session {
             }
         }
         let answer = match (result, command) {
+            (Ok(_) | Err(Refusal::NotStored), Command::Tissue(..)) => Answer::NewTissue { is_stored: result.is_ok() },
             (Err(refusal), _) => Answer::Refused(refusal),
             (Ok(CommandResult::Update(progress)), _) => Answer::Update(progress),
             (Ok(CommandResult::Identity(identity)), _) => {
@@ -362,7 +363,8 @@ impl Session {
                     is_clock_set: self.unix_offset_us.is_some(),
                     ..status()
                 }),
-                Answer::Tissue => ToHost::Tissue(self.configured.tissue),
+                Answer::Tissue | Answer::NewTissue { is_stored: true } => ToHost::Tissue(self.configured.tissue),
+                Answer::NewTissue { is_stored: false } => ToHost::Refused(Refusal::NotStored),
                 Answer::Refused(refusal) => ToHost::Refused(refusal),
                 Answer::Faults => ToHost::Faults(self.faults.clone()),
                 Answer::Time { host_us, device_us } => ToHost::Time { host_us, device_us },
