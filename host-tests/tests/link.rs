@@ -412,11 +412,13 @@ fn accepted_parameters_are_confirmed_and_reported_from_then_on() {
         session.complete(Ok(CommandResult::Stored));
         assert_eq!(*session.tissue(), tissue);
         assert_eq!(
-            session.tissue_due(),
+            session.take_tissue_due(),
             None,
             "new parameters must not apply before the answer, because earlier live frames use the previous ones"
         );
         assert_eq!(all(&mut session), [Sent::Tissue(tissue.id)]);
+        assert_eq!(session.take_tissue_due(), Some(&tissue), "the same parameters must apply again");
+        assert_eq!(session.take_tissue_due(), None, "parameters must apply once");
     }
     assert!(session.next_live().is_some(), "the stream must continue");
     session.close();
@@ -504,6 +506,23 @@ fn a_carrier_that_is_too_slow_for_live_frames_delivers_answers() {
     assert!(at <= 8, "after {at} frames");
     let Sent::Live(after) = sent[at + 1] else { panic!("{sent:?}") };
     assert!(after >= first + 2 * at as u32, "{first} {at} {after}");
+}
+
+/// Only new parameters make the queued live frames out of date.
+#[test]
+fn live_frames_remain_queued_when_another_value_could_not_be_stored() {
+    let mut session = streaming();
+    session.receive(ToDevice::SetSettings(None), 0);
+    session.complete(Err(Refusal::NotStored));
+    session.receive(ToDevice::GetTissue, 0);
+    let mut sent = Vec::new();
+    for _ in 0..12 {
+        push_live(&mut session);
+        sent.extend(next(&mut session));
+    }
+    let live: Vec<_> = sent.iter().filter(|sent| matches!(sent, Sent::Live(_))).copied().collect();
+    assert_eq!(live, (0..10).map(Sent::Live).collect::<Vec<_>>());
+    assert!(sent.contains(&Sent::Refused(Refusal::NotStored)) && sent.contains(&Sent::Tissue(0)));
 }
 
 #[test]

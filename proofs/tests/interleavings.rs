@@ -6,12 +6,13 @@ use critical_section as _; // links the host's implementation of the critical se
 use embassy_sync::zerocopy_channel::Channel;
 use plantar::firmware::board::{FrameClock, Gauges, Matrix, MatrixTimeout};
 use plantar::firmware::scan::{Frame, ScanCounters, scan};
-use plantar::firmware::shared::{Carrier, Shared};
+use plantar::firmware::shared::{Carrier, Exchange, Shared};
 use plantar::firmware::supervise::{Heartbeats, Part, STALLED_CHECKS, Watchdog};
 use plantar::protocol::{MAJOR, MAX_MESSAGE, MINOR, Status, ToDevice, ToHost, decode};
 use proofs::acknowledgement::hello;
 use shuttle::scheduler::{DfsScheduler, Schedule, Scheduler, Task, TaskId};
 use shuttle::{Config, Runner, thread};
+use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::future::poll_fn;
 use std::pin::Pin;
@@ -114,6 +115,15 @@ impl Matrix for OneRow {
     }
 }
 
+/// The shared state with an open session.
+fn connected(counters: &'static ScanCounters) -> Shared {
+    let gauges = Gauges { stack_bytes: || 0, supply_mv: || None };
+    let shared = Shared::new(hello(), 1000, counters, gauges, Box::leak(Box::new(RefCell::new(Exchange::Idle))));
+    shared.receive(Carrier::Serial, Some(ToDevice::Connect { major: MAJOR, minor: MINOR }));
+    shared.next(Carrier::Serial, &mut [0; MAX_MESSAGE]);
+    shared
+}
+
 /// Requests the counters as a host does.
 fn status(shared: &Shared) -> Status {
     shared.receive(Carrier::Serial, Some(ToDevice::GetStatus));
@@ -141,10 +151,7 @@ fn every_frame_is_counted_once_in_all_orders() {
         let frame_times = Arc::new(AtomicU32::new(0));
         let times = frame_times.clone();
         let processing = start(PROCESSING, move || {
-            let gauges = Gauges { stack_bytes: || 0, supply_mv: || None };
-            let shared = Shared::new(hello(), 1000, counters, gauges);
-            shared.receive(Carrier::Serial, Some(ToDevice::Connect { major: MAJOR, minor: MINOR }));
-            shared.next(Carrier::Serial, &mut [0; MAX_MESSAGE]);
+            let shared = connected(counters);
             let before = times.load(Ordering::Relaxed);
             if receiver.try_receive().is_some() {
                 receiver.receive_done();
@@ -165,10 +172,7 @@ fn every_frame_is_counted_once_in_all_orders() {
             })
         });
         scans.into_iter().chain([processing]).for_each(|thread| thread.join().expect("no panic"));
-        let shared = Shared::new(hello(), 1000, counters, Gauges { stack_bytes: || 0, supply_mv: || None });
-        shared.receive(Carrier::Serial, Some(ToDevice::Connect { major: MAJOR, minor: MINOR }));
-        shared.next(Carrier::Serial, &mut [0; MAX_MESSAGE]);
-        let status = status(&shared);
+        let status = status(&connected(counters));
         assert_eq!(status.frame_times() + counters.heartbeats.pending_frames(), 5);
         assert!(status.frames_missed >= 1 && status.frames_skipped == 0);
     });

@@ -116,14 +116,14 @@ fn report_faults(faults: &Faults, shared: &Shared) {
 
 /// Puts new parameters in force from this frame on, once the session has announced them.
 fn adopt_tissue(insole: &mut DeviceInsole, shared: &Shared) {
-    let session = shared.session.borrow();
-    if let Some(tissue) = session.tissue_due().filter(|tissue| tissue.id != insole.tissue_id()) {
+    let mut session = shared.session.borrow_mut();
+    if let Some(tissue) = session.take_tissue_due() {
         // This cannot fail: the session has applied the same check before it accepted the parameters.
         let _ = insole.set_tissue(tissue);
         if session.is_identified() {
             insole.track();
         }
-        log::info!("settings: parameters {:x} are in force", tissue.id);
+        log::info!("settings: parameters {:x} are in force", insole.tissue_id());
     }
 }
 

@@ -41,8 +41,7 @@ pub enum Carrier {
 /// The last request of a management tool. A further request replaces it, so that a tool that gave up waiting does not block
 /// others.
 #[allow(clippy::large_enum_variant, reason = "there is one exchange at a time, in place")]
-#[cfg_attr(not(feature = "management"), allow(dead_code, reason = "no request is executed"))]
-pub(super) enum Exchange {
+pub enum Exchange {
     /// None, or its answer was sent.
     Idle,
     /// The request waits for the storage.
@@ -116,7 +115,7 @@ impl ProcessCounters {
 
 impl Shared {
     /// The state before the first connection.
-    pub(super) fn new(
+    pub fn new(
         hello: Hello,
         serial_bytes_per_s: u32,
         scan: &'static ScanCounters,

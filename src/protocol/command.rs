@@ -123,6 +123,10 @@ pub enum CommandResult {
 pub(super) enum Answer {
     Status,
     Tissue,
+    /// New parameters are in force from now on; if they could not be stored, until the insole restarts.
+    NewTissue {
+        is_stored: bool,
+    },
     Refused(Refusal),
     Time { host_us: u64, device_us: u64 },
     Faults,
@@ -140,10 +144,8 @@ pub(super) enum Answer {
 }
 
 impl Answer {
-    /// True if the answer announces parameters that are in force from now on. [`Refusal::NotStored`] is such an answer, because
-    /// parameters that could not be stored are in force until the insole restarts. Live frames that are still queued used the
-    /// previous parameters.
+    /// True if the answer announces new parameters. Live frames that are still queued used the previous parameters.
     pub fn is_announcement(&self) -> bool {
-        matches!(self, Self::Tissue | Self::Refused(Refusal::NotStored))
+        matches!(self, Self::NewTissue { .. })
     }
 }

@@ -50,6 +50,8 @@ pub struct Session {
     acknowledged: Option<u32>,
     command: Option<Command>,
     configured: Configured,
+    /// The parameters are new, and no frame was evaluated with them yet.
+    is_tissue_due: bool,
     cells: CellSender,
     /// The stream of ellipses. Its messages wait until the carrier has sent everything else.
     pub ellipses: EllipseSender,
@@ -81,6 +83,7 @@ impl Session {
             acknowledged: None,
             command: None,
             configured: Configured::NONE,
+            is_tissue_due: false,
             cells: CellSender::new(),
             ellipses: EllipseSender::new(),
             faults: Faults::NONE,
@@ -176,12 +179,14 @@ impl Session {
             match command {
                 Command::Tissue(tissue, identified) => {
                     (self.configured.tissue, self.configured.identified) = (tissue, identified);
+                    self.is_tissue_due = true;
                 }
                 Command::AlertRules(rules) => self.set_alert_rules(rules),
                 _ => {}
             }
         }
         let answer = match (result, command) {
+            (Ok(_) | Err(Refusal::NotStored), Command::Tissue(..)) => Answer::NewTissue { is_stored: result.is_ok() },
             (Err(refusal), _) => Answer::Refused(refusal),
             (Ok(CommandResult::Update(progress)), _) => Answer::Update(progress),
             (Ok(CommandResult::Identity(identity)), _) => {
@@ -261,6 +266,7 @@ impl Session {
             acknowledged: self.acknowledged,
             command: self.command,
             configured: self.configured,
+            is_tissue_due: self.is_tissue_due,
             faults: core::mem::take(&mut self.faults),
             daily: self.daily,
             to_insole: ToInsole { zero: false, ..self.to_insole },
@@ -357,7 +363,8 @@ impl Session {
                     is_clock_set: self.unix_offset_us.is_some(),
                     ..status()
                 }),
-                Answer::Tissue => ToHost::Tissue(self.configured.tissue),
+                Answer::Tissue | Answer::NewTissue { is_stored: true } => ToHost::Tissue(self.configured.tissue),
+                Answer::NewTissue { is_stored: false } => ToHost::Refused(Refusal::NotStored),
                 Answer::Refused(refusal) => ToHost::Refused(refusal),
                 Answer::Faults => ToHost::Faults(self.faults.clone()),
                 Answer::Time { host_us, device_us } => ToHost::Time { host_us, device_us },

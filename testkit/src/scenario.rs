@@ -301,6 +301,8 @@ pub struct Expect {
     pub rate_hz: Option<u32>,
     /// Whether the first insole has parameters at the end.
     pub parameters: Option<bool>,
+    /// Whether the last step of the first insole has a stiffness that was tracked since parameters were set.
+    pub is_tracked: Option<bool>,
     /// A part of the text of one of the client's errors.
     pub error: Option<String>,
     /// A part of the crash report in the last hello of the first insole: the crash that ended its previous boot.
@@ -700,6 +702,11 @@ impl Outcome {
             let tissue = first.host.client.as_mut().and_then(|client| client.tissue().ok());
             let found = tissue.map(|tissue| tissue.id != 0);
             compare("has parameters", format!("{:?}", Some(parameters)), format!("{found:?}"));
+        }
+        if let Some(is_tracked) = expect.is_tracked {
+            let last = first.host.steps().last();
+            let found = last.map(|step| step.regions.iter().any(|region| region.stiffness_change_percent != 0));
+            compare("is tracked", format!("{:?}", Some(is_tracked)), format!("{found:?}"));
         }
         if let Some(text) = &expect.error {
             let has = first.host.errors.iter().any(|error| error.contains(text));

@@ -34,8 +34,9 @@ impl Session {
 
     /// Restores the persisted parameters after a start. Parameters that do not pass their check are discarded.
     pub fn restore_tissue(&mut self, tissue: Tissue, identified: Option<Identified>) {
+        self.is_tissue_due = tissue.check().is_ok();
         (self.configured.tissue, self.configured.identified) =
-            if tissue.check().is_ok() { (tissue, identified) } else { (Tissue::NONE, None) };
+            if self.is_tissue_due { (tissue, identified) } else { (Tissue::NONE, None) };
     }
 
     /// Puts rules of alerts in force.
@@ -95,10 +96,14 @@ impl Session {
         &self.configured.tissue
     }
 
-    /// The parameters for the next frame; `None` while new ones must be announced first, because live frames before the
-    /// announcement use the previous ones.
-    pub fn tissue_due(&self) -> Option<&Tissue> {
-        (!self.answers.iter().any(Answer::is_announcement)).then_some(&self.configured.tissue)
+    /// Returns new parameters once, to be in force from the next frame on, even if they are equal to the previous ones. `None`
+    /// while they must be announced first, because live frames before the announcement use the previous ones.
+    pub fn take_tissue_due(&mut self) -> Option<&Tissue> {
+        if !self.is_tissue_due || self.answers.iter().any(Answer::is_announcement) {
+            return None;
+        }
+        self.is_tissue_due = false;
+        Some(&self.configured.tissue)
     }
 
     /// True if the parameters in force were identified from steps of the wearer.
