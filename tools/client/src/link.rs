@@ -54,7 +54,7 @@ pub struct Link<C> {
     start: Start<C>,
     policy: ReconnectPolicy,
     state: State,
-    /// A message could not be sent; the next event reports it.
+    /// A message could not be sent, or a request had no answer; the next event reports it.
     failure: Option<Error>,
 }
 
@@ -189,6 +189,21 @@ impl<C: Carrier + 'static> Link<C> {
         if let (Err(error), State::Open(_) | State::Streaming { .. }) = (sent, &self.state) {
             self.failure = Some(error);
         }
+    }
+
+    /// Ends the session after a request of its caller failed because of the link: the next event reports `error`, and a later one
+    /// the start of another session, in which the request can be repeated.
+    ///
+    /// # Errors
+    /// Returns any other error.
+    pub fn recover(&mut self, error: Error) -> Result<(), Error> {
+        match error {
+            // The insole refuses the next message as well, and events report that another host has the session.
+            Error::Refused(Refusal::OtherHost) => {}
+            error if error.is_link_failure() => self.failure = Some(error),
+            error => return Err(error),
+        }
+        Ok(())
     }
 
     fn lose(&mut self, error: Error) -> Event {

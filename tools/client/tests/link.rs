@@ -149,6 +149,20 @@ fn a_message_that_cannot_be_sent_ends_the_session() {
     assert!(matches!(link.next_event(), Ok(Event::Lost(Error::Carrier(_)))));
 }
 
+/// Without the end of the session, a request that begins each session would not be repeated.
+#[test]
+fn a_request_without_an_answer_is_repeated_in_another_session() {
+    let insole = Insole::new();
+    let mut link = insole.connect().expect("an insole");
+    link.start().expect("it streams");
+    link.recover(Error::NoAnswer(POLICY.answer, 0)).expect("it concerns the link");
+    assert!(matches!(link.next_event(), Ok(Event::Lost(Error::NoAnswer(..)))));
+    assert!(matches!(next(&insole, &mut link), Ok(Event::Started(SessionStart::Reconnected))));
+    assert!(matches!(link.recover(Error::Refused(Refusal::Busy)), Err(Error::Refused(Refusal::Busy))));
+    link.recover(Error::Refused(Refusal::OtherHost)).expect("it concerns the link");
+    expect_live(&insole, &mut link);
+}
+
 #[test]
 fn a_silent_insole_is_first_connected_over_the_same_carrier() {
     let insole = Insole::new();

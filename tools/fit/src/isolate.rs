@@ -78,6 +78,8 @@ pub fn isolate(
                 regions,
             });
         }
+        // A load bout has a number, so the next step must not have the same one.
+        device.take_bout();
         if i % 1024 == 0 {
             progress(i);
         }

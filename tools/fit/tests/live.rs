@@ -6,7 +6,7 @@ use fit::{Options, Study};
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
-use plantar::protocol::{Live, MAX_MESSAGE, Step, ToHost, decode, encode};
+use plantar::protocol::{Bout, Live, MAX_MESSAGE, Step, ToHost, decode, encode};
 use plantar::{Region, Side};
 use recording::synthetic::{SyntheticWalk, walk};
 use recording::{Recording, VirtualInsole};
@@ -38,6 +38,8 @@ fn messages(recording: &Recording) -> Vec<ToHost> {
         if is_toe_off && let Some(step) = insole.whole_step() {
             messages.push(ToHost::Step(Step::new(&step)));
         }
+        // The next record has the number after that of the bout.
+        messages.extend(insole.take_bout().map(|bout| ToHost::Bout(Bout::new(&bout))));
     }
     let over_the_wire = |message: &ToHost| {
         let mut buffer = [0; MAX_MESSAGE];
@@ -108,6 +110,32 @@ fn a_live_stream_and_the_recording_of_all_cells_result_in_the_same_parameters() 
             assert!(agree || !ours.is_identifiable, "{}: {ours:?} for {theirs:?}", region.name());
         }
     }
+}
+
+/// The walk of a wearer who stood for four seconds before, and lifted the foot for three seconds before and after standing.
+fn after_standing(walk: &Recording) -> Recording {
+    let cells = walk.cells();
+    let load = |frame: usize| walk.frame(frame).iter().sum::<f32>();
+    let standing = (0..walk.frames()).max_by(|&a, &b| load(a).total_cmp(&load(b))).expect("there are frames");
+    let lifted = vec![0.0; 300 * cells];
+    let pressure_kpa = [&*lifted, &walk.frame(standing).repeat(400), &lifted, &walk.pressure_kpa].concat();
+    let t_s = (0..pressure_kpa.len() / cells).map(|frame| frame as f64 / walk.rate_hz).collect();
+    Recording { t_s, pressure_kpa, ..walk.clone() }
+}
+
+/// Steps and load bouts are numbered together.
+#[test]
+fn steps_after_a_load_bout_have_the_numbers_that_an_insole_sends() {
+    let recording = after_standing(&computed_walk(4));
+    let sent = messages(&recording);
+    let sent: Vec<u32> = sent
+        .iter()
+        .filter_map(|message| if let ToHost::Step(step) = message { Some(step.step) } else { None })
+        .collect();
+    assert_eq!((sent.len(), sent.last()), (4, Some(&4)), "one of the numbers is that of the load bout");
+    let insole = VirtualInsole::new(&recording, CONTACT, StanceRule::ADAPTIVE);
+    let (steps, _) = fit::steps::isolate(&insole, insole.scans(&recording), 0, &mut |_| ()).expect("a valid insole");
+    assert_eq!(steps.iter().map(|step| step.number).collect::<Vec<_>>(), sent);
 }
 
 #[test]

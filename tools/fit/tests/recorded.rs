@@ -125,10 +125,10 @@ fn the_errors_of_a_fit_are_those_of_the_insole() {
         let mut compared = 0;
         for i in 0..virtual_insole.frames(&walk) {
             virtual_insole.codes_of(&walk, i, &mut codes);
-            if !insole.frame(i as u32, &codes) {
-                continue;
-            }
-            let number = insole.whole_step().expect("a step").step;
+            let number = insole.frame(i as u32, &codes).then(|| insole.whole_step().expect("a step").step);
+            // The next record has the number after that of the bout.
+            insole.take_bout();
+            let Some(number) = number else { continue };
             let step = study.steps.iter().find(|step| step.number == number).expect("the same steps");
             for (region, law) in force_laws.iter().enumerate().filter(|(_, law)| **law != ForceLaw::NONE) {
                 let (area_mm2, force_n, sample_s) = insole.curves(region);

@@ -2,30 +2,40 @@
 
 use crate::carrier::AnyClient;
 use anyhow::{Context, Result};
-use client::{CellReceiver, StartedCells};
+use client::{CellReceiver, Error, StartedCells};
 use plantar::protocol::{CellFrame, CellStream};
 use recording::StreamedCells;
 use std::path::PathBuf;
 
-/// Writes the cells of one session: folders `000`, `001`, ... with the parts of one recording each.
+/// Writes cells to folders `000`, `001`, ... with the parts of one recording each. Each session begins another recording.
 pub struct CellRecorder {
+    stream: CellStream,
     folder: PathBuf,
     /// Number of the recording in progress.
-    pub recording: usize,
+    recording: usize,
     /// Number of the next part of this recording.
     part: usize,
+    session: Session,
+    /// Number of frames in the parts that are written.
+    written: usize,
+    /// Number of frames that were lost on the way in earlier sessions.
+    lost: u64,
+    /// Number of frames that the insole dropped in earlier sessions.
+    dropped: u64,
+}
+
+/// The stream of one session.
+struct Session {
     receiver: CellReceiver,
     /// The frames that are not written yet.
     cells: StreamedCells,
     /// Provenance, for the metadata of the recordings.
     source: String,
-    /// Number of frames in the parts that are written.
-    written: usize,
 }
 
-impl CellRecorder {
-    /// Reads the configuration of the insole and starts the stream. `recording` is the number of the first recording.
-    pub fn begin(client: &mut AnyClient, stream: CellStream, folder: PathBuf, recording: usize) -> Result<Self> {
+impl Session {
+    /// Reads the configuration of the insole and starts the stream.
+    fn start(client: &mut AnyClient, stream: CellStream) -> Result<Self, Error> {
         let StartedCells { setup, cells, receiver } = client.start_cells(stream)?;
         let identity = client.identity()?;
         let hello = client.hello();
@@ -37,35 +47,57 @@ impl CellRecorder {
             hello.firmware,
             stream.resolution.bits()
         );
-        Ok(Self {
-            folder,
-            recording,
-            part: 0,
-            receiver,
-            cells: StreamedCells::new(setup, cells, stream.every),
-            source,
-            written: 0,
-        })
+        Ok(Self { receiver, cells: StreamedCells::new(setup, cells, stream.every), source })
+    }
+}
+
+impl CellRecorder {
+    /// Starts the stream of the first session.
+    pub fn begin(client: &mut AnyClient, stream: CellStream, folder: PathBuf) -> Result<Self, Error> {
+        let session = Session::start(client, stream)?;
+        Ok(Self { stream, folder, recording: 0, part: 0, session, written: 0, lost: 0, dropped: 0 })
+    }
+
+    /// Starts the stream of another session. If this fails, it can be called again.
+    pub fn restart(&mut self, client: &mut AnyClient) -> Result<()> {
+        self.complete_part()?;
+        let session = Session::start(client, self.stream)?;
+        let CellReceiver { lost, dropped, .. } = std::mem::replace(&mut self.session, session).receiver;
+        self.lost += u64::from(lost);
+        self.dropped += u64::from(dropped);
+        self.end_recording();
+        Ok(())
+    }
+
+    /// The next part belongs to another recording, unless this one has no parts.
+    fn end_recording(&mut self) {
+        self.recording = self.recordings();
+        self.part = 0;
+    }
+
+    /// Number of recordings with frames.
+    fn recordings(&self) -> usize {
+        self.recording + usize::from(self.part > 0)
     }
 
     /// Adds a frame. A long gap ends the recording and begins the next one.
     pub fn frame(&mut self, frame: &CellFrame) -> Result<()> {
-        if !self.receiver.frame(frame) {
+        if !self.session.receiver.frame(frame) {
             return Ok(());
         }
-        if !self.cells.is_continued_by(frame.scan) {
+        if !self.session.cells.is_continued_by(frame.scan) {
             self.complete_part()?;
-            self.cells.restart();
-            self.recording += 1;
-            self.part = 0;
+            self.session.cells.restart();
+            self.end_recording();
         }
-        self.cells.push(frame.scan, self.receiver.codes());
+        self.session.cells.push(frame.scan, self.session.receiver.codes());
         Ok(())
     }
 
     /// Writes the frames so far as the next part.
     pub fn complete_part(&mut self) -> Result<()> {
-        let Some(recording) = self.cells.take(&self.source) else { return Ok(()) };
+        let Session { cells, source, .. } = &mut self.session;
+        let Some(recording) = cells.take(source) else { return Ok(()) };
         let folder = self.folder.join(format!("{:03}", self.recording));
         std::fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
         // A part has its name once it is complete, so that a crash leaves no incomplete one.
@@ -80,12 +112,14 @@ impl CellRecorder {
 
     /// Prints what was recorded and what is missing.
     pub fn print(&self) {
-        let CellReceiver { lost, dropped, .. } = self.receiver;
+        let CellReceiver { lost, dropped, .. } = self.session.receiver;
         println!(
-            "cells in {}: {} frames in {} recordings; {lost} frames lost on the way, {dropped} dropped by the insole",
+            "cells in {}: {} frames in {} recordings; {} frames lost on the way, {} dropped by the insole",
             self.folder.display(),
             self.written,
-            self.recording + usize::from(self.part > 0)
+            self.recordings(),
+            self.lost + u64::from(lost),
+            self.dropped + u64::from(dropped)
         );
     }
 }

@@ -52,7 +52,8 @@ pub struct Fit {
     /// Name of the person [default: the file name of the first recording].
     #[arg(long, value_name = "NAME")]
     participant: Option<String>,
-    /// Use only these steps of every recording: a number N or a range N-M, counted from 0.
+    /// Use only these steps of every recording: a number N or a range N-M, as in the report and in `plantar replay`. Numbers begin
+    /// at 0, and load bouts have numbers, too.
     #[arg(long, value_name = "STEPS")]
     steps: Option<StepRange>,
     #[command(flatten)]
@@ -124,7 +125,7 @@ impl FromStr for StepRange {
         let (first, last) = text.split_once('-').unwrap_or((text, text));
         match (first.parse(), last.parse()) {
             (Ok(first), Ok(last)) if first <= last => Ok(Self(first, last)),
-            _ => Err("steps are N or N-M, counted from 0".into()),
+            _ => Err("steps are N or N-M, numbers from 0 on".into()),
         }
     }
 }
@@ -229,10 +230,11 @@ impl Fit {
             }
         }
         if let Some(StepRange(first, last)) = self.steps {
-            let most = study.steps.iter().map(|step| step.number).max();
+            let numbers = || study.steps.iter().map(|step| step.number);
+            let range = numbers().min().zip(numbers().max());
             study.steps.retain(|step| self.is_used(step));
-            if let (true, Some(most)) = (study.steps.is_empty(), most) {
-                bail!("--steps {first}-{last}: the recordings have steps 0 to {most}");
+            if let (true, Some((least, most))) = (study.steps.is_empty(), range) {
+                bail!("--steps {first}-{last}: the recordings have steps {least} to {most}");
             }
         }
         let bar = progress(8, "regions");

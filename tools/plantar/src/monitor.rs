@@ -52,7 +52,8 @@ pub trait Sink {
         Ok(())
     }
 
-    /// Called when another session began. The insole may have restarted; its clock and sequence numbers then start again.
+    /// Called when another session began. The insole may have restarted; its clock and sequence numbers then start again. After an
+    /// error of the link, another session begins.
     fn reconnected(&mut self, client: &mut AnyClient) -> Result<()>;
 
     /// True once the user's limit of steps or time is reached. The session then ends.
@@ -91,7 +92,9 @@ pub fn follow(connection: &Connection, insole: &mut Insole, view: &mut View, sin
                         view.reconnected(hello);
                     }
                 }
-                sink.reconnected(insole.client())?;
+                if let Err(error) = sink.reconnected(insole.client()) {
+                    insole.recover(error.downcast()?)?;
+                }
             }
             Event::Lost(error) if error.is_link_failure() => {
                 let error = anyhow::Error::new(error);

@@ -146,14 +146,12 @@ impl<'r> Recorder<'r> {
         }
     }
 
-    /// Starts the stream of cells of a session, if cells are recorded.
+    /// Starts the stream of cells, if cells are recorded.
     fn begin_cells(&mut self, client: &mut AnyClient) -> Result<()> {
         if self.record.cells {
             let resolution = if self.record.bits == "16" { Resolution::Oversampled } else { Resolution::Converter };
             let stream = CellStream { resolution, every: self.record.every };
-            let folder = self.record.out.join("cells");
-            let number = self.cells.as_ref().map_or(0, |cells| cells.recording + 1);
-            self.cells = Some(CellRecorder::begin(client, stream, folder, number)?);
+            self.cells = Some(CellRecorder::begin(client, stream, self.record.out.join("cells"))?);
         }
         Ok(())
     }
@@ -233,7 +231,7 @@ impl Sink for Recorder<'_> {
     fn reconnected(&mut self, client: &mut AnyClient) -> Result<()> {
         self.complete_file()?;
         self.session += 1;
-        self.begin_cells(client)
+        self.cells.as_mut().map_or(Ok(()), |cells| cells.restart(client))
     }
 
     fn has_reached_limit(&self) -> bool {

@@ -4,8 +4,13 @@
 
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use plantar::Side;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::session::{RECORD_QUEUE, Session};
 use plantar::protocol::{Decoder, Hello, MAX_FRAME, MAX_MESSAGE, Reset, Status, Step, ToDevice, decode, frame};
+use recording::VirtualInsole;
+use recording::synthetic::{self, SyntheticWalk};
+use std::cell::Cell;
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
 use std::net::TcpListener;
@@ -14,11 +19,16 @@ use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use testkit::step;
 
+/// Number of cells of the insole.
+const CELLS: usize = 240;
+
 /// A simulated insole at the other end of the link.
 struct Insole {
     session: Session,
     /// The insole ignores all messages.
     is_silent: bool,
+    /// Number of the next scan.
+    scan: u32,
 }
 
 impl Insole {
@@ -26,7 +36,16 @@ impl Insole {
     fn with_steps(steps: impl IntoIterator<Item = u32>) -> Self {
         let mut session = Session::new();
         steps.into_iter().for_each(|number| session.push_record(step(number)));
-        Self { session, is_silent: false }
+        Self { session, is_silent: false, scan: 0 }
+    }
+
+    /// The insole can send its cells: one scan after each read of the carrier.
+    fn with_cells(mut self) -> Self {
+        let walk = SyntheticWalk { side: Side::Left, cells: CELLS, steps: 1, ..Default::default() };
+        let walk = synthetic::walk(&walk);
+        let insole = VirtualInsole::new(&walk.recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
+        self.session.set_layout(insole.setup, insole.cells.leak(), None);
+        self
     }
 
     /// Serves the host until a message arrives for which `is_last` is true. This message is not processed. Returns false if the
@@ -49,6 +68,10 @@ impl Insole {
                 if !self.is_silent {
                     self.session.receive(message, 0);
                 }
+            }
+            if self.session.streams_cells() {
+                self.session.push_cells(self.scan, &[1000; CELLS]);
+                self.scan += 1;
             }
             let (mut buffer, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
             while let Some(message) = self.session.next(&hello(), Status::default, &mut buffer) {
@@ -199,6 +222,45 @@ fn the_steps_that_a_killed_recorder_acknowledged_are_readable() {
     assert_eq!(rows(&complete[0].path()), 8 * RECORD_QUEUE as i64);
 }
 
+/// True for each request for the time after the first `count`; a host sends four of them in a second.
+fn after_times(count: u32) -> impl Fn(&ToDevice) -> bool {
+    let left = Cell::new(count);
+    move |message| {
+        let is_time = matches!(message, ToDevice::GetTime { .. });
+        let is_after = is_time && left.get() == 0;
+        left.set(left.get().saturating_sub(u32::from(is_time)));
+        is_after
+    }
+}
+
+/// The link is lost again, and an answer does not arrive, while the recorder requests the cells after a reconnection.
+#[test]
+fn a_recorder_requests_the_cells_until_their_stream_is_on_again() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("session");
+    let (listener, address) = listen();
+    let program = plantar(&["record", "--cells", "--tcp", &address, "--steps", "1", "--out"]).arg(&out).spawn();
+    let mut insole = Insole::with_steps([]).with_cells();
+    assert!(insole.serve(listener.accept().expect("it connects").0, after_times(3)));
+    let is_cells = |message: &ToDevice| matches!(message, ToDevice::StreamCells(_));
+    assert!(insole.serve(listener.accept().expect("it connects again").0, is_cells));
+    let mut late = listener.accept().expect("it connects again").0;
+    assert!(insole.serve(&mut late, |message| matches!(message, ToDevice::GetSetup)));
+    assert!(!insole.serve(&mut late, |_| false));
+    let mut last = listener.accept().expect("it connects again").0;
+    assert!(insole.serve(&mut last, after_times(3)));
+    insole.session.push_record(step(0));
+    insole.serve(&mut last, |_| false);
+    let (output, text) = wait_for_end(program.expect("it runs"));
+    assert!(output.status.success(), "{text}");
+    // Each recording has a row for each frame. The sessions without a stream of cells have no recording.
+    let frames = [0, 1].map(|recording| rows(&out.join(format!("cells/00{recording}/part-00000.parquet"))));
+    assert!(frames.iter().all(|&frames| frames > 1), "{frames:?}");
+    let expected = format!("{} frames in 2 recordings; 0 frames lost", frames.iter().sum::<i64>());
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(text.contains(&expected), "{text}");
+}
+
 #[test]
 #[cfg(target_os = "linux")]
 fn a_full_disk_is_reported_and_nothing_is_acknowledged() {
@@ -298,7 +360,6 @@ fn a_connection_that_is_closed_at_once_is_reported_with_a_remedy() {
 mod serial {
     use super::*;
     use serialport::{SerialPort, TTYPort};
-    use std::cell::Cell;
 
     /// Opens a pseudo-terminal. Returns the insole's end, the host's end, which is open but not locked, and the name of the
     /// host's end.

@@ -22,6 +22,8 @@ use std::time::{Duration, Instant};
 
 /// Parts of a recording of cells are completed after this time.
 const PART_TIME: Duration = Duration::from_secs(30);
+/// The stream that is recorded during the walk.
+const ALL_CELLS: CellStream = CellStream { resolution: Resolution::Converter, every: 1 };
 /// Time without a step after which a hint is shown.
 const NO_STEP: Duration = Duration::from_secs(6);
 
@@ -125,9 +127,7 @@ impl Foot {
             match process(self, item) {
                 Ok(true) => return Ok(()),
                 Ok(false) => {}
-                // The link was lost within a request; the next event reports it.
-                Err(error) if error.downcast_ref().is_some_and(Error::is_link_failure) => {}
-                Err(error) => return Err(error),
+                Err(error) => self.link.recover(error.downcast()?)?,
             }
         }
         Ok(())
@@ -234,8 +234,7 @@ impl Foot {
             needed,
             evaluated: 0,
             unused: None,
-            cells: self.begin_cells(&cells_folder, 0)?,
-            cells_folder,
+            cells: or_too_slow(CellRecorder::begin(self.link.client(), ALL_CELLS, cells_folder).map_err(Into::into))?,
             part_start: Instant::now(),
             last_step: Instant::now(),
         };
@@ -246,16 +245,6 @@ impl Foot {
         // It has ended already if the link is lost.
         let _ = self.link.client().stream_cells(None);
         followed
-    }
-
-    /// Starts the stream of cells; `None` if the carrier is too slow for all frames.
-    fn begin_cells(&mut self, folder: &Path, recording: usize) -> Result<Option<CellRecorder>> {
-        let stream = CellStream { resolution: Resolution::Converter, every: 1 };
-        match CellRecorder::begin(self.link.client(), stream, folder.into(), recording) {
-            Ok(cells) => Ok(Some(cells)),
-            Err(error) if matches!(error.downcast_ref(), Some(Error::Refused(Refusal::CellRate { .. }))) => Ok(None),
-            Err(error) => Err(error),
-        }
     }
 
     /// Receives and stores steps until `count` of them began after this call, and returns these. The insole evaluates them with the
@@ -285,6 +274,14 @@ impl Foot {
             Ok(steps.len() >= count)
         })?;
         Ok(steps)
+    }
+}
+
+/// The result of starting a stream of cells; `None` if the carrier is too slow for all frames.
+fn or_too_slow<T>(started: Result<T>) -> Result<Option<T>> {
+    match started {
+        Err(error) if matches!(error.downcast_ref(), Some(Error::Refused(Refusal::CellRate { .. }))) => Ok(None),
+        started => started.map(Some),
     }
 }
 
@@ -321,7 +318,6 @@ struct Walk {
     /// Why the last step was not used; `None` if it was used, and before the first step.
     unused: Option<ExclusionReason>,
     cells: Option<CellRecorder>,
-    cells_folder: PathBuf,
     part_start: Instant,
     last_step: Instant,
 }
@@ -331,10 +327,10 @@ impl Walk {
         match item {
             Item::Started => {
                 file.write(0, &ToHost::Hello(foot.link.client().hello().clone()))?;
-                if let Some(cells) = &mut self.cells {
-                    cells.complete_part()?;
-                    let next = cells.recording + 1;
-                    self.cells = foot.begin_cells(&self.cells_folder, next)?;
+                if let Some(cells) = &mut self.cells
+                    && or_too_slow(cells.restart(foot.link.client()))?.is_none()
+                {
+                    self.cells = None;
                 }
             }
             Item::Message(ToHost::Cells(frame)) => {
