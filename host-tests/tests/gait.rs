@@ -94,14 +94,15 @@ fn a_computed_walk_of_both_feet_has_its_true_times() {
         (steps.iter().map(at).collect::<Vec<_>>(), walk)
     };
     let ((left, walk), (right, _)) = (foot(Side::Left, 0.0), foot(Side::Right, LAG_S));
-    let stance_s = left[5].duration_s;
+    // The thresholds adapt to the peaks of the first steps, so these may last a frame longer.
+    let stance_s = left.iter().map(|step| step.duration_s).sum::<f64>() / left.len() as f64;
     let gait = Gait::new([left, right], true);
     let mean = |foot: usize, key: &str| {
         let i = MEASURES.iter().position(|measure| measure.key == key).expect("a key");
         gait.feet[foot].measures[i].expect("a value").mean
     };
     let stride_s = walk.stance_s + walk.swing_s;
-    // The detected stance lacks the frames with less than 35 N at its beginning and with less than 75 N at its end.
+    // The detected stance lacks the frames with less than 35 N at its beginning and with less than 70 N at its end.
     assert!((walk.stance_s - 0.06..walk.stance_s).contains(&stance_s), "{stance_s}");
     for foot in 0..2 {
         let expected = [

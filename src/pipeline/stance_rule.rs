@@ -38,7 +38,7 @@ impl StanceRule {
     /// have left the ground.
     pub const ADAPTIVE: Self = Self {
         strike_n: 35.0,
-        release_n: 75.0,
+        release_n: 70.0,
         min_stance_ms: 90,
         min_swing_ms: 50,
         max_stance_ms: 2500,

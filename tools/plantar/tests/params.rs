@@ -201,7 +201,7 @@ fn settings_are_set_shown_and_removed() {
     let words = [
         "set by a host",
         "sqrt(p / 150 kPa)",
-        "adaptive thresholds, from 40 N until below 75 N",
+        "adaptive thresholds, from 40 N until below 70 N",
         "to 2000 ms",
         "200 frames/s",
         "92.9 %",

@@ -5,7 +5,7 @@ use serde_json::{Map, Value};
 
 /// Keys of figures, each with its smallest and its largest allowed value.
 const LIMITS: [(&str, f64, f64); 51] = [
-    ("frame_instructions", 0.0, 10_500.0),
+    ("frame_instructions", 0.0, 10_000.0),
     ("frame_instructions_fractional", 0.0, 16_000.0),
     ("cells_instructions", 0.0, 6_000.0),
     ("tracking_instructions", 0.0, 2_000.0),

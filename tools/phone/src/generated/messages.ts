@@ -6,15 +6,15 @@ import type { Alert, Bout, DailyLoad, Ellipse, Live, Side, Step } from "./quanti
 export type ToHost = { "kind": "hello" } & Hello | { "kind": "live" } & Live | { "kind": "step",
 /** Identifies the step. It does not change when an insole sends the step again. */
 key: string, step: Step, } | { "kind": "bout",
-/** Identifies the load bout, as that of a step. */
+/** Identifies the load bout. It does not change when an insole sends the load bout again. */
 key: string, bout: Bout, } | { "kind": "alert",
-/** Identifies the alert, as that of a step. */
+/** Identifies the alert. It does not change when an insole sends the alert again. */
 key: string, alert: Alert, } | { "kind": "alert_rules",
 /** True if the insole raises alerts. */
 is_on: boolean, } | { "kind": "daily_load", load: DailyLoad, } | { "kind": "status" } & Status | { "kind": "tissue",
 /** Identifies the parameters of the wearer's tissue; 0 if the insole has none. */
 id: number, } | { "kind": "refused",
-/** The reason, as a sentence for the wearer. */
+/** The reason, as a phrase without a full stop. */
 reason: string,
 /** True if the session belongs to another host now. The insole repeats this until that host has left. */
 is_other_host: boolean, } | { "kind": "time",
@@ -104,9 +104,9 @@ sole: Sole, };
 export type Gatt = { service: string,
 /** The page writes requests to it, and the insole indicates the answers. */
 control: string,
-/** The insole notifies live frames. */
+/** The insole notifies live frames and contact ellipses. */
 live: string,
-/** The insole notifies steps. */
+/** The insole notifies steps, load bouts and alerts. */
 steps: string,
 /** The page writes requests for the wearer's parameters to it, and the insole indicates the answers. It needs a bond. */
 parameters: string,
