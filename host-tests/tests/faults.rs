@@ -9,9 +9,11 @@ use plantar::faults::{FaultKind, Faults, Place};
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::SetupCell;
+use plantar::pipeline::stance_rule::StanceRule;
 use proptest::prelude::*;
 use recording::synthetic;
 use testkit::faults::{Clean, barefoot, computed, detection, in_shoe, model_error, walk};
+use testkit::wear::{find, noisy_walk};
 use testkit::{SETUP, cell};
 
 fn assert_no_fault_is_reported(recordings: &[Clean]) {
@@ -44,6 +46,21 @@ fn no_fault_is_reported_in_long_walks() {
             let long = synthetic::SyntheticWalk { steps: 400, rate_hz, seed, ..Default::default() };
             let faults = walk(&synthetic::walk(&long).recording, ContactRule::COUNTED, None, &[]).faults;
             assert_eq!(faults, Faults::NONE, "seed {seed}, {rate_hz} Hz");
+        }
+    }
+}
+
+/// In such walks, the foot covers a whole row of the midfoot in some steps for the time in which it carries much load, and a part
+/// of the row in others.
+#[test]
+fn no_fault_is_reported_in_short_walks_of_varying_steps() {
+    for seed in 0..40 {
+        for peak_n in [600.0, 650.0, 715.0, 750.0, 800.0] {
+            for variation in [0.1, 0.2] {
+                let short = synthetic::SyntheticWalk { steps: 10, peak_n, variation, seed, ..Default::default() };
+                let found = find(&noisy_walk(&short), ContactRule::COUNTED, StanceRule::ADAPTIVE);
+                assert_eq!(found.faults, Faults::NONE, "seed {seed}, {peak_n} N, variation {variation}");
+            }
         }
     }
 }

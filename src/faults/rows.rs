@@ -3,16 +3,22 @@
 //! An inspection shows that a row is clean, that is, free of crosstalk, if one of its cells is loaded and another is not. Rows
 //! are inspected in turn while the foot is partly in contact. A row that was clean in earlier steps, and then is not clean in
 //! successive steps, has crosstalk.
+//!
+//! In a healthy row with little pressure, such as one of the midfoot, the pressure may be conclusive only while the foot covers all
+//! cells. The foot covers a part of them when it begins to touch the row, with less pressure, which therefore suffices to show that
+//! a row is clean.
 
 use super::MIN_LINE_CELLS;
 use super::neighbourhood::FrameContext;
 use crate::pipeline::calibrate::FULL_CODE;
 use crate::pipeline::marks::LINES;
 
-/// An inspection is conclusive if the highest pressure of the row is at least this much above that of the lifted foot, on the
-/// sensor curve, kPa, and its code below half of full scale.
+/// An inspection can be clean if the highest pressure of the row is at least this much above that of the lifted foot, on the
+/// sensor curve, kPa, and its code below half of full scale. Below, crosstalk would be hardly larger than the noise.
+const CLEAN_KPA: f32 = 10.0;
+/// Such an inspection is conclusive, whether it is clean or not, if the highest pressure is at least this much, kPa.
 const CONCLUSIVE_KPA: f32 = 31.0;
-/// A conclusive inspection is clean if the lowest pressure of the row is less than the highest one divided by this number.
+/// An inspection is clean if the lowest pressure of the row is less than the highest one divided by this number.
 const CLEAN_FRACTION: f32 = 76.0;
 /// Number of clean inspections after which a row counts as clean in a step. Fewer are not reliable: in the next step, the same
 /// healthy row may have no clean inspection.
@@ -53,8 +59,8 @@ impl Row {
             let above_kpa = kpa(code) - kpa(lifted);
             (least_kpa, most_kpa, most) = (least_kpa.min(above_kpa), most_kpa.max(above_kpa), most.max(code));
         }
-        if cells.len() >= MIN_LINE_CELLS as usize && most_kpa >= CONCLUSIVE_KPA && most < FULL_CODE / 2 {
-            self.inspections = self.inspections.saturating_add(1);
+        if cells.len() >= MIN_LINE_CELLS as usize && most_kpa >= CLEAN_KPA && most < FULL_CODE / 2 {
+            self.inspections = self.inspections.saturating_add(u8::from(most_kpa >= CONCLUSIVE_KPA));
             self.clean += u8::from(least_kpa < most_kpa / CLEAN_FRACTION);
         }
     }
