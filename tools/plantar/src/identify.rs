@@ -11,12 +11,12 @@ use crate::setup::rule_in_words;
 use crate::summary;
 use crate::zero::GRAVITY_M_S2;
 use ::fit::Study;
-use anyhow::{Result, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use client::ReconnectPolicy;
 #[cfg(feature = "ble")]
 use client::ble::Selector;
-use foot::{Foot, Standing};
+use foot::{Foot, Standing, Trial};
 use parameters::Parameters;
 use plantar::Region;
 use plantar::pipeline::calibrate::CellCalibration;
@@ -157,8 +157,12 @@ impl Identify {
                 }
                 "The trial is complete: wait a moment".into()
             };
-            let trials = stage(feet, cue, |foot, stop| foot.stand(stop, Duration::from_secs(all)))?;
-            let trials: Vec<_> = feet.iter().zip(&trials).map(|(foot, trial)| foot.evaluate(trial)).collect();
+            let is_lost = AtomicBool::new(false);
+            let trials = stage(feet, cue, |foot, stop| foot.stand(stop, Duration::from_secs(all), &is_lost))?;
+            let evaluate = |(foot, trial): (&Foot, &Option<Trial>)| {
+                foot.evaluate(trial.as_ref().context("the connection was lost: the trial begins again")?)
+            };
+            let trials: Vec<_> = feet.iter().zip(&trials).map(evaluate).collect();
             for (foot, trial) in feet.iter().zip(&trials) {
                 foot.remark(trial.as_ref().err().map_or(String::new(), |error| format!("{error:#}")));
             }
