@@ -284,6 +284,22 @@ fn a_standing_trial_in_which_the_link_was_lost_begins_again_with_its_instruction
 }
 
 #[test]
+fn a_guided_session_names_a_file_of_an_earlier_one_that_it_cannot_use() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let earlier = folder.path().join("left/walk-000.plantar");
+    std::fs::create_dir(folder.path().join("left")).expect("a folder");
+    std::fs::write(&earlier, "damaged").expect("written");
+    let (listener, address) = listen();
+    let arguments = ["identify", "--no-standing", "--contact-full", "0", "--tcp", &address, "--out"];
+    let mut program = plantar(&arguments).arg(folder.path()).spawn().expect("it runs");
+    let is_cells = |message: &ToDevice| matches!(message, ToDevice::StreamCells(_));
+    assert!(Insole::with_steps([]).with_cells().serve(listener.accept().expect("it connects").0, is_cells));
+    program.kill().expect("it is still running");
+    let (_, text) = wait_for_end(program);
+    assert!(text.contains("walk-000.plantar") && text.contains("not used"), "{text}");
+}
+
+#[test]
 #[cfg(target_os = "linux")]
 fn a_full_disk_is_reported_and_nothing_is_acknowledged() {
     let (listener, address) = listen();
