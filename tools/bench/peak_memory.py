@@ -1,4 +1,4 @@
-"""Runs a command and prints its largest resident memory: on Linux in MiB, because ru_maxrss is in KiB there.
+"""Runs a command and prints its largest resident memory, MB.
 
 The arguments are a folder, which is not used, and the command with its arguments.
 """
@@ -8,4 +8,6 @@ import subprocess
 import sys
 
 subprocess.run(sys.argv[2:], stdout=subprocess.DEVNULL, check=True)
-print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024)
+# ru_maxrss is in bytes on macOS and in KiB elsewhere.
+unit = 1 if sys.platform == "darwin" else 1024
+print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * unit / 1e6)

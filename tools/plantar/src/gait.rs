@@ -1,10 +1,10 @@
 //! `plantar gait`: the measures of both feet.
 
-use crate::fit::live::session;
+use crate::fit::live::{self, session};
 use crate::replay::write_text;
 use crate::setup;
 use crate::summary::{align, table};
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 use client::gait::{Estimate, FootStep, Gait, Length, MEASURES};
 use client::{Axis, Entries, STREAM_INSOLES};
@@ -96,21 +96,25 @@ fn read(path: &Path) -> Result<Walk> {
         let steps = steps.map(|(step, start_s)| (step, start_s.map(|s| (s * 1e6).round() as u64))).collect();
         return Ok(Walk { steps, others: session::other_records(path)? });
     }
-    let is_stream = path.extension().is_some_and(|extension| extension == "plantar");
-    if is_stream { from_stream(&std::fs::read(path)?) } else { from_recording(&Recording::read(path)?) }
+    if live::is_stream(path) { from_stream(path) } else { from_recording(&Recording::read(path)?) }
 }
 
-/// The steps in the content of a stream file. Their times are on the clock of the host, by the time messages of the insoles or,
+/// The steps in a stream file. Their times are on the clock of the host, by the time messages of the insoles or,
 /// in a file without them, by the wall clocks that the host set.
-fn from_stream(bytes: &[u8]) -> Result<Walk> {
+fn from_stream(path: &Path) -> Result<Walk> {
+    let bytes = std::fs::read(path)?;
+    let mut entries = Entries::new(&bytes);
     let mut axes = [const { Axis::new() }; STREAM_INSOLES];
     let Walk { mut steps, mut others } = Walk::default();
-    for entry in Entries::new(bytes) {
-        let entry = entry?;
+    for entry in &mut entries {
+        let entry = entry.map_err(|damaged| anyhow!("{damaged}, {}", live::NO_STREAM))?;
         let axis = &mut axes[entry.insole];
         match decode::<ToHost>(entry.message) {
             Some(ToHost::Hello(Hello { major, .. })) if major != MAJOR => {
-                bail!("recorded with protocol version {major}, but this program reads version {MAJOR}")
+                bail!(
+                    "recorded with protocol version {major}, but this program reads version {MAJOR}: use the program of that \
+                     version"
+                )
             }
             Some(ToHost::Hello(_)) => *axis = Axis::new(),
             Some(ToHost::Time { host_us, device_us }) => axis.answer(host_us, device_us),
@@ -131,6 +135,7 @@ fn from_stream(bytes: &[u8]) -> Result<Walk> {
             _ => {}
         }
     }
+    live::note_truncated(&path.display().to_string(), entries.rest());
     Ok(Walk { steps, others })
 }
 

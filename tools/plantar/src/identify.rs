@@ -11,12 +11,12 @@ use crate::setup::rule_in_words;
 use crate::summary;
 use crate::zero::GRAVITY_M_S2;
 use ::fit::Study;
-use anyhow::{Result, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use client::ReconnectPolicy;
 #[cfg(feature = "ble")]
 use client::ble::Selector;
-use foot::{Foot, Standing};
+use foot::{Foot, Standing, Trial};
 use parameters::Parameters;
 use plantar::Region;
 use plantar::pipeline::calibrate::CellCalibration;
@@ -157,8 +157,12 @@ impl Identify {
                 }
                 "The trial is complete: wait a moment".into()
             };
-            let trials = stage(feet, cue, |foot, stop| foot.stand(stop, Duration::from_secs(all)))?;
-            let trials: Vec<_> = feet.iter().zip(&trials).map(|(foot, trial)| foot.evaluate(trial)).collect();
+            let is_lost = AtomicBool::new(false);
+            let trials = stage(feet, cue, |foot, stop| foot.stand(stop, Duration::from_secs(all), &is_lost))?;
+            let evaluate = |(foot, trial): (&Foot, &Option<Trial>)| {
+                foot.evaluate(trial.as_ref().context("the connection was lost: the trial begins again")?)
+            };
+            let trials: Vec<_> = feet.iter().zip(&trials).map(evaluate).collect();
             for (foot, trial) in feet.iter().zip(&trials) {
                 foot.remark(trial.as_ref().err().map_or(String::new(), |error| format!("{error:#}")));
             }
@@ -197,8 +201,10 @@ impl Identify {
     fn walk(&self, feet: &mut [Foot]) -> Result<()> {
         let needed = usize::from(self.steps);
         let cue = |_| "Walk at your usual speed. Turn where you like; only whole steps count.".to_string();
+        // Notes about their files are printed before the screen opens.
+        let earlier = feet.iter().map(|foot| anyhow::Ok((foot.side, good_steps(foot)?))).collect::<Result<Vec<_>>>()?;
         stage(feet, cue, |foot, stop| {
-            let earlier = good_steps(foot)?;
+            let earlier = earlier.iter().find(|(side, _)| *side == foot.side).map_or(0, |(_, steps)| *steps);
             if earlier < needed { foot.walk(stop, earlier, needed) } else { Ok(()) }
         })?;
         Ok(())
@@ -207,10 +213,9 @@ impl Identify {
     /// Identifies the parameters of a foot, writes them and their report, and sends them to the insole.
     fn identify(&self, foot: &mut Foot) -> Result<Study> {
         println!("\n{} foot", foot.side.name());
-        let name = self.out.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let fit = Fit::of_streams(
             streams(foot)?.into_iter().map(|(path, _)| path).collect(),
-            name,
+            folder_name(&self.out),
             &foot.folder,
             self.search.clone(),
         );
@@ -275,10 +280,25 @@ fn stage<T: Send>(
     Ok(outcomes)
 }
 
+/// The name of a folder, which exists, for display. A path such as `..` does not contain it.
+fn folder_name(path: &Path) -> String {
+    let path = if path.file_name().is_some() { Ok(path.into()) } else { path.canonicalize() };
+    path.ok()
+        .as_deref()
+        .and_then(Path::file_name)
+        .map_or("the wearer".into(), |name| name.to_string_lossy().into_owned())
+}
+
 /// The stream files of a foot with the steps in them. A session that was interrupted at once has left a file without steps, which
-/// is not used.
+/// is not used. Prints a note on stderr about each file that cannot be read.
 fn streams(foot: &Foot) -> Result<Vec<(PathBuf, Vec<LiveSource>)>> {
-    let read = |path: PathBuf| live::read(&path).ok().flatten().map(|sources| (path, sources));
+    let read = |path: PathBuf| match live::read_stream(&path) {
+        Ok(sources) => (!sources.is_empty()).then_some((path, sources)),
+        Err(error) => {
+            eprintln!("note: {error:#}; the steps in this file are not used");
+            None
+        }
+    };
     Ok(foot.stream_files()?.into_iter().filter_map(read).collect())
 }
 
@@ -330,4 +350,23 @@ fn print_verification(foot: &Foot, steps: &[Step], study: &Study) -> bool {
         );
     }
     is_good
+}
+
+#[cfg(test)]
+mod tests {
+    use super::folder_name;
+    use std::path::Path;
+
+    #[test]
+    fn a_participant_has_the_name_of_the_folder_however_its_path_is_given() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let ann = folder.path().join("ann");
+        std::fs::create_dir_all(ann.join("left")).expect("written");
+        for path in [&ann, &ann.join("."), &ann.join("left/..")] {
+            assert_eq!(folder_name(path), "ann", "{}", path.display());
+        }
+        let here = std::env::current_dir().expect("a folder");
+        assert_eq!(folder_name(Path::new(".")), folder_name(&here));
+        assert_eq!(folder_name(Path::new("/")), "the wearer");
+    }
 }

@@ -44,7 +44,6 @@ pub struct View {
 impl View {
     /// Prints notes about the insole. If stdout is a terminal, switches it to the display.
     pub fn open(hello: &Hello) -> Result<Self> {
-        let title = title(hello);
         if let Some(panic) = &hello.last_panic {
             eprintln!("note: the insole reports a failure: {panic}");
         }
@@ -57,11 +56,16 @@ impl View {
         let terminal = if std::io::stdout().is_terminal() {
             Some(ratatui::try_init()?)
         } else {
-            println!("{}", title.trim());
+            println!("{}", title(hello).trim());
             None
         };
-        Ok(Self {
-            title,
+        Ok(Self::new(hello, terminal))
+    }
+
+    /// The display before the first frame.
+    fn new(hello: &Hello, terminal: Option<DefaultTerminal>) -> Self {
+        Self {
+            title: title(hello),
             columns: columns(hello),
             terminal,
             drawn: None,
@@ -71,7 +75,7 @@ impl View {
             steps: Vec::new(),
             alert: String::new(),
             has_ended: false,
-        })
+        }
     }
 
     /// Shows that the insole restarted, and the reason.
@@ -164,7 +168,7 @@ impl View {
         let alert_height = if self.alert.is_empty() { 0 } else { 3 };
         let heights = [11, LISTED as u16 + 2, alert_height, 1].map(Constraint::Length);
         let [loads, steps, alert, footer] = Layout::vertical(heights).areas(frame.area());
-        // The border takes 2 characters and the numbers 49. The other 11 are for a flag, and the end of a longer one is cut off.
+        // The border takes 2 characters and the numbers 49. The other 11 are for a flag.
         let width = usize::from(loads.width).saturating_sub(62).max(10);
         let mut lines = vec![
             Line::from(format!("{:<10} {:>8} {:>8} {:>9} {:>8}  ", "", "force N", "model N", "area mm2", "deform mm"))
@@ -181,8 +185,9 @@ impl View {
             let is_set = |bits: u8| bits >> i & 1 == 1;
             let flag = match () {
                 _ if is_set(self.live.saturated) => "saturated",
-                _ if is_set(self.live.masked) => "masked cells",
-                _ if is_set(self.live.clamped) => "larger than ellipsoid",
+                _ if is_set(self.live.masked) => "masked",
+                // The contact is larger than the ellipsoid.
+                _ if is_set(self.live.clamped) => "> ellipsoid",
                 _ => "",
             };
             let numbers = format!(
@@ -264,4 +269,24 @@ fn step_line(step: &Step) -> String {
         f64::from(step.duration_us) / 1e6,
         peaks.join("  ")
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::View;
+    use plantar::protocol::Live;
+    use ratatui::Terminal;
+    use ratatui::backend::TestBackend;
+
+    #[test]
+    fn no_flag_is_cut_in_a_terminal_of_80_columns() {
+        let mut view = View::new(&testkit::hello(), None);
+        view.live = Live { saturated: 1, masked: 2, clamped: 4, ..Live::default() };
+        let mut terminal = Terminal::new(TestBackend::new(80, 24)).expect("a terminal");
+        terminal.draw(|frame| view.draw(frame)).expect("a picture");
+        let screen = terminal.backend().to_string();
+        for flag in ["saturated", "masked", "> ellipsoid"] {
+            assert!(screen.contains(flag), "{flag}: {screen}");
+        }
+    }
 }

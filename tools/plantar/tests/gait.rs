@@ -121,3 +121,20 @@ fn recordings_of_both_feet_have_their_true_times() {
     let text = String::from_utf8_lossy(&output.stderr);
     assert!(!output.status.success() && text.contains("one file for each foot"), "{text}");
 }
+
+#[test]
+fn a_truncated_stream_is_noted_and_another_file_is_named_with_the_remedy() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("walk.plantar");
+    write_stream(&path, true);
+    let file = std::fs::read(&path).expect("a file");
+    std::fs::write(&path, &file[..file.len() - 5]).expect("written");
+    let output = gait(folder.path(), "walk.plantar");
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && text.contains("walk.plantar is truncated"), "{text}");
+    std::fs::write(&path, "this is a text and no stream").expect("written");
+    let output = gait(folder.path(), "walk.plantar");
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success(), "{text}");
+    assert!(text.contains("walk.plantar") && text.contains("give a file that `plantar serve --record`"), "{text}");
+}

@@ -12,7 +12,7 @@ use recording::VirtualInsole;
 use recording::synthetic::{self, SyntheticWalk};
 use std::cell::Cell;
 use std::fs::File;
-use std::io::{ErrorKind, Read, Write};
+use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
 use std::net::TcpListener;
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
@@ -259,6 +259,44 @@ fn a_recorder_requests_the_cells_until_their_stream_is_on_again() {
     let expected = format!("{} frames in 2 recordings; 0 frames lost", frames.iter().sum::<i64>());
     let text = String::from_utf8_lossy(&output.stdout);
     assert!(text.contains(&expected), "{text}");
+}
+
+/// The wearer follows the clock of the instructions, so a recording that begins later would not fit them.
+#[test]
+fn a_standing_trial_in_which_the_link_was_lost_begins_again_with_its_instructions() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (listener, address) = listen();
+    let mut program = plantar(&["identify", "--contact-full", "0", "--tcp", &address, "--out"])
+        .arg(folder.path())
+        .spawn()
+        .expect("it runs");
+    let serving = std::thread::spawn(move || {
+        let mut insole = Insole::with_steps([]).with_cells();
+        assert!(insole.serve(listener.accept().expect("it connects").0, after_times(3)));
+        insole.serve(listener.accept().expect("it connects again").0, |_| false);
+    });
+    let lines = BufReader::new(program.stdout.take().expect("it is piped")).lines().map_while(Result::ok);
+    let repeated: Vec<_> = lines.skip_while(|line| !line.contains("once more")).take(2).collect();
+    program.kill().expect("it is still running");
+    let (_, text) = wait_for_end(program);
+    serving.join().expect("no panic");
+    assert!(repeated.last().is_some_and(|line| line.contains("the trial begins again")), "{repeated:?} {text}");
+}
+
+#[test]
+fn a_guided_session_names_a_file_of_an_earlier_one_that_it_cannot_use() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let earlier = folder.path().join("left/walk-000.plantar");
+    std::fs::create_dir(folder.path().join("left")).expect("a folder");
+    std::fs::write(&earlier, "damaged").expect("written");
+    let (listener, address) = listen();
+    let arguments = ["identify", "--no-standing", "--contact-full", "0", "--tcp", &address, "--out"];
+    let mut program = plantar(&arguments).arg(folder.path()).spawn().expect("it runs");
+    let is_cells = |message: &ToDevice| matches!(message, ToDevice::StreamCells(_));
+    assert!(Insole::with_steps([]).with_cells().serve(listener.accept().expect("it connects").0, is_cells));
+    program.kill().expect("it is still running");
+    let (_, text) = wait_for_end(program);
+    assert!(text.contains("walk-000.plantar") && text.contains("not used"), "{text}");
 }
 
 #[test]

@@ -100,7 +100,9 @@ impl VirtualInsole {
                         area_mm2: cell.area_mm2 as f32,
                     },
                     calibration: CellCalibration::IDEAL,
-                    // In the emulated matrix, cells are wired in their order, 16 to a row.
+                    // In the emulated matrix, cells are wired in their order, 16 to a row. From cell 256 on the number wraps,
+                    // which has no effect: an insole with more cells (`plantar::faults::MATRIX_CELLS`) has no known rows and
+                    // columns, so it is not searched for their faults.
                     row_column: index as u8,
                 }
             })

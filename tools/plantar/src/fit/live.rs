@@ -18,6 +18,9 @@ use std::path::Path;
 const EXTENSION: &str = "plantar";
 /// First bytes of a Parquet file, which is a recording of all cells whatever its name.
 const PARQUET: &[u8; 4] = b"PAR1";
+/// The second part of the message about a damaged entry: the file can also be another one.
+pub const NO_STREAM: &str = "or not a recorded stream: give a file that `plantar serve --record` or the page recorded, or a \
+                             recording that `plantar import` wrote";
 
 /// The live stream of one insole.
 pub struct LiveSource {
@@ -65,13 +68,34 @@ pub fn read(path: &Path) -> Result<Option<Vec<LiveSource>>> {
     if path.is_dir() {
         return session::read(path);
     }
-    let mut start = [0; PARQUET.len()];
-    let is_parquet = File::open(path).and_then(|mut file| file.read_exact(&mut start)).is_ok() && start == *PARQUET;
-    if is_parquet || path.extension().is_none_or(|extension| extension != EXTENSION) {
+    if !is_stream(path) {
         return Ok(None);
     }
+    let sources = read_stream(path)?;
+    if sources.is_empty() {
+        bail!("{}: no live frames and no steps: record while the wearer walks", path.display());
+    }
+    Ok(Some(sources))
+}
+
+/// True for a file with the extension of stream files, unless it is a recording of all cells.
+pub fn is_stream(path: &Path) -> bool {
+    let mut start = [0; PARQUET.len()];
+    let is_parquet = File::open(path).and_then(|mut file| file.read_exact(&mut start)).is_ok() && start == *PARQUET;
+    !is_parquet && path.extension().is_some_and(|extension| extension == EXTENSION)
+}
+
+/// Reads a stream file. The result has each insole that sent live frames or steps.
+pub fn read_stream(path: &Path) -> Result<Vec<LiveSource>> {
     let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-    from_stream(&path.display().to_string(), &bytes).map(Some)
+    from_stream(&path.display().to_string(), &bytes)
+}
+
+/// Prints a note on stderr if a stream file has a rest without entries. `name` is its name for display.
+pub fn note_truncated(name: &str, rest: &[u8]) {
+    if !rest.is_empty() {
+        eprintln!("note: {name} is truncated: its last {} bytes are not used", rest.len());
+    }
 }
 
 /// The messages of one insole in a stream file.
@@ -88,12 +112,7 @@ fn from_stream(name: &str, bytes: &[u8]) -> Result<Vec<LiveSource>> {
     let mut insoles: [Messages; STREAM_INSOLES] = Default::default();
     let (mut entries, mut unknown) = (Entries::new(bytes), 0);
     for entry in &mut entries {
-        let Entry { insole, message, .. } = entry.map_err(|damaged| {
-            anyhow!(
-                "{name}: {damaged}, or not a recorded stream: give a file that `plantar serve --record` or the page recorded, \
-                 or a recording that `plantar import` wrote"
-            )
-        })?;
+        let Entry { insole, message, .. } = entry.map_err(|damaged| anyhow!("{name}: {damaged}, {NO_STREAM}"))?;
         let insole = &mut insoles[insole];
         match decode::<ToHost>(message) {
             Some(ToHost::Hello(hello)) if hello.major != MAJOR => bail!(
@@ -114,18 +133,11 @@ fn from_stream(name: &str, bytes: &[u8]) -> Result<Vec<LiveSource>> {
             None => unknown += 1,
         }
     }
-    if !entries.rest().is_empty() {
-        eprintln!("note: {name} is truncated: its last {} bytes are not used", entries.rest().len());
-    }
+    note_truncated(name, entries.rest());
     if unknown > 0 {
         eprintln!("note: {name}: {unknown} messages are unknown to this program and were not used");
     }
-    let sources = insoles.into_iter().filter(|insole| insole.count > 0).map(|insole| insole.into_source(name));
-    let sources: Vec<_> = sources.collect();
-    if sources.is_empty() {
-        bail!("{name}: no live frames and no steps: record while the wearer walks");
-    }
-    Ok(sources)
+    Ok(insoles.into_iter().filter(|insole| insole.count > 0).map(|insole| insole.into_source(name)).collect())
 }
 
 impl Messages {

@@ -133,22 +133,30 @@ impl Foot {
         Ok(())
     }
 
-    /// Records the cells of a standing trial for `time`.
-    pub fn stand(&mut self, stop: &AtomicBool, time: Duration) -> Result<Trial> {
-        let mut trial = Trial::begin(self.link.client())?;
+    /// Records the cells of a standing trial for `time`. `None` if the link of a foot was lost meanwhile: `is_lost`, which all
+    /// feet share, is then true, and ends the trial of the other foot, too, because the wearer begins again.
+    pub fn stand(&mut self, stop: &AtomicBool, time: Duration, is_lost: &AtomicBool) -> Result<Option<Trial>> {
+        let mut trial = match Trial::begin(self.link.client()) {
+            Ok(trial) => Some(trial),
+            Err(error) => {
+                self.link.recover(error)?;
+                None
+            }
+        };
         let mut file = self.new_stream_file(STAND)?;
         let start = Instant::now();
         self.update(|progress| progress.needed = 0);
         self.follow(stop, |foot, item| {
             match item {
-                Item::Message(ToHost::Cells(frame)) => trial.frame(&frame),
-                Item::Started => trial = Trial::begin(foot.link.client())?,
+                Item::Message(ToHost::Cells(frame)) => trial.iter_mut().for_each(|trial| trial.frame(&frame)),
+                Item::Started => is_lost.store(true, Ordering::Relaxed),
                 Item::Message(message) => foot.store_record(&mut file, &message)?,
             }
-            Ok(start.elapsed() >= time)
+            Ok(is_lost.load(Ordering::Relaxed) || start.elapsed() >= time)
         })?;
-        self.link.client().stream_cells(None)?;
-        Ok(trial)
+        // It has ended already if the link is lost.
+        let _ = self.link.client().stream_cells(None);
+        Ok(trial.filter(|_| !is_lost.load(Ordering::Relaxed)))
     }
 
     /// Stores a standing trial in the folder, and determines the offsets from it.
@@ -396,7 +404,7 @@ pub struct Trial {
 
 impl Trial {
     /// Starts the stream of cells, at [`TRIAL_HZ`] if the carrier can send as many frames.
-    fn begin(client: &mut AnyClient) -> Result<Self> {
+    fn begin(client: &mut AnyClient) -> Result<Self, Error> {
         let every = 1e6 / (TRIAL_HZ * f64::from(client.hello().period_us));
         let mut stream = CellStream { resolution: Resolution::Oversampled, every: every.clamp(1.0, 255.0) as u8 };
         let started = match client.start_cells(stream) {
