@@ -53,7 +53,7 @@ pub fn measure(python: &Path, moticon: &Path, figures: &mut Figures) -> Result<(
         (
             "moticon.double_support_ms",
             agreement.double_support_ms,
-            "at most 18: difference of a phase of double support, median",
+            "at most 15: difference of a phase of double support, median",
         ),
         (
             "moticon.both_phases_ms",
