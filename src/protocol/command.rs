@@ -128,7 +128,10 @@ pub(super) enum Answer {
         is_stored: bool,
     },
     Refused(Refusal),
-    Time { host_us: u64, device_us: u64 },
+    Time {
+        host_us: u64,
+        device_us: u64,
+    },
     Faults,
     Identity,
     CalibrationBlock(u8),
