@@ -3,14 +3,18 @@
 
 mod common;
 
-use client::{Error, StartedCells};
-use common::{connect, firmware, synthetic_walk, tissue};
+use client::{Client, Error, StartedCells};
+use common::{TIMEOUT, connect, firmware, synthetic_walk, tissue};
 use emulation::EmulatorConfig;
 use emulator::{Board, Recorded, Time};
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::{CellStream, Refusal, Resolution, ToDevice, ToHost};
 use recording::{StreamedCells, VirtualInsole};
+use std::cell::RefCell;
+use std::rc::Rc;
+use testkit::host::{Link, LinkKind};
+use testkit::world::World;
 
 /// Number of steps of the walk, which takes a little more than a minute.
 const STEPS: usize = 57;
@@ -90,4 +94,20 @@ fn a_rate_that_the_port_cannot_carry_is_refused_with_the_highest_that_it_can() {
     };
     assert!(every > 1, "one of {every} frames");
     client.stream_cells(request(every)).expect("the rate that was offered is accepted");
+}
+
+#[test]
+fn a_stream_of_one_of_0_frames_has_all_frames() {
+    let world = Rc::new(RefCell::new(World::new(1, 100.0)));
+    let link = Link::open(&world, 0, LinkKind::Serial).expect("the cable is there");
+    let mut client = Client::connect(link, TIMEOUT).expect("the insole answers");
+    let stream = CellStream { resolution: Resolution::Converter, every: 0 };
+    client.stream_cells(Some(stream)).expect("the port is fast enough");
+    let mut scans = Vec::new();
+    while scans.len() < 3 {
+        if let Some(ToHost::Cells(frame)) = client.receive().expect("the link works") {
+            scans.push(frame.scan);
+        }
+    }
+    assert!(scans.windows(2).all(|pair| pair[1] == pair[0] + 1), "{scans:?}");
 }

@@ -344,13 +344,21 @@ fn tools_set_the_clock_and_do_not_disturb_a_session_over_the_other_link() {
     let link = Link::open(&tool.world, 0, LinkKind::Bluetooth).expect("the insole is on");
     let mut client = Client::connect(link, TIMEOUT).expect("the insole answers");
     let clock = |text: &str| cbor!({ "datetime" => text }).expect("a value");
-    for (set, read) in
-        [("2026-03-31T12:34:56", "2026-03-31T12:34:56"), ("2026-03-31T00:34:56.25+01:00", "2026-03-30T23:34:56")]
-    {
+    for (set, read) in [
+        ("2026-03-31T12:34:56", "2026-03-31T12:34:56"),
+        ("2026-03-31T00:34:56.25+01:00", "2026-03-30T23:34:56"),
+        ("2026-03-31T00:00:00-23:59", "2026-03-31T23:59:00"),
+    ] {
         assert_eq!(tool.request(true, OS, 4, clock(set)), Value::Map(Vec::new()));
         assert_eq!(tool.request(false, OS, 4, Value::Map(Vec::new())), clock(read));
     }
-    for wrong in ["2026-02-30T00:00:00", "1969-01-01T00:00:00"] {
+    for wrong in [
+        "2026-02-30T00:00:00",
+        "1969-01-01T00:00:00",
+        "2026-03-31T12:34:56+24:00",
+        "2026-03-31T12:34:56-01:60",
+        "2026-03-31T12:34:56+99:99",
+    ] {
         let answer = tool.request(true, OS, 4, clock(wrong));
         assert_eq!(field(&answer, "err").map(|error| number(error, "rc")), Some(5), "{wrong}");
     }

@@ -1,8 +1,9 @@
 //! The store on a flash chip with a supply that becomes too low at any moment, and returns.
 
 use embassy_futures::block_on;
+use embedded_storage_async::nor_flash::NorFlash;
 use plantar::protocol::Reset;
-use plantar::storage::flash_map::LOG;
+use plantar::storage::flash_map::{LOG, SECTOR};
 use plantar::storage::supplied::Supplied;
 use plantar::storage::{StorageError, Store};
 use testkit::nor_flash::{NorFlashChip, Supply};
@@ -73,4 +74,13 @@ fn a_chip_with_a_low_supply_is_not_changed() {
     let (stored, refused) = store_steps(&mut chip, &Supply::new(0, u64::MAX));
     assert_eq!((stored, refused), (Vec::new(), STEPS + STEPS / 5 - 1));
     assert!(chip.bytes == before && chip.erasures.iter().sum::<u32>() == 0);
+}
+
+/// A range that ends before it begins is the chip's to refuse. This one erases nothing.
+#[test]
+fn a_reversed_range_is_passed_to_the_chip() {
+    let mut chip = used_chip();
+    let before = chip.bytes.clone();
+    let erased = block_on(Supplied::new(&mut chip, || true).erase(2 * SECTOR, SECTOR));
+    assert!(erased.is_ok() && chip.bytes == before);
 }

@@ -7,6 +7,9 @@ const LEN: usize = 19;
 /// Where the numbers after the year begin in a text.
 const NUMBERS: [usize; 5] = [5, 8, 11, 14, 17];
 
+/// Minutes of a day.
+pub const DAY_MIN: i16 = 24 * 60;
+
 /// A date and a time of day. It may be one that does not exist.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Clock {
@@ -14,7 +17,7 @@ pub struct Clock {
     pub year: u16,
     /// Month, from 1, day, from 1, hour, minute and second.
     pub numbers: [u8; 5],
-    /// How far the clock is ahead of coordinated universal time (UTC), minutes.
+    /// How far the clock is ahead of coordinated universal time (UTC), minutes; ±[`DAY_MIN`] for a zone that does not exist.
     pub zone_min: i16,
 }
 
@@ -54,11 +57,13 @@ impl Clock {
             "" | "Z" => 0,
             zone => {
                 let (hours, minutes) = zone.get(1..)?.split_once(':')?;
-                // The limits avoid an overflow: up to four digits are accepted.
-                let minutes = digits(hours)?.min(24) * 60 + digits(minutes)?.min(60);
+                let zone_min = match (digits(hours)?, digits(minutes)?) {
+                    (hours @ 0..24, minutes @ 0..60) => (hours * 60 + minutes) as i16,
+                    _ => DAY_MIN,
+                };
                 match zone.as_bytes()[0] {
-                    b'+' => minutes as i16,
-                    b'-' => -(minutes as i16),
+                    b'+' => zone_min,
+                    b'-' => -zone_min,
                     _ => return None,
                 }
             }

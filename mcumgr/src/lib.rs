@@ -14,7 +14,7 @@ mod clock;
 pub mod line;
 
 pub use answer::{Answer, Failure, ImageState};
-pub use clock::Clock;
+pub use clock::{Clock, DAY_MIN};
 
 use cbor::Item;
 use heapless::{String, Vec};

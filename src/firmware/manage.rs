@@ -4,7 +4,7 @@ use super::shared::{Carrier, Exchange, Shared};
 use crate::log;
 use crate::protocol::current_time::{from_current_time, to_current_time};
 use crate::protocol::update::Refusal;
-use mcumgr::{Answer, Clock, Failure, Request};
+use mcumgr::{Answer, Clock, DAY_MIN, Failure, Request};
 
 /// False on a board that does not have the flash for it. The code for management is then not part of the firmware.
 pub(super) const IS_MANAGED: bool = cfg!(feature = "management");
@@ -90,6 +90,9 @@ fn clock(unix_us: u64) -> Clock {
 
 /// The time of a clock, us since 1970; `None` if it does not exist.
 fn unix_us(clock: &Clock) -> Option<u64> {
+    if clock.zone_min.abs() >= DAY_MIN {
+        return None;
+    }
     let ([low, high], [month, day, hour, minute, second]) = (clock.year.to_le_bytes(), clock.numbers);
     let unix_us = from_current_time(&[low, high, month, day, hour, minute, second, 0, 0, 0])?;
     unix_us.checked_add_signed(-i64::from(clock.zone_min) * 60_000_000)

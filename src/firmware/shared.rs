@@ -206,7 +206,7 @@ impl Shared {
             Carrier::Bluetooth => gatt::BYTES_PER_S,
         };
         let every = stream.fitting(self.hello.cells.into(), self.hello.period_us, bytes_per_s).unwrap_or(0);
-        (every == 0 || every > stream.every).then_some(Refusal::CellRate { every })
+        (every == 0 || every > stream.stride()).then_some(Refusal::CellRate { every })
     }
 
     /// The bonded centrals, as [`Shared::set_bonds`] received them.

@@ -68,7 +68,7 @@ impl CellSender {
             running.skip = skip;
             return;
         }
-        running.skip = running.stream.every.saturating_sub(1);
+        running.skip = running.stream.stride() - 1;
         if self.len == QUEUE {
             running.dropped = running.dropped.wrapping_add(1);
             return;

@@ -57,11 +57,16 @@ const LIVE_BYTES: u32 = 92;
 pub struct CellStream {
     /// The resolution of the codes.
     pub resolution: Resolution,
-    /// One of so many frames is sent; 1 for all.
+    /// One of so many frames is sent; 0 and 1 for all.
     pub every: u8,
 }
 
 impl CellStream {
+    /// Number of frames from one that is sent to the next one, at least 1.
+    pub fn stride(self) -> u8 {
+        self.every.max(1)
+    }
+
     /// Bytes of a frame of `cells` cells in a stance. A packed frame is at most 60 % as long as its plain codes there; longer
     /// ones are rare, and dropped if the carrier cannot send them in time.
     const fn frame_bytes(self, cells: u32) -> u32 {
@@ -76,7 +81,7 @@ impl CellStream {
         let left = bytes_per_s.saturating_sub(LIVE_BYTES * frames_per_s);
         let needed = self.frame_bytes(cells) * frames_per_s;
         let every = needed.checked_div(left)? + u32::from(!needed.is_multiple_of(left));
-        u8::try_from(every.max(self.every.max(1).into())).ok()
+        u8::try_from(every.max(self.stride().into())).ok()
     }
 }
 

@@ -157,7 +157,7 @@ impl fmt::Display for Refusal {
         f.write_str(match self {
             Self::Board => "the image is for another board: choose the one for this insole",
             Self::Older => "the image is older than the running firmware: choose a newer one",
-            Self::Length => "the image is empty or too long for the insole",
+            Self::Length => "the image is empty or too long for the insole: choose a complete one for this insole",
             Self::OnTrial => {
                 "the running firmware was just updated and is still on trial: wait half a minute, confirm it, then try \
                  again"

@@ -63,7 +63,7 @@ impl<F: NorFlash, S: Fn() -> bool> NorFlash for Supplied<F, S> {
 
     /// Erases sector by sector, and checks the supply before each.
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), Self::Error> {
-        if !(to - from).is_multiple_of(F::ERASE_SIZE as u32) {
+        if !to.checked_sub(from).is_some_and(|bytes| bytes.is_multiple_of(F::ERASE_SIZE as u32)) {
             // The chip refuses this range.
             return self.chip.erase(from, to).await.map_err(SuppliedError::Chip);
         }
