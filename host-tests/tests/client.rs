@@ -26,11 +26,14 @@ struct Insole {
     drop_next: usize,
     /// Number of the next frames to the host that are damaged.
     damage_next: usize,
+    /// Number of connect requests.
+    connects: u32,
 }
 
 impl Insole {
     fn receive(&mut self, bytes: &[u8]) {
         for message in messages::<ToDevice>(&mut self.from_host, bytes) {
+            self.connects += u32::from(matches!(message, ToDevice::Connect { .. }));
             self.session.receive(message, 0);
         }
     }
@@ -72,6 +75,7 @@ impl Cable {
             is_unplugged: false,
             drop_next: 0,
             damage_next: 0,
+            connects: 0,
         };
         Self(Rc::new(RefCell::new(insole)))
     }
@@ -255,6 +259,22 @@ fn a_step_that_was_lost_in_transit_arrives_in_the_next_session() {
     assert!(step_numbers(&receive_all(&mut client)).is_empty());
     client.reconnect(TIMEOUT).expect("the insole answers");
     assert_eq!(step_numbers(&receive_all(&mut client)), [0]);
+}
+
+/// Otherwise, the steps would arrive once the client has waited in vain for the hello.
+#[test]
+fn a_replay_that_begins_while_a_request_waits_is_delivered_at_once() {
+    let (cable, mut client) = connected();
+    push_steps(&cable, [0]);
+    assert_eq!(step_numbers(&receive_all(&mut client)), [0]);
+    cable.insole().drop_next = 1;
+    push_steps(&cable, 1..=2);
+    let connects = cable.insole().connects;
+    while cable.insole().connects == connects {
+        assert_eq!(client.receive().expect("the cable works"), None);
+    }
+    client.status().expect("an answer");
+    assert_eq!(step_numbers(&receive_all(&mut client)), [1, 2]);
 }
 
 #[test]

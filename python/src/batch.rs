@@ -12,7 +12,7 @@ use study::table::{Row, Value};
 pub type Table = PyArrowType<RecordBatch>;
 
 /// The types of the columns of these rows; every column can have nulls.
-pub fn schema<Name: AsRef<str>>(columns: &Row<Name>) -> Schema {
+fn schema<Name: AsRef<str>>(columns: &Row<Name>) -> Schema {
     let field = |(name, value): &(Name, Value)| {
         let data_type = match value {
             Value::Text(_) => DataType::Utf8,

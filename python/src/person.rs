@@ -1,11 +1,10 @@
 //! A participant of a study, and the evaluation of this person's recordings.
 
-use crate::batch::{Table, schema, table};
+use crate::batch::{Table, table};
 use crate::exception;
 use crate::options::Options;
 use crate::recordings::Recording;
 use arrow_pyarrow::PyArrowType;
-use arrow_schema::Schema;
 use fit::agreement;
 use fit::trials;
 use parameters::Participant;
@@ -57,12 +56,6 @@ impl Person {
     #[getter]
     fn description(&self) -> String {
         self.0.description()
-    }
-
-    /// The columns of `rows`.
-    #[getter]
-    fn schema(&self) -> PyArrowType<Schema> {
-        PyArrowType(schema(&fits::columns(&self.0)))
     }
 
     /// Fits each step of a recording separately: one row for each region of each step.

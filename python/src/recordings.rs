@@ -64,11 +64,6 @@ impl Recording {
         &self.inner.source
     }
 
-    #[getter]
-    fn layout(&self) -> &str {
-        &self.inner.layout.name
-    }
-
     /// The times, s.
     fn t_s(&self) -> PyArrowType<ArrayData> {
         let bytes = Bytes::from_owner(Shared(self.inner.clone(), |recording| bytemuck::cast_slice(&recording.t_s)));

@@ -134,8 +134,10 @@ impl<C: Carrier> Client<C> {
             match self.next() {
                 Err(error) => break Err(error),
                 Ok(Some(ToHost::Refused(refusal))) => break Err(Error::Refused(refusal)),
-                // The connect request may have been sent twice, so a second hello may arrive.
-                Ok(Some(ToHost::Hello(_)) | None) => {}
+                // The connect request may have been sent twice, so a second hello may arrive. A replay that was requested begins
+                // with its hello.
+                Ok(Some(ToHost::Hello(_))) if self.order.requested_us().is_none() => {}
+                Ok(None) => {}
                 Ok(Some(message)) => match answer(&message) {
                     Some(answer) => break Ok(answer),
                     None => meanwhile.push(message),

@@ -47,7 +47,11 @@ fn main() -> Result<()> {
     }
     let missed: Vec<_> = results.figures.iter().filter(|figure| figure.is_missed()).map(|figure| figure.key).collect();
     if !missed.is_empty() {
-        bail!("figures that miss their bar: {}", missed.join(", "));
+        bail!(
+            "figures that miss their bar: {}: change the parts in tools/hardware/src/netlist.rs, and run `cargo xtask hardware` \
+             again",
+            missed.join(", ")
+        );
     }
     Ok(())
 }

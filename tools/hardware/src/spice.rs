@@ -112,12 +112,6 @@ impl Conditions {
         self
     }
 
-    /// Loads all cells of a column.
-    pub fn with_column(mut self, column: usize, ohm: f64) -> Self {
-        self.cell_ohm.iter_mut().for_each(|row| row[column] = ohm);
-        self
-    }
-
     /// Loads all cells.
     pub fn with_all(mut self, ohm: f64) -> Self {
         self.cell_ohm = [[ohm; COLUMNS]; ROWS];

@@ -56,7 +56,7 @@ export class Alerts {
       box.checked = this.settings[key];
       box.onchange = () => {
         this.settings[key] = box.checked;
-        saveSettings(localStorage, this.settings);
+        saveSettings(() => localStorage, this.settings);
         // The wearer hears or feels what was chosen. After this touch, the browser allows sound.
         if (box.checked) this.signal();
       };

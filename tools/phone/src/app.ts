@@ -34,7 +34,7 @@ const CANNOT_STORE =
 
 /** The page. */
 export class App {
-  private readonly settings = loadSettings(localStorage);
+  private readonly settings = loadSettings(() => localStorage);
   private readonly recorder = new Recorder();
   private readonly insoles: Insoles;
   private readonly live_view: LiveView;

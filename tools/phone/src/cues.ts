@@ -35,17 +35,39 @@ export class PhoneCues implements Cues {
   }
 }
 
+/** Time after a failed request until the next one. */
+const RETRY_MS = 2000;
+
 /** Keeps the screen on while it is held; browsers without this function switch it off as usual. */
 export class ScreenLock {
-  private lock: Promise<WakeLockSentinel | undefined> | undefined;
+  private lock: WakeLockSentinel | undefined;
+  private is_held = false;
+  private is_requested = false;
 
+  /**
+   * To be called a few times a second while the screen must stay on: a browser ends the lock when the page is hidden, and can
+   * refuse it, for example while the battery is low.
+   */
   hold(): void {
-    if (!("wakeLock" in navigator)) return;
-    this.lock ??= navigator.wakeLock.request("screen").catch(() => undefined);
+    this.is_held = true;
+    if (!("wakeLock" in navigator) || document.hidden || this.is_requested || this.lock?.released === false) return;
+    this.is_requested = true;
+    void navigator.wakeLock
+      .request("screen")
+      .then(
+        (lock) => {
+          this.lock = lock;
+          // The screen may have been released before the answer.
+          if (!this.is_held) this.release();
+        },
+        () => new Promise((resolve) => setTimeout(resolve, RETRY_MS)),
+      )
+      .then(() => (this.is_requested = false));
   }
 
   release(): void {
-    void this.lock?.then((lock) => lock?.release());
+    this.is_held = false;
+    void this.lock?.release();
     this.lock = undefined;
   }
 }

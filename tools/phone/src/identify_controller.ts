@@ -52,7 +52,7 @@ export class IdentifyController {
     byId("identify-body").onchange = ({ target }) => {
       if (!(target instanceof HTMLSelectElement)) return;
       settings.shoe_size = Number(target.value);
-      saveSettings(localStorage, settings);
+      saveSettings(() => localStorage, settings);
     };
   }
 

@@ -10,7 +10,8 @@ const STORE = "messages";
 export class DatabaseIdentifyStorage implements IdentifyStorage {
   private constructor(private readonly database: IDBDatabase) {}
 
-  static open(): Promise<DatabaseIdentifyStorage> {
+  static async open(): Promise<DatabaseIdentifyStorage> {
+    // The function is async, because this throws if the browser stores nothing for this site.
     const request = indexedDB.open(DATABASE, 1);
     request.onupgradeneeded = () => request.result.createObjectStore(STORE, { autoIncrement: true });
     return done(request).then((database) => new DatabaseIdentifyStorage(database));

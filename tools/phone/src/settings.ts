@@ -30,11 +30,14 @@ const DEFAULTS: Settings = {
   stride_cm: null,
 };
 
-/** The stored settings. Missing or invalid settings have their defaults. */
-export function loadSettings(storage: Storage): Settings {
+/**
+ * The stored settings. Missing or invalid settings have their defaults. `storage` may throw, as `localStorage` does if the browser
+ * stores nothing for this site.
+ */
+export function loadSettings(storage: () => Storage): Settings {
   try {
     const positive = (value: unknown) => (typeof value === "number" && value > 0 ? value : null);
-    const saved = JSON.parse(storage.getItem(KEY) ?? "{}") as Partial<Settings>;
+    const saved = JSON.parse(storage().getItem(KEY) ?? "{}") as Partial<Settings>;
     return {
       body_mass_kg: positive(saved.body_mass_kg),
       mass_unit: saved.mass_unit === "lb" ? "lb" : "kg",
@@ -49,9 +52,13 @@ export function loadSettings(storage: Storage): Settings {
   }
 }
 
-/** Stores the settings. */
-export function saveSettings(storage: Storage, settings: Settings): void {
-  storage.setItem(KEY, JSON.stringify(settings));
+/** Stores the settings. If the browser does not allow it, they apply until the page is closed. */
+export function saveSettings(storage: () => Storage, settings: Settings): void {
+  try {
+    storage().setItem(KEY, JSON.stringify(settings));
+  } catch {
+    // The settings are in force nevertheless.
+  }
 }
 
 /** Body weight; `null` without a body mass. */

@@ -23,7 +23,7 @@ export function listenToSettings(settings: Settings, changed: () => void): void 
   stride.value = settings.stride_cm === null ? "" : settings.stride_cm.toFixed(0);
   show();
   const save = () => {
-    saveSettings(localStorage, settings);
+    saveSettings(() => localStorage, settings);
     changed();
   };
   mass.oninput = () => {

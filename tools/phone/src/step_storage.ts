@@ -86,7 +86,8 @@ export class DatabaseStorage implements StepStorage {
    * Opens the database. `keyed` returns a record with its key and load; `undefined` for a record of another protocol version, which
    * remains stored, but is not counted.
    */
-  static open(keyed: (record: StepRecord) => NewRecord | undefined): Promise<DatabaseStorage> {
+  static async open(keyed: (record: StepRecord) => NewRecord | undefined): Promise<DatabaseStorage> {
+    // The function is async, because this throws if the browser stores nothing for this site.
     const request = indexedDB.open(NAME, 2);
     request.onupgradeneeded = () => {
       const { result: database, transaction } = request;

@@ -6,7 +6,7 @@ import { gaitOf } from "../src/walk";
 import { loadWire, step } from "./wire";
 
 const wire = await loadWire();
-const SETTINGS = loadSettings({ getItem: () => null } as unknown as Storage);
+const SETTINGS = loadSettings(() => ({ getItem: () => null }) as unknown as Storage);
 const STRIDE_S = 1.2;
 
 /** Steps of a foot with equal strides. The clock of the insole shows 70 s when that of the browser shows 1,800,000,000 s. */

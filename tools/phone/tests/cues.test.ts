@@ -1,0 +1,72 @@
+import { afterEach, beforeEach, expect, test, vi } from "vitest";
+import { ScreenLock } from "../src/cues";
+
+/** The locks that the browser has granted. */
+let locks: { released: boolean; release: () => Promise<void> }[];
+let is_refused: boolean;
+let requests: number;
+/** The page. */
+const page = { hidden: false };
+
+beforeEach(() => {
+  vi.useFakeTimers();
+  [locks, is_refused, requests, page.hidden] = [[], false, 0, false];
+  const request = async () => {
+    requests += 1;
+    if (is_refused) throw new Error("The battery is low.");
+    const lock = { released: false, release: async () => void (lock.released = true) };
+    locks.push(lock);
+    return lock;
+  };
+  vi.stubGlobal("navigator", { wakeLock: { request } });
+  vi.stubGlobal("document", page);
+});
+
+afterEach(() => {
+  vi.useRealTimers();
+  vi.unstubAllGlobals();
+});
+
+/** Holds the screen for this number of tenths of a second. */
+async function hold(screen: ScreenLock, count: number): Promise<void> {
+  for (let i = 0; i < count; i++) {
+    screen.hold();
+    await vi.advanceTimersByTimeAsync(100);
+  }
+}
+
+const held = () => locks.filter(({ released }) => !released).length;
+
+test("the screen is held again after the page was hidden", async () => {
+  const screen = new ScreenLock();
+  await hold(screen, 10);
+  expect([held(), requests]).toEqual([1, 1]);
+  page.hidden = true;
+  for (const lock of locks) lock.released = true;
+  await hold(screen, 10);
+  expect(requests).toBe(1);
+  page.hidden = false;
+  await hold(screen, 10);
+  expect([held(), requests]).toEqual([1, 2]);
+});
+
+test("a refused request is repeated, but not with each call", async () => {
+  const screen = new ScreenLock();
+  is_refused = true;
+  await hold(screen, 50);
+  expect(requests).toBeGreaterThan(1);
+  expect(requests).toBeLessThan(5);
+  is_refused = false;
+  await hold(screen, 50);
+  expect(held()).toBe(1);
+});
+
+test("the screen is released, also before the browser has granted the lock", async () => {
+  const screen = new ScreenLock();
+  await hold(screen, 1);
+  screen.release();
+  screen.hold();
+  screen.release();
+  await vi.advanceTimersByTimeAsync(100);
+  expect(held()).toBe(0);
+});
