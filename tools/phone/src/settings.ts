@@ -31,8 +31,8 @@ const DEFAULTS: Settings = {
 };
 
 /**
- * The stored settings. Missing or invalid settings have their defaults. `storage` may throw, as `localStorage` does if the browser
- * stores nothing for this site.
+ * The stored settings. Missing or invalid settings have their defaults. `storage` may throw, as `localStorage` does if the
+ * browser stores nothing for this site.
  */
 export function loadSettings(storage: () => Storage): Settings {
   try {

@@ -52,8 +52,8 @@ pub struct Fit {
     /// Name of the person [default: the file name of the first recording].
     #[arg(long, value_name = "NAME")]
     participant: Option<String>,
-    /// Use only these steps of every recording: a number N or a range N-M, as in the report and in `plantar replay`. Numbers begin
-    /// at 0, and load bouts have numbers, too.
+    /// Use only these steps of every recording: a number N or a range N-M, as in the report and in `plantar replay`. Numbers
+    /// begin at 0, and load bouts have numbers, too.
     #[arg(long, value_name = "STEPS")]
     steps: Option<StepRange>,
     #[command(flatten)]

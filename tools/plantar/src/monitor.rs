@@ -52,8 +52,8 @@ pub trait Sink {
         Ok(())
     }
 
-    /// Called when another session began. The insole may have restarted; its clock and sequence numbers then start again. After an
-    /// error of the link, another session begins.
+    /// Called when another session began. The insole may have restarted; its clock and sequence numbers then start again. After
+    /// an error of the link, another session begins.
     fn reconnected(&mut self, client: &mut AnyClient) -> Result<()>;
 
     /// True once the user's limit of steps or time is reached. The session then ends.
