@@ -106,15 +106,9 @@ impl Tool {
     }
 
     fn over_bluetooth(&self, message: &[u8]) -> Vec<u8> {
+        self.write(message);
         let mut world = self.world.borrow_mut();
         let radio = world.insoles[0].radio.clone();
-        let (server, origin_us) = {
-            let radio = radio.borrow();
-            (radio.server.clone().expect("the insole is on"), radio.origin_us)
-        };
-        for value in message.chunks(244) {
-            with_origin(origin_us, || server.write(GattChannel::Management, value)).expect("the value is accepted");
-        }
         let mut answer = Vec::new();
         let is_answered = world.run(now_us() + ANSWER_US, |_| {
             for (channel, value) in radio.borrow_mut().to_central.drain(..) {
@@ -125,6 +119,18 @@ impl Tool {
         });
         assert!(is_answered, "no answer to {message:02x?}");
         answer
+    }
+
+    /// Writes a message to the characteristic of management tools.
+    fn write(&self, message: &[u8]) {
+        let (server, origin_us) = {
+            let world = self.world.borrow();
+            let radio = world.insoles[0].radio.borrow();
+            (radio.server.clone().expect("the insole is on"), radio.origin_us)
+        };
+        for value in message.chunks(244) {
+            with_origin(origin_us, || server.write(GattChannel::Management, value)).expect("the value is accepted");
+        }
     }
 
     /// Sends a part of a file; returns the next offset, or the code of the refusal.
@@ -369,6 +375,27 @@ fn tools_set_the_clock_and_do_not_disturb_a_session_over_the_other_link() {
     let echo = cbor!({ "d" => "x".repeat(mcumgr::CHUNK) }).expect("a value");
     assert_eq!(Some(tool.request(true, OS, 0, echo)), cbor!({ "r" => "x".repeat(mcumgr::CHUNK) }).ok());
     assert_eq!(client.reconnect(TIMEOUT).expect("the insole answers").firmware, OLD);
+}
+
+/// A tool disconnects before it receives its answer: one that waits for the radio, and one that waits for the storage.
+#[test]
+fn an_answer_is_not_sent_to_another_central() {
+    let mut tool = Tool::new(LinkKind::Bluetooth);
+    for message in ["0a00000a00000100a1616466496e736f6c65", "0800000100010600a0"] {
+        let bytes = message.as_bytes().chunks(2).map(|hex| std::str::from_utf8(hex).expect("the text is ASCII"));
+        let bytes: Vec<_> = bytes.map(|hex| u8::from_str_radix(hex, 16).expect("the text is hex")).collect();
+        tool.write(&bytes);
+        tool.world.borrow().insoles[0].radio.borrow_mut().set_connected(false);
+        tool.connect();
+        tool.world.borrow_mut().run_for(1_000_000);
+        assert!(tool.world.borrow().insoles[0].radio.borrow().to_central.is_empty(), "{message}");
+    }
+    // A request is executed although its tool is gone.
+    let boots = tool.boots();
+    tool.write(&[0x0a, 0, 0, 1, 0, 0, 5, 5, 0xa0]);
+    tool.world.borrow().insoles[0].radio.borrow_mut().set_connected(false);
+    tool.connect();
+    assert_eq!((tool.boots(), tool.states()), (boots + 1, vec![running(OLD, true)]));
 }
 
 /// Runs `smpclient` with these commands on the serial link of a board. Returns the result of each command.

@@ -20,6 +20,7 @@ impl Shared {
             // The program that has opened the port is a tool now, and would take the frames of the session for noise.
             self.end_session(carrier);
         }
+        self.tool.set(Some(carrier));
         let answer = match request {
             Err(failure) => Answer::Failed(failure),
             Ok(Request::Echo(text)) => Answer::Echo(text),
@@ -33,22 +34,22 @@ impl Shared {
                 _ => Answer::Failed(Failure::TIME),
             },
             Ok(request) => {
-                self.exchange.replace(Exchange::Requested(carrier, head, request));
+                self.exchange.replace(Exchange::Requested(head, request));
                 return self.to_persist.signal(());
             }
         };
-        self.exchange.replace(Exchange::Answered(carrier, head, answer));
+        self.exchange.replace(Exchange::Answered(head, answer));
         self.changed(carrier).signal(());
     }
 
     /// Takes the request that waits for the storage.
     #[cfg(feature = "management")]
-    pub(super) fn take_request(&self) -> Option<(Carrier, mcumgr::Head, Request)> {
+    pub(super) fn take_request(&self) -> Option<(mcumgr::Head, Request)> {
         let mut exchange = self.exchange.borrow_mut();
         match core::mem::replace(&mut *exchange, Exchange::Idle) {
-            Exchange::Requested(carrier, head, request) => {
+            Exchange::Requested(head, request) => {
                 *exchange = Exchange::Executing;
-                Some((carrier, head, request))
+                Some((head, request))
             }
             other => {
                 *exchange = other;
@@ -69,8 +70,8 @@ impl Shared {
     /// Encodes the answer to a tool into `buffer`; `None` if there is none for this carrier.
     pub(super) fn next_management<'b>(&self, carrier: Carrier, buffer: &'b mut [u8]) -> Option<&'b [u8]> {
         let mut exchange = self.exchange.borrow_mut();
-        let Exchange::Answered(to, head, answer) = &*exchange else { return None };
-        if !IS_MANAGED || *to != carrier {
+        let Exchange::Answered(head, answer) = &*exchange else { return None };
+        if !IS_MANAGED || self.tool.get() != Some(carrier) {
             return None;
         }
         if let Answer::Failed(failure) = answer {

@@ -45,11 +45,11 @@ pub enum Exchange {
     /// None, or its answer was sent.
     Idle,
     /// The request waits for the storage.
-    Requested(Carrier, Head, Request),
+    Requested(Head, Request),
     /// The storage executes the request.
     Executing,
     /// The answer waits for the carrier.
-    Answered(Carrier, Head, Answer),
+    Answered(Head, Answer),
 }
 
 /// The state that the loops on the thread executor share.
@@ -61,6 +61,8 @@ pub struct Shared {
     pub(super) session: RefCell<Session>,
     /// A reference, because this structure is moved once at the start, which takes as much stack as its size.
     pub(super) exchange: &'static RefCell<Exchange>,
+    /// The carrier of the exchange; `None` once it has lost the tool, whose request is executed nevertheless.
+    pub(super) tool: Cell<Option<Carrier>>,
     /// The carrier of the session.
     carrier: Cell<Carrier>,
     /// Time of the last message of the session's host.
@@ -133,6 +135,7 @@ impl Shared {
         Self {
             session: RefCell::new(Session::new()),
             exchange,
+            tool: Cell::default(),
             carrier: Cell::new(Carrier::Serial),
             last_message_at: Cell::new(Instant::MIN),
             is_other_host_refused: Cell::new(false),
@@ -249,8 +252,9 @@ impl Shared {
         }
     }
 
-    /// Ends the session of a carrier that lost its host.
+    /// Ends the session of a carrier that lost its host, and discards the answer to a management tool on this carrier.
     pub fn close(&self, carrier: Carrier) {
+        self.tool.set(self.tool.get().filter(|&tool| tool != carrier));
         if self.carrier.get() == carrier {
             log::info!("link: {} lost its host", carrier);
             self.session.borrow_mut().close();

@@ -16,14 +16,14 @@ use mcumgr::{Answer, Failure, ImageState, Request};
 impl Persist<'_> {
     /// Executes the pending request of a tool, if there is one, and answers it.
     pub(super) async fn execute_request(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
-        let Some((carrier, head, request)) = self.shared.take_request() else { return };
+        let Some((head, request)) = self.shared.take_request() else { return };
         let answer = match self.manage(store, &request).await {
             Ok(Some(answer)) => answer,
             // The tool waits while the checks of the trial are incomplete.
-            Ok(None) => return self.shared.proceed(Exchange::Requested(carrier, head, request)),
+            Ok(None) => return self.shared.proceed(Exchange::Requested(head, request)),
             Err(failure) => Answer::Failed(failure),
         };
-        self.shared.proceed(Exchange::Answered(carrier, head, answer));
+        self.shared.proceed(Exchange::Answered(head, answer));
     }
 
     /// Executes a request. Returns `None` while the checks of the trial are incomplete.
