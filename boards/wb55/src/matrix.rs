@@ -125,6 +125,21 @@ impl ResistiveMatrix {
         Ok(codes)
     }
 
+    /// Converts all columns of a row. Before the first row, switches the front end on.
+    async fn convert_row(&mut self, row: usize) -> Result<[u16; COLUMNS], MatrixTimeout> {
+        if row == 0 {
+            if self.is_switched {
+                self.front_end.set_high();
+                Timer::after(FRONT_END_START).await;
+            }
+            // The first conversion after a pause of more than 1 ms may be wrong (an erratum of this family of converters).
+            self.convert::<1>().await?;
+        }
+        self.select(row);
+        Timer::after(SETTLE).await;
+        self.convert::<COLUMNS>().await
+    }
+
     /// Measures the supply when it is due.
     async fn measure_supply(&mut self) -> Result<(), MatrixTimeout> {
         if Instant::now() < self.supply_due {
@@ -149,17 +164,7 @@ impl Matrix for ResistiveMatrix {
     }
 
     async fn read_row(&mut self, _seq: u32, row: usize, codes: &mut [u16; DEVICE_CELLS]) -> Result<(), MatrixTimeout> {
-        if row == 0 {
-            if self.is_switched {
-                self.front_end.set_high();
-                Timer::after(FRONT_END_START).await;
-            }
-            // The first conversion after a pause of more than 1 ms may be wrong (an erratum of this family of converters).
-            self.convert::<1>().await?;
-        }
-        self.select(row);
-        Timer::after(SETTLE).await;
-        let converted = self.convert::<COLUMNS>().await;
+        let converted = self.convert_row(row).await;
         // Between rows and frames no cell draws current.
         self.rows_off.set_high();
         let is_end = row + 1 == ROWS || converted.is_err();
@@ -167,7 +172,8 @@ impl Matrix for ResistiveMatrix {
             self.front_end.set_low();
         }
         if is_end {
-            self.measure_supply().await?;
+            // The frame is complete without the supply, which is measured again after `SUPPLY_PERIOD`.
+            let _ = self.measure_supply().await;
         }
         for (&cell, code) in WIRING.get(row).into_iter().flatten().zip(converted?) {
             if let Some(cell) = cell {
