@@ -69,6 +69,9 @@ const LINK_RATE: Baudrate = Baudrate::Baud460800;
 /// The fault that the hello reports if the low-frequency crystal does not oscillate.
 const NO_CRYSTAL: &str = "the 32 kHz crystal does not oscillate: times are accurate to 0.05 % only";
 
+/// Largest number of attempts to measure the battery at the start.
+const BATTERY_ATTEMPTS: u32 = 3;
+
 bind_interrupts!(struct Irqs {
     UARTE0 => buffered_uarte::InterruptHandler<UARTE0>;
 });
@@ -224,7 +227,13 @@ async fn run(boot: BootReport, image: &'static Header, p: Peripherals, has_cryst
     };
     // No other task runs yet, so the start may block. The state of the start is then on the stack and not in the static memory of
     // this task.
-    block_on(matrix.measure_battery());
+    // Without a measurement, the charge would read 0 % and the start could store nothing, so a failed one is repeated.
+    for _ in 0..BATTERY_ATTEMPTS {
+        block_on(matrix.measure_battery());
+        if matrix::supply_mv().is_some() {
+            break;
+        }
+    }
     let chip = flash::open(p.QSPI);
     let gauges = Gauges { stack_bytes: cortex_m_platform::stack_bytes, supply_mv: matrix::supply_mv };
     let started = block_on(start(&MEMORY, chip, boot, image, configuration, &SCAN_COUNTERS, gauges));
