@@ -36,8 +36,8 @@ impl FixedParameters {
         self.c_m(law, area_max_m2) * g_max / self.thickness_m
     }
 
-    /// The ellipsoid that has these parameters and the force of `law`. The function solves K = k C^(n+1) / d0^n and
-    /// G = c C^(m+1) / d0^m for k and c.
+    /// The ellipsoid with the force of `law`, and with this A/B and d0. C is that of `law`. The function solves
+    /// K = k C^(n+1) / d0^n and G = c C^(m+1) / d0^m for k and c.
     pub fn ellipsoid(&self, law: &ForceLaw<f64>) -> Ellipsoid<f64> {
         let (c_m, d0_m) = (law.c_m, self.thickness_m);
         let coefficient = |value: f64, exponent: f64| value * (d0_m / c_m).powf(exponent) / c_m;
