@@ -10,7 +10,8 @@ use trouble_host::prelude::*;
 
 const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
-/// What is stored: [`VERSION`] and, as `postcard`, this type, followed by the CRC-32 of both (little endian).
+/// What is stored: [`VERSION`] and, as `postcard`, this type or, without an identity key, [`BONDS_ONLY`] and the bonds; then the
+/// CRC-32 of all these bytes (little endian).
 #[derive(Default, Serialize, Deserialize)]
 pub struct Keys {
     /// The key with which bonded centrals resolve the insole's private addresses; `None` if it was not created yet, or if a
@@ -55,7 +56,7 @@ const VERSION: u8 = 2;
 /// swapped back, finds its bonds.
 const BONDS_ONLY: u8 = 1;
 
-/// Loads the stored keys; none if they are damaged or of an unknown version.
+/// Loads the stored keys and bonds; none if they are damaged or of an unknown version.
 pub fn load(insole: &dyn GattServer) -> Keys {
     let mut bytes = [0; MAX_BONDS_BYTES];
     let len = insole.load_bonds(&mut bytes);
@@ -70,7 +71,7 @@ pub fn load(insole: &dyn GattServer) -> Keys {
         .unwrap_or_default()
 }
 
-/// Stores the keys, unless the same ones are already stored.
+/// Stores the keys and bonds, unless the same ones are already stored.
 pub fn store(keys: &Keys, insole: &dyn GattServer) {
     let (mut bytes, mut before) = ([0; MAX_BONDS_BYTES], [0; MAX_BONDS_BYTES]);
     // Neither operation can fail: the version, the insole's key, four bonds of at most 40 bytes each and the checksum fit.

@@ -40,7 +40,7 @@ const RADIO_RETRY: Duration = Duration::from_secs(1);
 const POOL_RETRY: Duration = Duration::from_millis(10);
 /// Time between two checks whether the radio answers.
 const RADIO_CHECK: Duration = Duration::from_secs(1);
-/// Time between two checks whether the central is still connected.
+/// Time between two checks whether the central is still connected or, while the insole advertises, whether it is worn.
 const CONNECTION_CHECK: Duration = Duration::from_millis(200);
 
 /// Time between two advertisements of a worn insole: the default of the Bluetooth host. A phone finds it within a second.
@@ -56,8 +56,8 @@ type Connected<'s, 'v> = GattConnection<'s, 'v, DefaultPacketPool>;
 /// The controller behind its HCI byte streams.
 type Radio = ExternalController<SerialTransport<NoopRawMutex, &'static HciPipe, &'static HciPipe>, 4>;
 
-/// Advertises, and serves one central at a time. Never returns. If the radio does not respond, this task waits, and no other task
-/// is affected. It is a task and not an async function, because the future of a function would be compiled with its caller, for
+/// Advertises, and serves one central at a time. Never returns. If the radio never responds, this task waits, and no other task is
+/// affected; if a radio that has responded stops for 30 s, the supervision restarts the board. It is a task and not an async function, because the future of a function would be compiled with its caller, for
 /// speed.
 #[embassy_executor::task]
 pub async fn run(from_radio: &'static HciPipe, to_radio: &'static HciPipe, insole: &'static dyn GattServer) -> ! {
@@ -70,7 +70,7 @@ pub async fn run(from_radio: &'static HciPipe, to_radio: &'static HciPipe, insol
         progress.reset();
         let (stack, has_key) = set_up(&radio, &progress, insole, &mut resources);
         let (mut rx, mut control, mut tx) = stack.runner().split();
-        // If the radio fails, one of these futures ends, and the host is set up again.
+        // If the radio fails, or the identity key was just created, one of these futures ends, and the host is set up again.
         select3(rx.run(), control.run(), async {
             // Without an answer of the radio, `tx` and `serve` would run in a busy loop, so they start after the first one.
             progress.answered.wait().await;

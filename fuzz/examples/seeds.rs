@@ -264,7 +264,7 @@ fn hello(virtual_insole: &VirtualInsole, tissue_id: u32) -> Hello {
         tissue_id,
         contact_rule: virtual_insole.setup.contact,
         reset: Reset::Panic,
-        last_panic: Some("app.rs:1 said".try_into().expect("the text fits")),
+        fault: Some("app.rs:1 said".try_into().expect("the text fits")),
     }
 }
 

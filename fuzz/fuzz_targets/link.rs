@@ -156,7 +156,7 @@ fn hello() -> Hello {
         tissue_id: 0,
         contact_rule: ContactRule::COVERED,
         reset: Reset::Unknown,
-        last_panic: Some("x".repeat(96).as_str().try_into().expect("the text fits")),
+        fault: Some("x".repeat(96).as_str().try_into().expect("the text fits")),
     }
 }
 

@@ -7,8 +7,8 @@ mod common;
 
 use client::{Client, Framed};
 use common::{connect, firmware, replay, replay_faulty, replay_with, synthetic_walk, tissue};
-use emulation::EmulatorConfig;
-use emulator::{Board, Faulty, Recorded, Scan, Time, Walk};
+use emulation::{EmulatorConfig, FLASH_BYTES};
+use emulator::{Board, Faulty, Hardware, Recorded, Scan, Time, Walk};
 use fit::quality::Evaluated;
 use fit::{Filter, Options, Study};
 use parameters::{InsoleSize, Parameters};
@@ -22,8 +22,9 @@ use plantar::pipeline::setup::DEVICE_CELLS;
 use plantar::pipeline::stance_rule::StanceRule;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::{
-    Alert, Bout, Live, MAX_FRAME, MAX_MESSAGE, Refusal, Status, Step, ToDevice, ToHost, encode, frame,
+    Alert, Bout, Live, MAX_FRAME, MAX_MESSAGE, Refusal, Reset, Settings, Status, Step, ToDevice, ToHost, encode, frame,
 };
+use plantar::storage::{SettingsRecord, Store};
 use plantar::{Region, Side};
 use recording::synthetic::SyntheticWalk;
 use recording::{Recording, VirtualInsole, jiku, pedar};
@@ -33,6 +34,7 @@ use std::net::TcpStream;
 use std::time::Duration;
 use testkit::activity::{self, Activity};
 use testkit::faults::one_of_each;
+use testkit::nor_flash::{NorFlashChip, block_on};
 use testkit::wear::{Residual, find, noisy_walk, with_residual};
 
 /// A recording in which some scans are incomplete.
@@ -122,7 +124,7 @@ impl Session {
             ToHost::Status(status) => received.status = status,
             ToHost::Tissue(tissue) => received.tissues.push((received.live.len(), tissue)),
             ToHost::Refused(refusal) => received.refusals.push(refusal),
-            ToHost::Hello(hello) => panic!("the insole restarted: {:?}", hello.last_panic),
+            ToHost::Hello(hello) => panic!("the insole restarted: {:?}", hello.fault),
             other => panic!("no request for this message was sent: {other:?}"),
         }
         is_answer
@@ -283,7 +285,7 @@ fn the_hello_identifies_the_insole() {
     let hello = session.client.hello();
     assert_eq!((hello.side, hello.cells, hello.period_us), (Side::Left, 240, 10_000));
     assert_eq!((hello.tissue_id, hello.contact_rule), (tissue().id, ContactRule::COVERED));
-    assert_eq!((hello.board.as_str(), hello.last_panic.as_deref()), ("emulated", None));
+    assert_eq!((hello.board.as_str(), hello.fault.as_deref()), ("emulated", None));
 }
 
 /// A board that refuses its set-up answers nevertheless, and reports the reason.
@@ -300,8 +302,30 @@ fn a_refused_set_up_is_reported_in_the_hello() {
     let board = Board::start(&firmware, &config, &cells, Time::Max, Recorded::new(walk, virtual_insole))
         .expect("the board boots");
     let client = connect(&board);
-    let report = client.hello().last_panic.as_deref().unwrap_or_default().to_owned();
+    let report = client.hello().fault.as_deref().unwrap_or_default().to_owned();
     assert!(report.contains("belongs to a region before that of the previous cell"), "{report}");
+    // By this, hosts recognise that the insole does not measure.
+    assert_eq!(client.hello().cells, 0);
+}
+
+/// Other firmware, or a chip of another board, can leave settings that this board must not use.
+#[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
+fn stored_settings_that_do_not_fit_are_reported_in_the_hello() {
+    let walk = synthetic_walk(1, 100.0);
+    let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
+    let settings = Settings { scale: 3.0, period_us: 20_000, ..Settings::of(&virtual_insole.setup) };
+    let mut chip = NorFlashChip::new(FLASH_BYTES);
+    let mut store = block_on(Store::open(Some(&mut chip), Reset::Power));
+    block_on(store.put(0, &SettingsRecord(Some(settings)))).expect("the settings are stored");
+    let hardware = Hardware { flash: Some(chip.bytes), ..Hardware::default() };
+    let (config, cells) = (EmulatorConfig::new(virtual_insole.setup), virtual_insole.cells.clone());
+    let walk = Recorded::new(walk, virtual_insole);
+    let board = Board::start_with(&firmware(), &config, &cells, Time::Max, walk, &hardware).expect("the board boots");
+    let client = connect(&board);
+    let hello = client.hello();
+    assert!(hello.fault.as_deref().unwrap_or_default().contains("the stored settings do not fit"), "{hello:?}");
+    assert_eq!((hello.cells, hello.period_us), (240, 10_000));
 }
 
 /// Plays a recording, compares steps and load bouts of the board with those of a host, and returns the load bouts.

@@ -150,7 +150,7 @@ fn ended_s(report: &str) -> f64 {
 
 /// The fault report of the previous run; empty if there is none.
 fn report(hello: &Hello) -> &str {
-    hello.last_panic.as_deref().unwrap_or_default()
+    hello.fault.as_deref().unwrap_or_default()
 }
 
 /// A fault that is injected once.

@@ -65,7 +65,7 @@ fn any_hello() -> impl Strategy<Value = Hello> {
                 tissue_id,
                 contact_rule,
                 reset,
-                last_panic: panic.map(|p| text(&p)),
+                fault: panic.map(|p| text(&p)),
             }
         },
     )
@@ -570,7 +570,7 @@ fn longest_messages_fit_their_limits() {
         cells: u16::MAX,
         period_us: u32::MAX,
         tissue_id: u32::MAX,
-        last_panic: Some(text(&max_text)),
+        fault: Some(text(&max_text)),
         ..hello()
     };
     let region = LiveRegion { area_mm2: u16::MAX, deformation_um: u16::MAX, model_dn: u16::MAX, measured_dn: u16::MAX };

@@ -68,7 +68,7 @@ pub fn hello() -> Hello {
         tissue_id: 0,
         contact_rule: ContactRule::COUNTED,
         reset: Reset::Power,
-        last_panic: None,
+        fault: None,
     }
 }
 

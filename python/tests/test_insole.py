@@ -143,7 +143,7 @@ def test_errors_name_the_insole_and_the_remedy(tmp_path: pathlib.Path) -> None:
 
 
 @needs_insole
-def test_a_closed_insole_and_unknown_parameters_are_errors(tmp_path: pathlib.Path) -> None:
+def test_a_closed_connection_and_a_missing_parameter_file_are_errors(tmp_path: pathlib.Path) -> None:
     with simulated(0) as (address, _):
         insole = plantar.Insole.connect(tcp=address)
         with pytest.raises(FileNotFoundError, match=r"params\.toml"):

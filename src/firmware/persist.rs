@@ -30,7 +30,8 @@ const DAILY_LOAD_PERIOD: Duration = Duration::from_secs(300);
 /// Longest time between two heartbeats of this task.
 const IDLE: Duration = Duration::from_secs(10);
 
-/// Time after the start at which the image has shown that it works: the previous image does not return any more.
+/// Time after the start at which the image counts as proven, so that the bootloader does not swap the previous image back any
+/// more.
 const PROVEN: Duration = Duration::from_secs(3600);
 
 /// The state of [`persist()`].
@@ -48,21 +49,21 @@ struct Persist<'a> {
     daily_load_at: Instant,
     /// The trial of the running image; `None` if no trial is in progress.
     trial: Option<Trial>,
-    /// The chip states that the radio has answered on this board.
+    /// A record on the chip says that the radio has answered on this board.
     is_radio_known: bool,
-    /// The previous image may return.
+    /// The bootloader may swap the previous image back.
     has_previous: bool,
     /// The last attempt to store the bonds failed.
     bonds_failed: bool,
     image: &'a Header,
     content: &'a [u8],
-    /// Names the running image, once a tool has asked for it.
+    /// Digest of the running image, computed when a management tool first asks for it.
     sha256: Option<Sha256>,
 }
 
-/// Persists steps, load bouts, alerts, acknowledgements, parameters and bonds. Never returns. An item that the chip fails to
-/// store is counted, and is in force until the next start. Receives firmware updates, and confirms the running image after its
-/// trial; `image` is its header, `content` the image itself.
+/// Persists steps, load bouts, alerts, acknowledgements, settings, parameters and bonds. Never returns. An item that the chip
+/// fails to store is counted, and is in force until the next start. Receives firmware updates, and confirms the running image
+/// after its trial; `image` is its header, `content` the image itself. `restart` resets the controller.
 pub async fn persist(
     store: &mut Store<impl MultiwriteNorFlash>,
     shared: &Shared,
@@ -148,8 +149,8 @@ impl Persist<'_> {
         self.store_records(store).await;
     }
 
-    /// Stores a record. False if the session must also hold it in RAM, because it follows the records there or could not be
-    /// stored. True if it will be loaded from the log later, or is lost.
+    /// Stores a record. Returns false if the session must also hold it in RAM, because it follows the records there or could not
+    /// be stored, and true if it will be loaded from the log later, or is lost.
     async fn store_record(&mut self, store: &mut Store<impl MultiwriteNorFlash>, record: &LoadRecord) -> bool {
         if matches!(record, LoadRecord::Alert(_)) {
             // An alert must not be raised again after a loss of power.
@@ -326,7 +327,7 @@ impl Persist<'_> {
         }
     }
 
-    /// Makes sure that the previous image does not return.
+    /// Prevents the bootloader from swapping the previous image back.
     async fn forget_previous(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
         if let Some(flash) = store.flash() {
             // After a failure the attempt is repeated with the next event.

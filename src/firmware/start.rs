@@ -37,7 +37,8 @@ pub struct BootReport {
 }
 
 impl BootReport {
-    /// True if the insole starts in recovery mode: with its built-in configuration, and without stored data except the bonds.
+    /// True if the insole starts in recovery mode: with its built-in configuration, and without stored data except the bonds. It
+    /// reads the bonds in the first such start only, and does not use the chip in the following ones.
     pub fn is_recovery(&self) -> bool {
         self.failed_starts >= MAX_FAILED_STARTS
     }
@@ -107,19 +108,25 @@ pub struct Started<F: 'static> {
 }
 
 /// Longest time in which the flash chip must answer.
-const CHIP_ANSWERS: Duration = Duration::from_secs(2);
+const CHIP_TIMEOUT: Duration = Duration::from_secs(2);
 /// Longest time in which the store must be opened. Erasing a chip with foreign contents takes that long. It is shorter than the
 /// time in which the supervision expects the parts to start ([`super::supervise::START_CHECKS`]).
-const STORE_OPENS: Duration = Duration::from_secs(110);
-/// The text of [`Hello::last_panic`] after a start without the chip.
+const STORE_TIMEOUT: Duration = Duration::from_secs(110);
+/// The text of [`Hello::fault`] after a start without the chip.
 const NO_CHIP: &str = "the flash chip does not answer: nothing is stored, check the chip and its supply";
+/// The text of [`Hello::fault`] if the store was not opened in [`STORE_TIMEOUT`].
+const NO_STORE: &str = "the flash chip could not be opened in 110 s: nothing is stored, restart or replace the chip";
+/// The text of [`Hello::fault`] if the stored settings cannot be used.
+const OTHER_SETTINGS: &str = "the stored settings do not fit this board, which uses its own: send the settings again";
+/// The text of [`Hello::fault`] if the stored parameters cannot be used.
+const OTHER_RULE: &str = "the parameters are of another contact rule and not used: identify or send them again";
 
 /// Opens the store on the chip that `chip` returns (`None` if there is none that can be used), configures the insole, restores
 /// the persisted state, and composes the hello. `image` is the header of the running image; `stack_bytes` returns the deepest use
 /// of the stack so far, bytes.
 ///
-/// After [`MAX_FAILED_STARTS`] the previous image is swapped back, which restarts the board, if an update had replaced it a short
-/// time ago. Otherwise the insole starts in recovery mode: it scans and communicates, stores nothing, and accepts updates.
+/// After [`MAX_FAILED_STARTS`] the previous image is swapped back, which restarts the board, if an update had replaced it and the
+/// new image has not run for an hour yet. Otherwise the insole starts in recovery mode: it scans and communicates, stores nothing, and accepts updates.
 ///
 /// # Panics
 /// When called twice with the same memory.
@@ -138,25 +145,25 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     }
     let Configuration { mut setup, cells, serial_bytes_per_s, fault, restart } = configuration;
     // Whatever the chip does, the insole starts.
-    let chip = with_timeout(CHIP_ANSWERS, pin!(chip)).await.ok().flatten();
-    let mut has_chip = chip.is_some();
+    let chip = with_timeout(CHIP_TIMEOUT, pin!(chip)).await.ok().flatten();
+    let mut no_chip = chip.is_none().then_some(NO_CHIP);
     let store = memory.store.init(Store::new(chip));
     // Pinned, because each move of this future would take its size in stack.
-    let is_open = with_timeout(STORE_OPENS, pin!(open_store(store, &boot, image, restart))).await.is_ok();
+    let is_open = with_timeout(STORE_TIMEOUT, pin!(open_store(store, &boot, image, restart))).await.is_ok();
     if !is_open {
         store.give_up();
-        has_chip = false;
+        no_chip = Some(NO_STORE);
     }
-    let no_chip = (!has_chip).then(|| truncated(NO_CHIP));
     let contents = store.contents();
     log::info!("storage: boot {}, next record {}", contents.start, contents.next_record);
     if contents.erased > 0 {
-        log::error!("storage: {} areas were damaged and had to be erased", contents.erased);
+        log::error!("storage: {} of two areas, records and log, were damaged and are erased", contents.erased);
     }
     let stored_identity = store.get(0).await.ok().flatten();
     let identity = stored_identity.unwrap_or(IdentityRecord { side: setup.side, serial: Serial::NONE });
     setup.side = identity.side;
     let stored = store.get(0).await.ok().flatten().and_then(|SettingsRecord(settings)| settings);
+    let mut other_settings = stored.is_some_and(|settings| !settings.is_valid()).then_some(OTHER_SETTINGS);
     let stored = stored.filter(Settings::is_valid);
     let insole = memory.insole.take();
     insole.count_records_from(contents.next_record);
@@ -168,6 +175,7 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
         match refused {
             Some(error) if settings.is_some() => {
                 log::error!("settings: the stored ones do not fit this board: {}", truncated(error).as_str());
+                other_settings = Some(OTHER_SETTINGS);
             }
             _ => break,
         }
@@ -175,7 +183,7 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     let cells = cells.map(|cell| scaled(cell, settings));
     let calibrated = memory.cells.take();
     if refused.is_none() {
-        // The insole has as many places.
+        // `set_up` has accepted the cells, so there is room for all of them.
         calibrated.extend(cells.clone().take(DEVICE_CELLS));
     }
     let alert_rules = store.get(0).await.ok().flatten().filter(AlertRules::is_valid);
@@ -188,14 +196,17 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     let calibration_id = restore_calibration(store, insole, cells, calibrated).await;
     let (tissue, identified) = stored_tissue(store).await;
     let is_of_rule = identified.is_none_or(|identified| identified.contact == setup.contact);
-    let unused = (!is_of_rule).then(|| truncated(OTHER_RULE));
+    let other_rule = (!is_of_rule).then_some(OTHER_RULE);
     log::info!("settings: layout {}, calibration {:x}", setup.layout_id, calibration_id);
     let mut hello = hello(
         image,
         &setup,
         insole,
         boot.reset,
-        boot.fault.or(fault).or(no_chip).or(refused.map(truncated)).or(unused),
+        boot.fault
+            .or(fault)
+            .or(refused.map(truncated))
+            .or_else(|| no_chip.or(other_settings).or(other_rule).map(truncated)),
     );
     hello.layout_id = settings.map_or(setup.layout_id, |settings| settings.id(setup.layout_id));
     let (to_process, scanned) = memory.channel.init(Channel::new(memory.frames.take())).split();
@@ -260,9 +271,6 @@ fn init_shared(
     memory.init(Shared::new(hello, serial_bytes_per_s, counters, gauges, exchange))
 }
 
-/// The text of [`Hello::last_panic`] if the stored parameters cannot be used.
-const OTHER_RULE: &str = "the parameters are of another contact rule and not used: identify or send them again";
-
 /// Configures the insole, by the stored settings if there are any, and changes `setup` accordingly.
 ///
 /// # Errors
@@ -293,7 +301,7 @@ async fn stored_tissue(store: &mut Store<impl MultiwriteNorFlash>) -> (Tissue, O
     (tissue, identified)
 }
 
-/// The hello of a board that runs `image`. `fault` is the text of [`Hello::last_panic`].
+/// The hello of a board that runs `image`. `fault` is the text of [`Hello::fault`].
 fn hello(
     image: &Header,
     setup: &Setup,
@@ -315,7 +323,7 @@ fn hello(
         tissue_id: 0,
         contact_rule: setup.contact,
         reset,
-        last_panic: fault,
+        fault,
     }
 }
 

@@ -115,7 +115,7 @@ pub const GAIT_POINTS: usize = 5;
 pub struct FootMeasures<R> {
     /// Largest total force, N.
     pub peak_n: R,
-    /// Largest total force in the first half of stance.
+    /// Largest total force in the first half of stance; with one hump, the largest total force of the stance.
     pub first_peak: Extremum<R>,
     /// Smallest total force between the two peaks.
     pub valley: Extremum<R>,
@@ -132,21 +132,21 @@ pub struct FootMeasures<R> {
     /// Length of this path, divided by the time from 10 to 90 % of stance, mm/s.
     pub gait_velocity_mm_s: R,
     /// Centre of pressure excursion index: distance of the path from the line between its ends, in the plane at two thirds of the
-    /// foot, divided by the width of the forefoot. It is positive if the path is lateral of that line.
+    /// [`Extent`], divided by the width of the forefoot. It is positive if the path is lateral of that line.
     pub excursion_index: R,
     /// Arch index: sum of the largest contact areas of the two midfoot regions, divided by the sum of those of all regions but
     /// the toes.
     pub arch_index: R,
 }
 
-/// The extent of an insole's cells, foot coordinates, mm.
+/// The extent of the centroids of an insole's cells, foot coordinates, mm. The cells extend farther by half of their size.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Extent {
-    /// y of the rearmost cell.
+    /// y of the rearmost centroid.
     pub heel_mm: f32,
-    /// y of the foremost cell.
+    /// y of the foremost centroid.
     pub toe_mm: f32,
-    /// Width of the forefoot: extent of the metatarsal regions along the medial-lateral axis.
+    /// Width of the forefoot: distance between the outermost centroids of the metatarsal regions along the medial-lateral axis.
     pub forefoot_width_mm: f32,
 }
 

@@ -5,7 +5,7 @@ use crate::pipeline::region::Side;
 use heapless::String;
 use serde::{Deserialize, Serialize};
 
-/// Longest text of [`Hello::last_panic`], bytes.
+/// Longest text of [`Hello::fault`], bytes.
 pub const MAX_FAULT_TEXT: usize = 96;
 
 /// Identifies the insole. This message never changes, nor do [`ContactRule`] and [`Reset`] within it.
@@ -23,7 +23,7 @@ pub struct Hello {
     pub side: Side,
     /// Identifies the layout, and the settings if any are stored.
     pub layout_id: u32,
-    /// Number of cells.
+    /// Number of cells; 0 if the set-up of the board was refused.
     pub cells: u16,
     /// Time between frames, us.
     pub period_us: u32,
@@ -35,8 +35,9 @@ pub struct Hello {
     pub reset: Reset,
     /// If a failure ended the previous run: its cause, its time, and addresses in the program, which `cargo xtask explain`
     /// translates to source lines; the text also states whether this start ignores all stored data, because several starts failed
-    /// in a row. Otherwise, if the set-up of this start was refused: the reason, in which case the insole cannot measure.
-    pub last_panic: Option<String<MAX_FAULT_TEXT>>,
+    /// in a row. Otherwise a fault of this start, such as a chip that does not answer, or stored parameters of another contact
+    /// rule. If the set-up of the board was refused, [`Hello::cells`] is 0, and the insole does not measure.
+    pub fault: Option<String<MAX_FAULT_TEXT>>,
 }
 
 /// Why an insole started.
@@ -50,7 +51,7 @@ pub enum Reset {
     Software,
     /// The watchdog: scanning, processing or the link was stalled.
     Watchdog,
-    /// After a panic, a hard fault or a stack overflow; see [`Hello::last_panic`].
+    /// After a panic, a hard fault or a stack overflow; see [`Hello::fault`].
     Panic,
     /// None of these.
     Unknown,

@@ -89,7 +89,7 @@ pub fn hello() -> Hello {
         tissue_id: 77,
         contact_rule: ContactRule::COUNTED,
         reset: Reset::Panic,
-        last_panic: Some(text("at a line")),
+        fault: Some(text("at a line")),
     }
 }
 

@@ -679,7 +679,7 @@ impl Outcome {
             compare("version", version.clone(), hello.map_or(String::new(), |hello| hello.firmware.as_str().into()));
         }
         if let Some(text) = &expect.last_fault {
-            let fault = hello.and_then(|hello| hello.last_panic.as_deref()).unwrap_or("none");
+            let fault = hello.and_then(|hello| hello.fault.as_deref()).unwrap_or("none");
             compare("last fault", text.clone(), if fault.contains(text) { text.clone() } else { fault.into() });
         }
         if let Some(full_kpa) = expect.contact_full_kpa {

@@ -100,7 +100,7 @@ fn main() -> ! {
     let boot = cortex_m_platform::boot_report(None);
     // The compiler must not assume the content of the header, because a tool may have patched it in the image.
     let image = black_box(&IMAGE);
-    // SAFETY: `main` runs once and nothing else uses the core's peripherals.
+    // SAFETY: `main` runs once. The rest of this program only reads SysTick's counter, pends interrupts and requests a reset.
     let mut core = unsafe { cortex_m::Peripherals::steal() };
     TIME.start(&mut core.SYST);
     for port in [&LINK, &HCI, &PLANT] {
@@ -149,7 +149,8 @@ async fn run(boot: BootReport, image: &'static Header) {
     let started = match stored {
         Some((_, cells)) => block_on(start_with(chip, boot, image, config.setup, cells, None)),
         None => {
-            let fault = "setup.bin is missing or incomplete: the built-in insole is used".try_into().ok();
+            let fault =
+                "no usable setup.bin, the built-in insole is used: start with `plantar emulate`".try_into().ok();
             block_on(start_with(chip, boot, image, config.setup, layout::cells(), fault))
         }
     };

@@ -345,7 +345,7 @@ impl Phone {
         }
         self.send(radio, ToDevice::Connect { major: MAJOR, minor: MINOR });
         let hello = self.next(radio);
-        assert!(matches!(&hello, ToHost::Hello(hello) if hello.last_panic.is_none()), "{hello:?}");
+        assert!(matches!(&hello, ToHost::Hello(hello) if hello.fault.is_none()), "{hello:?}");
     }
 
     /// Connects again with the existing bond and the known GATT table, and opens a session.

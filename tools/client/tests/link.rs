@@ -84,7 +84,7 @@ impl Carrier for Insole {
             tissue_id: 0,
             contact_rule: ContactRule::COUNTED,
             reset: Reset::Power,
-            last_panic: None,
+            fault: None,
         };
         let mut buffer = [0; MAX_MESSAGE];
         let message = match state.is_silent {

@@ -33,7 +33,7 @@ use thiserror::Error;
 const MACHINE: &str = "netduinoplus2";
 /// File name of the bootloader, in the folder of the firmware.
 const BOOTLOADER: &str = "emulated-bootloader";
-/// The contents of the controller's flash, in the emulator's directory.
+/// The image that QEMU loads into the controller's flash, in the emulator's directory.
 const ACTIVE_FILE: &str = "active.bin";
 /// The log, in the emulator's directory.
 const LOG_FILE: &str = "log.defmt";
@@ -63,6 +63,9 @@ pub enum Error {
     /// The firmware file is missing.
     #[error("no firmware at {0}: build it with `cargo xtask build`, or name it with --firmware")]
     NoFirmware(PathBuf),
+    /// The bootloader is missing.
+    #[error("no bootloader at {0}, which is expected beside the firmware: build both with `cargo xtask build`")]
+    NoBootloader(PathBuf),
     /// QEMU exited before it connected.
     #[error("QEMU exited before the board started: {0}")]
     Exited(String),
@@ -155,8 +158,11 @@ impl Board {
         hardware: &Hardware,
     ) -> Result<Self, Error> {
         let bootloader = firmware.with_file_name(BOOTLOADER);
-        if let Some(missing) = [firmware, &bootloader].into_iter().find(|file| !file.is_file()) {
-            return Err(Error::NoFirmware(missing.into()));
+        if !firmware.is_file() {
+            return Err(Error::NoFirmware(firmware.into()));
+        }
+        if !bootloader.is_file() {
+            return Err(Error::NoBootloader(bootloader));
         }
         let directory = tempfile::tempdir()?;
         let file = |name: &std::ffi::CStr| directory.path().join(name.to_string_lossy().as_ref());

@@ -7,7 +7,7 @@ use crate::data_sheet::{
 };
 use plantar::firmware::front_end::{FEEDBACK_OHM, REFERENCE_DIVISOR};
 
-/// A type of part: what a buyer needs, its pins, and its part in the simulation.
+/// A type of part: what a buyer needs, its pins, and its model in the simulation.
 #[derive(Clone, Copy, Debug)]
 pub struct PartType {
     /// The manufacturer's part number.
@@ -47,7 +47,7 @@ pub enum Model {
     Sheet,
     /// The controller, with supply and converter.
     Controller,
-    /// No part of the front end.
+    /// Not simulated: no part of the front end, or represented by another part, as the sheet is by its connector.
     None,
 }
 

@@ -20,7 +20,7 @@ export function problems(insoles: Insoles, live_view: LiveView, facts: Facts): s
 }
 
 /** The problems of one session. */
-function sessionProblems({ hello, state, reason }: Session, facts: Facts): string[] {
+export function sessionProblems({ hello, state, reason }: Session, facts: Facts): string[] {
   if (!hello) return [];
   const insole = `The ${hello.side} insole`;
   switch (state) {
@@ -40,11 +40,14 @@ function sessionProblems({ hello, state, reason }: Session, facts: Facts): strin
           "The page continues half a minute after the other one has ended.",
       ];
     case "live":
-      if (!hello.last_panic) return [];
-      // After any other reset, the previous run did not end with a fault. Then `last_panic` states why the insole cannot measure.
+      if (!hello.fault) return [];
+      if (hello.cells === 0) {
+        return [`${insole} cannot measure. Restart it. If that does not help, report this text to its supplier: ${hello.fault}`];
+      }
+      // After any other reset, the previous run did not end with a fault, so `fault` is one of this start.
       return ["panic", "watchdog"].includes(hello.reset)
-        ? [`${insole} restarted after a fault. If this happens often, report this text to its supplier: ${hello.last_panic}`]
-        : [`${insole} cannot measure. Restart it. If that does not help, report this text to its supplier: ${hello.last_panic}`];
+        ? [`${insole} restarted after a fault. If this happens often, report this text to its supplier: ${hello.fault}`]
+        : [`${insole} measures, but reports a fault. If it remains after a restart, show this text to its supplier: ${hello.fault}`];
     case "closed":
     case "waiting":
       return [];

@@ -1,6 +1,7 @@
 import { beforeAll, describe, expect, test } from "vitest";
 import type { ToHost } from "../src/generated/messages";
 import type { Step } from "../src/generated/quantities";
+import { sessionProblems } from "../src/notes";
 import { TIMEOUT_MS } from "../src/reconnect";
 import { Session } from "../src/session";
 import type { Transport } from "../src/transport/transport";
@@ -28,7 +29,7 @@ const counts = ({ counter, damaged }: Session) => ({ received: counter.received,
 
 function hello(major: number): ToHost {
   const board = { firmware: "9", board: "test", side: "left", cells: 1, rate_hz: 100 } as const;
-  return { kind: "hello", major, minor: 0, ...board, has_effective_areas: false, has_parameters: true, reset: "power", last_panic: null };
+  return { kind: "hello", major, minor: 0, ...board, has_effective_areas: false, has_parameters: true, reset: "power", fault: null };
 }
 
 test("a session sends connect requests until the insole answers, then requests the streams and the cells", () => {
@@ -106,6 +107,22 @@ test("gaps are counted, and a status reveals losses before the first and after t
   expect(session.counter.lost).toBe(6);
   receive(status);
   expect(counts(session)).toEqual({ received: 3, lost: 6, damaged: 0 });
+});
+
+test("an insole with a fault of its start measures, unless it has no cells", () => {
+  let next: ToHost;
+  const { session } = start(() => next);
+  session.opened(0);
+  const problems = (fault: string | null, cells: number, reset: string) => {
+    next = { ...hello(wire.facts.major), fault, cells, reset } as ToHost;
+    session.receive(new Uint8Array(1), 0);
+    return sessionProblems(session, wire.facts).join();
+  };
+  const other_rule = "the parameters are of another contact rule and not used: identify or send them again";
+  expect(problems(null, 240, "power")).toBe("");
+  expect(problems(other_rule, 240, "power")).toMatch(/measures, but reports a fault.*identify or send them again/);
+  expect(problems("src/firmware/scan.rs:1 failed", 240, "panic")).toMatch(/restarted after a fault/);
+  expect(problems("cell 3 has no area", 0, "power")).toMatch(/cannot measure.*cell 3/);
 });
 
 test("the rate is the mean of the last seconds, also in the first second", () => {

@@ -39,8 +39,8 @@ pub struct Emulate {
     #[arg(long, value_enum, default_value_t = Speed::Real)]
     speed: Speed,
     /// Inject an electrical fault of the sensor, KIND:PLACE[=VALUE][@SECONDS]. It begins SECONDS after the start of the walk, or
-    /// at once. Repeat the option for several faults. Examples of all kinds: open-cell:17, open-row:3, open-column:5 (no
-    /// contact); short-cell:17, short-row:3, short-column:5 (full scale); stuck:17=12000 (always this code); saturate:17 (full
+    /// at once. Repeat the option for several faults. Examples of all kinds: open-cell:17, open-row:3, open-column:5 (an
+    /// interrupted line); short-cell:17, short-row:3, short-column:5 (full scale); stuck:17=12000 (always this code); saturate:17 (full
     /// scale already under a small load); drift:17=50/s (the baseline changes by this number of codes per second);
     /// crosstalk:3=0.1 (each cell of row 3 also reads this fraction of the load of the row's most loaded other cell). PLACE is
     /// the number of a cell, row or column, from 0. The virtual insole numbers its cells by region; each row of its matrix has 16
@@ -58,7 +58,8 @@ pub struct Emulate {
     /// End the walk after this number of steps, or of later steps with --identify.
     #[arg(long, value_name = "N")]
     steps: Option<usize>,
-    /// Write the steps, the mean error of the model in each region and the counters of the live frames to this JSON file.
+    /// Write the steps, load bouts and alerts, the mean error of the model in each region, and the counters of the link to this
+    /// JSON file.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
     /// Write the firmware's log to this file. Each line has time, level and text of a message.
@@ -164,8 +165,8 @@ impl Emulate {
         if let Some(identification) = &identification {
             ensure!(
                 identification.has_sent_parameters(),
-                "the walk ended before the insole had sent {} steps to identify the wearer from: play a longer recording, or \
-                 use fewer steps with --identify-steps",
+                "the walk ended, or was ended by a key, before the insole had sent {} steps to identify the wearer from: let \
+                 it play to its end, play a longer recording, or use fewer steps with --identify-steps",
                 self.identify_steps
             );
             println!(
@@ -181,8 +182,9 @@ impl Emulate {
         }
         summary::print_faults_of(&mut client);
         println!(
-            "the insole processed {} frames of a walk of {seconds:.1} s in {:.1} s; {} scans were incomplete, and {} \
-             were dropped because processing was late; live frames: {} sent, {} received, {} lost, {} damaged",
+            "the insole processed {} frames of a walk of {seconds:.1} s in {:.1} s; {} scans were missed or \
+             incomplete, and {} were skipped because processing was late; live frames: {} sent, {} received, {} lost; {} \
+             messages of any kind were damaged",
             status.frames,
             start.elapsed().as_secs_f64(),
             status.frames_missed,
@@ -307,7 +309,7 @@ impl Emulate {
 
 /// The error message for an insole that restarted during the walk.
 fn restarted(hello: &Hello) -> String {
-    let reason = hello.last_panic.as_deref().unwrap_or("no failure reported");
+    let reason = hello.fault.as_deref().unwrap_or("no failure reported");
     format!(
         "the insole restarted during the walk (reset reason: {}, {reason}): its steps are not shown",
         hello.reset.name()

@@ -1,7 +1,7 @@
 //! `plantar import`: converts the exports of other systems to recordings, and computes example recordings.
 
 use crate::replay::progress;
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use clap::{Args, Subcommand, ValueEnum};
 use plantar::Side;
 use recording::synthetic::{self, SyntheticWalk};
@@ -236,7 +236,7 @@ impl Out {
             recording = recording.at_rate(rate_hz)?;
         }
         if let Some(cells) = self.cells {
-            recording = recording.binned(cells)?;
+            recording = recording.binned(cells).with_context(|| format!("--cells {cells}"))?;
         }
         recording.write(path)?;
         println!("wrote {}", path.display());

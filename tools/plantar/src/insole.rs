@@ -182,7 +182,7 @@ fn show(connection: &Connection) -> Result<()> {
         contents.next_record
     );
     print_power(&status);
-    if let Some(last) = &hello.last_panic {
+    if let Some(last) = &hello.fault {
         println!("note: the insole reports a failure: {last}");
     }
     let warnings = [

@@ -44,7 +44,7 @@ pub struct View {
 impl View {
     /// Prints notes about the insole. If stdout is a terminal, switches it to the display.
     pub fn open(hello: &Hello) -> Result<Self> {
-        if let Some(panic) = &hello.last_panic {
+        if let Some(panic) = &hello.fault {
             eprintln!("note: the insole reports a failure: {panic}");
         }
         if hello.tissue_id == 0 {
@@ -80,7 +80,7 @@ impl View {
 
     /// Shows that the insole restarted, and the reason.
     pub fn restarted(&mut self, hello: &Hello) {
-        let reason = hello.last_panic.as_deref().unwrap_or("no failure reported");
+        let reason = hello.fault.as_deref().unwrap_or("no failure reported");
         self.title = format!(" restarted (reset reason: {}, {reason}) ", hello.reset.name());
         if self.terminal.is_none() {
             println!("the insole{}", self.title.trim_end());

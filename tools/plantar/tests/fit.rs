@@ -239,7 +239,7 @@ fn messages(folder: &Path, contact: ContactRule) -> Vec<ToHost> {
         tissue_id: 0,
         contact_rule: contact,
         reset: Reset::Power,
-        last_panic: None,
+        fault: None,
     })];
     let mut codes = vec![0; computed.cells.len()];
     for frame in 0..computed.frames(&recording) {

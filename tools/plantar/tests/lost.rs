@@ -85,7 +85,7 @@ impl Insole {
 }
 
 fn hello() -> Hello {
-    Hello { side: Side::Left, tissue_id: 0, reset: Reset::Power, last_panic: None, ..testkit::hello() }
+    Hello { side: Side::Left, tissue_id: 0, reset: Reset::Power, fault: None, ..testkit::hello() }
 }
 
 fn is_acknowledgement(message: &ToDevice) -> bool {

@@ -180,7 +180,7 @@ impl Insole {
 }
 
 fn hello(side: Side) -> Hello {
-    Hello { side, tissue_id: 0, last_panic: None, ..testkit::hello() }
+    Hello { side, tissue_id: 0, fault: None, ..testkit::hello() }
 }
 
 /// This computer's time at frame `sequence`, and at record number `sequence` / 100, us: the same for both feet.

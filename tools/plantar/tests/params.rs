@@ -77,7 +77,7 @@ fn insole() -> (SocketAddr, Arc<Mutex<Session>>) {
 }
 
 fn hello() -> Hello {
-    Hello { side: Side::Left, tissue_id: 0, reset: Reset::Power, last_panic: None, ..testkit::hello() }
+    Hello { side: Side::Left, tissue_id: 0, reset: Reset::Power, fault: None, ..testkit::hello() }
 }
 
 /// Runs `plantar params` with these arguments.

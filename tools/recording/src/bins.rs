@@ -22,7 +22,7 @@ pub fn binned(recording: &Recording, max_cells: usize) -> Result<Recording> {
     let regions = Region::ALL.into_iter().filter(|&region| loaded.iter().any(|&i| cells[i].region == region)).count();
     if max_cells < regions {
         return Err(Error::content(
-            "binning",
+            "reduction to fewer cells",
             format!("{regions} loaded regions do not fit into {max_cells} cells"),
             format!("allow at least {regions} cells"),
         ));

@@ -205,8 +205,10 @@ impl Reader<'_> {
         match name.split('(').next().unwrap_or(name).trim() {
             "rows" => check_equal(&mut insole.rows, count(value, name, &place)?, name, &place),
             "columns" => check_equal(&mut insole.columns, count(value, name, &place)?, name, &place),
-            "sensel width" => check_equal(&mut insole.width_mm, size_mm(value_of()?, unit, &place)?, name, &place),
-            "sensel height" => check_equal(&mut insole.height_mm, size_mm(value_of()?, unit, &place)?, name, &place),
+            "sensel width" => check_equal(&mut insole.cell_width_mm, size_mm(value_of()?, unit, &place)?, name, &place),
+            "sensel height" => {
+                check_equal(&mut insole.cell_height_mm, size_mm(value_of()?, unit, &place)?, name, &place)
+            }
             "est. load" | "estimated load" | "load" => {
                 insole.stated[0] =
                     parse_number(value).zip(units::newtons_of(unit)).map(|(load, newtons)| load * newtons);
@@ -228,8 +230,8 @@ impl Reader<'_> {
         let missing = [
             (insole.rows.is_none(), "Rows"),
             (insole.columns.is_none(), "Columns"),
-            (insole.width_mm.is_none(), "Sensel Width"),
-            (insole.height_mm.is_none(), "Sensel Height"),
+            (insole.cell_width_mm.is_none(), "Sensel Width"),
+            (insole.cell_height_mm.is_none(), "Sensel Height"),
             (unit.is_none(), "Units"),
         ];
         if let Some((_, name)) = missing.iter().find(|(is_missing, _)| *is_missing) {
@@ -289,7 +291,7 @@ impl Reader<'_> {
     /// Compares a complete frame with the vendor's totals.
     fn end_table(&mut self, side: Side) {
         let insole = self.insole(side);
-        let area_mm2 = insole.width_mm.unwrap_or(0.0) * insole.height_mm.unwrap_or(0.0);
+        let area_mm2 = insole.cell_width_mm.unwrap_or(0.0) * insole.cell_height_mm.unwrap_or(0.0);
         insole.totals.push_force(insole.sums.0 * area_mm2 * 1e-3, insole.stated[0]);
         insole.totals.push_area(insole.sums.1 as f64 * area_mm2, insole.stated[1]);
         self.state = State::Skipped;

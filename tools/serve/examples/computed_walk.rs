@@ -63,7 +63,7 @@ fn messages(
         tissue_id: tissue.id,
         contact_rule: virtual_insole.setup.contact,
         reset: Reset::Power,
-        last_panic: None,
+        fault: None,
     };
     let mut messages = vec![(0, ToHost::Hello(hello))];
     messages.extend(virtual_insole.cells.chunks(SETUP_CELLS).enumerate().map(|(i, cells)| {

@@ -163,7 +163,7 @@ fn insole_us() -> u64 {
 }
 
 fn hello(side: Side) -> Hello {
-    Hello { side, tissue_id: 0, reset: Reset::Power, last_panic: None, ..testkit::hello() }
+    Hello { side, tissue_id: 0, reset: Reset::Power, fault: None, ..testkit::hello() }
 }
 
 fn step(side: Side, number: u32) -> Step {

@@ -49,8 +49,8 @@ has_effective_areas: boolean,
 has_parameters: boolean,
 /** The reason of the last reset, one word. */
 reset: string,
-/** The fault that ended the previous run, or the reason why the insole cannot measure. */
-last_panic: string | null, };
+/** The fault that ended the previous run, or a fault of this start. The insole does not measure if it has no cells. */
+fault: string | null, };
 
 /** Counters of an insole since its start, unless they state another period. */
 export type Status = { uptime_s: number,

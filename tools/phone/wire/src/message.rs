@@ -108,8 +108,8 @@ pub(crate) struct Hello {
     has_parameters: bool,
     /// The reason of the last reset, one word.
     reset: &'static str,
-    /// The fault that ended the previous run, or the reason why the insole cannot measure.
-    last_panic: Option<String>,
+    /// The fault that ended the previous run, or a fault of this start. The insole does not measure if it has no cells.
+    fault: Option<String>,
 }
 
 /// Counters of an insole since its start, unless they state another period.
@@ -225,7 +225,7 @@ impl From<protocol::Hello> for Hello {
             has_effective_areas: hello.contact_rule.full_kpa > 0.0,
             has_parameters: hello.tissue_id != 0,
             reset: hello.reset.name(),
-            last_panic: hello.last_panic.as_deref().map(String::from),
+            fault: hello.fault.as_deref().map(String::from),
         }
     }
 }

@@ -56,7 +56,7 @@ impl Foot {
     pub fn new(mut link: Insole, folder: &Path) -> Result<Self> {
         let client = link.client();
         let hello = client.hello().clone();
-        if let Some(fault) = &hello.last_panic {
+        if let Some(fault) = &hello.fault {
             println!("note: the {} insole reports: {fault}", hello.side.name());
         }
         ensure_supply(hello.side, client.status()?.supply_mv)?;

@@ -14,8 +14,10 @@ use std::path::Path;
 pub struct Insole {
     pub rows: Option<usize>,
     pub columns: Option<usize>,
-    pub width_mm: Option<f64>,
-    pub height_mm: Option<f64>,
+    /// Size of a cell across the foot, mm.
+    pub cell_width_mm: Option<f64>,
+    /// Size of a cell along the foot, mm.
+    pub cell_height_mm: Option<f64>,
     /// For each frame of this insole, its index in the frames of the file.
     pub indices: Vec<usize>,
     /// The frames, with their indices instead of times.
@@ -26,14 +28,14 @@ pub struct Insole {
     pub totals: Totals,
     /// The sum of the pressures of the last frame, kPa, and the number of its loaded cells.
     pub sums: (f64, usize),
-    /// Number of cells with a pressure below 0 or without a number.
+    /// Number of pressures, of all frames, that are negative or no number. They are read as 0.
     pub invalid: usize,
 }
 
 impl Insole {
     /// Adds the recording of this insole and the remarks about it.
     pub fn foot(mut self, side: Side, t_s: &[f64], path: &Path, export: &mut Export) -> Result<()> {
-        let (width_mm, height_mm) = (self.width_mm.unwrap_or(1.0), self.height_mm.unwrap_or(1.0));
+        let (width_mm, height_mm) = (self.cell_width_mm.unwrap_or(1.0), self.cell_height_mm.unwrap_or(1.0));
         self.frames.t_s = self.indices.iter().map(|&i| t_s[i]).collect();
         export.remarks.extend(self.totals.remark(side));
         if self.invalid > 0 {

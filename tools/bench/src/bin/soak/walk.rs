@@ -216,7 +216,7 @@ fn receive(
                 client.send(ToDevice::Acknowledge { step: bout.number })?;
             }
             Some(ToHost::Status(status)) => drop(first_stack_bytes.get_or_insert(status.stack_bytes)),
-            Some(ToHost::Hello(hello)) => bail!("the insole restarted: {:?}", hello.last_panic),
+            Some(ToHost::Hello(hello)) => bail!("the insole restarted: {:?}", hello.fault),
             Some(_) => {}
             None => {
                 timeouts += 1;
