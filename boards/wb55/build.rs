@@ -8,6 +8,6 @@ const MAILBOX: Region = Region { name: "MAILBOX", origin: 0x2003_0000, bytes: 10
 
 fn main() {
     require_update_key();
-    // SRAM1 has 192 KiB. The firmware uses 128 KiB of it, because the smallest board has no more.
+    // SRAM1 has 192 KiB. The firmware uses 128 KiB of it, so that the same static memory fits all boards.
     link(Program::Application, STM32_FLASH, 0x2000_0000..0x2002_0000, &[MAILBOX]);
 }

@@ -3,7 +3,7 @@
 use build_support::{Program, STM32_FLASH, link};
 
 fn main() {
-    // The RAM of this board. The flash map is the same for all boards.
+    // The RAM of this board. Offsets in the flash are the same for all boards; the address at which it begins is not.
     link(Program::Application, STM32_FLASH, 0x2000_0000..0x2002_0000, &[]);
     // The package of a controller contains a file with the names of its interrupts. This board has no such package.
     let folder = std::env::var("OUT_DIR").expect("cargo sets OUT_DIR");

@@ -142,6 +142,31 @@ def test_a_second_run_evaluates_only_the_remaining_participants(
     assert all(outcome.is_cached for outcome in cohort.run(study_folder, out))
 
 
+def test_invalid_options_remove_no_rows(
+    study_folder: pathlib.Path, expected: pd.DataFrame, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = [str(study_folder), "--out", str(tmp_path / "table")]
+    assert cohort.main(arguments) == 0
+    for invalid in (["--contact-on", "5", "--contact-off", "10"], ["--tissue", str(tmp_path / "missing.toml")]):
+        assert cohort.main(arguments + invalid) == 1
+        assert capsys.readouterr().err.count("error: ") == 1
+        pd.testing.assert_frame_equal(table(tmp_path / "table"), expected)
+
+
+def test_rows_of_a_participant_without_a_folder_are_noted(
+    study_folder: pathlib.Path, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study, out = tmp_path / "study", tmp_path / "table"
+    shutil.copytree(study_folder, study)
+    assert cohort.main([str(study), "--out", str(out)]) == 0
+    assert "no folder" not in capsys.readouterr().err
+    (study / "ann").rename(study / "anna")
+    assert cohort.main([str(study), "--out", str(out)]) == 0
+    notes = [line for line in capsys.readouterr().err.splitlines() if "no folder" in line]
+    assert len(notes) == 1
+    assert "participant=ann/" in notes[0]
+
+
 def test_an_unreachable_scheduler_is_an_error_that_names_the_remedy(
     study_folder: pathlib.Path, tmp_path: pathlib.Path
 ) -> None:

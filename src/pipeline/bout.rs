@@ -83,7 +83,8 @@ pub struct BoutRecord<R> {
     pub kind: BoutKind,
     /// Time of the first frame since frame 0, us.
     pub start_us: u64,
-    /// Time from the first to the last frame, us. The bout can span steps; their load is not part of it.
+    /// Time from the first frame to the end of the last one, a period after its scan, us. The bout can span steps; their load is
+    /// not part of it.
     pub duration_us: u32,
     /// The regions, in the order of [`crate::Region::ALL`].
     pub regions: [BoutRegion<R>; 8],

@@ -23,7 +23,7 @@ quantities! {
         start_us: u64 = record.start_us
             => start_s [1_000_000 per "s"],
             "First frame after the previous bout that is not part of a step.";
-        /// Time from the first to the last frame.
+        /// Time from the first frame to the end of the last one, a period after its scan.
         duration_us: u32 = record.duration_us
             => duration_s [1_000_000 per "s"],
             "The bout can span steps; their load is not part of it.";
@@ -49,7 +49,7 @@ quantities! {
         #[serde(with = "le")]
         measured_integral_cns: u32 = round_u32(region.integral_n_s * R::of(100.0))
             => measured_force_integral_n_s [100 per "N s"],
-            "Sum of the frames times the time between them.";
+            "Sum over the frames, times the time between them.";
         /// Pressure-time integral.
         #[serde(with = "le")]
         pressure_integral_dkpas: u32 = round_u32(region.pressure_integral_kpa_s * R::of(10.0))

@@ -1,5 +1,6 @@
 //! A load record: a step, a load bout or an alert. The insole stores it until a host has acknowledged it. Load records are
-//! numbered in the order in which the insole completes them: a step at toe off, a load bout some seconds after its end.
+//! numbered in the order in which the insole completes them: a step once its toe off is confirmed, a load
+//! bout some seconds after its end, an alert when it is raised.
 
 use super::{Alert, Bout, Step, ToHost};
 use serde::{Deserialize, Serialize};

@@ -83,7 +83,7 @@ pub struct Contents {
     /// Number of areas of the chip (that of the records, that of the log) that were damaged beyond repair and erased at this
     /// start.
     pub erased: u32,
-    /// Number of surveys at this start that contradicted the survey before. A chip without two surveys in a row that agree is not
-    /// used.
+    /// Number of times at this start that reading the whole chip again gave another result. The chip is used once two results in
+    /// a row agree.
     pub contradictions: u32,
 }

@@ -20,7 +20,7 @@ pub const MAX_IMAGE: u32 = ACTIVE.end - ACTIVE.start;
 pub const CHIP_BYTES: u32 = 4 << 20;
 /// Records, in the flash chip.
 pub const RECORDS: Range<u32> = 0..16 * SECTOR;
-/// The step log, in the flash chip: room for 3,000 steps, 12 in each sector.
+/// The step log, in the flash chip: about 3,000 usual steps, and at least 2,000 of the longest form, 8 in each sector.
 pub const LOG: Range<u32> = RECORDS.end..RECORDS.end + 256 * SECTOR;
 /// The state of the bootloader, in the flash chip.
 pub const STATE: Range<u32> = 0x12_0000..0x12_0000 + SECTOR;

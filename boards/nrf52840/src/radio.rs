@@ -324,7 +324,7 @@ async fn execute(radio: &SoftdeviceController<'_>, parameters: &[u8], reply: &mu
     }
     // An opcode has two bytes, so it is never invalid.
     let Ok(opcode) = Opcode::from_hci_bytes_complete(&reply.opcode) else { return };
-    // These are the commands of the Bluetooth host as a peripheral with one bonded central.
+    // These are the commands of the Bluetooth host as a peripheral that is connected to one central at a time.
     execute! { opcode;
         complete: Disconnect HostBufferSize ReadBdAddr Reset SetEventMask SetEventMaskPage2 LeAddDeviceToFilterAcceptList
             LeAddDeviceToResolvingList LeClearFilterAcceptList LeClearResolvingList LeLongTermKeyRequestReply LeRand

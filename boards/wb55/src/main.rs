@@ -71,7 +71,8 @@ const CRYSTAL_TRIM: Option<u8> = match option_env!("PLANTAR_HSE_TUNE") {
 const UNLOCK_TRIM: u32 = 0xcafe_cafe;
 
 /// The fault that the hello reports if the crystal does not oscillate.
-const NO_CRYSTAL: &str = "the crystal does not oscillate: no Bluetooth, and times are accurate to 1 % only";
+const NO_CRYSTAL: &str =
+    "the crystal does not oscillate: no Bluetooth, times accurate to 1 % only; check its soldering";
 
 bind_interrupts!(struct Irqs {
     USART1 => usart::BufferedInterruptHandler<USART1>;

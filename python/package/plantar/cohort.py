@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import os
+import pathlib
 import sys
 import time
 import uuid
@@ -87,7 +88,13 @@ def evaluate(participant: str, study: str, out: str, options: Options) -> Outcom
 
 
 def _evaluate(participant: str, files: Any, folder: str, table_files: Any, target: str, options: Options) -> Outcome:
-    person = _core.Person.open(folder, options, files.cat_file)
+    tissue = None if options.tissue is None else os.fspath(options.tissue)
+
+    def read(path: str) -> bytes:
+        # The tissue measurements are a file of the worker, all else is in the study.
+        return pathlib.Path(path).read_bytes() if path == tissue else bytes(files.cat_file(path))
+
+    person = _core.Person.open(folder, options, read)
     files.invalidate_cache(folder)
     recordings = [entry for entry in files.ls(folder, detail=True) if entry["name"].endswith(".parquet")]
     recordings.sort(key=lambda entry: entry["name"])
@@ -168,10 +175,13 @@ def run(
 
     ``scheduler`` is ``threads``, ``processes``, or the address of a Dask scheduler, whose workers need access to ``study`` and
     ``out``. ``progress`` receives the number of finished participants and of all. After an interruption, the same call evaluates
-    only the remaining participants. Raises a ``ConnectionError`` if the scheduler cannot be reached or is lost.
+    only the remaining participants. Raises a ``ConnectionError`` if the scheduler cannot be reached or is lost, and a ``ValueError``
+    or an ``OSError``, before anything is changed, for options that no participant could be evaluated with.
     """
     study, out = _address(study), _address(out)
     names = participants(study, out)
+    # Otherwise invalid options would be an error of every participant, and remove the rows of an earlier run.
+    _core.Person(dataclasses.replace(options, zero=None))
     outcomes: dict[str, Outcome] = {}
     client = _client(scheduler)
     try:
@@ -200,6 +210,15 @@ def run(
         if cluster is not None:
             cluster.close()
     return [outcomes[name] for name in names]
+
+
+def _without_folder(out: str, names: Sequence[str]) -> list[str]:
+    """The files of the table whose participants have no folder in the study."""
+    files, root = fsspec.url_to_fs(_address(out))
+    known = [f"{root}/{_core.partition(name)}" for name in names]
+    file_name = known[0].rsplit("/", 1)[-1]
+    paths = [f"{folder.rstrip('/')}/{file_name}" for folder in files.ls(root, detail=False)]
+    return sorted(path for path in paths if path not in known and files.exists(path))
 
 
 def _address(path: str | os.PathLike[str]) -> str:
@@ -255,6 +274,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if cached == len(fitted) == 0:
         print(f"error: {study}: no step of any participant was found, for the reasons above", file=sys.stderr)
         return 1
+    for path in _without_folder(out, [outcome.participant for outcome in outcomes]):
+        problem = "but this participant has no folder: remove the file unless you need it"
+        print(f"note: the table has {path}, {problem}", file=sys.stderr)
     print(
         f"wrote {out}: {sum(outcome.steps for outcome in fitted)} steps of {len(fitted)} participants in "
         f"{time.monotonic() - start_s:.1f} s; {cached} participants were already up to date"

@@ -80,6 +80,7 @@ impl Identified {
     }
 
     /// The same A B, K, G, n and m, for samples whose largest area is `to_m2` instead of `from_m2`, m2. Only `max_ratio` differs.
+    /// At its upper bound, A B is larger.
     pub(crate) fn rebased(&self, from_m2: f64, to_m2: f64) -> Self {
         let max_ratio = (to_m2 / from_m2 * self.shape.max_ratio).min(Bounds::USUAL.max_ratio[1]);
         Self { shape: Shape { max_ratio, ..self.shape }, ..*self }
@@ -98,7 +99,7 @@ impl Identified {
     }
 }
 
-/// The grid over the shape. For the exponents, 0 is the lower and 1 the upper bound.
+/// The grid over the shape: values of `max_ratio`, and for the exponents positions between their bounds, from 0 to 1.
 const MAX_RATIO_GRID: [f64; 5] = [0.28, 0.64, 0.88, 0.98, 0.999];
 /// See [`MAX_RATIO_GRID`].
 const N_GRID: [f64; 5] = [0.0, 0.1, 0.25, 0.5, 0.8];

@@ -24,8 +24,8 @@ pub struct Samples {
     pub(crate) per_s: Vec<f64>,
     /// Measured force, N.
     pub force_n: Vec<f64>,
-    /// Weight of the residual of a sample, in 1/N: the reciprocal of the peak force of the step, N, times the square root of its
-    /// number of samples. With these weights all steps count equally: the sum of squares is the sum of the squared NRMSE (Eq. 20)
+    /// Weight of the residual of a sample, 1/N: 1 / (peak force of the step, N, times the square root of its number of samples).
+    /// With these weights all steps count equally: the sum of squares is the sum of the squared NRMSE (Eq. 20)
     /// of the steps. For one step, it is Eq. 18 up to a constant factor.
     pub(crate) weight: Vec<f64>,
     /// Measured force times weight; without a unit.

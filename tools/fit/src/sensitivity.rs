@@ -120,7 +120,10 @@ pub fn choices(study: &Study, has_cells: bool) -> Vec<Choice> {
     let thresholds =
         THRESHOLDS_KPA.map(|on_kpa| ContactRule { on_kpa, off_kpa: rule.off_kpa / rule.on_kpa * on_kpa, ..rule });
     let scales = AREA_SCALES_KPA.map(|full_kpa| ContactRule { full_kpa, ..rule });
-    let is_other = |other: &ContactRule| other.is_valid() && *other != rule && has_cells;
+    // Compared by the varied values: rounding can change the threshold of release.
+    let is_other = |other: &ContactRule| {
+        other.is_valid() && (other.on_kpa, other.full_kpa) != (rule.on_kpa, rule.full_kpa) && has_cells
+    };
     let filters = [Filter::Direct, Filter::Live, Filter::Smoothed].into_iter().filter(|f| *f != study.options.filter);
     let quarters = if study.steps.len() < LEAST_STEPS { 0 } else { QUARTERS };
     let thresholds = thresholds.into_iter().filter(is_other).map(Choice::Threshold);

@@ -82,3 +82,16 @@ fn choices_that_cannot_be_varied_are_named() {
     paper.options.method = Method::Paper;
     assert!(Sensitivity::of(&paper, None, &|| ()).variants.is_empty());
 }
+
+/// In single precision, 5.9 / 10 * 10 is not 5.9.
+#[test]
+fn the_rule_of_the_study_is_no_other_choice() {
+    let mut study = study(1);
+    study.contact = ContactRule { on_kpa: 10.0, off_kpa: 5.9, ..study.contact };
+    assert_ne!(study.contact.off_kpa / 10.0 * 10.0, study.contact.off_kpa);
+    let thresholds = choices(&study, true).into_iter().filter_map(|choice| match choice {
+        Choice::Threshold(rule) => Some(rule.on_kpa),
+        _ => None,
+    });
+    assert_eq!(thresholds.collect::<Vec<_>>(), [5.0, 20.0]);
+}

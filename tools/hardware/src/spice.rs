@@ -266,8 +266,8 @@ impl Circuit<'_> {
         let stage_f = 10e-12;
         let conductance = std::f64::consts::TAU * a.gain_bandwidth_hz * stage_f;
         let stage_ohm = a.open_loop_gain / conductance;
+        // Beyond the swing, `B_swing` draws 0.1 A/V, so that this current drives the stage at most 1.5 mV beyond it.
         let limit_a = a.slew_v_per_s * stage_f;
-        // Beyond the swing, `B_swing` draws 0.1 A/V, so that `limit_a` drives the stage at most 1.5 mV beyond it.
         // With Boltzmann's constant, J/K: a resistor of this value has the noise density of the amplifier at 27 °C, the
         // temperature at which ngspice simulates.
         let noise_ohm = a.noise_v_per_sqrt_hz.powi(2) / (4.0 * 1.380_649e-23 * 300.15);

@@ -73,11 +73,23 @@ export class IdentifyController {
   private solve(request: Request): void {
     if (!this.worker) {
       this.worker = new Worker(new URL("./identify_worker.ts", import.meta.url), { type: "module" });
-      this.worker.onmessage = ({ data }: MessageEvent<Answer>) => this.session.answer(data, performance.now());
+      this.worker.onmessage = ({ data }: MessageEvent<Answer>) => {
+        if (data.kind === "failed") this.endWorker();
+        this.session.answer(data, performance.now());
+      };
       const reason = "The computation could not start. Reload the page and continue the session.";
-      this.worker.onerror = () => this.session.answer({ kind: "failed", reason }, performance.now());
+      this.worker.onerror = () => {
+        this.endWorker();
+        this.session.answer({ kind: "failed", reason }, performance.now());
+      };
     }
     this.worker.postMessage(request);
+  }
+
+  /** Ends a worker that has failed; the next request starts another one. */
+  private endWorker(): void {
+    this.worker?.terminate();
+    this.worker = undefined;
   }
 
   /** The hello messages of the connected insoles by foot. */
@@ -112,7 +124,7 @@ export class IdentifyController {
         session.finish();
         break;
       case "close":
-        if (session.phase !== "done" && session.phase !== "failed" && !confirm("End the session and delete its steps?")) return;
+        if (session.phase !== "done" && !confirm("End the session and delete its steps?")) return;
         session.close();
         document.querySelector<HTMLButtonElement>("nav [data-to=live]")?.click();
         break;

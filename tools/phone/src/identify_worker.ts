@@ -24,7 +24,9 @@ export type Answer =
   | { kind: "failed"; reason: string };
 
 const scope = self as unknown as { postMessage(answer: Answer): void; onmessage: (event: MessageEvent<Request>) => void };
-const core = IdentifyCore.load(fetch(wasm), (region) => scope.postMessage({ kind: "fitted", region }));
+const core = IdentifyCore.load(fetch(wasm), (region) => scope.postMessage({ kind: "fitted", region })).catch(() => {
+  throw new Error("The computation could not be loaded. Reload the page and continue the session.");
+});
 
 async function execute(request: Request): Promise<void> {
   const loaded = await core;

@@ -169,6 +169,12 @@ impl Emulate {
                  it play to its end, play a longer recording, or use fewer steps with --identify-steps",
                 self.identify_steps
             );
+            ensure!(
+                !steps.is_empty(),
+                "no step followed the {} steps from which the wearer was identified: play a longer recording, or use fewer \
+                 steps with --identify-steps",
+                self.identify_steps
+            );
             println!(
                 "The insole evaluated these steps with the parameters that were identified from the steps before them."
             );

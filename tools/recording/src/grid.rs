@@ -110,9 +110,12 @@ impl Foot {
             })
             .collect();
         let under_foot = under_foot(&indices, &pressure_kpa);
+        let mut half_mm = [grid.column_mm / 2.0, grid.row_mm / 2.0];
         if grid.toes == Toes::Walked {
             check_one_foot(&cells, &under_foot, &file)?;
-            turn_toes_to_top(&mut cells, &under_foot, &pressure_kpa, remarks);
+            if turn_toes_to_top(&mut cells, &under_foot, &pressure_kpa, remarks) {
+                half_mm.reverse();
+            }
         }
         let footprint = Footprint { cells: &cells, under_foot: &under_foot, pressure_kpa: &pressure_kpa };
         let side = side.unwrap_or_else(|| {
@@ -126,7 +129,7 @@ impl Foot {
         if side == Side::Left {
             cells.iter_mut().for_each(|cell| cell.x_mm = -cell.x_mm);
         }
-        place_at_origin(&mut cells, &under_foot, [grid.column_mm / 2.0, grid.row_mm / 2.0]);
+        place_at_origin(&mut cells, &under_foot, half_mm);
         template::assign_within(&mut cells, &under_foot);
         let parts = Parts { side, cells, t_s: frames.t_s, pressure_kpa, name, source };
         let recording = parts.recording(path, remarks)?;
@@ -176,8 +179,9 @@ fn check_one_foot(cells: &[Cell], under_foot: &[bool], file: &str) -> Result<()>
     Err(Error::content(file, problem, "select one step in the vendor's program, and export it alone"))
 }
 
-/// Turns the picture, so that the foot walks towards its top.
-fn turn_toes_to_top(cells: &mut [Cell], under_foot: &[bool], pressure_kpa: &[f32], remarks: &mut Vec<String>) {
+/// Turns the picture, so that the foot walks towards its top. Returns true for a quarter turn, which exchanges the sides of the
+/// cells.
+fn turn_toes_to_top(cells: &mut [Cell], under_foot: &[bool], pressure_kpa: &[f32], remarks: &mut Vec<String>) -> bool {
     let footprint = Footprint { cells, under_foot, pressure_kpa };
     let Some([x, y]) = footprint.walking_direction() else {
         remarks.push(
@@ -185,12 +189,13 @@ fn turn_toes_to_top(cells: &mut [Cell], under_foot: &[bool], pressure_kpa: &[f32
              assumed at the upper edge of the plate, as seen from above."
                 .to_owned(),
         );
-        return;
+        return false;
     };
     for cell in cells {
         // The direction (x, y) becomes (0, 1).
         (cell.x_mm, cell.y_mm) = (y * cell.x_mm - x * cell.y_mm, x * cell.x_mm + y * cell.y_mm);
     }
+    x != 0.0
 }
 
 /// Moves the cells, so that the cells under the foot begin at the axes. `half_mm` is half the size of a cell along x and y.

@@ -6,11 +6,17 @@ use plantar::pipeline::alert::{AlertRules, DailyLoad};
 use plantar::pipeline::setup::{Setup, SetupCell};
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::session::{Command, CommandResult, RECORD_QUEUE, Session};
-use plantar::protocol::{Ellipses, Hello, Live, LoadRecord, MAX_MESSAGE, Refusal, Status, ToDevice, ToHost, decode};
+use plantar::protocol::{
+    Ellipses, Hello, Live, LoadRecord, MAX_MESSAGE, Refusal, Status, ToDevice, ToHost, decode, encode,
+};
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 use tokio::sync::watch;
+
+/// Time after which a request counts as lost: an insole answers within a second.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// The state of all insoles, and the sessions of all pages.
 pub(crate) struct Hub {
@@ -36,8 +42,8 @@ struct Insole {
     tissue: Option<Tissue>,
     /// Requests of pages, to be sent to the insole next.
     to_send: VecDeque<ToDevice>,
-    /// The page that has requested a change and waits for the insole's answer.
-    waiting: Option<u64>,
+    /// The page that has requested a change and waits for the insole's answer, and the time of its request.
+    waiting: Option<(u64, Instant)>,
     /// The rules of alerts, if they are known.
     alert_rules: Option<AlertRules>,
     daily_load: DailyLoad,
@@ -113,7 +119,10 @@ impl Hub {
         let Some(file) = recorder.as_mut() else { return false };
         let written = file.write(index as u8, message);
         if let Err(error) = &written {
-            eprintln!("the recording has ended: {error}; records remain on the insole until a page stores them");
+            eprintln!(
+                "the recording has ended: {error}; steps, load bouts and alerts remain on the insole until a page stores them: \
+                 restart `plantar serve` with another file to record them"
+            );
             *recorder = None;
         }
         written.is_ok()
@@ -132,7 +141,10 @@ impl Hub {
         let mut insole = self.insole(index);
         let insole = &mut *insole;
         if insole.outlets.take_if(|outlets| outlets.side != hello.side).is_some() {
-            eprintln!("the insole is now for the {} foot: its LSL streams have ended", hello.side.name());
+            eprintln!(
+                "the insole is now for the {} foot: its LSL streams have ended; restart `plantar serve` to publish them again",
+                hello.side.name()
+            );
         }
         insole.hello = Some(hello.clone());
         (insole.tissue, insole.alert_rules) = (tissue, alert_rules);
@@ -141,6 +153,7 @@ impl Hub {
         insole.session += 1;
         insole.axis = Axis::new();
         insole.to_acknowledge = None;
+        insole.forget_requests();
         for (_, link) in &mut insole.pages {
             // Connects on behalf of the page, which thereby receives the insole's new hello.
             let (is_streaming, every) = (link.next_live().is_some(), link.ellipses.every());
@@ -161,24 +174,20 @@ impl Hub {
     pub fn lost(&self, index: usize) {
         let mut insole = self.insole(index);
         insole.hello = None;
-        insole.to_send.clear();
-        insole.waiting = None;
-        // The answer to a request of a page is lost with the link; the page can repeat its request.
-        insole.pages.iter_mut().for_each(|(_, link)| link.complete(Err(Refusal::Busy)));
+        insole.forget_requests();
     }
 
-    /// Takes the request of a page that must be sent to the insole.
+    /// Takes the request of a page that must be sent to the insole; none while the link is lost.
     pub fn to_send(&self, index: usize) -> Option<ToDevice> {
-        self.insole(index).to_send.pop_front()
+        let mut insole = self.insole(index);
+        insole.hello.as_ref()?;
+        insole.to_send.pop_front()
     }
 
-    /// Passes the insole's answer to new parameters to the page that sent them.
+    /// Passes the insole's answer to new parameters, or its refusal of a request, to the page that sent them.
     pub fn tissue_answer(&self, index: usize, answer: Result<Tissue, Refusal>) {
         let mut insole = self.insole(index);
         let insole = &mut *insole;
-        if let Ok(tissue) = answer {
-            insole.tissue = Some(tissue);
-        }
         // Only one page waits for an answer at a time. The insole may also announce what another host has set.
         let waiting = match answer {
             Ok(tissue) => {
@@ -186,11 +195,25 @@ impl Hub {
             }
             Err(_) => insole.takes_waiting(|_| true),
         };
+        // What could not be stored is in force until the insole restarts.
+        let (mut tissue, mut rules) = (answer.ok(), None);
+        match waiting {
+            Some((_, Command::Tissue(sent, _))) if answer == Err(Refusal::NotStored) => tissue = Some(sent),
+            Some((_, Command::AlertRules(sent))) if answer == Err(Refusal::NotStored) => rules = Some(sent),
+            _ => {}
+        }
+        insole.tissue = tissue.or(insole.tissue);
+        insole.alert_rules = rules.or(insole.alert_rules);
         for (id, link) in &mut insole.pages {
-            if waiting == Some(*id) {
+            if waiting.is_some_and(|(waiting, _)| waiting == *id) {
                 link.complete(answer.map(|_| CommandResult::Stored));
-            } else if let Ok(tissue) = answer {
+                continue;
+            }
+            if let Some(tissue) = tissue {
                 link.restore_tissue(tissue, None);
+            }
+            if let Some(rules) = rules {
+                link.set_alert_rules(rules);
             }
         }
         self.changed.send_replace(());
@@ -203,7 +226,7 @@ impl Hub {
         insole.alert_rules = Some(rules);
         let waiting = insole.takes_waiting(|command| matches!(command, Command::AlertRules(sent) if *sent == rules));
         for (id, link) in &mut insole.pages {
-            if waiting == Some(*id) {
+            if waiting.is_some_and(|(waiting, _)| waiting == *id) {
                 link.complete(Ok(CommandResult::Stored));
             } else {
                 link.set_alert_rules(rules);
@@ -364,6 +387,9 @@ impl Page {
         }
         let mut insole = self.hub.insole(index);
         let insole = &mut *insole;
+        if insole.waiting.is_some_and(|(_, requested_at)| requested_at.elapsed() > ANSWER_TIMEOUT) {
+            insole.forget_requests();
+        }
         let Some((_, link)) = insole.pages.iter_mut().find(|(id, _)| *id == self.id) else { return };
         match decode(message) {
             Some(ToDevice::SetIdentifiedTissue { identified, .. })
@@ -389,7 +415,7 @@ impl Page {
                 // Invalid parameters and rules are refused already.
                 if link.command().is_some() {
                     insole.to_send.push_back(request);
-                    insole.waiting = Some(self.id);
+                    insole.waiting = Some((self.id, Instant::now()));
                 }
             }
             // The insole answers with the load of the day, which all pages receive.
@@ -401,6 +427,7 @@ impl Page {
                 | ToDevice::GetTissue
                 | ToDevice::GetIdentified
                 | ToDevice::GetSettings
+                | ToDevice::GetFaults
                 | ToDevice::SetSettings(_)
                 | ToDevice::SetAlertRules(_)
                 | ToDevice::Zero
@@ -441,21 +468,33 @@ impl Page {
             let (_, link) = insole.pages.iter_mut().find(|(id, _)| *id == self.id)?;
             let mut buffer = [0; MAX_MESSAGE];
             let message = link.next(insole.hello.as_ref()?, || insole.status, &mut buffer)?;
-            Some([&[index as u8], message].concat())
+            let Some(ToHost::Status(own)) = decode(message) else { return Some([&[index as u8], message].concat()) };
+            // The session counts the live frames of the page; all else is the insole's.
+            let status = Status { live_due: own.live_due, live_sent: own.live_sent, ..insole.status };
+            let message = encode(&ToHost::Status(status), &mut buffer).ok()?;
+            Some([&[index as u8], &*message].concat())
         })
     }
 }
 
 impl Insole {
-    /// Returns the page that waits for an answer, and ends its wait, if `is_answered` is true for its command.
-    fn takes_waiting(&mut self, is_answered: impl Fn(&Command) -> bool) -> Option<u64> {
-        let waiting = self.waiting?;
+    /// Discards the requests that were not answered: a request or its answer may be damaged, and both are lost with the link.
+    fn forget_requests(&mut self) {
+        self.to_send.clear();
+        self.waiting = None;
+        // The pages can repeat their requests.
+        self.pages.iter_mut().for_each(|(_, link)| link.complete(Err(Refusal::Busy)));
+    }
+
+    /// Returns the page that waits for an answer and its command, and ends its wait, if `is_answered` is true for the command.
+    fn takes_waiting(&mut self, is_answered: impl Fn(&Command) -> bool) -> Option<(u64, Command)> {
+        let (waiting, _) = self.waiting?;
         let command = self.pages.iter().find(|(id, _)| *id == waiting).and_then(|(_, link)| link.command());
         // A page that has closed its session or its connection no longer waits either.
         if command.as_ref().is_none_or(is_answered) {
             self.waiting = None;
         }
-        command.filter(|_| self.waiting.is_none()).map(|_| waiting)
+        command.filter(|_| self.waiting.is_none()).map(|command| (waiting, command))
     }
 
     fn acknowledged_by_page(&mut self, number: u32) {

@@ -483,6 +483,58 @@ async fn parameters_of_a_page_remain_in_force_after_a_reconnection() {
 }
 
 #[tokio::test]
+async fn a_request_that_was_lost_with_the_link_does_not_block_later_ones() {
+    let cable = Cable::new(Side::Left);
+    let address = serve_sources(vec![cable.source()], None, true);
+    let mut page = Page::open(address).await;
+    page.hello(0).await;
+    let tissue = Parameters::typical(InsoleSize::default()).tissue();
+    cable.unplug();
+    page.send(0, ToDevice::SetTissue(tissue)).await;
+    // The bridge tries twice more to open the cable, so it has seen the request while the link is lost.
+    for _ in 0..2 {
+        cable.act(|insole| insole.failed_opens = 0);
+        cable.unplug();
+    }
+    cable.act(|insole| insole.is_unplugged = false);
+    page.hello(0).await;
+    page.send(0, ToDevice::SetTissue(tissue)).await;
+    cable.answer_command(Ok(CommandResult::Stored));
+    page.find(0, |m| (m == ToHost::Tissue(tissue)).then_some(())).await;
+}
+
+#[tokio::test]
+async fn parameters_that_could_not_be_stored_are_those_of_later_pages() {
+    let cable = Cable::new(Side::Left);
+    let address = serve_sources(vec![cable.source()], None, true);
+    let mut page = Page::open(address).await;
+    page.hello(0).await;
+    let tissue = Parameters::typical(InsoleSize::default()).tissue();
+    page.send(0, ToDevice::SetTissue(tissue)).await;
+    cable.answer_command(Err(Refusal::NotStored));
+    page.find(0, |m| (m == ToHost::Refused(Refusal::NotStored)).then_some(())).await;
+    assert_eq!(Page::open(address).await.hello(0).await.tissue_id, tissue.id);
+}
+
+#[tokio::test]
+async fn a_page_receives_the_counters_of_the_insole() {
+    let cable = Cable::new(Side::Left);
+    let address = serve(&[&cable], None);
+    let mut page = Page::open(address).await;
+    page.hello(0).await;
+    cable.act(|insole| insole.link.count_dropped(40));
+    loop {
+        page.send(0, ToDevice::GetStatus).await;
+        let status = page.find(0, |m| if let ToHost::Status(status) = m { Some(status) } else { None }).await;
+        // The bridge has asked the insole again, and has set its clock.
+        if status.records_dropped == 40 {
+            assert!(status.is_clock_set);
+            break;
+        }
+    }
+}
+
+#[tokio::test]
 async fn a_page_from_another_origin_cannot_connect() {
     let cable = Cable::new(Side::Left);
     let address = serve(&[&cable], None);

@@ -18,7 +18,7 @@ pub struct Arguments {
 #[derive(Subcommand)]
 pub enum Task {
     /// Install missing programs and data: Rust targets, QEMU, ngspice, Node.js, Chromium, a C++ compiler, D-Bus, private
-    /// copies of cargo-fuzz and cargo-deny, and a private Python with NumPy, SciPy, bumble and walks.
+    /// copies of cargo-fuzz and cargo-deny, a private Python with NumPy, SciPy and bumble, and recorded walks.
     Setup,
     /// Build the firmware of all boards and the command line.
     Build,
@@ -44,10 +44,10 @@ pub enum Task {
     /// Test the endurance: power cuts in every write, bit errors on the cable, and a day of walking. The test takes about an
     /// hour.
     Soak(Soak),
-    /// Measure the tests themselves: properties of the core for all inputs within larger bounds than in `test`, the orders in
-    /// which the firmware's loops interrupt each other, wrong signatures that are accepted when instructions are skipped,
-    /// undefined behaviour, the lines of the core that tests execute, and the share of changes to the core that tests notice. The
-    /// task takes hours, and installs the programs that it needs.
+    /// Assess how thorough the tests are: check properties of the core for all inputs within larger bounds than `test`, try the
+    /// orders in which the firmware's loops interrupt each other, skip instructions while a wrong signature is verified, look for
+    /// undefined behaviour, and measure the lines of the core that tests execute and the share of changes to the core that tests
+    /// notice. The task takes hours, and installs the programs that it needs.
     Assure(Assure),
     /// Compare the dependencies with RustSec's database of known vulnerabilities, which is downloaded.
     Advisories,
@@ -66,7 +66,7 @@ pub enum Task {
     /// Measure the flash and RAM that the firmware of each board needs.
     Size(FiguresFile),
     /// Simulate the analogue front end of the reference board in ngspice, and write its bill of materials, schematic, plots and
-    /// figures to the folder hardware. The task fails if a figure misses its bar.
+    /// figures to the folder hardware. The task fails if a figure is outside of its limit.
     Hardware(FiguresFile),
     /// Print the source locations of the calls in an insole's crash report, "panic after ... at ...". The firmware that crashed
     /// must be the last build in this repository.

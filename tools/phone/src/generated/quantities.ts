@@ -160,7 +160,7 @@ export interface Bout {
   number: number;
   /** Time of the first frame, since the first scan. Unit: s. */
   start_s: number;
-  /** Time from the first to the last frame. Unit: s. */
+  /** Time from the first frame to the end of the last one, a period after its scan. Unit: s. */
   duration_s: number;
   /** Boots of the insole since the one that recorded this bout; the start time counts from that one. Unit: count. */
   starts_ago: number;

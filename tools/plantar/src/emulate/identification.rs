@@ -16,7 +16,8 @@ pub struct Identification {
     cells: StreamedCells,
     /// Number of steps that are still needed.
     needed: usize,
-    /// The insole's time at which it received the parameters, us; `None` before.
+    /// Time of the frame in which the insole received the parameters, us, on the clock of the steps; `None` before. Where the
+    /// plant paces the scans, this clock differs from the time since the start of the board.
     sent_us: Option<u64>,
 }
 
@@ -64,9 +65,11 @@ impl Identification {
         let path = self.folder.join("cells.parquet");
         recording.write(&path)?;
         println!(
-            "\n{} frames of all cells arrived from the insole; {} were lost. The wearer's parameters are identified from those that \
-             arrived:",
-            self.receiver.received, self.receiver.lost
+            "\n{} frames of all cells arrived from the insole; {} were lost. The wearer's parameters are identified from the {} \
+             frames before the first gap that is too long to be interpolated:",
+            self.receiver.received,
+            self.receiver.lost,
+            recording.frames()
         );
         let fit = Fit::of_cells(path, &self.folder, contact.clone());
         fit.write(&fit.study()?)?;
@@ -78,7 +81,8 @@ impl Identification {
         }
         println!("The insole has received these parameters over its link.\n");
         // The insole may have measured further steps meanwhile, without the parameters.
-        self.sent_us = Some(client.device_us()?);
+        let frames = client.status()?.frame_times();
+        self.sent_us = Some(u64::from(frames) * u64::from(client.hello().period_us));
         Ok(())
     }
 }

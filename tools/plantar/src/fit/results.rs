@@ -56,9 +56,9 @@ pub fn print(study: &Study) {
     println!("{table}");
     println!(
         "Error: NRMSE of the model against the measured force (Eq. 20), mean over the steps. Predicted: the same\n\
-         error if each step is predicted from the others. Counted: the predicted error if cells count whole; recordings\n\
-         of all cells have it. Floor: the least error of any force law without damping for the measured areas. In\n\
-         brackets: 95 % intervals. A value with ! is at a bound of the search, and one with * is mostly the usual value\n\
+         error if each step is predicted from the others. Counted: the predicted error if each cell counts with its\n\
+         whole area, which only recordings of all cells show. Floor: the least error of any force law without damping\n\
+         for the measured areas. In parentheses: 95 % intervals. A value with ! is at a bound of the search, and one with * is mostly the usual value\n\
          of other people, because the force does not determine it."
     );
     for (region, fit) in Region::ALL.iter().zip(&study.fits) {
@@ -94,7 +94,7 @@ fn print_measures(study: &Study) {
     summary::align(&mut table);
     println!("{table}");
     println!(
-        "In brackets: 95 % intervals. Not determined: the interval is wider than the value. Strains, and with them stiffness,\n\
+        "In parentheses: 95 % intervals. Not determined: the interval is wider than the value. Strains, and with them stiffness,\n\
          moduli and energies, depend on the thickness of the tissue and on what determines C."
     );
 }

@@ -20,7 +20,7 @@ use std::time::Duration;
 
 /// Time between two pictures.
 const REDRAW: Duration = Duration::from_millis(50);
-/// Distance of the points of a sole, mm.
+/// Spacing of the points that draw a sole, mm.
 const GRID_MM: f64 = 4.0;
 /// Force of a region, 0.1 N, from which it has the brightest colour.
 const FULL_DN: f64 = 3000.0;
@@ -34,7 +34,7 @@ pub struct Progress {
     pub side: Side,
     /// The newest live frame.
     pub live: Live,
-    /// Number of steps that this part of the session has.
+    /// Number of usable steps that this part of the session has recorded so far.
     pub done: usize,
     /// Number of steps that it needs; 0 if it counts no steps.
     pub needed: usize,

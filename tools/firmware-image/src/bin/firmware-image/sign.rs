@@ -28,7 +28,7 @@ fn signing_key(file: Option<&Path>) -> Result<SigningKey> {
     // KEY is the key that firmware accepts if it is built with the same PLANTAR_UPDATE_KEY as this program.
     if public.to_bytes() != KEY {
         bail!(
-            "the firmware would refuse images signed with this key: build it with PLANTAR_UPDATE_KEY={}",
+            "this program and the firmware are built for another key: set PLANTAR_UPDATE_KEY={}, and build both again",
             hex(public.as_bytes())
         );
     }
