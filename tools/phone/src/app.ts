@@ -80,8 +80,9 @@ export class App {
   private async loadSteps(): Promise<void> {
     const storage: StepStorage = await DatabaseStorage.open((record) => keyedRecord(this.wire, record)).catch(() => new NoStorage());
     const store = new StepStore(this.wire, storage);
-    await store.load();
-    this.show(store);
+    // A storage that cannot be read is not used: the insoles still store the steps.
+    const is_loaded = await store.load().then(() => true, () => false);
+    this.show(is_loaded ? store : new StepStore(this.wire, new NoStorage()));
   }
 
   private show(store: StepStore): void {

@@ -23,10 +23,19 @@ export function liveCsv(recorded: Iterable<Entry>, wire: Wire): string[] {
   const sides = new Map<number, Side>();
   const all = [...recorded].map(({ t_ms, insole, message }) => ({ t_ms, insole, decoded: wire.decode(message) }));
   const axes = INSOLES.map(wire.recordedAxis);
-  axes.forEach((axis) => axis.clear());
-  for (const { insole, decoded } of all) if (decoded?.kind === "time") axes[insole]?.answer(decoded);
-  for (const { t_ms, insole, decoded } of all) {
-    if (decoded?.kind === "hello") sides.set(insole, decoded.side);
+  // The clock of an insole begins again at each restart, which a hello reports.
+  const beginSession = (from: number, of_insole: number) => {
+    const rest = all.slice(from).filter(({ insole }) => insole === of_insole);
+    const end = rest.findIndex(({ decoded }) => decoded?.kind === "hello");
+    axes[of_insole]?.clear();
+    for (const { decoded } of end < 0 ? rest : rest.slice(0, end)) if (decoded?.kind === "time") axes[of_insole]?.answer(decoded);
+  };
+  INSOLES.forEach((insole) => beginSession(0, insole));
+  for (const [i, { t_ms, insole, decoded }] of all.entries()) {
+    if (decoded?.kind === "hello") {
+      sides.set(insole, decoded.side);
+      beginSession(i + 1, insole);
+    }
     if (decoded?.kind !== "live") continue;
     const values = decoded.regions.flatMap((region) => LIVE_COLUMNS.map((column) => Number(region[column])));
     const unix_s = axes[insole]?.unix_s(decoded.t_s) ?? null;

@@ -386,7 +386,13 @@ export class IdentifySession {
 
   /** Ends the session without the check on further steps. */
   finish(): void {
-    if (this.phase === "verify") this.phase = "done";
+    if (this.phase === "verify") this.complete();
+  }
+
+  /** The session is complete, and is not offered again as an interrupted one. It can still be saved. */
+  private complete(): void {
+    this.phase = "done";
+    this.host.storage.clear().catch(() => undefined);
   }
 
   /** Evaluates the check once each foot with new parameters has enough steps. */
@@ -397,7 +403,7 @@ export class IdentifySession {
     for (const foot of feet) {
       if (foot.result) foot.check = check(foot.result, [...foot.checked.values()].slice(1));
     }
-    this.phase = "done";
+    this.complete();
     this.host.cues.vibrate([200, 100, 200]);
     this.host.cues.say("Finished. Thank you.");
   }

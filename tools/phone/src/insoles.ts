@@ -2,7 +2,7 @@
 
 import type { Live, Side } from "./generated/quantities";
 import type { Recorder } from "./recorder";
-import { type InsoleAnswer, Session, type RecordMessage } from "./session";
+import { type InsoleAnswer, Session, type RecordMessage, followClock } from "./session";
 import { INSOLES, type Insole, type Transport, type TransportEvents } from "./transport/transport";
 import type { Wire } from "./wire";
 
@@ -39,16 +39,20 @@ export class Insoles {
     this.transport = transport;
     this.hellos.clear();
     const { record, answer } = this.events;
-    this.sessions = INSOLES.map((insole) => new Session(insole, this.wire, () => this.transport, record, answer));
+    this.sessions = INSOLES.map((insole) => {
+      const isTaken = (side: Side) => this.of(side) !== undefined && this.of(side)?.insole !== insole;
+      return new Session(insole, this.wire, () => this.transport, record, answer, isTaken);
+    });
   }
 
   /** The session with the insole of this foot; `undefined` until that insole has sent its hello. */
   of(side: Side): Session | undefined {
-    return this.sessions.find(({ hello }) => hello?.side === side);
+    return this.sessions.find(({ hello, state }) => hello?.side === side && state !== "same-foot");
   }
 
   /** Sends the requests that are due. To be called a few times a second. */
   tick(now_ms: number): void {
+    if (followClock()) this.sessions.forEach((session) => session.clockChanged(now_ms));
     this.sessions.forEach((session) => session.tick(now_ms));
   }
 
@@ -72,7 +76,7 @@ export class Insoles {
     if (!session) return;
     const before = { hello: session.hello, live: session.live, ellipses: session.ellipses, sole: session.sole };
     // A step must be among the messages of a guided session before it is counted.
-    if (session.hello) this.events.message(bytes, session.hello.side);
+    if (session.hello && session.state !== "same-foot") this.events.message(bytes, session.hello.side);
     session.receive(bytes, now_ms);
     if (session.hello !== before.hello) this.hellos.set(insole, bytes.slice());
     this.recorder.add(insole, bytes, now_ms);

@@ -21,6 +21,7 @@ const TEXTS: Record<SessionState, string> = {
   lost: "Connection lost",
   "other-host": "Used by another device",
   "other-version": "Update needed",
+  "same-foot": "Same foot",
 };
 
 /** Shows the live frames and the states of the insoles. */

@@ -29,6 +29,8 @@ export function sessionProblems({ hello, state, reason }: Session, facts: Facts)
         `${insole} (firmware ${hello.firmware}) uses protocol ${hello.major}.${hello.minor}, but this page uses ` +
           `${facts.major}.${facts.minor}. Update the older of the two.`,
       ];
+    case "same-foot":
+      return [`Both insoles are for the ${hello.side} foot. Reload the page, and connect one for each foot.`];
     case "lost":
       return [
         `The connection to the ${hello.side} insole is lost (${reason}). The page tries to connect again. ` +

@@ -1,7 +1,7 @@
 /** The session with one insole: sends the requests, stores the latest messages, and counts received and lost frames. */
 
 import type { Hello, LayoutCell, Sole, Status, ToHost } from "./generated/messages";
-import type { DailyLoad, Ellipse, Live } from "./generated/quantities";
+import type { DailyLoad, Ellipse, Live, Side } from "./generated/quantities";
 import { CONNECT_REQUEST_MS, TIMEOUT_MS } from "./reconnect";
 import type { Insole, Transport } from "./transport/transport";
 import type { Axis, LiveCounter, Wire } from "./wire";
@@ -14,6 +14,8 @@ const TIME_MS = 250;
 const DAILY_LOAD_MS = 5000;
 /** Interval of the requests for the next cells of the insole while it does not answer. */
 const CELLS_MS = 1000;
+/** Longest time for which records wait for the time of the insole. It is shorter than the time after which the link counts as lost. */
+const RECORDS_WAIT_MS = 1000;
 /** Highest rate of the stream of ellipses. */
 const ELLIPSES_HZ = 25;
 /** Duration over which the rate of live frames is averaged. */
@@ -26,9 +28,10 @@ const RATE_MS = 2000;
  * - "live": the insole has sent its hello, and messages arrive;
  * - "lost": the link broke, or messages no longer arrive;
  * - "other-host": another phone or program has connected to the insole, which sends it the messages instead;
- * - "other-version": the insole uses another major version of the protocol.
+ * - "other-version": the insole uses another major version of the protocol;
+ * - "same-foot": the other insole, which was connected before, is for the same foot.
  */
-export type SessionState = "closed" | "waiting" | "live" | "lost" | "other-host" | "other-version";
+export type SessionState = "closed" | "waiting" | "live" | "lost" | "other-host" | "other-version" | "same-foot";
 
 /** A decoded message that contains a step, a load bout or an alert. */
 export type RecordMessage = Extract<ToHost, { kind: "step" | "bout" | "alert" }>;
@@ -51,8 +54,24 @@ export type InsoleAnswer = Extract<ToHost, { kind: "tissue" | "refused" }>;
 /** The sum of the measured forces on all regions, N. */
 export const totalForce = (live: Live) => live.regions.reduce((sum, region) => sum + region.measured_n, 0);
 
+/** Larger changes of the clock of this device are followed, ms. */
+const CLOCK_STEP_MS = 500;
+/** The time of the clock of this device minus that of `performance.now()`, ms. */
+let origin_ms = Date.now() - performance.now();
+
+/**
+ * Determines the clock of this device again. Returns true if it has changed: `performance.now()` can stand still while the device
+ * sleeps, and the clock can be set.
+ */
+export function followClock(): boolean {
+  const present_ms = Date.now() - performance.now();
+  if (Math.abs(present_ms - origin_ms) < CLOCK_STEP_MS) return false;
+  origin_ms = present_ms;
+  return true;
+}
+
 /** Converts a time of `performance.now()` to us since 1970. */
-const unix_us = (now_ms: number) => Math.round((performance.timeOrigin + now_ms) * 1000);
+const unix_us = (now_ms: number) => Math.round((origin_ms + now_ms) * 1000);
 
 /** The session with one insole. */
 export class Session {
@@ -83,6 +102,10 @@ export class Session {
   private cells: LayoutCell[] = [];
   /** Times at which the last live frames arrived. */
   private readonly arrivals_ms: number[] = [];
+  /** Records that wait for the time of the insole. */
+  private untimed: Uint8Array[] = [];
+  /** Time since which the time of the insole is not known. */
+  private untimed_since_ms = 0;
   private hello_received_ms = 0;
   private last_message_ms = 0;
   private connect_requested_ms = -Infinity;
@@ -97,6 +120,8 @@ export class Session {
     private readonly transport: () => Transport | undefined,
     private readonly onRecord: (message: RecordMessage, bytes: Uint8Array, session: Session) => void,
     private readonly onAnswer: (answer: InsoleAnswer, session: Session) => void = () => undefined,
+    /** True if another session has an insole for this foot. */
+    private readonly isTaken: (side: Side) => boolean = () => false,
   ) {
     this.axis = wire.axis(insole);
     this.axis.clear();
@@ -115,6 +140,15 @@ export class Session {
   closed(reason: string): void {
     this.state = this.hello ? "lost" : "closed";
     this.reason = reason;
+    // They are not acknowledged, so the insole sends them again.
+    this.untimed = [];
+  }
+
+  /** To be called when the clock of this device has changed. */
+  clockChanged(now_ms: number): void {
+    if (this.state !== "live") return;
+    this.send(this.wire.setClock(unix_us(now_ms)));
+    this.requestTime(now_ms);
   }
 
   /** Handles a message of the insole. */
@@ -132,14 +166,9 @@ export class Session {
       case "live":
         return this.receiveLive(message, now_ms);
       case "step":
-        // A step of another major version may have another meaning.
-        if (this.state === "other-version") return;
-        this.needs_refit = Object.values(message.step.regions).some((region) => region.refit);
-        return this.onRecord(message, bytes, this);
       case "bout":
       case "alert":
-        if (this.state === "other-version") return;
-        return this.onRecord(message, bytes, this);
+        return this.receiveRecord(message, bytes, now_ms);
       case "status":
         this.status = message;
         this.counter.due(message.live_due);
@@ -153,7 +182,7 @@ export class Session {
         return;
       case "time":
         this.axis.answer(message);
-        return;
+        return this.releaseUntimed(now_ms);
       case "refused":
         if (message.is_other_host) {
           if (this.state === "live") this.state = "other-host";
@@ -172,10 +201,39 @@ export class Session {
     }
   }
 
+  private receiveRecord(message: RecordMessage, bytes: Uint8Array, now_ms: number): void {
+    // A step of another major version may have another meaning, and a second insole for a foot may be another person's.
+    if (this.state === "other-version" || this.state === "same-foot") return;
+    // An insole sends its stored records before it answers. They are processed in their order once their time is known.
+    const is_untimed = this.axis.unix_s(0) === null && now_ms - this.untimed_since_ms < RECORDS_WAIT_MS;
+    if (is_untimed && !this.transport()?.is_replay) {
+      this.untimed.push(bytes.slice());
+      return;
+    }
+    this.releaseUntimed(now_ms);
+    if (message.kind === "step") this.needs_refit = Object.values(message.step.regions).some((region) => region.refit);
+    this.onRecord(message, bytes, this);
+  }
+
+  private releaseUntimed(now_ms: number): void {
+    const untimed = this.untimed;
+    this.untimed = [];
+    for (const bytes of untimed) this.receive(bytes, now_ms);
+  }
+
+  /** Requests the time of the insole, which is not known. */
+  private requestTime(now_ms: number): void {
+    this.axis.clear();
+    this.untimed_since_ms = now_ms;
+    this.time_requested_ms = now_ms;
+    this.send(this.wire.getTime(unix_us(performance.now())));
+  }
+
   private receiveHello(hello: Hello, now_ms: number): void {
     this.hello = hello;
     this.hello_received_ms = now_ms;
     this.axis.clear();
+    this.untimed = [];
     this.counter.newSession();
     this.arrivals_ms.length = 0;
     this.ellipses = [];
@@ -184,8 +242,13 @@ export class Session {
       this.state = "other-version";
       return;
     }
+    if (this.isTaken(hello.side)) {
+      this.state = "same-foot";
+      return;
+    }
     this.state = "live";
     this.send(this.wire.setClock(unix_us(now_ms)));
+    this.requestTime(now_ms);
     this.send(this.wire.getAlertRules());
     this.send(this.wire.stream(true));
     this.send(this.wire.streamEllipses(Math.ceil(hello.rate_hz / ELLIPSES_HZ)));
@@ -207,7 +270,7 @@ export class Session {
   }
 
   private receiveLive(live: Live, now_ms: number): void {
-    if (this.state === "other-version" || !this.hello) return;
+    if (this.state === "other-version" || this.state === "same-foot" || !this.hello) return;
     if (this.state === "lost") this.state = "live";
     this.counter.frame(live.sequence);
     this.live = live;
@@ -245,6 +308,7 @@ export class Session {
       this.time_requested_ms = now_ms;
       this.send(this.wire.getTime(unix_us(performance.now())));
     }
+    if (now_ms - this.untimed_since_ms >= RECORDS_WAIT_MS) this.releaseUntimed(now_ms);
     if (this.state === "live" && now_ms - this.daily_requested_ms >= DAILY_LOAD_MS) {
       this.daily_requested_ms = now_ms;
       this.send(this.wire.getDailyLoad());

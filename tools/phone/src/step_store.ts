@@ -5,7 +5,7 @@
 
 import { type DayTotals, addLoad, loadOf } from "./days";
 import type { Alert, Bout, Side, Step } from "./generated/quantities";
-import type { RecordMessage } from "./session";
+import { type RecordMessage, recordOf } from "./session";
 import { SIDES } from "./side";
 import type { NewRecord, StepRecord, StepStorage } from "./step_storage";
 import type { Wire } from "./wire";
@@ -77,8 +77,8 @@ export class StepStore {
   readonly latest = new Records();
   /** The totals of all days, by date. */
   readonly days = new Map<string, DayTotals>();
-  /** Keys of the records that an insole may send again, oldest first. */
-  private readonly recent = new Set<string>();
+  /** Keys of the records of each foot that its insole may send again, oldest first. */
+  private readonly recent: Record<Side, Set<string>> = { left: new Set(), right: new Set() };
   /** Records that are not in the storage yet, oldest first. */
   private pending: NewRecord[] = [];
   /** The last attempt to store the pending records. The next attempt waits for its end. */
@@ -97,7 +97,7 @@ export class StepStore {
       const decoded = decodeRecord(this.wire, record);
       if (!decoded) continue;
       this.latest.add(decoded, record.start_unix_s);
-      this.remember(decoded.key);
+      this.remember(decoded);
     }
   }
 
@@ -122,20 +122,20 @@ export class StepStore {
   }
 
   /** True if this record was added before, and the insole may send it again. */
-  has({ key }: RecordMessage): boolean {
-    return this.recent.has(key);
+  has(decoded: RecordMessage): boolean {
+    return this.recent[recordOf(decoded).record.side].has(decoded.key);
   }
 
   /** Adds a record, unless it was added before. Resolves once this one and all earlier ones are stored. */
   add(decoded: RecordMessage, message: Uint8Array, start_unix_s: number | null): Promise<void> {
-    if (!this.recent.has(decoded.key)) {
+    if (!this.has(decoded)) {
       const record = withKey(decoded, { message: message.slice(), start_unix_s }, now_unix_s());
       this.latest.add(decoded, start_unix_s);
       // Removing one record at a time would copy all others each time.
       if (Math.max(this.latest.steps.length, this.latest.bouts.length, this.latest.alerts.length) >= 2 * LOADED) this.latest.keep(LOADED);
       addLoad(this.days, record.load);
       this.pending.push(record);
-      this.remember(decoded.key);
+      this.remember(decoded);
     }
     this.storing = this.storing.catch(() => undefined).then(() => this.storePending());
     return this.storing;
@@ -159,10 +159,11 @@ export class StepStore {
     stored.splice(0, count);
   }
 
-  private remember(key: string): void {
-    this.recent.add(key);
-    // Each of the two insoles sends at most the records in its queue again.
-    const [oldest] = this.recent;
-    if (oldest !== undefined && this.recent.size > 2 * this.wire.facts.record_queue) this.recent.delete(oldest);
+  private remember(decoded: RecordMessage): void {
+    const recent = this.recent[recordOf(decoded).record.side];
+    recent.add(decoded.key);
+    // An insole sends at most the records in its queue again.
+    const [oldest] = recent;
+    if (oldest !== undefined && recent.size > 2 * this.wire.facts.record_queue) recent.delete(oldest);
   }
 }

@@ -48,6 +48,16 @@ test("the times of both feet are those of the browser's clock if the recording c
   }
 });
 
+test("after a restart of the insole, the times are those of its new clock", () => {
+  const left = withoutTimes().filter(({ insole }) => insole === 0);
+  const session = (host_us: number) => [...left, { t_ms: 0, insole: 0 as const, message: timeMessage(host_us, 500_000) }];
+  const rows = liveCsv([...session(1_000_000_000), ...session(2_000_000_000)], wire).slice(1).map(cells);
+  const count = rows.length / 2;
+  for (const [row, host_s] of [[rows[0]!, 1000], [rows[count]!, 2000]] as const) {
+    expect(Number(row[0])).toBeCloseTo(host_s - 0.5 + Number(row[4]), 5);
+  }
+});
+
 test("a step has one row for each region", () => {
   const steps = messagesOf(0).flatMap((message): StoredStep[] => {
     const decoded = wire.decode(message);

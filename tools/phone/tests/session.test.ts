@@ -6,7 +6,7 @@ import { TIMEOUT_MS } from "../src/reconnect";
 import { Session } from "../src/session";
 import type { Transport } from "../src/transport/transport";
 import type { Wire } from "../src/wire";
-import { live, loadWire, messagesOf } from "./wire";
+import { live, loadWire, messagesOf, step } from "./wire";
 
 let wire: Wire;
 beforeAll(async () => {
@@ -107,6 +107,49 @@ test("gaps are counted, and a status reveals losses before the first and after t
   expect(session.counter.lost).toBe(6);
   receive(status);
   expect(counts(session)).toEqual({ received: 3, lost: 6, damaged: 0 });
+});
+
+test("steps that arrive before the time of the insole wait for it in their order, but not for long", () => {
+  const walked = [0, 1, 2].map((number): ToHost => ({ kind: "step", key: String(number), step: step({ step: number }) }));
+  const time: ToHost = { kind: "time", host_us: 1_000_000_000, device_us: 500_000 };
+  const messages = [hello(wire.facts.major), ...walked, time];
+  const { session, steps } = start(([index]) => messages[index!]);
+  const receive = (index: number, now_ms: number) => session.receive(Uint8Array.of(index), now_ms);
+  const numbers = () => steps.map((received) => received.step);
+  session.opened(0);
+  receive(0, 0);
+  receive(1, 10);
+  receive(2, 20);
+  expect(numbers()).toEqual([]);
+  receive(4, 30);
+  expect(numbers()).toEqual([0, 1]);
+  expect(session.axis.unix_s(0.5)).toBeCloseTo(1000, 5);
+  receive(3, 40);
+  expect(numbers()).toEqual([0, 1, 2]);
+  // In the next session, the insole does not answer.
+  receive(0, 5000);
+  receive(1, 5010);
+  session.tick(5500);
+  expect(numbers()).toEqual([0, 1, 2]);
+  session.tick(6000);
+  expect(numbers()).toEqual([0, 1, 2, 0]);
+});
+
+test("a second insole for a foot is not used", () => {
+  const received: unknown[] = [];
+  const sent: Uint8Array[] = [];
+  const transport: Transport = {
+    location: "in a test",
+    is_replay: false,
+    send: (_, message) => sent.push(message),
+    close: () => undefined,
+  };
+  const session = new Session(1, wire, () => transport, (message) => received.push(message), undefined, (side) => side === "left");
+  session.opened(0);
+  const requests = sent.length;
+  messagesOf(0).slice(0, 500).forEach((message) => session.receive(message, 10));
+  expect([session.state, session.live, received.length, sent.length]).toEqual(["same-foot", undefined, 0, requests]);
+  expect(sessionProblems(session, wire.facts).join()).toMatch(/Both insoles are for the left foot/);
 });
 
 test("an insole with a fault of its start measures, unless it has no cells", () => {

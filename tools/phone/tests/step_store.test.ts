@@ -41,6 +41,19 @@ test("a step is stored once, however often it is repeated", async () => {
   expect(storage.records.size).toBe(received.length);
 });
 
+test("a step that is repeated after many of the other foot is stored once", async () => {
+  const store = new StepStore(wire, new TestStorage());
+  const [first, message] = received[0]!;
+  await store.add(first, message, null);
+  const count = 2 * wire.facts.record_queue + 1;
+  for (let number = 0; number < count; number++) {
+    const other: StepMessage = { ...first, key: `right ${number}`, step: { ...first.step, side: "right", step: number } };
+    await store.add(other, message, null);
+  }
+  await store.add(first, message, null);
+  expect(store.latest.steps).toHaveLength(1 + count);
+});
+
 test("stored steps are loaded at the next visit, and their repetitions are ignored", async () => {
   const storage = new TestStorage();
   const store = new StepStore(wire, storage);

@@ -184,14 +184,17 @@ impl Sink for Collected<'_> {
         Ok(())
     }
 
-    fn load_record(&mut self, record: &LoadRecord, _: &Axis) -> Result<()> {
+    fn load_record(&mut self, record: &LoadRecord, axis: &Axis) -> Result<()> {
         self.all.push(record);
         // The record is written before it is acknowledged, because the insole then deletes it.
-        let (file, object) = match record {
+        let (file, mut object) = match record {
             LoadRecord::Step(step) => (&mut self.steps, step_to_json(step)),
             LoadRecord::Bout(bout) => (&mut self.bouts, bout_to_json(bout)),
             LoadRecord::Alert(alert) => (&mut self.alerts, alert_to_json(alert)),
         };
+        if let Some(start_us) = axis.start_us(record) {
+            object["start_unix_s"] = (start_us as f64 / 1e6).into();
+        }
         if let Some(file) = file {
             file.push(&object)?;
         }

@@ -6,7 +6,7 @@ use crate::monitor::{Sink, follow};
 use crate::records::Records;
 use crate::summary;
 use crate::view::View;
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use clap::Args;
 use client::{Axis, ReconnectPolicy};
 use parameters::DeformationScale;
@@ -63,6 +63,8 @@ impl Record {
         if std::fs::read_dir(&self.out).is_ok_and(|mut entries| entries.next().is_some()) {
             bail!("{} is not empty: choose another folder", self.out.display());
         }
+        // A folder that cannot be written is reported before the walk.
+        std::fs::create_dir_all(&self.out).with_context(|| format!("cannot create {}", self.out.display()))?;
         let mut insole = self.connection.open(ReconnectPolicy::STREAM)?;
         let mut view = View::open(insole.client().hello())?;
         let mut recorder = Recorder::new(self, insole.client().hello().side);

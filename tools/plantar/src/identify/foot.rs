@@ -181,8 +181,11 @@ impl Foot {
         let lines: String = std::iter::once("cell,offset,gain\n".to_string())
             .chain(cells.iter().enumerate().map(|(i, cell)| format!("{i},{},{}\n", cell.offset, cell.gain)))
             .collect();
+        // The file is complete or missing: a part of it would be sent to the insole when the session continues.
         let path = self.calibration_file();
-        std::fs::write(&path, lines).with_context(|| format!("cannot write {}", path.display()))
+        let part = path.with_extension("csv.part");
+        let written = std::fs::write(&part, lines).and_then(|()| std::fs::rename(&part, &path));
+        written.with_context(|| format!("cannot write {}", path.display()))
     }
 
     /// The file with the calibration of this session, in the format of `plantar insole calibrate`.
