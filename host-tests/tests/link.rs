@@ -526,6 +526,16 @@ fn live_frames_remain_queued_when_another_value_could_not_be_stored() {
 }
 
 #[test]
+fn parameters_that_are_stored_after_the_host_has_gone_are_put_in_force() {
+    let mut session = Session::new();
+    connect(&mut session);
+    session.receive(ToDevice::SetTissue(*TISSUE), 0);
+    session.close();
+    session.complete(Ok(CommandResult::Stored));
+    assert_eq!(session.take_tissue_due().map(|tissue| tissue.id), Some(TISSUE.id));
+}
+
+#[test]
 fn parameters_are_not_accepted_outside_of_a_session() {
     for connect in [None, Some(ToDevice::Connect { major: MAJOR + 1, minor: MINOR })] {
         let mut session = Session::new();

@@ -42,6 +42,8 @@ struct Persist<'a> {
     has_more_in_log: bool,
     /// The last attempt to read from the log succeeded.
     is_log_readable: bool,
+    /// The last record that a host has acknowledged since the start. The log still contains it if it could not be deleted.
+    acknowledged: Option<u32>,
     update: Update,
     /// Time of the restart after a request or an accepted update; [`Instant::MAX`] if none is due.
     restart_at: Instant,
@@ -82,6 +84,7 @@ pub async fn persist(
         shared,
         has_more_in_log: true,
         is_log_readable: false,
+        acknowledged: None,
         update: Update::new(),
         restart_at: Instant::MAX,
         daily_load_at: Instant::now() + DAILY_LOAD_PERIOD,
@@ -176,10 +179,11 @@ impl Persist<'_> {
 
     async fn store_acknowledgement(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
         let acknowledged = self.shared.session.borrow_mut().take_acknowledged();
-        if let Some(number) = acknowledged
-            && store.acknowledge(number).await.is_err()
-        {
-            self.shared.count_not_stored();
+        if let Some(number) = acknowledged {
+            self.acknowledged = acknowledged;
+            if store.acknowledge(number).await.is_err() {
+                self.shared.count_not_stored();
+            }
         }
     }
 
@@ -208,9 +212,13 @@ impl Persist<'_> {
         }
     }
 
-    /// Loads records from the log, those after the newest one in RAM, as many as the session can hold.
+    /// Loads records from the log, those after the newest one in RAM or, without any there, after the last one that a host has
+    /// acknowledged, as many as the session can hold.
     async fn refill_from_log(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
-        let newest = self.shared.session.borrow().newest_record();
+        let newest = {
+            let session = self.shared.session.borrow();
+            session.newest_record().or(session.acknowledged()).or(self.acknowledged)
+        };
         let push = |record| {
             let mut session = self.shared.session.borrow_mut();
             let has_room = session.has_room();
@@ -349,14 +357,16 @@ impl Persist<'_> {
     async fn end_trial(&mut self, store: &mut Store<impl MultiwriteNorFlash>) -> Verdict {
         let verdict = self.trial.as_ref().map_or(Verdict::Passed, Trial::verdict);
         if verdict == Verdict::Passed
-            && self.trial.take().is_some()
+            && let Some(trial) = &mut self.trial
             && let Some(flash) = store.flash()
         {
-            // An image that cannot be confirmed is swapped back at the next start, and the hello then reports the old version.
+            // An image that is not confirmed is swapped back at the next start.
             if update::confirm(flash, self.image).await.is_ok() {
+                self.trial = None;
                 log::info!("update: the image is confirmed");
             } else {
-                log::error!("update: the image could not be confirmed, the next start swaps it back");
+                trial.retry_later();
+                log::error!("update: the image could not be confirmed, the next attempt follows in a minute");
             }
         }
         verdict

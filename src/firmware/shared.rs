@@ -28,6 +28,9 @@ pub const STORAGE_QUEUE: usize = 2;
 /// stream send several messages a second; a command at a computer ends its session without a message.
 const OCCUPIED: Duration = Duration::from_secs(30);
 
+/// Number of attempts to read the bonds at the start.
+const BONDS_READS: usize = 3;
+
 /// The kind of link to a host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -165,7 +168,13 @@ impl Shared {
         calibration_id: u32,
     ) {
         self.contents.set(store.contents());
-        let bonds: Option<Bonds> = store.get(0).await.unwrap_or_default();
+        // Bonds that could not be read would be overwritten by the next ones.
+        let mut bonds: Option<Bonds> = None;
+        for _ in 0..BONDS_READS {
+            if bonds.is_none() {
+                bonds = store.get(0).await.unwrap_or_default();
+            }
+        }
         let identity = Identity { side: identity.side, serial: identity.serial, calibration_id };
         self.session.borrow_mut().restore_identity(identity);
         self.bonds.replace(bonds.map(|Bonds(bytes)| bytes).unwrap_or_default());
@@ -174,6 +183,11 @@ impl Shared {
     /// Time since the first scan, us: the time of live frames and steps.
     fn now_us(&self) -> u64 {
         Instant::now().as_micros().saturating_sub(self.scan.began_us.load(Ordering::Relaxed).into())
+    }
+
+    /// True if the session's host has sent nothing for a long time: it may have gone, which the serial port does not report.
+    pub(super) fn is_host_silent(&self) -> bool {
+        self.last_message_at.get().elapsed() >= OCCUPIED
     }
 
     /// Receives a message over a carrier; `None` stands for a message that was not understood.
@@ -190,7 +204,7 @@ impl Shared {
         }
         match message {
             _ if self.carrier.get() != carrier => {
-                let is_occupied = session.is_open() && self.last_message_at.get().elapsed() < OCCUPIED;
+                let is_occupied = session.is_open() && !self.is_host_silent();
                 self.is_other_host_refused.set(is_occupied && message.is_some());
             }
             Some(ToDevice::StreamCells(Some(stream))) if let Some(refusal) = self.refuses(carrier, stream) => {

@@ -16,6 +16,9 @@ const UNATTENDED_CHECKS: u16 = 300;
 /// Number of checks after which an image that is not confirmed has failed: 15 minutes.
 const MOST_CHECKS: u16 = 450;
 
+/// Time from a failed confirmation to the next attempt, which reads the whole image.
+const RETRY: Duration = Duration::from_secs(60);
+
 /// The state of a trial.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Verdict {
@@ -67,10 +70,15 @@ impl Trial {
         let counts = heartbeats.counts();
         let is_unused = |part| part == Part::Radio as usize && !self.needs_radio;
         let has_progress = (0..PARTS.len()).all(|part| counts[part] != self.previous_counts[part] || is_unused(part));
-        self.healthy_checks = if has_progress && is_storage_sound { self.healthy_checks + 1 } else { 0 };
-        self.checks += 1;
+        self.healthy_checks = if has_progress && is_storage_sound { self.healthy_checks.saturating_add(1) } else { 0 };
+        self.checks = self.checks.saturating_add(1);
         self.next_check = Instant::now() + PERIOD;
         self.previous_counts = counts;
+    }
+
+    /// Postpones the next check: the image has passed, but could not be confirmed, for example with a low supply.
+    pub(super) fn retry_later(&mut self) {
+        self.next_check = Instant::now() + RETRY;
     }
 
     /// True if the host has waited long enough for its confirmation: the checks have failed.

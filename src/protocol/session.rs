@@ -206,14 +206,17 @@ impl Session {
 
     /// Answers a request with a refusal.
     pub fn refuse(&mut self, refusal: Refusal) {
-        if self.is_open {
-            self.answer(Answer::Refused(refusal));
-        }
+        self.answer(Answer::Refused(refusal));
     }
 
     /// The last record that was acknowledged since the last call.
     pub fn take_acknowledged(&mut self) -> Option<u32> {
         self.acknowledged.take()
+    }
+
+    /// The last record that was acknowledged, if [`Session::take_acknowledged`] has not returned it yet.
+    pub fn acknowledged(&self) -> Option<u32> {
+        self.acknowledged
     }
 
     /// True if a record can be added without dropping another one.
@@ -237,6 +240,10 @@ impl Session {
     }
 
     fn answer(&mut self, answer: Answer) {
+        // A host that has gone must not receive an answer, and no parameters may wait for their announcement to it.
+        if !self.is_open {
+            return;
+        }
         if self.answers.is_empty() {
             self.live_before_answer = 0;
         }

@@ -239,6 +239,8 @@ async fn main(spawner: Spawner) {
     let Started { insole, store, shared, to_process, scanned, period_us } = started;
     let mut link = usart::Config::default();
     link.baudrate = LINK_BIT_HZ;
+    // Without a cable the input would float.
+    link.rx_pull = Pull::Up;
     // The pins belong to this port and its divider reaches the bit rate, so the configuration cannot be refused.
     let link = BufferedUart::new(p.USART1, p.PB7, p.PB6, TO_SEND.take(), RECEIVED.take(), Irqs, link).unwrap();
     static GATT: StaticCell<GattSession<'static, Wb55>> = StaticCell::new();

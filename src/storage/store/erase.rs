@@ -13,7 +13,7 @@ use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 const OF_WEARER: [u8; 5] = [Tissue::KIND, IdentifiedRecord::KIND, Bonds::KIND, AlertRules::KIND, DailyLoad::KIND];
 
 /// Key of a record without meaning. Writing it again and again reuses all sectors of the records.
-const FILLER: Key = [0xff, 0, 1];
+pub(super) const FILLER: Key = [0xff, 0, 1];
 const FILLER_BYTES: usize = 400;
 /// Number of fillers that occupy more than all sectors.
 const FILLERS: u32 = (RECORDS.end - RECORDS.start + 2 * SECTOR) / FILLER_BYTES as u32;

@@ -1,5 +1,6 @@
 //! Determines what the chip contains, and erases areas that cannot be used.
 
+use super::erase::FILLER;
 use super::{Store, Use, empty_cache, records, with_log};
 use crate::checksum::CRC;
 use crate::protocol::{Contents, Reset};
@@ -73,17 +74,16 @@ impl<F: MultiwriteNorFlash> Store<F> {
         // erased because it is empty or damaged, all of its bytes must agree, too; reading them takes half a second on a real
         // chip.
         let mut survey = self.survey().await;
-        loop {
+        let agreed = loop {
             let areas = self.areas(&survey).await;
             let again = self.survey().await;
             if again == survey && areas == self.areas(&survey).await {
                 self.guard.is_read_only = false;
-                if let Some(areas) = areas {
-                    // This survey repairs the areas, where possible.
-                    let repaired = if survey.needs_repair { self.survey().await } else { survey };
-                    self.clear(&repaired, areas).await;
-                }
-                break;
+                let Some(areas) = areas else { break survey };
+                // This survey repairs the areas, where possible.
+                let repaired = if survey.needs_repair { self.survey().await } else { survey };
+                self.clear(&repaired, areas).await;
+                break repaired;
             }
             survey = again;
             self.contents.contradictions += 1;
@@ -91,8 +91,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
                 self.used_for = Use::None;
                 return;
             }
-        }
-        let mut boots = self.get::<BootCounters>(0).await.ok().flatten().unwrap_or_default();
+        };
+        let mut boots = agreed.boots.ok().flatten().unwrap_or_default();
         boots.count(reset);
         self.contents.start = boots.total();
         // A chip that fails here fails again at the next write, which is reported.
@@ -169,7 +169,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
         while let Some(([kind, _, version], _)) = items.next::<&[u8]>(&mut self.buffer).await? {
             count += 1;
             let known = VERSIONS.iter().find(|(known, _)| *known == kind).map_or(0, |(_, version)| *version);
-            if version > known {
+            // An interrupted erasure leaves fillers.
+            if version > known && kind != FILLER[0] {
                 self.contents.newer_kinds |= 1 << (kind % 32);
             }
         }
