@@ -165,6 +165,11 @@ pub enum Event {
     Stall(Part),
     /// The flash chip does not answer from the next start on.
     ChipSilent,
+    /// The supply is too low to change the flash chip.
+    LowSupply {
+        /// Duration, s.
+        for_s: f64,
+    },
     /// The firmware panics.
     Panic,
 
@@ -376,6 +381,7 @@ fn insole_event(event: &Event) -> Option<InsoleEvent> {
         Event::Stall(Part::Link) => InsoleEvent::Stall("link"),
         Event::Panic => InsoleEvent::Panic,
         Event::ChipSilent => InsoleEvent::ChipSilent,
+        Event::LowSupply { for_s } => InsoleEvent::LowSupply { for_us: us(*for_s) },
         _ => return None,
     })
 }

@@ -66,6 +66,13 @@ pub enum InsoleEvent {
     Panic,
     /// The flash chip does not answer from the next start on.
     ChipSilent,
+    /// The supply is too low to change the flash chip for this time.
+    LowSupply {
+        /// Duration, us.
+        for_us: u64,
+    },
+    /// The supply is sufficient again.
+    SupplyRecovered,
     /// A cut cable is repaired.
     CableRepaired,
 }
@@ -172,6 +179,11 @@ impl World {
             InsoleEvent::Stall(part) => insole.stall(part),
             InsoleEvent::Panic => insole.crash(),
             InsoleEvent::ChipSilent => insole.is_chip_silent = true,
+            InsoleEvent::LowSupply { for_us } => {
+                insole.chip.0.borrow_mut().refuses_changes = true;
+                self.schedule(now_us() + for_us, index, InsoleEvent::SupplyRecovered);
+            }
+            InsoleEvent::SupplyRecovered => insole.chip.0.borrow_mut().refuses_changes = false,
         }
     }
 }

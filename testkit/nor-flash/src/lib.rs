@@ -36,6 +36,8 @@ pub struct NorFlashChip {
     pub cut: Option<(u64, Torn)>,
     /// Write operations below this address succeed but change nothing.
     pub forgets_writes_below: Option<u32>,
+    /// Write and erase operations fail and change nothing, as with a low supply.
+    pub refuses_changes: bool,
     /// Number of read operations from now on that return something else than the content, as from a chip with a slow supply.
     pub wrong_reads: u64,
     /// The bytes of a wrong read; `None` for random bytes.
@@ -43,7 +45,7 @@ pub struct NorFlashChip {
     random: fastrand::Rng,
 }
 
-/// The error of every operation while power is off.
+/// The error of every operation while power is off, and of a change while the supply is low.
 #[derive(Debug, PartialEq, Eq)]
 pub struct PowerOff;
 
@@ -68,6 +70,7 @@ impl NorFlashChip {
             written: 0,
             cut: None,
             forgets_writes_below: None,
+            refuses_changes: false,
             wrong_reads: 0,
             wrong_byte: None,
             random: fastrand::Rng::with_seed(1),
@@ -86,6 +89,9 @@ impl NorFlashChip {
 
     /// Counts an operation that replaces each byte of a range with the result of `change`, and executes it up to a power cut.
     fn operate(&mut self, offset: u32, len: usize, change: impl Fn(usize, u8) -> u8) -> Result<(), PowerOff> {
+        if self.refuses_changes {
+            return Err(PowerOff);
+        }
         let number = self.operations;
         let target = &mut self.bytes[offset as usize..][..len];
         let torn = match self.cut {
