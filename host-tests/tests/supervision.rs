@@ -245,7 +245,7 @@ fn without_a_set_up_the_board_uses_its_built_in_insole_and_reports_it() {
     let mut board = ConnectedBoard::connect(board, firmware);
     let hello = board.hello(|_| true);
     assert_eq!((hello.reset, hello.layout_id, hello.cells), (Reset::Power, 4201, 240));
-    assert_eq!(report(&hello), "setup.bin is missing or incomplete: the built-in insole is used");
+    assert_eq!(report(&hello), "no usable setup.bin, the built-in insole is used: start with `plantar emulate`");
 }
 
 /// Twice the time after which a stall is detected, us.
