@@ -154,8 +154,8 @@ fn end_second(insole: &mut DeviceInsole, shared: &Shared) {
     if let Some(snooze_s) = snooze_s {
         insole.snooze_alerts(snooze_s);
     }
-    let is_watched = session.streams_cells() && !shared.is_host_silent();
-    let is_worn = insole.unloaded_s() < UNWORN_AFTER_S || is_watched || insole.is_zero_requested();
+    let sends_cells = session.streams_cells() && !shared.is_host_silent();
+    let is_worn = insole.unloaded_s() < UNWORN_AFTER_S || sends_cells || insole.is_zero_requested();
     set_scan_interval(shared, if is_worn { 1 } else { insole.second_frames() });
     if let Some(unix_us) = session.unix_us(shared.frame_us.get()) {
         insole.enter_day(session.alert_rules().day(unix_us));

@@ -148,7 +148,7 @@ export class Session {
   clockChanged(now_ms: number): void {
     if (this.state !== "live") return;
     this.send(this.wire.setClock(unix_us(now_ms)));
-    this.requestTime(now_ms);
+    this.restartAxis(now_ms);
   }
 
   /** Handles a message of the insole. */
@@ -221,10 +221,14 @@ export class Session {
     for (const bytes of untimed) this.receive(bytes, now_ms);
   }
 
-  /** Requests the time of the insole, which is not known. */
-  private requestTime(now_ms: number): void {
+  /** Discards what is known of the time of the insole, and requests it. */
+  private restartAxis(now_ms: number): void {
     this.axis.clear();
     this.untimed_since_ms = now_ms;
+    this.requestTime(now_ms);
+  }
+
+  private requestTime(now_ms: number): void {
     this.time_requested_ms = now_ms;
     this.send(this.wire.getTime(unix_us(performance.now())));
   }
@@ -232,7 +236,6 @@ export class Session {
   private receiveHello(hello: Hello, now_ms: number): void {
     this.hello = hello;
     this.hello_received_ms = now_ms;
-    this.axis.clear();
     this.untimed = [];
     this.counter.newSession();
     this.arrivals_ms.length = 0;
@@ -248,7 +251,7 @@ export class Session {
     }
     this.state = "live";
     this.send(this.wire.setClock(unix_us(now_ms)));
-    this.requestTime(now_ms);
+    this.restartAxis(now_ms);
     this.send(this.wire.getAlertRules());
     this.send(this.wire.stream(true));
     this.send(this.wire.streamEllipses(Math.ceil(hello.rate_hz / ELLIPSES_HZ)));
@@ -305,8 +308,7 @@ export class Session {
       this.send(this.wire.getStatus());
     }
     if ((this.state === "live" || this.state === "other-host") && now_ms - this.time_requested_ms >= TIME_MS) {
-      this.time_requested_ms = now_ms;
-      this.send(this.wire.getTime(unix_us(performance.now())));
+      this.requestTime(now_ms);
     }
     if (now_ms - this.untimed_since_ms >= RECORDS_WAIT_MS) this.releaseUntimed(now_ms);
     if (this.state === "live" && now_ms - this.daily_requested_ms >= DAILY_LOAD_MS) {

@@ -51,14 +51,17 @@ fn a_step_is_imported_in_both_directions_of_walking() {
     }
 }
 
-/// The picture of a foot that walks across the plate: its rows are the columns of [`foot`].
-fn foot_across(side: Side) -> String {
+/// The picture of a right foot that walks across the plate: its rows are the columns of [`foot`].
+fn foot_across() -> String {
     let mut text = format!("\nRight foot data\n\nRight rectangle position\nRectangle height\n{COLUMNS}\n\n");
     for frame in 0..STANCE {
         text += &format!("Frame {frame} ({:.2} ms)\n", frame as f64 * 2.0);
         for column in 0..COLUMNS {
             let force = |row: usize| {
-                format!("{:.5}", pressure_kpa(side, frame, ROWS - 1 - row, COLUMNS - 1 - column) * CELL_MM2 * 1e-3)
+                format!(
+                    "{:.5}",
+                    pressure_kpa(Side::Right, frame, ROWS - 1 - row, COLUMNS - 1 - column) * CELL_MM2 * 1e-3
+                )
             };
             text += &((0..ROWS).map(force).collect::<Vec<_>>().join("\t") + "\n");
         }
@@ -67,10 +70,10 @@ fn foot_across(side: Side) -> String {
     text
 }
 
-/// Across the plate, a cell is 7.62 mm wide and 5.08 mm long in the coordinates of the foot, whose area begins at the axes.
+/// Across the plate, a cell is 7.62 mm wide and 5.08 mm long in the coordinates of the foot, and the cells under the foot begin at the axes.
 #[test]
 fn a_foot_across_the_plate_begins_at_the_axes() {
-    let export = parse(&file(&foot_across(Side::Right))).unwrap();
+    let export = parse(&file(&foot_across())).unwrap();
     let cells = &export.feet[0].layout.cells;
     let least = |along: fn(&recording::Cell) -> f64| cells.iter().map(along).fold(f64::INFINITY, f64::min);
     assert!((least(|cell| cell.x_mm) - 7.62 / 2.0).abs() < 1e-9, "{}", least(|cell| cell.x_mm));
