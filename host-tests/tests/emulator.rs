@@ -277,6 +277,22 @@ fn foreign_bytes_on_the_link_are_counted_and_the_session_continues() {
     assert_eq!(received.status.bad_frames, 3, "the text, the truncated frame and the long frame must count");
 }
 
+/// The bytes fill the receive buffer of the port before a task reads it. A board whose port then interrupts without end does not
+/// answer.
+#[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
+fn bytes_that_arrive_during_the_start_do_not_stop_the_insole() {
+    let walk = synthetic_walk(1, 100.0);
+    let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
+    let config = EmulatorConfig::new(virtual_insole.setup);
+    let recorded = Recorded::new(walk, virtual_insole.clone());
+    let board =
+        Board::start(&firmware(), &config, &virtual_insole.cells, Time::Max, recorded).expect("the board boots");
+    let mut link = board.link().expect("the board has a link");
+    link.write_all(&[0x55; 200_000]).expect("the link works");
+    assert_eq!(connect(&board).hello().fault, None);
+}
+
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn the_hello_identifies_the_insole() {

@@ -57,11 +57,11 @@ static IMAGE: Header = Header::new("emulated", env!("PLANTAR_VERSION"));
 
 /// Rate of the link: that of a serial port at 460,800 bit/s, although the emulator does not limit the rate.
 const SERIAL_BYTES_PER_S: u32 = 46_080;
-static LINK: Port = Port::new(USART1);
-static HCI: Port = Port::new(USART2);
+static LINK: Port = Port::new(USART1, Interrupt::USART1);
+static HCI: Port = Port::new(USART2, Interrupt::USART2);
 static FROM_RADIO: HciPipe = HciPipe::new();
 static TO_RADIO: HciPipe = HciPipe::new();
-static PLANT: Port = Port::new(USART3);
+static PLANT: Port = Port::new(USART3, Interrupt::USART3);
 static SCAN_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 static EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 static SCAN_COUNTERS: ScanCounters = ScanCounters::new();

@@ -1,25 +1,28 @@
 //! USARTs of the emulated STM32F405. Reception is by interrupt; the emulated transmitter accepts every byte immediately
 //! and, up to QEMU 7, has no interrupt.
 
+use cortex_m::peripheral::NVIC;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;
 use embedded_io_async::{ErrorType, Read, Write};
+use stm32_metapac::Interrupt;
 use stm32_metapac::usart::Usart;
 
 /// A USART with its receive buffer.
 pub struct Port {
     registers: Usart,
+    interrupt: Interrupt,
     /// Received bytes that no task has read yet. While it is full, the emulator delays further bytes, so no byte is lost.
     received: Pipe<CriticalSectionRawMutex, 288>,
 }
 
 impl Port {
     /// A port that is not enabled yet.
-    pub const fn new(registers: Usart) -> Self {
-        Self { registers, received: Pipe::new() }
+    pub const fn new(registers: Usart, interrupt: Interrupt) -> Self {
+        Self { registers, interrupt, received: Pipe::new() }
     }
 
-    /// Enables the port; its interrupt must then call [`Port::on_interrupt`]. The emulator ignores bit rates.
+    /// Enables the port, but not its interrupt, which must call [`Port::on_interrupt`]. The emulator ignores bit rates.
     pub fn start(&self) {
         self.registers.cr1().write(|w| {
             w.set_ue(true);
@@ -32,8 +35,9 @@ impl Port {
     /// Takes a received byte from the USART. The interrupt of the USART calls it.
     pub fn on_interrupt(&self) {
         if self.received.is_full() {
-            // `read` enables the interrupt again.
-            self.registers.cr1().modify(|w| w.set_rxneie(false));
+            // `read` unmasks the interrupt again. The register of the USART cannot disable it: up to QEMU 7, the request of a byte
+            // remains until the byte is read, so this handler would be called without end.
+            NVIC::mask(self.interrupt);
         } else if self.registers.sr().read().rxne() {
             let byte = self.registers.dr().read().dr() as u8;
             // The buffer is not full, and this is the only writer.
@@ -44,7 +48,8 @@ impl Port {
     /// Waits for received bytes, copies them to `buffer`, and returns their number.
     pub async fn read(&self, buffer: &mut [u8]) -> usize {
         let len = self.received.read(buffer).await;
-        cortex_m::interrupt::free(|_| self.registers.cr1().modify(|w| w.set_rxneie(true)));
+        // SAFETY: the port is in use, so everything that the handler uses is initialised; no critical section depends on the mask.
+        unsafe { NVIC::unmask(self.interrupt) };
         len
     }
 
