@@ -1,7 +1,8 @@
 //! `plantar export`: writes recordings in the formats of other programs.
 
+use crate::paths::check_written;
 use crate::setup::InsoleArgs;
-use anyhow::{Result, bail};
+use anyhow::Result;
 use clap::{Args, Subcommand};
 use export::motion_bids::Names;
 use export::{Foot, Session};
@@ -71,10 +72,7 @@ impl Export {
         | Self::Csv(options)
         | Self::Mcap(options)) = self;
         let out = &options.out;
-        let is_out = |recording: &PathBuf| recording.canonicalize().ok() == out.canonicalize().ok();
-        if out.exists() && options.recordings.iter().any(is_out) {
-            bail!("{}: the export would replace the recording: name another file", out.display());
-        }
+        check_written(&options.recordings, &[Some(out)])?;
         let session = options.session()?;
         match self {
             Self::C3d(_) => export::c3d::write(&session, out)?,

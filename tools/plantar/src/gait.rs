@@ -1,6 +1,7 @@
 //! `plantar gait`: the measures of both feet.
 
 use crate::fit::live::{self, session};
+use crate::paths::check_written;
 use crate::replay::write_text;
 use crate::setup;
 use crate::summary::{align, table};
@@ -56,6 +57,7 @@ struct Walk {
 
 impl GaitCommand {
     pub fn run(&self) -> Result<()> {
+        check_written(&self.walk, &[self.json.as_deref()])?;
         let Walk { mut steps, mut others } = Walk::default();
         for path in &self.walk {
             let added = read(path).with_context(|| path.display().to_string())?;

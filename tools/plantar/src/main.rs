@@ -14,6 +14,7 @@ mod info;
 mod insole;
 mod monitor;
 mod params;
+mod paths;
 mod people;
 mod picture;
 mod record;

@@ -1,6 +1,7 @@
 //! `plantar monitor`: shows an insole's live loads and steps.
 
 use crate::carrier::{AnyClient, Connection, Insole};
+use crate::paths::check_written;
 use crate::records::Records;
 use crate::summary;
 use crate::view::View;
@@ -154,21 +155,6 @@ impl<'m> JsonArray<'m> {
     }
 }
 
-/// Refuses two of these files if they are the same one: the arrays in it would overwrite each other. The files exist.
-fn check_distinct(paths: &[&Path]) -> Result<()> {
-    let mut files = Vec::new();
-    for path in paths {
-        let file = path.canonicalize().with_context(|| format!("cannot read {}", path.display()))?;
-        ensure!(
-            !files.contains(&file),
-            "{} is named by several of --json, --bouts and --alerts: give each of them a file of its own",
-            path.display()
-        );
-        files.push(file);
-    }
-    Ok(())
-}
-
 /// Collects the steps, load bouts and alerts for the tables at the end of the session, and writes them to the JSON files.
 struct Collected<'m> {
     monitor: &'m Monitor,
@@ -217,10 +203,10 @@ impl Sink for Collected<'_> {
 
 impl Monitor {
     pub fn run(&self) -> Result<()> {
-        let paths = [&self.json, &self.bouts, &self.alerts];
-        let [steps, bouts, alerts] = paths.map(|path| path.as_deref().map(JsonArray::create).transpose());
+        let paths = [&self.json, &self.bouts, &self.alerts].map(Option::as_deref);
+        check_written(&[], &paths)?;
+        let [steps, bouts, alerts] = paths.map(|path| path.map(JsonArray::create).transpose());
         let (steps, bouts, alerts) = (steps?, bouts?, alerts?);
-        check_distinct(&paths.into_iter().flatten().map(PathBuf::as_path).collect::<Vec<_>>())?;
         let mut insole = self.connection.open(ReconnectPolicy::STREAM)?;
         let mut view = View::open(insole.client().hello())?;
         let mut records = Collected { monitor: self, steps, bouts, alerts, all: Records::default(), stored: None };

@@ -4,7 +4,7 @@ use crate::carrier::{Connection, Insole};
 use crate::insole::{restart, settings};
 use crate::setup::{note_unless_personal, rule_in_words};
 use crate::summary;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use clap::Subcommand;
 use client::ReconnectPolicy;
 use parameters::{AssumedShare, Identified as Conditions, InsoleSize, Parameters};
@@ -56,6 +56,11 @@ impl Params {
     pub fn run(&self) -> Result<()> {
         match self {
             Self::Typical { size, out } => {
+                ensure!(
+                    !Parameters::read(out).is_ok_and(|parameters| parameters.personal),
+                    "{} contains parameters that were identified from the steps of a person: name another file with --out",
+                    out.display()
+                );
                 Parameters::typical(*size).write(out)?;
                 println!("wrote {}: typical values for size {size}, not personal", out.display());
                 Ok(())

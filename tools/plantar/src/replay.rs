@@ -1,11 +1,12 @@
 //! `plantar replay`: runs the insole's own code on this computer.
 
 use crate::frames::FrameWriter;
+use crate::paths::check_written;
 use crate::picture::Picture;
 use crate::records::{Records, write_json};
 use crate::setup::{self, InsoleArgs};
 use crate::summary;
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
 use client::{alert_to_json, bout_to_json, daily_load_to_json, step_to_json};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -59,7 +60,8 @@ enum Precision {
 
 impl Replay {
     pub fn run(&self) -> Result<()> {
-        self.check_files()?;
+        let written = [&self.json, &self.bouts, &self.load, &self.frames, &self.picture].map(Option::as_deref);
+        check_written(std::slice::from_ref(&self.recording), &written)?;
         let source = FrameSource::from(RecordingReader::open(&self.recording)?);
         let (frames, cells) = (source.frames(), source.head().cells());
         let parameters = self.insole.wearer.parameters()?;
@@ -80,21 +82,6 @@ impl Replay {
         records.print(&parameters.deformation);
         setup::note_unless_applicable(&parameters, self.insole.wearer.size, &records.steps);
         eprintln!("{frames} frames of {cells} cells in {seconds:.2} s");
-        Ok(())
-    }
-
-    /// Returns an error if two options name the same file, or one of them names the recording.
-    fn check_files(&self) -> Result<()> {
-        let written = [&self.json, &self.bouts, &self.load, &self.frames, &self.picture];
-        let mut files = vec![&self.recording];
-        for file in written.into_iter().flatten() {
-            ensure!(
-                !files.contains(&file),
-                "{} would be written twice, or is the recording itself: name another file",
-                file.display()
-            );
-            files.push(file);
-        }
         Ok(())
     }
 

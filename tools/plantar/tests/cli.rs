@@ -173,6 +173,23 @@ fn errors_for_parameters_name_the_file_the_region_and_the_remedy() {
 }
 
 #[test]
+fn no_command_overwrites_its_input_or_personal_parameters() {
+    let (_folder, path) = folder();
+    succeed(&path, IMPORT);
+    let walk = std::fs::read(path.join("walk.parquet")).expect("a recording");
+    let other_spelling = format!("../{}/walk.parquet", path.file_name().expect("a name").display());
+    for command in ["replay walk.parquet --json", "gait walk.parquet --json", "export csv walk.parquet --out"] {
+        fail(&path, &format!("{command} {other_spelling}"), &[&other_spelling, "name another file"]);
+    }
+    assert!(std::fs::read(path.join("walk.parquet")).expect("a recording") == walk);
+    succeed(&path, "params typical --out params.toml");
+    succeed(&path, "params typical --size 40 --out params.toml");
+    let text = std::fs::read_to_string(path.join("params.toml")).expect("parameters");
+    std::fs::write(path.join("params.toml"), text.replace("personal = false", "personal = true")).expect("written");
+    fail(&path, "params typical --out params.toml", &["params.toml", "--out"]);
+}
+
+#[test]
 fn errors_for_too_many_cells_and_missing_programs_name_the_remedy() {
     let (_folder, path) = folder();
     let cells: String = (0..400).map(|i| format!("{i},{},{},9\n", i % 20 * 4, i / 20 * 12)).collect();
@@ -186,7 +203,7 @@ fn errors_for_too_many_cells_and_missing_programs_name_the_remedy() {
     fail(&path, "emulate walk.parquet --firmware nowhere", &["nowhere", "cargo xtask build"]);
     fail(&path, "emulate walk.parquet --fault open-cell:300", &["no cell 300", "walk.parquet has cells 0 to"]);
     fail(&path, "monitor --tcp 127.0.0.1:1", &["127.0.0.1:1"]);
-    fail(&path, "monitor --tcp 127.0.0.1:1 --json a.json --alerts ./a.json", &["a.json", "a file of its own"]);
+    fail(&path, "monitor --tcp 127.0.0.1:1 --json a.json --alerts ./a.json", &["a.json", "name another file"]);
     fail(&path, "monitor --serial /dev/nowhere", &["/dev/nowhere"]);
 }
 

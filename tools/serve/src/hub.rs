@@ -339,7 +339,7 @@ impl Hub {
             }
             insole.pages.push((*next, link));
         }
-        Page { hub: self.clone(), id: *next, changed: self.changed.subscribe() }
+        Page { hub: self.clone(), id: *next, turn: 0, changed: self.changed.subscribe() }
     }
 }
 
@@ -368,6 +368,8 @@ fn open_session(link: &mut Session, connect: ToDevice, tissue: Option<Tissue>, a
 pub(crate) struct Page {
     hub: Arc<Hub>,
     id: u64,
+    /// The index of the insole whose message is sent next, if it has one: on a slow connection, each insole gets its share.
+    turn: usize,
     changed: watch::Receiver<()>,
 }
 
@@ -461,19 +463,27 @@ impl Page {
     }
 
     /// The next message for the page, as the index of an insole followed by the message; `None` if there is nothing to send.
-    pub fn next(&self) -> Option<Vec<u8>> {
-        (0..self.hub.insoles.len()).find_map(|index| {
-            let mut insole = self.hub.insole(index);
-            let insole = &mut *insole;
-            let (_, link) = insole.pages.iter_mut().find(|(id, _)| *id == self.id)?;
-            let mut buffer = [0; MAX_MESSAGE];
-            let message = link.next(insole.hello.as_ref()?, || insole.status, &mut buffer)?;
-            let Some(ToHost::Status(own)) = decode(message) else { return Some([&[index as u8], message].concat()) };
-            // The session counts the live frames of the page; all else is the insole's.
-            let status = Status { live_due: own.live_due, live_sent: own.live_sent, ..insole.status };
-            let message = encode(&ToHost::Status(status), &mut buffer).ok()?;
-            Some([&[index as u8], &*message].concat())
-        })
+    pub fn next(&mut self) -> Option<Vec<u8>> {
+        let count = self.hub.insoles.len();
+        let (index, message) = (self.turn..self.turn + count).find_map(|turn| {
+            let index = turn % count;
+            self.next_of(index).map(|message| (index, message))
+        })?;
+        self.turn = (index + 1) % count;
+        Some([&[index as u8], &*message].concat())
+    }
+
+    /// The next message of this insole for the page.
+    fn next_of(&self, index: usize) -> Option<Vec<u8>> {
+        let mut insole = self.hub.insole(index);
+        let insole = &mut *insole;
+        let (_, link) = insole.pages.iter_mut().find(|(id, _)| *id == self.id)?;
+        let mut buffer = [0; MAX_MESSAGE];
+        let message = link.next(insole.hello.as_ref()?, || insole.status, &mut buffer)?;
+        let Some(ToHost::Status(own)) = decode(message) else { return Some(message.to_vec()) };
+        // The session counts the live frames of the page; all else is the insole's.
+        let status = Status { live_due: own.live_due, live_sent: own.live_sent, ..insole.status };
+        encode(&ToHost::Status(status), &mut buffer).ok().map(|message| message.to_vec())
     }
 }
 
@@ -514,5 +524,29 @@ impl Drop for Page {
         for insole in &self.hub.insoles {
             insole.lock().unwrap_or_else(PoisonError::into_inner).pages.retain(|(id, _)| *id != self.id);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn insoles_take_turns_on_a_slow_connection() {
+        let hub = Arc::new(Hub::new(vec![None, None], false, None));
+        let mut page = hub.join();
+        for index in [0, 1] {
+            hub.hello(index, &testkit::hello(), None, None, None);
+            let mut buffer = [0; MAX_MESSAGE];
+            let message = encode(&ToDevice::Stream { live: true }, &mut buffer).expect("it fits");
+            page.receive(&[&[index as u8], &*message].concat());
+        }
+        while page.next().is_some() {}
+        for sequence in 0..2 {
+            let live = Live { sequence, ..Live::default() };
+            [0, 1].into_iter().for_each(|index| hub.live(index, live));
+        }
+        let order: Vec<_> = std::iter::from_fn(|| page.next()).map(|message| message[0]).collect();
+        assert_eq!(order, [0, 1, 0, 1]);
     }
 }

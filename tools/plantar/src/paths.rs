@@ -1,0 +1,32 @@
+//! Comparison of the files that a user names.
+
+use anyhow::{Result, ensure};
+use std::path::{Path, PathBuf};
+
+/// The file that a path names, in a form that is the same for all its spellings and links.
+fn resolved(path: &Path) -> PathBuf {
+    // A file that does not exist yet has a folder.
+    let in_folder = || {
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        Some(folder.canonicalize().ok()?.join(path.file_name()?))
+    };
+    path.canonicalize().ok().or_else(in_folder).unwrap_or_else(|| path.into())
+}
+
+/// Checks that none of the files in `written` is also one of those in `read`, or is named twice.
+///
+/// # Errors
+/// The file for which another name is needed.
+pub fn check_written(read: &[PathBuf], written: &[Option<&Path>]) -> Result<()> {
+    let mut files: Vec<_> = read.iter().map(|path| resolved(path)).collect();
+    for path in written.iter().flatten() {
+        let file = resolved(path);
+        ensure!(
+            !files.contains(&file),
+            "{} would be written twice, or is an input of this command: name another file",
+            path.display()
+        );
+        files.push(file);
+    }
+    Ok(())
+}
