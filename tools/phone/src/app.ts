@@ -223,6 +223,7 @@ export class App {
       this.tick();
       this.stepsChanged();
     });
-    listenToExport(this.wire, this.recorder, this.insoles, () => this.store, () => this.stepsChanged());
+    const failed = (problem: string) => (this.problem = problem);
+    listenToExport(this.wire, this.recorder, this.insoles, () => this.store, () => this.stepsChanged(), failed);
   }
 }

@@ -74,7 +74,7 @@ function content(session: IdentifySession, state: IdentifyState): Node[] {
     case "done":
       return done(session);
     case "failed":
-      return [note(session.failure), button("close", "Start again", "primary")];
+      return [note(session.failure), button("close", "Start again", "primary"), ...exports(session)];
   }
 }
 

@@ -47,13 +47,17 @@ export function listenToSettings(settings: Settings, changed: () => void): void 
   };
 }
 
-/** Connects the buttons that record, export and delete. `cleared` is called after the steps were deleted. */
+/**
+ * Connects the buttons that record, export and delete. `cleared` is called after the steps were deleted, and `failed` with a
+ * sentence for the wearer if the browser's storage cannot be read or changed.
+ */
 export function listenToExport(
   wire: Wire,
   recorder: Recorder,
   insoles: Insoles,
   store: () => StepStore,
   cleared: () => void,
+  failed: (problem: string) => void,
 ): void {
   const record = byId("record", HTMLButtonElement);
   record.onclick = () => {
@@ -63,11 +67,14 @@ export function listenToExport(
   };
   byId("export-live").onclick = () => download("plantar_live.csv", "text/csv", liveCsv(recorder.entries(), wire));
   byId("export-stream").onclick = () => download("walk.plantar", "application/octet-stream", recorder.file());
-  byId("export-bouts").onclick = () => void exportCsv(store(), "plantar_load_bouts.csv", ({ bouts }) => boutsCsv(bouts));
-  byId("export-steps").onclick = () => void exportCsv(store(), "plantar_steps.csv", ({ steps }) => stepsCsv(steps));
+  const exportRecords = (name: string, csv: (records: Records) => string[]) => {
+    exportCsv(store(), name, csv).catch(() => failed("The browser cannot read the stored steps. Reload the page and try again."));
+  };
+  byId("export-bouts").onclick = () => exportRecords("plantar_load_bouts.csv", ({ bouts }) => boutsCsv(bouts));
+  byId("export-steps").onclick = () => exportRecords("plantar_steps.csv", ({ steps }) => stepsCsv(steps));
   byId("clear").onclick = () => {
     if (!confirm("Delete all steps and loads that are stored on this device? Export them first if you need them.")) return;
-    void store().clear().then(cleared);
+    store().clear().then(cleared, () => failed("The browser could not delete the steps. Reload the page and try again."));
   };
 }
 

@@ -247,7 +247,7 @@ fn both_feet_are_identified_without_a_terminal() {
     };
     let output = plantar(&addresses);
     let [text, errors] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).expect("text"));
-    assert!(output.status.code() == Some(3) && text.contains("NOT WHOLE"), "{text}{errors}");
+    assert!(output.status.code() == Some(3) && text.contains("INCOMPLETE"), "{text}{errors}");
     for (side, address) in ["left", "right"].into_iter().zip(addresses) {
         assert!(text.contains(&format!("{side}: 6 of 6")), "{text}");
         let parameters = Parameters::read(&out.join(side).join("params.toml")).expect("parameters");

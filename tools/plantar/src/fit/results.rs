@@ -65,7 +65,7 @@ pub fn print(study: &Study) {
         match fit {
             Ok(fit) => {
                 println!("{}: {}", region.name(), fit.verdict);
-                fit.defects.iter().for_each(|defect| println!("    NOT WHOLE: {defect}"));
+                fit.defects.iter().for_each(|defect| println!("    INCOMPLETE: {defect}"));
                 fit.warnings.iter().for_each(|warning| println!("    {warning}"));
             }
             Err(reason) => println!("{}: NOT FITTED, {reason}", region.name()),
