@@ -50,7 +50,7 @@ pub struct Insole<R, const N: usize> {
     loads: [RegionLoad<R>; 8],
     /// Force of the baselines of each region.
     residuals: [ForceMoments<R>; 8],
-    /// Centre of pressure of the foot, foot coordinates, mm; that of the last loaded frame without force.
+    /// Centre of pressure of the foot, foot coordinates, mm; in a frame without force, that of the last frame with force.
     centre_mm: (R, R),
     extent: Extent,
     detector: FaultDetector,
@@ -126,8 +126,8 @@ impl<R: Real, const N: usize> Insole<R, N> {
         }
     }
 
-    /// Replaces geometry, calibration and rules, and resets the state. The tissue parameters and the number of the next record
-    /// remain. Iterates over `cells` twice.
+    /// Replaces geometry, calibration and rules, and resets the state of measurement. The tissue parameters and their tracking,
+    /// the rules and the state of the alerts, and the number of the next record remain. Iterates over `cells` twice.
     ///
     /// # Errors
     /// If the configuration is invalid; the previous configuration then remains in force.
@@ -236,7 +236,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         for ((load, live), &law) in self.loads.iter_mut().zip(&mut self.live).zip(&self.force_laws) {
             load.tissue = live.update(&law, load.frame.area.area_mm2(), per_s);
         }
-        self.accumulate(if elapsed > 1 { self.represented(elapsed) } else { 1 });
+        self.accumulate(if elapsed > 1 { self.represented_frames(elapsed) } else { 1 });
         let centre_mm = self.move_centre();
         let regions = self.loads.each_ref().map(|load| &load.frame);
         let mut is_toe_off = self.stance.push(&self.limits, seq, &regions, centre_mm);
@@ -251,7 +251,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             is_toe_off |= self.stance.lift(&self.limits);
         }
         if self.stance.is_lifted() {
-            self.review(seq, codes);
+            self.review_cells(seq, codes);
         } else if self.detector.pause(self.stance.has_loaded()) {
             self.sum_residuals();
         }
@@ -266,9 +266,9 @@ impl<R: Real, const N: usize> Insole<R, N> {
         }
     }
 
-    /// Number of frames for which a frame stands after missing ones.
+    /// Number of frames that the first frame after missing ones represents in the cumulative load.
     #[cold]
-    fn represented(&self, elapsed: u32) -> u32 {
+    fn represented_frames(&self, elapsed: u32) -> u32 {
         elapsed.min(if self.is_loaded() { 1 + BRIDGED_FRAMES } else { self.cumulative.second_frames() })
     }
 
@@ -306,10 +306,10 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.centre_mm
     }
 
-    /// Reviews some cells of the lifted foot.
+    /// Measures the baselines of some cells while the foot is lifted, and checks these cells for faults.
     #[cold]
     #[inline(never)]
-    fn review(&mut self, seq: u32, codes: &[u16]) {
+    fn review_cells(&mut self, seq: u32, codes: &[u16]) {
         let mut frame = frame_context!(self, seq, codes);
         if self.detector.lifted_frame(&mut frame) {
             self.sum_residuals();
@@ -331,10 +331,10 @@ impl<R: Real, const N: usize> Insole<R, N> {
             true => self.sum_regions::<true>(codes),
             false => self.sum_regions::<false>(codes),
         };
-        let is_foot_down = self.detector.is_foot_down(change);
+        let is_mostly_in_contact = self.detector.is_mostly_in_contact(change);
         // A cell was saturated in the stance that is in progress, or in the last one.
         let is_saturated = self.stance.saturated() != 0;
-        if self.detector.has_masks() || is_saturated || !is_foot_down {
+        if self.detector.has_masks() || is_saturated || !is_mostly_in_contact {
             self.detect_faults(seq, codes, is_saturated);
         }
     }
@@ -363,8 +363,8 @@ impl<R: Real, const N: usize> Insole<R, N> {
         change
     }
 
-    /// Interpolates masked cells and runs the fault detection. It is not inlined, because a loaded frame without faults needs
-    /// neither.
+    /// Interpolates masked cells and runs the fault detection. It is not inlined, because a frame with most of the
+    /// insole in contact, and without masked or saturated cells, needs neither.
     #[cold]
     #[inline(never)]
     fn detect_faults(&mut self, seq: u32, codes: &[u16], is_saturated: bool) {

@@ -1,5 +1,6 @@
 //! The TOML files of parameters, tissue measurements, participants and baselines: each is refused or has valid values. Parameters
-//! and a baseline that were read can be written, and are the same after reading again.
+//! and baselines that were read can be written. After reading again, a baseline is the same, and so are the subject and the
+//! identification of parameters.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -25,13 +25,12 @@ fn occupied(admission: &mut Admission, is_known: bool, allows_bonding: bool, for
 }
 
 #[test]
-fn a_stranger_cannot_hold_the_connection_and_the_owner_is_soon_next() {
+fn a_central_without_a_bond_cannot_keep_a_bonded_one_out() {
     let mut admission = Admission::new();
     assert_eq!(admission.time_limit(false, false).as_secs(), 30);
     let (_, longest_us) = occupied(&mut admission, false, false, 1);
     assert_eq!(longest_us, 30_000_000);
-    // From then on the insole is free for an owner's phone at least every other second or so, for as long as the stranger goes
-    // on.
+    // From then on, a central without a bond is disconnected after 2 s, and the insole is free between two such connections.
     let (fraction, longest_us) = occupied(&mut admission, false, false, 3_600_000_000);
     assert!(longest_us <= 2_000_000 + STEP_US && fraction < 0.85, "{longest_us} us, {fraction}");
     // The owner's phone still has the full time, and so has a new phone while bonding is open.

@@ -171,6 +171,11 @@ fn an_insole_that_is_not_worn_is_found_and_measures_when_it_is_put_on() {
     // The insole counts as not worn after 60 s. From then on one frame in 100 is scanned.
     assert!(!status.is_worn && (800..=1000).contains(&status.frames_skipped), "{status:?}");
     phone.send(&mut world.radio, ToDevice::Stream { live: true });
+    // The next frame that is scanned is in the first stance, and the walk continues when the insole has evaluated it.
+    world.insole.play(aside as u32 + 101);
+    while !status.is_worn {
+        status = phone.status(&mut world.radio);
+    }
     world.insole.play(world.insole.scans());
     let mut steps = 0;
     while steps < 2 {

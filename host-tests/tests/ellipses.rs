@@ -25,7 +25,7 @@ use testkit::world::{InsoleEvent, SharedWorld, World};
 const STEPS: u32 = 6;
 /// Time between two frames of the insole, us.
 const PERIOD_US: u64 = 10_000;
-/// One of so many frames is sent: 25 Hz.
+/// Of the frames, every `EVERY`th one is sent: 25 Hz.
 const EVERY: u8 = 4;
 
 /// A left insole that scans 100 times a second, and a host with a live stream over this link.

@@ -6,7 +6,7 @@
 mod common;
 
 use client::{Client, Framed};
-use common::{connect, firmware, replay, replay_faulty, replay_with, synthetic_walk, tissue};
+use common::{connect, connect_within, firmware, replay, replay_faulty, replay_with, synthetic_walk, tissue};
 use emulation::{EmulatorConfig, FLASH_BYTES};
 use emulator::{Board, Faulty, Hardware, Recorded, Scan, Time, Walk};
 use fit::quality::Evaluated;
@@ -290,7 +290,8 @@ fn bytes_that_arrive_during_the_start_do_not_stop_the_insole() {
         Board::start(&firmware(), &config, &virtual_insole.cells, Time::Max, recorded).expect("the board boots");
     let mut link = board.link().expect("the board has a link");
     link.write_all(&[0x55; 200_000]).expect("the link works");
-    assert_eq!(connect(&board).hello().fault, None);
+    // The emulated port receives some 10 to 60 kB/s.
+    assert_eq!(connect_within(&board, Duration::from_secs(120)).hello().fault, None);
 }
 
 #[test]
@@ -468,7 +469,10 @@ fn parameters_change_during_a_walk_without_loss_of_a_frame() {
     while received.live.len() < 150 {
         session.receive(&mut received);
     }
+    // The walk pauses meanwhile, so that it does not end before the request arrives.
+    session.board.plant().hold(true);
     session.ask(ToDevice::SetTissue(other_tissue()), &mut received);
+    session.board.plant().hold(false);
     session.finish_into(&mut received);
     let [(changed, answer)] = received.tissues[..] else { panic!("{:?}", received.tissues) };
     assert_eq!(answer, other_tissue());

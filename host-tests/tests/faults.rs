@@ -7,14 +7,16 @@ use emulator::{FAULT_EXAMPLES, SensorFault};
 use plantar::Region;
 use plantar::faults::{FaultKind, Faults, Place};
 use plantar::insole::Insole;
+use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::contact::ContactRule;
-use plantar::pipeline::setup::SetupCell;
+use plantar::pipeline::setup::{Setup, SetupCell};
 use plantar::pipeline::stance_rule::StanceRule;
 use proptest::prelude::*;
 use recording::synthetic;
+use std::f64::consts::PI;
 use testkit::faults::{Clean, barefoot, computed, detection, in_shoe, model_error, walk};
 use testkit::wear::{find, noisy_walk};
-use testkit::{SETUP, cell};
+use testkit::{LAW, SETUP, cell, code_of};
 
 fn assert_no_fault_is_reported(recordings: &[Clean]) {
     for clean in recordings {
@@ -155,6 +157,46 @@ fn fault_notation_is_parsed_and_errors_contain_examples() {
         let Err(error) = text.parse::<SensorFault>() else { panic!("{text} must be refused") };
         let error = error.to_string();
         assert!(error.contains(text) && error.contains(reason) && error.contains("write for example"), "{error}");
+    }
+}
+
+/// All cells have the same pressure, but different gains, and so different codes.
+#[test]
+fn a_masked_cell_has_the_pressure_of_its_neighbours_whatever_their_gains() {
+    const OPEN: usize = 27;
+    let gain = |i: usize| if (i + i / 8) % 2 == 0 { 0.5 } else { 2.0 };
+    let cells = (0..64usize).map(|i| {
+        let at = cell(Region::Heel, (i % 8) as f32 * 10.0, (i / 8) as f32 * 10.0, 100.0);
+        let calibration = CellCalibration { offset: 100, gain: gain(i) };
+        SetupCell { row_column: i as u8, calibration, ..at }
+    });
+    for contact in [ContactRule::COUNTED, ContactRule::COVERED] {
+        let mut insole = Box::new(Insole::<f64, 64>::new());
+        insole.set_up(Setup { contact, ..SETUP }, cells.clone()).expect("the set-up is accepted");
+        let mut codes = [0u16; 64];
+        let mut largest = [(0.0, 0.0); 2];
+        for seq in 0..1_000 {
+            // Sixty frames of stance, with at most 120 kPa, are followed by forty frames of swing. A cell is open in the second half.
+            let kpa = 120.0 * (PI * f64::from(seq % 100) / 60.0).sin().max(0.0);
+            codes.iter_mut().enumerate().for_each(|(i, code)| *code = 100 + code_of(&LAW, kpa / f64::from(gain(i))));
+            let is_late = seq >= 500;
+            if is_late {
+                codes[OPEN] = 100;
+            }
+            insole.frame(seq, &codes);
+            let load = &insole.loads()[Region::Heel as usize];
+            let (force_n, area_mm2) = &mut largest[usize::from(is_late)];
+            // The cell is masked after the first steps in which it is open.
+            if !is_late || seq >= 800 {
+                *force_n = load.frame.force.force_n.max(*force_n);
+                *area_mm2 = load.frame.area.area_mm2::<f64>().max(*area_mm2);
+            }
+        }
+        assert_eq!(insole.masked(), 1 << Region::Heel as usize);
+        let [(force_n, area_mm2), (masked_n, masked_mm2)] = largest;
+        assert!((force_n - 0.12 * 6400.0).abs() < 0.002 * force_n, "{force_n} N");
+        assert!((masked_n - force_n).abs() < 0.001 * force_n, "{masked_n} N, without a fault {force_n} N");
+        assert!((masked_mm2 - area_mm2).abs() < 0.005 * 100.0, "{masked_mm2} mm2, without a fault {area_mm2} mm2");
     }
 }
 

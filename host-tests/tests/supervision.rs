@@ -168,9 +168,9 @@ fn assert_recovers(fault: InjectedFault, reset: Reset, text: &str, function: &st
     let (hello, last_live) = board.hello_and_last_live(|hello| hello.reset != Reset::Power);
     assert_eq!(hello.reset, reset, "{}", report(&hello));
     assert!(report(&hello).starts_with(text), "{}", report(&hello));
+    let up_s = board.status().uptime_us as f64 * 1e-6;
     let functions = board.functions(report(&hello));
     assert!(functions.iter().any(|name| name.contains(function)), "{}: {functions:#?}", report(&hello));
-    let up_s = board.status().uptime_us as f64 * 1e-6;
     board.live();
     let host_s = last_live.elapsed().as_secs_f64();
     let found_s = (ended_s(report(&hello)) - f64::from(AFTER_MS) * 1e-3).max(0.0);

@@ -45,7 +45,7 @@ impl Hosts {
     }
 }
 
-/// A page on a phone follows the insole, and a program at a computer connects for a while.
+/// A program on a computer follows the insole over the cable, and a page on a phone connects for a while.
 #[test]
 fn a_host_waits_while_another_one_uses_the_insole() {
     let mut hosts = Hosts::new();
@@ -57,7 +57,7 @@ fn a_host_waits_while_another_one_uses_the_insole() {
     hosts.run(1);
     let [cable, radio] = hosts.run(20);
     assert!(cable == 0 && radio > 1_800, "{cable} {radio}");
-    assert_eq!(hosts.cable.hellos.len(), 1, "it takes nothing from the other host");
+    assert_eq!(hosts.cable.hellos.len(), 1, "the waiting host does not take the session back");
 
     // The central disconnects, which the insole notices.
     hosts.radio.disconnect();

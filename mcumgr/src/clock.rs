@@ -52,11 +52,18 @@ impl Clock {
         for (number, from) in numbers.iter_mut().zip(NUMBERS) {
             *number = digits(time.get(from..from + 2)?)? as u8;
         }
-        let fraction = rest.strip_prefix('.').map(|rest| rest.trim_start_matches(|digit: char| digit.is_ascii_digit()));
-        let zone_min = match fraction.unwrap_or(rest) {
+        let after_fraction = match rest.strip_prefix('.') {
+            Some(fraction) => {
+                let zone = fraction.trim_start_matches(|digit: char| digit.is_ascii_digit());
+                (zone.len() < fraction.len()).then_some(zone)?
+            }
+            None => rest,
+        };
+        let zone_min = match after_fraction {
             "" | "Z" => 0,
             zone => {
-                let (hours, minutes) = zone.get(1..)?.split_once(':')?;
+                let (hours, minutes) =
+                    zone.get(1..)?.split_once(':').filter(|(hours, minutes)| hours.len() == 2 && minutes.len() == 2)?;
                 let zone_min = match (digits(hours)?, digits(minutes)?) {
                     (hours @ 0..24, minutes @ 0..60) => (hours * 60 + minutes) as i16,
                     _ => DAY_MIN,

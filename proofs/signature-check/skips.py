@@ -3,7 +3,7 @@
 This is a script for GDB. It reads from its environment:
 
 PLANTAR_PROGRAM: the program `signature-check`
-PLANTAR_EVERY: attack one in so many instructions
+PLANTAR_EVERY: N, to attack every N-th instruction
 PLANTAR_SKIPS: the file for the result, a JSON object with the numbers of attempts and of accepted images for each check
 
 GDB reports every stop on its standard output, so messages are on the standard error.

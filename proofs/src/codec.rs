@@ -105,7 +105,7 @@ pub fn damage(message: &[u8], at: [usize; 2], bytes: [u8; 2]) {
             assert_eq!(found, message);
         }
     }
-    // If the final zero is damaged, the next frame is damaged as well.
+    // If the final zero is damaged, this zero ends the damaged frame, which would otherwise include the next one.
     let _ = decoder.push(0);
     let received = framed[..len].iter().filter(|&&byte| decoder.push(byte) == Some(message)).count();
     assert_eq!(received, 1);

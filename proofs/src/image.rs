@@ -3,7 +3,8 @@
 use plantar::protocol::update::Header;
 use plantar::protocol::{Serial, decode, encode};
 
-/// The numbers of a version: three decimal numbers of 16 bits with points between them, and anything after a plus sign.
+/// The numbers of a version: three decimal numbers below 65,536 with points between them, optionally followed by a
+/// plus sign and any text.
 fn numbers(version: &str) -> Option<[u16; 3]> {
     let release: String = version.chars().take_while(|&c| c != '+').collect();
     let numbers: Vec<u16> = release
@@ -26,10 +27,10 @@ pub fn version(version: &str) {
     assert_eq!(Header::read(&header.bytes()), numbers(version).map(|_| header));
 }
 
-/// The bytes are a header if and only if they begin with the mark of a header, and the text of the version, up to its first zero,
+/// The bytes are a header if and only if they begin with the magic number of a header, and the text of the version, up to its first zero,
 /// is a version.
 pub fn header(bytes: &[u8; Header::BYTES]) {
-    // Eight bytes of the mark, 16 of the board, and 16 of the version.
+    // Eight bytes of the magic number, 16 of the board, and 16 of the version.
     let (start, version) = bytes.split_at(24);
     let text = version.split(|byte| *byte == 0).next().and_then(|text| str::from_utf8(text).ok()).unwrap_or_default();
     let expected = numbers(text).filter(|_| start.starts_with(b"plantar1"));
@@ -38,7 +39,7 @@ pub fn header(bytes: &[u8; Header::BYTES]) {
     assert!(read.is_none_or(|header| header.bytes() == *bytes));
 }
 
-/// A serial number is a text of up to 16 printable ASCII characters, and its bytes are this text and zeros.
+/// A serial number is a text of up to 16 printable ASCII characters without spaces, and its bytes are this text and zeros.
 pub fn serial(text: &str) {
     let serial = Serial::new(text);
     let is_printable = text.chars().all(|c| ('!'..='~').contains(&c));
@@ -51,7 +52,7 @@ pub fn serial(text: &str) {
     }
 }
 
-/// 16 bytes are a valid serial number if zeros only follow the last printable character.
+/// 16 bytes are a valid serial number if and only if they are printable ASCII characters without spaces, followed by zeros only.
 pub fn serial_bytes(bytes: [u8; 16]) {
     let serial: Serial = decode(&bytes).expect("any 16 bytes");
     let end = bytes.iter().rposition(|byte| *byte != 0).map_or(0, |last| last + 1);

@@ -35,8 +35,8 @@ fn next(session: &mut Session) -> Option<Sent> {
 }
 
 /// The events happen to a session with a full queue of live frames and with room for one more answer. It sends records first,
-/// then live frames, of which a full queue drops the oldest and of which at most eight precede an answer, then answers. A request
-/// whose answer cannot wait is not answered.
+/// then live frames, then answers; if answers wait, at most eight live frames precede the first of them. A full queue of live
+/// frames drops its oldest one. A request for whose answer there is no room is not answered.
 pub fn of_messages(events: &[Event]) {
     let mut session = Session::new();
     session.receive(ToDevice::Connect { major: MAJOR, minor: MINOR }, 0);

@@ -29,7 +29,7 @@ fn around<const N: usize>(numbers: [u32; N], around: u32) -> impl Iterator<Item 
 
 /// The order depends only on the distance of two numbers. A long run has all 2^32 distances.
 #[test]
-fn a_number_is_after_those_less_than_half_of_all_numbers_behind() {
+fn a_sequence_number_is_after_the_2_to_the_31_numbers_before_it() {
     let origins = [0, 1, 1 << 31, u32::MAX];
     for from in origins {
         if bound(false, true) {
@@ -94,7 +94,7 @@ fn a_message_is_framed_by_the_definition_and_received() {
 #[test]
 fn two_damaged_bytes_never_produce_another_message() {
     let bytes = bound(vec![0, 1, 2, 5, 6, 7, 254, 255], all_bytes().to_vec());
-    // Seven bytes of a frame with one byte, and the final zero.
+    // A frame, with its final zero, has six bytes more than its message.
     for message in [vec![], vec![0], vec![1], vec![255]] {
         let len = message.len() + 6;
         for (first, second) in (0..len).flat_map(|first| (first..len).map(move |second| (first, second))) {
@@ -106,14 +106,14 @@ fn two_damaged_bytes_never_produce_another_message() {
 }
 
 #[test]
-fn any_short_bytes_are_no_message_of_a_host_or_one_that_can_be_encoded() {
+fn short_bytes_are_refused_or_decoded_as_a_message_of_a_host_that_can_be_encoded() {
     let mut found = 0;
     sequences(&all_bytes(), bound(2, 3), |bytes| found += u32::from(codec::message_of::<ToDevice>(bytes)));
     assert!(found > 0);
 }
 
 #[test]
-fn any_short_bytes_are_no_message_of_an_insole_or_one_that_can_be_encoded() {
+fn short_bytes_are_refused_or_decoded_as_a_message_of_an_insole_that_can_be_encoded() {
     let mut found = 0;
     sequences(&all_bytes(), bound(2, 3), |bytes| found += u32::from(codec::message_of::<ToHost>(bytes)));
     assert!(found > 0);
@@ -216,7 +216,7 @@ fn a_version_is_read_as_it_is_written() {
 }
 
 #[test]
-fn a_changed_byte_of_a_header_is_found_where_it_matters() {
+fn a_damaged_header_is_accepted_only_with_its_magic_number_and_a_valid_version() {
     let header = Header::new("board", "1.22.333").bytes();
     for (first, second) in (0..header.len()).flat_map(|first| (first..header.len()).map(move |second| (first, second)))
     {
@@ -265,13 +265,15 @@ fn a_part_that_continues_in_time_is_not_reported() {
         for (stop, silent) in (1..4).flat_map(|stop| (most - 3..most + 3).map(move |silent| (stop, silent))) {
             supervision::watchdog(most + 20, |other, check| other != part || !(stop..stop + silent).contains(&check));
         }
-        // No part has a heartbeat in the first half of the time that a start may take; or no part ever has one.
+        // The part never has a heartbeat, and the others have none in the first half of the time that a start may take; or no
+        // part ever has one.
         supervision::watchdog(START_CHECKS + most + 3, |other, check| other != part && check > START_CHECKS / 2);
         supervision::watchdog(START_CHECKS + most + 3, |_, _| false);
     }
 }
 
-/// All pairs of codes of the converter, of which each group of a frame has one, and all numbers of cells.
+/// All pairs of successive codes of the converter (a short run: those with every 17th former code), a pair for each group of eight
+/// cells; then all numbers of cells.
 #[test]
 fn codes_are_unpacked_as_they_were_packed() {
     const GROUPS: u16 = 32;

@@ -38,8 +38,11 @@ pub fn identify(
         recordings.iter().map(|recording| (recording.inner.clone(), recording.path.clone())).collect();
     for (i, (recording, path)) in recordings.iter().enumerate() {
         // Steps would be predicted from copies of themselves.
-        if recordings[..i].iter().any(|(before, _)| before.pressure_kpa == recording.pressure_kpa) {
-            let problem = format!("{} is given twice: give each recording once", path.display());
+        if let Some((_, same)) =
+            recordings[..i].iter().find(|(before, _)| before.pressure_kpa == recording.pressure_kpa)
+        {
+            let problem =
+                format!("{} has the same pressures as {}: give each recording once", path.display(), same.display());
             return Err(PyValueError::new_err(problem));
         }
     }

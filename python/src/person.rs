@@ -52,7 +52,7 @@ impl Person {
         self.0.notes.clone()
     }
 
-    /// Everything besides the recordings and the version that determines the rows of this person, as text.
+    /// Everything that determines the rows of this person, except the recordings and the version of the program, as text.
     #[getter]
     fn description(&self) -> String {
         self.0.description()

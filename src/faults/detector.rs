@@ -97,7 +97,7 @@ impl FaultDetector {
     /// Adds `change`, in units of [`crate::pipeline::cell::area_units`], to the contact area. True if more than half of the
     /// insole is in contact: then [`FaultDetector::frame`] only checks saturated cells.
     #[inline(always)]
-    pub(crate) fn is_foot_down(&mut self, change: i32) -> bool {
+    pub(crate) fn is_mostly_in_contact(&mut self, change: i32) -> bool {
         self.contact_area += change;
         self.contact_area > self.total_area / 2
     }

@@ -11,6 +11,8 @@ use heapless::Vec;
 struct Mask {
     /// Index of the masked cell.
     cell: u16,
+    /// Its code at zero pressure, before it was masked.
+    zero: u16,
     /// Indices of the nearest healthy cells. If there are fewer than four, the index of the masked cell fills the rest.
     neighbours: [u16; 4],
 }
@@ -39,7 +41,7 @@ impl Masking {
         let cell = &mut frame.cells[index];
         cell.marks.set_masked();
         self.regions |= 1 << region;
-        let mask = Mask { cell: index as u16, neighbours: [index as u16; 4] };
+        let mask = Mask { cell: index as u16, zero: cell.zero, neighbours: [index as u16; 4] };
         // With this zero, the pass over the cells adds no force of this cell.
         cell.zero = u16::MAX;
         let load = &mut frame.loads[region].frame;
@@ -55,22 +57,24 @@ impl Masking {
     #[inline(never)]
     pub(super) fn interpolate<R: Real>(&self, frame: &mut FrameContext<'_, R>) {
         for mask in &self.masks {
-            let (mut sum, mut count) = (0, 0);
+            // In single precision on every machine, so that all machines compute the same area.
+            let (mut sum_kpa, mut count) = (0.0f32, 0.0f32);
             for neighbour in mask.neighbours.into_iter().filter(|&neighbour| neighbour != mask.cell).map(usize::from) {
-                sum += u32::from(frame.codes[neighbour].saturating_sub(frame.cells[neighbour].baseline.code));
-                count += 1;
+                let cell = &frame.cells[neighbour];
+                sum_kpa += cell.baseline.gain * cell.above_kpa(frame.codes[neighbour].into(), frame.curve);
+                count += 1.0;
             }
-            // The mean of 16-bit numbers fits 16 bits.
-            let above = sum.checked_div(count).unwrap_or(0) as u16;
             let index = usize::from(mask.cell);
-            let code = u32::from(frame.cells[index].baseline.code.saturating_add(above));
             let region = frame.region(index);
             let (cell, load) = (&mut frame.cells[index], &mut frame.loads[region].frame);
-            let above_kpa = frame.curve.pressure_kpa(i32::from(above));
+            // The pressure of the masked cell above its baseline, on the sensor curve that all cells share.
+            let above_kpa = if count > 0.0 { sum_kpa / count / cell.baseline.gain } else { 0.0 };
+            let code = frame.curve.first_code_at(above_kpa + cell.baseline.residual_kpa);
+            let code = u32::from(code) + u32::from(mask.zero);
             load.update_contact(&cell.region, &mut cell.contact, code, cell.zero, above_kpa);
             cell.contact.notify_always();
-            if above > 0 {
-                load.force.add(&cell.region, frame.curve.pressure_kpa(i32::from(above)));
+            if above_kpa > 0.0 {
+                load.force.add(&cell.region, R::of_f32(above_kpa));
             }
         }
     }

@@ -57,14 +57,15 @@ pub trait Matrix {
     async fn read_row(&mut self, seq: u32, row: usize, codes: &mut [u16; DEVICE_CELLS]) -> Result<(), MatrixTimeout>;
 }
 
-/// Counts processor cycles within one frame.
+/// Counts processor cycles.
 pub trait Stopwatch {
     /// Number of cycles in a millisecond.
     const CYCLES_PER_MS: u32;
 
     /// Begins a measurement and returns its mark. Called at the beginning of every processed frame.
     fn start(&self) -> u32;
-    /// Number of cycles since the mark `start`, which was returned less than a millisecond ago.
+    /// Number of cycles since the mark `start`. It may wrap after a millisecond, so the caller computes longer times from
+    /// differences of successive results.
     fn cycles_since(&self, start: u32) -> u32;
 }
 

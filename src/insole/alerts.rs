@@ -17,13 +17,13 @@ impl<R: Real, const N: usize> Insole<R, N> {
 
     #[cold]
     fn end_second(&mut self) {
-        self.alerts.second(
+        self.alerts.end_second(
             &self.alert_rules,
             self.last_seq.unwrap_or(0),
             self.cumulative.sustained(),
             &self.cumulative.totals,
         );
-        if self.alerts.ends_day() {
+        if self.alerts.count_second() {
             self.begin_day(0);
         }
     }

@@ -83,7 +83,7 @@ pub struct AlertRecord {
     pub start_us: u64,
     /// Bit i: region i is under sustained load.
     pub sustained: u8,
-    /// Bit i: the dose of region i has reached the limit of the day.
+    /// Bit i: the dose of region i has reached the limit of the day, which no earlier alert of the day has reported.
     pub dose: u8,
     /// Length of the window of sustained load, s.
     pub window_s: u16,
@@ -129,14 +129,16 @@ pub(crate) struct Alerts {
     raised: (u8, u8),
     /// Number of the frame that raised it.
     raised_seq: u32,
+    /// Number of alerts in its day, with this one. A new day may begin before the alert is taken.
+    raised_today: u8,
 }
 
 impl Alerts {
     pub(crate) const NONE: Self =
-        Self { day: 0, seconds: 0, snoozed_s: 0, today: 0, dose: 0, raised: (0, 0), raised_seq: 0 };
+        Self { day: 0, seconds: 0, snoozed_s: 0, today: 0, dose: 0, raised: (0, 0), raised_seq: 0, raised_today: 0 };
 
     /// Raises an alert if the rules demand it, after each second. Frame `seq` ends the second.
-    pub(crate) fn second(&mut self, rules: &AlertRules, seq: u32, sustained: u8, totals: &Totals) {
+    pub(crate) fn end_second(&mut self, rules: &AlertRules, seq: u32, sustained: u8, totals: &Totals) {
         self.snoozed_s = self.snoozed_s.saturating_sub(1);
         let sustained = sustained & rules.regions;
         let dose = over_dose(rules, totals) & rules.regions & !self.dose;
@@ -144,6 +146,7 @@ impl Alerts {
             (self.raised, self.raised_seq) = ((sustained, dose), seq);
             self.snoozed_s = rules.snooze_s;
             self.today += 1;
+            self.raised_today = self.today;
             self.dose |= dose;
         }
     }
@@ -164,7 +167,7 @@ impl Alerts {
             sustained,
             dose,
             window_s: rules.limits.window_s,
-            today: self.today,
+            today: self.raised_today,
         })
     }
 
@@ -176,7 +179,7 @@ impl Alerts {
     }
 
     /// Counts a second. True if the day has no clock and has ended.
-    pub(crate) fn ends_day(&mut self) -> bool {
+    pub(crate) fn count_second(&mut self) -> bool {
         self.seconds += 1;
         self.day == 0 && self.seconds >= 86_400
     }

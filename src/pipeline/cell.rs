@@ -47,6 +47,12 @@ impl<R: Real> InsoleCell<R> {
         has_pressure
     }
 
+    /// The pressure of a code above the baseline, on the sensor curve that all cells share, kPa.
+    pub(crate) fn above_kpa(&self, code: u32, curve: &Curve) -> f32 {
+        let curve_kpa: f32 = curve.pressure_kpa((code as i32 - i32::from(self.zero)).max(0));
+        (curve_kpa - self.baseline.residual_kpa).max(0.0)
+    }
+
     /// Updates contact and region with a code that may change them, unless the cell is masked. It is not inlined, because few
     /// cells change in a frame.
     #[cold]
@@ -55,8 +61,7 @@ impl<R: Real> InsoleCell<R> {
         if self.marks.is_masked() {
             return;
         }
-        let curve_kpa: f32 = curve.pressure_kpa((code as i32 - i32::from(self.zero)).max(0));
-        let above_kpa = (curve_kpa - self.baseline.residual_kpa).max(0.0);
+        let above_kpa = self.above_kpa(code, curve);
         frame.update_contact(&self.region, &mut self.contact, code, self.zero, above_kpa);
         self.marks.note(code, self.baseline.code, &mut self.contact);
         frame.saturated |= is_saturated(code);

@@ -23,7 +23,8 @@ pub const PARAMETERS: u128 = uuid(4);
 
 /// The service of management tools ([`mcumgr`]).
 pub const MANAGEMENT_SERVICE: u128 = 0x8d53_dc1d_1db7_4cd3_868b_8a52_7460_aa84;
-/// The requests of management tools and their answers, without fragments' headers.
+/// The requests of management tools and their answers, in parts without the headers of fragments: each message states its own
+/// length.
 pub const MANAGEMENT: u128 = 0xda2e_7828_fbce_4e01_ae9e_2611_7499_7c48;
 
 /// Bytes per second that a link is assumed to carry from the insole: four values of 244 bytes in each connection interval of
@@ -71,7 +72,7 @@ impl GattChannel {
         match message.first() {
             Some(&(ToHost::LIVE | ToHost::CELLS | ToHost::ELLIPSES)) => Self::Live,
             Some(&(ToHost::STEP | ToHost::BOUT | ToHost::ALERT)) => Self::Steps,
-            // A request that is not understood is refused by an attribute error, so a refusal concerns a value to be stored.
+            // Refusals are sent on this characteristic, whichever request was refused.
             Some(&(ToHost::TISSUE | ToHost::REFUSED)) => Self::Parameters,
             _ => Self::Control,
         }
@@ -87,6 +88,6 @@ pub enum WriteError {
     OutOfOrder,
     /// No message, or not one that this characteristic takes.
     NotUnderstood,
-    /// Not a time.
+    /// Not a valid time.
     Value,
 }

@@ -24,9 +24,14 @@ pub const TIMEOUT: Duration = Duration::from_secs(20);
 
 /// Opens a session with the insole on the serial link of a board.
 pub fn connect(board: &Board) -> Client<Framed<TcpStream>> {
+    connect_within(board, TIMEOUT)
+}
+
+/// The same with another longest wait for the insole's answer.
+pub fn connect_within(board: &Board, timeout: Duration) -> Client<Framed<TcpStream>> {
     let link = board.link().expect("the board has a link");
     link.set_read_timeout(Some(Duration::from_millis(50))).expect("the socket accepts a timeout");
-    Client::connect(Framed::new(link), TIMEOUT).expect("the insole answers")
+    Client::connect(Framed::new(link), timeout).expect("the insole answers")
 }
 
 /// The firmware of the emulated board.

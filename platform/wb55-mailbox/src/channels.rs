@@ -1,8 +1,8 @@
 //! The interrupts of the six channels between the cores (IPCC). In the registers, bit i stands for channel i + 1, and bit 16 + i
 //! of the mask register for the interrupt of the same channel when it is empty.
 //!
-//! An interrupt is due while a channel is filled (by the other core) or empty (after this core had filled it) and not masked. The
-//! handler therefore masks each channel whose interrupt is due; otherwise the same interrupt would occur again at once, without
+//! An interrupt is due while its channel is not masked, and the other core has filled it or, after this core had filled it, has
+//! emptied it. The handler therefore masks each channel whose interrupt is due; otherwise the same interrupt would occur again at once, without
 //! end.
 
 /// Number of channels in each direction.

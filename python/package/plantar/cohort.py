@@ -106,7 +106,10 @@ def _evaluate(participant: str, files: Any, folder: str, table_files: Any, targe
     for entry in recordings:
         try:
             recording = _core.Recording.parse(files.cat_file(entry["name"]), entry["name"])
-            batches.append(person.rows(recording))
+            rows = person.rows(recording)
+            if rows.num_rows == 0:
+                left_out.append(f"{entry['name']}: no complete step: record a walk of several steps")
+            batches.append(rows)
         except (OSError, ValueError) as error:
             left_out.append(str(error))
     steps = sum(batch.num_rows for batch in batches) // len(REGIONS)
@@ -231,9 +234,9 @@ def _options(parser: argparse.ArgumentParser) -> None:
     """The options of the evaluation, as those of ``plantar cohort``."""
     parser.add_argument("--size", type=int, default=42, help="European shoe size of participants without a size [42]")
     parser.add_argument("--filter", choices=["direct", "live", "smoothed"], help="filter of the contact area")
-    parser.add_argument("--method", choices=["projection", "paper"], default="projection", help="search [projection]")
+    parser.add_argument("--method", choices=["projection", "paper"], default="projection", help="method of the identification [projection]")
     parser.add_argument("--bounds", choices=["free", "paper"], default="free", help="bounds of the exponents [free]")
-    parser.add_argument("--tissue", metavar="FILE", help="tissue measurements, on a path of all workers")
+    parser.add_argument("--tissue", metavar="FILE", help="tissue measurements, at the same path on each worker")
     parser.add_argument("--compression", type=float, metavar="FRACTION", help="assumed compression of the tissue")
     for name, text in (
         ("on", "a cell comes into contact at this pressure [10]"),

@@ -79,7 +79,8 @@ def step(replay: Replay, number: int | None = None) -> Figure:
 
 
 def fit(fitted: Fit) -> Figure:
-    """The measured force and the model force of each region over all steps, with K, n and the errors."""
+    """The measured force and the model force of each region over all steps, with K, n and the predicted error, or the
+    error of the fit without a prediction."""
     table, curves = fitted.table(), fitted.curves
     figure, panels = _panels("time since contact, s")
     for region, axes in panels:

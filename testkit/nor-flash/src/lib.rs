@@ -28,9 +28,9 @@ pub struct NorFlashChip {
     pub bytes: Vec<u8>,
     /// Number of write operations and of erase operations of a sector so far.
     pub operations: u64,
-    /// For each sector, the number of its erase operations so far.
+    /// For each sector, the number of its erase operations so far, those that failed included.
     pub erasures: Vec<u32>,
-    /// Number of bytes written so far.
+    /// Number of bytes written so far, those of failed operations included.
     pub written: u64,
     /// The operation in which power fails, counted from 0, and the moment of the power cut. Power stays off afterwards.
     pub cut: Option<(u64, Torn)>,

@@ -33,7 +33,11 @@ pub fn measure(python: &Path, moticon: &Path, figures: &mut Figures) -> Result<(
         found as f64 / walked as f64,
         "at least 0.995: share of the steps that are found in shoes that press with 0.5 to 8 kPa, 50 walks of 60 steps",
     );
-    figures.add("wear.residual_extra", extra as f64, "0: number of other steps in these walks");
+    figures.add(
+        "wear.residual_extra",
+        extra as f64,
+        "0: number of steps in these walks that are found but were not walked",
+    );
     figures.add("wear.false_faults", f64::from(faults), "0: number of sensor faults that are reported in these walks");
     figures.add(
         "wear.force_error",
@@ -83,12 +87,13 @@ fn measure_bouts(figures: &mut Figures) {
     figures.add(
         "wear.unassigned_load",
         unassigned,
-        "at most 0.001: share of the force-time integral in no step or load bout, or in two, largest of 21 sequences of activities",
+        "at most 0.001: difference between the force-time integral of all steps and load bouts and that of the stream, as a share of \
+         the latter, largest of 21 sequences of activities",
     );
     let share = right as f64 / labelled as f64;
     figures.add(
         "wear.kinds_recognised",
         share,
-        "at least 0.95: share of standing, shuffling and sitting in these with the right kind",
+        "at least 0.95: share of the standing, shuffling and sitting in the 21 sequences that is recognised as such",
     );
 }

@@ -26,14 +26,14 @@ impl Trial {
     }
 }
 
-/// The mean of each variable over the values that it has; `None` without any values.
+/// The mean of each variable over the trials that have a value of it; `None` without trials.
 pub fn means<'v>(all: impl IntoIterator<Item = &'v Values>) -> Option<Values> {
     let all: Vec<&Values> = all.into_iter().collect();
     let width = all.first()?.len();
     Some((0..width).map(|i| Moments::of(all.iter().filter_map(|values| values[i])).map(|m| m.mean)).collect())
 }
 
-/// Mean and standard deviation of a number over people.
+/// Mean and standard deviation of some values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moments {
     /// Number of values.

@@ -1,4 +1,4 @@
-"""The least squares of recorded steps by SciPy's trust region reflective search, the best of several random starts.
+"""Least-squares fits of recorded steps by SciPy's trust region reflective algorithm: the best of several random starts.
 
 Reads a JSON list of regions from the standard input. A region has "area_max_m2", the "samples" of its steps, each with its area
 (m2), the indices of the later and the earlier sample from which the deformation rate is computed, the reciprocal of the time

@@ -49,7 +49,7 @@ fn every_choice_is_varied_and_changes_what_it_has_to() {
             match variant.choice {
                 // If all areas grow by a tenth, the area at a force does so, too.
                 Choice::Threshold(rule) if rule.on_kpa == 5.0 => assert!((1.05..1.15).contains(&ratio), "{ratio}"),
-                // The same steps result in the same law.
+                // For these rules the steps are those of the study, so the law is, too.
                 Choice::Threshold(_) | Choice::AreaScale(_) => assert!((ratio - 1.0).abs() < 1e-9, "{ratio}"),
                 Choice::LeftOut(_) => assert!((0.97..1.03).contains(&ratio), "{ratio}"),
                 // The forces of computed steps follow from the direct filter.
@@ -85,7 +85,7 @@ fn choices_that_cannot_be_varied_are_named() {
 
 /// In single precision, 5.9 / 10 * 10 is not 5.9.
 #[test]
-fn the_rule_of_the_study_is_no_other_choice() {
+fn the_contact_rule_of_the_study_is_not_an_alternative() {
     let mut study = study(1);
     study.contact = ContactRule { on_kpa: 10.0, off_kpa: 5.9, ..study.contact };
     assert_ne!(study.contact.off_kpa / 10.0 * 10.0, study.contact.off_kpa);

@@ -43,7 +43,7 @@ impl Figure {
     }
 
     /// The bar as it is printed.
-    pub fn bar_text(&self) -> String {
+    pub fn limit_text(&self) -> String {
         match self.bar {
             Some((0.0, most)) => format!("at most {most}"),
             Some((least, f64::INFINITY)) => format!("at least {least}"),

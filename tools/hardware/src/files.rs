@@ -96,7 +96,7 @@ pub fn figures_table(figures: &[Figure]) -> String {
             "| `{}` | {} | {} | {} |",
             figure.key,
             figure.value_text(),
-            figure.bar_text(),
+            figure.limit_text(),
             figure.meaning
         );
     }

@@ -37,8 +37,8 @@ fn main() -> Result<()> {
     }
     write(&folder.join("figures.md"), &figures_table(&results.figures))?;
     for figure in &results.figures {
-        let (value, bar) = (figure.value_text(), figure.bar_text());
-        println!("{:<36} {value:>8}  {bar:<16} {}", figure.key, figure.meaning);
+        let (value, limit) = (figure.value_text(), figure.limit_text());
+        println!("{:<36} {value:>8}  {limit:<16} {}", figure.key, figure.meaning);
     }
     if let Some(path) = &arguments.json {
         let figures: Map<_, _> =

@@ -2,8 +2,9 @@
 //! are made from it.
 
 use crate::parts::{
-    BUFFER, BULK, COMPENSATION, CONNECTOR, CONTROLLER, DECODER, DECOUPLING, DIVIDER_LOWER, DIVIDER_UPPER, FEEDBACK,
-    FILTER, FLASH, LOAD_SWITCH, ON, PULL_UP, PartType, QUAD, RESERVOIR, RETURN, ROW_SWITCH, SERIES, SHEET, SIDE,
+    BUFFER, BULK, CAPACITOR_330P, COMPENSATION, CONNECTOR, CONTROLLER, DECODER, DECOUPLING, DIVIDER_LOWER,
+    DIVIDER_UPPER, FEEDBACK, FILTER, FLASH, LOAD_SWITCH, ON, PULL_UP, PartType, QUAD, RESISTOR_10K, ROW_SWITCH, SERIES,
+    SHEET, SIDE,
 };
 use plantar::firmware::layout::{COLUMNS, ROWS};
 use std::collections::BTreeMap;
@@ -85,7 +86,7 @@ impl Netlist {
             board.two_ended(format!("R{}", 100 + column), &FEEDBACK, &line, &output);
             board.two_ended(format!("C{}", 100 + column), &COMPENSATION, &line, &output);
             board.two_ended(format!("R{}", 200 + column), &SERIES, &output, &input);
-            board.two_ended(format!("C{}", 200 + column), &RESERVOIR, &input, GROUND);
+            board.two_ended(format!("C{}", 200 + column), &CAPACITOR_330P, &input, GROUND);
         }
         for quad in 0..COLUMNS / 4 {
             let unit = |name: &str| quad * 4 + "ABCD".find(name).unwrap_or_default();
@@ -97,7 +98,7 @@ impl Netlist {
             });
         }
         for row in 0..ROWS {
-            board.two_ended(format!("R{}", 300 + row), &RETURN, &row_net(row), REFERENCE);
+            board.two_ended(format!("R{}", 300 + row), &RESISTOR_10K, &row_net(row), REFERENCE);
         }
         for pair in 0..ROWS / 2 {
             let row = |unit: &str| 2 * pair + usize::from(unit == "B");
@@ -130,7 +131,7 @@ impl Netlist {
             .into()
         });
         board.two_ended("R3".into(), &ON, SUPPLY, "FE_ON");
-        board.two_ended("C2".into(), &RESERVOIR, "RISE", GROUND);
+        board.two_ended("C2".into(), &CAPACITOR_330P, "RISE", GROUND);
         board.two_ended("C3".into(), &BULK, SUPPLY, GROUND);
         board.two_ended("C4".into(), &BULK, SWITCHED, GROUND);
         board.add("U7".into(), &DECODER, |pin| match pin {
@@ -152,7 +153,7 @@ impl Netlist {
             }
             .into()
         });
-        board.two_ended("R5".into(), &RETURN, SUPPLY, "FLASH_CS");
+        board.two_ended("R5".into(), &RESISTOR_10K, SUPPLY, "FLASH_CS");
         board.two_ended("R6".into(), &SIDE, "SIDE", GROUND);
         let decoupled = [SWITCHED, SWITCHED, SWITCHED, SWITCHED, SWITCHED, SUPPLY, SUPPLY];
         for (i, supply) in decoupled.into_iter().enumerate() {

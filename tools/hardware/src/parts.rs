@@ -173,7 +173,7 @@ pub const SERIES: PartType = resistor(
     "filter at the converter's input",
 );
 /// Returns a row to the virtual ground.
-pub const RETURN: PartType = resistor(
+pub const RESISTOR_10K: PartType = resistor(
     10_000.0,
     "10 kohm 1 %",
     "RC0603FR-0710KL",
@@ -227,7 +227,7 @@ pub const COMPENSATION: PartType = capacitor(
     "stability of a column amplifier",
 );
 /// Capacitor at a converter's input.
-pub const RESERVOIR: PartType = capacitor(
+pub const CAPACITOR_330P: PartType = capacitor(
     330e-12,
     "330 pF C0G 5 %",
     "GRM1885C1H331JA01D",

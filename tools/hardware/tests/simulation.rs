@@ -5,7 +5,7 @@ use hardware::data_sheet::{SHEET_LINE_OHM, SUPPLY_V, SWITCH_ON_OHM};
 use hardware::figures::simulate;
 use hardware::netlist::{Netlist, amplifier};
 use hardware::ngspice::Run;
-use hardware::parts::{COMPENSATION, DIVIDER_LOWER, DIVIDER_UPPER, Model, RETURN, SERIES};
+use hardware::parts::{COMPENSATION, DIVIDER_LOWER, DIVIDER_UPPER, Model, RESISTOR_10K, SERIES};
 use hardware::spice::{Conditions, Gate, circuit};
 use plantar::firmware::front_end::{self, FEEDBACK_OHM, UNLOADED_CODE};
 use plantar::firmware::layout;
@@ -36,10 +36,10 @@ fn assert_near(value: f64, expected: f64, share: f64, what: &str) {
 
 #[test]
 #[ignore = "needs ngspice: cargo xtask test"]
-fn all_figures_meet_their_bars() {
+fn all_figures_meet_their_limits() {
     let results = simulate(&Netlist::reference()).expect("the simulation runs");
     for figure in results.figures {
-        assert!(!figure.is_missed(), "{} is {}, but {}", figure.key, figure.value, figure.bar_text());
+        assert!(!figure.is_missed(), "{} is {}, but {}", figure.key, figure.value, figure.limit_text());
     }
 }
 
@@ -77,7 +77,7 @@ fn a_row_returns_to_the_virtual_ground_with_its_time_constant() {
     let mut conditions = Conditions::idle();
     conditions.gates[ROW] = Gate::OnUntil(0.5e-6);
     let switch = conditions.row_switch;
-    let tau_s = ohm(RETURN.model) * (conditions.line_f + switch.drain_f + switch.gate_drain_f);
+    let tau_s = ohm(RESISTOR_10K.model) * (conditions.line_f + switch.drain_f + switch.gate_drain_f);
     let run = Run::of(circuit(&Netlist::reference(), &conditions));
     let table =
         run.table("tran 10n 12u 0 10n", &format!("v(sheet_row{ROW})")).tables().expect("the simulation runs").remove(0);
@@ -99,7 +99,7 @@ fn the_noise_at_low_frequencies_is_the_sum_of_its_sources() {
         let conditions = Conditions::selected(ROW).with_cell(ROW, COLUMN, cell_ohm);
         let simulated = noise(&board, "", &conditions).expect("the simulation runs").density[0].1;
         let gain = feedback_ohm / cell_ohm;
-        // Amplifier and buffer, and the divider, are amplified by the noise gain.
+        // The noise of amplifier, buffer and divider is amplified by the noise gain.
         let at_input =
             2.0 * conditions.amplifier.noise_v_per_sqrt_hz.powi(2) + 4.0 * KT * upper * lower / (upper + lower);
         let resistors = 4.0 * KT * (feedback_ohm + cell_ohm * gain.powi(2) + ohm(SERIES.model));

@@ -162,6 +162,7 @@ impl Cohort {
         for path in &recordings {
             let reader = RecordingReader::open(path).map_err(Into::into);
             match reader.and_then(|reader| fits::rows(&person, reader, path)) {
+                Ok(more) if more.is_empty() => left_out.push(format!("{}: {}", path.display(), NotFitted::NoSteps)),
                 Ok(more) => rows.extend(more),
                 Err(error) => left_out.push(format!("{error:#}")),
             }

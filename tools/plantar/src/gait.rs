@@ -93,7 +93,8 @@ impl GaitCommand {
 
 /// Reads the steps of a stream file, of a folder of `plantar record`, or of a recording, which is replayed.
 fn read(path: &Path) -> Result<Walk> {
-    if path.is_dir() {
+    // The folder of a recording of all cells has no steps; it is replayed.
+    if path.join("steps").is_dir() {
         let steps = session::timed_steps(path)?.into_iter();
         let steps = steps.map(|(step, start_s)| (step, start_s.map(|s| (s * 1e6).round() as u64))).collect();
         return Ok(Walk { steps, others: session::other_records(path)? });

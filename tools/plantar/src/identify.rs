@@ -89,6 +89,12 @@ fn mass(text: &str) -> Result<f64, String> {
 
 impl Identify {
     pub fn run(&self) -> Result<bool> {
+        // Options that cannot be used are refused before the wearer stands and walks.
+        let options = self.search.options(0)?;
+        ensure!(
+            options.filter != ::fit::Filter::Smoothed,
+            "no insole evaluates the smoothing of the paper: use --filter direct, which is the usual one"
+        );
         let mut feet = self.connect()?;
         let rule = ContactRule { full_kpa: self.contact_full, ..ContactRule::COUNTED };
         ensure!(rule.is_valid(), "--contact-full {}: expected 0, or 10 to 2000 kPa", self.contact_full);

@@ -1,5 +1,6 @@
 //! `plantar import`: converts the exports of other systems to recordings, and computes example recordings.
 
+use crate::paths::check_written;
 use crate::replay::progress;
 use anyhow::{Context, Result, bail};
 use clap::{Args, Subcommand, ValueEnum};
@@ -7,6 +8,7 @@ use plantar::Side;
 use recording::synthetic::{self, SyntheticWalk};
 use recording::{Export, Format, Recording, csv, export, footprint, jiku, pedar};
 use std::path::{Path, PathBuf};
+use std::slice;
 
 #[derive(Subcommand)]
 pub enum Import {
@@ -148,7 +150,9 @@ impl From<Foot> for Side {
 impl Import {
     pub fn run(&self) -> Result<()> {
         let vendor = |format: Format, vendor: &Vendor| {
-            vendor.out.write_feet(format.import(&vendor.file, vendor.side.map(Side::from))?)
+            vendor
+                .out
+                .write_feet(format.import(&vendor.file, vendor.side.map(Side::from))?, slice::from_ref(&vendor.file))
         };
         let bar = progress(0, "bytes");
         let mut report = |done, total| {
@@ -163,7 +167,7 @@ impl Import {
                     all.feet.extend(feet);
                     all.remarks.extend(remarks);
                 }
-                out.write_feet(all)
+                out.write_feet(all, files)
             }
             Self::Xsensor(file) => vendor(Format::Xsensor, file),
             Self::Tekscan(file) => vendor(Format::Tekscan, file),
@@ -176,6 +180,7 @@ impl Import {
             Self::Csv { layout, frames, side, out } => {
                 let recording = csv::import(layout, frames, (*side).into(), &mut report)?;
                 bar.finish_and_clear();
+                check_written(&[layout.clone(), frames.clone()], &[Some(&out.out)])?;
                 out.write(recording, &out.out)
             }
             Self::Pedar { file, geometry, side, out } => {
@@ -186,7 +191,7 @@ impl Import {
                 let feet = sides.into_iter().map(|foot| pedar::import(file, geometry, foot, &mut report));
                 let feet = feet.collect::<recording::Result<_>>()?;
                 bar.finish_and_clear();
-                out.write_feet(Export { feet, remarks: Vec::new() })
+                out.write_feet(Export { feet, remarks: Vec::new() }, &[file.clone(), geometry.clone()])
             }
             Self::Jiku { data, walker, trials, out } => {
                 if *trials == 0 || *trials > jiku::TRIALS {
@@ -205,8 +210,8 @@ impl Import {
 }
 
 impl Out {
-    /// Writes one foot to the file, or both feet to a file each.
-    fn write_feet(&self, export: Export) -> Result<()> {
+    /// Writes one foot to the file, or both feet to a file each, unless it is one of the files in `read`.
+    fn write_feet(&self, export: Export, read: &[PathBuf]) -> Result<()> {
         for remark in &export.remarks {
             println!("{remark}");
         }
@@ -218,14 +223,23 @@ impl Out {
             );
         }
         let is_pair = left + right == 2;
-        for foot in export.feet {
-            let path = match is_pair {
-                true => self.out.with_extension(format!("{}.parquet", foot.side.name())),
-                false => self.out.clone(),
-            };
-            self.write(foot, &path)?;
-        }
-        Ok(())
+        let paths: Vec<_> = export.feet.iter().map(|foot| self.path(is_pair.then_some(foot.side))).collect();
+        check_written(read, &paths.iter().map(|path| Some(path.as_path())).collect::<Vec<_>>())?;
+        export.feet.into_iter().zip(&paths).try_for_each(|(foot, path)| self.write(foot, path))
+    }
+
+    /// The file of the only foot for `None`, or of this foot of a pair.
+    fn path(&self, side: Option<Side>) -> PathBuf {
+        let Some(side) = side else { return self.out.clone() };
+        // A name such as `trial-1.1` has no ending to replace.
+        let stem = if self.out.extension().is_some_and(|ending| ending == "parquet") {
+            self.out.with_extension("")
+        } else {
+            self.out.clone()
+        };
+        let mut path = stem.into_os_string();
+        path.push(format!(".{}.parquet", side.name()));
+        path.into()
     }
 
     fn write(&self, mut recording: Recording, path: &Path) -> Result<()> {

@@ -56,11 +56,7 @@ impl Params {
     pub fn run(&self) -> Result<()> {
         match self {
             Self::Typical { size, out } => {
-                ensure!(
-                    !Parameters::read(out).is_ok_and(|parameters| parameters.personal),
-                    "{} contains parameters that were identified from the steps of a person: name another file with --out",
-                    out.display()
-                );
+                check_not_personal(out)?;
                 Parameters::typical(*size).write(out)?;
                 println!("wrote {}: typical values for size {size}, not personal", out.display());
                 Ok(())
@@ -132,8 +128,19 @@ pub fn set_rule(insole: &mut Insole, contact: ContactRule) -> Result<()> {
     Ok(())
 }
 
+/// Refuses to replace the file of a person, which has more than typical parameters and more than those on an insole.
+fn check_not_personal(out: &Path) -> Result<()> {
+    ensure!(
+        !Parameters::read(out).is_ok_and(|parameters| parameters.personal),
+        "{} contains parameters that were identified from the steps of a person: name another file with --out",
+        out.display()
+    );
+    Ok(())
+}
+
 /// Writes the parameters on an insole to a file.
 fn pull(out: &Path, connection: &Connection) -> Result<()> {
+    check_not_personal(out)?;
     let (tissue, identified) = read_tissue(connection)?;
     let text = format!(
         "# Read from an insole, which stores only A B, C, K, n, G and m. The other values are not known: here\n\

@@ -1,5 +1,6 @@
 //! `plantar zero`: the zero of each cell, its reading without load, from a standing trial.
 
+use crate::paths::check_written;
 use anyhow::{Result, bail};
 use clap::Args;
 use plantar::Side;
@@ -44,6 +45,7 @@ impl Zero {
             }
             mass => mass.map(|kg| kg * GRAVITY_M_S2),
         };
+        check_written(&self.recordings, &[Some(&self.out)])?;
         let mut zero = recording::Zero::default();
         let mut standing_n = Vec::new();
         for path in &self.recordings {

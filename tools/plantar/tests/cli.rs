@@ -182,11 +182,15 @@ fn no_command_overwrites_its_input_or_personal_parameters() {
         fail(&path, &format!("{command} {other_spelling}"), &[&other_spelling, "name another file"]);
     }
     assert!(std::fs::read(path.join("walk.parquet")).expect("a recording") == walk);
+    for command in [IMPORT.replace("walk.parquet", "frames.csv"), "zero walk.parquet --out walk.parquet".into()] {
+        fail(&path, &command, &["name another file"]);
+    }
     succeed(&path, "params typical --out params.toml");
     succeed(&path, "params typical --size 40 --out params.toml");
     let text = std::fs::read_to_string(path.join("params.toml")).expect("parameters");
     std::fs::write(path.join("params.toml"), text.replace("personal = false", "personal = true")).expect("written");
     fail(&path, "params typical --out params.toml", &["params.toml", "--out"]);
+    fail(&path, "params pull --out params.toml --tcp 127.0.0.1:1", &["params.toml", "--out"]);
 }
 
 #[test]

@@ -226,16 +226,24 @@ fn unusable_recordings_are_left_out_and_named_and_tried_again() {
     let damaged = path.join("people/ann/b.parquet");
     let good = fs::read(&damaged).expect("a recording");
     fs::write(&damaged, &good[..good.len() / 2]).expect("written");
+    let standing = recording::synthetic::standing(&recording::synthetic::SyntheticStanding::default());
+    standing.write(path.join("people/ann/standing.parquet")).expect("written");
     fs::create_dir(path.join("people/nobody")).expect("made");
     for cached in ["0 participants were already up to date", "1 participants were already up to date"] {
         let (status, text_of_run) = outcome(&cohort(&path, ""));
         assert_eq!(status, Some(3), "{text_of_run}");
-        for words in ["left out: people/ann/b.parquet", "nobody: 0 recordings", "no whole step", cached] {
+        for words in [
+            "left out: people/ann/b.parquet",
+            "people/ann/standing.parquet: no whole step",
+            "nobody: 0 recordings",
+            cached,
+        ] {
             assert!(text_of_run.contains(words), "{words}: {text_of_run}");
         }
         assert_eq!((rows(&path, "ann").len(), rows(&path, "bob%3Db.").len()), (3 * 8, 6 * 8));
     }
     fs::write(&damaged, good).expect("written");
+    fs::remove_file(path.join("people/ann/standing.parquet")).expect("removed");
     fs::remove_dir(path.join("people/nobody")).expect("removed");
     let (status, text_of_all) = outcome(&cohort(&path, ""));
     assert_eq!((status, rows(&path, "ann").len()), (Some(0), 6 * 8), "{text_of_all}");

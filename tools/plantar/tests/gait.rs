@@ -117,6 +117,10 @@ fn recordings_of_both_feet_have_their_true_times() {
     assert!((mean(&gait, "stride_time_s", "left") - (stance_s + swing_s)).abs() < 1e-6, "{gait:#}");
     assert!((mean(&gait, "step_time_s", "right") - 0.4).abs() < 1e-6, "{gait:#}");
     assert!((mean(&gait, "step_time_s", "left") - (stance_s + swing_s - 0.4)).abs() < 1e-6, "{gait:#}");
+    // The folder of the parts of a recording, as `plantar record --cells` writes it.
+    std::fs::create_dir(folder.path().join("cells")).expect("made");
+    std::fs::copy(folder.path().join("left.parquet"), folder.path().join("cells/0.parquet")).expect("copied");
+    assert_eq!(measures(folder.path(), "cells right.parquet").0, gait);
     let output = self::gait(folder.path(), "left.parquet left.parquet");
     let text = String::from_utf8_lossy(&output.stderr);
     assert!(!output.status.success() && text.contains("one file for each foot"), "{text}");

@@ -89,7 +89,7 @@ impl Insole {
         let mut received = [0; 64];
         let (running, key) = (self.running(), secret().verifying_key().to_bytes());
         let hello = Hello { firmware: running.version().try_into().expect("it is short"), ..testkit::hello() };
-        // Until the update, the insole accepts the development key.
+        // Until the update, the status names the development key, of which `plantar update` warns.
         let update_key = if running.version() == OLD { DEVELOPMENT_KEY_ID } else { 0 };
         let status = Status { update_key, ..Status::default() };
         let mut accepted = false;

@@ -29,8 +29,15 @@ pub fn recognise(text: &str) -> bool {
 /// Fails if a line violates the format. The message names file, line and remedy.
 pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     let text = decode(bytes, path)?;
-    let mut pages =
-        Pages { path, size_mm: None, period_s: None, frames: Frames::default(), summaries: 0, differences: Vec::new() };
+    let mut pages = Pages {
+        path,
+        size_mm: None,
+        period_s: None,
+        pictures: None,
+        frames: Frames::default(),
+        summaries: 0,
+        differences: Vec::new(),
+    };
     let mut first_line = 1;
     for page in text.split('\x0c') {
         pages.page(page, first_line)?;
@@ -68,6 +75,8 @@ struct Pages<'a> {
     /// Width and height of a cell, mm.
     size_mm: Option<[f64; 2]>,
     period_s: Option<f64>,
+    /// Numbers of the first and of the last picture.
+    pictures: Option<(f64, f64)>,
     frames: Frames,
     /// Number of pages without a frame.
     summaries: usize,
@@ -82,7 +91,7 @@ impl Pages<'_> {
             return Ok(());
         }
         let mut lines = (first_line..).zip(page.lines());
-        let (mut size_mm, mut area_mm2, mut period_s, mut is_frame) = (None, None, None, false);
+        let (mut size_mm, mut area_mm2, mut period_s, mut picture, mut is_frame) = (None, None, None, None, false);
         // The line of the columns is the first one with a number in its first field that is not empty.
         let columns = loop {
             let Some((line, row)) = lines.next() else {
@@ -104,7 +113,10 @@ impl Pages<'_> {
                 let unit_s = if value.contains("ms") { 1e-3 } else { 1.0 };
                 period_s = first_number(value).map(|time| time * unit_s);
             }
-            is_frame |= row.contains("Pict-No");
+            if let Some(value) = value_of("Pict-No") {
+                is_frame = true;
+                picture = first_number(value);
+            }
             let mut fields = row.split('\t').map(str::trim).filter(|field| !field.is_empty());
             if fields.next().is_some_and(|field| field.parse::<usize>().is_ok()) {
                 break (line, row);
@@ -128,18 +140,32 @@ impl Pages<'_> {
             return Err(Error::content(place(), problem, "import each measurement on its own"));
         }
         (self.size_mm, self.period_s) = (Some(size_mm), Some(period_s));
-        self.table(columns, lines)
+        let t_s = self.time_s(picture, period_s, &place)?;
+        self.table(columns, lines, t_s)
     }
 
-    /// Reads the table of a frame.
-    fn table<'a>(&mut self, columns: (u64, &str), lines: impl Iterator<Item = (u64, &'a str)>) -> Result<()> {
+    /// Time of a picture since the first one, s, by its number: pictures may be missing. A picture without a number follows the one
+    /// before.
+    fn time_s(&mut self, number: Option<f64>, period_s: f64, place: &dyn Fn() -> String) -> Result<f64> {
+        let number = number.unwrap_or_else(|| self.pictures.map_or(0.0, |(_, last)| last + 1.0));
+        if self.pictures.is_some_and(|(_, last)| number <= last) {
+            let problem = format!("picture {number} follows a picture with the same or a greater number");
+            return Err(Error::content(place(), problem, "import each measurement on its own"));
+        }
+        let first = self.pictures.map_or(number, |(first, _)| first);
+        self.pictures = Some((first, number));
+        Ok((number - first) * period_s)
+    }
+
+    /// Reads the table of the frame at this time.
+    fn table<'a>(&mut self, columns: (u64, &str), lines: impl Iterator<Item = (u64, &'a str)>, t_s: f64) -> Result<()> {
         let place = || at_line(self.path, columns.0);
         let names: Vec<&str> = columns.1.split('\t').map(str::trim).filter(|name| !name.is_empty()).collect();
         let has_force = names.last() == Some(&FORCE);
         let numbers = names[..names.len() - usize::from(has_force)].iter().map(|name| index(name, "column", &place));
         let numbers = numbers.collect::<Result<Vec<usize>>>()?;
         let cell_mm2 = self.size_mm.map_or(0.0, |[width_mm, height_mm]| width_mm * height_mm);
-        self.frames.begin(self.frames.t_s.len() as f64 * self.period_s.unwrap_or(1.0));
+        self.frames.begin(t_s);
         let (mut force_n, mut stated_n) = (0.0, None);
         for (line, row) in lines {
             let place = || at_line(self.path, line);

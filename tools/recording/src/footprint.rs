@@ -89,24 +89,24 @@ impl Footprint<'_> {
     }
 
     /// How far the load of the midfoot lies towards +x from the line between heel and forefoot, and that of the toes towards -x
-    /// from the centre of the forefoot, as a fraction of the width of the forefoot: positive if +x is lateral. y points to the
+    /// from its extension, as a fraction of the width of the forefoot: positive if +x is lateral. y points to the
     /// toes. `None` if heel or forefoot is never loaded.
     fn lateral_asymmetry(&self) -> Option<f64> {
-        let mut impulse = vec![0.0f64; self.cells.len()];
+        let mut pressure_sum_kpa = vec![0.0f64; self.cells.len()];
         for frame in self.pressure_kpa.chunks_exact(self.cells.len()) {
-            impulse.iter_mut().zip(frame).for_each(|(sum, &kpa)| *sum += f64::from(kpa));
+            pressure_sum_kpa.iter_mut().zip(frame).for_each(|(sum, &kpa)| *sum += f64::from(kpa));
         }
         let [back_mm, front_mm] = self.extent_mm(|c| c.y_mm);
         let in_band = |band: [f64; 2]| {
             let range = band.map(|fraction| back_mm + fraction * (front_mm - back_mm));
-            let cells = self.cells.iter().zip(&impulse).zip(self.under_foot);
+            let cells = self.cells.iter().zip(&pressure_sum_kpa).zip(self.under_foot);
             cells
                 .filter(move |((cell, _), is_under)| **is_under && (range[0]..=range[1]).contains(&cell.y_mm))
                 .map(|(c, _)| c)
         };
         let centre_mm = |band: [f64; 2]| {
-            let sum = in_band(band).fold((0.0, 0.0), |sum, (cell, impulse)| {
-                (sum.0 + cell.x_mm * impulse * cell.area_mm2, sum.1 + impulse * cell.area_mm2)
+            let sum = in_band(band).fold((0.0, 0.0), |sum, (cell, pressure_sum_kpa)| {
+                (sum.0 + cell.x_mm * pressure_sum_kpa * cell.area_mm2, sum.1 + pressure_sum_kpa * cell.area_mm2)
             });
             (sum.1 > 0.0).then(|| sum.0 / sum.1)
         };

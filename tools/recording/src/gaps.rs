@@ -1,21 +1,25 @@
-//! Frames that a system lost on the way. A recording has none: short gaps are filled, and a long one ends it.
+//! Frames that a system lost on the way. A recording has none: short gaps are filled, and of a recording with longer
+//! gaps only the longest part between them remains.
 
 /// Longest gap that is filled by interpolation, s. A heel strike takes about this time, so that a longer gap may hide the
 /// beginning of a step.
 const LONGEST_FILLED_S: f64 = 0.1;
 /// An interval of more than this number of median intervals has lost frames.
 const LOST: f64 = 1.5;
+/// Shortest period in which gaps are filled, s: a shorter one is no plausible frame rate, and would fill a gap with any number of
+/// frames.
+const SHORTEST_PERIOD_S: f64 = 1e-3;
 
 /// Fills gaps of up to [`LONGEST_FILLED_S`] linearly. After a longer gap, the load is unknown: only the longest part without one
 /// remains. `kpa` has the same number of cells for each time. Returns a sentence about what was filled or left out.
 ///
-/// Times that do not increase are left as they are; [`crate::rate::of`] refuses them.
+/// Times that do not increase, or are closer than [`SHORTEST_PERIOD_S`], are left as they are; [`crate::rate::of`] refuses them.
 pub fn fill(t_s: &mut Vec<f64>, kpa: &mut Vec<f32>, cells: usize) -> Option<String> {
     let mut intervals_s: Vec<f64> = t_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
     let middle = intervals_s.len().checked_sub(1)? / 2;
     let (_, &mut period_s, _) = intervals_s.select_nth_unstable_by(middle, f64::total_cmp);
     let is_gap = |before_s: f64, after_s: f64| after_s - before_s > LOST * period_s;
-    if period_s <= 0.0 || !t_s.windows(2).any(|pair| is_gap(pair[0], pair[1])) {
+    if period_s < SHORTEST_PERIOD_S || !t_s.windows(2).any(|pair| is_gap(pair[0], pair[1])) {
         return None;
     }
     let part = longest_part(t_s, LONGEST_FILLED_S.max(LOST * period_s));
@@ -40,14 +44,14 @@ pub fn fill(t_s: &mut Vec<f64>, kpa: &mut Vec<f32>, cells: usize) -> Option<Stri
         t_s.push(now_s);
         kpa.extend(frame(i));
     }
-    let mut note = format!("{filled} lost frames were filled linearly.");
-    if left_out > 0 {
-        note += &format!(
-            " Frames are missing for more than {LONGEST_FILLED_S} s: only the longest part without such a gap \
-             was imported, and {left_out} frames were left out."
-        );
-    }
-    Some(note)
+    let filled = (filled > 0).then(|| format!("Lost frames that were filled linearly: {filled}."));
+    let left_out = (left_out > 0).then(|| {
+        format!(
+            "Frames are missing for more than {LONGEST_FILLED_S} s: only the longest part without such a gap was imported. \
+             Frames that were left out: {left_out}."
+        )
+    });
+    Some(filled.into_iter().chain(left_out).collect::<Vec<_>>().join(" "))
 }
 
 /// The longest range of times without an interval of more than `most_s`.
@@ -72,7 +76,7 @@ mod tests {
     fn a_short_gap_is_filled_on_the_line_between_its_neighbours() {
         let (mut t_s, mut kpa) = (vec![0.0, 0.01, 0.04, 0.05], vec![0.0, 10.0, 40.0, 50.0]);
         let note = fill(&mut t_s, &mut kpa, 1).expect("a gap");
-        assert!(note.starts_with("2 lost frames"), "{note}");
+        assert_eq!(note, "Lost frames that were filled linearly: 2.");
         for (i, (t_s, kpa)) in t_s.iter().zip(&kpa).enumerate() {
             assert!((t_s - i as f64 * 0.01).abs() < 1e-12 && (kpa - i as f32 * 10.0).abs() < 1e-4);
         }
@@ -85,8 +89,16 @@ mod tests {
         t_s.extend((0..20).map(|i| 1.0 + 0.01 * f64::from(i)));
         let mut kpa: Vec<f32> = (0..60).map(|i| i as f32).collect();
         let note = fill(&mut t_s, &mut kpa, 2).expect("a gap");
-        assert!(note.contains("10 frames were left out"), "{note}");
+        assert!(note.contains("left out: 10"), "{note}");
         assert_eq!((t_s.len(), t_s[0], kpa[0], kpa.len()), (20, 1.0, 20.0, 40));
+    }
+
+    /// The gap would be filled with 1e71 frames.
+    #[test]
+    fn gaps_between_implausibly_close_times_are_not_filled() {
+        let mut t_s = vec![0.0, 1e-73, 2e-73, 0.01];
+        assert_eq!(fill(&mut t_s, &mut vec![1.0; 4], 1), None);
+        assert_eq!(t_s.len(), 4);
     }
 
     #[test]

@@ -161,17 +161,23 @@ fn calibration(value: &str) -> Option<(f64, f64)> {
     (kind.to_lowercase().starts_with("raw") && force_n > 0.0 && sum > 0.0).then_some((force_n, sum))
 }
 
-/// The foot that the end of a file's name states: L, R, left or right.
+/// The foot that the end of a file's name states: L, R, left or right, as a word of its own. In `walkL` a word begins with the
+/// capital letter, in `normal` none does.
 fn side_of(name: &str) -> Option<Side> {
     let stem = name.rsplit(['\\', '/']).next()?;
-    let stem = stem.rsplit_once('.').map_or(stem, |(stem, _)| stem).to_lowercase();
-    match stem {
-        stem if stem.ends_with("left") => Some(Side::Left),
-        stem if stem.ends_with("right") => Some(Side::Right),
-        stem if stem.ends_with('l') => Some(Side::Left),
-        stem if stem.ends_with('r') => Some(Side::Right),
-        _ => None,
-    }
+    let stem = stem.rsplit_once('.').map_or(stem, |(stem, _)| stem);
+    let lower = stem.to_ascii_lowercase();
+    let is_word = |word: &str| {
+        let Some((before, last)) = stem.len().checked_sub(word.len()).and_then(|at| stem.split_at_checked(at)) else {
+            return false;
+        };
+        let begins_word = |before: char| {
+            !before.is_alphabetic() || (before.is_lowercase() && last.starts_with(|first: char| first.is_uppercase()))
+        };
+        lower.ends_with(word) && before.chars().next_back().is_none_or(begins_word)
+    };
+    let words = [("left", Side::Left), ("right", Side::Right), ("l", Side::Left), ("r", Side::Right)];
+    words.into_iter().find(|(word, _)| is_word(word)).map(|(_, side)| side)
 }
 
 /// Reads the frames below the header.

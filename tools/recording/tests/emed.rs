@@ -65,6 +65,21 @@ fn a_step_is_imported_in_both_directions_of_walking_and_its_foot_is_recognised()
 }
 
 #[test]
+fn missing_pictures_are_a_gap_in_time() {
+    let whole = parse(&file(Side::Right, false)).unwrap();
+    let mut pages =
+        file(Side::Right, false).split_inclusive(|&byte| byte == 0x0c).map(<[u8]>::to_vec).collect::<Vec<_>>();
+    pages.drain(10..14);
+    let export = parse(&pages.concat()).unwrap();
+    let (t_s, whole_s) = (&export.feet[0].t_s, &whole.feet[0].t_s);
+    assert_eq!(t_s.len(), whole_s.len());
+    assert!(t_s.iter().zip(whole_s).all(|(t_s, whole_s)| (t_s - whole_s).abs() < 1e-9), "{t_s:?}");
+    assert!(export.remarks.iter().any(|remark| remark.contains("filled linearly: 4")), "{:?}", export.remarks);
+    pages.swap(1, 2);
+    assert_message(parse(&pages.concat()), "step.lst:", &["picture 1", "on its own"]);
+}
+
+#[test]
 fn damaged_files_are_refused_with_the_line_and_a_remedy() {
     let text: String = file(Side::Right, false).into_iter().map(char::from).collect();
     let changed = |from: &str, to: &str| parse(text.replacen(from, to, 1).as_bytes());

@@ -68,6 +68,13 @@ fn raw_values_are_converted_with_the_calibration_or_refused() {
 fn the_name_of_the_file_states_the_foot_and_an_argument_corrects_it() {
     let unnamed = text(Side::Right, "KPa", 1.0, "10.16 mm").replace("stepR", "step");
     assert_message(common::parse(Format::Tekscan, "walk.asf", unnamed.as_bytes(), None), "walk.asf: ", &["--side"]);
+    for name in ["normal.asf", "walker.asf", "upright.asf", "HEEL.asf"] {
+        assert_message(common::parse(Format::Tekscan, name, unnamed.as_bytes(), None), name, &["--side"]);
+    }
+    for name in ["right.asf", "walkRight.asf", "trial 3 r.asf"] {
+        let right = common::parse(Format::Tekscan, name, unnamed.as_bytes(), None).unwrap();
+        assert_eq!(right.feet[0].side, Side::Right, "{name}");
+    }
     let by_name = common::parse(Format::Tekscan, "walk_R.asf", unnamed.as_bytes(), None).unwrap();
     assert_eq!(by_name.feet[0].side, Side::Right);
     let stated = common::parse(Format::Tekscan, "walk.asf", unnamed.as_bytes(), Some(Side::Right)).unwrap();

@@ -14,8 +14,8 @@ pub fn root() -> PathBuf {
 
 /// A path in cargo's target folder.
 pub fn built(path: &str) -> PathBuf {
-    let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from);
-    target.join(path)
+    // All programs run in the repository's folder, so a relative path begins there.
+    root().join(std::env::var_os("CARGO_TARGET_DIR").unwrap_or("target".into())).join(path)
 }
 
 /// Runs a program in the repository's folder. Returns an error if the program fails.
