@@ -311,7 +311,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
     #[inline(never)]
     fn review_cells(&mut self, seq: u32, codes: &[u16]) {
         let mut frame = frame_context!(self, seq, codes);
-        if self.detector.lifted_frame(&mut frame) {
+        if self.detector.lifted_frame(&mut frame, &mut self.stance.has_walked) {
             self.sum_residuals();
         }
     }

@@ -1,8 +1,9 @@
 //! The store on a flash chip with a supply that becomes too low at any moment, and returns.
 
+use core::cell::Cell;
 use embassy_futures::block_on;
 use embedded_storage_async::nor_flash::NorFlash;
-use plantar::protocol::Reset;
+use plantar::protocol::{LoadRecord, Reset, Step};
 use plantar::storage::flash_map::{LOG, SECTOR};
 use plantar::storage::supplied::Supplied;
 use plantar::storage::{StorageError, Store};
@@ -39,6 +40,28 @@ fn store_steps(chip: &mut NorFlashChip, supply: &Supply) -> (Vec<u32>, u32) {
         }
     }
     (stored, refused)
+}
+
+/// Otherwise a record of this boot could not be told from one of the next boot.
+#[test]
+fn a_boot_that_begins_with_a_low_supply_is_counted_once_the_supply_is_sufficient() {
+    let mut chip = used_chip();
+    let is_sufficient = Cell::new(false);
+    let mut store = block_on(Store::open(Some(Supplied::new(&mut chip, || is_sufficient.get())), Reset::Power));
+    let boot = store.contents().start;
+    assert_eq!(block_on(store.push_record(step(0))), Err(StorageError::Chip));
+    is_sufficient.set(true);
+    assert!(block_on(store.is_sound()));
+    block_on(store.push_record(step(0))).expect("the supply is sufficient");
+    let mut store = block_on(Store::open(Some(&mut chip), Reset::Power));
+    assert_eq!(store.contents().start, boot + 1);
+    let mut is_of_former_boot = None;
+    block_on(store.records(None, |record| {
+        is_of_former_boot = Some(matches!(record, LoadRecord::Step(Step { boots_since: 1, .. })));
+        true
+    }))
+    .expect("the log can be read");
+    assert_eq!(is_of_former_boot, Some(true));
 }
 
 #[test]

@@ -141,6 +141,27 @@ fn a_seated_foot_does_not_become_the_baseline() {
     assert!((totals_n[last] - 350.0).abs() < 3.5, "{} N", totals_n[last]);
 }
 
+/// A seated person lifts a foot and puts it down again, with more than the force of a heel strike.
+#[test]
+fn a_seated_foot_that_moves_does_not_become_the_baseline() {
+    let stand = |standing_n: f64, stand_s: f64| {
+        let lifted_s = [0.0; 2];
+        let trial =
+            SyntheticStanding { standing_n, stand_s, lifted_s, transition_s: 0.2, sway: 0.0, ..Default::default() };
+        synthetic::standing(&trial)
+    };
+    let (lifted, up, seated) = (stand(1e-6, 1.0), stand(350.0, 3.0), stand(45.0, 2.0));
+    let mut recording = lifted.clone();
+    for part in [&up, &lifted, &seated, &lifted, &seated, &lifted, &seated, &up] {
+        recording.pressure_kpa.extend_from_slice(&part.pressure_kpa);
+    }
+    let frames = recording.pressure_kpa.len() / recording.cells();
+    recording.t_s = (0..frames).map(|i| i as f64 / recording.rate_hz).collect();
+    let totals_n = found(&recording).totals_n;
+    let last = frames - up.frames() / 2;
+    assert!((totals_n[last] - 350.0).abs() < 3.5, "{} N", totals_n[last]);
+}
+
 /// The vendor's reports have 42 steps of three walks, slow to fast, in shoes.
 #[test]
 #[ignore = "needs Python, and the source archive of moticon-opengo: cargo xtask test"]

@@ -154,27 +154,31 @@ impl FaultDetector {
     }
 
     /// Processes a frame in which the foot is lifted: reviews all cells once after the start, after each stance and on
-    /// request, a few in each frame. True if baselines have changed or cells were masked.
+    /// request, a few in each frame. True if baselines have changed or cells were masked. `has_walked` states whether a step has
+    /// ended since the last review began, and is false after a review has begun: other contacts, such as those of a seated foot,
+    /// are no evidence, and a constant force after them may be that of a resting foot.
     #[inline(never)]
-    pub(crate) fn lifted_frame<R: Real>(&mut self, frame: &mut FrameContext<'_, R>) -> bool {
+    pub(crate) fn lifted_frame<R: Real>(&mut self, frame: &mut FrameContext<'_, R>, has_walked: &mut bool) -> bool {
         if self.next_cell.is_none() {
             if !self.has_stance && self.reviewed_seq.is_some() && !self.is_zero_requested {
                 return false;
             }
             let has_stance = core::mem::take(&mut self.has_stance);
+            let has_walked = core::mem::take(has_walked);
             if core::mem::take(&mut self.is_interrupted) {
                 // The cells that were reviewed before the interruption have counted a step already. This review is skipped, so
-                // that no step counts twice.
+                // that no step counts twice. The first review after the start must know of the stance.
+                self.has_stance = self.reviewed_seq.is_none();
                 frame.cells.iter_mut().for_each(InsoleCell::begin_step);
                 return false;
             }
             let rise = match self.reviewed_seq {
                 _ if self.is_zero_requested => Rise::Whole,
                 None if !has_stance => Rise::Whole,
-                Some(before) if frame.seq.wrapping_sub(before) <= self.gait_frames => Rise::Confirmed,
+                Some(before) if has_walked && frame.seq.wrapping_sub(before) <= self.gait_frames => Rise::Confirmed,
                 _ => Rise::None,
             };
-            self.review = Review::new(rise, has_stance);
+            self.review = Review::new(rise, has_stance && has_walked);
             self.next_cell = Some(0);
         }
         let Some(first) = self.next_cell else { return false };

@@ -106,7 +106,10 @@ impl LineEvidence {
     fn is_open(&self, unresponsive: u32) -> bool {
         let others = unresponsive.saturating_sub(self.unresponsive_loaded);
         let is_only_here = self.unresponsive_loaded >= MIN_LINE_CELLS && 4 * others <= self.unresponsive_loaded;
-        let is_most = self.unresponsive > MIN_LINE_CELLS && 4 * self.unresponsive >= 3 * self.cells;
+        // If more cells elsewhere did not respond, this part of the foot was not loaded, as in steps on the forefoot.
+        let is_most = self.unresponsive > MIN_LINE_CELLS
+            && 4 * self.unresponsive >= 3 * self.cells
+            && others <= self.unresponsive;
         self.responsive_loaded == 0 && (is_only_here || is_most)
     }
 

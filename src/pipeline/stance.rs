@@ -8,7 +8,7 @@ use super::bout::{BoutRecord, Bouts};
 use super::curves::Curves;
 use super::lift::Constancy;
 use super::region::{RegionFrame, Side};
-use super::stance_rule::StanceLimits;
+use super::stance_rule::{REFERENCE_PEAK_N, StanceLimits};
 use crate::num::Real;
 use serde::{Deserialize, Serialize};
 
@@ -95,6 +95,8 @@ pub struct Stance<R> {
     is_lifted: bool,
     /// The total force has changed since the first frame.
     has_moved: bool,
+    /// A step with at least half of the usual force has ended. The review of the lifted foot resets it.
+    pub(crate) has_walked: bool,
 }
 
 impl<R: Real> Stance<R> {
@@ -121,6 +123,7 @@ impl<R: Real> Stance<R> {
             is_unloaded: false,
             is_lifted: false,
             has_moved: false,
+            has_walked: false,
         }
     }
 
@@ -135,7 +138,7 @@ impl<R: Real> Stance<R> {
         self.lifted_n = R::ZERO;
         self.constancy = Constancy::NEW;
         self.is_lifted = false;
-        self.has_moved = false;
+        (self.has_moved, self.has_walked) = (false, false);
     }
 
     /// Processes frame number `seq`; `centre_mm` is the centre of pressure of the foot, mm. True if it confirms toe off; then the
@@ -278,7 +281,10 @@ impl<R: Real> Stance<R> {
             self.phase = Phase::Swing;
             return false;
         }
-        self.recent_peak_n = StanceLimits::recent_peak_n(self.recent_peak_n, self.peak_n - self.lifted_n);
+        let peak_n = self.peak_n - self.lifted_n;
+        let usual_n = if self.recent_peak_n > R::ZERO { self.recent_peak_n } else { R::of(REFERENCE_PEAK_N) };
+        self.has_walked |= peak_n >= usual_n * R::of(0.5);
+        self.recent_peak_n = StanceLimits::recent_peak_n(self.recent_peak_n, peak_n);
         let samples = self.curves.samples_in(self.loaded);
         self.bouts.after_step(&self.curves, self.start_seq, samples, self.recent_peak_n);
         self.curves.end_after(samples);

@@ -49,6 +49,8 @@ pub struct Store<F> {
     log_cache: LogCache,
     buffer: [u8; BUFFER],
     contents: Contents,
+    /// The counts of boots with this one, until they are stored.
+    boots_due: Option<BootCounters>,
 }
 
 impl<F: MultiwriteNorFlash> Store<F> {
@@ -61,6 +63,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
             log_cache: empty_cache(),
             buffer: [0; BUFFER],
             contents: Contents::default(),
+            boots_due: None,
         }
     }
 
@@ -91,9 +94,20 @@ impl<F: MultiwriteNorFlash> Store<F> {
 
     /// True if the chip returns the count of boots that this boot has stored, and the log can be read.
     pub async fn is_sound(&mut self) -> bool {
+        // If this fails, the chip returns another count.
+        let _ = self.count_boot().await;
         let boots: Result<Option<BootCounters>, _> = self.get(0).await;
         boots.is_ok_and(|boots| boots.is_some_and(|boots| boots.total() == self.contents.start))
             && self.records(None, |_| false).await.is_ok()
+    }
+
+    /// Stores the counts of boots, unless they are stored. A supply that was too low at the start may be sufficient by now.
+    async fn count_boot(&mut self) -> Result<(), StorageError> {
+        if let Some(boots) = self.boots_due {
+            self.put(0, &boots).await?;
+            self.boots_due = None;
+        }
+        Ok(())
     }
 
     /// Reads part `part` of the record `R`; `None` if there is none that this firmware can read.
@@ -222,6 +236,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// # Errors
     /// See [`StorageError`].
     pub async fn push_record(&mut self, record: impl Into<LoadRecord>) -> Result<u32, StorageError> {
+        // The record refers to this boot.
+        self.count_boot().await?;
         let mut bytes = [0; BUFFER];
         // The entry goes out of scope in this block, so that it takes no RAM while its bytes are written.
         let (len, next_record) = {

@@ -95,8 +95,9 @@ impl<F: MultiwriteNorFlash> Store<F> {
         let mut boots = agreed.boots.ok().flatten().unwrap_or_default();
         boots.count(reset);
         self.contents.start = boots.total();
-        // A chip that fails here fails again at the next write, which is reported.
-        let _ = self.put(0, &boots).await;
+        self.boots_due = Some(boots);
+        // If this fails, it is repeated before a record is stored, and a failure is then reported.
+        let _ = self.count_boot().await;
     }
 
     /// Erases the areas that have contents but cannot be used. A chip that fails here fails again at the next write, which is
