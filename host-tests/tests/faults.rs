@@ -176,7 +176,8 @@ fn a_masked_cell_has_the_pressure_of_its_neighbours_whatever_their_gains() {
         let mut codes = [0u16; 64];
         let mut largest = [(0.0, 0.0); 2];
         for seq in 0..1_000 {
-            // Sixty frames of stance, with at most 120 kPa, are followed by forty frames of swing. A cell is open in the second half.
+            // Sixty frames of stance, with at most 120 kPa, are followed by forty frames of swing. A cell is open in the second
+            // half.
             let kpa = 120.0 * (PI * f64::from(seq % 100) / 60.0).sin().max(0.0);
             codes.iter_mut().enumerate().for_each(|(i, code)| *code = 100 + code_of(&LAW, kpa / f64::from(gain(i))));
             let is_late = seq >= 500;

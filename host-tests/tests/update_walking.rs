@@ -34,7 +34,8 @@ fn a_transfer_during_a_walk_loses_no_frame_and_no_step() {
     let image =
         Image::sign(flash_image(&firmware).expect("the firmware is built"), &secret).expect("the image has a header");
     let mut offer = image.offer();
-    // Only the beginning of the image is sent, and not checked. The insole therefore does not restart, and its counters can be read.
+    // Only the beginning of the image is sent, and not checked. The insole therefore does not restart, and its counters can be
+    // read.
     offer.chunks = CHUNKS;
     let mut steps = Vec::new();
     let mut progress = session.update(Request::Begin(offer));

@@ -27,8 +27,8 @@ pub fn version(version: &str) {
     assert_eq!(Header::read(&header.bytes()), numbers(version).map(|_| header));
 }
 
-/// The bytes are a header if and only if they begin with the magic number of a header, and the text of the version, up to its first zero,
-/// is a version.
+/// The bytes are a header if and only if they begin with the magic number of a header, and the text of the version, up to its
+/// first zero, is a version.
 pub fn header(bytes: &[u8; Header::BYTES]) {
     // Eight bytes of the magic number, 16 of the board, and 16 of the version.
     let (start, version) = bytes.split_at(24);

@@ -272,8 +272,8 @@ fn a_part_that_continues_in_time_is_not_reported() {
     }
 }
 
-/// All pairs of successive codes of the converter (a short run: those with every 17th former code), a pair for each group of eight
-/// cells; then all numbers of cells.
+/// All pairs of successive codes of the converter (a short run: those with every 17th former code), a pair for each group of
+/// eight cells; then all numbers of cells.
 #[test]
 fn codes_are_unpacked_as_they_were_packed() {
     const GROUPS: u16 = 32;

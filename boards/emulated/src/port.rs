@@ -35,8 +35,8 @@ impl Port {
     /// Takes a received byte from the USART. The interrupt of the USART calls it.
     pub fn on_interrupt(&self) {
         if self.received.is_full() {
-            // `read` unmasks the interrupt again. The register of the USART cannot disable it: up to QEMU 7, the request of a byte
-            // remains until the byte is read, so this handler would be called without end.
+            // `read` unmasks the interrupt again. The register of the USART cannot disable it: up to QEMU 7, the request of a
+            // byte remains until the byte is read, so this handler would be called without end.
             NVIC::mask(self.interrupt);
         } else if self.registers.sr().read().rxne() {
             let byte = self.registers.dr().read().dr() as u8;
@@ -48,7 +48,8 @@ impl Port {
     /// Waits for received bytes, copies them to `buffer`, and returns their number.
     pub async fn read(&self, buffer: &mut [u8]) -> usize {
         let len = self.received.read(buffer).await;
-        // SAFETY: the port is in use, so everything that the handler uses is initialised; no critical section depends on the mask.
+        // SAFETY: the port is in use, so everything that the handler uses is initialised; no critical section depends on the
+        // mask.
         unsafe { NVIC::unmask(self.interrupt) };
         len
     }

@@ -2,8 +2,8 @@
 //! of the mask register for the interrupt of the same channel when it is empty.
 //!
 //! An interrupt is due while its channel is not masked, and the other core has filled it or, after this core had filled it, has
-//! emptied it. The handler therefore masks each channel whose interrupt is due; otherwise the same interrupt would occur again at once, without
-//! end.
+//! emptied it. The handler therefore masks each channel whose interrupt is due; otherwise the same interrupt would occur again at
+//! once, without end.
 
 /// Number of channels in each direction.
 pub const CHANNELS: usize = 6;

@@ -87,7 +87,7 @@ fn measure_bouts(figures: &mut Figures) {
     figures.add(
         "wear.unassigned_load",
         unassigned,
-        "at most 0.001: difference between the force-time integral of all steps and load bouts and that of the stream, as a share of \
+        "at most 0.001: difference between the force-time integrals of all steps and load bouts and of the stream, as a share of \
          the latter, largest of 21 sequences of activities",
     );
     let share = right as f64 / labelled as f64;

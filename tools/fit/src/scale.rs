@@ -2,7 +2,8 @@
 //!
 //! The force does not depend on C, so C follows from one of three other data: a measured peak strain of the tissue, a measured
 //! curvature of the unloaded sole, or, without a measurement, an assumed compression. Near its lowest point, an ellipsoid has the
-//! radii of curvature A^2/C and B^2/C. The force determines A B and the contact ellipse A/B, so each of the two radii determines C.
+//! radii of curvature A^2/C and B^2/C. The force determines A B and the contact ellipse A/B, so each of the two radii determines
+//! C.
 
 use plantar::pipeline::model::ForceLaw;
 use std::fmt;
@@ -34,7 +35,8 @@ pub enum Scale {
     PeakStrain(f64),
     /// A measured curvature of the unloaded sole: the geometric mean of the medial-lateral and the heel-toe radius, m.
     Curvature(f64),
-    /// The search of the paper. The force does not determine C, so the result is arbitrary. The number is the largest deformation divided by the thickness.
+    /// The search of the paper. The force does not determine C, so the result is arbitrary. The number is the largest deformation
+    /// divided by the thickness.
     Searched(f64),
 }
 

@@ -30,18 +30,19 @@ use std::time::{Duration, Instant};
 
 /// Identifies the tissue parameters of a person who wears one insole or two, in a guided session.
 ///
-/// The session has these parts: a standing trial determines the zero of the cells; a walk provides the steps; the parameters
-/// are identified and sent to the insoles, with their contact rule; further steps verify that the insoles' model is as accurate as
+/// The session has these parts: a standing trial determines the zero of the cells; a walk provides the steps; the parameters are
+/// identified and sent to the insoles, with their contact rule; further steps verify that the insoles' model is as accurate as
 /// the identification predicted. The folder then contains recordings, parameters and reports. A session that was interrupted
 /// continues when the command is given again with the same folder.
 ///
-/// Exit status: 0 if all regions were identified with whole results, as by `plantar fit`, and verified, 3 if not all were, 1 if the
-/// session did not come to its end.
+/// Exit status: 0 if all regions were identified with whole results, as by `plantar fit`, and verified, 3 if not all were, 1 if
+/// the session did not come to its end.
 #[derive(Args)]
 pub struct Identify {
     #[command(flatten)]
     ports: Ports,
-    /// Connect over Bluetooth to the insole of this foot, left or right, or with this address. Give the option once for each foot.
+    /// Connect over Bluetooth to the insole of this foot, left or right, or with this address. Give the option once for each
+    /// foot.
     #[cfg(feature = "ble")]
     #[arg(long, value_name = "FOOT")]
     ble: Vec<Selector>,

@@ -44,8 +44,8 @@ pub trait Sink {
     /// Processes a step, load bout or alert.
     fn load_record(&mut self, record: &LoadRecord, axis: &Axis) -> Result<()>;
 
-    /// Returns the number of the newest stored record, if one was stored since the last call. This record and all earlier ones can
-    /// be acknowledged.
+    /// Returns the number of the newest stored record, if one was stored since the last call. This record and all earlier ones
+    /// can be acknowledged.
     fn take_stored(&mut self) -> Option<u32>;
 
     /// Processes a frame of all cells.

@@ -33,8 +33,8 @@ pub enum Params {
         #[command(flatten)]
         connection: Connection,
     },
-    /// Send the parameters in a file to an insole, which uses them from its next frame on and stores them. If they were identified
-    /// with another contact rule than that of the insole, the insole's rule is changed first, and the insole restarts.
+    /// Send the parameters in a file to an insole, which uses them from its next frame on and stores them. If they were
+    /// identified with another contact rule than that of the insole, the insole's rule is changed first, and the insole restarts.
     Push {
         /// The parameter file.
         file: PathBuf,

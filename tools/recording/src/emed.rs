@@ -144,8 +144,8 @@ impl Pages<'_> {
         self.table(columns, lines, t_s)
     }
 
-    /// Time of a picture since the first one, s, by its number: pictures may be missing. A picture without a number follows the one
-    /// before.
+    /// Time of a picture since the first one, s, by its number: pictures may be missing. A picture without a number follows the
+    /// one before.
     fn time_s(&mut self, number: Option<f64>, period_s: f64, place: &dyn Fn() -> String) -> Result<f64> {
         let number = number.unwrap_or_else(|| self.pictures.map_or(0.0, |(_, last)| last + 1.0));
         if self.pictures.is_some_and(|(_, last)| number <= last) {

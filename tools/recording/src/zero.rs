@@ -186,8 +186,8 @@ impl FootZero {
             return Err(Error::content(
                 name,
                 format!("{found} offsets for other cells than the {cells} of this recording"),
-                "import the standing trial and this recording with the same layout and the same --cells; the import of a matrix \
-                 keeps only the cells that its own measurement loads, so let the vendor's program subtract its zero",
+                "import the standing trial and this recording with the same layout and the same --cells; the import of a \
+                 matrix keeps only the cells that its own measurement loads, so let the vendor's program subtract its zero",
             ));
         }
         for (i, &kpa) in self.offset_kpa.iter().enumerate() {

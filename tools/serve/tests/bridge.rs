@@ -211,7 +211,8 @@ async fn two_pages_receive_both_feet_and_a_step_is_acknowledged_once_one_page_ac
     left.act(|insole| assert_eq!(insole.acknowledged, [0; 0]));
 }
 
-/// Waits until the insole streams ellipses at this rate, or none for 0. The bridge requests a changed rate after its next message.
+/// Waits until the insole streams ellipses at this rate, or none for 0. The bridge requests a changed rate after its next
+/// message.
 async fn wait_for_ellipses(cable: &Cable, page: &mut Page, every: u8) {
     let end = std::time::Instant::now() + TIMEOUT;
     while cable.act(|insole| insole.link.ellipses.every()) != every {

@@ -159,8 +159,8 @@ fn measure_in_words(fit: &RegionFit, quantity: Quantity) -> String {
     }
 }
 
-/// Formats the five identified parameters A B (mm2), K (kPa), G (kPa s), n and m, each with the wider of its two intervals. With a
-/// prior, every parameter has a value; without one, a parameter on which the force does not depend has none.
+/// Formats the five identified parameters A B (mm2), K (kPa), G (kPa s), n and m, each with the wider of its two intervals. With
+/// a prior, every parameter has a value; without one, a parameter on which the force does not depend has none.
 fn five_in_words(fit: &RegionFit, has_prior: bool) -> Vec<String> {
     let law = &fit.law;
     let units = [1e6, 1e-3, 1e-3, 1.0, 1.0];
