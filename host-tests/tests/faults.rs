@@ -164,7 +164,7 @@ fn fault_notation_is_parsed_and_errors_contain_examples() {
 #[test]
 fn a_masked_cell_has_the_pressure_of_its_neighbours_whatever_their_gains() {
     const OPEN: usize = 27;
-    let gain = |i: usize| if (i + i / 8) % 2 == 0 { 0.5 } else { 2.0 };
+    let gain = |i: usize| if (i + i / 8).is_multiple_of(2) { 0.5 } else { 2.0 };
     let cells = (0..64usize).map(|i| {
         let at = cell(Region::Heel, (i % 8) as f32 * 10.0, (i / 8) as f32 * 10.0, 100.0);
         let calibration = CellCalibration { offset: 100, gain: gain(i) };

@@ -211,6 +211,20 @@ fn errors_for_too_many_cells_and_missing_programs_name_the_remedy() {
     fail(&path, "monitor --serial /dev/nowhere", &["/dev/nowhere"]);
 }
 
+/// Nobody is asked to walk before such an option is refused.
+#[test]
+fn a_session_is_refused_before_it_connects_if_its_options_cannot_be_used() {
+    let (_folder, path) = folder();
+    for (option, words) in [
+        ("--filter smoothed", ["smoothing", "--filter direct"]),
+        ("--method paper", ["smoothing", "--filter direct"]),
+        ("--compression 5", ["--compression 5", "compression"]),
+        ("--tissue nowhere.toml", ["nowhere.toml", "nowhere"]),
+    ] {
+        fail(&path, &format!("identify --tcp 127.0.0.1:1 --out session {option}"), &words);
+    }
+}
+
 /// The heel is loaded by 1,000 N on 200 mm2, and barefoot walkers load more than 2,000 mm2 of it.
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
