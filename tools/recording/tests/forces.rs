@@ -79,7 +79,7 @@ fn forces_of_loadsol_are_conserved_and_a_lost_frame_is_interpolated() {
     let export = parse(Format::Loadsol, &text).unwrap();
     check(&export, 3);
     assert!(
-        export.remarks.iter().any(|remark| remark.starts_with("Right foot: 1 lost frames")),
+        export.remarks.iter().any(|remark| remark.starts_with("Right foot: Lost frames that were filled linearly: 1")),
         "{:?}",
         export.remarks
     );

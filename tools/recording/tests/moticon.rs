@@ -81,7 +81,11 @@ fn lost_frames_are_interpolated_and_those_at_the_ends_are_left_out() {
     assert!((right.t_s[0] - 0.03).abs() < 1e-9 && left.t_s[0] == 0.0);
     let expected = |share: f64| total_n(59) * (1.0 - share) + total_n(62) * share;
     assert!((right.force_n(57) - expected(1.0 / 3.0)).abs() < 1.0);
-    assert!(export.remarks.iter().any(|r| r.starts_with("Right foot: 2 lost frames")), "{:?}", export.remarks);
+    assert!(
+        export.remarks.iter().any(|r| r.starts_with("Right foot: Lost frames that were filled linearly: 2")),
+        "{:?}",
+        export.remarks
+    );
 }
 
 #[test]

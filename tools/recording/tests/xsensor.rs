@@ -152,7 +152,11 @@ fn a_foot_that_is_missing_in_a_frame_is_interpolated() {
     let end = section(&lines, "GROUP", 30);
     lines.drain(begin..end);
     let export = parse(&text(USUAL, &lines)).unwrap();
-    assert!(export.remarks.iter().any(|r| r.starts_with("Right foot: 1 lost frames")), "{:?}", export.remarks);
+    assert!(
+        export.remarks.iter().any(|r| r.starts_with("Right foot: Lost frames that were filled linearly: 1")),
+        "{:?}",
+        export.remarks
+    );
     let right = &export.feet[1];
     let (before, lost, after) = (right.force_n(29), right.force_n(30), right.force_n(31));
     assert!((lost - (before + after) / 2.0).abs() < 0.01);
