@@ -42,7 +42,7 @@ fn store_steps(chip: &mut NorFlashChip, supply: &Supply) -> (Vec<u32>, u32) {
     (stored, refused)
 }
 
-/// Otherwise a record of this boot could not be told from one of the next boot.
+/// Otherwise a record of this boot could not be distinguished from one of the next boot.
 #[test]
 fn a_boot_that_begins_with_a_low_supply_is_counted_once_the_supply_is_sufficient() {
     let mut chip = used_chip();

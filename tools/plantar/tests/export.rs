@@ -129,7 +129,7 @@ fn recordings_that_do_not_fit_are_refused() {
     fail(folder, "csv left.parquet left.parquet --out a", &["left foot", "one recording for each foot"]);
     fail(folder, "csv left.parquet slow.parquet --out a", &["slow.parquet", "50", "--rate"]);
     fail(folder, "csv left.parquet --from 100 --out a", &["left.parquet", "--from", "within the recording"]);
-    fail(folder, "csv left.parquet --out ./left.parquet", &["name another file", "another file"]);
+    fail(folder, "csv left.parquet --out ./left.parquet", &["left.parquet", "input of this command", "another file"]);
     fail(folder, "motion-bids left.parquet --task one_two --out a", &["one_two", "letters and digits"]);
     fail(folder, "motion-bids left.parquet --subject '' --out a", &["letters and digits"]);
 }

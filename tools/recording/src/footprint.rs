@@ -89,8 +89,8 @@ impl Footprint<'_> {
     }
 
     /// How far the load of the midfoot lies towards +x from the line between heel and forefoot, and that of the toes towards -x
-    /// from its extension, as a fraction of the width of the forefoot: positive if +x is lateral. y points to the
-    /// toes. `None` if heel or forefoot is never loaded.
+    /// from its extension, as a fraction of the width of the forefoot: positive if +x is lateral. y points to the toes. `None` if heel
+    /// or forefoot is never loaded.
     fn lateral_asymmetry(&self) -> Option<f64> {
         let mut pressure_sum_kpa = vec![0.0f64; self.cells.len()];
         for frame in self.pressure_kpa.chunks_exact(self.cells.len()) {

@@ -1,5 +1,5 @@
-//! Frames that a system lost on the way. A recording has none: short gaps are filled, and of a recording with longer
-//! gaps only the longest part between them remains.
+//! Frames that a system lost on the way. A recording has none: short gaps are filled, and of a recording with longer gaps only the
+//! longest part between them remains.
 
 /// Longest gap that is filled by interpolation, s. A heel strike takes about this time, so that a longer gap may hide the
 /// beginning of a step.

@@ -78,7 +78,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     if is_insole && side.is_none() {
         return Err(Error::content(
             path.display().to_string(),
-            "the foot is unknown: the name of the file does not end with L or R",
+            "the foot is unknown: the name of the file does not end with the word left or right, or with L or R",
             "state the foot with --side",
         ));
     }

@@ -70,7 +70,8 @@ fn foot_across() -> String {
     text
 }
 
-/// Across the plate, a cell is 7.62 mm wide and 5.08 mm long in the coordinates of the foot, and the cells under the foot begin at the axes.
+/// Across the plate, a cell is 7.62 mm wide and 5.08 mm long in the coordinates of the foot, and the cells under the foot begin at
+/// the axes.
 #[test]
 fn a_foot_across_the_plate_begins_at_the_axes() {
     let export = parse(&file(&foot_across())).unwrap();

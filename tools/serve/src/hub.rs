@@ -465,25 +465,25 @@ impl Page {
     /// The next message for the page, as the index of an insole followed by the message; `None` if there is nothing to send.
     pub fn next(&mut self) -> Option<Vec<u8>> {
         let count = self.hub.insoles.len();
-        let (index, message) = (self.turn..self.turn + count).find_map(|turn| {
-            let index = turn % count;
-            self.next_of(index).map(|message| (index, message))
-        })?;
+        let (index, message) = (self.turn..self.turn + count)
+            .map(|turn| turn % count)
+            .find_map(|index| Some((index, self.next_of(index)?)))?;
         self.turn = (index + 1) % count;
-        Some([&[index as u8], &*message].concat())
+        Some(message)
     }
 
-    /// The next message of this insole for the page.
+    /// The next message of this insole for the page, after the index of the insole.
     fn next_of(&self, index: usize) -> Option<Vec<u8>> {
         let mut insole = self.hub.insole(index);
         let insole = &mut *insole;
         let (_, link) = insole.pages.iter_mut().find(|(id, _)| *id == self.id)?;
         let mut buffer = [0; MAX_MESSAGE];
         let message = link.next(insole.hello.as_ref()?, || insole.status, &mut buffer)?;
-        let Some(ToHost::Status(own)) = decode(message) else { return Some(message.to_vec()) };
+        let Some(ToHost::Status(own)) = decode(message) else { return Some([&[index as u8], message].concat()) };
         // The session counts the live frames of the page; all else is the insole's.
         let status = Status { live_due: own.live_due, live_sent: own.live_sent, ..insole.status };
-        encode(&ToHost::Status(status), &mut buffer).ok().map(|message| message.to_vec())
+        let message = encode(&ToHost::Status(status), &mut buffer).ok()?;
+        Some([&[index as u8], &*message].concat())
     }
 }
 
