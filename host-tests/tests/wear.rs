@@ -118,7 +118,7 @@ fn a_standing_foot_never_becomes_the_baseline() {
     }
 }
 
-/// A foot that stands still with this force for this time.
+/// A recording of a foot that carries this force for this time.
 fn standing(standing_n: f64, stand_s: f64) -> Recording {
     let trial = SyntheticStanding {
         standing_n,

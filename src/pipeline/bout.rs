@@ -7,7 +7,7 @@
 
 use super::curves::Curves;
 use super::region::{RegionFrame, Side};
-use super::stance_rule::REFERENCE_PEAK_N;
+use super::stance_rule::StanceLimits;
 use crate::num::Real;
 use serde::{Deserialize, Serialize};
 
@@ -308,7 +308,7 @@ impl<R: Real> Bouts<R> {
         if window.load.frames == 0 {
             return;
         }
-        let peak_n = if self.peak_n > R::ZERO { self.peak_n } else { R::of(REFERENCE_PEAK_N) };
+        let peak_n = StanceLimits::usual_peak_n(self.peak_n);
         let part = Part { kind: window.kind(peak_n), load: window.load };
         let has_kind = self.is_long(window.load.frames) || window.is_between_steps;
         if !self.next.is_none() && (part.kind != self.bout.kind || !has_kind) {

@@ -8,7 +8,7 @@ use super::bout::{BoutRecord, Bouts};
 use super::curves::Curves;
 use super::lift::Constancy;
 use super::region::{RegionFrame, Side};
-use super::stance_rule::{REFERENCE_PEAK_N, StanceLimits};
+use super::stance_rule::StanceLimits;
 use crate::num::Real;
 use serde::{Deserialize, Serialize};
 
@@ -95,7 +95,7 @@ pub struct Stance<R> {
     is_lifted: bool,
     /// The total force has changed since the first frame.
     has_moved: bool,
-    /// A step with at least half of the usual force has ended. The review of the lifted foot resets it.
+    /// A step of walking has ended; see [`StanceLimits::is_walking`]. The review of the lifted foot resets it.
     pub(crate) has_walked: bool,
 }
 
@@ -282,8 +282,7 @@ impl<R: Real> Stance<R> {
             return false;
         }
         let peak_n = self.peak_n - self.lifted_n;
-        let usual_n = if self.recent_peak_n > R::ZERO { self.recent_peak_n } else { R::of(REFERENCE_PEAK_N) };
-        self.has_walked |= peak_n >= usual_n * R::of(0.5);
+        self.has_walked |= StanceLimits::is_walking(self.recent_peak_n, peak_n);
         self.recent_peak_n = StanceLimits::recent_peak_n(self.recent_peak_n, peak_n);
         let samples = self.curves.samples_in(self.loaded);
         self.bouts.after_step(&self.curves, self.start_seq, samples, self.recent_peak_n);

@@ -8,6 +8,8 @@ pub const REFERENCE_PEAK_N: f64 = 700.0;
 /// Range of the peaks to which thresholds are proportional, relative to [`REFERENCE_PEAK_N`]: from a child of 14 kg who walks to
 /// a person of 70 kg who runs, or of 130 kg who walks.
 const SCALE: (f64, f64) = (0.2, 2.0);
+/// A step of walking has at least this peak, relative to the usual one.
+const WALKING: f64 = 0.5;
 
 /// Time for which the total force must be constant before the foot counts as lifted, ms. The toes are then unloaded. The review
 /// of all cells that follows takes as long again; a swing lasts about 300 ms or longer, so both fit.
@@ -108,10 +110,22 @@ impl<R: Real> StanceLimits<R> {
         }
     }
 
+    /// The usual peak of the wearer's steps, N: the mean of the recent ones, or [`REFERENCE_PEAK_N`] before the first step, when
+    /// `recent_peak_n` is 0.
+    pub(super) fn usual_peak_n(recent_peak_n: R) -> R {
+        if recent_peak_n > R::ZERO { recent_peak_n } else { R::of(REFERENCE_PEAK_N) }
+    }
+
+    /// True if a step with `peak_n`, N, is one of walking, and not a contact of a seated foot. `recent_peak_n` is as for
+    /// [`StanceLimits::usual_peak_n`].
+    pub(super) fn is_walking(recent_peak_n: R, peak_n: R) -> bool {
+        peak_n >= Self::usual_peak_n(recent_peak_n) * R::of(WALKING)
+    }
+
     /// The running mean of the step peaks after a step with `peak_n`, N: the last step counts half. `before_n` is the mean before
     /// this step, 0 before the first one.
     pub(super) fn recent_peak_n(before_n: R, peak_n: R) -> R {
-        let before_n = if before_n > R::ZERO { before_n } else { R::of(REFERENCE_PEAK_N) };
+        let before_n = Self::usual_peak_n(before_n);
         before_n + (peak_n - before_n) * R::of(0.5)
     }
 }

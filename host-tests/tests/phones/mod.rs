@@ -252,9 +252,9 @@ pub fn boot(
     flash: Option<Vec<u8>>,
 ) -> Board {
     let side = virtual_insole.setup.side;
-    let mut config =
-        // On a slow computer, some phones take minutes to pair.
-        EmulatorConfig { address: [1 + side as u8, 0, 0, 0, 0, 0xc0], bonding_s: 600, ..EmulatorConfig::new(virtual_insole.setup) };
+    let address = [1 + side as u8, 0, 0, 0, 0, 0xc0];
+    // On a slow computer, some phones take minutes to pair.
+    let mut config = EmulatorConfig { address, bonding_s: 600, ..EmulatorConfig::new(virtual_insole.setup) };
     change(&mut config);
     let port = radio.request(json!({"do": "radio", "name": side.name()}))["port"]
         .as_u64()

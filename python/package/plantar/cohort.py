@@ -234,7 +234,8 @@ def _options(parser: argparse.ArgumentParser) -> None:
     """The options of the evaluation, as those of ``plantar cohort``."""
     parser.add_argument("--size", type=int, default=42, help="European shoe size of participants without a size [42]")
     parser.add_argument("--filter", choices=["direct", "live", "smoothed"], help="filter of the contact area")
-    parser.add_argument("--method", choices=["projection", "paper"], default="projection", help="method of the identification [projection]")
+    method = "method of the identification [projection]"
+    parser.add_argument("--method", choices=["projection", "paper"], default="projection", help=method)
     parser.add_argument("--bounds", choices=["free", "paper"], default="free", help="bounds of the exponents [free]")
     parser.add_argument("--tissue", metavar="FILE", help="tissue measurements, at the same path on each worker")
     parser.add_argument("--compression", type=float, metavar="FRACTION", help="assumed compression of the tissue")

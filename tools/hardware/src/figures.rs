@@ -1,4 +1,4 @@
-//! The figures of the front end, and the bars that they must meet.
+//! The figures of the front end, and the limits that they must meet.
 
 use crate::analyses::{
     Crosstalk, FULL_LOAD_OHM, Loop, Noise, ROW, SATURATING_OHM, Settling, WALKING_OHM, changes, crosstalk,
@@ -15,22 +15,22 @@ use plantar::firmware::front_end::{self, CLIPPED_CODE, NOISE_CODES, SETTLE_US};
 use plantar::firmware::layout::{PERIOD_US, ROWS};
 use plantar::protocol::SETTABLE_PERIOD_US;
 
-/// A figure with its bar.
+/// A figure with its limit.
 pub struct Figure {
     /// The key in JSON.
     pub key: &'static str,
     /// The value.
     pub value: f64,
     /// The smallest and the largest allowed value.
-    pub bar: Option<(f64, f64)>,
+    pub limit: Option<(f64, f64)>,
     /// The meaning, with the unit.
     pub meaning: &'static str,
 }
 
 impl Figure {
-    /// True if the value misses its bar.
+    /// True if the value misses its limit.
     pub fn is_missed(&self) -> bool {
-        self.bar.is_some_and(|(least, most)| !(least..=most).contains(&self.value))
+        self.limit.is_some_and(|(least, most)| !(least..=most).contains(&self.value))
     }
 
     /// The value as it is printed, with three or more digits.
@@ -42,9 +42,9 @@ impl Figure {
         }
     }
 
-    /// The bar as it is printed.
+    /// The limit as it is printed.
     pub fn limit_text(&self) -> String {
-        match self.bar {
+        match self.limit {
             Some((0.0, most)) => format!("at most {most}"),
             Some((least, f64::INFINITY)) => format!("at least {least}"),
             Some((least, most)) => format!("{least} to {most}"),
@@ -55,7 +55,7 @@ impl Figure {
 
 /// All results of the simulation.
 pub struct Results {
-    /// The figures with their bars.
+    /// The figures with their limits.
     pub figures: Vec<Figure>,
     /// Resistances of a cell, ohm, with the simulated codes.
     pub transfer: Vec<(f64, f64)>,
@@ -118,15 +118,15 @@ struct Figures(Vec<Figure>);
 
 impl Figures {
     fn add(&mut self, key: &'static str, value: f64, meaning: &'static str) {
-        self.0.push(Figure { key, value, bar: None, meaning });
+        self.0.push(Figure { key, value, limit: None, meaning });
     }
 
     fn at_most(&mut self, key: &'static str, value: f64, most: f64, meaning: &'static str) {
-        self.0.push(Figure { key, value, bar: Some((0.0, most)), meaning });
+        self.0.push(Figure { key, value, limit: Some((0.0, most)), meaning });
     }
 
     fn at_least(&mut self, key: &'static str, value: f64, least: f64, meaning: &'static str) {
-        self.0.push(Figure { key, value, bar: Some((least, f64::INFINITY)), meaning });
+        self.0.push(Figure { key, value, limit: Some((least, f64::INFINITY)), meaning });
     }
 }
 
@@ -149,7 +149,7 @@ fn simulate_transfer(board: &Netlist, figures: &mut Figures) -> Result<Vec<(f64,
         "saturated_code",
         saturated,
         CLIPPED_CODE.into(),
-        "code of a saturated amplifier; from its bar on the firmware reports saturation",
+        "code of a saturated amplifier; from its limit on the firmware reports saturation",
     );
     Ok(transfer)
 }
@@ -162,7 +162,7 @@ fn simulate_timing(board: &Netlist, figures: &mut Figures) -> Result<Vec<Settlin
         "settling_us",
         settled_us,
         SETTLE_US.into(),
-        "slowest change of row until half a step of 12 bits remains, us; the bar is the time that the firmware waits",
+        "slowest change of row until half a step of 12 bits remains, us; the limit is the time that the firmware waits",
     );
     let (name, conditions) = slowest_change();
     let long_lines = run((name, Conditions { line_f: 2.0 * conditions.line_f, ..conditions }))?;
@@ -177,7 +177,7 @@ fn simulate_timing(board: &Netlist, figures: &mut Figures) -> Result<Vec<Settlin
         "scan_us",
         scan_s() * 1e6,
         (*SETTABLE_PERIOD_US.start()).into(),
-        "computed time of a scan, us; the bar is a frame at 400 Hz",
+        "computed time of a scan, us; the limit is a frame at 400 Hz",
     );
     figures.at_most(
         "sampling_error_codes",
@@ -191,29 +191,29 @@ fn simulate_timing(board: &Netlist, figures: &mut Figures) -> Result<Vec<Settlin
 fn simulate_crosstalk(board: &Netlist, figures: &mut Figures) -> Result<Vec<(f64, f64)>> {
     let Crosstalk { row_one, column_one, diagonal, saturated } = crosstalk(board)?;
     let row_all = row_crosstalk(board, SWITCH_ON_OHM.value)?;
-    let bar = CROSSTALK_PERCENT;
+    let limit = CROSSTALK_PERCENT;
     figures.at_most(
         "crosstalk_row_one_percent",
         row_one,
-        bar,
+        limit,
         "one neighbour at full load in the row, % of its reading",
     );
     figures.at_most(
         "crosstalk_row_all_percent",
         row_all,
-        bar,
+        limit,
         "15 neighbours at full load in the row, % of one reading",
     );
     figures.at_most(
         "crosstalk_column_percent",
         column_one,
-        bar,
+        limit,
         "one neighbour at full load in the column, largest offsets, % of its reading",
     );
     figures.at_most(
         "crosstalk_diagonal_percent",
         diagonal,
-        bar,
+        limit,
         "one neighbour at full load in the next column, beside a loaded cell of the column, largest offsets, %",
     );
     let mut sheet = |key, cell_ohm, offset_v, meaning| -> Result<()> {
@@ -260,17 +260,17 @@ fn simulate_stability(board: &Netlist, figures: &mut Figures) -> Result<Vec<Loop
         let loops = loops.iter().filter(|one| one.name.starts_with(of));
         loops.map(|one| one.phase_margin_deg).fold(f64::INFINITY, f64::min)
     };
-    let bar = PHASE_MARGIN_DEG;
+    let limit = PHASE_MARGIN_DEG;
     figures.at_least(
         "phase_margin_column_deg",
         smallest_deg("column"),
-        bar,
+        limit,
         "smallest phase margin of a column amplifier, degrees",
     );
     figures.at_least(
         "phase_margin_reference_deg",
         smallest_deg("virtual ground"),
-        bar,
+        limit,
         "smallest phase margin of the virtual ground's buffer, degrees",
     );
     figures.add(
@@ -287,7 +287,7 @@ fn simulate_noise(board: &Netlist, figures: &mut Figures) -> Result<Vec<Noise>> 
         "noise_codes",
         noise[0].code_rms,
         NOISE_CODES / 3.0,
-        "noise of an unloaded cell, codes, standard deviation; the bar is a third of the noise of simulated sensors",
+        "noise of an unloaded cell, codes, standard deviation; the limit is a third of the noise of simulated sensors",
     );
     let loaded_codes = noise[noise.len() - 1].code_rms;
     figures.add("noise_loaded_codes", loaded_codes, "noise with the whole sheet at 300 kPa, codes, standard deviation");

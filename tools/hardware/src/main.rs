@@ -1,5 +1,5 @@
 //! Writes the files of the reference board to the folder `hardware`: bill of materials, schematic and nets from the netlist, and
-//! plots and figures from the simulation of its front end. Fails if a figure misses its bar.
+//! plots and figures from the simulation of its front end. Fails if a figure misses its limit.
 
 use anyhow::{Context, Result, bail};
 use clap::Parser;
@@ -48,7 +48,7 @@ fn main() -> Result<()> {
     let missed: Vec<_> = results.figures.iter().filter(|figure| figure.is_missed()).map(|figure| figure.key).collect();
     if !missed.is_empty() {
         bail!(
-            "figures that miss their bar: {}: change the parts in tools/hardware/src/netlist.rs, and run `cargo xtask hardware` \
+            "figures that miss their limit: {}: change the parts in tools/hardware/src/netlist.rs, and run `cargo xtask hardware` \
              again",
             missed.join(", ")
         );

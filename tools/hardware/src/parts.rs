@@ -172,7 +172,7 @@ pub const SERIES: PartType = resistor(
     &["ERJ-3EKF1500V", "CRCW0603150RFKEA"],
     "filter at the converter's input",
 );
-/// Returns a row to the virtual ground.
+/// Resistor that returns a row to the virtual ground, or pulls the select line of the flash chip up.
 pub const RESISTOR_10K: PartType = resistor(
     10_000.0,
     "10 kohm 1 %",
@@ -226,7 +226,7 @@ pub const COMPENSATION: PartType = capacitor(
     &["CL10C470JB8NNNC", "CC0603JRNPO9BN470"],
     "stability of a column amplifier",
 );
-/// Capacitor at a converter's input.
+/// Capacitor at a converter's input, or for the rise time of the load switch.
 pub const CAPACITOR_330P: PartType = capacitor(
     330e-12,
     "330 pF C0G 5 %",

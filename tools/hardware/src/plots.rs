@@ -176,7 +176,7 @@ fn crosstalk(results: &Results) -> String {
         marks: html! {},
     };
     chart.marks = html! {
-        (chart.horizontal(0.5, "bar: 0.5 %"))
+        (chart.horizontal(0.5, "limit: 0.5 %"))
         (chart.vertical(SWITCH_ON_OHM.value, "FDG6335N"))
         (chart.vertical(MULTIPLEXER_TYPICAL_OHM.value, "ADG706"))
         (chart.vertical(MULTIPLEXER_ON_OHM.value, "max."))

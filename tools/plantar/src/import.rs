@@ -178,9 +178,9 @@ impl Import {
             Self::Gaitpdb(file) => vendor(Format::Gaitpdb, file),
             Self::Pliance(file) => vendor(Format::Pliance, file),
             Self::Csv { layout, frames, side, out } => {
+                check_written(&[layout.clone(), frames.clone()], &[Some(&out.out)])?;
                 let recording = csv::import(layout, frames, (*side).into(), &mut report)?;
                 bar.finish_and_clear();
-                check_written(&[layout.clone(), frames.clone()], &[Some(&out.out)])?;
                 out.write(recording, &out.out)
             }
             Self::Pedar { file, geometry, side, out } => {

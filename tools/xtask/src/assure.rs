@@ -33,7 +33,7 @@ const SLOWER_TESTS: [&str; 12] = [
 ];
 
 impl Assure {
-    /// Measures everything, and compares the figures with their bars at the end.
+    /// Measures everything, and compares the figures with their limits at the end.
     pub fn run(&self) -> Result<()> {
         setup::rust()?;
         let proofs = proofs()?;
@@ -58,18 +58,18 @@ impl Assure {
             ("mutation_score", score.into()),
         ];
         self.figures.write(&figures.map(|(key, figure)| (key.to_owned(), figure)).into_iter().collect())?;
-        let bars = [
+        let limits = [
             ("proofs", proofs as f64, LEAST_PROOFS as f64),
             ("coverage_lines", coverage, LEAST_COVERAGE),
             ("mutation_score", score, LEAST_MUTATION_SCORE),
         ];
-        let missed = bars.iter().filter(|(_, figure, least)| figure < least);
+        let missed = limits.iter().filter(|(_, figure, least)| figure < least);
         let mut missed: Vec<_> =
             missed.map(|(name, figure, least)| format!("{name} is {figure:.3}, must be at least {least}")).collect();
         if skips > 0 {
             missed.push(format!("instruction_skips is {skips}, must be 0"));
         }
-        ensure!(missed.is_empty(), "figures miss their bars: {}", missed.join("; "));
+        ensure!(missed.is_empty(), "figures miss their limits: {}", missed.join("; "));
         Ok(())
     }
 }
@@ -165,7 +165,7 @@ fn coverage() -> Result<f64> {
             |key: &str| file["summary"]["lines"][key].as_u64().context("the report of the coverage has no lines");
         (covered, lines) = (covered + count("covered")?, lines + count("count")?);
     }
-    // Without lines the share would be NaN, which misses no bar.
+    // Without lines the share would be NaN, which misses no limit.
     ensure!(lines > 0, "{} has no file of {}: the coverage was not measured", json.display(), core.display());
     Ok(covered as f64 / lines as f64)
 }

@@ -7,7 +7,7 @@ use crate::setup;
 use anyhow::Result;
 use std::process::Command;
 
-/// Writes bill of materials, schematic, plots and figures of the reference board, and compares the figures with their bars.
+/// Writes bill of materials, schematic, plots and figures of the reference board, and compares the figures with their limits.
 pub fn run(figures: &FiguresFile) -> Result<()> {
     setup::rust()?;
     setup::ngspice()?;
