@@ -90,6 +90,55 @@ fn steps_that_were_stored_remain_when_the_supply_was_low_for_some_time() {
     assert!(refusals >= all.operations() as u32 / 2, "{refusals}");
 }
 
+/// Reading the log erases sectors of which all records were deleted. If the log could not be read until the supply returns, the
+/// next record would be sent before those that are only in the log, and its acknowledgement would delete them.
+#[test]
+fn the_log_can_be_read_when_the_supply_became_low_while_records_were_deleted() {
+    const ACKNOWLEDGED: u32 = 30;
+    let delete = |low_from: u64| {
+        let mut chip = used_chip();
+        let mut store = block_on(Store::open(Some(&mut chip), Reset::Power));
+        for number in 0..STEPS {
+            block_on(store.push_record(step(number))).expect("the supply is sufficient");
+        }
+        let supply = Supply::new(low_from, u64::MAX);
+        let mut store = block_on(Store::open(Some(Supplied::new(&mut chip, || supply.is_sufficient())), Reset::Power));
+        let is_deleted = block_on(store.acknowledge(ACKNOWLEDGED)).is_ok();
+        let numbers = |store: &mut Store<_>| {
+            let mut numbers = Vec::new();
+            let take = |record: LoadRecord| {
+                numbers.push(record.number());
+                true
+            };
+            block_on(store.records(Some(ACKNOWLEDGED), take)).map(|_| numbers)
+        };
+        // The second time, the store must not rely on what the first one has postponed.
+        for _ in 0..2 {
+            let found = numbers(&mut store);
+            assert_eq!(found, Ok((ACKNOWLEDGED + 1..STEPS).collect()), "low supply from operation {low_from} on");
+        }
+        drop(store);
+        let mut store = block_on(Store::open(Some(&mut chip), Reset::Power));
+        for number in STEPS..2 * STEPS {
+            block_on(store.push_record(step(number))).expect("the supply is sufficient");
+        }
+        let mut found = Vec::new();
+        block_on(store.records(Some(ACKNOWLEDGED), |record| {
+            found.push(record.number());
+            true
+        }))
+        .expect("the log can be read");
+        assert_eq!(found, (ACKNOWLEDGED + 1..2 * STEPS).collect::<Vec<_>>(), "low supply from operation {low_from} on");
+        (is_deleted, supply.operations())
+    };
+    let (is_deleted, operations) = delete(u64::MAX);
+    assert!(is_deleted && operations > u64::from(ACKNOWLEDGED), "{operations}");
+    for low_from in 0..operations {
+        let (is_deleted, _) = delete(low_from);
+        assert!(!is_deleted, "low supply from operation {low_from} on");
+    }
+}
+
 #[test]
 fn a_chip_with_a_low_supply_is_not_changed() {
     let mut chip = used_chip();

@@ -11,6 +11,11 @@ pub(super) struct Guard {
     pub is_read_only: bool,
     /// An operation has failed for this reason.
     pub has_refused: bool,
+    /// An erase operation that fails is postponed: while `sequential-storage` reads the log, it erases sectors of which all
+    /// entries were deleted, and a supply that is too low for this must not prevent reading.
+    pub postpones_erasure: bool,
+    /// An erase operation has been postponed, so the cached state of its sector is wrong.
+    pub has_postponed: bool,
 }
 
 /// A chip behind its guard.
@@ -48,7 +53,12 @@ impl<F: NorFlash> NorFlash for Guarded<'_, F> {
 
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
         self.check()?;
-        self.flash.erase(from, to).await.map_err(|error| error.kind())
+        let erased = self.flash.erase(from, to).await.map_err(|error| error.kind());
+        if erased.is_err() && self.guard.postpones_erasure {
+            self.guard.has_postponed = true;
+            return Ok(());
+        }
+        erased
     }
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {

@@ -311,7 +311,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
     ) -> Result<bool, StorageError> {
         self.check_use()?;
         let Self { flash, guard, log_cache, buffer, contents, .. } = self;
-        with_log(flash, guard, log_cache, async |log| {
+        guard.postpones_erasure = true;
+        let remain = with_log(flash, guard, log_cache, async |log| {
             let mut entries = log.iter().await?;
             while let Some(entry) = entries.next(buffer).await? {
                 let Some((boot, record)) = Entry::decode(&entry).and_then(Entry::record) else { continue };
@@ -322,7 +323,12 @@ impl<F: MultiwriteNorFlash> Store<F> {
             }
             Ok(false)
         })
-        .await
+        .await;
+        guard.postpones_erasure = false;
+        if core::mem::take(&mut guard.has_postponed) {
+            *log_cache = empty_cache();
+        }
+        remain
     }
 }
 

@@ -16,6 +16,9 @@ use std::path::Path;
 /// Largest overlap of two cells, as a fraction of the smaller cell. Some overlap is allowed, because drawn layouts are not
 /// exact.
 const MAX_OVERLAP: f64 = 0.25;
+/// The ratios of medial-lateral width to heel-toe length that all cells of a layout may have, squares first. With the allowed
+/// overlap, ratios up to 7 fit.
+const ASPECTS: [f64; 5] = [1.0, 2.0, 0.5, 4.0, 0.25];
 /// The number of rows that are read between two calls of `progress`.
 const ROWS_PER_REPORT: usize = 1000;
 
@@ -182,39 +185,58 @@ fn check_numbering(rows: &[(usize, u64, Cell)], path: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Checks that cells do not overlap by more than [`MAX_OVERLAP`]. Each cell counts as a square of its area, parallel to the
-/// axes.
+/// Two cells that overlap.
+struct Overlap {
+    /// Number and line of each cell.
+    cells: [(usize, u64); 2],
+    /// The overlap as a fraction of the smaller cell.
+    fraction: f64,
+}
+
+/// Checks that cells do not overlap by more than [`MAX_OVERLAP`]. A layout states no widths, so the cells are rectangles of one of
+/// the [`ASPECTS`], parallel to the axes.
 fn check_overlap(rows: &[(usize, u64, Cell)], path: &Path) -> Result<()> {
+    let Some(Overlap { cells: [(a, line_a), (b, line_b)], fraction }) = overlap(rows, ASPECTS[0]) else { return Ok(()) };
+    if ASPECTS[1..].iter().any(|aspect| overlap(rows, *aspect).is_none()) {
+        return Ok(());
+    }
+    Err(Error::content(
+        at_line(path, line_a.max(line_b)),
+        format!(
+            "cell {a} (line {line_a}) and cell {b} (line {line_b}), as squares, overlap by {:.0} % of the smaller",
+            100.0 * fraction
+        ),
+        "correct the positions or areas of these cells",
+    ))
+}
+
+/// The first two cells with an inadmissible overlap, as rectangles of this ratio of width to length.
+fn overlap(rows: &[(usize, u64, Cell)], aspect: f64) -> Option<Overlap> {
+    let half_extent_mm = |cell: &Cell| (cell.half_side_mm() * aspect.sqrt(), cell.half_side_mm() / aspect.sqrt());
     let mut by_x: Vec<_> = rows.iter().collect();
     by_x.sort_by(|(_, _, a), (_, _, b)| a.x_mm.total_cmp(&b.x_mm));
-    let widest_mm = rows.iter().map(|(_, _, cell)| cell.half_side_mm()).fold(0.0, f64::max);
-    for (i, &&(id, line, cell)) in by_x.iter().enumerate() {
-        let half_mm = cell.half_side_mm();
-        for &&(other_id, other_line, other) in &by_x[i + 1..] {
-            if other.x_mm - cell.x_mm > half_mm + widest_mm {
+    let widest_mm = rows.iter().map(|(_, _, cell)| half_extent_mm(cell).0).fold(0.0, f64::max);
+    for (i, &(id, line, cell)) in by_x.iter().enumerate() {
+        let (half_x_mm, half_y_mm) = half_extent_mm(cell);
+        for (other_id, other_line, other) in &by_x[i + 1..] {
+            if other.x_mm - cell.x_mm > half_x_mm + widest_mm {
                 break;
             }
-            let other_half_mm = other.half_side_mm();
-            let shared = |along: fn(&Cell) -> f64| {
-                let (a, b) = (along(&cell), along(&other));
-                ((a + half_mm).min(b + other_half_mm) - (a - half_mm).max(b - other_half_mm)).max(0.0)
-            };
-            let shared_mm2 = shared(|c| c.x_mm) * shared(|c| c.y_mm);
-            let overlap = shared_mm2 / cell.area_mm2.min(other.area_mm2);
-            if overlap > MAX_OVERLAP {
-                return Err(Error::content(
-                    at_line(path, line.max(other_line)),
-                    format!(
-                        "cell {id} (line {line}) and cell {other_id} (line {other_line}) overlap \
-                         by {:.0} % of the smaller",
-                        100.0 * overlap
-                    ),
-                    "correct the positions or areas of these cells",
-                ));
+            let (other_half_x_mm, other_half_y_mm) = half_extent_mm(other);
+            let shared_mm2 = shared_mm((cell.x_mm, half_x_mm), (other.x_mm, other_half_x_mm))
+                * shared_mm((cell.y_mm, half_y_mm), (other.y_mm, other_half_y_mm));
+            let fraction = shared_mm2 / cell.area_mm2.min(other.area_mm2);
+            if fraction > MAX_OVERLAP {
+                return Some(Overlap { cells: [(*id, *line), (*other_id, *other_line)], fraction });
             }
         }
     }
-    Ok(())
+    None
+}
+
+/// The common length of two intervals, given by their centres and half lengths.
+fn shared_mm((a, half_a): (f64, f64), (b, half_b): (f64, f64)) -> f64 {
+    ((a + half_a).min(b + half_b) - (a - half_a).max(b - half_b)).max(0.0)
 }
 
 /// The frames of a file. Each value has been checked; whether the intervals between the times are equal has not.

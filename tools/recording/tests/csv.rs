@@ -115,12 +115,39 @@ fn invalid_layout_rows_are_rejected() {
     assert_refused("cell,x_mm,y_mm,area_mm2\n", FRAMES, &["layout.csv", "at least one cell"]);
 }
 
+/// The layout of a matrix of 4 by 4 cells with this size, in which cell 5 is shifted medially.
+fn matrix((width_mm, length_mm): (f64, f64), shift_mm: f64) -> (String, String) {
+    let (mut layout, mut frames) = (String::from("cell,x_mm,y_mm,area_mm2\n"), String::from("t_s"));
+    for cell in 0..16 {
+        let (x_mm, y_mm) = (f64::from(cell % 4) * width_mm, f64::from(cell / 4) * length_mm);
+        let x_mm = if cell == 5 { x_mm - shift_mm } else { x_mm };
+        writeln!(layout, "{cell},{x_mm},{y_mm},{}", width_mm * length_mm).unwrap();
+        write!(frames, ",c{cell}").unwrap();
+    }
+    for frame in 0..3 {
+        write!(frames, "\n0.0{frame}{}", ",1".repeat(16)).unwrap();
+    }
+    (layout, frames)
+}
+
 #[test]
 fn the_error_for_an_overlap_names_both_cells() {
-    let overlapping = LAYOUT.replace("1,15", "1,12");
-    assert_refused(&overlapping, FRAMES, &["layout.csv:3", "cell 0 (line 2)", "cell 1 (line 3)", "30 %"]);
-    let touching = LAYOUT.replace("1,15", "1,13");
-    assert!(import(&touching, FRAMES).is_ok());
+    let (layout, frames) = matrix((10.0, 10.0), 3.0);
+    assert_refused(&layout, &frames, &["layout.csv:7", "cell 4 (line 6)", "cell 5 (line 7)", "30 %"]);
+    let (layout, frames) = matrix((10.0, 10.0), 2.0);
+    assert!(import(&layout, &frames).is_ok());
+    let at_one_place = LAYOUT.replace("1,15", "1,5");
+    assert_refused(&at_one_place, FRAMES, &["layout.csv:3", "cell 0 (line 2)", "cell 1 (line 3)", "100 %"]);
+}
+
+#[test]
+fn cells_may_be_rectangles() {
+    for size in [(5.0, 10.0), (14.0, 7.0), (4.0, 13.0), (21.0, 3.5)] {
+        let (layout, frames) = matrix(size, 0.0);
+        assert!(import(&layout, &frames).is_ok(), "{size:?}");
+        let (layout, frames) = matrix(size, 0.6 * size.0);
+        assert_refused(&layout, &frames, &["cell 4", "cell 5", "overlap"]);
+    }
 }
 
 #[test]
