@@ -9,6 +9,7 @@ use core::cell::Cell;
 use core::future::Future;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal;
+use embassy_time::{Duration, with_timeout};
 use embedded_io_async::ErrorType;
 use plantar::firmware::ble::GattServer;
 
@@ -19,6 +20,8 @@ pub struct Progress {
     pub answered: Signal<NoopRawMutex, ()>,
     /// Signalled when the radio can advertise with private addresses.
     pub is_private: Signal<NoopRawMutex, ()>,
+    /// Signalled while the host accepts bonds on the present connection.
+    pub is_bondable: Signal<NoopRawMutex, ()>,
     /// Number of times that the radio has switched the resolution of addresses off or on. The host switches it off, passes the
     /// keys, and switches it on, so the second time completes the set-up of private addresses.
     switched: Cell<u8>,
@@ -29,6 +32,7 @@ impl Progress {
     pub fn reset(&self) {
         self.answered.reset();
         self.is_private.reset();
+        self.is_bondable.reset();
         self.switched.set(0);
     }
 
@@ -60,6 +64,9 @@ const ATT_CHANNEL: u16 = 4;
 const PAIRING_CHANNEL: u16 = 6;
 /// Code of the command Pairing Request.
 const PAIRING_REQUEST: u8 = 1;
+/// Longest time for which a pairing request waits until the connection accepts bonds. Without the wait, the host would pair with a
+/// central that asks at once, but not bond, and the central would have no access although it believes to be bonded.
+const BONDABLE_TIMEOUT: Duration = Duration::from_secs(1);
 /// An empty packet for no channel, which the host ignores.
 const IGNORED: &[u8] = &[0, 0, 0, 0];
 /// An undefined pairing command: the host responds that pairing failed, and does not remove a bond.
@@ -74,6 +81,18 @@ impl<C> Gate<'_, C> {
             (ATT_CHANNEL | PAIRING_CHANNEL, None) => IGNORED,
             (PAIRING_CHANNEL, Some(&PAIRING_REQUEST)) if !self.insole.allows_bonding() => REFUSED,
             _ => data,
+        }
+    }
+
+    /// Waits until the connection accepts bonds, if this is the first fragment of a pairing request.
+    async fn wait_until_bondable(&self, data: &[u8]) {
+        if matches!(data, [_, _, low, high, PAIRING_REQUEST, ..] if u16::from_le_bytes([*low, *high]) == PAIRING_CHANNEL) {
+            // If it takes longer, the central pairs without a bond, and has no access.
+            let waited = with_timeout(BONDABLE_TIMEOUT, self.progress.is_bondable.wait()).await;
+            if waited.is_ok() {
+                // For a further request on this connection.
+                self.progress.is_bondable.signal(());
+            }
         }
     }
 }
@@ -104,6 +123,7 @@ impl<C: Hci> Hci for Gate<'_, C> {
     async fn read<'a>(&self, buffer: &'a mut Self::Buffer<'_>) -> Result<ControllerToHostPacket<'a>, Self::Error> {
         Ok(match self.radio.read(buffer).await? {
             ControllerToHostPacket::Acl(acl) if acl.boundary_flag() != AclPacketBoundary::Continuing => {
+                self.wait_until_bondable(acl.data()).await;
                 ControllerToHostPacket::Acl(AclPacket::new(
                     acl.handle(),
                     acl.boundary_flag(),

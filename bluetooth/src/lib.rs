@@ -79,7 +79,8 @@ pub async fn run(from_radio: &'static HciPipe, to_radio: &'static HciPipe, insol
                 if has_key {
                     progress.is_private.wait().await;
                 }
-                select3(tx.run(), serve(&stack, table, insole, &mut admission), check_radio(&stack, insole)).await;
+                let served = serve(&stack, table, insole, &mut admission, &progress);
+                select3(tx.run(), served, check_radio(&stack, insole)).await;
             }
         })
         .await;
@@ -164,6 +165,7 @@ async fn serve(
     (table, server): &(Table, Server<'_>),
     insole: &dyn GattServer,
     admission: &mut Admission,
+    progress: &Progress,
 ) -> Result<(), Error> {
     let mut peripheral = stack.peripheral();
     let (mut advertised, mut scanned) = ([0; 31], [0; 31]);
@@ -186,6 +188,7 @@ async fn serve(
         scan_data: &scanned[..scanned_len],
     };
     loop {
+        progress.is_bondable.reset();
         let is_worn = insole.is_worn();
         let interval = if is_worn { ADVERTISING_WORN } else { ADVERTISING_UNWORN };
         let parameters =
@@ -200,6 +203,7 @@ async fn serve(
         let Either::First(Ok(connection)) = select(advertiser.accept(), other_interval_due).await else { continue };
         // The host always allows bonding: the gate rejects pairing requests while the insole does not allow it.
         let _ = connection.set_bondable(true);
+        progress.is_bondable.signal(());
         let Ok(connection) = connection.with_attribute_server(server) else { continue };
         let serving = select(answer(&connection, table, stack, insole), async {
             if send(&connection, table, insole).await.is_err() {
