@@ -52,7 +52,8 @@ impl Table {
         let cadence = running.add_characteristic_small(c::RSC_MEASUREMENT, [Notify], []).build();
         // The insole has no optional feature of Running Speed and Cadence.
         running.add_characteristic_ro(c::RSC_FEATURE, &[0u8; 2]).build();
-        // The insole's service and that of management tools come last: everything from the first handle on needs a bond.
+        // The insole's service and that of management tools come last: every handle from that of the control characteristic on
+        // needs a bond.
         let mut insole_service = table.add_service(Service::new(Uuid::from(gatt::SERVICE)));
         let mut stream = |uuid: u128, props: &[CharacteristicProp]| {
             insole_service.add_characteristic_small(Uuid::from(uuid), props, []).build()
@@ -88,7 +89,7 @@ impl Table {
     }
 
     /// The characteristic on which the values of a channel are sent. Current Time, which has another type, must be sent on
-    /// [`Table::time`].
+    /// [`Table::time`]; for its channel, the result is a placeholder.
     pub fn sent(&self, channel: GattChannel) -> &Stream {
         match channel {
             GattChannel::Cadence | GattChannel::Time => &self.cadence,

@@ -28,6 +28,17 @@ const RULES: AlertRules = AlertRules {
 fn run(
     recording: &Recording,
     rules: &AlertRules,
+    request: impl FnMut(usize, &mut Insole<f32, DEVICE_CELLS>),
+) -> (Vec<AlertRecord>, DailyLoad) {
+    run_and_take(recording, rules, |_| true, request)
+}
+
+/// As [`run`]. An alert is taken only after the seconds for which `takes` returns true, as if the queue of records were full in
+/// the others.
+fn run_and_take(
+    recording: &Recording,
+    rules: &AlertRules,
+    takes: impl Fn(usize) -> bool,
     mut request: impl FnMut(usize, &mut Insole<f32, DEVICE_CELLS>),
 ) -> (Vec<AlertRecord>, DailyLoad) {
     let virtual_insole = VirtualInsole::new(recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
@@ -43,7 +54,9 @@ fn run(
         }
         if insole.has_ended_second() {
             seconds += 1;
-            alerts.extend(insole.take_alert());
+            if takes(seconds) {
+                alerts.extend(insole.take_alert());
+            }
             request(seconds, &mut insole);
         }
     }
@@ -161,6 +174,18 @@ fn a_snooze_delays_the_alert() {
         }
     });
     assert_eq!(alerts.first().map(|alert| alert.start_us), Some(149_990_000));
+}
+
+#[test]
+fn an_alert_that_waits_for_room_in_the_queue_is_not_replaced() {
+    let recording = day(&[Activity::Walk, Activity::Walk, Activity::Stand, Activity::Stand, Activity::Stand], 5);
+    let rules = AlertRules { dose_kpa_s: 20.0, per_day: u8::MAX, ..RULES };
+    let doses = |alerts: &[AlertRecord]| alerts.iter().fold(0, |doses, alert| doses | alert.dose);
+    let (at_once, _) = run(&recording, &rules, |_, _| ());
+    assert_ne!(doses(&at_once), 0);
+    let takes = |seconds| seconds >= 100;
+    let (late, daily) = run_and_take(&recording, &rules, takes, |_, insole| insole.snooze_alerts(0));
+    assert_eq!((doses(&late), usize::from(daily.alerts)), (doses(&at_once), late.len()));
 }
 
 #[test]

@@ -1,9 +1,13 @@
 //! Two hosts that connect to one insole, one over the cable and one over the radio. The host that connected last has the session;
 //! the other one waits until it is free. Each step arrives at one of them, once.
 
+use client::Client;
+use plantar::pipeline::baseline::ZERO_S;
+use plantar::protocol::ToDevice;
 use std::cell::RefCell;
 use std::rc::Rc;
-use testkit::host::{Host, LinkKind};
+use std::time::Duration;
+use testkit::host::{Host, Link, LinkKind};
 use testkit::virtual_time::now_us;
 use testkit::world::{InsoleEvent, World};
 
@@ -90,4 +94,25 @@ fn a_host_continues_after_the_other_one_was_silent_for_half_a_minute() {
     assert_eq!(hosts.radio.hellos.len(), 2);
     let steps = hosts.steps();
     assert!(steps.iter().copied().eq(0..steps.len() as u32), "{steps:?}");
+}
+
+/// The outcome of a measurement that an earlier host requested, and has not waited for, is no answer to a later request.
+#[test]
+fn a_request_to_measure_the_baselines_is_answered_by_its_own_measurement() {
+    const SECOND_US: u64 = 1_000_000;
+    let world = Rc::new(RefCell::new(World::new(1, 100.0)));
+    let connect = || {
+        let link = Link::open(&world, 0, LinkKind::Serial).expect("the cable is there");
+        Client::connect(link, Duration::from_secs(5)).expect("the insole answers")
+    };
+    // The insole begins to measure within a second. The later request comes shortly before or after the outcome.
+    for tenths in 0..15 {
+        connect().send(ToDevice::Zero).expect("the cable is there");
+        world.borrow_mut().run_for(u64::from(ZERO_S) * SECOND_US - SECOND_US / 5 + tenths * SECOND_US / 10);
+        let mut client = connect();
+        let requested_us = now_us();
+        client.zero().expect("the foot is lifted");
+        let measured_us = now_us() - requested_us;
+        assert!(measured_us >= u64::from(ZERO_S) * SECOND_US, "{tenths}: {measured_us}");
+    }
 }

@@ -89,6 +89,22 @@ def test_live_frames_and_steps_arrive_asynchronously() -> None:
 
 
 @needs_insole
+def test_a_cancelled_iteration_loses_no_record() -> None:
+    async def follow(insole: plantar.Insole) -> set[str]:
+        kinds: set[str] = set()
+        frames = 0
+        while frames < 300 and not {"step", "bout", "alert"} <= kinds:
+            with contextlib.suppress(asyncio.TimeoutError):
+                event = await asyncio.wait_for(anext(aiter(insole)), 0.001)
+                kinds.add(event.kind)
+                frames += event.kind == "live"
+        return kinds
+
+    with simulated(1) as (address, _), plantar.Insole.connect(tcp=address) as insole:
+        assert {"step", "bout", "alert"} <= asyncio.run(follow(insole))
+
+
+@needs_insole
 def test_load_bouts_and_alerts_arrive_asynchronously_with_their_times_and_are_acknowledged() -> None:
     async def follow(insole: plantar.Insole) -> dict[str, plantar.Event]:
         events: dict[str, plantar.Event] = {}

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
-from conftest import plantar
+from conftest import plantar, walk
 
 import plantar as package
 
@@ -110,6 +110,15 @@ def test_normalised_steps_are_interpolated_from_heel_strike_to_toe_off(
     assert replay.normalised("total_force_n", 11).shape == (6, 11)
     with pytest.raises(ValueError, match="heel_area_mm2"):
         replay.normalised("area", region="heel")
+
+
+@pytest.mark.filterwarnings("ignore:parameters .* are not personal")
+def test_normalised_steps_do_not_drift_at_a_rate_whose_period_is_no_whole_microsecond(tmp_path: pathlib.Path) -> None:
+    path = walk(tmp_path / "walk.parquet", "--rate", 300, "--steps", 60)
+    curves = package.replay(path).normalised("total_force_n")
+    # All steps of the computed walk are equal but for the noise of the pressures.
+    assert len(curves) == 60
+    assert np.abs(curves[-1] - curves[0]).max() < 0.02 * curves[0].max()
 
 
 @pytest.mark.filterwarnings("ignore:parameters .* are not personal")

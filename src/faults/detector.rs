@@ -170,6 +170,7 @@ impl FaultDetector {
                 // that no step counts twice. The first review after the start must know of the stance.
                 self.has_stance = self.reviewed_seq.is_none();
                 frame.cells.iter_mut().for_each(InsoleCell::begin_step);
+                self.rows.begin_step();
                 return false;
             }
             let rise = match self.reviewed_seq {
@@ -195,6 +196,9 @@ impl FaultDetector {
         self.faults.without_baseline = self.review.without_baseline;
         if self.review.has_stance {
             self.conclude(frame);
+        } else {
+            // The inspections of a contact that is no evidence must not count in the next step.
+            self.rows.begin_step();
         }
         self.review.rezeroed > 0 || self.faults.found != found_before
     }

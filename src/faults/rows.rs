@@ -2,30 +2,36 @@
 //!
 //! An inspection shows that a row is clean, that is, free of crosstalk, if one of its cells is loaded and another is not. Rows
 //! are inspected in turn while the foot is partly in contact. A row that was clean in earlier steps, and then is not clean in
-//! successive steps, has crosstalk.
+//! [`STEPS`] steps with enough conclusive inspections, has crosstalk.
 //!
-//! In a healthy row with little pressure, such as one of the midfoot, the pressure may be conclusive only while the foot covers all
-//! cells. The foot covers a part of them when it begins to touch the row, with less pressure, which therefore suffices to show that
-//! a row is clean.
+//! There are two thresholds of pressure. The higher one, [`CONCLUSIVE_KPA`], applies to the evidence of crosstalk, the lower one,
+//! [`CLEAN_KPA`], to the evidence that a row is clean. In a healthy row with little pressure, such as one of the midfoot, the
+//! pressure may exceed the higher one only while the foot covers all cells. When the foot begins to touch the row, it covers only
+//! a part of them, with less pressure. With the higher threshold alone, such a row would be suspect.
 
 use super::MIN_LINE_CELLS;
 use super::neighbourhood::FrameContext;
 use crate::pipeline::calibrate::FULL_CODE;
 use crate::pipeline::marks::LINES;
 
-/// An inspection can be clean if the highest pressure of the row is at least this much above that of the lifted foot, on the
-/// sensor curve, kPa, and its code below half of full scale. Below, crosstalk would be hardly larger than the noise.
+/// An inspection can be clean if the highest pressure of the row is at least this much above that of the lifted foot, kPa, by the
+/// common sensor curve, without the cell's gain. With less pressure, crosstalk would be hardly larger than the noise. A second
+/// condition is that the highest code of the row is below half of full scale.
 const CLEAN_KPA: f32 = 10.0;
-/// Such an inspection is conclusive, whether it is clean or not, if the highest pressure is at least this much, kPa.
+/// Such an inspection is conclusive, whether it is clean or not, if the highest pressure is at least this much, kPa: one
+/// sixteenth of full scale with the sensor law of the reference insole. Chosen as [`CLEAN_RATIO`].
 const CONCLUSIVE_KPA: f32 = 31.0;
-/// An inspection is clean if the lowest pressure of the row is less than the highest one divided by this number.
-const CLEAN_FRACTION: f32 = 76.0;
+/// An inspection is clean if the lowest pressure of the row is less than the highest one divided by this number: with the
+/// sensor law of the reference insole, if its code is less than 1/32 of the highest one. Chosen on the recordings of the tests
+/// (docs/faults.md, Limits).
+const CLEAN_RATIO: f32 = 76.0;
 /// Number of clean inspections after which a row counts as clean in a step. Fewer are not reliable: in the next step, the same
 /// healthy row may have no clean inspection.
 const CLEAN_INSPECTIONS: u8 = 2;
 /// Number of conclusive inspections in a step after which a row without a clean inspection is suspect.
 const SUSPECT_INSPECTIONS: u8 = 3;
-/// A row is reported if it was clean in this number of steps first, and suspect in this number of successive steps afterwards.
+/// A row is reported if it was clean in this number of steps first, and suspect in this number of steps afterwards, without a
+/// clean inspection in between. Steps without enough inspections do not count.
 const STEPS: u8 = 2;
 /// Time in which every row that is not known to be clean is inspected once, at any frame rate, us.
 const ROUND_US: u32 = 40_000;
@@ -39,7 +45,7 @@ struct Row {
     clean: u8,
     /// Number of clean steps so far.
     clean_steps: u8,
-    /// Number of successive suspect steps after the last clean one.
+    /// Number of suspect steps since the last clean inspection; steps without enough inspections in between do not count.
     suspect_steps: u8,
     /// The row has masked cells, so that its inspections are not conclusive.
     is_excluded: bool,
@@ -61,7 +67,7 @@ impl Row {
         }
         if cells.len() >= MIN_LINE_CELLS as usize && most_kpa >= CLEAN_KPA && most < FULL_CODE / 2 {
             self.inspections = self.inspections.saturating_add(u8::from(most_kpa >= CONCLUSIVE_KPA));
-            self.clean += u8::from(least_kpa < most_kpa / CLEAN_FRACTION);
+            self.clean += u8::from(least_kpa < most_kpa / CLEAN_RATIO);
         }
     }
 }

@@ -142,11 +142,12 @@ fn set_scan_interval(shared: &Shared, interval: u32) {
 fn end_second(insole: &mut DeviceInsole, shared: &Shared) {
     let mut session = shared.session.borrow_mut();
     let ToInsole { rules, snooze_s, zero } = session.take_to_insole();
-    if let Some(outcome) = insole.take_zero() {
-        session.answer_zero(outcome.map_err(|NotLifted| Refusal::NotLifted));
-    }
+    let zeroed = insole.take_zero();
     if zero {
+        // An outcome would be that of an earlier request, whose host has not waited for it.
         insole.request_zero();
+    } else if let Some(outcome) = zeroed {
+        session.answer_zero(outcome.map_err(|NotLifted| Refusal::NotLifted));
     }
     if let Some(rules) = rules {
         insole.set_alert_rules(&rules);

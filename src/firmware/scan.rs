@@ -24,15 +24,15 @@ impl Frame {
 
 /// The counters of the scan. They are atomic because they are read at a lower priority.
 pub struct ScanCounters {
-    /// Number of frame times without a complete scan.
+    /// Number of frames that were due and not scanned completely, without those of the next two counters.
     pub(super) missed: AtomicU32,
     /// Number of frames that were not scanned because the queue to processing was full.
     pub(super) overrun: AtomicU32,
     /// Number of frames that were not scanned because the insole is not worn.
     pub(super) skipped: AtomicU32,
-    /// Frames whose number is a multiple of this one are scanned: 1 while the insole is worn. Processing changes it.
+    /// Frames whose number is a multiple of `interval` are scanned: 1 while the insole is worn. Processing changes it.
     pub(super) interval: AtomicU32,
-    /// Time of all scans, ms; wraps.
+    /// Total duration of all scans since the start, ms; wraps.
     pub(super) scanning_ms: AtomicU32,
     /// When the first scan was due, us since the start.
     pub(super) began_us: AtomicU32,

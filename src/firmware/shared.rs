@@ -10,7 +10,7 @@ use crate::protocol::{
     CellStream, Contents, Hello, Identity, LoadRecord, Refusal, Status, ToDevice, ToHost, encode, gatt,
 };
 use crate::storage::update::{KEY, key_id};
-use crate::storage::{Bonds, IdentityRecord, MAX_BONDS_BYTES, Store};
+use crate::storage::{Bonds, IdentityRecord, MAX_BONDS_BYTES, StorageError, Store};
 use core::cell::{Cell, RefCell};
 use core::sync::atomic::Ordering;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
@@ -87,6 +87,8 @@ pub struct Shared {
     /// The bonded centrals.
     bonds: RefCell<Vec<u8, MAX_BONDS_BYTES>>,
     pub(super) bonds_changed: Cell<bool>,
+    /// The stored bonds could not be read at the start.
+    pub(super) are_bonds_unread: Cell<bool>,
     /// Number of frames that were processed before the end of the first load record that is not stored yet; `None` if all are
     /// stored.
     pub(super) frames_before: Cell<Option<u32>>,
@@ -153,6 +155,7 @@ impl Shared {
             records: Channel::new(),
             bonds: RefCell::default(),
             bonds_changed: Cell::default(),
+            are_bonds_unread: Cell::default(),
             frames_before: Cell::default(),
             to_persist: Signal::new(),
             contents: Cell::default(),
@@ -168,16 +171,16 @@ impl Shared {
         calibration_id: u32,
     ) {
         self.contents.set(store.contents());
-        // Bonds that could not be read would be overwritten by the next ones.
-        let mut bonds: Option<Bonds> = None;
+        let mut bonds: Result<Option<Bonds>, StorageError> = Ok(None);
         for _ in 0..BONDS_READS {
-            if bonds.is_none() {
-                bonds = store.get(0).await.unwrap_or_default();
+            if !matches!(bonds, Ok(Some(_))) {
+                bonds = store.get(0).await;
             }
         }
+        self.are_bonds_unread.set(bonds.is_err());
         let identity = Identity { side: identity.side, serial: identity.serial, calibration_id };
         self.session.borrow_mut().restore_identity(identity);
-        self.bonds.replace(bonds.map(|Bonds(bytes)| bytes).unwrap_or_default());
+        self.bonds.replace(bonds.ok().flatten().map(|Bonds(bytes)| bytes).unwrap_or_default());
     }
 
     /// Time since the first scan, us: the time of live frames and steps.

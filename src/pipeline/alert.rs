@@ -142,7 +142,9 @@ impl Alerts {
         self.snoozed_s = self.snoozed_s.saturating_sub(1);
         let sustained = sustained & rules.regions;
         let dose = over_dose(rules, totals) & rules.regions & !self.dose;
-        if sustained | dose != 0 && self.snoozed_s == 0 && self.today < rules.per_day {
+        // An alert that was not taken yet must not be replaced: its dose would not be reported again on this day.
+        let is_due = self.raised == (0, 0) && self.snoozed_s == 0 && self.today < rules.per_day;
+        if sustained | dose != 0 && is_due {
             (self.raised, self.raised_seq) = ((sustained, dose), seq);
             self.snoozed_s = rules.snooze_s;
             self.today += 1;
@@ -156,8 +158,8 @@ impl Alerts {
         self.snoozed_s = snoozed_s;
     }
 
-    /// The alert that was raised since the last call, as the record of an insole with these rules and this time between frames,
-    /// us.
+    /// The alert that was raised since the last call, as the record of an insole with these rules. `period_us` is the time
+    /// between frames.
     pub(crate) fn take(&mut self, rules: &AlertRules, side: Side, number: u32, period_us: u32) -> Option<AlertRecord> {
         let (sustained, dose) = core::mem::take(&mut self.raised);
         (sustained | dose != 0).then_some(AlertRecord {

@@ -1,8 +1,8 @@
-//! Lift: recognises a lifted foot by a constant total force, at any pressure of the shoe.
+//! Lift: recognises a lifted foot by a constant total force, at any residual pressure of the shoe up to the limit of a baseline.
 //!
-//! The force of a foot on the ground is never constant to within [`TOLERANCE_N`] for [`super::stance_rule::SETTLE_MS`] while most
-//! cells have less pressure than a shoe can cause: a foot that carries load has cells with far more, and a foot that is dragged
-//! has a force that changes.
+//! The force of a foot on the ground is hardly ever constant to within [`TOLERANCE_N`] for [`super::stance_rule::SETTLE_MS`]
+//! while most cells have at most the pressure that a baseline can have: a foot that carries load has cells with far more, and a
+//! foot that is dragged has a force that changes. Exceptions: docs/baseline.md, Limits.
 
 use super::cell::InsoleCell;
 use crate::num::Real;
@@ -10,8 +10,8 @@ use crate::num::Real;
 /// Largest deviation of a constant force, N, for a wearer with peaks of [`super::stance_rule::REFERENCE_PEAK_N`].
 const TOLERANCE_N: f64 = 5.0;
 
-/// At most one in this number of cells of a lifted foot has more pressure than a baseline can have. The number is small enough
-/// that a shorted line of the matrix does not count as load.
+/// At most one in this number of cells of a lifted foot has more pressure than a baseline can have. One eighth is more than a
+/// shorted line of the complete matrix (1/16), which therefore does not count as load.
 const EXCEEDED_PART: usize = 8;
 
 /// The time for which the total force has been constant.

@@ -70,8 +70,8 @@ impl fmt::Display for Refusal {
         match self {
             Self::NotUnderstood => f.write_str("a message was not understood: update the insole's firmware"),
             Self::NotStored => f.write_str(
-                "the flash chip of the insole failed, so the value is not stored: it is in force until the insole \
-                 restarts",
+                "the flash chip of the insole failed to store this: parameters and rules of alerts are in force until \
+                 the insole restarts, and other requests must be repeated",
             ),
             Self::Busy => f.write_str("the insole is still executing the previous request: wait for its answer"),
             Self::Serial => f.write_str("a serial number has up to 16 printable ASCII characters and no spaces"),

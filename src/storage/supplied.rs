@@ -5,8 +5,9 @@ use embedded_storage_async::nor_flash::{
 };
 
 /// A chip whose write and erase operations are refused while `is_sufficient` returns false: below its lowest supply, a chip may
-/// change other bytes than the addressed ones. A refused operation changes nothing, so data are lost at most as by a loss of
-/// power at that moment: the stored data remain, and the items that could not be stored are counted.
+/// change other bytes than the addressed ones. A refused write operation has changed nothing; a refused erase operation may have
+/// erased the first of its sectors. So data are lost at most as by a loss of power at that moment: the stored data remain, and
+/// the items that could not be stored are counted.
 pub struct Supplied<F, S> {
     chip: F,
     is_sufficient: S,
@@ -15,7 +16,7 @@ pub struct Supplied<F, S> {
 /// Why an operation failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SuppliedError<E> {
-    /// The supply is too low; nothing was changed.
+    /// The supply is too low. A write operation has changed nothing; an erase operation may have erased the first of its sectors.
     Supply,
     /// The chip has failed.
     Chip(E),
@@ -63,8 +64,9 @@ impl<F: NorFlash, S: Fn() -> bool> NorFlash for Supplied<F, S> {
 
     /// Erases sector by sector, and checks the supply before each.
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), Self::Error> {
-        if !to.checked_sub(from).is_some_and(|bytes| bytes.is_multiple_of(F::ERASE_SIZE as u32)) {
-            // The chip refuses this range.
+        let is_whole = to.checked_sub(from).is_some_and(|bytes| bytes.is_multiple_of(F::ERASE_SIZE as u32));
+        if !is_whole || to as usize > self.capacity() {
+            // The chip refuses this range before it erases anything.
             return self.chip.erase(from, to).await.map_err(SuppliedError::Chip);
         }
         for sector in (from..to).step_by(F::ERASE_SIZE) {

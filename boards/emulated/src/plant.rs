@@ -102,7 +102,8 @@ impl Matrix for PlantMatrix {
     }
 }
 
-/// Signalled when processing has evaluated a frame. The previous frame is then completed, so its place in the queue is free.
+/// Signalled when processing has evaluated a frame. The evaluated frame still occupies its place in the queue; that of the frame
+/// before it is free.
 pub static FRAME_EVALUATED: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 
 /// The frame clock of the emulated board.

@@ -90,7 +90,8 @@ static SCAN_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 static RADIO_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 static EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 static SCAN_COUNTERS: ScanCounters = ScanCounters::new();
-/// The queue holds three frames: at the 100 Hz of this board they last 30 ms, longer than the evaluation of a step takes.
+/// The queue holds three frames: at the built-in 100 Hz they last 30 ms (25 ms at 120 Hz), longer than the evaluation of a step
+/// takes.
 static MEMORY: Memory<Chip, 3> = Memory::new();
 static TO_SEND: ConstStaticCell<[u8; 192]> = ConstStaticCell::new([0; 192]);
 /// The buffer is longer than the longest message to the insole.

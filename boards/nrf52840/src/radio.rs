@@ -55,10 +55,10 @@ const PACKET: u16 = 251;
 const TX_PACKETS: u8 = 3;
 /// Number of packets from the central that the controller buffers.
 const RX_PACKETS: u8 = 2;
-/// Memory of the controller for one central, bytes: the most that it can need by the macros of its header `sdc.h`, which are 923
-/// for a link, with a first packet of 27 bytes in each direction, 15 for each packet in addition to its length, 17 for the links,
-/// 574 for an advertisement of 31 bytes, and 68 for a list of centrals. The library logs how many bytes it needs, unless they are
-/// exactly these, and does not start with less; version 0.3 of `nrf-sdc-sys` needs 2616.
+/// Memory of the controller for one central, bytes: the largest need by the macros of `sdc.h`. A link takes 923, which includes
+/// one packet of 27 bytes in each direction. Each packet takes its length plus 15; the two included ones are subtracted. The
+/// table of links takes 17, advertising with 31 bytes 574, and the filter accept list 68. The library logs how many bytes it
+/// needs, unless they are exactly these, and does not start with less; version 0.3 of `nrf-sdc-sys` needs 2616.
 const MEMORY: usize = {
     let packets = (TX_PACKETS + RX_PACKETS) as usize * (PACKET as usize + 15) - 2 * (27 + 15);
     (923 + packets + 17 + 574 + 68).next_multiple_of(8)
@@ -282,7 +282,7 @@ fn command<'p, C: Cmd<Params: FromHciBytes<'p>> + From<C::Params>, E>(
     parameters.map(C::from).map_err(|_| cmd::Error::Hci(HciError::INVALID_HCI_PARAMETERS))
 }
 
-/// Executes a command that the controller completes at once.
+/// Executes a command whose function returns the result (for Disconnect, only that it began).
 async fn complete<'r, C>(radio: &SoftdeviceController<'r>, parameters: &[u8], reply: &mut Reply)
 where
     C: SyncCmd<Return: FixedSizeValue> + From<C::Params>,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import AsyncIterator, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any
@@ -36,6 +37,9 @@ class Insole:
     def __init__(self, core: _core.Insole) -> None:
         self._core = core
         self._pending: int | None = None
+        self._executor = ThreadPoolExecutor(1)
+        # A call in the thread whose event was not delivered, because the task that waited for it was cancelled.
+        self._call: Future[Event | None] | None = None
 
     @classmethod
     def connect(cls, *, tcp: str | None = None, serial: str | None = None, baud: int = 460_800) -> Insole:
@@ -65,6 +69,10 @@ class Insole:
 
     def next_event(self) -> Event | None:
         """The next event; ``None`` if none arrived within a moment."""
+        call, self._call = self._call, None
+        return self._receive() if call is None or call.cancelled() else call.result()
+
+    def _receive(self) -> Event | None:
         if self._pending is not None:
             self._core.acknowledge(self._pending)
             self._pending = None
@@ -84,12 +92,23 @@ class Insole:
 
     async def __aiter__(self) -> AsyncIterator[Event]:
         while True:
-            event = await asyncio.to_thread(self.next_event)
+            if self._call is None or self._call.cancelled():
+                self._call = self._executor.submit(self._receive)
+            try:
+                event = await asyncio.wrap_future(self._call)
+            except asyncio.CancelledError:
+                # The thread goes on, and the next call delivers its event.
+                raise
+            except BaseException:
+                self._call = None
+                raise
+            self._call = None
             if event is not None:
                 yield event
 
     def close(self) -> None:
         """Closes the link."""
+        self._executor.shutdown()
         self._core.close()
 
     def __enter__(self) -> Insole:

@@ -66,9 +66,9 @@ def step(replay: Replay, number: int | None = None) -> Figure:
     if number not in known:
         raise ValueError(f"there is no step {number}: the steps are {known[0]} to {known[-1]}")
     of = replay.steps.xs(number, level="step").iloc[0]
-    start_s = float(replay.recording.t_s[0] + of["start_s"])
-    frames = replay.frames.loc[start_s : start_s + float(of["duration_s"])]
-    t_s = frames.index.to_numpy() - start_s
+    first, length = (round(of[name] / replay._period_s) for name in ("start_s", "duration_s"))
+    frames = replay.frames.iloc[first : first + length + 1]
+    t_s = frames.index.to_numpy() - frames.index[0]
     figure, panels = _panels("time since heel strike, s")
     for region, axes in panels:
         axes.plot(t_s, frames[f"{region}_measured_force_n"], color=_MEASURED, label="measured")

@@ -189,12 +189,17 @@ class Replay:
         if self.steps.empty:
             return np.empty((0, points))
         values = self.frames[column].to_numpy(float)
-        t_s = self.recording.t_s
         steps = self.steps.groupby(level="step", sort=False)[["start_s", "duration_s"]].first()
-        start_s = t_s[0] + steps["start_s"].to_numpy()
-        at_s = start_s[:, None] + steps["duration_s"].to_numpy()[:, None] * np.linspace(0.0, 1.0, points)
-        curves: npt.NDArray[np.float64] = np.interp(at_s, t_s, values)
+        start, length = (steps[name].to_numpy() / self._period_s for name in ("start_s", "duration_s"))
+        frames = start[:, None] + length[:, None] * np.linspace(0.0, 1.0, points)
+        curves: npt.NDArray[np.float64] = np.interp(frames, np.arange(len(values)), values)
         return curves
+
+    @property
+    def _period_s(self) -> float:
+        """The time between two frames by which an insole counts: whole microseconds, so that the times of steps deviate from those
+        of the recording more and more."""
+        return round(1e6 / self.recording.rate_hz) / 1e6
 
     def plot(self, step: int | None = None) -> Figure:
         """Draws the measured and the model force of the regions in a step, by default the first one."""

@@ -236,20 +236,18 @@ fn connect(board: &Board) -> Result<Client<Framed<TcpStream>>> {
 /// Plays the walk, which has this number of scans, and returns the board's counters after it.
 fn play(board: &Board, client: &mut Client<Framed<TcpStream>>, scans: u32) -> Result<Status> {
     board.play();
+    let mut timeouts = 0;
     loop {
-        client.send(ToDevice::GetStatus)?;
-        let mut timeouts = 0;
-        let status = loop {
-            match client.receive()? {
-                Some(ToHost::Status(status)) => break status,
-                Some(ToHost::Hello(hello)) => bail!("the board restarted: {:?}", hello.fault),
-                Some(_) => timeouts = 0,
-                None if timeouts > MAX_TIMEOUTS => bail!("the board has stopped sending"),
-                None => timeouts += 1,
+        match client.receive()? {
+            Some(ToHost::Status(status)) if status.frames >= scans => return Ok(status),
+            Some(ToHost::Hello(hello)) => bail!("the board restarted: {:?}", hello.fault),
+            Some(_) => timeouts = 0,
+            None if timeouts > MAX_TIMEOUTS => bail!("the board has stopped sending"),
+            None => {
+                timeouts += 1;
+                // A request interrupts the evaluation of frames and steps, so it is sent only while the board sends nothing.
+                client.send(ToDevice::GetStatus)?;
             }
-        };
-        if status.frames >= scans {
-            return Ok(status);
         }
     }
 }

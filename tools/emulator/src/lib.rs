@@ -51,7 +51,7 @@ pub enum Time {
     Counted,
 }
 
-/// The reason why the emulated board did not start.
+/// An error of the emulation.
 #[derive(Debug, Error)]
 pub enum Error {
     /// QEMU is not installed.

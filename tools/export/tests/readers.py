@@ -1,8 +1,16 @@
 """Reads an exported file with an independent program, and prints its content as JSON.
 
-Arguments: the reader (ezc3d, c3d, opensim, scipy, pandas, bids or mcap) and the path. The object has the rate in Hz (`rate_hz`) or the
-times in s (`t_s`), the values of each channel by its name (`channels`, with null for an absent value), the events as pairs of a
-time in s and a name (`events`), and the units of the channels (`units`), as far as the format has them.
+Arguments: the reader (ezc3d, c3d, opensim, scipy, pandas, bids or mcap) and the path. The object has these keys, as far as the
+format or the reader has them:
+
+- `rate_hz`: the rate in Hz
+- `t_s`: the times in s
+- `channels`: the values of each channel by its name, with null for an absent value
+- `units`: the unit of each channel by its name
+- `events`: pairs of a time in s and a name
+- `event_count`, `frames`: the numbers of events and of frames that the file states
+- `feet`: for each side the layout or the positions of the cells, their pressures, the steps, the source, and the events
+- `errors`, `warnings`: the findings of the validator of BIDS
 """
 
 import json

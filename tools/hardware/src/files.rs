@@ -1,4 +1,5 @@
-//! The files that follow from the netlist alone: bill of materials, list of nets, figures of data sheets, and circuit.
+//! The files that need no simulation: bill of materials, list of nets, figures from data sheets, schematic, and circuit for
+//! ngspice. Also the table of the simulated figures.
 
 use crate::data_sheet::FIGURES;
 use crate::figures::Figure;
@@ -12,7 +13,8 @@ use std::fmt::Write;
 /// A file: its name in the folder `hardware`, and its content.
 pub type File = (&'static str, String);
 
-/// All files that follow from the netlist alone.
+/// The files that need no simulation: bill of materials, list of nets, figures from data sheets, schematic, and circuit for
+/// ngspice.
 ///
 /// # Errors
 /// If the schematic contradicts the netlist.
@@ -87,7 +89,7 @@ pub fn figures_table(figures: &[Figure]) -> String {
     let mut text = String::from(
         "# Figures of the simulated front end\n\n`cargo xtask hardware` writes this file. \
          [docs/hardware.md](../docs/hardware.md) explains the figures.\n\n\
-         | Figure | Value | Bar | Meaning |\n|---|---|---|---|\n",
+         | Figure | Value | Limit | Meaning |\n|---|---|---|---|\n",
     );
     for figure in figures {
         // Writing to a String does not fail.

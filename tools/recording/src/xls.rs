@@ -10,7 +10,7 @@ use cfb::CompoundFile;
 use std::collections::BTreeMap;
 use std::io::{Cursor, Read};
 
-/// Numbers of records.
+/// Types of records.
 const BOF: u16 = 0x0809;
 const EOF: u16 = 0x000a;
 const SST: u16 = 0x00fc;
@@ -19,7 +19,7 @@ const NUMBER: u16 = 0x0203;
 const RK: u16 = 0x027e;
 const MULRK: u16 = 0x00bd;
 const LABEL_SST: u16 = 0x00fd;
-/// Kind of a part of the workbook that is a worksheet.
+/// Type in the BOF record of a substream that is a worksheet.
 const WORKSHEET: u16 = 0x0010;
 /// Number of columns of a sheet.
 const MAX_COLUMNS: usize = 256;
@@ -77,7 +77,7 @@ pub fn rows(bytes: &[u8]) -> Result<Vec<Vec<String>>, String> {
     Ok((0..last).map(|row| cells.remove(&row).unwrap_or_default()).collect())
 }
 
-/// Splits a stream into records: a number and the data.
+/// Splits a stream into records, each a type and its data.
 fn records(stream: &[u8]) -> Vec<(u16, &[u8])> {
     let (mut records, mut rest) = (Vec::new(), stream);
     while let (Some(id), Some(len)) = (u16_at(rest, 0), u16_at(rest, 2)) {

@@ -97,7 +97,7 @@ fn row(study: &Study, parameter: usize, region: usize) -> Row {
 pub fn legend() -> Vec<Drawing> {
     drawing::legend_entries([
         (Mark::Point.at(12.0, 9.0), "estimate"),
-        (Mark::Open.at(12.0, 9.0), "mostly that of other people"),
+        (Mark::Open.at(12.0, 9.0), "not determined: mostly the usual value of other people"),
         (Mark::Bound.at(12.0, 9.0), "estimate at a bound"),
         (html! { path.jacobian d="M0 9h24" {} }, "95 %, Jacobian"),
         (html! { path.line d="M0 9h24" {} }, "95 %, resampled steps"),

@@ -77,9 +77,10 @@ fn svg(study: &Study) -> Markup {
     let foot_bottom = HEADER + foot.as_ref().map_or(0.0, |foot| foot.height) + GAP;
     let lower = (grid.y + 3.0 * grid.height).max(foot_bottom + 2.0 * LEGEND) + GAP;
     let (bars, charts) = (bars::bars(study), parameters::charts(study));
-    let beside = Grid { x: MARGIN + bars.width + 3.0 * GAP, y: lower + LEGEND, height: intervals::HEIGHT + GAP };
+    // The legend of the parameters has two rows.
+    let beside = Grid { x: MARGIN + bars.width + 3.0 * GAP, y: lower + 2.0 * LEGEND, height: intervals::HEIGHT + GAP };
     let width = grid.width().max(beside.width());
-    let height = lower + LEGEND + bars.height.max(2.0 * beside.height) + MARGIN;
+    let height = (lower + LEGEND + bars.height).max(beside.y + 2.0 * beside.height) + MARGIN;
     let sum = curves::Sum::of(study);
     html! {
         svg.drawing xmlns="http://www.w3.org/2000/svg" width=(width) height=(height) viewBox={ "0 0 " (width) " " (height) } {
@@ -102,7 +103,9 @@ fn svg(study: &Study) -> Markup {
             (grid.panel(8, "Sum of the regions", &curves::sum(study, sum.as_ref())))
             (legend_row(&bars::legend(), MARGIN, lower))
             (bars.at(MARGIN, lower + LEGEND))
-            (legend_row(&parameters::legend(), beside.x, lower))
+            @for (i, entries) in parameters::legend().chunks(3).enumerate() {
+                (legend_row(entries, beside.x, lower + i as f64 * LEGEND))
+            }
             @for (i, chart) in charts.iter().enumerate() { (beside.panel(i, "", chart)) }
         }
     }

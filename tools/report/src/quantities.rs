@@ -31,11 +31,11 @@ pub fn charts(study: &Study) -> impl Iterator<Item = Drawing> {
         let row = |region: usize| match fit_of(study, region).map(|fit| fit.measure(quantity)) {
             Ok(Some(measure)) => Row::Value {
                 value: measure.value,
-                mark: if measure.is_determined() { Mark::Point } else { Mark::Open },
+                mark: if measure.interval.is_none() || measure.is_determined() { Mark::Point } else { Mark::Open },
                 broad: measure.interval,
                 thin: None,
             },
-            Ok(None) if matches!(quantity, Quantity::AreaAtForce(_)) => Row::Text("the force is not reached".into()),
+            Ok(None) if matches!(quantity, Quantity::AreaAtForce(_)) => Row::Text("not reached by the model".into()),
             Ok(None) => Row::Text("20 % strain is not reached".into()),
             Err(reason) => unfitted(&reason),
         };

@@ -30,9 +30,13 @@ export class ReplayTransport implements Transport {
   }
 
   static async load(url: string, events: TransportEvents): Promise<ReplayTransport> {
-    const response = await fetch(url);
-    if (!response.ok) throw new Error(`No recording was found at ${url}. Check its address.`);
-    return new ReplayTransport(new Uint8Array(await response.arrayBuffer()), events);
+    const fail = (reason: string): never => {
+      throw new Error(`The recording at ${url} cannot be loaded (${reason}). Check the address and the connection.`);
+    };
+    const rejected = (error: unknown) => fail(error instanceof Error ? error.message : String(error));
+    const response = await fetch(url).catch(rejected);
+    if (!response.ok) fail(`status ${response.status}`);
+    return new ReplayTransport(new Uint8Array(await response.arrayBuffer().catch(rejected)), events);
   }
 
   private play(): void {

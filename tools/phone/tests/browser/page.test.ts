@@ -205,7 +205,7 @@ test("a recording that does not exist is reported", async () => {
   const context = await served.browser.newContext({ viewport: PHONE });
   const page = await context.newPage();
   await page.goto(`${served.url}?replay=nothing.plantar`);
-  await page.getByText("No recording was found at nothing.plantar.").waitFor();
+  await page.getByText("The recording at nothing.plantar cannot be loaded (status 404).").waitFor();
   await context.close();
 });
 

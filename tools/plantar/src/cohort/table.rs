@@ -25,10 +25,11 @@ pub fn read(path: &Path) -> Result<(String, Vec<HashMap<String, Field>>)> {
         Ok((made_from.unwrap_or_default(), rows.collect::<Result<_>>()?))
     };
     // The Parquet library panics when it reads some damaged files.
-    std::panic::catch_unwind(read).unwrap_or_else(|_| bail!("{} is damaged", path.display()))
+    std::panic::catch_unwind(read)
+        .unwrap_or_else(|_| bail!("{} is damaged: delete it and run the command again", path.display()))
 }
 
-/// The values of each recording: the means over its steps.
+/// The values of each recording: the means over its fitted steps.
 pub fn trials(rows: &[HashMap<String, Field>]) -> Vec<Trial> {
     let variables: Vec<_> = Variable::all().map(Variable::name).collect();
     let mut recordings = BTreeMap::<&str, (Side, [Vec<Values>; 8])>::new();
