@@ -86,7 +86,8 @@ impl<C> Gate<'_, C> {
 
     /// Waits until the connection accepts bonds, if this is the first fragment of a pairing request.
     async fn wait_until_bondable(&self, data: &[u8]) {
-        if matches!(data, [_, _, low, high, PAIRING_REQUEST, ..] if u16::from_le_bytes([*low, *high]) == PAIRING_CHANNEL) {
+        if matches!(data, [_, _, low, high, PAIRING_REQUEST, ..] if u16::from_le_bytes([*low, *high]) == PAIRING_CHANNEL)
+        {
             // If it takes longer, the central pairs without a bond, and has no access.
             let waited = with_timeout(BONDABLE_TIMEOUT, self.progress.is_bondable.wait()).await;
             if waited.is_ok() {

@@ -167,6 +167,14 @@ def test_rows_of_a_participant_without_a_folder_are_noted(
     assert "participant=ann/" in notes[0]
 
 
+def test_hidden_files_are_not_recordings(study_folder: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    study, out = tmp_path / "study", tmp_path / "table"
+    shutil.copytree(study_folder, study)
+    (study / "ann" / "._0.parquet").write_bytes(b"attributes")
+    outcome = cohort.evaluate("ann", str(study), str(out), plantar.Options())
+    assert (outcome.steps, outcome.left_out) == (4, ())
+
+
 def test_an_unreachable_scheduler_is_an_error_that_names_the_remedy(
     study_folder: pathlib.Path, tmp_path: pathlib.Path
 ) -> None:

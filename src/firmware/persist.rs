@@ -194,8 +194,7 @@ impl Persist<'_> {
             return;
         }
         // Bonds that could not be read at the start must not be overwritten by those of this run.
-        let has_failed =
-            self.shared.are_bonds_unread.get() || store.put(0, &Bonds(self.shared.bonds())).await.is_err();
+        let has_failed = self.shared.are_bonds_unread.get() || store.put(0, &Bonds(self.shared.bonds())).await.is_err();
         if has_failed {
             self.shared.bonds_changed.set(true);
             if !self.bonds_failed {

@@ -96,7 +96,9 @@ def _evaluate(participant: str, files: Any, folder: str, table_files: Any, targe
 
     person = _core.Person.open(folder, options, read)
     files.invalidate_cache(folder)
-    recordings = [entry for entry in files.ls(folder, detail=True) if entry["name"].endswith(".parquet")]
+    entries = [entry for entry in files.ls(folder, detail=True) if entry["name"].endswith(".parquet")]
+    # Names such as `._walk.parquet` are of files that macOS writes beside others.
+    recordings = [entry for entry in entries if not entry["name"].rsplit("/", 1)[-1].startswith(".")]
     recordings.sort(key=lambda entry: entry["name"])
     stamps = [f"\n{entry['name']} {[(key, entry[key]) for key in _STAMPS if key in entry]}" for entry in recordings]
     made_from = f"{_core.version} python {person.description}{''.join(stamps)}".encode()

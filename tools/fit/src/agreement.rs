@@ -63,9 +63,9 @@ impl Agreement {
         Some(Self { people, mean, icc: None, sem, mdc })
     }
 
-    /// The minimal detectable change in percent of the mean.
-    pub fn mdc_percent(&self) -> f64 {
-        self.mdc / self.mean.abs() * 100.0
+    /// The minimal detectable change in percent of the mean; `None` for a mean of 0, which has no percentage.
+    pub fn mdc_percent(&self) -> Option<f64> {
+        (self.mean != 0.0).then(|| self.mdc / self.mean.abs() * 100.0)
     }
 }
 
@@ -234,6 +234,16 @@ mod tests {
         assert_eq!((agreement.icc, agreement.people), (None, 1));
         assert!((agreement.sem - (7.0_f64 / 3.0).sqrt()).abs() < 1e-12);
         assert!((agreement.mdc / agreement.sem - 1.96 * 2f64.sqrt()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_mean_of_zero_has_no_percentage() {
+        let agreement = |mean| Agreement { people: 2, mean, icc: None, sem: 1.0, mdc: 3.0 };
+        assert_eq!([-2.0, 0.0].map(|mean| agreement(mean).mdc_percent()), [Some(150.0), None]);
+        let mut regions = [None; 8];
+        regions[..3].copy_from_slice(&[0.0, 2.0, 4.0].map(|mean| Some(agreement(mean))));
+        let row = VariableRow { variable: Variable::nrmse(), regions };
+        assert_eq!(row.median(Agreement::mdc_percent), Some(112.5));
     }
 
     /// ICC(2,1) by the definition of McGraw and Wong (Psychol. Methods 1 (1996) 30-46, ICC(A,1)), from a least-squares fit of the

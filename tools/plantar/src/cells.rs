@@ -100,11 +100,7 @@ impl CellRecorder {
         let Some(recording) = cells.take(source) else { return Ok(()) };
         let folder = self.folder.join(format!("{:03}", self.recording));
         std::fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
-        // A part has its name once it is complete, so that a crash leaves no incomplete one.
-        let path = folder.join(format!("part-{:05}.parquet", self.part));
-        let incomplete = path.with_extension("incomplete");
-        recording.write(&incomplete)?;
-        std::fs::rename(&incomplete, &path).with_context(|| format!("cannot write {}", path.display()))?;
+        recording.write(&folder.join(format!("part-{:05}.parquet", self.part)))?;
         self.part += 1;
         self.written += recording.frames();
         Ok(())

@@ -4,6 +4,7 @@ mod summary;
 mod table;
 
 use crate::fit::{Search, write};
+use crate::paths::check_written;
 use crate::people;
 use crate::repeat::output;
 use crate::replay::progress;
@@ -88,6 +89,17 @@ impl Cohort {
         self.search.options(0)?;
         self.contact.rule(None)?;
         let names = people::names(&self.participants, Some(&self.out))?;
+        let mut read = people::files(&self.participants, &names);
+        read.push(self.participants.clone());
+        read.extend(self.search.thickness.clone());
+        let written = [
+            Some(self.out.as_path()),
+            self.summary.as_deref(),
+            self.report.as_deref(),
+            #[cfg(feature = "png")]
+            self.png.as_deref(),
+        ];
+        check_written(&read, &written)?;
         fs::create_dir_all(&self.out).with_context(|| format!("cannot write {}", self.out.display()))?;
         let bar = progress(names.len() as u64, "participants");
         let results = names.par_iter().with_max_len(1).map(|name| {

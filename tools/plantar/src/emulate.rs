@@ -2,6 +2,7 @@
 
 mod identification;
 
+use crate::paths::check_written;
 use crate::records::Records;
 use crate::setup::{self, InsoleArgs};
 use crate::summary;
@@ -111,6 +112,7 @@ struct Outcome {
 
 impl Emulate {
     pub fn run(&self) -> Result<()> {
+        self.check_files()?;
         let parameters = match self.identify {
             Some(_) => Parameters::typical(InsoleSize::default()),
             None => self.insole.wearer.parameters()?,
@@ -143,6 +145,20 @@ impl Emulate {
         #[cfg(feature = "log")]
         self.write_log(&board)?;
         result
+    }
+
+    /// Checks that no output replaces an input or another output.
+    fn check_files(&self) -> Result<()> {
+        let mut read = self.insole.inputs(std::slice::from_ref(&self.recording));
+        read.push(self.firmware.clone());
+        let written = [
+            self.json.as_deref(),
+            #[cfg(feature = "log")]
+            self.log.as_deref(),
+        ];
+        let identified: Vec<PathBuf> = self.identify.iter().flat_map(|folder| Identification::files(folder)).collect();
+        let identified = identified.iter().map(|path| Some(path.as_path()));
+        check_written(&read, &written.into_iter().chain(identified).collect::<Vec<_>>())
     }
 
     /// Plays the walk, and prints and writes its outcome. With --identify, `parameters` are not used. `seconds` is the duration

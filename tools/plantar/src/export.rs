@@ -72,7 +72,7 @@ impl Export {
         | Self::Csv(options)
         | Self::Mcap(options)) = self;
         let out = &options.out;
-        check_written(&options.recordings, &[Some(out)])?;
+        check_written(&options.insole.inputs(&options.recordings), &[Some(out)])?;
         let session = options.session()?;
         match self {
             Self::C3d(_) => export::c3d::write(&session, out)?,

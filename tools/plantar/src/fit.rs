@@ -4,6 +4,7 @@ pub mod live;
 mod results;
 mod sensitivity;
 
+use crate::paths::check_written;
 use crate::replay::progress;
 use crate::setup::{self, ContactArgs, ZeroArgs};
 use anyhow::{Context, Result, bail};
@@ -200,6 +201,15 @@ impl Fit {
 
     /// Runs the command. Returns true if all regions were fitted and their results are whole.
     pub fn run(&self) -> Result<bool> {
+        let read = self.recordings.iter().chain(&self.search.thickness).chain(&self.zero.zero);
+        let written = [
+            Some(self.out.as_path()),
+            self.report.as_deref(),
+            self.json.as_deref(),
+            #[cfg(feature = "png")]
+            self.png.as_deref(),
+        ];
+        check_written(&read.cloned().collect::<Vec<_>>(), &written)?;
         let (mut study, recordings) = self.fitted()?;
         if self.report.is_some() {
             study.sensitivity = Some(self.sensitivity(&study, &recordings));

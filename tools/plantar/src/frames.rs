@@ -10,7 +10,8 @@ use parquet::schema::types::Type;
 use plantar::Real;
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
-use std::fs::File;
+use std::ffi::OsString;
+use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use study::frames;
@@ -23,7 +24,19 @@ pub struct FrameWriter {
     path: PathBuf,
     rule: ContactRule,
     sink: Sink,
+    /// After `sink`, because fields are dropped in this order, and some systems cannot remove an open file.
+    incomplete: Incomplete,
     row: Vec<Option<f64>>,
+}
+
+/// The path of the file until it is complete. An incomplete file is removed.
+struct Incomplete(PathBuf);
+
+impl Drop for Incomplete {
+    fn drop(&mut self) {
+        // A complete file has its own name, so that there is nothing to remove.
+        let _ = fs::remove_file(&self.0);
+    }
 }
 
 /// The file in either format. `columns` has the rows that are not written yet.
@@ -33,10 +46,14 @@ enum Sink {
 }
 
 impl FrameWriter {
-    /// Creates a file; its extension, .csv or .parquet, selects the format.
+    /// Creates a file; its extension, .csv or .parquet, selects the format. It has its name once it is finished, so that an
+    /// interruption leaves an existing file as it is.
     pub fn create(path: &Path, rule: ContactRule) -> Result<Self> {
         let names = frames::column_names();
-        let create = || File::create(path).with_context(|| format!("cannot write {}", path.display()));
+        let mut name = OsString::from(path);
+        name.push(".incomplete");
+        let incomplete = PathBuf::from(name);
+        let create = || File::create(&incomplete).with_context(|| format!("cannot write {}", path.display()));
         let sink = match path.extension().and_then(|e| e.to_str()) {
             Some("csv") => {
                 let mut file = csv::Writer::from_writer(create()?);
@@ -55,7 +72,8 @@ impl FrameWriter {
             }
             _ => bail!("{}: use the extension .csv or .parquet", path.display()),
         };
-        Ok(Self { path: path.into(), rule, sink, row: Vec::with_capacity(names.len()) })
+        let row = Vec::with_capacity(names.len());
+        Ok(Self { path: path.into(), rule, sink, incomplete: Incomplete(incomplete), row })
     }
 
     /// Writes the values of the insole's last frame, at time `t_s`.
@@ -86,13 +104,15 @@ impl FrameWriter {
 
     /// Writes the remaining rows and closes the file.
     pub fn finish(self) -> Result<()> {
-        let closed = match self.sink {
-            Sink::Csv(mut file) => file.flush().map_err(Into::into),
+        let Self { path, sink, incomplete, .. } = self;
+        let closed: Result<()> = match sink {
+            Sink::Csv(mut file) => file.flush().and_then(|()| file.get_ref().sync_all()).map_err(Into::into),
             Sink::Parquet { mut file, mut columns } => {
-                write_group(&mut file, &mut columns).and_then(|()| file.close().map(drop).map_err(Into::into))
+                write_group(&mut file, &mut columns).and_then(|()| Ok(file.into_inner()?.sync_all()?))
             }
         };
-        closed.with_context(|| format!("cannot write {}", self.path.display()))
+        let renamed = closed.and_then(|()| Ok(fs::rename(&incomplete.0, &path)?));
+        renamed.with_context(|| format!("cannot write {}", path.display()))
     }
 }
 

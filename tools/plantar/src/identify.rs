@@ -329,7 +329,7 @@ fn print_verification(foot: &Foot, steps: &[Step], study: &Study) -> bool {
     let mut is_good = true;
     for (i, (region, fit)) in Region::ALL.iter().zip(&study.fits).enumerate() {
         let predicted = fit.as_ref().ok().and_then(|fit| fit.quality.predicted);
-        let found = summary::model_error_percent(steps, i);
+        let found = summary::comparable_error_percent(steps, i);
         let is_within = match (predicted, found) {
             (Some(predicted), Some(found)) => found <= TOLERANCE_FACTOR * predicted * 100.0 + TOLERANCE_PERCENT,
             _ => true,
@@ -338,7 +338,7 @@ fn print_verification(foot: &Foot, steps: &[Step], study: &Study) -> bool {
         let percent = |percent: Option<f64>| percent.map_or("-".into(), |percent| format!("{percent:.1}"));
         let remark = match (predicted, found, is_within) {
             (None, ..) => "not identified",
-            (_, None, _) => "not loaded",
+            (_, None, _) => "hardly loaded, or saturated",
             (.., true) => "as predicted",
             (.., false) => "WORSE than predicted",
         };

@@ -27,6 +27,14 @@ pub fn names(study: &Path, except: Option<&Path>) -> Result<Vec<String>> {
     Ok(names)
 }
 
+/// The files of these participants that a command reads: recordings and settings. A folder that cannot be read has none; its
+/// participant is left out later, with the reason.
+pub fn files(study: &Path, names: &[String]) -> Vec<PathBuf> {
+    let folders = names.iter().filter_map(|name| fs::read_dir(study.join(name)).ok());
+    let paths = folders.flatten().flatten().map(|entry| entry.path());
+    paths.filter(|path| path.extension().is_some_and(|ending| ending == "parquet" || ending == "toml")).collect()
+}
+
 /// The participant in a folder, and the paths of the recordings there, sorted by name.
 pub fn open(folder: &Path, search: &Search, contact: &ContactArgs) -> Result<(Person, Vec<PathBuf>)> {
     let person = Person::open(folder, &search.of_study(), contact.rule(None)?, &|path| fs::read(path))?;
@@ -36,7 +44,9 @@ pub fn open(folder: &Path, search: &Search, contact: &ContactArgs) -> Result<(Pe
     for entry in fs::read_dir(folder).with_context(error)? {
         recordings.push(entry.with_context(error)?.path());
     }
-    recordings.retain(|path| path.extension().is_some_and(|ending| ending == "parquet"));
+    // Names such as `._walk.parquet` are of files that macOS writes beside others.
+    let is_hidden = |path: &Path| path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
+    recordings.retain(|path| path.extension().is_some_and(|ending| ending == "parquet") && !is_hidden(path));
     recordings.sort();
     Ok((person, recordings))
 }

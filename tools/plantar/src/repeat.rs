@@ -3,6 +3,7 @@
 pub mod output;
 
 use crate::fit::{Search, print_notes, write};
+use crate::paths::check_written;
 use crate::people;
 use crate::replay::progress;
 use crate::setup::{ContactArgs, rule_in_words};
@@ -69,6 +70,12 @@ impl Repeat {
         self.search.options(0)?;
         let rule = self.contact.rule(None)?;
         let study = self.study();
+        let options = self.search.thickness.iter().chain(&self.zero);
+        let mut read: Vec<PathBuf> = self.inputs.iter().chain(options).cloned().collect();
+        if let Some(folder) = study {
+            read.extend(people::files(folder, &people::names(folder, None)?));
+        }
+        check_written(&read, &[self.json.as_deref(), self.csv.as_deref()])?;
         let all = match study {
             Some(folder) => self.participants(folder)?,
             None => vec![self.one_person()?],

@@ -62,7 +62,7 @@ enum Precision {
 impl Replay {
     pub fn run(&self) -> Result<()> {
         let written = [&self.json, &self.bouts, &self.load, &self.frames, &self.picture].map(Option::as_deref);
-        check_written(std::slice::from_ref(&self.recording), &written)?;
+        check_written(&self.insole.inputs(std::slice::from_ref(&self.recording)), &written)?;
         let source = FrameSource::from(RecordingReader::open(&self.recording)?);
         let (frames, cells) = (source.frames(), source.head().cells());
         let parameters = self.insole.wearer.parameters()?;

@@ -22,6 +22,11 @@ pub struct InsoleArgs {
 }
 
 impl InsoleArgs {
+    /// The files that a command with these options reads: `recordings`, the parameters and the zero.
+    pub fn inputs(&self, recordings: &[PathBuf]) -> Vec<PathBuf> {
+        recordings.iter().chain(&self.wearer.params).chain(&self.zero.zero).cloned().collect()
+    }
+
     /// The contact rule for these parameters. See [`ContactArgs::rule`].
     pub fn rule(&self, parameters: &Parameters) -> Result<ContactRule> {
         self.contact.rule(parameters.identified.as_ref())

@@ -3,6 +3,7 @@
 use crate::setup::rule_in_words;
 use client::{Carrier, Client};
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
+use fit::MIN_FORCE_N;
 use parameters::{AssumedShare, DeformationScale, deformation_title};
 use plantar::Region;
 use plantar::faults::{Fault, Faults};
@@ -159,6 +160,15 @@ pub fn model_error_percent(steps: &[Step], region: usize) -> Option<f64> {
     (!loaded.is_empty()).then(|| sum / loaded.len() as f64)
 }
 
+/// As [`model_error_percent`], over the steps from which a fit predicts this error: those in which the region carries at least
+/// [`MIN_FORCE_N`] and has no saturated cell. The error of others is that of single cells, or of a force that is a lower bound.
+pub fn comparable_error_percent(steps: &[Step], region: usize) -> Option<f64> {
+    let is_comparable =
+        |step: &Step| step.saturated >> region & 1 == 0 && step.regions[region].measured_force_peak_n() >= MIN_FORCE_N;
+    let comparable: Vec<Step> = steps.iter().copied().filter(is_comparable).collect();
+    model_error_percent(&comparable, region)
+}
+
 /// An empty table in the style of all of the program's tables.
 pub fn table() -> Table {
     let mut table = Table::new();
@@ -176,7 +186,33 @@ pub fn align(table: &mut Table) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use plantar::Side;
     use plantar::faults::{FaultKind, Place};
+    use plantar::pipeline::contact::ContactRule;
+    use plantar::protocol::StepFoot;
+
+    #[test]
+    fn only_steps_that_a_fit_would_use_are_compared_with_its_prediction() {
+        let step = |measured_peak_dn: u16, model_error_bp: u16, saturated: u8| Step {
+            step: 0,
+            side: Side::Left,
+            start_us: 0,
+            duration_us: 700_000,
+            sample_us: 10_000,
+            bridged_frames: 0,
+            saturated,
+            clamped: 0,
+            contact_rule: ContactRule::COUNTED,
+            foot: StepFoot::default(),
+            regions: [StepRegion { measured_peak_dn, contact_ms: 500, model_error_bp, ..StepRegion::default() }; 8],
+            boots_since: 0,
+            start_unix_us: None,
+            refit: 0,
+        };
+        let steps = [step(500, 1_000, 0), step(30, 2_000, 0b10), step(29, 9_000, 0), step(500, 9_000, 0b1)];
+        assert_eq!(comparable_error_percent(&steps, 0), Some(15.0));
+        assert_eq!(comparable_error_percent(&steps[2..], 0), None);
+    }
 
     #[test]
     fn faults_are_printed_with_place_kind_time_and_cells() {

@@ -178,10 +178,32 @@ fn no_command_overwrites_its_input_or_personal_parameters() {
     succeed(&path, IMPORT);
     let walk = std::fs::read(path.join("walk.parquet")).expect("a recording");
     let other_spelling = format!("../{}/walk.parquet", path.file_name().expect("a name").display());
-    for command in ["replay walk.parquet --json", "gait walk.parquet --json", "export csv walk.parquet --out"] {
+    for command in [
+        "replay walk.parquet --json",
+        "gait walk.parquet --json",
+        "export csv walk.parquet --out",
+        "fit walk.parquet --out",
+        "fit walk.parquet --report",
+        "repeat walk.parquet --json",
+        "emulate walk.parquet --json",
+    ] {
         fail(&path, &format!("{command} {other_spelling}"), &[&other_spelling, "name another file"]);
     }
     assert!(std::fs::read(path.join("walk.parquet")).expect("a recording") == walk);
+    std::fs::create_dir_all(path.join("people/ann")).expect("made");
+    std::fs::write(path.join("people/ann/walk.parquet"), &walk).expect("written");
+    for command in [
+        "replay walk.parquet --params p.toml --json ./p.toml",
+        "export csv walk.parquet --zero z.toml --out z.toml",
+        "fit walk.parquet --tissue t.toml --out t.toml",
+        "fit walk.parquet --json a.json --report ./a.json",
+        "repeat people --csv people/ann/walk.parquet",
+        "cohort people --out table --summary people/ann/walk.parquet",
+        "emulate walk.parquet --identify . --json cells.parquet",
+    ] {
+        fail(&path, command, &["name another file"]);
+    }
+    assert!(std::fs::read(path.join("people/ann/walk.parquet")).expect("a recording") == walk);
     for command in [IMPORT.replace("walk.parquet", "frames.csv"), "zero walk.parquet --out walk.parquet".into()] {
         fail(&path, &command, &["name another file"]);
     }

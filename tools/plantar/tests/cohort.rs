@@ -267,6 +267,15 @@ fn unusable_recordings_are_left_out_and_named_and_tried_again() {
     }
 }
 
+/// macOS writes such files beside others.
+#[test]
+fn hidden_files_are_not_recordings() {
+    let (_folder, path) = people();
+    fs::write(path.join("people/ann/._a.parquet"), "attributes").expect("written");
+    let (status, text_of_run) = outcome(&cohort(&path, ""));
+    assert_eq!((status, rows(&path, "ann").len()), (Some(0), 6 * 8), "{text_of_run}");
+}
+
 #[test]
 fn thickness_and_zero_of_a_participant_are_used() {
     let (_folder, path) = people();

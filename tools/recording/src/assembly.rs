@@ -1,7 +1,8 @@
 //! The last steps of every import of a vendor's export.
 
+use crate::check::{self, At};
 use crate::footprint::capitalised;
-use crate::{Cell, Layout, Recording, Result, check, gaps, rate};
+use crate::{Cell, Layout, Recording, Result, gaps, rate};
 use plantar::Side;
 use std::path::Path;
 
@@ -23,7 +24,7 @@ impl Parts {
     /// The recording, in which missing frames are filled. A sentence about them is added to `remarks`.
     ///
     /// # Errors
-    /// Fails if the frames or the cells violate a rule of recordings. Messages name `path`.
+    /// Fails if the frames or the cells violate a rule of recordings. Messages name `path`, and the time of the frame.
     pub fn recording(self, path: &Path, remarks: &mut Vec<String>) -> Result<Recording> {
         let Self { side, cells, mut t_s, mut pressure_kpa, name, source } = self;
         let file = path.display().to_string();
@@ -34,10 +35,44 @@ impl Parts {
                 format!("{source} {note}")
             }
         };
-        let rate_hz = rate::of(&t_s, &|_| file.clone())?;
+        // Lost frames were filled, or frames left out: only the time identifies a frame of the export.
+        let place = |at: At| match at {
+            At::Whole => file.clone(),
+            At::Frame(frame) => format!("{file}, at {} s", t_s[frame]),
+            At::Value { frame, cell } => format!("{file}, at {} s, cell {cell}", t_s[frame]),
+        };
+        let rate_hz = rate::of(&t_s, &place)?;
         let layout = Layout { name, cells };
         check::geometry(&layout, &file)?;
-        check::pressures(&pressure_kpa, layout.cells.len(), &|_| file.clone())?;
+        check::pressures(&pressure_kpa, layout.cells.len(), &place)?;
         Ok(Recording { side, layout, rate_hz, source, t_s, pressure_kpa })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use plantar::Region;
+
+    #[test]
+    fn messages_name_the_time_and_the_cell() {
+        let cell = |x_mm| Cell { x_mm, y_mm: 10.0, area_mm2: 50.0, region: Region::Heel };
+        let message = |t_s: [f64; 4], kpa: f32| {
+            let mut pressure_kpa = vec![0.0; 8];
+            pressure_kpa[5] = kpa;
+            let parts = Parts {
+                side: Side::Left,
+                cells: vec![cell(0.0), cell(10.0)],
+                t_s: t_s.into(),
+                pressure_kpa,
+                name: String::new(),
+                source: String::new(),
+            };
+            parts.recording(Path::new("walk.txt"), &mut Vec::new()).err().map(|error| error.to_string())
+        };
+        let starts = |message: Option<String>, with: &str| message.is_some_and(|message| message.starts_with(with));
+        assert!(starts(message([0.0, 0.01, 0.01, 0.02], 0.0), "walk.txt, at 0.01 s: time 0.01 s is repeated"));
+        assert!(starts(message([0.0, 0.01, 0.02, 0.03], -1.0), "walk.txt, at 0.02 s, cell 1: pressure -1 kPa"));
+        assert_eq!(message([0.0, 0.01, 0.02, 0.03], 1.0), None);
     }
 }

@@ -2,6 +2,9 @@
 
 /// Largest difference between the stated times and a uniform clock, s, if the times have fractions of a second, and if not.
 const LARGEST_RESIDUAL_S: [f64; 2] = [0.1, 1.1];
+/// Least number of frames at which the second changes, if no time has a fraction. They are at least 4 s apart, so that the period
+/// is exact to one frame in 4 s.
+const LEAST_CHANGES: usize = 5;
 /// Seconds of a day.
 const DAY_S: f64 = 86_400.0;
 
@@ -30,7 +33,8 @@ pub fn time_of_day_s(text: &str) -> Option<f64> {
 /// The times of frames, s from the first one. `numbers` are the numbers of the frames, `times_s` their times of day.
 ///
 /// Times of day come from the clock of a computer: they jitter, and some programs state whole seconds. If the numbers increase
-/// and the times are near a straight line over them, the frames are on this line. If not, the stated times are used.
+/// and the times are near a straight line over them, the frames are on this line. If not, the stated times are used, as they are
+/// if they are whole seconds that change fewer than [`LEAST_CHANGES`] times: then they repeat, and the importer refuses them.
 pub fn times_s(numbers: &[u64], times_s: &[f64]) -> Vec<f64> {
     let mut passed_s = Vec::with_capacity(times_s.len());
     let mut midnights = 0.0;
@@ -44,6 +48,24 @@ pub fn times_s(numbers: &[u64], times_s: &[f64]) -> Vec<f64> {
     if !is_numbered || numbers.len() < 3 {
         return passed_s;
     }
+    let count = |i: usize| (numbers[i] - numbers[0]) as f64;
+    let is_fractional = times_s.iter().any(|time_s| time_s.fract() != 0.0);
+    let line = match is_fractional {
+        true => Some(least_squares(numbers, &passed_s)),
+        false => through_changes(numbers, &passed_s),
+    };
+    let Some((period_s, first_s)) = line else { return passed_s };
+    let largest_s = LARGEST_RESIDUAL_S[usize::from(!is_fractional)];
+    let is_uniform =
+        (passed_s.iter().enumerate()).all(|(i, time_s)| (time_s - first_s - period_s * count(i)).abs() <= largest_s);
+    if !is_uniform || period_s <= 0.0 {
+        return passed_s;
+    }
+    (0..numbers.len()).map(|i| period_s * count(i)).collect()
+}
+
+/// The period, s, and the time of the first frame, s, of the line of least squares through the times.
+fn least_squares(numbers: &[u64], passed_s: &[f64]) -> (f64, f64) {
     let n = numbers.len() as f64;
     let count = |i: usize| (numbers[i] - numbers[0]) as f64;
     let mean_count = (0..numbers.len()).map(count).sum::<f64>() / n;
@@ -54,15 +76,24 @@ pub fn times_s(numbers: &[u64], times_s: &[f64]) -> Vec<f64> {
         square += (count(i) - mean_count).powi(2);
     }
     let period_s = product / square;
-    let first_s = mean_s - period_s * mean_count;
-    let is_fractional = times_s.iter().any(|time_s| time_s.fract() != 0.0);
-    let largest_s = LARGEST_RESIDUAL_S[usize::from(!is_fractional)];
-    let is_uniform =
-        (passed_s.iter().enumerate()).all(|(i, time_s)| (time_s - first_s - period_s * count(i)).abs() <= largest_s);
-    if !is_uniform || period_s <= 0.0 {
-        return passed_s;
+    (period_s, mean_s - period_s * mean_count)
+}
+
+/// As [`least_squares`], from whole seconds: the line through the first and the last frame at which the second changes. `None` if
+/// it changes too rarely.
+///
+/// The rounding of whole seconds is a sawtooth, which biases a line of least squares through few seconds. A frame at which the
+/// second changes is less than one period later than the change, so that the error of the period is less than one period in the
+/// frames between the two changes. After missing frames, the change may be earlier: it is not used.
+fn through_changes(numbers: &[u64], passed_s: &[f64]) -> Option<(f64, f64)> {
+    let is_change = |i: &usize| numbers[*i] - numbers[*i - 1] == 1 && passed_s[*i] > passed_s[*i - 1];
+    let changes: Vec<usize> = (1..numbers.len()).filter(is_change).collect();
+    if changes.len() < LEAST_CHANGES {
+        return None;
     }
-    (0..numbers.len()).map(|i| period_s * count(i)).collect()
+    let (first, last) = (changes[0], changes[changes.len() - 1]);
+    let period_s = (passed_s[last] - passed_s[first]) / (numbers[last] - numbers[first]) as f64;
+    Some((period_s, passed_s[first] - period_s * (numbers[first] - numbers[0]) as f64))
 }
 
 #[cfg(test)]
@@ -89,6 +120,53 @@ mod tests {
                 assert!(((pair[1] - pair[0]) / period_s - 1.0).abs() < 0.01, "{pair:?}");
             }
         }
+    }
+
+    /// Whole seconds of `duration_s` from `phase_us` after a second on. In integers, because a floating-point number just below a
+    /// whole second would be rounded down.
+    fn whole_seconds(period_us: u64, phase_us: u64, duration_s: u64) -> Vec<f64> {
+        let frames = duration_s * 1_000_000 / period_us;
+        (0..frames).map(|i| (100 + (phase_us + i * period_us) / 1_000_000) as f64).collect()
+    }
+
+    #[test]
+    fn the_period_of_whole_seconds_is_exact_to_a_frame_between_changes() {
+        for period_us in [10_000, 9_700, 10_300] {
+            for duration_s in [6, 10] {
+                for phase_us in [0, 1, 3_000, 250_000, 500_000, 777_777, 999_999] {
+                    let stated = whole_seconds(period_us, phase_us, duration_s);
+                    let numbers: Vec<u64> = (7..).take(stated.len()).collect();
+                    let uniform = times_s(&numbers, &stated);
+                    let period_s = period_us as f64 * 1e-6;
+                    // The first and the last change are at least two seconds less than the duration apart.
+                    let between = (duration_s - 2) as f64 / period_s - 1.0;
+                    for pair in uniform.windows(2) {
+                        let error = ((pair[1] - pair[0]) / period_s - 1.0).abs();
+                        assert!(error < 1.0 / between, "{period_us} us, {duration_s} s, from {phase_us} us: {error}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn whole_seconds_that_change_too_rarely_are_left_as_they_are() {
+        let stated = whole_seconds(10_000, 500_000, 3);
+        let numbers: Vec<u64> = (0..).take(stated.len()).collect();
+        let times_s = times_s(&numbers, &stated);
+        assert!(times_s.iter().zip(&stated).all(|(time_s, stated_s)| *time_s == stated_s - 100.0));
+    }
+
+    /// After missing frames, the second has changed earlier than at the next frame.
+    #[test]
+    fn a_change_of_the_second_within_a_gap_is_not_used() {
+        let stated = whole_seconds(10_000, 500_000, 8);
+        let is_kept = |i: &usize| !(45..95).contains(i);
+        let numbers: Vec<u64> = (0..stated.len()).filter(is_kept).map(|i| i as u64).collect();
+        let kept: Vec<f64> = (0..stated.len()).filter(is_kept).map(|i| stated[i]).collect();
+        let uniform = times_s(&numbers, &kept);
+        assert!(((uniform[1] - uniform[0]) / 0.01 - 1.0).abs() < 1e-9, "{}", uniform[1]);
+        assert!((uniform[45] - uniform[44] - 0.51).abs() < 1e-6, "{}", uniform[45] - uniform[44]);
     }
 
     #[test]

@@ -196,7 +196,9 @@ struct Overlap {
 /// Checks that cells do not overlap by more than [`MAX_OVERLAP`]. A layout states no widths, so the cells are rectangles of one of
 /// the [`ASPECTS`], parallel to the axes.
 fn check_overlap(rows: &[(usize, u64, Cell)], path: &Path) -> Result<()> {
-    let Some(Overlap { cells: [(a, line_a), (b, line_b)], fraction }) = overlap(rows, ASPECTS[0]) else { return Ok(()) };
+    let Some(Overlap { cells: [(a, line_a), (b, line_b)], fraction }) = overlap(rows, ASPECTS[0]) else {
+        return Ok(());
+    };
     if ASPECTS[1..].iter().any(|aspect| overlap(rows, *aspect).is_none()) {
         return Ok(());
     }

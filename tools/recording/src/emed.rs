@@ -5,7 +5,7 @@
 //! which the import is compared. Pages of a summary, such as the maximum of all frames, are skipped. Rows are numbered from the
 //! top, as seen from above.
 
-use crate::grid::{Foot, Frames, Grid, MAX_LINES, Toes};
+use crate::grid::{Foot, Frames, Grid, MAX_LINES, SWING_S, Toes};
 use crate::table::{at_line, file_name};
 use crate::text::{decode, first_number, number, shortened};
 use crate::{Error, Export, Result, units};
@@ -62,9 +62,12 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     let foot = Foot {
         side,
         grid: Grid { row_mm: height_mm, column_mm: width_mm, toes: Toes::Walked },
-        frames,
+        frames: frames.with_swing(path)?,
         name: "emed plate".to_owned(),
-        source: format!("emed measurement {}, regions by template.", file_name(path)),
+        source: format!(
+            "emed measurement {}, {SWING_S} s without load added before and after, regions by template.",
+            file_name(path)
+        ),
     };
     Ok(Export { feet: vec![foot.recording(path, &mut remarks)?], remarks })
 }

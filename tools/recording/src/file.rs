@@ -13,8 +13,10 @@ use parquet::schema::types::{SchemaDescriptor, Type};
 use plantar::Side;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
-use std::fs::File;
-use std::path::Path;
+use std::ffi::OsString;
+use std::fs::{self, File};
+use std::io;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// The key under which the metadata of the file contains the JSON.
@@ -41,7 +43,7 @@ struct Version {
     version: u32,
 }
 
-/// See [`Recording::write`].
+/// See [`Recording::write`]. The file has its name once it is complete, so that an interruption leaves an existing one as it is.
 pub fn write(recording: &Recording, path: &Path) -> Result<()> {
     check::recording(recording, &|at| match at {
         At::Whole => path.display().to_string(),
@@ -56,8 +58,22 @@ pub fn write(recording: &Recording, path: &Path) -> Result<()> {
         layout: Cow::Borrowed(&recording.layout),
     };
     let json = serde_json::to_string(&metadata).expect("numbers and strings can be written as JSON");
-    let file = File::create(path).map_err(Error::io(path))?;
-    write_columns(recording, json, file).map_err(|e| Error::io(path)(std::io::Error::other(e)))
+    // The file that a link names is replaced, and not the link.
+    let path = &fs::canonicalize(path).unwrap_or_else(|_| path.into());
+    if path.exists() && !path.is_file() {
+        return Err(Error::content(path.display().to_string(), "this is no regular file", "name another file"));
+    }
+    let mut name = OsString::from(path);
+    name.push(".incomplete");
+    let incomplete = PathBuf::from(name);
+    let written = File::create(&incomplete)
+        .and_then(|file| write_columns(recording, json, file).map_err(io::Error::other))
+        .and_then(|()| fs::rename(&incomplete, path));
+    written.map_err(|reason| {
+        // This fails only if nothing was written.
+        let _ = fs::remove_file(&incomplete);
+        Error::io(path)(reason)
+    })
 }
 
 /// Writes the columns, and `json` to the metadata.
@@ -91,7 +107,8 @@ fn write_columns(recording: &Recording, json: String, file: File) -> std::result
         }
         group.close()?;
     }
-    writer.close()?;
+    // Some file systems report a full disk only here.
+    writer.into_inner()?.sync_all()?;
     Ok(())
 }
 

@@ -4,7 +4,7 @@
 //! `Left foot data` or `Right foot data` begins a foot. Each frame begins with `Frame`, its number and its time in ms, and
 //! contains the force on each cell in N. The first row is that at the lower edge of the plate, as seen from above.
 
-use crate::grid::{Foot, Frames, Grid, MAX_LINES, Toes};
+use crate::grid::{Foot, Frames, Grid, MAX_LINES, SWING_S, Toes};
 use crate::table::file_name;
 use crate::text::{decode, first_number, number, shortened};
 use crate::{Error, Export, Result, xls};
@@ -107,9 +107,12 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         let foot = Foot {
             side: foot.or(side),
             grid: Grid { row_mm: CELL_LENGTH_MM, column_mm: CELL_WIDTH_MM, toes: Toes::Walked },
-            frames,
+            frames: frames.with_swing(path)?,
             name: "footscan plate".to_owned(),
-            source: format!("footscan measurement {}, regions by template.", file_name(path)),
+            source: format!(
+                "footscan measurement {}, {SWING_S} s without load added before and after, regions by template.",
+                file_name(path)
+            ),
         };
         export.feet.push(foot.recording(path, &mut export.remarks)?);
     }

@@ -10,6 +10,13 @@ use std::path::Path;
 /// Largest number of rows and of columns. The largest plates have some hundred.
 pub const MAX_LINES: usize = 4096;
 
+/// Unloaded time that [`Frames::with_swing`] adds before and after a step, s.
+pub const SWING_S: f64 = crate::jiku::SWING_S;
+/// Shortest plausible time between pictures, s: no plate records faster, and a shorter one would add any number of frames.
+const SHORTEST_PERIOD_S: f64 = 1e-4;
+/// An interval of more than this number of median intervals has lost frames, as in [`crate::gaps`].
+const LOST: f64 = 1.5;
+
 /// The picture of a matrix sensor. It is seen from above; rows are numbered from the top, columns from the left.
 pub struct Grid {
     /// Distance of neighbouring rows, mm.
@@ -54,6 +61,44 @@ impl Frames {
         if kpa > 0.0 {
             self.loads.push(Load { frame: self.t_s.len().saturating_sub(1), cell: (row, column), kpa });
         }
+    }
+
+    /// The same frames with [`SWING_S`] without load before and after them, at the mean interval of frames that follow each
+    /// other. The times of the frames increase by [`SWING_S`], so that several feet remain on one clock.
+    ///
+    /// A plate records from the first contact on, so that its first picture may carry load. Without an unloaded frame before it,
+    /// the analysis ignores the step, because a contact in the first frame of a recording may have begun earlier.
+    ///
+    /// This precedes the filling of gaps: an end of the recording that a long gap leaves has no such frames, and is not taken for
+    /// a heel strike or toe off.
+    ///
+    /// # Errors
+    /// Fails if the frames are closer than any plate records. The message names `path`.
+    pub fn with_swing(mut self, path: &Path) -> Result<Self> {
+        let mut intervals_s: Vec<f64> = self.t_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        let (Some(&first_s), Some(&last_s)) = (self.t_s.first(), self.t_s.last()) else { return Ok(self) };
+        if intervals_s.is_empty() {
+            // A single frame has no rate, which the next check of the recording reports.
+            return Ok(self);
+        }
+        let middle = (intervals_s.len() - 1) / 2;
+        let (_, &mut median_s, _) = intervals_s.select_nth_unstable_by(middle, f64::total_cmp);
+        intervals_s.retain(|interval_s| *interval_s <= LOST * median_s);
+        // Of rounded times the mean interval is exact; the median is not.
+        let period_s = intervals_s.iter().sum::<f64>() / intervals_s.len() as f64;
+        if period_s < SHORTEST_PERIOD_S {
+            let problem = format!("a frame every {period_s:e} s");
+            return Err(Error::content(path.display().to_string(), problem, "export the measurement with its times"));
+        }
+        // The small addend includes a frame that would be left out only because of rounding.
+        let added = ((SWING_S / period_s + 1e-6).floor() as usize).max(1);
+        let mut t_s = Vec::with_capacity(self.t_s.len() + 2 * added);
+        t_s.extend((1..=added).rev().map(|i| first_s + SWING_S - i as f64 * period_s));
+        t_s.extend(self.t_s.iter().map(|now_s| now_s + SWING_S));
+        t_s.extend((1..=added).map(|i| last_s + SWING_S + i as f64 * period_s));
+        self.t_s = t_s;
+        self.loads.iter_mut().for_each(|load| load.frame += added);
+        Ok(self)
     }
 }
 

@@ -6,8 +6,8 @@
 //! as seen from above. The sensors of a mat for feet are equal rectangles in rows and columns.
 
 use crate::grid::{Foot, Frames, Grid, MAX_LINES, Toes};
-use crate::table::{at_line, check_later, check_width, file_name, number, pressure};
-use crate::text::{decode, parse_number};
+use crate::table::{at_line, check_later, check_width, file_name, pressure};
+use crate::text::{decode, number, parse_number};
 use crate::{Error, Export, Result, units};
 use plantar::Side;
 use std::path::Path;
@@ -19,6 +19,8 @@ const CORNERS: [&str; 8] = ["x[1]", "y[1]", "x[2]", "y[2]", "x[3]", "y[3]", "x[4
 
 /// Whether a text is such an export.
 pub fn recognise(text: &str) -> bool {
+    // A short header precedes the table, so that the text of other formats, which may be long, is not searched to its end. The
+    // corners are below the table, at any line.
     text.lines().take(40).any(|line| line.starts_with(TIME_COLUMN))
         && text.lines().any(|line| line.starts_with(CORNERS[0]))
 }
@@ -47,12 +49,15 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     let places = places(&text, sensors, path)?;
     let mut frames = Frames::default();
     for (line, row) in lines {
-        let fields: Vec<&str> = row.split_whitespace().collect();
-        // The table ends with an empty line, the title of another table, or the mean and the maximum of all frames.
-        let Some(first) = fields.first().filter(|first| parse_number(first).is_some()) else { break };
+        // Some programs write decimal commas.
+        let row_with_points = row.replace(',', ".");
+        let fields: Vec<&str> = row_with_points.split_whitespace().collect();
+        // The table ends with an empty line, the title of another table, or the mean and the maximum of all frames. Any other
+        // first field is a time, also if it is damaged: to end there would silently leave out the frames below.
+        let Some(first) = fields.first().filter(|first| !is_title(first)) else { break };
         let place = || at_line(path, line);
-        check_width(fields.len(), 1 + sensors, &place)?;
         let now_s = number(first, TIME_COLUMN, &place)?;
+        check_width(fields.len(), 1 + sensors, &place)?;
         check_later(now_s, frames.t_s.last().copied(), &place)?;
         frames.begin(now_s);
         for (i, (field, (row, column))) in fields[1..].iter().zip(&places.cells).enumerate() {
@@ -69,6 +74,12 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         source: format!("pliance measurement {}, regions by template.", file_name(path)),
     };
     Ok(Export { feet: vec![foot.recording(path, &mut remarks)?], remarks })
+}
+
+/// Whether the first field of a line begins a title and not a frame. Rust parses `NaN` and `inf` as numbers, and as a time they
+/// are damaged.
+fn is_title(first: &str) -> bool {
+    first.starts_with(char::is_alphabetic) && first.parse::<f64>().is_err()
 }
 
 /// The places of the sensors in the picture of the mat.

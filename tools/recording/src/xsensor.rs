@@ -328,7 +328,7 @@ impl Reader<'_> {
             return Err(Error::content(
                 place,
                 "the time is not later than that of the frame before",
-                "export the frames in order",
+                "export the frames in order, with fractions of a second in their times, or record at least 6 s",
             ));
         }
         let mut export = Export { feet: Vec::new(), remarks: Vec::new() };

@@ -4,7 +4,7 @@ mod common;
 
 use common::{COLUMNS, ROWS, STANCE, assert_message, assert_step, force_n, pressure_kpa};
 use plantar::Side;
-use recording::{Export, Format, Result};
+use recording::{Export, Format, Recording, Result};
 
 /// Area of a cell, mm2.
 const CELL_MM2: f64 = 100.0;
@@ -50,13 +50,37 @@ fn parse(bytes: &[u8]) -> Result<Export> {
     common::parse(Format::Emed, "step.lst", bytes, None)
 }
 
+/// Frames without load that are added before and after the pictures: 0.4 s.
+const ADDED: usize = 40;
+
+/// The pictures of the export alone.
+fn pictures(recording: &Recording) -> Recording {
+    let mut pictures = recording.clone();
+    let range = ADDED..recording.frames() - ADDED;
+    pictures.t_s = recording.t_s[range.clone()].to_vec();
+    pictures.pressure_kpa =
+        recording.pressure_kpa[range.start * recording.cells()..range.end * recording.cells()].to_vec();
+    pictures
+}
+
+#[test]
+fn a_step_that_is_loaded_in_the_first_picture_begins_after_frames_without_load() {
+    let export = parse(&file(Side::Right, false)).unwrap();
+    let foot = &export.feet[0];
+    assert_eq!(foot.frames(), ADDED + STANCE + ADDED);
+    assert!((0..ADDED).chain(ADDED + STANCE..foot.frames()).all(|frame| foot.force_n(frame) == 0.0));
+    assert!(foot.force_n(ADDED) > 70.0, "{} N", foot.force_n(ADDED));
+    assert!(foot.t_s.iter().enumerate().all(|(i, t_s)| (t_s - i as f64 * 0.01).abs() < 1e-9), "{:?}", foot.t_s);
+    assert!(foot.source.contains("0.4 s without load"), "{}", foot.source);
+}
+
 #[test]
 fn a_step_is_imported_in_both_directions_of_walking_and_its_foot_is_recognised() {
     for side in [Side::Left, Side::Right] {
         for is_turned in [false, true] {
             let export = parse(&file(side, is_turned)).unwrap();
             assert!((export.feet[0].rate_hz - 100.0).abs() < 1e-6);
-            assert_step(&export.feet[0], side, CELL_MM2, 1e-6);
+            assert_step(&pictures(&export.feet[0]), side, CELL_MM2, 1e-6);
             let remarks = export.remarks.join(" ");
             assert!(remarks.contains("60 frames") && remarks.contains("1 pages without a frame"), "{remarks}");
             assert!(remarks.contains(side.name()), "{remarks}");

@@ -4,7 +4,7 @@ mod common;
 
 use common::{COLUMNS, ROWS, STANCE, assert_message, assert_step, pressure_kpa};
 use plantar::Side;
-use recording::{Export, Format, Result};
+use recording::{Export, Format, Recording, Result};
 
 /// Area of a cell, mm2.
 const CELL_MM2: f64 = 7.62 * 5.08;
@@ -38,6 +38,49 @@ fn parse(text: &str) -> Result<Export> {
     common::parse(Format::Footscan, "step.txt", text.as_bytes(), None)
 }
 
+/// Frames without load that are added before and after the pictures: 0.4 s.
+const ADDED: usize = 200;
+
+/// The pictures of the export alone.
+fn pictures(recording: &Recording) -> Recording {
+    let mut pictures = recording.clone();
+    let range = ADDED..recording.frames() - ADDED;
+    pictures.t_s = recording.t_s[range.clone()].to_vec();
+    pictures.pressure_kpa =
+        recording.pressure_kpa[range.start * recording.cells()..range.end * recording.cells()].to_vec();
+    pictures
+}
+
+#[test]
+fn a_step_that_is_loaded_in_the_first_picture_begins_after_frames_without_load() {
+    let export = parse(&file(&foot(Side::Right, false))).unwrap();
+    let foot = &export.feet[0];
+    assert_eq!(foot.frames(), ADDED + STANCE + ADDED);
+    assert!((0..ADDED).chain(ADDED + STANCE..foot.frames()).all(|frame| foot.force_n(frame) == 0.0));
+    assert!(foot.force_n(ADDED) > 0.0);
+    assert!(foot.t_s.iter().enumerate().all(|(i, t_s)| (t_s - i as f64 * 0.002).abs() < 1e-9), "{:?}", foot.t_s);
+    assert!(foot.source.contains("0.4 s without load"), "{}", foot.source);
+}
+
+/// Times in whole ms at 300 Hz: their median interval is 3 ms.
+#[test]
+fn the_frames_without_load_follow_at_the_mean_interval() {
+    let mut text = file(&foot(Side::Right, false));
+    for frame in (0..STANCE).rev() {
+        let rounded_ms = (frame as f64 / 0.3).round();
+        let from = format!("Frame {frame} ({:.2} ms)", frame as f64 * 2.0);
+        text = text.replacen(&from, &format!("Frame {frame} ({rounded_ms:.2} ms)"), 1);
+    }
+    let rate_hz = parse(&text).unwrap().feet[0].rate_hz;
+    assert!((rate_hz / 300.0 - 1.0).abs() < 0.01, "{rate_hz} Hz");
+}
+
+#[test]
+fn frames_closer_than_any_plate_records_are_refused() {
+    let text = "Right foot data\nFrame 0 (0.00 ms)\n1\t1\n1\t1\nFrame 1 (0.01 ms)\n1\t1\n1\t1\n";
+    assert_message(parse(text), "step.txt: ", &["1e-5 s", "times"]);
+}
+
 #[test]
 fn a_step_is_imported_in_both_directions_of_walking() {
     for side in [Side::Left, Side::Right] {
@@ -45,7 +88,7 @@ fn a_step_is_imported_in_both_directions_of_walking() {
             let export = parse(&file(&foot(side, is_turned))).unwrap();
             assert_eq!(export.feet.len(), 1);
             assert!((export.feet[0].rate_hz - 500.0).abs() < 1e-6);
-            assert_step(&export.feet[0], side, CELL_MM2, 1e-3);
+            assert_step(&pictures(&export.feet[0]), side, CELL_MM2, 1e-3);
             assert!(recording::footprint::warnings(&export.feet[0]).is_empty());
         }
     }
@@ -87,7 +130,7 @@ fn a_file_of_excel_is_imported() {
     let seed = include_bytes!("../../../fuzz/corpus/vendor/footscan-xls");
     let export = common::parse(Format::Footscan, "step.xls", &seed[1..], None).unwrap();
     let foot = &export.feet[0];
-    assert_eq!((foot.side, foot.frames(), foot.cells()), (Side::Right, 30, 40));
+    assert_eq!((foot.side, foot.frames(), foot.cells()), (Side::Right, 70, 40));
     assert!((foot.rate_hz - 50.0).abs() < 1e-6);
     for frame in 0..30 {
         let kpa = |row: usize, column: usize| {
@@ -96,7 +139,8 @@ fn a_file_of_excel_is_imported() {
         };
         // A tenth of a newton for a kilopascal of the computed step.
         let true_n: f64 = (0..40).map(|cell| 0.1 * kpa(cell / 5, cell % 5)).sum();
-        assert!((foot.force_n(frame) - true_n).abs() < 1e-3 * true_n + 1e-6, "frame {frame}");
+        // At 50 Hz, 20 frames without load precede the pictures.
+        assert!((foot.force_n(20 + frame) - true_n).abs() < 1e-3 * true_n + 1e-6, "frame {frame}");
     }
 }
 
@@ -104,7 +148,7 @@ fn a_file_of_excel_is_imported() {
 fn both_feet_of_a_file_are_imported() {
     let export = parse(&file(&(foot(Side::Left, false) + &foot(Side::Right, false)))).unwrap();
     for (recording, side) in export.feet.iter().zip([Side::Left, Side::Right]) {
-        assert_step(recording, side, CELL_MM2, 1e-3);
+        assert_step(&pictures(recording), side, CELL_MM2, 1e-3);
     }
     assert_eq!(export.feet.len(), 2);
 }

@@ -101,6 +101,29 @@ fn a_written_recording_is_read_back_unchanged() {
 }
 
 #[test]
+fn a_failed_write_leaves_an_existing_recording_as_it_is() {
+    let (_folder, path) = in_folder();
+    let walk = synthetic::walk(&SyntheticWalk { steps: 1, ..SyntheticWalk::default() }).recording;
+    walk.write(&path).unwrap();
+    let incomplete = path.with_extension("parquet.incomplete");
+    assert!(!incomplete.exists());
+    std::fs::create_dir(&incomplete).unwrap();
+    let error = walk.write(&path).unwrap_err().to_string();
+    assert!(error.starts_with(path.to_str().unwrap()), "{error}");
+    assert!(walk == Recording::read(&path).unwrap());
+}
+
+/// macOS writes such files beside others.
+#[test]
+fn hidden_files_are_not_parts_of_a_recording() {
+    let (folder, path) = in_folder();
+    let walk = synthetic::walk(&SyntheticWalk { steps: 1, ..SyntheticWalk::default() }).recording;
+    walk.write(&path).unwrap();
+    std::fs::write(folder.path().join("._foot.parquet"), "attributes").unwrap();
+    assert!(walk == Recording::read(folder.path()).unwrap());
+}
+
+#[test]
 fn a_file_of_another_writer_with_the_metadata_is_read() {
     let (_folder, path) = in_folder();
     write(

@@ -50,6 +50,23 @@ fn a_step_is_imported_and_its_foot_is_recognised() {
 }
 
 #[test]
+fn decimal_commas_yield_the_same_recording() {
+    let text = text(Side::Right);
+    let (with_points, with_commas) = (parse(&text).unwrap(), parse(&text.replace('.', ",")).unwrap());
+    assert_eq!(with_commas.feet, with_points.feet);
+}
+
+/// The table does not end there, because the frames below would be left out silently.
+#[test]
+fn a_damaged_time_is_refused_with_its_line() {
+    let text = text(Side::Right);
+    for damaged in ["5.0l000", "?.01000", "NaN", "5.01.000"] {
+        let result = parse(&text.replacen("\n5.01000 ", &format!("\n{damaged} "), 1));
+        assert_message(result, "step.asc:8: ", &[damaged, "number"]);
+    }
+}
+
+#[test]
 fn damaged_files_are_refused_with_the_line_and_a_remedy() {
     let text = text(Side::Right);
     let changed = |from: &str, to: &str| parse(&text.replacen(from, to, 1));

@@ -140,6 +140,16 @@ fn a_load_in_another_unit_than_stated_is_noticed() {
     assert!(export.remarks.iter().any(|remark| remark.contains("Check the unit")), "{:?}", export.remarks);
 }
 
+/// The walk takes 1.6 s, in which whole seconds do not determine the frame rate.
+#[test]
+fn whole_seconds_in_a_short_walk_are_refused() {
+    let mut lines = lines(USUAL);
+    for line in lines.iter_mut().filter(|line| line[0] == "Time") {
+        line[1].truncate(" 08:20:21".len());
+    }
+    assert_message(parse(&text(USUAL, &lines)), "walk.csv:", &["not later"]);
+}
+
 /// The index of the line that begins the `n`th section of this name.
 fn section(lines: &[Vec<String>], name: &str, n: usize) -> usize {
     (0..lines.len()).filter(|&i| lines[i][0] == name).nth(n).expect("a section")

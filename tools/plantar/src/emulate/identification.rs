@@ -9,6 +9,9 @@ use plantar::protocol::{CellFrame, CellStream, Resolution, Step};
 use recording::StreamedCells;
 use std::path::{Path, PathBuf};
 
+/// The name of the recording in the folder of an identification.
+const RECORDING: &str = "cells.parquet";
+
 /// Records cells until there are enough steps, then identifies the wearer.
 pub struct Identification {
     folder: PathBuf,
@@ -22,6 +25,11 @@ pub struct Identification {
 }
 
 impl Identification {
+    /// The files that an identification writes to its folder: the recording, and the outputs of [`Fit::of_cells`].
+    pub fn files(folder: &Path) -> [PathBuf; 4] {
+        [RECORDING, "params.toml", "report.html", "fit.json"].map(|name| folder.join(name))
+    }
+
     /// Starts the stream of cells. `steps` is the number of steps from which the wearer is identified.
     pub fn begin(client: &mut Client<impl Carrier>, folder: &Path, steps: usize) -> Result<Self> {
         std::fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
@@ -62,7 +70,7 @@ impl Identification {
     /// Identifies the parameters from the recorded cells, as `plantar fit` does, and sends them to the insole.
     pub fn identify(&mut self, client: &mut Client<impl Carrier>, contact: &ContactArgs) -> Result<()> {
         let recording = self.cells.take("Recorded from the emulated insole").context("no cells arrived")?;
-        let path = self.folder.join("cells.parquet");
+        let path = self.folder.join(RECORDING);
         recording.write(&path)?;
         println!(
             "\n{} frames of all cells arrived from the insole; {} were lost. The wearer's parameters are identified from the {} \

@@ -39,7 +39,7 @@ fn print_medians(foot: &FootRepeatability) {
                 row.median(|agreement| agreement.icc).map_or(NONE.into(), coefficient),
                 median(&|agreement| agreement.sem).map_or(NONE.into(), short),
                 median(&|agreement| agreement.mdc).map_or(NONE.into(), short),
-                median(&Agreement::mdc_percent).map_or(NONE.into(), short),
+                row.median(Agreement::mdc_percent).map_or(NONE.into(), short),
             ]);
         }
     }

@@ -97,7 +97,7 @@ pub fn medians(foot: &FootRepeatability) -> Markup {
                         td { (row.median(|agreement| agreement.icc).map_or(NONE.into(), coefficient)) }
                         td { (median(&|agreement| agreement.sem)) }
                         td { (median(&|agreement| agreement.mdc)) }
-                        td { (median(&Agreement::mdc_percent)) }
+                        td { (row.median(Agreement::mdc_percent).map_or(NONE.into(), number)) }
                     }
                 }
             }
