@@ -101,7 +101,7 @@ fn the_log_can_be_read_when_the_supply_became_low_while_records_were_deleted() {
         for number in 0..STEPS {
             block_on(store.push_record(step(number))).expect("the supply is sufficient");
         }
-        let supply = Supply::new(low_from, u64::MAX);
+        let supply = Supply::new(low_from, u64::MAX - low_from);
         let mut store = block_on(Store::open(Some(Supplied::new(&mut chip, || supply.is_sufficient())), Reset::Power));
         let is_deleted = block_on(store.acknowledge(ACKNOWLEDGED)).is_ok();
         let numbers = |store: &mut Store<_>| {

@@ -1,14 +1,15 @@
 //! Two hosts that connect to one insole, one over the cable and one over the radio. The host that connected last has the session;
 //! the other one waits until it is free. Each step arrives at one of them, once.
 
-use client::Client;
+use client::{Client, Error};
 use plantar::pipeline::baseline::ZERO_S;
-use plantar::protocol::ToDevice;
+use plantar::protocol::{Refusal, ToDevice};
 use std::cell::RefCell;
 use std::rc::Rc;
 use std::time::Duration;
 use testkit::host::{Host, Link, LinkKind};
 use testkit::virtual_time::now_us;
+use testkit::walk::Posture;
 use testkit::world::{InsoleEvent, World};
 
 /// An insole of a wearer who walks, and a host for each carrier.
@@ -105,13 +106,17 @@ fn a_request_to_measure_the_baselines_is_answered_by_its_own_measurement() {
         let link = Link::open(&world, 0, LinkKind::Serial).expect("the cable is there");
         Client::connect(link, Duration::from_secs(5)).expect("the insole answers")
     };
-    // The insole begins to measure within a second. The later request comes shortly before or after the outcome.
+    let stands = InsoleEvent::Rest { posture: Posture::Stand, for_us: 600 * SECOND_US };
+    world.borrow_mut().schedule(3 * SECOND_US, 0, stands);
+    world.borrow_mut().run_for(5 * SECOND_US);
+    // The insole begins to measure within a second, and gives up after some more, because the wearer stands. The later request
+    // comes shortly before or after this.
     for tenths in 0..15 {
         connect().send(ToDevice::Zero).expect("the cable is there");
         world.borrow_mut().run_for(u64::from(ZERO_S) * SECOND_US - SECOND_US / 5 + tenths * SECOND_US / 10);
         let mut client = connect();
         let requested_us = now_us();
-        client.zero().expect("the foot is lifted");
+        assert!(matches!(client.zero(), Err(Error::Refused(Refusal::NotLifted))));
         let measured_us = now_us() - requested_us;
         assert!(measured_us >= u64::from(ZERO_S) * SECOND_US, "{tenths}: {measured_us}");
     }

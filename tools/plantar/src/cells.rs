@@ -100,7 +100,7 @@ impl CellRecorder {
         let Some(recording) = cells.take(source) else { return Ok(()) };
         let folder = self.folder.join(format!("{:03}", self.recording));
         std::fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
-        recording.write(&folder.join(format!("part-{:05}.parquet", self.part)))?;
+        recording.write(folder.join(format!("part-{:05}.parquet", self.part)))?;
         self.part += 1;
         self.written += recording.frames();
         Ok(())

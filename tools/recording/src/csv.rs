@@ -185,39 +185,48 @@ fn check_numbering(rows: &[(usize, u64, Cell)], path: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Two cells that overlap.
-struct Overlap {
-    /// Number and line of each cell.
+/// The inadmissible overlaps of cells as rectangles of one ratio.
+struct Overlaps {
+    /// Number of pairs of cells.
+    pairs: usize,
+    /// Number and line of each cell of the first pair.
     cells: [(usize, u64); 2],
-    /// The overlap as a fraction of the smaller cell.
+    /// The overlap of the first pair as a fraction of the smaller cell.
     fraction: f64,
+    /// Ratio of width to length of each cell.
+    aspect: f64,
 }
 
 /// Checks that cells do not overlap by more than [`MAX_OVERLAP`]. A layout states no widths, so the cells are rectangles of one of
 /// the [`ASPECTS`], parallel to the axes.
 fn check_overlap(rows: &[(usize, u64, Cell)], path: &Path) -> Result<()> {
-    let Some(Overlap { cells: [(a, line_a), (b, line_b)], fraction }) = overlap(rows, ASPECTS[0]) else {
-        return Ok(());
-    };
-    if ASPECTS[1..].iter().any(|aspect| overlap(rows, *aspect).is_none()) {
-        return Ok(());
+    let mut least: Option<Overlaps> = None;
+    for aspect in ASPECTS {
+        let Some(overlaps) = overlaps(rows, aspect) else { return Ok(()) };
+        // With the ratio of the layout, only the cells with a wrong position or area overlap.
+        if least.as_ref().is_none_or(|least| overlaps.pairs < least.pairs) {
+            least = Some(overlaps);
+        }
     }
+    let Some(Overlaps { cells: [(a, line_a), (b, line_b)], fraction, aspect, .. }) = least else { return Ok(()) };
     Err(Error::content(
         at_line(path, line_a.max(line_b)),
         format!(
-            "cell {a} (line {line_a}) and cell {b} (line {line_b}), as squares, overlap by {:.0} % of the smaller",
+            "cell {a} (line {line_a}) and cell {b} (line {line_b}), each {aspect} times as wide as long, overlap by \
+             {:.0} % of the smaller",
             100.0 * fraction
         ),
         "correct the positions or areas of these cells",
     ))
 }
 
-/// The first two cells with an inadmissible overlap, as rectangles of this ratio of width to length.
-fn overlap(rows: &[(usize, u64, Cell)], aspect: f64) -> Option<Overlap> {
+/// The inadmissible overlaps of cells as rectangles of this ratio of width to length; `None` without any.
+fn overlaps(rows: &[(usize, u64, Cell)], aspect: f64) -> Option<Overlaps> {
     let half_extent_mm = |cell: &Cell| (cell.half_side_mm() * aspect.sqrt(), cell.half_side_mm() / aspect.sqrt());
     let mut by_x: Vec<_> = rows.iter().collect();
     by_x.sort_by(|(_, _, a), (_, _, b)| a.x_mm.total_cmp(&b.x_mm));
     let widest_mm = rows.iter().map(|(_, _, cell)| half_extent_mm(cell).0).fold(0.0, f64::max);
+    let mut found: Option<Overlaps> = None;
     for (i, &(id, line, cell)) in by_x.iter().enumerate() {
         let (half_x_mm, half_y_mm) = half_extent_mm(cell);
         for (other_id, other_line, other) in &by_x[i + 1..] {
@@ -229,11 +238,12 @@ fn overlap(rows: &[(usize, u64, Cell)], aspect: f64) -> Option<Overlap> {
                 * shared_mm((cell.y_mm, half_y_mm), (other.y_mm, other_half_y_mm));
             let fraction = shared_mm2 / cell.area_mm2.min(other.area_mm2);
             if fraction > MAX_OVERLAP {
-                return Some(Overlap { cells: [(*id, *line), (*other_id, *other_line)], fraction });
+                let cells = [(*id, *line), (*other_id, *other_line)];
+                found.get_or_insert(Overlaps { pairs: 0, cells, fraction, aspect }).pairs += 1;
             }
         }
     }
-    None
+    found
 }
 
 /// The common length of two intervals, given by their centres and half lengths.
