@@ -117,7 +117,6 @@ fn the_log_can_be_read_when_the_supply_became_low_while_records_were_deleted() {
             let found = numbers(&mut store);
             assert_eq!(found, Ok((ACKNOWLEDGED + 1..STEPS).collect()), "low supply from operation {low_from} on");
         }
-        drop(store);
         let mut store = block_on(Store::open(Some(&mut chip), Reset::Power));
         for number in STEPS..2 * STEPS {
             block_on(store.push_record(step(number))).expect("the supply is sufficient");
