@@ -79,23 +79,26 @@ impl<C> Gate<'_, C> {
         let &[_, _, low, high, ref body @ ..] = data else { return IGNORED };
         match (u16::from_le_bytes([low, high]), body.first()) {
             (ATT_CHANNEL | PAIRING_CHANNEL, None) => IGNORED,
-            (PAIRING_CHANNEL, Some(&PAIRING_REQUEST)) if !self.insole.allows_bonding() => REFUSED,
+            _ if is_pairing_request(data) && !self.insole.allows_bonding() => REFUSED,
             _ => data,
         }
     }
 
     /// Waits until the connection accepts bonds, if this is the first fragment of a pairing request.
     async fn wait_until_bondable(&self, data: &[u8]) {
-        if matches!(data, [_, _, low, high, PAIRING_REQUEST, ..] if u16::from_le_bytes([*low, *high]) == PAIRING_CHANNEL)
+        // If it takes longer, the central pairs without a bond, and has no access.
+        if is_pairing_request(data)
+            && let Ok(()) = with_timeout(BONDABLE_TIMEOUT, self.progress.is_bondable.wait()).await
         {
-            // If it takes longer, the central pairs without a bond, and has no access.
-            let waited = with_timeout(BONDABLE_TIMEOUT, self.progress.is_bondable.wait()).await;
-            if waited.is_ok() {
-                // For a further request on this connection.
-                self.progress.is_bondable.signal(());
-            }
+            // For a further request on this connection.
+            self.progress.is_bondable.signal(());
         }
     }
+}
+
+/// True for the first fragment of a pairing request.
+fn is_pairing_request(data: &[u8]) -> bool {
+    matches!(data, [_, _, low, high, PAIRING_REQUEST, ..] if u16::from_le_bytes([*low, *high]) == PAIRING_CHANNEL)
 }
 
 impl<C: Hci> ErrorType for Gate<'_, C> {

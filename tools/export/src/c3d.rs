@@ -5,9 +5,9 @@
 //! of one sample of each analog channel.
 
 use crate::session::content;
-use crate::{Event, EventKind, Session, output};
+use crate::{Event, EventKind, Session};
 use plantar::Side;
-use recording::Result;
+use recording::{Result, output};
 use std::io::Write;
 use std::path::Path;
 

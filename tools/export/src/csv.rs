@@ -1,7 +1,7 @@
 //! CSV in long form: one row for each time, quantity and region, to be read in R or pandas.
 
-use crate::{EventKind, Session, output};
-use recording::Result;
+use crate::{EventKind, Session};
+use recording::{Result, output};
 use std::io;
 use std::path::Path;
 

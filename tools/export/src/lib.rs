@@ -12,7 +12,6 @@ pub mod motion_bids;
 pub mod opensim;
 
 mod channel;
-mod output;
 mod session;
 
 pub use channel::{Channel, Quantity};

@@ -1,11 +1,11 @@
 //! MATLAB's format version 7, which GNU Octave and SciPy read, too.
 
 use crate::session::content;
-use crate::{Foot, Session, output};
+use crate::{Foot, Session};
 use matrw::{CellArray, MatFile, MatVariable, MatlabType, NumericArray, Structure, save_matfile_v7};
 use plantar::Region;
 use plantar::protocol::{Quantity, Step, StepFoot, StepRegion};
-use recording::Result;
+use recording::{Result, output};
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::Path;

@@ -1,14 +1,14 @@
 //! MCAP, for Foxglove and other programs that show recordings of robots: messages in JSON with schemas.
 
 use crate::session::content;
-use crate::{Channel, EventKind, Foot, Quantity, Session, TimedStep, output};
+use crate::{Channel, EventKind, Foot, Quantity, Session, TimedStep};
 use ::mcap::records::{MessageHeader, Metadata};
 use ::mcap::{Compression, McapResult, WriteOptions, Writer};
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
 use plantar::protocol::{Step, StepFoot, StepRegion};
 use plantar::{Region, Side};
-use recording::{Cell, Result};
+use recording::{Cell, Result, output};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use std::io::{self, Seek, Write};

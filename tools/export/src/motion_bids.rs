@@ -2,9 +2,9 @@
 //!
 //! Force, area and centre of pressure have no channel type of their own in this standard, so all channels have the type `MISC`.
 
+use crate::Session;
 use crate::session::content;
-use crate::{Session, output};
-use recording::Result;
+use recording::{Result, output};
 use serde_json::{Value, json};
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};

@@ -3,9 +3,9 @@
 //! The axes are those of OpenSim's models, x forwards, y upwards and z to the right, but fixed to the insole, because an insole
 //! does not know where it is: the origin is at the back of the heel on the medial edge. An insole measures normal force only.
 
-use crate::{Foot, Session, output};
+use crate::{Foot, Session};
 use plantar::Side;
-use recording::Result;
+use recording::{Result, output};
 use std::io::{self, Write};
 use std::path::Path;
 

@@ -44,9 +44,7 @@ pub fn open(folder: &Path, search: &Search, contact: &ContactArgs) -> Result<(Pe
     for entry in fs::read_dir(folder).with_context(error)? {
         recordings.push(entry.with_context(error)?.path());
     }
-    // Names such as `._walk.parquet` are of files that macOS writes beside others.
-    let is_hidden = |path: &Path| path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
-    recordings.retain(|path| path.extension().is_some_and(|ending| ending == "parquet") && !is_hidden(path));
+    recordings.retain(|path| recording::is_parquet(path));
     recordings.sort();
     Ok((person, recordings))
 }

@@ -2,7 +2,7 @@
 //! are stored as JSON in the metadata of the file.
 
 use crate::check::{self, At};
-use crate::{Error, Layout, Recording, Result, names};
+use crate::{Error, Layout, Recording, Result, names, output};
 use parquet::basic::{Compression, Repetition, Type as PhysicalType};
 use parquet::data_type::{DoubleType, FloatType};
 use parquet::errors::ParquetError;
@@ -13,10 +13,9 @@ use parquet::schema::types::{SchemaDescriptor, Type};
 use plantar::Side;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
-use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 /// The key under which the metadata of the file contains the JSON.
@@ -63,16 +62,9 @@ pub fn write(recording: &Recording, path: &Path) -> Result<()> {
     if path.exists() && !path.is_file() {
         return Err(Error::content(path.display().to_string(), "this is no regular file", "name another file"));
     }
-    let mut name = OsString::from(path);
-    name.push(".incomplete");
-    let incomplete = PathBuf::from(name);
-    let written = File::create(&incomplete)
-        .and_then(|file| write_columns(recording, json, file).map_err(io::Error::other))
-        .and_then(|()| fs::rename(&incomplete, path));
-    written.map_err(|reason| {
-        // This fails only if nothing was written.
-        let _ = fs::remove_file(&incomplete);
-        Error::io(path)(reason)
+    output::at(path, |incomplete| {
+        let file = File::create(incomplete)?;
+        write_columns(recording, json, file).map_err(io::Error::other)
     })
 }
 

@@ -5,7 +5,7 @@
 /// beginning of a step.
 const LONGEST_FILLED_S: f64 = 0.1;
 /// An interval of more than this number of median intervals has lost frames.
-const LOST: f64 = 1.5;
+pub const LOST: f64 = 1.5;
 /// Shortest period in which gaps are filled, s: a shorter one is no plausible frame rate, and would fill a gap with any number of
 /// frames.
 const SHORTEST_PERIOD_S: f64 = 1e-3;
@@ -15,9 +15,7 @@ const SHORTEST_PERIOD_S: f64 = 1e-3;
 ///
 /// Times that do not increase, or are closer than [`SHORTEST_PERIOD_S`], are left as they are; [`crate::rate::of`] refuses them.
 pub fn fill(t_s: &mut Vec<f64>, kpa: &mut Vec<f32>, cells: usize) -> Option<String> {
-    let mut intervals_s: Vec<f64> = t_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    let middle = intervals_s.len().checked_sub(1)? / 2;
-    let (_, &mut period_s, _) = intervals_s.select_nth_unstable_by(middle, f64::total_cmp);
+    let period_s = median_interval_s(t_s)?;
     let is_gap = |before_s: f64, after_s: f64| after_s - before_s > LOST * period_s;
     if period_s < SHORTEST_PERIOD_S || !t_s.windows(2).any(|pair| is_gap(pair[0], pair[1])) {
         return None;
@@ -52,6 +50,13 @@ pub fn fill(t_s: &mut Vec<f64>, kpa: &mut Vec<f32>, cells: usize) -> Option<Stri
         )
     });
     Some(filled.into_iter().chain(left_out).collect::<Vec<_>>().join(" "))
+}
+
+/// The median interval of these times, s, the lower one of an even number; `None` for fewer than two times.
+pub fn median_interval_s(t_s: &[f64]) -> Option<f64> {
+    let mut intervals_s: Vec<f64> = t_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let middle = intervals_s.len().checked_sub(1)? / 2;
+    Some(*intervals_s.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 /// The longest range of times without an interval of more than `most_s`.

@@ -2,6 +2,7 @@
 
 use crate::assembly::Parts;
 use crate::footprint::Footprint;
+use crate::gaps::{LOST, median_interval_s};
 use crate::{Cell, Error, MAX_CELLS, Recording, Result, check, template};
 use plantar::{Region, Side};
 use std::collections::BTreeMap;
@@ -14,8 +15,6 @@ pub const MAX_LINES: usize = 4096;
 pub const SWING_S: f64 = crate::jiku::SWING_S;
 /// Shortest plausible time between pictures, s: no plate records faster, and a shorter one would add any number of frames.
 const SHORTEST_PERIOD_S: f64 = 1e-4;
-/// An interval of more than this number of median intervals has lost frames, as in [`crate::gaps`].
-const LOST: f64 = 1.5;
 
 /// The picture of a matrix sensor. It is seen from above; rows are numbered from the top, columns from the left.
 pub struct Grid {
@@ -75,14 +74,10 @@ impl Frames {
     /// # Errors
     /// Fails if the frames are closer than any plate records. The message names `path`.
     pub fn with_swing(mut self, path: &Path) -> Result<Self> {
-        let mut intervals_s: Vec<f64> = self.t_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
         let (Some(&first_s), Some(&last_s)) = (self.t_s.first(), self.t_s.last()) else { return Ok(self) };
-        if intervals_s.is_empty() {
-            // A single frame has no rate, which the next check of the recording reports.
-            return Ok(self);
-        }
-        let middle = (intervals_s.len() - 1) / 2;
-        let (_, &mut median_s, _) = intervals_s.select_nth_unstable_by(middle, f64::total_cmp);
+        // A single frame has no rate, which the next check of the recording reports.
+        let Some(median_s) = median_interval_s(&self.t_s) else { return Ok(self) };
+        let mut intervals_s: Vec<f64> = self.t_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
         intervals_s.retain(|interval_s| *interval_s <= LOST * median_s);
         // Of rounded times the mean interval is exact; the median is not.
         let period_s = intervals_s.iter().sum::<f64>() / intervals_s.len() as f64;

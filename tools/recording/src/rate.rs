@@ -1,6 +1,7 @@
 //! The frame rate of a recording, and resampling.
 
 use crate::check::{self, At};
+use crate::gaps::median_interval_s;
 use crate::{Error, Recording, Result};
 
 /// Lowest plausible rate, Hz. At a lower rate a stance would have fewer than two frames, so the times must be in another unit,
@@ -15,19 +16,16 @@ const MIN_HZ: f64 = 2.0;
 /// interval, or the times cannot be seconds.
 pub fn of(t_s: &[f64], place: &dyn Fn(At) -> String) -> Result<f64> {
     check::times(t_s, place)?;
-    let mut intervals_s: Vec<f64> = t_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    if intervals_s.is_empty() {
+    let Some(median_s) = median_interval_s(t_s) else {
         let problem = match t_s.len() {
             0 => "no frames",
             _ => "a single frame has no rate",
         };
         return Err(Error::content(place(At::Whole), problem, "record at least two frames"));
-    }
-    let middle = (intervals_s.len() - 1) / 2;
-    let (_, median_s, _) = intervals_s.select_nth_unstable_by(middle, f64::total_cmp);
-    check::intervals(t_s, 1.0 / *median_s, place)?;
+    };
+    check::intervals(t_s, 1.0 / median_s, place)?;
     // If the times are rounded, for example to whole milliseconds, the mean interval is still exact; the median is not.
-    let rate_hz = intervals_s.len() as f64 / (t_s[t_s.len() - 1] - t_s[0]);
+    let rate_hz = (t_s.len() - 1) as f64 / (t_s[t_s.len() - 1] - t_s[0]);
     if rate_hz < MIN_HZ {
         let problem = format!("a frame every {:.3} s", 1.0 / rate_hz);
         return Err(Error::content(place(At::Whole), problem, "give times in seconds"));

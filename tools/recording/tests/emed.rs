@@ -2,9 +2,9 @@
 
 mod common;
 
-use common::{COLUMNS, ROWS, STANCE, assert_message, assert_step, force_n, pressure_kpa};
+use common::{COLUMNS, ROWS, STANCE, assert_message, assert_step, force_n, pictures, pressure_kpa};
 use plantar::Side;
-use recording::{Export, Format, Recording, Result};
+use recording::{Export, Format, Result};
 
 /// Area of a cell, mm2.
 const CELL_MM2: f64 = 100.0;
@@ -53,16 +53,6 @@ fn parse(bytes: &[u8]) -> Result<Export> {
 /// Frames without load that are added before and after the pictures: 0.4 s.
 const ADDED: usize = 40;
 
-/// The pictures of the export alone.
-fn pictures(recording: &Recording) -> Recording {
-    let mut pictures = recording.clone();
-    let range = ADDED..recording.frames() - ADDED;
-    pictures.t_s = recording.t_s[range.clone()].to_vec();
-    pictures.pressure_kpa =
-        recording.pressure_kpa[range.start * recording.cells()..range.end * recording.cells()].to_vec();
-    pictures
-}
-
 #[test]
 fn a_step_that_is_loaded_in_the_first_picture_begins_after_frames_without_load() {
     let export = parse(&file(Side::Right, false)).unwrap();
@@ -80,7 +70,7 @@ fn a_step_is_imported_in_both_directions_of_walking_and_its_foot_is_recognised()
         for is_turned in [false, true] {
             let export = parse(&file(side, is_turned)).unwrap();
             assert!((export.feet[0].rate_hz - 100.0).abs() < 1e-6);
-            assert_step(&pictures(&export.feet[0]), side, CELL_MM2, 1e-6);
+            assert_step(&pictures(&export.feet[0], ADDED), side, CELL_MM2, 1e-6);
             let remarks = export.remarks.join(" ");
             assert!(remarks.contains("60 frames") && remarks.contains("1 pages without a frame"), "{remarks}");
             assert!(remarks.contains(side.name()), "{remarks}");

@@ -2,9 +2,9 @@
 
 mod common;
 
-use common::{COLUMNS, ROWS, STANCE, assert_message, assert_step, pressure_kpa};
+use common::{COLUMNS, ROWS, STANCE, assert_message, assert_step, pictures, pressure_kpa};
 use plantar::Side;
-use recording::{Export, Format, Recording, Result};
+use recording::{Export, Format, Result};
 
 /// Area of a cell, mm2.
 const CELL_MM2: f64 = 7.62 * 5.08;
@@ -40,16 +40,6 @@ fn parse(text: &str) -> Result<Export> {
 
 /// Frames without load that are added before and after the pictures: 0.4 s.
 const ADDED: usize = 200;
-
-/// The pictures of the export alone.
-fn pictures(recording: &Recording) -> Recording {
-    let mut pictures = recording.clone();
-    let range = ADDED..recording.frames() - ADDED;
-    pictures.t_s = recording.t_s[range.clone()].to_vec();
-    pictures.pressure_kpa =
-        recording.pressure_kpa[range.start * recording.cells()..range.end * recording.cells()].to_vec();
-    pictures
-}
 
 #[test]
 fn a_step_that_is_loaded_in_the_first_picture_begins_after_frames_without_load() {
@@ -88,7 +78,7 @@ fn a_step_is_imported_in_both_directions_of_walking() {
             let export = parse(&file(&foot(side, is_turned))).unwrap();
             assert_eq!(export.feet.len(), 1);
             assert!((export.feet[0].rate_hz - 500.0).abs() < 1e-6);
-            assert_step(&pictures(&export.feet[0]), side, CELL_MM2, 1e-3);
+            assert_step(&pictures(&export.feet[0], ADDED), side, CELL_MM2, 1e-3);
             assert!(recording::footprint::warnings(&export.feet[0]).is_empty());
         }
     }
@@ -148,7 +138,7 @@ fn a_file_of_excel_is_imported() {
 fn both_feet_of_a_file_are_imported() {
     let export = parse(&file(&(foot(Side::Left, false) + &foot(Side::Right, false)))).unwrap();
     for (recording, side) in export.feet.iter().zip([Side::Left, Side::Right]) {
-        assert_step(&pictures(recording), side, CELL_MM2, 1e-3);
+        assert_step(&pictures(recording, ADDED), side, CELL_MM2, 1e-3);
     }
     assert_eq!(export.feet.len(), 2);
 }

@@ -102,3 +102,13 @@ pub fn recordings() -> PathBuf {
         std::env::var_os("PLANTAR_RECORDINGS").expect("PLANTAR_RECORDINGS names a folder with recordings of people"),
     )
 }
+
+/// The pictures of an export alone, without the number `added` of frames that the import adds before and after them.
+pub fn pictures(recording: &Recording, added: usize) -> Recording {
+    let mut pictures = recording.clone();
+    let range = added..recording.frames() - added;
+    pictures.t_s = recording.t_s[range.clone()].to_vec();
+    pictures.pressure_kpa =
+        recording.pressure_kpa[range.start * recording.cells()..range.end * recording.cells()].to_vec();
+    pictures
+}

@@ -196,13 +196,12 @@ fn for_each_row(folder: &Path, columns: &[&'static str], mut act: impl FnMut(&Ro
     Ok(())
 }
 
-/// The Parquet files of a table. Files whose names begin with a dot are incomplete.
+/// The Parquet files of a table.
 fn files(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     for entry in fs::read_dir(folder)? {
         let path = entry?.path();
-        let is_hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
-        if !is_hidden && path.extension().is_some_and(|extension| extension == "parquet") {
+        if recording::is_parquet(&path) {
             files.push(path);
         }
     }

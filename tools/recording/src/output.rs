@@ -1,6 +1,6 @@
 //! Files and folders that have their names only once they are complete.
 
-use recording::{Error, Result};
+use crate::{Error, Result};
 use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
