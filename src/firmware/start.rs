@@ -268,7 +268,8 @@ fn init_shared(
     gauges: Gauges,
     exchange: &'static RefCell<Exchange>,
 ) -> &'static Shared {
-    memory.init(Shared::new(hello, serial_bytes_per_s, counters, gauges, exchange))
+    // With a closure, because most of the state is then composed in `memory`, not on the stack.
+    memory.init_with(|| Shared::new(hello, serial_bytes_per_s, counters, gauges, exchange))
 }
 
 /// Configures the insole, by the stored settings if there are any, and changes `setup` accordingly.
