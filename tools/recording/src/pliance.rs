@@ -48,13 +48,16 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     };
     let places = places(&text, sensors, path)?;
     let mut frames = Frames::default();
-    for (line, row) in lines {
+    while let Some((line, row)) = lines.next() {
         // Some programs write decimal commas.
         let row_with_points = row.replace(',', ".");
         let fields: Vec<&str> = row_with_points.split_whitespace().collect();
         // The table ends with an empty line, the title of another table, or the mean and the maximum of all frames. Any other
         // first field is a time, also if it is damaged: to end there would silently leave out the frames below.
-        let Some(first) = fields.first().filter(|first| !is_title(first)) else { break };
+        let Some(first) = fields.first() else { break };
+        if is_title(first) && !lines.clone().next().is_some_and(|(_, next)| is_frame(next, sensors)) {
+            break;
+        }
         let place = || at_line(path, line);
         let now_s = number(first, TIME_COLUMN, &place)?;
         check_width(fields.len(), 1 + sensors, &place)?;
@@ -80,6 +83,12 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
 /// are damaged.
 fn is_title(first: &str) -> bool {
     first.starts_with(char::is_alphabetic) && first.parse::<f64>().is_err()
+}
+
+/// Whether a line is a frame of this number of sensors.
+fn is_frame(row: &str, sensors: usize) -> bool {
+    let mut fields = row.split_whitespace();
+    fields.next().and_then(parse_number).is_some() && fields.count() == sensors
 }
 
 /// The places of the sensors in the picture of the mat.

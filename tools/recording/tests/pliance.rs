@@ -60,7 +60,7 @@ fn decimal_commas_yield_the_same_recording() {
 #[test]
 fn a_damaged_time_is_refused_with_its_line() {
     let text = text(Side::Right);
-    for damaged in ["5.0l000", "?.01000", "NaN", "5.01.000"] {
+    for damaged in ["5.0l000", "?.01000", "S.01000", "NaN", "5.01.000"] {
         let result = parse(&text.replacen("\n5.01000 ", &format!("\n{damaged} "), 1));
         assert_message(result, "step.asc:8: ", &[damaged, "number"]);
     }
