@@ -3,12 +3,16 @@
 mod common;
 
 use plantar::Region;
+use plantar::faults::FaultKind;
+use plantar::insole::Insole;
 use plantar::pipeline::baseline::MAX_RESIDUAL_KPA;
 use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::setup::SetupCell;
 use plantar::pipeline::stance_rule::StanceRule;
 use recording::Recording;
 use recording::synthetic::{self, SyntheticStanding, SyntheticWalk};
 use testkit::wear::{Found, LEVELS_KPA, Residual, compare, find, noisy_walk, with_residual};
+use testkit::{LAW, SETUP, cell, code_of};
 
 /// The walk has the noise of a sensor. Its steps vary differently for each kind of residual pressure.
 #[test]
@@ -95,6 +99,58 @@ fn cells_without_a_baseline_are_reported_by_region() {
     let released_at = walk.pressure_kpa.len() / 2;
     pressed.pressure_kpa[released_at..].copy_from_slice(&walk.pressure_kpa[released_at..]);
     assert_eq!(found(&pressed).faults.without_baseline, [0; 8]);
+}
+
+/// A shoe that is laced tighter, or toes that rest on the insole, press on several cells, more from swing to swing. A single cell
+/// that reads more from swing to swing drifts.
+#[test]
+fn a_pressure_that_grows_on_several_cells_is_no_drift() {
+    let walk = noisy_walk(&SyntheticWalk { steps: 14, ..SyntheticWalk::default() });
+    let heel = walk.layout.cells.iter().enumerate().filter(|(_, cell)| cell.region == Region::Heel);
+    let heel: Vec<_> = heel.map(|(index, cell)| (index, cell.x_mm, cell.y_mm)).collect();
+    let (middle, x_mm, y_mm) = heel[heel.len() / 2];
+    let distance_mm = |(_, x, y): &(usize, f64, f64)| (x - x_mm).abs().max((y - y_mm).abs());
+    let mut adjacent = heel.clone();
+    adjacent.sort_by(|a, b| distance_mm(a).total_cmp(&distance_mm(b)));
+    let growing = |cells: &[usize]| {
+        let mut pressed = walk.clone();
+        let kpa_per_frame = 3.0 * MAX_RESIDUAL_KPA / walk.frames() as f32;
+        for (i, frame) in pressed.pressure_kpa.chunks_exact_mut(walk.cells()).enumerate() {
+            cells.iter().for_each(|&cell| frame[cell] += kpa_per_frame * i as f32);
+        }
+        found(&pressed).faults
+    };
+    let faults = growing(&adjacent[..4].iter().map(|(index, ..)| *index).collect::<Vec<_>>());
+    assert_eq!((faults.found, faults.without_baseline), (0, [4, 0, 0, 0, 0, 0, 0, 0]), "{faults:?}");
+    let faults = growing(&[middle]);
+    assert_eq!((faults.found, faults.list[0].kind), (1, FaultKind::Drift), "{faults:?}");
+}
+
+/// A cell under residual pressure reads a higher code than another cell whose pressure above its baseline is the highest.
+#[test]
+fn the_peak_pressure_is_that_above_the_baseline() {
+    const RESIDUAL_KPA: f64 = 10.0;
+    let cells = (0..64u8).map(|i| {
+        let at = cell(Region::Heel, f32::from(i % 8) * 10.0, f32::from(i / 8) * 10.0, 100.0);
+        SetupCell { row_column: i, ..at }
+    });
+    let mut insole = Box::new(Insole::<f64, 64>::new());
+    insole.set_up(SETUP, cells).unwrap();
+    let mut codes = [0u16; 64];
+    let mut push = |seq: u32, pressures_kpa: [f64; 2]| {
+        codes[0] = code_of(&LAW, RESIDUAL_KPA + pressures_kpa[0]);
+        codes[1] = code_of(&LAW, pressures_kpa[1]);
+        insole.frame(seq, &codes);
+        insole.loads()[Region::Heel as usize].frame.peak_kpa
+    };
+    // The first reading of a lifted foot becomes the baseline.
+    for seq in 0..100 {
+        push(seq, [0.0, 0.0]);
+    }
+    for (seq, pressures_kpa) in (100..).zip([[20.0, 0.0], [20.0, 24.0], [20.0, 30.0], [30.0, 28.0], [30.0, 34.0]]) {
+        let (peak_kpa, expected_kpa) = (push(seq, pressures_kpa), pressures_kpa[0].max(pressures_kpa[1]));
+        assert!((peak_kpa - expected_kpa).abs() < 0.1, "{peak_kpa} kPa, not {expected_kpa}");
+    }
 }
 
 /// The foot is lifted, stands, and is lifted again; or it stands from the first frame on.

@@ -55,6 +55,8 @@ pub(super) struct Neighbourhood {
     pub(super) loaded: u32,
     /// Area of the largest adjacent cell, in the units of [`crate::pipeline::region::RegionCell::whole`].
     pub(super) largest: i32,
+    /// Highest reading of an adjacent cell above its baseline in this frame, codes.
+    pub(super) highest: i32,
     /// Whether a nearby cell on the medial, lateral, heel or toe side exceeded the load threshold since the last review.
     loaded_sides: [bool; 4],
 }
@@ -91,6 +93,7 @@ impl Neighbourhood {
                     around.adjacent += 1;
                     around.largest = around.largest.max(cell.region.whole());
                     around.loaded += u32::from(cell.marks.has(LOADED));
+                    around.highest = around.highest.max(i32::from(frame.codes[i]) - i32::from(cell.baseline.code));
                 }
                 if cell.marks.has(LOADED) {
                     let side = if dx.abs() > dy.abs() { usize::from(dx > 0) } else { 2 + usize::from(dy > 0) };

@@ -4,7 +4,7 @@ use super::FaultKind;
 use super::neighbourhood::{FrameContext, Neighbourhood};
 use crate::num::Real;
 use crate::pipeline::baseline::Rise;
-use crate::pipeline::calibrate::{Curve, is_saturated};
+use crate::pipeline::calibrate::is_saturated;
 use crate::pipeline::cell::InsoleCell;
 use crate::pipeline::marks::{
     CellMarks, Count, DRIFT, IMPLAUSIBLE_SATURATION, LOADED, MAX_LOWERED, NO_RESPONSE, NOISE, RESPONDED, STUCK,
@@ -59,18 +59,19 @@ impl Review {
             let before = marks.swing_reading;
             let is_risen = reading(&frame.cells[index], code) > before.max(0).saturating_add(MAX_RISE);
             self.risen_rows |= u16::from(is_risen) << marks.row();
+            let is_exceeded = frame.cells[index].baseline.is_exceeded(code, frame.cells[index].zero, frame.curve);
             if self.has_stance {
-                let needs_neighbourhood = !marks.has(RESPONDED) || marks.has(UNCHANGED);
+                let needs_neighbourhood = !marks.has(RESPONDED) || marks.has(UNCHANGED) || is_exceeded;
                 let around = needs_neighbourhood.then(|| Neighbourhood::new(frame, index));
                 let cell = &mut frame.cells[index];
-                review_swing(cell, code, around.as_ref(), frame.curve);
+                review_swing(cell, code, around.as_ref(), is_exceeded);
                 self.unresponsive += u32::from(review_stance(cell, around.as_ref()));
             }
             let cell = &mut frame.cells[index];
             let is_changed = cell.follow(code, before, self.rise, frame.contact, frame.curve);
             cell.marks.swing_reading = reading(cell, code);
             self.rezeroed += u32::from(is_changed);
-            if cell.baseline.is_exceeded(code, cell.zero, frame.curve) {
+            if is_exceeded {
                 let cells = &mut self.without_baseline[frame.region(index)];
                 *cells = cells.saturating_add(1);
             }
@@ -86,8 +87,9 @@ fn reading<R>(cell: &InsoleCell<R>, code: u16) -> i16 {
 }
 
 /// Reviews the unloaded reading of a cell: it can be at full scale, stuck, or drift farther than the baseline follows. `around`
-/// are the neighbours, if their state was determined.
-fn review_swing<R: Real>(cell: &mut InsoleCell<R>, code: u16, around: Option<&Neighbourhood>, curve: &Curve) {
+/// are the neighbours, if their state was determined; `is_exceeded` states that the cell has more pressure than a baseline can
+/// have.
+fn review_swing<R>(cell: &mut InsoleCell<R>, code: u16, around: Option<&Neighbourhood>, is_exceeded: bool) {
     let (reading, reading_before) = (reading(cell, code), cell.marks.swing_reading);
     let (size, size_before) = (reading.unsigned_abs(), reading_before.unsigned_abs());
     let is_far_below = reading < 0 && size > MAX_SLOW;
@@ -113,7 +115,8 @@ fn review_swing<R: Real>(cell: &mut InsoleCell<R>, code: u16, around: Option<&Ne
     let is_beyond = if reading < 0 {
         u16::from(cell.marks.lowered) + size / NOISE > MAX_LOWERED.into()
     } else {
-        cell.baseline.is_exceeded(code, cell.zero, curve)
+        // A shoe that is laced tighter, and toes that rest on the insole, press on several cells; a sensor drifts alone.
+        is_exceeded && around.is_some_and(|around| around.highest < i32::from(reading) / 4)
     };
     if is_drift && is_beyond {
         cell.marks.add(DRIFT);

@@ -181,21 +181,23 @@ impl<R: Real> Sums<R> {
 }
 
 /// The highest cell of a region. A cell that was not compared has a code of at most seven eighths of the previous frame's highest
-/// one. So while pressures do not fall, the highest cell has the highest pressure as long as the gains of the cells differ by a
+/// one, whose code is counted from its baseline, because a cell without residual pressure may have the higher pressure at a lower
+/// code. So while pressures do not fall, the highest cell has the highest pressure as long as the gains of the cells differ by a
 /// factor of less than 1.18, which is 8/7 to the power 1/0.8, with the exponent of the reference insole's sensor law.
 struct Peak<R> {
     /// Pressure above the baseline, kPa.
     kpa: R,
-    /// Code above zero pressure.
+    /// Code above the baseline.
     code: i32,
 }
 
 impl<R: Real> Peak<R> {
     #[inline(always)]
-    fn consider(&mut self, cell: &InsoleCell<R>, code: i32, curve_kpa: R) {
+    fn consider(&mut self, cell: &InsoleCell<R>, above_zero: i32, curve_kpa: R) {
         let kpa = (curve_kpa - R::of_f32(cell.baseline.residual_kpa)) * R::of_f32(cell.baseline.gain);
         if kpa > self.kpa {
-            *self = Self { kpa, code };
+            let residual_code = i32::from(cell.baseline.code) - i32::from(cell.zero);
+            *self = Self { kpa, code: above_zero - residual_code };
         }
     }
 }
