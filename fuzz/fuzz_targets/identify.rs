@@ -1,5 +1,5 @@
-//! The messages of an insole in a guided session on the page: any messages result in steps that are counted, and in a fit or the
-//! reason why there is none.
+//! The messages of an insole in a guided session on the web page (`tools/phone`): any messages result in steps that are counted,
+//! and in a fit or the reason why there is none.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

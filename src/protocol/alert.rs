@@ -22,9 +22,9 @@ quantities! {
         /// The region is under sustained load.
         sustained: u8 = record.sustained,
             flags "The largest cell pressure of the region reached the limit for the set share of the window.";
-        /// The dose of the region has reached the limit of the day.
+        /// The dose of the region has reached the limit of the day, which no earlier alert of the day has reported.
         dose: u8 = record.dose,
-            flags "Time integral of the largest cell pressure above the limit.";
+            flags "Time integral of the excess of the largest cell pressure over the pressure limit of the dose.";
         /// Length of the window of sustained load.
         window_s: u16 = record.window_s
             => window_s [1 per "s"],

@@ -61,8 +61,8 @@ impl LoadRecord {
         }
     }
 
-    /// Its start: the number of boots since then, the time since the first scan of that boot, us, and the time on the wall
-    /// clock, us since 1970, if it was set.
+    /// Its start: the number of boots since the one that recorded it, the time since the first scan of that boot, us, and the
+    /// time on the wall clock, us since 1970, if the clock was set.
     pub fn start(&self) -> (u32, u64, Option<u64>) {
         match self {
             Self::Step(step) => (step.boots_since, step.start_us, step.start_unix_us),
@@ -71,7 +71,7 @@ impl LoadRecord {
         }
     }
 
-    /// The record with this number of boots since the one that recorded it.
+    /// The same record with another [`boots_since`](Step::boots_since).
     #[must_use]
     pub fn with_boots_since(self, boots_since: u32) -> Self {
         match self {

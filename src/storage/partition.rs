@@ -26,8 +26,8 @@ pub async fn is_on_trial<F: NorFlash>(flash: &mut F) -> Result<bool, Refusal> {
     Ok(FirmwareState::new(state_partition(&chip), &mut word).get_state().await? == State::Swap)
 }
 
-/// A range of the flash chip, written `WRITE` bytes at a time. Short reads are served from a buffered page; other tasks can run
-/// after each page that is read into the buffer.
+/// A range of the flash chip, written in multiples of `WRITE` bytes. Short reads are served from a buffered page; other tasks can
+/// run after each page that is read into the buffer.
 pub struct Partition<'a, F, const WRITE: usize> {
     chip: &'a Mutex<NoopRawMutex, F>,
     range: Range<u32>,

@@ -1,4 +1,5 @@
-//! The records, each with the number of its kind and the version of its format.
+//! The records of the map, such as settings, calibration and bonds, each with the number of its kind and the version of its
+//! format. Load records are in the step log.
 
 use super::migration;
 use crate::pipeline::alert::{AlertRules, DailyLoad};
@@ -61,7 +62,7 @@ pub struct IdentifiedRecord {
     /// The parameters, by [`Tissue::id`]. The record is written before them, so after a loss of power it may belong to
     /// parameters that are not stored.
     pub tissue_id: u32,
-    /// `None` if the host that set the parameters did not say so.
+    /// `None` if the host that set the parameters did not send this information.
     pub identified: Option<Identified>,
 }
 
@@ -69,7 +70,8 @@ pub struct IdentifiedRecord {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Bonds(pub Vec<u8, MAX_BONDS_BYTES>);
 
-/// Whether the radio has ever answered on this board: an update that loses the radio must not confirm itself.
+/// Whether the radio has ever answered on this board. If it has, an updated image confirms itself only if the radio answers with
+/// it, too.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RadioRecord {
     /// True if the radio has answered.

@@ -24,7 +24,8 @@ pub struct Received {
 
 impl Update {
     /// Receives a part of a file. Returns the offset of the part that is expected next: the length of the file after its last
-    /// part. Parts with another offset are not stored, so a lost or repeated part does no harm.
+    /// part. Bytes before the expected offset are skipped, and a part that begins after it is ignored, so a lost, repeated or
+    /// overlapping part does no harm.
     ///
     /// # Errors
     /// The [`Refusal`] to send to the host.
@@ -80,16 +81,18 @@ impl Update {
         if part.must_be_newer && header.number() == running.number() {
             return Err(Refusal::Older);
         }
-        let signature = [part.sha256.unwrap_or_default(); 2];
-        self.begin(flash, running, &Offer { header, chunks, signature }).await?;
+        // The signature is at the end of the file. Until it arrives, the checksum of the file takes its place, so that another
+        // transfer of the same file is recognised.
+        let placeholder = [part.sha256.unwrap_or_default(); 2];
+        self.begin(flash, running, &Offer { header, chunks, signature: placeholder }).await?;
         if part.sha256.is_none() {
-            // It may be another file.
+            // Without a checksum this may be another file, so the transfer starts from the beginning.
             self.received = 0;
         }
         Ok(())
     }
 
-    /// Verifies the signature of the image that was received as a file and has this name, and marks it for the bootloader.
+    /// Verifies the signature of the image that was received as a file, and marks the image for the bootloader.
     ///
     /// # Errors
     /// The [`Refusal`] to send to the host. The image is then discarded.
@@ -106,8 +109,8 @@ impl Update {
     /// Discards the image that is being received or was received.
     ///
     /// # Errors
-    /// [`Refusal::OnTrial`] if it is marked for the bootloader, or if the chip contains the image to which an image on trial
-    /// returns.
+    /// [`Refusal::OnTrial`] if it is marked for the bootloader, or if the running image is on trial, because the chip then
+    /// contains the previous image.
     pub async fn discard<F: NorFlash>(&mut self, flash: &mut F) -> Result<(), Refusal> {
         if is_on_trial(flash).await? {
             return Err(Refusal::OnTrial);
@@ -151,8 +154,8 @@ async fn sha256<F: NorFlash>(header: &Header, image_bytes: u32, mut place: Place
     Ok(digest.finalize().into())
 }
 
-/// The name of the running image, which is padded with 0xff to whole chunks in its file. The first argument states the type of
-/// the chip, so that the code exists once.
+/// The name of the running image, which is padded with 0xff to whole chunks in its file. The first argument only states `F`, so
+/// that the checksum is compiled for one type of chip.
 pub async fn sha256_of_running<F: NorFlash>(_: &F, header: &Header, image: &[u8]) -> Sha256 {
     let image_bytes = image.len().next_multiple_of(CHUNK) as u32;
     // Reading memory does not fail.

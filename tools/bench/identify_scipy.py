@@ -1,5 +1,5 @@
-"""The paper's search through SciPy's SLSQP, for comparison: it minimises Eq. 18 with the penalty of Eq. 19 over eight
-bounded variables, from ten random starts.
+"""The search of the paper (docs/model.md) through SciPy's SLSQP, for comparison: it minimises Eq. 18 with the penalty
+of Eq. 19 over eight bounded variables, from ten random starts.
 
 The search varies the logarithms of k and c, because it rarely converges otherwise. The argument is a folder with one file
 of doubles for each region, 0.f64 to 7.f64. A file has the number of samples; then for each sample: the area (m2), the
@@ -30,7 +30,7 @@ PENALTY_PER_N = 1.0
 
 
 def force(x, area, later, earlier, per_s):
-    """The model force of each sample, with the penalty for a negative force."""
+    """The model force of each sample, which may be negative (tensile)."""
     a, b, c_m, d0, k, n, c, m = x
     k, c = np.exp(k), np.exp(c)
     ratio = np.clip(area / (np.pi * a * b), 0.0, 1.0)
@@ -42,8 +42,12 @@ def force(x, area, later, earlier, per_s):
         shape = (6.0 * c_m**2 - 4.0 * c_m * d + d**2) / (3.0 * c_m * (2.0 * c_m - d))
         viscous = c * (d / d0) ** m * rate * shape
         total = np.pi * a * b * d / c_m * (elastic + viscous)
-    total = np.where(d > 0.0, total, 0.0)
-    return np.where(total < 0.0, total + PENALTY_PER_N * total**2, total)
+    return np.where(d > 0.0, total, 0.0)
+
+
+def penalised(force_n):
+    """The forces with the penalty for negative ones (Eq. 19)."""
+    return np.where(force_n < 0.0, force_n + PENALTY_PER_N * force_n**2, force_n)
 
 
 for region in range(8):
@@ -57,10 +61,10 @@ for region in range(8):
     evaluations = 0
 
     def squares(x):
-        """The sum of squared residuals, relative to the peak force: the square of the NRMSE."""
+        """The mean squared residual, relative to the squared peak force: the square of the NRMSE, with the penalty."""
         global evaluations
         evaluations += 1
-        return np.sum((force(x, area, later, earlier, per_s) - measured) ** 2) / scale
+        return np.sum((penalised(force(x, area, later, earlier, per_s)) - measured) ** 2) / scale
 
     generator = np.random.default_rng(region)
     best = np.inf

@@ -1,11 +1,11 @@
 """A replay in vectorised NumPy, for comparison with the library.
 
 It has the same stages: codes of the virtual sensor, calibration, contact with hysteresis, areas, forces, centres of
-pressure, second moments, the live model, and for each step the model. Other than the library, it smooths the area of a
-step as in the paper. The arguments are a folder with the data, the full scale of the sensor (kPa), the exponent of its
-curve, and the frames per second. The pressures are in pressure.f32, or in a recording walk.parquet, which pandas then
-reads as part of the replay. The script prints the seconds, the number of steps, and the peak live model force of each
-region (N).
+pressure, second moments, the live model, and for each step the model. Unlike the library, it smooths the area of a step
+as the paper does (docs/model.md). The arguments are a folder with the data, the full scale of the sensor (kPa), the
+exponent of its curve, and the frames per second. The pressures are in pressure.f32, or in a recording walk.parquet,
+which pandas then reads as part of the replay. The script prints the seconds, the number of steps, and the peak live
+model force of each region (N).
 """
 
 import sys

@@ -55,7 +55,8 @@ defmt::timestamp!("{=u64:us}", Instant::now().as_micros());
 #[unsafe(link_section = ".header")]
 static IMAGE: Header = Header::new("emulated", env!("PLANTAR_VERSION"));
 
-/// Rate of the link: that of a serial port at 460,800 bit/s, although the emulator does not limit the rate.
+/// Rate of the link: that of a serial port at 460,800 bit/s, although the emulator does not limit the rate at which the board
+/// sends.
 const SERIAL_BYTES_PER_S: u32 = 46_080;
 static LINK: Port = Port::new(USART1, Interrupt::USART1);
 static HCI: Port = Port::new(USART2, Interrupt::USART2);
@@ -70,7 +71,7 @@ const FRAMES: usize = 8;
 static MEMORY: Memory<FlashFile, FRAMES> = Memory::new();
 
 /// The faults that are injected into processing.
-const PROCESSING: [InjectedFault; 4] =
+const PROCESSING_FAULTS: [InjectedFault; 4] =
     [InjectedFault::ModelStalled, InjectedFault::StackOverflow, InjectedFault::Fault, InjectedFault::Panic];
 
 /// Counts cycles with SysTick. It restarts every millisecond, so it can only measure shorter times.
@@ -82,7 +83,7 @@ impl Stopwatch for SysTick {
     fn start(&self) -> u32 {
         // Processing calls this function whenever it has taken a frame from the queue. A real stopwatch does only the last line;
         // this board also uses the call to inject faults into processing.
-        inject(&PROCESSING);
+        inject(&PROCESSING_FAULTS);
         SYST::get_current()
     }
 
@@ -250,7 +251,7 @@ unsafe fn TIM3() {
 cortex_m_platform::on_systick!(tick);
 
 /// Runs once a millisecond, or less often on a busy host.
-extern "C" fn tick(frame: u32) {
+extern "C" fn tick(stack_frame: u32) {
     static NEXT_CHECK_MS: AtomicU32 = AtomicU32::new(CHECK_PERIOD_MS);
     TIME.on_interrupt();
     // A count of milliseconds in 32 bits wraps after seven weeks.
@@ -258,6 +259,6 @@ extern "C" fn tick(frame: u32) {
     let next_ms = NEXT_CHECK_MS.load(Ordering::Relaxed);
     if !is_after(next_ms, now_ms) {
         NEXT_CHECK_MS.store(now_ms.wrapping_add(CHECK_PERIOD_MS), Ordering::Relaxed);
-        cortex_m_platform::check(frame, &SCAN_COUNTERS.heartbeats);
+        cortex_m_platform::check(stack_frame, &SCAN_COUNTERS.heartbeats);
     }
 }

@@ -19,7 +19,7 @@ use semihosting::fs::File;
 use semihosting::io::{Read, Seek, SeekFrom};
 
 /// Time after which a plant that does not answer counts as stopped. The frame is then abandoned.
-const ANSWER: Duration = Duration::from_millis(400);
+const ANSWER_TIMEOUT: Duration = Duration::from_millis(400);
 /// Time between heartbeats while a paced clock waits.
 const HEARTBEAT: Duration = Duration::from_millis(100);
 
@@ -86,7 +86,7 @@ impl Matrix for PlantMatrix {
             // This row was read together with an earlier one.
             return Ok(());
         }
-        with_timeout(ANSWER, self.row_ready(seq, row)).await.map_err(|_| MatrixTimeout)?;
+        with_timeout(ANSWER_TIMEOUT, self.row_ready(seq, row)).await.map_err(|_| MatrixTimeout)?;
         // Reads all rows that are ready, because each access to the file stops the emulator.
         let mut bytes = [0; 2 * DEVICE_CELLS];
         let end = (self.rows_ready * COLUMNS).min(self.cells).min(DEVICE_CELLS);

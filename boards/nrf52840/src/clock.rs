@@ -1,4 +1,4 @@
-//! The low-frequency clock, and the waits that are shorter than its ticks of 30.5 us.
+//! The low-frequency clock, and waits with a finer resolution than its ticks of 30.5 us.
 
 use core::future::poll_fn;
 use core::task::Poll;
@@ -35,7 +35,8 @@ pub fn has_crystal() -> bool {
     let has_started = within_ms(CRYSTAL_LIMIT_MS, || pac::CLOCK.events_lfclkstarted().read() != 0);
     pac::CLOCK.tasks_lfclkstop().write_value(1);
     pac::CLOCK.events_lfclkstarted().write_value(0);
-    // The result does not matter: `embassy_nrf::init` starts the clock again in any case, and the watchdog has its own clock.
+    // Whether the clock stopped in time does not matter: `embassy_nrf::init` starts it again in any case, and the watchdog has a
+    // clock of its own.
     within_ms(STOP_LIMIT_MS, || !pac::CLOCK.lfclkstat().read().state());
     has_started
 }
@@ -56,7 +57,7 @@ impl Microseconds {
         Self(timer)
     }
 
-    /// Waits for `us` microseconds, at least 1.
+    /// Waits for `us` microseconds, which must not be 0.
     pub async fn wait(&mut self, us: u32) {
         pac::TIMER2.tasks_stop().write_value(1);
         pac::TIMER2.tasks_clear().write_value(1);

@@ -67,7 +67,7 @@ const LINK_BIT_HZ: u32 = 460_800;
 const LINK_RATE: Baudrate = Baudrate::Baud460800;
 
 /// The fault that the hello reports if the low-frequency crystal does not oscillate.
-const NO_CRYSTAL: &str = "the 32 kHz crystal does not oscillate: times are accurate to 0.05 % only";
+const NO_CRYSTAL: &str = "the 32 kHz crystal does not oscillate: times accurate to 0.05 % only; check its soldering";
 
 /// Largest number of attempts to measure the battery at the start.
 const BATTERY_ATTEMPTS: u32 = 3;
@@ -241,7 +241,7 @@ async fn run(boot: BootReport, image: &'static Header, p: Peripherals, has_cryst
     let Started { insole, store, shared, to_process, scanned, period_us } = started;
     let mut link = uarte::Config::default();
     link.baudrate = LINK_RATE;
-    // The length of the buffer is even, as the driver requires.
+    // The length of `RECEIVED` is even, as the driver requires.
     let (to_send, received) = (TO_SEND.take(), RECEIVED.take());
     let link = BufferedUarte::new(
         p.UARTE0,
@@ -334,10 +334,10 @@ extern "C" fn supervise() {
 }
 
 /// Runs the supervision, then feeds the hardware watchdog, which resets the board if interrupts do not run any more.
-extern "C" fn tick(frame: u32) {
+extern "C" fn tick(stack_frame: u32) {
     pac::RTC2.events_tick().write_value(0);
     // The event must be cleared before this function returns, or the interrupt would occur again. Reading waits for the write.
     let _ = pac::RTC2.events_tick().read();
-    cortex_m_platform::check(frame, &SCAN_COUNTERS.heartbeats);
+    cortex_m_platform::check(stack_frame, &SCAN_COUNTERS.heartbeats);
     watchdog::feed();
 }

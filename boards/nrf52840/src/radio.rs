@@ -57,8 +57,8 @@ const TX_PACKETS: u8 = 3;
 const RX_PACKETS: u8 = 2;
 /// Memory of the controller for one central, bytes: the largest need by the macros of `sdc.h`. A link takes 923, which includes
 /// one packet of 27 bytes in each direction. Each packet takes its length plus 15; the two included ones are subtracted. The
-/// table of links takes 17, advertising with 31 bytes 574, and the filter accept list 68. The library logs how many bytes it
-/// needs, unless they are exactly these, and does not start with less; version 0.3 of `nrf-sdc-sys` needs 2616.
+/// table of links takes 17, advertising with 31 bytes 574, and the filter accept list 68. The library logs its need if it differs
+/// from this constant, and does not start if the constant is smaller. Version 0.3 of `nrf-sdc-sys` needs 2616 bytes.
 const MEMORY: usize = {
     let packets = (TX_PACKETS + RX_PACKETS) as usize * (PACKET as usize + 15) - 2 * (27 + 15);
     (923 + packets + 17 + 574 + 68).next_multiple_of(8)
@@ -113,12 +113,13 @@ pub async fn run(parts: Parts, from_radio: &'static HciPipe, to_radio: &'static 
             pending().await
         }
     };
-    // Both directions send events to the host, each as a whole.
+    // `receive` and `send` both write packets to the host. The mutex keeps each packet in one piece.
     let host = Mutex::new(from_radio);
     join3(layer.run(), receive(&radio, &host), send(&radio, to_radio, &host)).await.0
 }
 
-/// The source of the low-frequency clock. Without a crystal it is the RC oscillator, which is calibrated every 4 s.
+/// The source of the low-frequency clock. Without a crystal it is the RC oscillator, which is calibrated every 8 s,
+/// or after 4 s if the temperature has changed.
 fn low_frequency_clock(has_crystal: bool) -> scheduler::mpsl_clock_lfclk_cfg_t {
     let (source, rc_ctiv, rc_temp_ctiv, accuracy_ppm) = if has_crystal {
         (scheduler::MPSL_CLOCK_LF_SRC_XTAL as u8, 0, 0, 50)
@@ -154,7 +155,7 @@ fn start(
         .build(parts, RANDOM.init(rng), layer, CONTROLLER.init_with(Mem::new))
 }
 
-/// Writes packets to the host.
+/// The pipe to the host, locked while a packet is written.
 type Host<'a> = Mutex<NoopRawMutex, &'a HciPipe>;
 
 /// Passes packets from the controller to the host.
@@ -226,7 +227,8 @@ struct Reply {
 }
 
 impl Reply {
-    /// The reply to an unknown command.
+    /// A reply to the command with this opcode. It reports an unknown command until [`Reply::status`] or [`Reply::complete`] is
+    /// called.
     fn to(opcode: [u8; 2]) -> Self {
         let mut reply = Self { opcode, packet: [0; _], len: 0 };
         reply.status(Status::UNKNOWN_CMD);
@@ -344,7 +346,7 @@ pub struct Nrf52840 {
 
 impl BluetoothBoard for Nrf52840 {
     fn address(&self) -> Option<[u8; 6]> {
-        // A random number that Nordic wrote into each controller.
+        // A random number that Nordic wrote into each nRF52840.
         let [low, high] = [0, 1].map(|word| pac::FICR.deviceaddr(word).read().to_le_bytes());
         let mut address = [low[0], low[1], low[2], low[3], high[0], high[1]];
         // The two highest bits mark a random static address.

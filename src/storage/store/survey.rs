@@ -36,24 +36,24 @@ impl Survey {
     }
 
     fn has_no_records(&self) -> bool {
-        is_empty(self.records) && matches!(self.boots, Ok(None) | Err(StorageError::Contents))
+        is_empty_or_damaged(self.records) && matches!(self.boots, Ok(None) | Err(StorageError::Contents))
     }
 
     fn has_no_log(&self) -> bool {
-        is_empty(self.log)
+        is_empty_or_damaged(self.log)
     }
 }
 
-/// The bytes of an area.
+/// A summary of the bytes of an area.
 #[derive(Clone, Copy, PartialEq, Eq)]
 struct Area {
     checksum: u32,
     is_blank: bool,
-    /// It contains more than the first entry, which an interrupted first boot may have written.
-    is_more_than_first_entry: bool,
+    /// Not blank after the first entry, which an interrupted first boot may have written.
+    has_data_after_first_entry: bool,
 }
 
-fn is_empty(count: Result<u32, StorageError>) -> bool {
+fn is_empty_or_damaged(count: Result<u32, StorageError>) -> bool {
     matches!(count, Ok(0) | Err(StorageError::Contents))
 }
 
@@ -103,7 +103,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// Erases the areas that have contents but cannot be used. A chip that fails here fails again at the next write, which is
     /// reported.
     async fn clear(&mut self, survey: &Survey, [records, log]: [Area; 2]) {
-        // This firmware has used the chip before if the chip has a count of boots or the number of a record.
+        // This firmware has used the chip before if boots are counted in the chip, or its log has the number of a
+        // record.
         let is_in_use = matches!(survey.boots, Ok(Some(_))) || self.contents.next_record != 0;
         if survey.has_no_records() {
             self.clear_area(RECORDS, records, is_in_use).await;
@@ -118,7 +119,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// Erases an area unless it is blank. It is counted in [`Contents::erased`] if anything may be lost.
     async fn clear_area(&mut self, range: Range<u32>, area: Area, is_in_use: bool) {
         if let Some(flash) = self.flash.as_mut().filter(|_| !area.is_blank) {
-            self.contents.erased += u32::from(is_in_use || area.is_more_than_first_entry);
+            self.contents.erased += u32::from(is_in_use || area.has_data_after_first_entry);
             self.log_cache = empty_cache();
             let _ = flash.erase(range.start, range.end).await;
         }
@@ -135,7 +136,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// Reads all bytes of an area.
     async fn read_area(&mut self, range: Range<u32>) -> Area {
         let Self { flash, buffer, .. } = self;
-        let mut area = Area { checksum: 0, is_blank: true, is_more_than_first_entry: false };
+        let mut area = Area { checksum: 0, is_blank: true, has_data_after_first_entry: false };
         let mut digest = CRC.digest();
         for at in range.clone().step_by(buffer.len()) {
             if let Some(flash) = flash
@@ -144,7 +145,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
                 digest.update(buffer);
                 let is_blank = buffer.iter().all(|byte| *byte == 0xff);
                 area.is_blank &= is_blank;
-                area.is_more_than_first_entry |= !is_blank && at > range.start;
+                area.has_data_after_first_entry |= !is_blank && at > range.start;
             }
         }
         area.checksum = digest.finalize();

@@ -14,13 +14,15 @@ use recording::{Recording, VirtualInsole, synthetic};
 /// Largest relative differences so far.
 #[derive(Default)]
 struct Worst {
-    /// Of forces, relative to the peak force of the region.
+    /// Of forces, relative to the peak force of the region, and of force-time integrals, relative to this peak times the contact
+    /// time.
     force: f64,
     /// Of areas and ellipse radii, relative to the value.
     area: f64,
 }
 
-/// Measures the differences with counted cells and covered shares, each with typical parameters and those of `tight_tissue`.
+/// Measures the differences with both contact rules ([`ContactRule`]), each with typical parameters and those of
+/// [`tight_tissue`].
 pub fn measure(figures: &mut Figures) -> Result<()> {
     let walk = synthetic::walk(&synthetic::SyntheticWalk { steps: 30, ..Default::default() }).recording;
     let mut worst = Worst::default();
@@ -34,7 +36,7 @@ pub fn measure(figures: &mut Figures) -> Result<()> {
     figures.add(
         "device_vs_host_force_rel",
         worst.force,
-        "largest difference of a force between f32 and f64, relative to its region's peak",
+        "largest difference of a force or force-time integral between f32 and f64, relative to its region's peak",
     );
     figures.add(
         "device_vs_host_area_rel",
@@ -109,8 +111,8 @@ fn compare(walk: &Recording, contact: ContactRule, tissue: &Tissue, worst: &mut 
     Ok(())
 }
 
-/// Soft ellipsoids whose largest section is only one percent larger than the largest contact. With these, single precision is
-/// least accurate.
+/// Ellipsoids with n = 1.5 and m = 1 whose largest section is only one percent larger than the largest contact area. With these,
+/// single precision is least accurate.
 fn tight_tissue(walk: &Recording, typical: &Tissue) -> Result<Tissue> {
     let virtual_insole = VirtualInsole::new(walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
     let mut insole = Box::new(Insole::<f64, DEVICE_CELLS>::new());

@@ -1,4 +1,5 @@
-//! Counts the instructions of one frame on the emulated Cortex-M4F, from raw codes to the encoded live message.
+//! Counts instructions on the emulated Cortex-M4F: of a frame, from raw codes to the encoded live message, of the packing of
+//! cells, and of the tracking of force laws in each step.
 
 use anyhow::{Context, Result, bail};
 use bench::Figures;
@@ -61,7 +62,8 @@ impl Walk for Noisy {
     }
 }
 
-/// Counts the instructions with counted cells and with covered shares.
+/// Counts the instructions of a frame with both contact rules ([`ContactRule`]): counted cells, and cells that are covered in
+/// part. Counts also those of the packing of cells, and of the tracking of force laws.
 pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
     let layout = synthetic::insole(CELLS);
     let pressure_kpa = synthetic::loaded_frame(&layout);
@@ -90,7 +92,7 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
         virtual_insole.codes(recording.frame(0), &mut codes);
         for region in Region::ALL {
             if !virtual_insole.cells.iter().zip(&codes).any(|(cell, &code)| cell.cell.region == region && code > 0) {
-                bail!("{} is not loaded", region.name());
+                bail!("the computed frame of {CELLS} cells loads no cell of the region {}", region.name());
             }
         }
         let measure = |walk: Loaded| instructions(&walk_through(firmware, &virtual_insole, Time::Counted, walk, None)?);
@@ -99,7 +101,7 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
             figures.add(
                 "tracking_instructions",
                 tracking(firmware, &virtual_insole, &codes)?,
-                "at most 2,000: instructions that the tracking adds to a step of 0.64 s at 100 Hz with 8 regions",
+                "at most 2,000: instructions that tracking of the force laws adds to a step of 0.64 s at 100 Hz with 8 regions",
             );
         } else {
             let noisy = || Noisy(codes.clone(), fastrand::Rng::with_seed(1));
@@ -141,12 +143,13 @@ impl Walk for Striding {
     }
 }
 
-/// Instructions that the tracking adds to the evaluation of a step: the difference to a step without tracking. The model force of
-/// the latter is 0, which leaves nothing to sum up. The tracking takes equally long in each region, so the median of the regions
-/// stands for all of them: a scan that interrupts the same region in each step does not change it.
+/// Instructions that tracking of the force laws ([`plantar::pipeline::track`]) adds to the evaluation of a step: the difference
+/// to a step with parameters that are not tracked. These have a model force of 0, so that no sample is added to the sums of the
+/// tracking either. Tracking takes the same time in each region, so eight times the median over the regions is used: the median
+/// does not change if a scan interrupts the same region in every step.
 fn tracking(firmware: &Path, insole: &VirtualInsole, codes: &[u16]) -> Result<f64> {
     let law = |stiffness_pa, damping_pa_s| ForceLaw {
-        // pi A B exceeds every area, and the model force is positive in all samples.
+        // pi A B exceeds every area. With the coefficients of the tracked law, the model force is positive in all samples.
         ab_m2: 0.01,
         c_m: 0.01,
         stiffness_pa,

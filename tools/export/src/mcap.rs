@@ -76,15 +76,15 @@ struct Topic {
 }
 
 impl Topic {
-    /// `schema` has the properties of a message.
+    /// `properties` has the JSON schemas of the properties of a message.
     fn new<W: Write + Seek>(
         to: &mut Writer<W>,
         side: Side,
         topic: &str,
         title: &str,
-        schema: Value,
+        properties: Value,
     ) -> McapResult<Self> {
-        let schema = json!({ "title": title, "type": "object", "properties": schema });
+        let schema = json!({ "title": title, "type": "object", "properties": properties });
         let schema_id = to.add_schema(title, "jsonschema", schema.to_string().as_bytes())?;
         let topic = format!("/{}/{topic}", side.name());
         Ok(Self { channel_id: to.add_channel(schema_id, &topic, "json", &BTreeMap::new())?, sequence: 0 })

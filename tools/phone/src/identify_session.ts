@@ -16,7 +16,7 @@ import type { Insole } from "./transport/transport";
 
 /** Duration of standing on both feet. */
 const STAND_MS = 3000;
-/** A foot carries the wearer from this force on. */
+/** A foot counts as standing on the ground from this total force on. */
 const STANDING_N = 50;
 /** Messages are passed to the worker and to the storage after this time at the latest. */
 const PASS_ON_MS = 1000;
@@ -88,8 +88,8 @@ export class IdentifySession {
   readonly remarks = new Set<string>();
   /** The reason of a failure, as a sentence for the wearer. */
   failure = "";
-  /** Number of fitted regions of all feet. */
-  fitted = 0;
+  /** Number of these regions whose fit has ended, also without a result. */
+  regions_done = 0;
   /** The messages so far: parts of a stream file. */
   private parts: Uint8Array<ArrayBuffer>[] = [];
   /** Messages that were not passed on yet. */
@@ -109,7 +109,7 @@ export class IdentifySession {
     return this.phase === "stand" || this.phase === "walk";
   }
 
-  /** Number of regions that are fitted in all. */
+  /** Number of regions that are to be fitted: all of each foot with at least {@link MIN_STEPS} good steps. */
   get regions(): number {
     return REGIONS * this.fittable().length;
   }
@@ -156,7 +156,7 @@ export class IdentifySession {
     }));
     this.remarks.clear();
     [this.parts, this.pending] = [[], []];
-    [this.failure, this.fitted, this.attempts] = ["", 0, 0];
+    [this.failure, this.regions_done, this.attempts] = ["", 0, 0];
     this.stand_since_ms = undefined;
     this.remarked_ms = -Infinity;
   }
@@ -234,8 +234,11 @@ export class IdentifySession {
     for (const foot of this.feet) {
       const is_lost = lost.includes(foot.side);
       if (is_lost !== foot.is_lost && (this.isCollecting || this.phase === "verify")) {
-        const lost = `The ${foot.side} insole is not connected. Stop, and hold the phone closer.`;
-        this.host.cues.say(is_lost ? lost : "Connected. Continue to walk.");
+        const is_standing = this.phase === "stand";
+        const state = `The ${foot.side} insole is ${is_lost ? "not connected" : "connected again"}.`;
+        const stop = is_standing ? "Hold the phone closer." : "Stop, and hold the phone closer.";
+        const go_on = is_standing ? "Stand still on both feet." : "Continue to walk.";
+        this.host.cues.say(`${state} ${is_lost ? stop : go_on}`);
         this.host.cues.vibrate(is_lost ? [400, 200, 400] : [200]);
       }
       foot.is_lost = is_lost;
@@ -258,7 +261,7 @@ export class IdentifySession {
         }
         return;
       case "fitted":
-        this.fitted += 1;
+        this.regions_done += 1;
         return;
       case "result":
         return this.receiveResult(answer.insole, answer.result);
@@ -298,12 +301,12 @@ export class IdentifySession {
       ...this.feet
         .filter(({ is_lost }) => is_lost && is_walking)
         .map(({ side }) => `The ${side} insole is not connected. Hold the phone closer; the session continues then.`),
-      ...(is_one_sided ? missing.map(({ side }) => `No step of the ${side} foot has arrived. Is its insole in the shoe?`) : []),
+      ...(is_one_sided ? missing.map(({ side }) => missingFoot(side)) : []),
       ...this.feet.filter(({ collected }) => collected?.mirrored).map(({ side }) => mirrored(side)),
     ];
   }
 
-  /** What happened so far and requires no action, as sentences: steps that were not used, and remarks. */
+  /** What happened so far, as sentences: steps that were not used, and remarks. */
   comments(): string[] {
     return [...this.feet.flatMap(({ collected }) => (collected ? exclusions(collected) : [])), ...this.remarks];
   }
@@ -320,7 +323,7 @@ export class IdentifySession {
     if (!this.canFinish) return;
     this.passOn(this.passed_on_ms);
     this.phase = "fit";
-    this.fitted = 0;
+    this.regions_done = 0;
     this.host.cues.vibrate([200, 100, 200]);
     this.host.cues.say("That is enough. You can stop. The phone computes the result.");
     this.solveNext();
@@ -381,7 +384,9 @@ export class IdentifySession {
     }
     this.phase = "verify";
     this.last_step_ms = now_ms;
-    this.host.cues.say(`The insoles have your parameters. Walk ${CHECK_STEPS} more steps.`);
+    const confirmed = feet.filter(({ sent }) => sent === "confirmed");
+    const owners = confirmed.length === 1 ? `The ${confirmed[0].side} insole has` : "The insoles have";
+    this.host.cues.say(`${owners} your parameters. Walk ${CHECK_STEPS} more steps.`);
   }
 
   /** Ends the session without the check on further steps. */
@@ -409,13 +414,17 @@ export class IdentifySession {
   }
 }
 
+/** The remark on a foot without usable steps. */
+const missingFoot = (side: Side) =>
+  `No usable step of the ${side} foot has arrived. Check that its insole is in the shoe, and walk straight.`;
+
 /** The remark on an insole that seems to lie under the wrong foot. */
 const mirrored = (side: Side) =>
   `The loads of the ${side} insole look like those of the other foot. Check that the ${side} insole is in the ${side} shoe.`;
 
 /**
- * The time from which the times of a continued session go on: that of the first message in the last part, plus the longest time
- * that a part covers.
+ * The time at which a continued session begins in the file: that of the first message in the last part plus {@link PASS_ON_MS},
+ * about the longest time that a part covers.
  */
 function endTime_ms(parts: readonly Uint8Array[]): Entry["t_ms"] {
   const last = parts.at(-1);

@@ -51,8 +51,8 @@ function content(session: IdentifySession, state: IdentifyState): Node[] {
     case "fit":
       return [
         ["p", { class: "command" }, "You can stop"],
-        ["progress", { max: String(session.regions), value: String(session.fitted), "aria-label": "Regions computed" }],
-        soft(`Computing your tissue: ${session.fitted} of ${session.regions} regions.`),
+        ["progress", { max: String(session.regions), value: String(session.regions_done), "aria-label": "Regions computed" }],
+        soft(`Computing your tissue: ${session.regions_done} of ${session.regions} regions.`),
       ];
     case "result":
     case "push":

@@ -131,7 +131,7 @@ test("the feet are fitted one after the other, the parameters are sent until the
   expect(session.phase).toBe("fit");
   expect(solved.at(-1)).toEqual({ kind: "identify", insole: 0, size: 42 });
   answer({ kind: "fitted", region: 0 });
-  expect([session.fitted, session.regions]).toEqual([1, 16]);
+  expect([session.regions_done, session.regions]).toEqual([1, 16]);
   answer({ kind: "result", insole: 0, result: result(8) });
   expect(solved.at(-1)).toEqual({ kind: "identify", insole: 1, size: 42 });
   answer({ kind: "result", insole: 1, result: result(8) });
@@ -179,7 +179,7 @@ test("a foot without steps is named and is not fitted", () => {
   count(collected("left", MIN_STEPS - 1), collected("right", 0));
   expect(session.canFinish).toBe(false);
   count(collected("left", MIN_STEPS), collected("right", 0));
-  expect(session.problems()).toEqual(["No step of the right foot has arrived. Is its insole in the shoe?"]);
+  expect(session.problems()).toEqual(["No usable step of the right foot has arrived. Check that its insole is in the shoe, and walk straight."]);
   session.finishWalk();
   expect(solved.at(-1)).toEqual({ kind: "identify", insole: 0, size: 42 });
   answer({ kind: "result", insole: 0, result: result(8) });

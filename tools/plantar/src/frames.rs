@@ -46,8 +46,8 @@ enum Sink {
 }
 
 impl FrameWriter {
-    /// Creates a file; its extension, .csv or .parquet, selects the format. It has its name once it is finished, so that an
-    /// interruption leaves an existing file as it is.
+    /// Creates a file; its extension, .csv or .parquet, selects the format. It has this name once
+    /// [`FrameWriter::finish`] has renamed it, so that an interruption leaves an existing file as it is.
     pub fn create(path: &Path, rule: ContactRule) -> Result<Self> {
         let names = frames::column_names();
         let mut name = OsString::from(path);

@@ -359,7 +359,7 @@ fn refused_beside<L: Read + Write>(arguments: &[&str], link: impl FnOnce() -> L)
             has_ended.store(true, Ordering::Relaxed);
             ended
         });
-        // The first program requests the time again and again.
+        // The first program requests the time several times a second, so `has_ended` is checked as often.
         assert!(insole.serve(&mut link, |_| has_ended.load(Ordering::Relaxed)));
         let (output, text) = second.join().expect("no panic");
         assert!(!output.status.success(), "{text}");
@@ -433,11 +433,11 @@ mod serial {
         assert!(insole.serve(&mut port, is_acknowledgement));
         insole.is_silent = true;
         // After this number of unanswered requests, the program has opened the port again.
-        const MAX_CONNECT_REQUESTS: u32 = 15;
+        const REQUESTS_BEFORE_REOPENED: u32 = 15;
         let connect_requests = Cell::new(0);
         assert!(insole.serve(&mut port, |message| {
             connect_requests.set(connect_requests.get() + u32::from(matches!(message, ToDevice::Connect { .. })));
-            connect_requests.get() > MAX_CONNECT_REQUESTS
+            connect_requests.get() > REQUESTS_BEFORE_REOPENED
         }));
         insole.is_silent = false;
         insole.session.push_record(step(1));

@@ -79,7 +79,7 @@ fn a_step_is_imported_in_both_directions_of_walking_and_its_foot_is_recognised()
 }
 
 #[test]
-fn missing_pictures_are_a_gap_in_time() {
+fn missing_pictures_are_interpolated() {
     let whole = parse(&file(Side::Right, false)).unwrap();
     let mut pages =
         file(Side::Right, false).split_inclusive(|&byte| byte == 0x0c).map(<[u8]>::to_vec).collect::<Vec<_>>();

@@ -3,8 +3,8 @@
 //! [`fits::rows`] fits each step of one recording of a [`Person`]. It has no state, so that any program can distribute the
 //! recordings of a study: the threads of the command line, or an engine such as Dask or Spark, which receives the rows through
 //! the Python package. [`records`] and [`frames`] have the columns of steps and of frames, and [`table`] writes rows as Parquet.
-//! [`Search`] and [`ContactOptions`] are the options. Small files are read through a [`ReadFile`], because the files of a study
-//! may be in object storage.
+//! [`Search`] and [`ContactOptions`] are the options. The settings of a participant, zeros and tissue measurements are read
+//! through a [`ReadFile`], because the files of a study may be in object storage.
 
 pub mod fits;
 pub mod frames;

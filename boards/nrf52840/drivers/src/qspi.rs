@@ -1,7 +1,7 @@
 //! The bus to the flash chip on the module: the QSPI peripheral.
 //!
 //! `embassy-nrf` has a driver for it, too. It is not used here, because it panics on addresses, lengths and buffers that are not
-//! aligned, and because it waits in a loop without an end if a transfer is given up, as after a timeout.
+//! aligned, and because it waits in a loop without an end if a transfer is cancelled, as after a timeout.
 //!
 //! The chip is used with one data line in each direction. Four lines would need a bit in a non-volatile register of the chip, and
 //! the board needs no higher rate: at 16 Mbit/s, it reads an image in a quarter of a second.
@@ -32,7 +32,7 @@ const SELECT_HIGH: u8 = 2;
 /// Longest time of a transfer, ms. A page takes 0.2 ms.
 const TRANSFER_LIMIT_MS: u32 = 20;
 
-/// The buffer of the transfers. A transfer that was given up may still change it, which does no harm.
+/// The buffer of the transfers. A cancelled transfer may still change it, which does no harm.
 static PAGE: Page = [const { AtomicU32::new(0) }; PAGE_WORDS];
 
 /// How a program waits.
@@ -46,7 +46,7 @@ pub trait Wait {
     async fn pause_ms(&mut self, ms: u32);
 }
 
-/// The bus. The pins, which are soldered to the chip, belong to it.
+/// The bus. It owns its pins, which the module connects to the chip and to nothing else.
 pub struct Qspi<W> {
     wait: W,
     is_active: bool,
@@ -56,7 +56,7 @@ impl<W: Wait> Qspi<W> {
     /// Configures the pins and the peripheral, which remains off.
     pub fn new(_qspi: Peri<'static, peripherals::QSPI>, wait: W) -> Self {
         for pin in [CLOCK, SELECT, TO_CHIP, WRITE_PROTECT, HOLD] {
-            // The level while the peripheral is off: no command.
+            // While the peripheral is off, these levels signal no command.
             P0.outset().write(|w| w.set_pin(pin, pin != CLOCK && pin != TO_CHIP));
             P0.pin_cnf(pin).write(|w| {
                 w.set_dir(Dir::Output);
@@ -120,7 +120,7 @@ impl<W: Wait> Bus for Qspi<W> {
 
     async fn activate(&mut self) -> Result<(), NoAnswer> {
         if self.is_active {
-            // An operation was given up before it switched the bus off.
+            // An operation was cancelled before it switched the bus off.
             self.deactivate();
         }
         self.is_active = true;

@@ -38,7 +38,7 @@ const WATCHDOG_US: u32 = 20_000_000;
 /// The level of the voltage detector: 2.8 V. The flash chip works from 2.7 V on.
 const SUPPLY_LEVEL: u8 = 5;
 /// The detector needs some microseconds after its start. At 32 MHz, this is 100 us.
-const DETECTOR_STARTS_CYCLES: u32 = 3_200;
+const DETECTOR_START_CYCLES: u32 = 3_200;
 
 /// Address of the application.
 const APPLICATION: u32 = STM32_FLASH + ACTIVE.start;
@@ -111,7 +111,7 @@ fn main() -> ! {
             w.set_pls(SUPPLY_LEVEL);
             w.set_pvde(true);
         });
-        cortex_m::asm::delay(DETECTOR_STARTS_CYCLES);
+        cortex_m::asm::delay(DETECTOR_START_CYCLES);
         let chip = Mutex::new(Supplied::new(chip, is_supplied));
         let flash = Flash::new_blocking(p.FLASH).into_blocking_regions().bank1_region;
         let own = BlockingMutex::<NoopRawMutex, _>::new(RefCell::new(Fed { flash, watchdog }));

@@ -198,7 +198,7 @@ export interface Alert {
   start_unix_s: number | null;
   /** Regions to which this applies: The region is under sustained load. */
   sustained: string[];
-  /** Regions to which this applies: The dose of the region has reached the limit of the day. */
+  /** Regions to which this applies: The dose of the region has reached the limit of the day, which no earlier alert of the day has reported. */
   dose: string[];
   /** What the wearer should do, and why. */
   advice: string;

@@ -9,7 +9,7 @@ use parameters::Participant;
 use plantar::Region;
 use std::path::Path;
 
-/// Prints each participant, and Table 1: mean and standard deviation by pairs of insole sizes.
+/// Prints each participant, and Table 1: mean and standard deviation by groups of two adjacent insole sizes ([`SizeGroup`]).
 pub fn print_participants(people: &[Person]) {
     let known = |value: Option<f64>| value.map_or("-".into(), |value| value.to_string());
     let mut table = summary::table();
@@ -57,7 +57,7 @@ fn plus_minus(moments: &Moments, digits: usize) -> String {
     format!("{:.digits$}{deviation}", moments.mean)
 }
 
-/// Prints the NRMSE of each region for each pair of sizes.
+/// Prints the NRMSE of each region for each group of two adjacent insole sizes.
 pub fn print(people: &[Person]) {
     let sizes = SizeGroup::all(people);
     let mut table = summary::table();
@@ -79,12 +79,14 @@ pub fn print(people: &[Person]) {
     );
     println!(
         "recording, then over recordings, then over participants. As in the paper, all means are arithmetic, also\n\
-         those of k, c, K and G, in which a few stiff steps can dominate."
+         those of the stiffness and damping coefficients (k, K, c, G) in the file of --summary and in the report, in\n\
+         which a few stiff steps can dominate."
     );
 }
 
-/// Writes a CSV file with one row for each pair of sizes and region. For each variable, the quantities first, it has the mean, the
-/// standard deviation, and the number of participants who have a value.
+/// Writes a CSV file with one row for each group of two adjacent insole sizes, such as 37-38, and each region. The column
+/// `participants` is the number of participants in whom the region was fitted. Further columns have the mean, the standard
+/// deviation, and the number of participants with a value of each [`Variable`], in the order of [`Variable::all`].
 pub fn write(path: &Path, people: &[Person]) -> Result<()> {
     let rows = || -> Result<()> {
         let mut file = csv::Writer::from_path(path)?;

@@ -1,6 +1,6 @@
 //! A participant's file in the table of a cohort: Parquet with one row per step and region.
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use fit::trials::{Trial, Values, means};
 use fit::variable::Variable;
 use parquet::file::reader::{FileReader, SerializedFileReader};
@@ -26,7 +26,8 @@ pub fn read(path: &Path) -> Result<(String, Vec<HashMap<String, Field>>)> {
     };
     // The Parquet library panics when it reads some damaged files.
     std::panic::catch_unwind(read)
-        .unwrap_or_else(|_| bail!("{} is damaged: delete it and run the command again", path.display()))
+        .unwrap_or_else(|_| bail!("the file is damaged"))
+        .with_context(|| format!("cannot read {}: delete it and run the command again", path.display()))
 }
 
 /// The values of each recording: the means over its fitted steps.
