@@ -385,7 +385,8 @@ export class IdentifySession {
     this.phase = "verify";
     this.last_step_ms = now_ms;
     const confirmed = feet.filter(({ sent }) => sent === "confirmed");
-    const owners = confirmed.length === 1 ? `The ${confirmed[0].side} insole has` : "The insoles have";
+    const [only, ...others] = confirmed;
+    const owners = only && others.length === 0 ? `The ${only.side} insole has` : "The insoles have";
     this.host.cues.say(`${owners} your parameters. Walk ${CHECK_STEPS} more steps.`);
   }
 

@@ -194,9 +194,19 @@ test("a lost link and a long pause are spoken", () => {
   expect(said.filter((text) => text.includes("not connected"))).toHaveLength(1);
   expect(session.problems().join()).toContain("The left insole is not connected");
   session.tick(300, []);
-  expect(said.at(-1)).toContain("Connected");
+  expect(said.at(-1)).toBe("The left insole is connected again. Continue to walk.");
   session.tick(20_000, []);
   expect(said.at(-1)).toBe("Please walk.");
+});
+
+test("a wearer who stands is not told to walk when the link returns", () => {
+  const { session, said } = start(["left"]);
+  session.tick(100, ["left"]);
+  session.tick(200, []);
+  expect(said.slice(-2)).toEqual([
+    "The left insole is not connected. Hold the phone closer.",
+    "The left insole is connected again. Stand still on both feet.",
+  ]);
 });
 
 test("a failure of the worker ends the session with its reason", () => {
