@@ -71,10 +71,12 @@ pub async fn open(
     // `Debug`: the first error lacks it, and the texts of the second would take kilobytes.
     let device = ExclusiveDevice::new(spi, select, Delay).unwrap_or_else(|_| unreachable!());
     let mut chip = W25::new_no_pins(device, CHIP_BYTES).await.unwrap_or_else(|_| unreachable!());
+    let mut first = None;
     for _ in 0..IDENTITY_READS {
         let identity = chip.jedec_id().await.ok().filter(|id| id.manufacturer() == JedecId::MANUFACTURER)?;
+        let device = identity.major_device_id().ok()? as u8;
         // The flash map needs 2 MiB.
-        if (identity.major_device_id().ok()? as u8) < MajorDeviceId::W25_16 as u8 {
+        if device < MajorDeviceId::W25_16 as u8 || *first.get_or_insert(device) != device {
             return None;
         }
         Timer::after_millis(1).await;
