@@ -83,20 +83,26 @@ fn a_long_script_erases_sectors() {
     assert!(Script::new(2, 12_000, 400).erasures > 0);
 }
 
-/// A region as older firmware stored it.
+/// A region as older firmware stored it: later quantities are 0.
 fn old_region(region: StepRegion, masked_cells: u8) -> StepRegion {
     StepRegion {
+        measured_peak_dn: region.measured_peak_dn,
+        model_peak_dn: region.model_peak_dn,
+        measured_integral_cns: region.measured_integral_cns,
+        model_integral_cns: region.model_integral_cns,
+        area_peak_mm2: region.area_peak_mm2,
+        deformation_peak_um: region.deformation_peak_um,
+        deformation_rate_peak_dmm_s: region.deformation_rate_peak_dmm_s,
+        contact_ms: region.contact_ms,
+        time_to_peak_ms: region.time_to_peak_ms,
+        ellipse_x_dmm: region.ellipse_x_dmm,
+        ellipse_y_dmm: region.ellipse_y_dmm,
+        ellipse_r_a_cmm: region.ellipse_r_a_cmm,
+        ellipse_r_b_cmm: region.ellipse_r_b_cmm,
+        ellipse_angle_ddeg: region.ellipse_angle_ddeg,
+        model_error_bp: region.model_error_bp,
         masked_cells,
-        stiffness_change_percent: 0,
-        peak_pressure_dkpa: 0,
-        peak_pressure_ms: 0,
-        pressure_integral_dkpas: 0,
-        mean_pressure_dkpa: 0,
-        loading_rate_n_s: 0,
-        contact_start_ms: 0,
-        residual_n: 0,
-        counted_peak_mm2: 0,
-        ..region
+        ..StepRegion::default()
     }
 }
 

@@ -65,9 +65,12 @@ fn lint_host() -> Result<()> {
 /// Runs all tests on the host, including those that need firmware, Python, a browser or data. Tests that need recordings of
 /// people are skipped if there are none on this machine.
 fn host_tests(python: &Python) -> Result<()> {
+    // Many tests wait for an emulated board, so more of them run at the same time than there are cores.
+    let threads = 2 * std::thread::available_parallelism().map_or(1, usize::from);
     let mut command = Command::new("cargo");
     command
         .args(["test", "--locked", "--release", "--no-fail-fast", "--", "--include-ignored"])
+        .env("RUST_TEST_THREADS", threads.to_string())
         .env("PLANTAR_FIRMWARE", firmware(EMULATED))
         .env("PLANTAR_FORMATS", setup::formats()?)
         .env("PLANTAR_JIKU", &python.jiku)
