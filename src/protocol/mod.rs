@@ -1,8 +1,8 @@
 //! Messages between insole and host, and the session that exchanges them.
 //!
-//! A message is encoded by `postcard`; its first byte identifies its kind. On a packet carrier one packet is one message; on a
-//! byte carrier a frame is the message and its CRC-32 (little endian), COBS-encoded and ended by a zero byte; over GATT a message
-//! is sent in fragments.
+//! A message is encoded by `postcard`; its first byte identifies its kind. A carrier is the link of a session: the
+//! serial port or Bluetooth. On the serial port, a frame is the message and its CRC-32 (little endian), COBS-encoded and ended by
+//! a zero byte. Over GATT, a message is sent in fragments.
 //!
 //! Version rule: framing, [`Hello`] and [`ToDevice::Connect`] never change. A change of any other message raises [`MAJOR`]; a
 //! message added at the end of an enum raises [`MINOR`]. Peers of different majors exchange hellos only.

@@ -1,9 +1,9 @@
 //! The return to the previous image, once, if a confirmed image crashes again and again.
 //!
-//! After a swap the previous image is in [`OTHER`], one sector after the beginning. A note beside it states which image replaced
-//! it, and its checksum. The note is written before the new image is confirmed, and erased before anything is written over the
-//! previous image. So the note guards against two dangers: an image that was received and never verified must not be swapped in,
-//! and neither must an arbitrarily old image (`docs/update.md`).
+//! After a swap the previous image is in [`OTHER`], one sector after the beginning. A note in [`PREVIOUS`] has the header of the
+//! image that replaced it, and the checksum of the previous image. The note is written before the new image is confirmed, and
+//! erased before anything is written over the previous image. So the note guards against two dangers: an image that was received
+//! and never verified must not be swapped in, and neither must an arbitrarily old image (`docs/update.md`).
 
 use super::flash_map::{HEADER, MAX_IMAGE, OTHER, PREVIOUS, SECTOR, STATE};
 use super::partition::{STATE_WORD, is_on_trial};
@@ -16,7 +16,8 @@ use embedded_storage_async::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKi
 const IMAGE: u32 = OTHER.start + SECTOR;
 /// Length of the note, bytes: the header of the image that replaced the previous one, and the checksum of the previous one.
 const NOTE: usize = Header::BYTES + 4;
-/// Every byte of the word that makes the bootloader continue a swap. `embassy-boot` does not export it; a test compares both.
+/// Every byte of the word that makes the bootloader continue a swap. `embassy-boot` does not export it; tests
+/// check that it recognises this word.
 const SWAP: u8 = 0xf0;
 
 /// The note about the previous image, which `running` replaced.

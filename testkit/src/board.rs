@@ -84,7 +84,8 @@ pub struct Reference {
 
 impl Reference {
     /// A reference with the configuration of `wearer`'s insole, and with these settings, if a host has set any. The settings are
-    /// applied here and not by the functions of the firmware, so that an error of these makes a difference.
+    /// applied here and not by the functions of the firmware, so that an error in them shows as a difference between
+    /// reference and insole.
     ///
     /// # Panics
     /// If the configuration is refused.

@@ -35,8 +35,8 @@ pub fn has_crystal() -> bool {
     let has_started = within_ms(CRYSTAL_LIMIT_MS, || pac::CLOCK.events_lfclkstarted().read() != 0);
     pac::CLOCK.tasks_lfclkstop().write_value(1);
     pac::CLOCK.events_lfclkstarted().write_value(0);
-    // Whether the clock stopped in time does not matter: `embassy_nrf::init` starts it again in any case, and the watchdog has a
-    // clock of its own.
+    // Whether the clock stopped in time does not matter: `embassy_nrf::init` starts it again in any case, and the watchdog
+    // starts the RC oscillator for itself.
     within_ms(STOP_LIMIT_MS, || !pac::CLOCK.lfclkstat().read().state());
     has_started
 }

@@ -21,7 +21,8 @@ bind_interrupts!(struct Irqs {
     DMA1_CHANNEL3 => dma::InterruptHandler<DMA1_CH3>;
 });
 
-/// Bit rate of the SPI: a step is written in half a millisecond. The chip allows 50 MHz, but wires on a breadboard do not.
+/// Bit rate of the SPI: the transfer of a step, up to 490 bytes, takes 0.25 ms, and the chip needs longer to program it. It
+/// allows 50 MHz, but wires on a breadboard do not.
 const BIT_HZ: u32 = 16_000_000;
 
 /// The chip, which is written and erased only while its supply is sufficient.

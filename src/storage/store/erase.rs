@@ -19,8 +19,9 @@ const FILLER_BYTES: usize = 400;
 const FILLERS: u32 = (RECORDS.end - RECORDS.start + 2 * SECTOR) / FILLER_BYTES as u32;
 
 impl<F: MultiwriteNorFlash> Store<F> {
-    /// Erases all records about the wearer, of all versions, and the log; the numbering of load records continues. Nothing of it
-    /// remains in the chip. Calls `progressed` after each step. After a loss of power, a part may remain.
+    /// Erases all records about the wearer, of all versions, and the log, of which nothing remains in the chip; the numbering of
+    /// load records continues. Calls `progressed` after each access to the chip. If power is lost meanwhile, a part may remain,
+    /// and the numbering may begin at 0.
     ///
     /// # Errors
     /// See [`StorageError`].

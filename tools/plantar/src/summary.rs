@@ -12,8 +12,8 @@ use plantar::protocol::{Step, StepRegion};
 /// Short names of the regions for narrow columns, in the order of [`Region::ALL`].
 pub const SHORT: [&str; 8] = ["Heel", "P.midfoot", "A.midfoot", "Met 1-2", "Met 3-5", "Hallux", "Toe 2", "Toes 3-5"];
 
-/// Prints a table with a row for each step, and a table with the means of each region. `scales` states what the deformations of the
-/// regions rest on.
+/// Prints a table with a row for each step, and a table with the means of each region. `scales` states what the deformations of
+/// the regions rest on.
 pub fn print(steps: &[Step], scales: &[DeformationScale; 8]) {
     let Some(first) = steps.first() else {
         println!("no steps");
@@ -59,7 +59,7 @@ pub fn print(steps: &[Step], scales: &[DeformationScale; 8]) {
         "force N",
         "model N",
         &format!("{area} mm2"),
-        "ellipse mm",
+        "ellipse radii mm",
         &format!("{deformation} mm"),
         "contact s",
         "model error %",
@@ -85,7 +85,8 @@ pub fn print(steps: &[Step], scales: &[DeformationScale; 8]) {
     align(&mut table);
     println!(
         "Mean of each region over the steps that loaded it, of {} steps. Force, model, area and deformation are the \
-         peak values of a step. Force is the sum of the sensors:\n{table}",
+         peak values of a step. Force is the sum of the sensors. The radii of the ellipse (semi-axes) are those at the \
+         largest force:\n{table}",
         steps.len()
     );
     if scales.iter().any(|scale| scale.assumed_percent() > 0) {
@@ -128,7 +129,7 @@ pub fn print_faults(faults: &Faults, cells: usize) {
 fn faults_to_lines(faults: &Faults, cells: usize) -> Vec<String> {
     let fault = |fault: &Fault| {
         let found_s = f64::from(fault.found_ms) / 1e3;
-        format!("sensor fault: {} {}, found after {found_s:.1} s", fault.place, fault.kind.name())
+        format!("sensor fault: {} {}, found {found_s:.1} s after the first scan", fault.place, fault.kind.name())
     };
     let mut lines: Vec<_> = faults.list.iter().map(fault).collect();
     let unlisted = faults.found.saturating_sub(faults.list.len() as u32);
@@ -225,8 +226,8 @@ mod tests {
         let (masked_cells, without_baseline) = ([2, 0, 0, 0, 0, 1, 0, 0], [0, 0, 0, 4, 0, 0, 0, 0]);
         let faults = Faults { found: 3, rezeroed: 5, masked_cells, without_baseline, list };
         let lines = [
-            "sensor fault: cell 17 open, found after 1.9 s",
-            "sensor fault: row 3 short, found after 12.3 s",
+            "sensor fault: cell 17 open, found 1.9 s after the first scan",
+            "sensor fault: row 3 short, found 12.3 s after the first scan",
             "further sensor faults, not listed: 1",
             "3 of 240 cells masked: Heel 2, Hallux 1",
             "4 of 240 cells without a baseline, because they are loaded under the lifted foot: Met 1-2 4",

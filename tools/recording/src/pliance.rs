@@ -19,8 +19,8 @@ const CORNERS: [&str; 8] = ["x[1]", "y[1]", "x[2]", "y[2]", "x[3]", "y[3]", "x[4
 
 /// Whether a text is such an export.
 pub fn recognise(text: &str) -> bool {
-    // A short header precedes the table, so that the text of other formats, which may be long, is not searched to its end. The
-    // corners are below the table, at any line.
+    // Only the first 40 lines are searched for the table, because its header is short, and the text of another format may be
+    // long. The corners are below the table, at any line.
     text.lines().take(40).any(|line| line.starts_with(TIME_COLUMN))
         && text.lines().any(|line| line.starts_with(CORNERS[0]))
 }
@@ -28,7 +28,8 @@ pub fn recognise(text: &str) -> bool {
 /// Imports a step. `side` states the foot; without it, the shape of the footprint decides.
 ///
 /// # Errors
-/// Fails if a line violates the format. The message names file, line and remedy.
+/// Fails if the table or the corners are missing, if the sensors are not equal rectangles, or if a line violates the format. The
+/// message names the file, the line if there is one, and a remedy.
 pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     let text = decode(bytes, path)?;
     let mut lines = (1..).zip(text.lines());
@@ -53,7 +54,8 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         let row_with_points = row.replace(',', ".");
         let fields: Vec<&str> = row_with_points.split_whitespace().collect();
         // The table ends with an empty line, the title of another table, or the mean and the maximum of all frames. Any other
-        // first field is a time, also if it is damaged: to end there would silently leave out the frames below.
+        // first field is a time, also if it is damaged, and so is a title that a frame follows: to end there would silently leave
+        // out the frames below.
         let Some(first) = fields.first() else { break };
         if is_title(first) && !lines.clone().next().is_some_and(|(_, next)| is_frame(next, sensors)) {
             break;
@@ -141,7 +143,9 @@ fn places(text: &str, sensors: usize, path: &Path) -> Result<Places> {
     });
     if !is_regular || column_mm <= 0.0 || row_mm <= 0.0 {
         let problem = "the sensors are not equal rectangles in rows and columns";
-        return Err(Error::content(path.display().to_string(), problem, "describe the sensors for plantar import csv"));
+        let remedy =
+            "write sensors and pressures as CSV, and use plantar import csv with --layout, --frames and --side";
+        return Err(Error::content(path.display().to_string(), problem, remedy));
     }
     let index = |axis: usize, sensor: usize, pitch_mm: f64, start_mm: f64| {
         ((extent(axis, sensor)[0] - start_mm) / pitch_mm).round() as usize

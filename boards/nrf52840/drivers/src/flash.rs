@@ -18,9 +18,9 @@ pub const PAGE_WORDS: usize = PAGE as usize / 4;
 /// The buffer of one page. Its words are atomic because the controller's DMA changes them, too.
 pub type Page = [AtomicU32; PAGE_WORDS];
 
-/// Longest time to program a page, ms. Chips of this kind need up to 3 ms.
+/// Timeout of the programming of a page, ms. Chips of this kind need up to 3 ms.
 const WRITE_LIMIT_MS: u32 = 20;
-/// Longest time to erase a sector, ms. Chips of this kind need up to 400 ms.
+/// Timeout of the erasure of a sector, ms. Chips of this kind need up to 400 ms.
 const ERASE_LIMIT_MS: u32 = 600;
 /// Longest time for which a chip can be busy at the start: it may have been erasing a sector when the controller was reset.
 const OPEN_LIMIT_MS: u32 = ERASE_LIMIT_MS;
@@ -127,8 +127,9 @@ fn place(page: &Page, at: usize) -> (&AtomicU32, u32) {
 }
 
 impl<B: Bus, const BYTES: u32> Chip<B, BYTES> {
-    /// Opens the chip once it is not busy. Returns `None` if it does not answer, is smaller than `BYTES`, or does not return the
-    /// same identity each time: a chip that does not work yet reads 0, and so does a missing one.
+    /// Opens the chip once it is not busy. Returns `None` if it does not answer in time, is smaller than `BYTES`, or has no valid
+    /// identity, or not the same one each time. A missing chip reads 0, which is not valid, and so does one that does not work
+    /// yet.
     pub async fn open(bus: B) -> Option<Self> {
         let mut chip = Self(bus);
         let result = chip.identify().await;

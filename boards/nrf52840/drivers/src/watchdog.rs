@@ -1,5 +1,5 @@
-//! The hardware watchdog. It runs from an oscillator of its own, and nothing can stop it; its timeout cannot be changed, either,
-//! so the bootloader and the application use the same.
+//! The hardware watchdog. It counts the low-frequency clock, for which it starts the internal RC oscillator if no other source
+//! runs. Nothing can stop it once it runs, and its timeout cannot be changed, so the bootloader and the application use the same.
 
 use embassy_nrf::pac::WDT;
 use embassy_nrf::pac::wdt::regs::Rren;

@@ -29,7 +29,7 @@ const STEP_COLUMNS: [&str; 11] = [
     "contact_full_kpa",
 ];
 
-/// Reads the folder; `None` if it has no tables of live frames and steps.
+/// Reads the folder; `None` if it has neither a table of live frames nor one of steps. Fails if only one of them is missing.
 pub fn read(folder: &Path) -> Result<Option<Vec<LiveSource>>> {
     let (live, steps) = (folder.join("live"), folder.join("steps"));
     if !live.is_dir() && !steps.is_dir() {
