@@ -77,6 +77,9 @@ class Core:
             at = proceed()
         except gdb.error:
             # The emulator ends when a fault occurs in the handler of a fault.
+            at = None
+        if at != self.check:
+            # A skip can also have changed memory that the program needs.
             self.start()
             at = proceed()
         if at != self.check:

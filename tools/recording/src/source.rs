@@ -43,8 +43,11 @@ impl ChunkReader for Source {
 
     fn get_read(&self, start: u64) -> Result<Self::T> {
         match self {
-            Self::Memory(bytes) => Ok(Box::new(bytes.get_read(start)?)),
-            Self::Disk { file, .. } => Ok(Box::new(BufReader::new(Position { file: file.clone(), at: start }))),
+            Self::Memory(bytes) => Ok(Box::new(Ending { reader: bytes.get_read(start)?, empty_reads: 0 })),
+            Self::Disk { file, .. } => {
+                let reader = BufReader::new(Position { file: file.clone(), at: start });
+                Ok(Box::new(Ending { reader, empty_reads: 0 }))
+            }
         }
     }
 
@@ -64,6 +67,29 @@ impl ChunkReader for Source {
     }
 }
 
+/// Largest number of reads at the end of a file.
+const MAX_EMPTY_READS: u32 = 1_000;
+
+/// A reader that fails if it is read again and again at its end. The Parquet library skips the elements of a list without an error
+/// at the end of the file, and a damaged file may claim a list of any length.
+struct Ending<R> {
+    reader: R,
+    empty_reads: u32,
+}
+
+impl<R: Read> Read for Ending<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let read = self.reader.read(buffer)?;
+        if read == 0 && !buffer.is_empty() {
+            self.empty_reads += 1;
+            if self.empty_reads > MAX_EMPTY_READS {
+                return Err(io::ErrorKind::UnexpectedEof.into());
+            }
+        }
+        Ok(read)
+    }
+}
+
 /// A reader with a position of its own.
 struct Position {
     file: Arc<Mutex<File>>,
@@ -78,5 +104,25 @@ impl Read for Position {
         let read = file.read(buffer)?;
         self.at += read as u64;
         Ok(read)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A file that claims a list of two thousand million elements is read in two thousand million empty reads otherwise.
+    #[test]
+    fn reading_on_at_the_end_of_a_file_fails() {
+        let file = tempfile::NamedTempFile::new().expect("a file");
+        std::fs::write(file.path(), [7; 10]).expect("the file is written");
+        for source in [Source::Memory(vec![7; 10].into()), Source::open(file.path()).expect("the file is readable")] {
+            let mut reader = source.get_read(3).expect("a reader");
+            let mut bytes = Vec::new();
+            reader.read_to_end(&mut bytes).expect("the end is no error");
+            assert_eq!(bytes, [7; 7]);
+            let error = (0..=MAX_EMPTY_READS).find_map(|_| reader.read(&mut [0; 8]).err()).expect("it fails");
+            assert_eq!(error.kind(), io::ErrorKind::UnexpectedEof);
+        }
     }
 }
