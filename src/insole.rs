@@ -12,14 +12,13 @@ use crate::num::Real;
 use crate::pipeline::alert::{AlertRules, Alerts, DailyLoad};
 use crate::pipeline::baseline::MAX_RESIDUAL_KPA;
 use crate::pipeline::calibrate::{CellCalibration, Curve};
-use crate::pipeline::cell::{InsoleCell, area_moments, area_units, find_peak, residual as residual_of, sum_region};
+use crate::pipeline::cell::{InsoleCell, Residual, area_moments, area_units, find_peak, sum_region};
 use crate::pipeline::cumulative::{CumulativeLoad, LOADED_KPA};
 use crate::pipeline::ellipse::Ellipse;
 use crate::pipeline::lift::is_unloaded;
 use crate::pipeline::live::{LiveModel, RegionLoad};
 use crate::pipeline::measures::Extent;
 use crate::pipeline::model::ForceLaw;
-use crate::pipeline::region::ForceMoments;
 use crate::pipeline::setup::{Division, Setup, SetupCell, SetupError, check_setup};
 use crate::pipeline::stance::{BRIDGED_FRAMES, Rejected, Stance};
 use crate::pipeline::stance_rule::StanceLimits;
@@ -48,8 +47,8 @@ pub struct Insole<R, const N: usize> {
     live: [LiveModel<R>; 8],
     stance: Stance<R>,
     loads: [RegionLoad<R>; 8],
-    /// Force of the baselines of each region.
-    residuals: [ForceMoments<R>; 8],
+    /// The baselines of each region.
+    residuals: [Residual<R>; 8],
     /// Centre of pressure of the foot, foot coordinates, mm; in a frame without force, that of the last frame with force.
     centre_mm: (R, R),
     extent: Extent,
@@ -110,7 +109,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             live: [LiveModel::NEW; 8],
             stance: Stance::new(),
             loads: [RegionLoad::NONE; 8],
-            residuals: [ForceMoments::NONE; 8],
+            residuals: [const { Residual::NONE }; 8],
             centre_mm: (R::ZERO, R::ZERO),
             extent: Extent { heel_mm: 0.0, toe_mm: 0.0, forefoot_width_mm: 0.0 },
             detector: FaultDetector::new(),
@@ -147,7 +146,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         }
         self.rows.set(&self.cells);
         self.most_residual = self.curve.first_code_at(MAX_RESIDUAL_KPA);
-        self.residuals = [ForceMoments::NONE; 8];
+        self.residuals = [const { Residual::NONE }; 8];
         self.detector.set_up(&self.cells, setup.period_us);
         self.frame_rate_hz = R::of(1e6 / f64::from(setup.period_us));
         self.limits = StanceLimits::new(&setup.stance, setup.period_us);
@@ -316,12 +315,12 @@ impl<R: Real, const N: usize> Insole<R, N> {
         }
     }
 
-    /// Computes the force of the baselines of each region.
+    /// Sums the baselines of each region.
     #[cold]
     #[inline(never)]
     fn sum_residuals(&mut self) {
         for (region, residual) in self.residuals.iter_mut().enumerate() {
-            *residual = residual_of(&self.cells[self.division.cells(region)]);
+            *residual = Residual::of(&self.cells[self.division.cells(region)]);
         }
     }
 
@@ -352,12 +351,13 @@ impl<R: Real, const N: usize> Insole<R, N> {
             let (region_codes, other_codes) = codes.split_at(end - start);
             let frame = &mut load.frame;
             let (code_before, area_before) = (frame.peak_code, area_units(&frame.area));
-            sum_region::<R, COVERED>(&self.curve, region_cells, region_codes, frame);
+            let mut peak_code = sum_region::<R, COVERED>(&self.curve, region_cells, region_codes, frame);
             change += area_units(&frame.area) - area_before;
-            if frame.peak_code == 0 && code_before > 0 {
-                find_peak(&self.curve, region_cells, region_codes, frame);
+            if peak_code == 0 && code_before > 0 {
+                peak_code = find_peak(&self.curve, region_cells, region_codes, frame);
             }
-            frame.force.subtract(residual);
+            frame.force.subtract(&residual.force);
+            frame.peak_code = peak_code - residual.code;
             (cells, codes, start) = (other_cells, other_codes, end);
         }
         change

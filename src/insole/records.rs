@@ -49,7 +49,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             },
             masked_cells: self.faults().masked_cells[region],
             measures: RegionMeasures {
-                residual_n: self.residuals[region].force_n,
+                residual_n: self.residuals[region].force.force_n,
                 ..RegionMeasures::new(self.stance.curves(), region, sample_s)
             },
             ..step

@@ -31,7 +31,10 @@ impl<R: Real, const N: usize> Insole<R, N> {
             return Some(Ok(ZeroResult {
                 changed: self.detector.zeroed() as u16,
                 without_baseline: self.faults().without_baseline,
-                residual_dn: self.residuals.each_ref().map(|residual| (residual.force_n * R::of(10.0)).round_u16()),
+                residual_dn: self
+                    .residuals
+                    .each_ref()
+                    .map(|residual| (residual.force.force_n * R::of(10.0)).round_u16()),
             }));
         }
         self.zero_s -= 1;

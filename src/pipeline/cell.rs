@@ -111,15 +111,15 @@ fn sum_moments<R>(cells: &[InsoleCell<R>], share: impl Fn(&InsoleCell<R>) -> u16
 }
 
 /// Calibrates the cells of a region, sums their forces, and updates the contact area. `COVERED` states whether cells can be in
-/// contact in part. If no pressure is found near the highest one of the frame before, [`RegionFrame::peak_code`] is 0 and
-/// [`find_peak`] must be called.
+/// contact in part. Returns the code of the highest cell above zero pressure. If no pressure is found near the highest one of the
+/// frame before, this is 0, and [`find_peak`] must be called.
 #[inline(always)]
 pub(crate) fn sum_region<R: Real, const COVERED: bool>(
     curve: &Curve,
     cells: &mut [InsoleCell<R>],
     codes: &[u16],
     frame: &mut RegionFrame<R>,
-) {
+) -> i32 {
     // Pressures change little from frame to frame, so few cells must be compared.
     let candidate = frame.peak_code - (frame.peak_code >> 3);
     let (force, change) = (ForceMoments::NONE, ContactArea::NONE);
@@ -137,9 +137,10 @@ pub(crate) fn sum_region<R: Real, const COVERED: bool>(
     for (cell, code) in last_cells.iter_mut().zip(last_codes) {
         sums.add::<COVERED>(curve, cell, *code, frame);
     }
-    (frame.peak_kpa, frame.peak_code) = (sums.peak.kpa, sums.peak.code);
+    frame.peak_kpa = sums.peak.kpa;
     frame.force = sums.force;
     frame.area.add(sums.change);
+    sums.peak.code
 }
 
 /// Number of cells that [`sum_region`] processes in each pass of its unrolled loop.
@@ -181,31 +182,36 @@ impl<R: Real> Sums<R> {
 }
 
 /// The highest cell of a region. A cell that was not compared has a code of at most seven eighths of the previous frame's highest
-/// one, whose code is counted from its baseline, because a cell without residual pressure may have the higher pressure at a lower
-/// code. So while pressures do not fall, the highest cell has the highest pressure as long as the gains of the cells differ by a
+/// one, minus the highest code of a baseline, because a cell without residual pressure may have a higher pressure at a lower code.
+/// So while pressures do not fall, the highest cell has the highest pressure as long as the gains of the cells differ by a
 /// factor of less than 1.18, which is 8/7 to the power 1/0.8, with the exponent of the reference insole's sensor law.
 struct Peak<R> {
     /// Pressure above the baseline, kPa.
     kpa: R,
-    /// Code above the baseline.
+    /// Code above zero pressure.
     code: i32,
 }
 
 impl<R: Real> Peak<R> {
     #[inline(always)]
-    fn consider(&mut self, cell: &InsoleCell<R>, above_zero: i32, curve_kpa: R) {
+    fn consider(&mut self, cell: &InsoleCell<R>, code: i32, curve_kpa: R) {
         let kpa = (curve_kpa - R::of_f32(cell.baseline.residual_kpa)) * R::of_f32(cell.baseline.gain);
         if kpa > self.kpa {
-            let residual_code = i32::from(cell.baseline.code) - i32::from(cell.zero);
-            *self = Self { kpa, code: above_zero - residual_code };
+            *self = Self { kpa, code };
         }
     }
 }
 
-/// Finds the highest cell of a region among all cells, after a frame with much higher pressures.
+/// Finds the highest cell of a region among all cells, after a frame with much higher pressures. Returns its code above zero
+/// pressure.
 #[cold]
 #[inline(never)]
-pub(crate) fn find_peak<R: Real>(curve: &Curve, cells: &[InsoleCell<R>], codes: &[u16], frame: &mut RegionFrame<R>) {
+pub(crate) fn find_peak<R: Real>(
+    curve: &Curve,
+    cells: &[InsoleCell<R>],
+    codes: &[u16],
+    frame: &mut RegionFrame<R>,
+) -> i32 {
     let mut peak = Peak { kpa: R::ZERO, code: 0 };
     for (cell, &code) in cells.iter().zip(codes) {
         let above_zero = i32::from(code) - i32::from(cell.zero);
@@ -213,7 +219,8 @@ pub(crate) fn find_peak<R: Real>(curve: &Curve, cells: &[InsoleCell<R>], codes: 
             peak.consider(cell, above_zero, curve.pressure_kpa(above_zero));
         }
     }
-    (frame.peak_kpa, frame.peak_code) = (peak.kpa, peak.code);
+    frame.peak_kpa = peak.kpa;
+    peak.code
 }
 
 /// Right shift with which the sum of the area units over all regions fits into 32 bits.
@@ -225,11 +232,26 @@ pub(crate) fn area_units(area: &ContactArea) -> i32 {
     area.units() >> AREA_SHIFT
 }
 
-/// The force of the baselines of a region's cells, and its moments about the region's reference point.
-pub(crate) fn residual<R: Real>(cells: &[InsoleCell<R>]) -> ForceMoments<R> {
-    let mut residual = ForceMoments::NONE;
-    for cell in cells.iter().filter(|cell| cell.baseline.residual_kpa > 0.0 && !cell.marks.is_masked()) {
-        residual.add(&cell.region, R::of_f32(cell.baseline.residual_kpa));
+/// The baselines of a region's cells.
+#[derive(Debug)]
+pub(crate) struct Residual<R> {
+    /// Their force, and its moments about the region's reference point.
+    pub(crate) force: ForceMoments<R>,
+    /// The highest code of a baseline above zero pressure.
+    pub(crate) code: i32,
+}
+
+impl<R: Real> Residual<R> {
+    /// No residual pressure.
+    pub(crate) const NONE: Self = Self { force: ForceMoments::NONE, code: 0 };
+
+    /// The sum over cells.
+    pub(crate) fn of(cells: &[InsoleCell<R>]) -> Self {
+        let mut residual = Self::NONE;
+        for cell in cells.iter().filter(|cell| cell.baseline.residual_kpa > 0.0 && !cell.marks.is_masked()) {
+            residual.force.add(&cell.region, R::of_f32(cell.baseline.residual_kpa));
+            residual.code = residual.code.max(i32::from(cell.baseline.code) - i32::from(cell.zero));
+        }
+        residual
     }
-    residual
 }

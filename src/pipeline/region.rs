@@ -342,7 +342,7 @@ pub struct RegionFrame<R> {
     pub force: ForceMoments<R>,
     /// Largest cell pressure, kPa. Masked cells are not considered.
     pub peak_kpa: R,
-    /// Code of the cell with this pressure, above its code at zero pressure.
+    /// Code of the cell with this pressure, above its code at zero pressure, minus the highest code of a baseline of the region.
     pub peak_code: i32,
     /// A cell is saturated: the area is valid, the force is a lower bound.
     pub saturated: bool,
