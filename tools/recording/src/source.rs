@@ -54,13 +54,13 @@ impl ChunkReader for Source {
     fn get_bytes(&self, start: u64, length: usize) -> Result<Bytes> {
         match self {
             Self::Memory(bytes) => bytes.get_bytes(start, length),
-            Self::Disk { bytes, .. } => {
+            Self::Disk { file, bytes } => {
                 // A damaged file may claim any length.
                 if start.checked_add(length as u64).is_none_or(|end| end > *bytes) {
                     return Err(ParquetError::EOF(format!("{length} bytes at {start} of a file of {bytes} bytes")));
                 }
                 let mut buffer = vec![0; length];
-                self.get_read(start)?.read_exact(&mut buffer)?;
+                Position { file: file.clone(), at: start }.read_exact(&mut buffer)?;
                 Ok(buffer.into())
             }
         }
