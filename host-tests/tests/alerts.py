@@ -37,7 +37,7 @@ for second in range(seconds):
     if (sustained[:, second].any() or over.any()) and second >= silent_until and len(alerts) < given["per_day"]:
         bits = lambda regions: int(sum(1 << i for i in np.flatnonzero(regions)))
         alerts.append([second + 1, bits(sustained[:, second]), bits(over)])
-        # The shortest time between two alerts, not a pause that the wearer requested.
+        # The shortest time between two alerts; no snooze on request is simulated.
         silent_until = second + given["snooze_s"]
         announced |= over
 

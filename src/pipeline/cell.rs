@@ -181,10 +181,11 @@ impl<R: Real> Sums<R> {
     }
 }
 
-/// The highest cell of a region. A cell that was not compared has a code of at most seven eighths of the previous frame's highest
-/// one, minus the highest code of a baseline, because a cell without residual pressure may have a higher pressure at a lower code.
-/// So while pressures do not fall, the highest cell has the highest pressure as long as the gains of the cells differ by a
-/// factor of less than 1.18, which is 8/7 to the power 1/0.8, with the exponent of the reference insole's sensor law.
+/// The highest cell of a region. A cell that was not compared has a code of at most seven eighths of [`RegionFrame::peak_code`]
+/// in the previous frame. The highest code of a baseline is subtracted there, because a cell without residual pressure may have a
+/// higher pressure at a lower code. So while pressures do not fall, the highest cell has the highest pressure as long as the
+/// gains of the cells differ by a factor of less than 1.18, which is 8/7 to the power 1/0.8, with the exponent of the reference
+/// insole's sensor law.
 struct Peak<R> {
     /// Pressure above the baseline, kPa.
     kpa: R,
