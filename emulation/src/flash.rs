@@ -1,7 +1,7 @@
 //! The NOR flash chip of the emulated board: a file on the host, with a supply that a test can interrupt in the middle of an
 //! operation.
 
-use super::{FLASH_BYTES, FLASH_FILE};
+use super::FLASH_FILE;
 use embedded_storage_async::nor_flash::{
     ErrorType, MultiwriteNorFlash, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
 };
@@ -13,6 +13,8 @@ use semihosting::io::{self, Read, Seek, SeekFrom, Write};
 pub struct FlashFile {
     /// `None` if there is no chip.
     file: Option<File>,
+    /// Size of the file.
+    bytes: usize,
     /// Number of write operations and erasures of a sector before power fails; `None` if power does not fail.
     operations_left: Option<u32>,
 }
@@ -36,12 +38,14 @@ impl NorFlashError for NoAnswer {
 impl FlashFile {
     /// Opens the chip. Power fails in operation number `cut_at` (a write, or the erasure of a sector; from 0); never for `None`.
     pub fn open(cut_at: Option<u32>) -> Self {
-        Self { file: File::options().read(true).write(true).open(FLASH_FILE).ok(), operations_left: cut_at }
+        let mut file = File::options().read(true).write(true).open(FLASH_FILE).ok();
+        let bytes = file.as_mut().and_then(|file| file.seek(SeekFrom::End(0)).ok()).unwrap_or(0);
+        Self { file, bytes: bytes as usize, operations_left: cut_at }
     }
 
     /// The file at this offset, if the chip has `len` bytes there.
     fn at(&mut self, offset: u32, len: usize) -> Result<&mut File, NoAnswer> {
-        let file = self.file.as_mut().filter(|_| offset as usize + len <= FLASH_BYTES).ok_or(NoAnswer)?;
+        let file = self.file.as_mut().filter(|_| offset as usize + len <= self.bytes).ok_or(NoAnswer)?;
         file.seek(SeekFrom::Start(offset.into()))?;
         Ok(file)
     }
@@ -73,7 +77,7 @@ impl ReadNorFlash for FlashFile {
     }
 
     fn capacity(&self) -> usize {
-        FLASH_BYTES
+        self.bytes
     }
 }
 

@@ -22,7 +22,7 @@ pub use flash::{FlashFile, NoAnswer};
 
 use core::ops::Range;
 use plantar::pipeline::setup::{Setup, SetupCell};
-use plantar::storage::flash_map::{CHIP_BYTES, MAX_IMAGE};
+use plantar::storage::flash_map::MAX_IMAGE;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
@@ -32,8 +32,8 @@ pub const SETUP_FILE: &core::ffi::CStr = c"setup.bin";
 pub const MATRIX_FILE: &core::ffi::CStr = c"matrix.bin";
 /// Name of the file with the contents of the board's flash chip.
 pub const FLASH_FILE: &core::ffi::CStr = c"flash.bin";
-/// Size of the flash chip, bytes.
-pub const FLASH_BYTES: usize = CHIP_BYTES as usize;
+/// Size of the flash chip unless a test chooses another one, bytes.
+pub const FLASH_BYTES: usize = 4 << 20;
 /// Addresses of the active image. It is in the flash chip, because the controller's flash is read-only in the emulator.
 pub const ACTIVE_IMAGE: Range<u32> = 0x20_0000..0x20_0000 + MAX_IMAGE;
 /// Exit status after the bootloader swapped images: the emulator must be started again with the image that is active now.

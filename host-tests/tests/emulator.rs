@@ -325,6 +325,34 @@ fn a_refused_set_up_is_reported_in_the_hello() {
     assert_eq!(client.hello().cells, 0);
 }
 
+/// The chip of the reference design holds more than a day of steps.
+#[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
+fn an_insole_continues_with_a_full_log_of_16_mib() {
+    const STEPS: u32 = 30_000;
+    let mut chip = NorFlashChip::new(16 << 20);
+    let mut store = block_on(Store::open(Some(&mut chip), Reset::Power));
+    let dropped: u32 =
+        (0..STEPS).map(|number| block_on(store.push_record(testkit::step(number))).expect("the chip works")).sum();
+    assert!(STEPS - dropped >= 25_000);
+    let hardware = Hardware { flash: Some(chip.bytes), ..Hardware::default() };
+    let walk = synthetic_walk(1, 100.0);
+    let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
+    let (config, cells) = (EmulatorConfig::new(virtual_insole.setup), virtual_insole.cells.clone());
+    let walk = Recorded::new(walk, virtual_insole);
+    let board = Board::start_with(&firmware(), &config, &cells, Time::Max, walk, &hardware).expect("the board boots");
+    let mut client = connect(&board);
+    let status = client.status().expect("the insole answers");
+    assert_eq!((status.contents.next_record, status.contents.erased, status.not_stored), (STEPS, 0, 0));
+    client.stream().expect("the insole streams");
+    let first =
+        std::iter::repeat_with(|| client.receive().expect("the link works")).take(SILENT_READS).find_map(|message| {
+            let Some(ToHost::Step(step)) = message else { return None };
+            Some(step.step)
+        });
+    assert_eq!(first, Some(dropped));
+}
+
 /// Other firmware, or a chip of another board, can leave settings that this board must not use.
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]

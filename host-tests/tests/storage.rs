@@ -5,8 +5,7 @@ use plantar::Side;
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::{BLOCK_CELLS, LoadRecord, Reset, Serial, Step, StepFoot, StepRegion};
-use plantar::storage::flash_map::SECTOR;
-use plantar::storage::flash_map::{LOG, RECORDS};
+use plantar::storage::flash_map::{self, RECORDS, SECTOR, SMALL_LOG};
 use plantar::storage::{Bonds, BootCounters, IdentityRecord, Record, StorageError, Store};
 use sequential_storage::cache::Cache;
 use sequential_storage::map::{MapConfig, MapStorage};
@@ -18,7 +17,7 @@ use testkit::{TISSUE, bout, step};
 type ChipStore<'c> = Store<&'c mut NorFlashChip>;
 
 fn chip() -> NorFlashChip {
-    NorFlashChip::new(LOG.end as usize)
+    NorFlashChip::new(SMALL_LOG.end as usize)
 }
 
 /// Opens the store as after a loss of power.
@@ -113,7 +112,7 @@ fn steps_stored_before_the_tracking_are_read() {
     let mut chip = chip();
     let (records, log) = capture.split_at(SECTOR as usize);
     chip.bytes[..records.len()].copy_from_slice(records);
-    chip.bytes[LOG.start as usize..][..log.len()].copy_from_slice(log);
+    chip.bytes[SMALL_LOG.start as usize..][..log.len()].copy_from_slice(log);
     let mut store = open(&mut chip);
     let expected = (4..12).map(|number| {
         let regions = step(number).regions.map(|region| old_region(region, region.masked_cells));
@@ -129,7 +128,7 @@ fn data_stored_by_older_firmware_is_read() {
     let mut chip = chip();
     let (records, log) = capture.split_at(SECTOR as usize);
     chip.bytes[..records.len()].copy_from_slice(records);
-    chip.bytes[LOG.start as usize..][..log.len()].copy_from_slice(log);
+    chip.bytes[SMALL_LOG.start as usize..][..log.len()].copy_from_slice(log);
 
     let mut store = open(&mut chip);
     let contents = store.contents();
@@ -215,6 +214,72 @@ fn a_full_log_contains_at_least_the_last_2000_steps_and_counts_dropped_ones() {
     assert_eq!(stored, (dropped..12_000).collect::<Vec<_>>());
 }
 
+/// Each start reads the records and a few sectors of the log, however the log begins and ends.
+#[test]
+fn each_start_finds_the_newest_record_without_reading_the_log() {
+    let mut chip = chip();
+    let mut store = open(&mut chip);
+    for number in 0..3000 {
+        block_on(store.push_record(step(number))).expect("the chip works");
+        if number % 7 == 0 {
+            block_on(store.acknowledge(number.saturating_sub(number % 5 * 4))).expect("the chip works");
+        }
+        let stored = numbers(&mut store);
+        let mut restarted = store.flash().expect("there is a chip").restarted();
+        restarted.read = 0;
+        let mut again = open(&mut restarted);
+        assert_eq!((again.contents().next_record, again.contents().contradictions), (number + 1, 0));
+        assert!(again.flash().expect("there is a chip").read < 400_000, "step {number}");
+        if number % 97 == 0 {
+            assert_eq!(numbers(&mut again), stored, "step {number}");
+        }
+    }
+}
+
+/// A pair of insoles with chips of 16 MiB stores a day of 50,000 steps without a phone, all of the longest form.
+#[test]
+fn a_chip_of_16_mib_holds_25000_steps_and_starts_without_reading_them() {
+    /// The numbers wrap on the way.
+    const FIRST: u32 = u32::MAX - 30_000;
+    const STEPS: u32 = 60_000;
+    let longest = |number| Step {
+        start_us: u64::MAX,
+        duration_us: u32::MAX,
+        sample_us: u32::MAX,
+        start_unix_us: Some(u64::MAX),
+        ..step(number)
+    };
+    let mut chip = NorFlashChip::new(16 << 20);
+    let mut store = open(&mut chip);
+    let mut dropped = 0;
+    for i in 0..STEPS {
+        dropped += block_on(store.push_record(longest(FIRST.wrapping_add(i)))).expect("the chip works");
+    }
+    chip.read = 0;
+    let mut store = open(&mut chip);
+    assert_eq!(store.contents().next_record, FIRST.wrapping_add(STEPS));
+    assert!(store.flash().expect("there is a chip").read < 400_000);
+    let mut expected: Vec<_> = (dropped..STEPS).map(|i| FIRST.wrapping_add(i)).collect();
+    assert!(expected.len() >= 25_000, "{}", expected.len());
+    assert_eq!(numbers(&mut store), expected);
+    // A phone receives and acknowledges them, a few at a time.
+    while !expected.is_empty() {
+        let part: Vec<_> = expected.drain(..expected.len().min(97)).collect();
+        let mut received = Vec::new();
+        let is_wanted = |record: LoadRecord| {
+            let is_wanted = received.len() < part.len();
+            received.extend(is_wanted.then(|| record.number()));
+            is_wanted
+        };
+        assert_eq!(block_on(store.records(None, is_wanted)), Ok(!expected.is_empty()));
+        assert_eq!(received, part);
+        assert_eq!(block_on(store.acknowledge(part[part.len() - 1])), Ok(()));
+    }
+    chip.read = 0;
+    assert_eq!(open(&mut chip).contents().next_record, FIRST.wrapping_add(STEPS));
+    assert!(chip.read < 400_000);
+}
+
 #[test]
 fn records_of_newer_firmware_are_reported_and_not_changed() {
     let mut chip = chip();
@@ -226,7 +291,7 @@ fn records_of_newer_firmware_are_reported_and_not_changed() {
         let (mut buffer, key) = ([0; 100], [Tissue::KIND, 0, Tissue::VERSION + 1]);
         records.store_item(&mut buffer, &key, &newer_tissue).await.expect("there is room");
         records.store_item(&mut buffer, &[31, 0, 1], &newer_tissue).await.expect("there is room");
-        let mut log = QueueStorage::new(&mut chip, QueueConfig::new(LOG), Cache::new_uncached());
+        let mut log = QueueStorage::new(&mut chip, QueueConfig::new(SMALL_LOG), Cache::new_uncached());
         log.push(newer_entry, false).await.expect("there is room");
     });
     let mut store = open(&mut chip);
@@ -254,7 +319,7 @@ fn records_of_newer_firmware_are_reported_and_not_changed() {
             let stored = records.fetch_item::<&[u8]>(&mut buffer, &key).await.expect("the chip works");
             assert_eq!(stored, Some(newer_tissue));
         }
-        let mut log = QueueStorage::new(&mut chip, QueueConfig::new(LOG), Cache::new_uncached());
+        let mut log = QueueStorage::new(&mut chip, QueueConfig::new(SMALL_LOG), Cache::new_uncached());
         let oldest = log.peek(&mut buffer).await.expect("the chip works");
         assert_eq!(oldest.as_deref(), Some(newer_entry));
     });
@@ -334,11 +399,14 @@ fn a_chip_with_any_content_becomes_usable() {
                     chip.bytes[at] ^= 1 << random.u8(0..8);
                     // In the log only bits of written bytes are flipped: the log does not verify an entry after writing it, and a
                     // flipped bit in an erased area would damage a later entry.
-                    let range =
-                        if random.bool() { 0..RECORDS.end as usize } else { LOG.start as usize..chip.bytes.len() };
+                    let range = if random.bool() {
+                        0..RECORDS.end as usize
+                    } else {
+                        SMALL_LOG.start as usize..chip.bytes.len()
+                    };
                     at = random.usize(range);
-                    while at >= LOG.start as usize && chip.bytes[at] == 0xff {
-                        at = random.usize(LOG.start as usize..chip.bytes.len());
+                    while at >= SMALL_LOG.start as usize && chip.bytes[at] == 0xff {
+                        at = random.usize(SMALL_LOG.start as usize..chip.bytes.len());
                     }
                 }
             }
@@ -402,11 +470,16 @@ fn a_chip_without_two_equal_surveys_is_not_used() {
 /// counted nevertheless.
 #[test]
 fn an_area_with_more_than_a_first_entry_is_counted_when_it_is_erased() {
-    let mut chip = chip();
-    let mut random = fastrand::Rng::with_seed(9);
-    random.fill(&mut chip.bytes[..4 * SECTOR as usize]);
-    random.fill(&mut chip.bytes[LOG.start as usize..]);
-    assert_eq!(open(&mut chip).contents().erased, 2);
+    for chip_bytes in [SMALL_LOG.end as usize, 16 << 20] {
+        let mut chip = NorFlashChip::new(chip_bytes);
+        let mut random = fastrand::Rng::with_seed(9);
+        random.fill(&mut chip.bytes[..4 * SECTOR as usize]);
+        random.fill(&mut chip.bytes[flash_map::log(chip_bytes).start as usize..]);
+        let mut store = open(&mut chip);
+        assert_eq!(store.contents().erased, 2);
+        assert_eq!(block_on(store.push_record(step(0))), Ok(0));
+        assert_eq!(open(&mut chip).contents().next_record, 1);
+    }
 }
 
 /// True if a chip contains these bytes anywhere.
@@ -564,7 +637,7 @@ fn a_day_of_steps_wears_the_chip_little() {
                 block_on(store.acknowledge(number)).expect("the chip works");
             }
         }
-        let log = (LOG.start / SECTOR) as usize..(LOG.end / SECTOR) as usize;
+        let log = (SMALL_LOG.start / SECTOR) as usize..(SMALL_LOG.end / SECTOR) as usize;
         let most = chip.erasures[log].iter().max().expect("there are sectors");
         let a_day = f64::from(*most) / f64::from(DAYS);
         let years = ERASURES / a_day / 365.25;

@@ -4,7 +4,7 @@ use core::cell::Cell;
 use embassy_futures::block_on;
 use embedded_storage_async::nor_flash::NorFlash;
 use plantar::protocol::{LoadRecord, Reset, Step};
-use plantar::storage::flash_map::{LOG, SECTOR};
+use plantar::storage::flash_map::{SECTOR, SMALL_LOG};
 use plantar::storage::supplied::Supplied;
 use plantar::storage::{StorageError, Store};
 use testkit::nor_flash::{NorFlashChip, Supply};
@@ -12,7 +12,7 @@ use testkit::step;
 
 /// A chip that was used before.
 fn used_chip() -> NorFlashChip {
-    let mut chip = NorFlashChip::new(LOG.end as usize);
+    let mut chip = NorFlashChip::new(SMALL_LOG.end as usize);
     let _ = block_on(Store::open(Some(&mut chip), Reset::Power));
     chip
 }

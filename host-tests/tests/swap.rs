@@ -10,7 +10,7 @@ use emulation::FLASH_BYTES;
 use firmware_image::{Image, SigningKey};
 use plantar::protocol::update::{CHUNK, Header, Offer, Progress, Refusal, Request};
 use plantar::storage::boot::{BUFFER, Blocking, config, poll_at_most};
-use plantar::storage::flash_map::LOG;
+use plantar::storage::flash_map::SMALL_LOG;
 use plantar::storage::flash_map::{HEADER, MAX_IMAGE, OTHER, PREVIOUS, SECTOR, STATE};
 use plantar::storage::partition::Partition;
 use plantar::storage::previous;
@@ -530,5 +530,5 @@ fn an_update_erases_only_the_areas_of_images_and_state() {
         let is_allowed = [STATE, PREVIOUS, OTHER, ACTIVE_IMAGE].iter().any(|range| range.contains(&at));
         assert!(*erasures == 0 || is_allowed, "{at:#x}");
     }
-    const { assert!(LOG.end <= STATE.start) };
+    const { assert!(SMALL_LOG.end <= STATE.start) };
 }

@@ -5,7 +5,7 @@ use embassy_futures::block_on;
 use embassy_sync::mutex::Mutex;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use plantar::protocol::update::CHUNK;
-use plantar::storage::flash_map::{ACTIVE, BOOTLOADER, CHIP_BYTES, LOG, OTHER, PREVIOUS, RECORDS, SECTOR, STATE};
+use plantar::storage::flash_map::{ACTIVE, BOOTLOADER, LARGEST_CHIP, OTHER, PREVIOUS, RECORDS, SECTOR, STATE, log};
 use plantar::storage::partition::Partition;
 
 /// An operation of the chip that changes it.
@@ -41,7 +41,7 @@ impl ReadNorFlash for Probe {
     }
 
     fn capacity(&self) -> usize {
-        CHIP_BYTES as usize
+        LARGEST_CHIP as usize
     }
 }
 
@@ -95,13 +95,15 @@ pub fn change(area: Range<u32>, offset: u32, bytes: &[u8]) {
     }
 }
 
-/// No two areas of the map contain the same sector, each is within its chip, and each begins and ends with a sector.
-pub fn map(sector: u32) {
+/// No two areas of the map of a chip with this number of bytes contain the same sector, each is within its chip, and each begins
+/// and ends with a sector.
+pub fn map(chip_bytes: u32, sector: u32) {
     let contains = |area: &Range<u32>| area.contains(&sector) || area.contains(&(sector + SECTOR - 1));
     let owners = |areas: &[Range<u32>]| areas.iter().filter(|area| contains(area)).count();
-    assert!(owners(&[RECORDS, LOG, STATE, PREVIOUS, OTHER]) <= usize::from(sector < CHIP_BYTES));
+    let log = log(chip_bytes as usize);
+    assert!(owners(&[RECORDS, log.clone(), STATE, PREVIOUS, OTHER]) <= usize::from(sector < chip_bytes));
     assert!(owners(&[BOOTLOADER, ACTIVE]) <= 1);
-    for area in [RECORDS, LOG, STATE, PREVIOUS, OTHER, BOOTLOADER, ACTIVE] {
+    for area in [RECORDS, log, STATE, PREVIOUS, OTHER, BOOTLOADER, ACTIVE] {
         assert!(area.start.is_multiple_of(SECTOR) && area.end.is_multiple_of(SECTOR));
     }
 }

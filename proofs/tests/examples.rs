@@ -2,6 +2,7 @@
 
 use critical_section as _; // links the host's implementation of the critical sections that the firmware uses
 use plantar::protocol::{Resolution, ToDevice};
+use plantar::storage::flash_map::SMALLEST_CHIP;
 use proofs::acknowledgement::EVENTS;
 use proofs::fragments::Fragment;
 use proofs::{acknowledgement, cells, codec, flash, fragments, image, numbers, supervision};
@@ -23,7 +24,7 @@ fn properties_hold_for_examples() {
     fragments::disorder(&fragments::split(14, 6), &[0, 2, 0, 1, 2]);
     flash::read(4096..5120, 0, 200, &mut [0; 300]);
     flash::change(4096..5120, 1000, &[0; 30]);
-    flash::map(0);
+    flash::map(SMALLEST_CHIP, 0);
     image::version("1.22.333+x");
     image::header(&[0xff; 40]);
     acknowledgement::session(u32::MAX, &EVENTS);

@@ -5,7 +5,7 @@ use critical_section as _; // links the host's implementation of the critical se
 use plantar::firmware::supervise::{MOST_CHECKS, Part, START_CHECKS};
 use plantar::protocol::update::{CHUNK, Header};
 use plantar::protocol::{MAX_MESSAGE, Resolution, ToDevice, ToHost};
-use plantar::storage::flash_map::{CHIP_BYTES, SECTOR};
+use plantar::storage::flash_map::{LARGEST_CHIP, SECTOR, SMALLEST_CHIP};
 use proofs::acknowledgement::EVENTS;
 use proofs::calendar::Day;
 use proofs::fragments::Fragment;
@@ -172,7 +172,7 @@ fn offsets(len: u32) -> impl Iterator<Item = u32> {
 #[test]
 fn a_partition_returns_the_bytes_of_its_area_only() {
     let mut bytes = [0; 3 * CHUNK];
-    for start in [0, 256, 4096, CHIP_BYTES - 1024] {
+    for start in [0, 256, 4096, LARGEST_CHIP - 1024] {
         for len in [0, 1, 255, 256, 257, 1024] {
             for (before, offset) in offsets(len).flat_map(|offset| [0, 300, 1023].map(|before| (before, offset))) {
                 for read in (0..=600).step_by(bound(23, 1)).chain([255, 256, 257, 511, 512, 513]) {
@@ -186,7 +186,7 @@ fn a_partition_returns_the_bytes_of_its_area_only() {
 #[test]
 fn a_partition_changes_bytes_of_its_area_only() {
     let bytes = [0; 600];
-    for start in [0, 256, 4096, CHIP_BYTES - 1024] {
+    for start in [0, 256, 4096, LARGEST_CHIP - 1024] {
         for len in [0, 1, 255, 256, 257, 1024] {
             for offset in offsets(len) {
                 (0..=bytes.len()).for_each(|change| flash::change(start..start + len, offset, &bytes[..change]));
@@ -197,7 +197,9 @@ fn a_partition_changes_bytes_of_its_area_only() {
 
 #[test]
 fn no_sector_of_a_chip_belongs_to_two_areas() {
-    (0..2 * CHIP_BYTES).step_by(SECTOR as usize).for_each(flash::map);
+    for chip_bytes in (1..=8).map(|mib| mib * SMALLEST_CHIP).chain([LARGEST_CHIP - 1, LARGEST_CHIP - SECTOR]) {
+        (0..2 * LARGEST_CHIP).step_by(SECTOR as usize).for_each(|sector| flash::map(chip_bytes, sector));
+    }
 }
 
 #[test]

@@ -7,7 +7,7 @@ use nor_flash::NorFlashChip;
 use plantar::protocol::Reset;
 use plantar::protocol::update::{CHUNK, Header, Offer, Progress, Refusal, Request};
 use plantar::storage::Store;
-use plantar::storage::flash_map::{HEADER, LOG, MAX_IMAGE, OTHER, PREVIOUS, SECTOR, STATE};
+use plantar::storage::flash_map::{HEADER, MAX_IMAGE, OTHER, PREVIOUS, SECTOR, SMALL_LOG, STATE};
 use plantar::storage::previous;
 use plantar::storage::update::{Update, confirm, is_on_trial};
 use proofs::acknowledgement::record;
@@ -215,7 +215,7 @@ enum Event {
 fn a_log_contains_exactly_the_records_that_were_not_acknowledged() {
     let alphabet =
         [Event::Record, Event::AcknowledgeOldest, Event::AcknowledgeNewest, Event::AcknowledgeMissing, Event::Restart];
-    let mut blank = NorFlashChip::new(LOG.end as usize);
+    let mut blank = NorFlashChip::new(SMALL_LOG.end as usize);
     let _ = block_on(Store::open(Some(&mut blank), Reset::Power));
     sequences(&alphabet, bound(4, 6), |events| {
         let mut chip = blank.clone();

@@ -78,7 +78,8 @@ pub struct Contents {
     pub next_record: u32,
     /// Bit k: records of kind k exist in a newer format than this firmware knows. They are not changed.
     pub newer_kinds: u32,
-    /// Number of entries of the log in a newer format. They are not changed until the log is full.
+    /// Number of entries in a newer format in the newest sectors of the log; at least 1 if its oldest entry is in one. They are
+    /// not changed until the log is full.
     pub newer_records: u32,
     /// Number of areas of the chip (that of the records, that of the log) that were damaged beyond repair and erased at this
     /// start.

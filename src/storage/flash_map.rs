@@ -16,12 +16,20 @@ pub const ACTIVE: Range<u32> = BOOTLOADER.end..BOOTLOADER.end + 96 * SECTOR;
 /// Longest image, bytes.
 pub const MAX_IMAGE: u32 = ACTIVE.end - ACTIVE.start;
 
-/// Size of the flash chip, a W25Q32, bytes.
-pub const CHIP_BYTES: u32 = 4 << 20;
+/// Size of the smallest flash chip that the map fits into, bytes.
+pub const SMALLEST_CHIP: u32 = 2 << 20;
+/// Size of the largest flash chip of which all bytes are used: its addresses have three bytes.
+pub const LARGEST_CHIP: u32 = 16 << 20;
 /// Records, in the flash chip.
 pub const RECORDS: Range<u32> = 0..16 * SECTOR;
-/// The step log, in the flash chip: about 3,000 usual steps, and at least 2,000 of the longest form, 8 in each sector.
-pub const LOG: Range<u32> = RECORDS.end..RECORDS.end + 256 * SECTOR;
+/// The step log, in a flash chip of up to 4 MiB: about 3,000 usual steps, and at least 2,000 of the longest form, 8 in each
+/// sector.
+pub const SMALL_LOG: Range<u32> = RECORDS.end..RECORDS.end + 256 * SECTOR;
+/// The largest flash chip with [`SMALL_LOG`], bytes. These chips have had that log since the first firmware with storage.
+const SMALL_LOG_CHIP: u32 = 4 << 20;
+/// Beginning of the step log in a larger flash chip, in which the log takes the rest: at least 27,000 steps in 16 MiB. The
+/// emulated board has its running image below.
+const LARGE_LOG_START: u32 = 0x28_0000;
 /// The state of the bootloader, in the flash chip.
 pub const STATE: Range<u32> = 0x12_0000..0x12_0000 + SECTOR;
 /// The note about the previous image ([`super::previous`]), in the flash chip.
@@ -35,4 +43,14 @@ pub const HEADER: u32 = 0x200;
 /// Size that is reserved for the header, bytes.
 pub const HEADER_BYTES: u32 = 64;
 
-const _: () = assert!(LOG.end <= STATE.start && PREVIOUS.end <= OTHER.start && OTHER.end <= CHIP_BYTES);
+const _: () = assert!(SMALL_LOG.end <= STATE.start && PREVIOUS.end <= OTHER.start);
+const _: () = assert!(OTHER.end <= SMALLEST_CHIP && OTHER.end <= LARGE_LOG_START);
+
+/// The step log in a flash chip with this number of bytes, at least [`SMALLEST_CHIP`].
+pub const fn log(chip_bytes: usize) -> Range<u32> {
+    if chip_bytes <= SMALL_LOG_CHIP as usize {
+        return SMALL_LOG;
+    }
+    let end = if chip_bytes < LARGEST_CHIP as usize { chip_bytes as u32 / SECTOR * SECTOR } else { LARGEST_CHIP };
+    LARGE_LOG_START..end
+}

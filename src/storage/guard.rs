@@ -11,8 +11,8 @@ pub(super) struct Guard {
     pub is_read_only: bool,
     /// An operation has failed for this reason.
     pub has_refused: bool,
-    /// An erase operation that fails is postponed: while `sequential-storage` reads the log, it erases sectors of which all
-    /// entries were deleted, and a supply that is too low for this must not prevent reading.
+    /// An erase operation that fails or must not happen is postponed: while `sequential-storage` reads the log, it erases sectors
+    /// of which all entries were deleted. Neither a supply that is too low for this nor a survey must prevent reading.
     pub postpones_erasure: bool,
     /// An erase operation has been postponed, so the cached state of its sector is wrong.
     pub has_postponed: bool,
@@ -52,13 +52,14 @@ impl<F: NorFlash> NorFlash for Guarded<'_, F> {
     const ERASE_SIZE: usize = F::ERASE_SIZE;
 
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
-        self.check()?;
-        let erased = self.flash.erase(from, to).await.map_err(|error| error.kind());
-        if erased.is_err() && self.guard.postpones_erasure {
-            self.guard.has_postponed = true;
-            return Ok(());
+        if !self.guard.postpones_erasure {
+            self.check()?;
+            return self.flash.erase(from, to).await.map_err(|error| error.kind());
         }
-        erased
+        if self.guard.is_read_only || self.flash.erase(from, to).await.is_err() {
+            self.guard.has_postponed = true;
+        }
+        Ok(())
     }
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {

@@ -1,20 +1,20 @@
 //! The store: records and the step log in the flash chip.
 
-use super::flash_map::{LOG, RECORDS, SECTOR};
+use super::flash_map::{self, RECORDS};
 use super::guard::{Guard, Guarded};
 use super::log::Entry;
 use super::records::{Bonds, BootCounters, CalibrationRecord, CellsRecord, Key, Record};
 use super::{BUFFER, StorageError};
 use crate::protocol::{BLOCK_CELLS, CalibrationBlock, CalibrationId, Contents, LoadRecord, decode, encode};
 use crate::sequence::is_after;
-use embedded_storage_async::nor_flash::{MultiwriteNorFlash, NorFlashErrorKind};
+use embedded_storage_async::nor_flash::MultiwriteNorFlash;
+use sectors::{Sectors, oldest};
 use sequential_storage::Error;
-use sequential_storage::cache::page_states::CalculatedPageStates;
 use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::map::{MapConfig, MapStorage};
-use sequential_storage::queue::{QueueConfig, QueueStorage};
 
 mod erase;
+mod sectors;
 mod survey;
 
 /// Largest number of attempts to write a record. An attempt fails if the record cannot be read back.
@@ -23,12 +23,6 @@ const WRITE_ATTEMPTS: usize = 3;
 /// The second of the two slots for a calibration; the first is 0. The part of a block's record is the slot combined with the
 /// block number, which is below this bit.
 const OTHER_SLOT: u8 = 0x80;
-
-type LogCache = Cache<CalculatedPageStates, Uncached, Uncached>;
-
-fn empty_cache() -> LogCache {
-    Cache::new(CalculatedPageStates::new(((LOG.end - LOG.start) / SECTOR) as usize), Uncached, Uncached)
-}
 
 /// What the store does with its chip.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -46,7 +40,7 @@ pub struct Store<F> {
     flash: Option<F>,
     guard: Guard,
     used_for: Use,
-    log_cache: LogCache,
+    log: Sectors,
     buffer: [u8; BUFFER],
     contents: Contents,
     /// The counts of boots with this one, until they are stored.
@@ -56,11 +50,12 @@ pub struct Store<F> {
 impl<F: MultiwriteNorFlash> Store<F> {
     /// A store that stores and returns nothing until [`Store::begin`]. The chip is accessible by [`Store::flash`].
     pub fn new(flash: Option<F>) -> Self {
+        let log = flash_map::log(flash.as_ref().map_or(0, F::capacity));
         Self {
             flash,
             guard: Guard::default(),
             used_for: Use::None,
-            log_cache: empty_cache(),
+            log: Sectors::new(log),
             buffer: [0; BUFFER],
             contents: Contents::default(),
             boots_due: None,
@@ -252,8 +247,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// Appends an encoded entry to the log. A full log drops its oldest entries; returns the number of dropped load records.
     async fn push(&mut self, bytes: &[u8]) -> Result<u32, StorageError> {
         self.check_use()?;
-        let Self { flash, guard, log_cache, buffer, .. } = self;
-        with_log(flash, guard, log_cache, async |log| {
+        let Self { flash, guard, log, buffer, .. } = self;
+        log.with_queue(flash, guard, async |log| {
             match log.push(bytes, false).await {
                 Err(Error::FullStorage) => {}
                 pushed => return pushed.map(|()| 0),
@@ -279,8 +274,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
             self.push(Entry::Acknowledged { next }.encode(&mut [0; BUFFER])).await?;
             self.contents.next_record = next;
         }
-        let Self { flash, guard, log_cache, buffer, contents, .. } = self;
-        with_log(flash, guard, log_cache, async |log| {
+        let Self { flash, guard, log, buffer, contents, .. } = self;
+        log.with_queue(flash, guard, async |log| {
             let mut entries = log.iter().await?;
             while let Some(entry) = entries.next(buffer).await? {
                 match Entry::decode(&entry) {
@@ -310,23 +305,24 @@ impl<F: MultiwriteNorFlash> Store<F> {
         mut take: impl FnMut(LoadRecord) -> bool,
     ) -> Result<bool, StorageError> {
         self.check_use()?;
-        let Self { flash, guard, log_cache, buffer, contents, .. } = self;
+        let Self { flash, guard, log, buffer, contents, .. } = self;
         guard.postpones_erasure = true;
-        let remain = with_log(flash, guard, log_cache, async |log| {
-            let mut entries = log.iter().await?;
-            while let Some(entry) = entries.next(buffer).await? {
-                let Some((boot, record)) = Entry::decode(&entry).and_then(Entry::record) else { continue };
-                let is_new = after.is_none_or(|after| is_after(record.number(), after));
-                if is_new && !take(record.with_boots_since(contents.start.wrapping_sub(boot))) {
-                    return Ok(true);
+        let remain = log
+            .with_queue(flash, guard, async |log| {
+                let mut entries = log.iter().await?;
+                while let Some(entry) = entries.next(buffer).await? {
+                    let Some((boot, record)) = Entry::decode(&entry).and_then(Entry::record) else { continue };
+                    let is_new = after.is_none_or(|after| is_after(record.number(), after));
+                    if is_new && !take(record.with_boots_since(contents.start.wrapping_sub(boot))) {
+                        return Ok(true);
+                    }
                 }
-            }
-            Ok(false)
-        })
-        .await;
+                Ok(false)
+            })
+            .await;
         guard.postpones_erasure = false;
         if core::mem::take(&mut guard.has_postponed) {
-            *log_cache = empty_cache();
+            log.forget();
         }
         remain
     }
@@ -341,34 +337,4 @@ fn records<'f, F: MultiwriteNorFlash>(
 ) -> Result<Records<'f, F>, StorageError> {
     let flash = Guarded { flash: flash.as_mut().ok_or(StorageError::Chip)?, guard };
     Ok(MapStorage::new(flash, MapConfig::new(RECORDS), Cache::new_uncached()))
-}
-
-/// Gives `work` access to the log, and preserves the cached state of its pages unless `work` fails.
-async fn with_log<F: MultiwriteNorFlash, T>(
-    flash: &mut Option<F>,
-    guard: &mut Guard,
-    cache: &mut LogCache,
-    work: impl AsyncFnOnce(&mut QueueStorage<Guarded<'_, F>, LogCache>) -> Result<T, Error<NorFlashErrorKind>>,
-) -> Result<T, StorageError> {
-    let flash = Guarded { flash: flash.as_mut().ok_or(StorageError::Chip)?, guard };
-    let mut log = QueueStorage::new(flash, QueueConfig::new(LOG), core::mem::replace(cache, empty_cache()));
-    let done = work(&mut log).await;
-    if done.is_ok() {
-        *cache = log.destroy().1;
-    }
-    Ok(done?)
-}
-
-/// Number of the oldest load record in the log.
-async fn oldest<F: MultiwriteNorFlash>(
-    log: &mut QueueStorage<Guarded<'_, F>, LogCache>,
-    buffer: &mut [u8],
-) -> Result<Option<u32>, Error<NorFlashErrorKind>> {
-    let mut entries = log.iter().await?;
-    while let Some(entry) = entries.next(buffer).await? {
-        if let Some((_, record)) = Entry::decode(&entry).and_then(Entry::record) {
-            return Ok(Some(record.number()));
-        }
-    }
-    Ok(None)
 }

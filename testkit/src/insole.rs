@@ -21,7 +21,7 @@ use plantar::firmware::{persist, process, scan, serve};
 use plantar::protocol::update::{CHUNK, Header};
 use plantar::protocol::{Reset, Settings};
 use plantar::storage::boot::{BUFFER, Blocking, config};
-use plantar::storage::flash_map::{HEADER, HEADER_BYTES, LOG};
+use plantar::storage::flash_map::{HEADER, HEADER_BYTES, SMALL_LOG};
 use plantar::storage::partition::Partition;
 use serde::Deserialize;
 use std::cell::RefCell;
@@ -259,7 +259,7 @@ impl HostInsole {
             Defect::None => {}
             Defect::Model => executor.stall("model"),
             Defect::Radio => executor.stall("gatt"),
-            Defect::Storage => self.chip.0.borrow_mut().forgets_writes_below = Some(LOG.end),
+            Defect::Storage => self.chip.0.borrow_mut().forgets_writes_below = Some(SMALL_LOG.end),
             Defect::Crash => executor.spawn("crash", async {
                 Timer::after_secs(CRASH_S).await;
                 reset(ResetCause::Panic)

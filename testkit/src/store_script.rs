@@ -10,7 +10,7 @@ use plantar::pipeline::model::ForceLaw;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::{BLOCK_CELLS, CalibrationBlock, CalibrationId};
 use plantar::protocol::{Reset, Serial, Step};
-use plantar::storage::flash_map::LOG;
+use plantar::storage::flash_map::SMALL_LOG;
 use plantar::storage::{Bonds, IdentityRecord, MAX_BONDS_BYTES, Record, StorageError, Store};
 
 /// Number of cells of the insole.
@@ -200,7 +200,7 @@ impl Script {
         };
         let past: Vec<Action> = (0..used).map(|_| action()).collect();
         let actions = (0..len).map(|_| action()).collect();
-        let mut chip = NorFlashChip::new(LOG.end as usize);
+        let mut chip = NorFlashChip::new(SMALL_LOG.end as usize);
         let (before, _) = run(&mut chip, Content::default(), &past);
         chip.operations = 0;
         chip.erasures.fill(0);

@@ -1,4 +1,4 @@
-//! The flash chip: a W25Q32 (4 MiB) on SPI2, with DMA.
+//! The flash chip: a W25Q128 (16 MiB), or a smaller one of this series with at least 2 MiB, on SPI2, with DMA.
 //!
 //! The controller's own flash is not written while the radio runs: erasing it stops the core for milliseconds, and must be agreed
 //! with the radio's core by a protocol of its own.
@@ -12,9 +12,9 @@ use embassy_stm32::time::Hertz;
 use embassy_stm32::{Peri, bind_interrupts, dma, pac};
 use embassy_time::{Delay, Timer};
 use embedded_hal_bus::spi::ExclusiveDevice;
-use plantar::storage::flash_map::CHIP_BYTES;
+use plantar::storage::flash_map::SMALLEST_CHIP;
 use plantar::storage::supplied::Supplied;
-use w25::{JedecId, MajorDeviceId, Q, W25};
+use w25::{JedecId, Q, W25};
 
 bind_interrupts!(struct Irqs {
     DMA1_CHANNEL2 => dma::InterruptHandler<DMA1_CH2>;
@@ -70,17 +70,17 @@ pub async fn open(
     let spi = Spi::new(spi, clock, to_chip, from_chip, send, receive, Irqs, config);
     // Neither a pin of this controller nor its SPI as master can fail. `unwrap` is not used, because it needs errors with
     // `Debug`: the first error lacks it, and the texts of the second would take kilobytes.
-    let device = ExclusiveDevice::new(spi, select, Delay).unwrap_or_else(|_| unreachable!());
-    let mut chip = W25::new_no_pins(device, CHIP_BYTES).await.unwrap_or_else(|_| unreachable!());
+    let mut device = ExclusiveDevice::new(spi, select, Delay).unwrap_or_else(|_| unreachable!());
+    let mut chip = W25::<Q, _, _, _>::new_no_pins(&mut device, SMALLEST_CHIP).await.unwrap_or_else(|_| unreachable!());
     let mut first = None;
     for _ in 0..IDENTITY_READS {
         let identity = chip.jedec_id().await.ok().filter(|id| id.manufacturer() == JedecId::MANUFACTURER)?;
-        let device = identity.major_device_id().ok()? as u8;
-        // The flash map needs 2 MiB.
-        if device < MajorDeviceId::W25_16 as u8 || *first.get_or_insert(device) != device {
+        let bytes = identity.major_device_id().ok()?.capacity();
+        if bytes < SMALLEST_CHIP || *first.get_or_insert(bytes) != bytes {
             return None;
         }
         Timer::after_millis(1).await;
     }
+    let chip = W25::new_no_pins(device, first?).await.unwrap_or_else(|_| unreachable!());
     Some(Supplied::new(chip, is_supplied))
 }

@@ -25,7 +25,7 @@ use plantar::firmware::{DeviceInsole, layout, persist, process, scan, serve};
 use plantar::pipeline::setup::DEVICE_CELLS;
 use plantar::protocol::update::Header;
 use plantar::storage::Store;
-use plantar::storage::flash_map::{CHIP_BYTES, SECTOR};
+use plantar::storage::flash_map::{SECTOR, SMALLEST_CHIP};
 
 /// The header of this image: the name of the board, which updates must match, and the version.
 #[used]
@@ -93,7 +93,7 @@ impl ReadNorFlash for NoChip {
     }
 
     fn capacity(&self) -> usize {
-        CHIP_BYTES as usize
+        SMALLEST_CHIP as usize
     }
 }
 

@@ -1,9 +1,9 @@
 //! Erases what the chip contains about the wearer.
 
-use super::{Store, empty_cache, records};
+use super::{Store, records};
 use crate::pipeline::alert::{AlertRules, DailyLoad};
 use crate::pipeline::tissue::Tissue;
-use crate::storage::flash_map::{LOG, RECORDS, SECTOR};
+use crate::storage::flash_map::{RECORDS, SECTOR};
 use crate::storage::log::Entry;
 use crate::storage::records::{Bonds, IdentifiedRecord, Key, Record};
 use crate::storage::{BUFFER, StorageError};
@@ -39,12 +39,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
             progressed();
         }
         records(&mut self.flash, &mut self.guard)?.remove_item(&mut self.buffer, &FILLER).await?;
-        self.log_cache = empty_cache();
-        for sector in LOG.step_by(SECTOR as usize) {
-            let flash = self.flash.as_mut().ok_or(StorageError::Chip)?;
-            flash.erase(sector, sector + SECTOR).await.map_err(|_| StorageError::Chip)?;
-            progressed();
-        }
+        self.erase_used(self.log.range(), progressed).await?;
         let entry = Entry::Acknowledged { next: self.contents.next_record };
         self.push(entry.encode(&mut [0; BUFFER])).await.map(drop)
     }

@@ -1,10 +1,11 @@
 //! Determines what the chip contains, and erases areas that cannot be used.
 
 use super::erase::FILLER;
-use super::{Store, Use, empty_cache, records, with_log};
+use super::sectors::Sectors;
+use super::{Store, Use, records};
 use crate::checksum::CRC;
 use crate::protocol::{Contents, Reset};
-use crate::storage::flash_map::{LOG, RECORDS};
+use crate::storage::flash_map::{RECORDS, SECTOR};
 use crate::storage::log::Entry;
 use crate::storage::records::{BootCounters, VERSIONS};
 use crate::storage::{BUFFER, StorageError};
@@ -19,7 +20,7 @@ const CONTRADICTIONS_TO_GIVE_UP: u32 = 4;
 struct Survey {
     /// Number of records, of all versions.
     records: Result<u32, StorageError>,
-    /// Number of entries of the log.
+    /// Number of entries in the newest sectors of the log, or in all of them.
     log: Result<u32, StorageError>,
     boots: Result<Option<BootCounters>, StorageError>,
     contents: Contents,
@@ -71,8 +72,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
         self.used_for = Use::All;
         self.guard.is_read_only = true;
         // The first reads after power-on may be wrong, so two surveys in a row must agree. Before an area is written, repaired or
-        // erased because it is empty or damaged, all of its bytes must agree, too; reading them takes half a second on a real
-        // chip.
+        // erased because it is empty or damaged, all of its bytes must agree, too; reading them takes half a second for a log of
+        // 1 MiB.
         let mut survey = self.survey().await;
         let agreed = loop {
             let areas = self.areas(&survey).await;
@@ -110,7 +111,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
             self.clear_area(RECORDS, records, is_in_use).await;
         }
         if survey.has_no_log() {
-            self.clear_area(LOG, log, is_in_use).await;
+            self.clear_area(self.log.range(), log, is_in_use).await;
             // From here on the log always has an entry, so that numbering continues after a restart.
             let _ = self.push(Entry::Acknowledged { next: 0 }.encode(&mut [0; BUFFER])).await;
         }
@@ -118,10 +119,9 @@ impl<F: MultiwriteNorFlash> Store<F> {
 
     /// Erases an area unless it is blank. It is counted in [`Contents::erased`] if anything may be lost.
     async fn clear_area(&mut self, range: Range<u32>, area: Area, is_in_use: bool) {
-        if let Some(flash) = self.flash.as_mut().filter(|_| !area.is_blank) {
+        if !area.is_blank {
             self.contents.erased += u32::from(is_in_use || area.has_data_after_first_entry);
-            self.log_cache = empty_cache();
-            let _ = flash.erase(range.start, range.end).await;
+            let _ = self.erase_used(range, || {}).await;
         }
     }
 
@@ -130,20 +130,36 @@ impl<F: MultiwriteNorFlash> Store<F> {
         if !survey.needs_change() {
             return None;
         }
-        Some([self.read_area(RECORDS).await, self.read_area(LOG).await])
+        Some([self.read_area(RECORDS).await, self.read_area(self.log.range()).await])
     }
 
-    /// Reads all bytes of an area.
+    /// Erases the sectors of a range that are not blank, because reading takes less time than erasing. Calls `progressed` after
+    /// each.
+    ///
+    /// # Errors
+    /// If the chip fails.
+    pub(super) async fn erase_used(&mut self, range: Range<u32>, progressed: impl Fn()) -> Result<(), StorageError> {
+        self.log.forget();
+        for sector in range.step_by(SECTOR as usize) {
+            if !self.read_area(sector..sector + SECTOR).await.is_blank {
+                let flash = self.flash.as_mut().ok_or(StorageError::Chip)?;
+                flash.erase(sector, sector + SECTOR).await.map_err(|_| StorageError::Chip)?;
+            }
+            progressed();
+        }
+        Ok(())
+    }
+
+    /// Reads all bytes of an area. What cannot be read is not blank.
     async fn read_area(&mut self, range: Range<u32>) -> Area {
         let Self { flash, buffer, .. } = self;
         let mut area = Area { checksum: 0, is_blank: true, has_data_after_first_entry: false };
         let mut digest = CRC.digest();
         for at in range.clone().step_by(buffer.len()) {
-            if let Some(flash) = flash
-                && flash.read(at, buffer).await.is_ok()
-            {
+            if let Some(flash) = flash {
+                let is_read = flash.read(at, buffer).await.is_ok();
                 digest.update(buffer);
-                let is_blank = buffer.iter().all(|byte| *byte == 0xff);
+                let is_blank = is_read && buffer.iter().all(|byte| *byte == 0xff);
                 area.is_blank &= is_blank;
                 area.has_data_after_first_entry |= !is_blank && at > range.start;
             }
@@ -155,7 +171,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// Determines the contents of the chip.
     async fn survey(&mut self) -> Survey {
         self.contents = Contents { contradictions: self.contents.contradictions, ..Contents::default() };
-        self.log_cache = empty_cache();
+        self.log.forget();
         self.guard.has_refused = false;
         let (records, log) = (self.survey_records().await, self.survey_log().await);
         let boots = self.get(0).await;
@@ -179,20 +195,57 @@ impl<F: MultiwriteNorFlash> Store<F> {
         Ok(count)
     }
 
-    /// Counts the log entries, and determines the number of the next load record.
+    /// Counts the entries in the newest sectors of the log, and determines the number of the next load record. Reads the whole
+    /// log if its newest entry is not there.
     async fn survey_log(&mut self) -> Result<u32, StorageError> {
-        let Self { flash, guard, log_cache, buffer, contents, .. } = self;
-        with_log(flash, guard, log_cache, async |log| {
-            let mut entries = log.iter().await?;
-            let mut count = 0;
-            while let Some(entry) = entries.next(buffer).await? {
-                count += 1;
-                match Entry::decode(&entry) {
-                    Some(entry) => contents.next_record = entry.next_record(),
-                    None => contents.newer_records += 1,
+        // Sectors of which all entries were deleted remain until the log is next read.
+        self.guard.postpones_erasure = self.guard.is_read_only;
+        let mut count = match self.log.newest(&mut self.flash).await {
+            Some(newest) => self.count_entries(newest).await,
+            None => Ok(0),
+        };
+        if count == Ok(0) {
+            count = self.count_entries(Sectors::new(self.log.range())).await;
+        } else if count.is_ok() {
+            count = self.note_oldest_entry().await.and(count);
+        }
+        self.guard.postpones_erasure = false;
+        if core::mem::take(&mut self.guard.has_postponed) {
+            self.log.forget();
+            // What was to be erased has prevented reading, so it was no sector of deleted entries, but a damaged one.
+            self.guard.has_refused |= count.is_err();
+        }
+        count
+    }
+
+    /// Counts the entries in these sectors of the log. The number of the next load record follows from the last one.
+    async fn count_entries(&mut self, mut sectors: Sectors) -> Result<u32, StorageError> {
+        let Self { flash, guard, buffer, contents, .. } = self;
+        sectors
+            .with_queue(flash, guard, async |log| {
+                let mut entries = log.iter().await?;
+                let mut count = 0;
+                while let Some(entry) = entries.next(buffer).await? {
+                    count += 1;
+                    match Entry::decode(&entry) {
+                        Some(entry) => contents.next_record = entry.next_record(),
+                        None => contents.newer_records += 1,
+                    }
                 }
+                Ok(count)
+            })
+            .await
+    }
+
+    /// Notes an oldest entry in a newer format.
+    async fn note_oldest_entry(&mut self) -> Result<(), StorageError> {
+        let Self { flash, guard, log, buffer, contents, .. } = self;
+        log.with_queue(flash, guard, async |log| {
+            let oldest = log.peek(buffer).await?;
+            if oldest.is_some_and(|entry| Entry::decode(entry).is_none()) {
+                contents.newer_records = contents.newer_records.max(1);
             }
-            Ok(count)
+            Ok(())
         })
         .await
     }

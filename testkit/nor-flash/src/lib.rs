@@ -32,6 +32,8 @@ pub struct NorFlashChip {
     pub erasures: Vec<u32>,
     /// Number of bytes written so far, those of failed operations included.
     pub written: u64,
+    /// Number of bytes read so far.
+    pub read: u64,
     /// The operation in which power fails, counted from 0, and the moment of the power cut. Power stays off afterwards.
     pub cut: Option<(u64, Torn)>,
     /// Write operations below this address succeed but change nothing.
@@ -68,6 +70,7 @@ impl NorFlashChip {
             erasures: vec![0; bytes.len() / SECTOR as usize],
             bytes,
             written: 0,
+            read: 0,
             cut: None,
             forgets_writes_below: None,
             refuses_changes: false,
@@ -128,6 +131,7 @@ impl ReadNorFlash for NorFlashChip {
         if self.is_off() {
             return Err(PowerOff);
         }
+        self.read += bytes.len() as u64;
         bytes.copy_from_slice(&self.bytes[offset as usize..][..bytes.len()]);
         if self.wrong_reads > 0 {
             self.wrong_reads -= 1;

@@ -355,10 +355,10 @@ pub const LOAD_SWITCH: PartType = PartType {
 };
 /// Stores parameters, bonds and steps.
 pub const FLASH: PartType = PartType {
-    number: "W25Q32JVSSIQ",
+    number: "W25Q128JVSIQ",
     manufacturer: "Winbond",
-    alternatives: &["W25Q64JVSSIQ (8 MiB)", "W25Q16JVSSIQ (2 MiB)"],
-    value: "NOR flash chip, 4 MiB",
+    alternatives: &["W25Q64JVSSIQ (8 MiB)", "W25Q32JVSSIQ (4 MiB)", "W25Q16JVSSIQ (2 MiB)"],
+    value: "NOR flash chip, 16 MiB",
     package: "SOIC-8, 5.3 mm wide",
     purpose: "stores parameters, bonds, steps and updates",
     pins: &[

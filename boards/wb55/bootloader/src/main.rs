@@ -27,7 +27,7 @@ use embassy_sync::mutex::Mutex;
 use embedded_hal_bus::spi::ExclusiveDevice;
 use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use plantar::storage::boot::{BUFFER, config, poll_at_most};
-use plantar::storage::flash_map::{ACTIVE, CHIP_BYTES, MAX_IMAGE, STM32_FLASH};
+use plantar::storage::flash_map::{ACTIVE, MAX_IMAGE, SMALLEST_CHIP, STM32_FLASH};
 use plantar::storage::supplied::Supplied;
 use w25::{Q, W25};
 
@@ -106,7 +106,7 @@ fn main() -> ! {
     let select = Output::new(p.PB12, Level::High, Speed::VeryHigh);
     let Ok(device) = ExclusiveDevice::new_no_delay(BlockingAsync::new(bus), select);
     // Opening waits only while the chip is busy. A chip that stays busy does not prevent the start.
-    if let Some(Ok(chip)) = poll_at_most(BUSY_POLLS, W25::<Q, _, _, _>::new_no_pins(device, CHIP_BYTES)) {
+    if let Some(Ok(chip)) = poll_at_most(BUSY_POLLS, W25::<Q, _, _, _>::new_no_pins(device, SMALLEST_CHIP)) {
         pac::PWR.cr2().modify(|w| {
             w.set_pls(SUPPLY_LEVEL);
             w.set_pvde(true);
