@@ -20,8 +20,8 @@ fn used_chip() -> NorFlashChip {
 /// Number of steps that are stored.
 const STEPS: u32 = 40;
 
-/// Stores steps one after the other, and acknowledges every fifth one before the last. Returns the numbers of the steps that were
-/// stored and must remain, and the number of refused operations of the store.
+/// Stores steps one after the other. After every fifth step except the last one, acknowledges all steps so far. Returns the numbers
+/// of the steps that were stored and must remain, and the number of operations of the store that were refused.
 fn store_steps(chip: &mut NorFlashChip, supply: &Supply) -> (Vec<u32>, u32) {
     let mut store = block_on(Store::open(Some(Supplied::new(chip, || supply.is_sufficient())), Reset::Power));
     let (mut stored, mut refused) = (Vec::new(), 0);
@@ -42,7 +42,7 @@ fn store_steps(chip: &mut NorFlashChip, supply: &Supply) -> (Vec<u32>, u32) {
     (stored, refused)
 }
 
-/// Otherwise a record of this boot could not be distinguished from one of the next boot.
+/// A boot that is not counted would have the same number as the next one, so the records of both could not be distinguished.
 #[test]
 fn a_boot_that_begins_with_a_low_supply_is_counted_once_the_supply_is_sufficient() {
     let mut chip = used_chip();
@@ -112,7 +112,8 @@ fn the_log_can_be_read_when_the_supply_became_low_while_records_were_deleted() {
             };
             block_on(store.records(Some(ACKNOWLEDGED), take)).map(|_| numbers)
         };
-        // The second time, the store must not rely on what the first one has postponed.
+        // The first reading postpones the erasure of sectors while the supply is low. The second one must not take them for
+        // erased.
         for _ in 0..2 {
             let found = numbers(&mut store);
             assert_eq!(found, Ok((ACKNOWLEDGED + 1..STEPS).collect()), "low supply from operation {low_from} on");
@@ -147,7 +148,8 @@ fn a_chip_with_a_low_supply_is_not_changed() {
     assert!(chip.bytes == before && chip.erasures.iter().sum::<u32>() == 0);
 }
 
-/// A range that ends before it begins is the chip's to refuse. This one erases nothing.
+/// `Supplied` passes on a range that ends before it begins, because refusing it is the task of the chip. The simulated chip
+/// accepts it and erases nothing.
 #[test]
 fn a_reversed_range_is_passed_to_the_chip() {
     let mut chip = used_chip();

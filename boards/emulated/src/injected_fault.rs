@@ -38,7 +38,7 @@ fn too_deep(n: u32) -> u32 {
     if room[1] == u32::MAX { 0 } else { too_deep(room[0] & 0xffff).wrapping_add(room[2]) }
 }
 
-/// A port of the link, which stalls if this fault is planned.
+/// A port of the link. Its reads and writes stall once a planned [`InjectedFault::LinkStalled`] is due.
 pub struct MayStall<R>(pub R);
 
 impl<R: ErrorType> ErrorType for MayStall<R> {

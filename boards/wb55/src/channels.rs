@@ -1,9 +1,10 @@
 //! The channels between the two cores (IPCC). While the flag of a channel is set, its buffers belong to the receiver, and
 //! otherwise to the sender.
 //!
-//! `embassy-stm32` 0.6 has a driver, too, but its interrupt handlers serve the channels 1 to 5 only. Data packets use channel 6:
-//! the first packet that had to wait would cause an interrupt that no handler masks, so it would occur again without end. `embassy-stm32-wpan`, the
-//! driver of the same project for this radio, is an empty reservation (0.0.0) on the crate registry.
+//! `embassy-stm32` 0.6 has a driver, too, but its interrupt handlers serve the channels 1 to 5 only. Data packets use channel 6
+//! (in this file index 5, because indices count from 0): the first packet that had to wait would cause an interrupt that no
+//! handler masks, so it would occur again without end. `embassy-stm32-wpan`, the driver of the same project for this radio, is
+//! an empty reservation (0.0.0) on the crate registry.
 
 use core::future::poll_fn;
 use core::sync::atomic::{Ordering, fence};

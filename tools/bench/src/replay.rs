@@ -75,7 +75,7 @@ pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
     figures.add(
         "numpy_frames_per_s",
         numpy_per_s.round(),
-        "the same in NumPy, vectorised over all frames at once, frames/s",
+        "the same stages in NumPy, vectorised over all frames except for hysteresis and steps, frames/s",
     );
     figures.add("replay_over_numpy", (per_s / numpy_per_s * 100.0).round() / 100.0, "ratio of the two speeds");
     Ok(())

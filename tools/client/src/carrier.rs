@@ -44,6 +44,7 @@ pub trait Carrier {
     }
 }
 
+// The clocks have no receiver, so they cannot be forwarded: a boxed carrier has those of this computer.
 impl<C: Carrier + ?Sized> Carrier for Box<C> {
     fn send(&mut self, message: ToDevice) -> io::Result<()> {
         (**self).send(message)

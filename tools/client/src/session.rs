@@ -1,4 +1,4 @@
-//! The host's side of a session: sends and receives messages, delivers each step and load bout once, and counts live frames.
+//! The host's side of a session: sends and receives messages, delivers each step, load bout and alert once, and counts live frames.
 
 use crate::counters::LinkCounters;
 use crate::delivered::Delivered;
@@ -103,7 +103,7 @@ impl<C: Carrier> Client<C> {
     /// # Errors
     /// [`Error::NoAnswer`]; errors of the carrier.
     pub fn stream(&mut self) -> Result<(), Error> {
-        // An insole refuses the time of a host without a clock.
+        // The clock of this host may never have been set. An insole refuses times outside of this range.
         if CLOCK_US.contains(&C::unix_us()) {
             self.send(ToDevice::SetClock { unix_us: C::unix_us() })?;
         }
@@ -197,8 +197,9 @@ impl<C: Carrier> Client<C> {
         Ok(())
     }
 
-    /// The next message for the caller; `None` if there is none within the carrier's timeout. Requests the insole's time four
-    /// times a second, for [`Client::axis`].
+    /// The next message for the caller. `None` if none arrived within the carrier's timeout, or if this function handled the
+    /// message itself: the insole's time, a repeated record, a record after a gap, or the hello of a requested replay. Requests
+    /// the insole's time four times a second, for [`Client::axis`].
     ///
     /// Each step, load bout and alert is returned once, however often the insole repeats it. Send [`ToDevice::Acknowledge`] once
     /// it is stored; if the insole repeats it afterwards, this function acknowledges it again. If one is missing before the one

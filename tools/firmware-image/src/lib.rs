@@ -31,8 +31,8 @@ pub enum Error {
     /// The file is not an image.
     #[error("{0} is not a firmware image, or is cut short: make one with `cargo xtask image`")]
     NotAnImage(PathBuf),
-    /// The signature does not match the image.
-    #[error("{0} is damaged, or cut short: its signature does not match; copy or download it again")]
+    /// The trailer cannot be read, or its signature or digest does not match.
+    #[error("{0} is damaged: its signature or digest does not match; copy or download it again")]
     Damaged(PathBuf),
     /// The file is not a secret key.
     #[error("{0} is not a key file, which has one line of 64 hex digits; `cargo xtask key` makes one")]
@@ -193,7 +193,7 @@ pub fn development_key() -> Option<SigningKey> {
 fn parse_signing_key(text: &str) -> Option<SigningKey> {
     let digits = text.lines().map(str::trim).find(|line| !line.is_empty() && !line.starts_with('#'))?;
     let mut bytes = [0; KEY_BYTES];
-    if digits.len() != 2 * bytes.len() || !digits.is_ascii() {
+    if digits.len() != 2 * bytes.len() || !digits.bytes().all(|digit| digit.is_ascii_hexdigit()) {
         return None;
     }
     for (i, byte) in bytes.iter_mut().enumerate() {

@@ -511,7 +511,7 @@ fn a_missing_library_is_an_error_with_a_remedy() {
     }
 }
 
-/// Without a recording, an insole would stop to send records that nobody stores.
+/// Without a recording, nobody stores the records, so an insole would send no further ones.
 #[test]
 fn streams_need_a_recording() {
     let mut command = Command::new(env!("CARGO_BIN_EXE_plantar"));

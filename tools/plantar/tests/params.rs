@@ -164,7 +164,8 @@ fn parameters_and_their_contact_rule_are_set_together() {
     parameters.personal = true;
     parameters.identified =
         Some(Identified { filter: DIRECT.into(), contact: ContactRule::COVERED, side: "right".into(), steps: 31 });
-    // Version 0.2 called the paper's smoothing, which insoles evaluated then, the filter of the step.
+    // In files of version 0.2, the filter "step" is the smoothing of the paper, which the insoles of that version evaluated.
+    // Present insoles do not, so such parameters must be identified again.
     parameters.write(&path.join("params.toml")).expect("written");
     let text = std::fs::read_to_string(path.join("params.toml")).expect("a file");
     std::fs::write(path.join("old.toml"), text.replace("\"direct\"", "\"step\"")).expect("written");

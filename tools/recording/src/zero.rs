@@ -83,7 +83,8 @@ impl Zero {
         }
         let foot = |foot: FileFoot| {
             if let Some(bad) = foot.offset_kpa.iter().find(|kpa| !(0.0..f32::INFINITY).contains(kpa.get_ref())) {
-                let problem = format!("an offset of {} kPa", bad.get_ref());
+                let problem =
+                    format!("an offset of {} kPa, but an offset must be finite and not negative", bad.get_ref());
                 return Err(Error::content(place(bad.span().start), problem, REMEDY));
             }
             let offset_kpa = foot.offset_kpa.into_iter().map(Spanned::into_inner).collect();
@@ -186,8 +187,9 @@ impl FootZero {
             return Err(Error::content(
                 name,
                 format!("{found} offsets for other cells than the {cells} of this recording"),
-                "import the standing trial and this recording with the same layout and the same --cells; the import of a \
-                 matrix keeps only the cells that its own measurement loads, so let the vendor's program subtract its zero",
+                "import the standing trial and this recording with the same layout and the same --cells; an import of a matrix \
+                 sensor keeps only the cells that were loaded in that measurement, so two measurements have different cells: \
+                 for such a sensor, let the vendor's program subtract the zero before the export",
             ));
         }
         for (i, &kpa) in self.offset_kpa.iter().enumerate() {

@@ -9,8 +9,12 @@ use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// The name of the controller in probe-rs, as in `boards/<name>/.cargo/config.toml`.
-fn chip(board: &str) -> &'static str {
-    if board == NRF52840 { "nRF52840_xxAA" } else { "STM32WB55RGVx" }
+fn chip(board: &str) -> Result<&'static str> {
+    match board {
+        NRF52840 => Ok("nRF52840_xxAA"),
+        WB55 => Ok("STM32WB55RGVx"),
+        _ => bail!("{board} cannot be flashed: add the name of its controller in probe-rs to tools/xtask/src/build.rs"),
+    }
 }
 
 /// The profile for a board's package.
@@ -101,7 +105,8 @@ pub fn flash(board: &str) -> Result<()> {
     if !setup::has("probe-rs") {
         bail!("probe-rs is not installed: `cargo install probe-rs-tools --locked`, see docs/hardware.md");
     }
+    let chip = chip(board)?;
     build_firmware(board)?;
-    run("probe-rs", &["download", "--chip", chip(board), &firmware(&bootloader(board)).to_string_lossy()])?;
-    run("probe-rs", &["run", "--chip", chip(board), &firmware(board).to_string_lossy()])
+    run("probe-rs", &["download", "--chip", chip, &firmware(&bootloader(board)).to_string_lossy()])?;
+    run("probe-rs", &["run", "--chip", chip, &firmware(board).to_string_lossy()])
 }

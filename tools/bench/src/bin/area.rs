@@ -28,7 +28,7 @@ const SCALES_KPA: [f32; 7] = [0.0, 75.0, 100.0, 150.0, 200.0, 300.0, 600.0];
 const PITCHES_MM: [f64; 4] = [5.0, 7.0, 10.0, 14.0];
 /// Pressures at the centre of the contact, kPa.
 const PRESSURES_KPA: [f64; 4] = [60.0, 120.0, 240.0, 480.0];
-/// The regions with the largest and the smallest ellipsoid.
+/// The heel and the second toe: a large and a small region, by the middle of their typical contact areas.
 const PRESSED: [Region; 2] = [Region::Heel, Region::Toe2];
 /// In each direction, number of positions of the ellipsoid relative to the cells.
 const POSITIONS: usize = 5;
@@ -37,7 +37,7 @@ const POINTS: usize = 12;
 
 fn main() -> Result<()> {
     let arguments = Arguments::parse();
-    println!("| whole cell from | predicted error % | contact below that pressure % |\n|---|---|---|");
+    println!("| whole cell from | predicted error % | readings below the scale % |\n|---|---|---|");
     let walks = studies::walks(&arguments.jiku)?;
     for full_kpa in SCALES_KPA {
         let rule = ContactRule { full_kpa, ..ContactRule::COUNTED };
@@ -49,7 +49,11 @@ fn main() -> Result<()> {
     }
     for region in PRESSED {
         let pressed = Pressed::of(region);
-        println!("\n{}, {:.0} mm2:\n", region.name(), pressed.area_mm2());
+        println!(
+            "\n{}, {:.0} mm2: bias of the area in %, with counted cells, with covered shares, by pressure at the centre:\n",
+            region.name(),
+            pressed.area_mm2()
+        );
         let pressures = PRESSURES_KPA.map(|kpa| format!("{kpa:.0} kPa"));
         println!("| pitch | {} |\n|---|---|---|---|---|", pressures.join(" | "));
         for pitch_mm in PITCHES_MM {

@@ -146,8 +146,7 @@ fn quantities() -> String {
     interface(&mut text, "A step, the same object as in the files of the command line.", "Step", |text| {
         field(text, "Foot.", "side", "Side");
         Step::QUANTITIES.iter().for_each(|quantity| quantity_field(text, quantity));
-        let meaning =
-            "Start on the insole's own clock, s since 1970; null unless the insole has restarted since the step.";
+        let meaning = "Start on the insole's own clock, s since 1970; null if it was not set, or no restart has followed since the step.";
         field(text, meaning, "start_unix_s", "number | null");
         field(text, "Contact rule of the areas.", "contact_rule", contact_rule);
         field(text, "The measures of the foot.", "foot", "StepFoot");
@@ -180,8 +179,7 @@ fn quantities() -> String {
         field(text, "What the wearer did.", "kind", &kinds);
         field(text, "Foot.", "side", "Side");
         Bout::QUANTITIES.iter().for_each(|quantity| quantity_field(text, quantity));
-        let meaning =
-            "Start on the insole's own clock, s since 1970; null unless the insole has restarted since the load bout.";
+        let meaning = "Start on the insole's own clock, s since 1970; null if it was not set, or no restart has followed since the bout.";
         field(text, meaning, "start_unix_s", "number | null");
         field(text, "The regions by name.", "regions", "Record<string, BoutRegion>");
     });
@@ -200,7 +198,7 @@ fn quantities() -> String {
         field(text, "What the wearer should do, and why.", "advice", "string");
     });
     interface(&mut text, "The load of a day.", "DailyLoad", |text| {
-        field(text, "Number of the wearer's day; 0 if the insole has no clock.", "day", "number");
+        field(text, "Number of the wearer's day; 0 while the clock of the insole is not set.", "day", "number");
         field(text, "Time in which the foot carried load, s.", "loaded_s", "number");
         field(text, "Number of steps.", "steps", "number");
         field(text, "Number of alerts.", "alerts", "number");
@@ -209,7 +207,7 @@ fn quantities() -> String {
         field(text, "The regions by name.", "regions", "Record<string, DailyRegion>");
     });
     interface(&mut text, "One region in the load of a day.", "DailyRegion", |text| {
-        field(text, "Dose, kPa s.", "dose_kpa_s", "number");
+        field(text, "Dose: time integral of the pressure above the limit of the dose, kPa s.", "dose_kpa_s", "number");
         field(text, "Time integral of the squared pressure, kPa2 s.", "squared_pressure_kpa2_s", "number");
         field(text, "Time under sustained load, s.", "sustained_s", "number");
     });
@@ -302,7 +300,7 @@ fn interface(text: &mut String, meaning: &str, name: &str, fields: impl FnOnce(&
 
 fn quantity_field<T>(text: &mut String, quantity: &Quantity<T>) {
     let Quantity { meaning, unit, is_optional, .. } = quantity;
-    // A nested object lacks all of its quantities, or none.
+    // If the quantities of a nested object are absent, the whole object is null, so its fields never are.
     let (nested, key) = quantity.path();
     let of_type = if *is_optional && nested.is_none() { "number | null" } else { "number" };
     field(text, &format!("{meaning} Unit: {unit}."), key, of_type);
