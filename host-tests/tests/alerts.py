@@ -38,7 +38,7 @@ for second in range(seconds):
         bits = lambda regions: int(sum(1 << i for i in np.flatnonzero(regions)))
         alerts.append([second + 1, bits(sustained[:, second]), bits(over)])
         # The shortest time between two alerts; no snooze on request is simulated.
-        silent_until = second + given["snooze_s"]
+        silent_until = second + given["pause_s"]
         announced |= over
 
 json.dump(

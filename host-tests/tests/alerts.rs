@@ -19,7 +19,7 @@ const RATE_HZ: usize = 100;
 const RULES: AlertRules = AlertRules {
     limits: LoadLimits { window_s: 60, ..LoadLimits::DEFAULT },
     dose_kpa_s: 500.0,
-    snooze_s: 60,
+    pause_s: 60,
     ..AlertRules::RECOMMENDED
 };
 
@@ -89,7 +89,7 @@ fn numpy(recording: &Recording, rules: &AlertRules) -> Value {
         "sustained_percent": rules.limits.sustained_percent,
         "relieved_percent": rules.limits.relieved_percent,
         "dose_kpa_s": rules.dose_kpa_s,
-        "snooze_s": rules.snooze_s,
+        "pause_s": rules.pause_s,
         "per_day": rules.per_day,
     });
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/alerts.py");

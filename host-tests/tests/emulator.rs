@@ -429,7 +429,7 @@ fn residual_pressure_is_the_same_on_the_device_and_on_a_host(
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn alerts_and_the_load_of_the_day_are_the_same_on_the_device_and_on_a_host() {
     let limits = LoadLimits { window_s: 60, ..LoadLimits::DEFAULT };
-    let rules = AlertRules { limits, snooze_s: 60, ..AlertRules::RECOMMENDED };
+    let rules = AlertRules { limits, pause_s: 60, ..AlertRules::RECOMMENDED };
     let activities = [Activity::Walk, Activity::Stand, Activity::Stand, Activity::Walk];
     let (recording, _) = activity::recording(&activities, 650.0, 100.0, 40.0, 5);
     let mut session = Session::start(&recording, ContactRule::COVERED, |_| None);

@@ -818,7 +818,7 @@ fn rules_of_alerts_are_checked_stored_and_passed_to_the_insole() {
         AlertRules { limits: LoadLimits { window_s: 901, ..LoadLimits::DEFAULT }, ..AlertRules::RECOMMENDED },
         AlertRules { limits: LoadLimits { relieved_percent: 95, ..LoadLimits::DEFAULT }, ..AlertRules::RECOMMENDED },
         AlertRules { limits: LoadLimits { sustained_kpa: f32::NAN, ..LoadLimits::DEFAULT }, ..AlertRules::RECOMMENDED },
-        AlertRules { snooze_s: 59, ..AlertRules::RECOMMENDED },
+        AlertRules { pause_s: 59, ..AlertRules::RECOMMENDED },
         AlertRules { day_start_min: 1440, ..AlertRules::RECOMMENDED },
         AlertRules { dose_kpa_s: -1.0, ..AlertRules::RECOMMENDED },
     ] {

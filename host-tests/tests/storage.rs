@@ -525,6 +525,32 @@ fn an_erasure_leaves_no_byte_about_the_wearer_and_keeps_the_rest() {
     assert_eq!(numbers(&mut store), [100]);
 }
 
+/// Power fails in each operation of the erasure, with a log of which the newest steps are in its first sectors. No number is given
+/// twice.
+#[test]
+fn numbers_continue_after_an_interrupted_erasure() {
+    let mut chip = chip();
+    let mut store = open(&mut chip);
+    for number in 0..3000 {
+        block_on(store.push_record(step(number))).expect("the chip works");
+    }
+    let used = chip.restarted();
+    let mut whole = used.clone();
+    let mut store = open(&mut whole);
+    let before = store.flash().expect("there is a chip").operations;
+    assert_eq!(block_on(store.erase_wearer(|| {})), Ok(()));
+    for at in before..whole.operations {
+        let mut chip = used.clone();
+        chip.cut = Some((at, Torn::Within));
+        assert!(block_on(open(&mut chip).erase_wearer(|| {})).is_err());
+        let mut chip = chip.restarted();
+        let mut store = open(&mut chip);
+        assert_eq!(store.contents().next_record, 3000, "operation {at}");
+        assert_eq!(block_on(store.push_record(step(3000))), Ok(0), "operation {at}");
+        assert_eq!(open(&mut chip).contents().next_record, 3001, "operation {at}");
+    }
+}
+
 #[test]
 fn a_defective_chip_is_reported() {
     let mut chip = chip();

@@ -276,7 +276,7 @@ fn to_host() -> impl Strategy<Value = ToHost> {
         any::<(u32, u64, u8, u8)>().prop_map(|(number, start_us, sustained, dose)| {
             ToHost::Alert(Alert { start_us, sustained, dose, ..alert(number) })
         }),
-        any::<u16>().prop_map(|snooze_s| ToHost::AlertRules(AlertRules { snooze_s, ..AlertRules::RECOMMENDED })),
+        any::<u16>().prop_map(|pause_s| ToHost::AlertRules(AlertRules { pause_s, ..AlertRules::RECOMMENDED })),
         any::<(u32, u8)>().prop_map(|(day, alerts)| ToHost::DailyLoad(DailyLoad { day, alerts, ..daily_load() })),
         any::<(u16, [u8; 8], [u16; 8])>().prop_map(|(changed, without_baseline, residual_dn)| {
             ToHost::Zero(ZeroResult { changed, without_baseline, residual_dn })
@@ -325,7 +325,7 @@ fn to_device() -> impl Strategy<Value = ToDevice> {
         }),
         Just(ToDevice::GetIdentified),
         Just(ToDevice::GetAlertRules),
-        any::<u16>().prop_map(|snooze_s| ToDevice::SetAlertRules(AlertRules { snooze_s, ..AlertRules::OFF })),
+        any::<u16>().prop_map(|pause_s| ToDevice::SetAlertRules(AlertRules { pause_s, ..AlertRules::OFF })),
         Just(ToDevice::GetDailyLoad),
         any::<u16>().prop_map(|snoozed_s| ToDevice::SnoozeAlerts { snoozed_s }),
         any::<u8>().prop_map(|every| ToDevice::StreamEllipses { every }),

@@ -1,7 +1,7 @@
 //! Alerts: when a region has carried too much load for too long, the wearer is asked to unload it.
 //!
 //! An alert is raised while a region is under sustained load ([`super::cumulative`]), and repeated after
-//! [`AlertRules::snooze_s`] until the region is relieved; and once a day when the dose of a region reaches
+//! [`AlertRules::pause_s`] until the region is relieved; and once a day when the dose of a region reaches
 //! [`AlertRules::dose_kpa_s`]. At most [`AlertRules::per_day`] alerts are raised in a day, because people stop reacting to more.
 
 use super::cumulative::{LoadLimits, Totals};
@@ -21,7 +21,7 @@ pub struct AlertRules {
     /// Dose of a region in a day from which an alert is raised, kPa s; 0 for no such alert, at most 1e7.
     pub dose_kpa_s: f32,
     /// Time after an alert without another one, s, 60 to [`MAX_SNOOZE_S`].
-    pub snooze_s: u16,
+    pub pause_s: u16,
     /// Largest number of alerts in a day; 0 for no alerts.
     pub per_day: u8,
     /// Time at which the wearer's day begins, minutes after midnight UTC, below 1440.
@@ -36,7 +36,7 @@ impl AlertRules {
         limits: LoadLimits::DEFAULT,
         regions: 0xff,
         dose_kpa_s: 0.0,
-        snooze_s: 1200,
+        pause_s: 1200,
         per_day: 20,
         day_start_min: 0,
     };
@@ -52,7 +52,7 @@ impl AlertRules {
         },
         regions: 0,
         dose_kpa_s: 0.0,
-        snooze_s: 0,
+        pause_s: 0,
         per_day: 0,
         day_start_min: 0,
     };
@@ -61,7 +61,7 @@ impl AlertRules {
     pub fn is_valid(&self) -> bool {
         self.limits.is_valid()
             && (0.0..=1e7).contains(&self.dose_kpa_s)
-            && (60..=MAX_SNOOZE_S).contains(&self.snooze_s)
+            && (60..=MAX_SNOOZE_S).contains(&self.pause_s)
             && self.day_start_min < 1440
     }
 
@@ -146,7 +146,7 @@ impl Alerts {
         let is_due = self.raised == (0, 0) && self.snoozed_s == 0 && self.today < rules.per_day;
         if sustained | dose != 0 && is_due {
             (self.raised, self.raised_seq) = ((sustained, dose), seq);
-            self.snoozed_s = rules.snooze_s;
+            self.snoozed_s = rules.pause_s;
             self.today += 1;
             self.raised_today = self.today;
             self.dose |= dose;

@@ -78,6 +78,11 @@ pub struct RadioRecord {
     pub has_answered: bool,
 }
 
+/// The number of the next load record when the erasure of the wearer's data began. If a loss of power interrupts it, the log may
+/// not contain this number any more.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct NumberingRecord(pub u32);
+
 /// Number of boots for each variant of [`Reset`], in their order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct BootCounters(pub [u32; 6]);
@@ -121,6 +126,7 @@ records! {
     AlertRules: 9, 1;
     DailyLoad: 10, 1;
     RadioRecord: 11, 1;
+    NumberingRecord: 12, 1;
 }
 
 /// Key of a record: kind, part (for blocks of a calibration; otherwise 0) and version. The version is in the key so that a record

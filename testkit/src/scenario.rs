@@ -210,8 +210,8 @@ pub enum Event {
     SetAlerts {
         /// [`LoadLimits::window_s`].
         window_s: u16,
-        /// [`AlertRules::snooze_s`].
-        snooze_s: u16,
+        /// [`AlertRules::pause_s`].
+        pause_s: u16,
         /// [`AlertRules::per_day`].
         per_day: u8,
         /// [`AlertRules::dose_kpa_s`].
@@ -438,9 +438,9 @@ fn request(world: &SharedWorld, host: &mut Host, insole: usize, event: &Event) -
             world.borrow_mut().insoles[insole].settings = settings;
             Ok(())
         }
-        Event::SetAlerts { window_s, snooze_s, per_day, dose_kpa_s } => client.set_alert_rules(&AlertRules {
+        Event::SetAlerts { window_s, pause_s, per_day, dose_kpa_s } => client.set_alert_rules(&AlertRules {
             limits: LoadLimits { window_s: *window_s, ..LoadLimits::DEFAULT },
-            snooze_s: *snooze_s,
+            pause_s: *pause_s,
             per_day: *per_day,
             dose_kpa_s: *dose_kpa_s,
             ..AlertRules::OFF

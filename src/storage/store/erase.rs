@@ -5,7 +5,7 @@ use crate::pipeline::alert::{AlertRules, DailyLoad};
 use crate::pipeline::tissue::Tissue;
 use crate::storage::flash_map::{RECORDS, SECTOR};
 use crate::storage::log::Entry;
-use crate::storage::records::{Bonds, IdentifiedRecord, Key, Record};
+use crate::storage::records::{Bonds, IdentifiedRecord, Key, NumberingRecord, Record};
 use crate::storage::{BUFFER, StorageError};
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 
@@ -20,13 +20,13 @@ const FILLERS: u32 = (RECORDS.end - RECORDS.start + 2 * SECTOR) / FILLER_BYTES a
 
 impl<F: MultiwriteNorFlash> Store<F> {
     /// Erases all records about the wearer, of all versions, and the log, of which nothing remains in the chip; the numbering of
-    /// load records continues. Calls `progressed` after each access to the chip. If power is lost meanwhile, a part may remain,
-    /// and the numbering may begin at 0.
+    /// load records continues. Calls `progressed` after each access to the chip. If power is lost meanwhile, a part may remain.
     ///
     /// # Errors
     /// See [`StorageError`].
     pub async fn erase_wearer(&mut self, progressed: impl Fn()) -> Result<(), StorageError> {
         self.check_use()?;
+        self.put(0, &NumberingRecord(self.contents.next_record)).await?;
         while let Some(key) = self.key_of_wearer().await? {
             records(&mut self.flash, &mut self.guard)?.remove_item(&mut self.buffer, &key).await?;
             progressed();

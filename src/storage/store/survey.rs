@@ -5,9 +5,10 @@ use super::sectors::Sectors;
 use super::{Store, Use, records};
 use crate::checksum::CRC;
 use crate::protocol::{Contents, Reset};
+use crate::sequence::is_after;
 use crate::storage::flash_map::{RECORDS, SECTOR};
 use crate::storage::log::Entry;
-use crate::storage::records::{BootCounters, VERSIONS};
+use crate::storage::records::{BootCounters, NumberingRecord, VERSIONS};
 use crate::storage::{BUFFER, StorageError};
 use core::ops::Range;
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
@@ -113,7 +114,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
         if survey.has_no_log() {
             self.clear_area(self.log.range(), log, is_in_use).await;
             // From here on the log always has an entry, so that numbering continues after a restart.
-            let _ = self.push(Entry::Acknowledged { next: 0 }.encode(&mut [0; BUFFER])).await;
+            let entry = Entry::Acknowledged { next: self.contents.next_record };
+            let _ = self.push(entry.encode(&mut [0; BUFFER])).await;
         }
     }
 
@@ -175,6 +177,11 @@ impl<F: MultiwriteNorFlash> Store<F> {
         self.guard.has_refused = false;
         let (records, log) = (self.survey_records().await, self.survey_log().await);
         let boots = self.get(0).await;
+        if let Ok(Some(NumberingRecord(next))) = self.get(0).await
+            && is_after(next, self.contents.next_record)
+        {
+            self.contents.next_record = next;
+        }
         let contents = Contents { contradictions: 0, ..self.contents };
         Survey { records, log, boots, contents, needs_repair: self.guard.has_refused }
     }

@@ -327,7 +327,7 @@ fn alerts_are_set_shown_snoozed_and_refused() {
     assert!(succeeded && shown.contains("regions: Heel, Hallux") && shown.contains("800 kPa s"), "{shown}");
     let expected = AlertRules {
         limits: LoadLimits { window_s: 1200, ..LoadLimits::DEFAULT },
-        snooze_s: 1800,
+        pause_s: 1800,
         dose_kpa_s: 800.0,
         regions: 0b10_0001,
         ..AlertRules::RECOMMENDED

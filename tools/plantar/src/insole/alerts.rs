@@ -93,7 +93,7 @@ impl AlertArgs {
         limits.window_s = self.window.map_or(limits.window_s, |minutes| minutes * 60);
         limits.sustained_percent = self.begins.unwrap_or(limits.sustained_percent);
         limits.relieved_percent = self.ends.unwrap_or(limits.relieved_percent);
-        rules.snooze_s = self.pause.map_or(rules.snooze_s, |minutes| minutes * 60);
+        rules.pause_s = self.pause.map_or(rules.pause_s, |minutes| minutes * 60);
         if !self.region.is_empty() {
             rules.regions = self.region.iter().fold(0, |all, bit| all | bit);
         }
@@ -115,7 +115,7 @@ fn print_rules(rules: &AlertRules) {
         println!("alerts: off; --on raises them");
     } else {
         let regions = SHORT.iter().enumerate().filter(|(i, _)| rules.regions >> i & 1 == 1).map(|(_, name)| *name);
-        println!("alerts: at most {} in a day, {} minutes apart", rules.per_day, rules.snooze_s / 60);
+        println!("alerts: at most {} in a day, {} minutes apart", rules.per_day, rules.pause_s / 60);
         println!(
             "  regions: {}",
             if rules.regions == 0xff { "all".into() } else { regions.collect::<Vec<_>>().join(", ") }
