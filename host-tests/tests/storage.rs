@@ -214,26 +214,90 @@ fn a_full_log_contains_at_least_the_last_2000_steps_and_counts_dropped_ones() {
     assert_eq!(stored, (dropped..12_000).collect::<Vec<_>>());
 }
 
-/// Each start reads the records and a few sectors of the log, however the log begins and ends.
+/// Starts the chip with these contents. Asserts that the start has read little and erased nothing.
+fn start_quickly(chip: &NorFlashChip) -> NorFlashChip {
+    let mut chip = chip.restarted();
+    (chip.reads, chip.read) = (0, 0);
+    let erasures = chip.erasures.clone();
+    open(&mut chip);
+    // Two one-byte reads for each sector of the log in each of four searches, and the records.
+    let most_reads = 8 * (chip.bytes.len() / SECTOR as usize) as u64 + 10_000;
+    assert!(chip.reads < most_reads && chip.read < 400_000, "{} reads, {} bytes", chip.reads, chip.read);
+    assert_eq!(chip.erasures, erasures);
+    chip
+}
+
+/// A start reads the records and a few sectors of a log that is nearly full, wherever the log begins and ends.
 #[test]
 fn each_start_finds_the_newest_record_without_reading_the_log() {
     let mut chip = chip();
     let mut store = open(&mut chip);
-    for number in 0..3000 {
-        block_on(store.push_record(step(number))).expect("the chip works");
-        if number % 7 == 0 {
-            block_on(store.acknowledge(number.saturating_sub(number % 5 * 4))).expect("the chip works");
+    let mut oldest = 0;
+    for number in 0..5000 {
+        let dropped = block_on(store.push_record(step(number))).expect("the chip works");
+        oldest += dropped;
+        if number >= 1500 && number % 50 == 0 {
+            oldest = oldest.max(number - 1500 + number % 8 + 1);
+            block_on(store.acknowledge(oldest - 1)).expect("the chip works");
         }
-        let stored = numbers(&mut store);
-        let mut restarted = store.flash().expect("there is a chip").restarted();
-        restarted.read = 0;
-        let mut again = open(&mut restarted);
-        assert_eq!((again.contents().next_record, again.contents().contradictions), (number + 1, 0));
-        assert!(again.flash().expect("there is a chip").read < 400_000, "step {number}");
-        if number % 97 == 0 {
-            assert_eq!(numbers(&mut again), stored, "step {number}");
+        if number % 3 == 0 {
+            let mut started = start_quickly(store.flash().expect("there is a chip"));
+            let mut again = open(&mut started);
+            assert_eq!((again.contents().next_record, again.contents().contradictions), (number + 1, 0));
+            if number % 97 == 0 {
+                assert_eq!(numbers(&mut again), (oldest..=number).collect::<Vec<_>>());
+            }
         }
     }
+}
+
+/// Newer firmware ran on trial, and its entries fill the newest sectors.
+#[test]
+fn numbers_continue_after_many_entries_of_newer_firmware() {
+    let mut chip = chip();
+    let mut store = open(&mut chip);
+    for number in 0..20 {
+        assert_eq!(block_on(store.push_record(step(number))), Ok(0));
+    }
+    block_on(async {
+        let mut log = QueueStorage::new(&mut chip, QueueConfig::new(SMALL_LOG), Cache::new_uncached());
+        for _ in 0..40 {
+            log.push(&[9; 400], false).await.expect("there is room");
+        }
+    });
+    let mut store = open(&mut chip);
+    assert_eq!((store.contents().next_record, store.contents().newer_records), (20, 40));
+    assert_eq!(block_on(store.push_record(step(20))), Ok(0));
+    assert_eq!(numbers(&mut store), (0..=20).collect::<Vec<_>>());
+}
+
+/// Deleted entries follow an entry of newer firmware, which stays, and a damaged sector of the records must be repaired.
+#[test]
+fn a_repair_keeps_the_order_of_the_log() {
+    let mut chip = chip();
+    open(&mut chip);
+    block_on(async {
+        let mut log = QueueStorage::new(&mut chip, QueueConfig::new(SMALL_LOG), Cache::new_uncached());
+        log.push(&[9; 50], false).await.expect("there is room");
+    });
+    let mut store = open(&mut chip);
+    for number in 0..60 {
+        assert_eq!(block_on(store.push_record(step(number))), Ok(0));
+    }
+    assert_eq!(block_on(store.acknowledge(57)), Ok(()));
+    for value in 0..40 {
+        assert_eq!(block_on(store.put(0, &Bonds([value; 150].into_iter().collect()))), Ok(()));
+    }
+    // The second last sector of the log has deleted entries only.
+    assert_eq!(numbers(&mut store), [58, 59]);
+    // The first byte of a full sector is its mark; without it, its erasure was interrupted.
+    assert_eq!((chip.bytes[0], chip.bytes[SECTOR as usize - 1]), (0, 0));
+    chip.bytes[0] = 0xff;
+    let mut store = open(&mut chip);
+    assert_eq!((store.contents().next_record, store.contents().erased), (60, 0));
+    assert_eq!(block_on(store.push_record(step(60))), Ok(0));
+    assert_eq!(numbers(&mut store), [58, 59, 60]);
+    assert_eq!(numbers(&mut open(&mut chip)), [58, 59, 60]);
 }
 
 /// A pair of insoles with chips of 16 MiB stores a day of 50,000 steps without a phone, all of the longest form.
@@ -255,10 +319,9 @@ fn a_chip_of_16_mib_holds_25000_steps_and_starts_without_reading_them() {
     for i in 0..STEPS {
         dropped += block_on(store.push_record(longest(FIRST.wrapping_add(i)))).expect("the chip works");
     }
-    chip.read = 0;
+    let mut chip = start_quickly(&chip);
     let mut store = open(&mut chip);
     assert_eq!(store.contents().next_record, FIRST.wrapping_add(STEPS));
-    assert!(store.flash().expect("there is a chip").read < 400_000);
     let mut expected: Vec<_> = (dropped..STEPS).map(|i| FIRST.wrapping_add(i)).collect();
     assert!(expected.len() >= 25_000, "{}", expected.len());
     assert_eq!(numbers(&mut store), expected);
@@ -275,9 +338,8 @@ fn a_chip_of_16_mib_holds_25000_steps_and_starts_without_reading_them() {
         assert_eq!(received, part);
         assert_eq!(block_on(store.acknowledge(part[part.len() - 1])), Ok(()));
     }
-    chip.read = 0;
+    let mut chip = start_quickly(&chip);
     assert_eq!(open(&mut chip).contents().next_record, FIRST.wrapping_add(STEPS));
-    assert!(chip.read < 400_000);
 }
 
 #[test]
@@ -546,6 +608,9 @@ fn numbers_continue_after_an_interrupted_erasure() {
         let mut chip = chip.restarted();
         let mut store = open(&mut chip);
         assert_eq!(store.contents().next_record, 3000, "operation {at}");
+        assert_eq!(block_on(store.acknowledge(2999)), Ok(()), "operation {at}");
+        assert_eq!(open(&mut chip).contents().erased, 0, "operation {at}");
+        let mut store = open(&mut chip);
         assert_eq!(block_on(store.push_record(step(3000))), Ok(0), "operation {at}");
         assert_eq!(open(&mut chip).contents().next_record, 3001, "operation {at}");
     }

@@ -197,7 +197,7 @@ fn a_partition_changes_bytes_of_its_area_only() {
 
 #[test]
 fn no_sector_of_a_chip_belongs_to_two_areas() {
-    for chip_bytes in (1..=8).map(|mib| mib * SMALLEST_CHIP).chain([LARGEST_CHIP - 1, LARGEST_CHIP - SECTOR]) {
+    for chip_bytes in (1..=8).map(|chips| chips * SMALLEST_CHIP).chain([LARGEST_CHIP - 1, LARGEST_CHIP - SECTOR]) {
         (0..2 * LARGEST_CHIP).step_by(SECTOR as usize).for_each(|sector| flash::map(chip_bytes, sector));
     }
 }

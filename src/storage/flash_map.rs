@@ -25,7 +25,7 @@ pub const RECORDS: Range<u32> = 0..16 * SECTOR;
 /// The step log, in a flash chip of up to 4 MiB: about 3,000 usual steps, and at least 2,000 of the longest form, 8 in each
 /// sector.
 pub const SMALL_LOG: Range<u32> = RECORDS.end..RECORDS.end + 256 * SECTOR;
-/// The largest flash chip with [`SMALL_LOG`], bytes. These chips have had that log since the first firmware with storage.
+/// The largest flash chip with [`SMALL_LOG`], bytes. Version 0.2 used that log in larger chips, too.
 const SMALL_LOG_CHIP: u32 = 4 << 20;
 /// Beginning of the step log in a larger flash chip, in which the log takes the rest: at least 27,000 steps in 16 MiB. The
 /// emulated board has its running image below.

@@ -3,7 +3,7 @@
 use super::{Store, records};
 use crate::pipeline::alert::{AlertRules, DailyLoad};
 use crate::pipeline::tissue::Tissue;
-use crate::storage::flash_map::{RECORDS, SECTOR};
+use crate::storage::flash_map::{RECORDS, SECTOR, SMALL_LOG};
 use crate::storage::log::Entry;
 use crate::storage::records::{Bonds, IdentifiedRecord, Key, NumberingRecord, Record};
 use crate::storage::{BUFFER, StorageError};
@@ -39,7 +39,11 @@ impl<F: MultiwriteNorFlash> Store<F> {
             progressed();
         }
         records(&mut self.flash, &mut self.guard)?.remove_item(&mut self.buffer, &FILLER).await?;
-        self.erase_used(self.log.range(), progressed).await?;
+        self.erase_used(self.log.range(), &progressed).await?;
+        if self.log.range() != SMALL_LOG {
+            // Firmware that did not use the whole chip had its log there.
+            self.erase_used(SMALL_LOG, &progressed).await?;
+        }
         let entry = Entry::Acknowledged { next: self.contents.next_record };
         self.push(entry.encode(&mut [0; BUFFER])).await.map(drop)
     }

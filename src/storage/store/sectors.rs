@@ -49,7 +49,7 @@ impl Sectors {
         work: impl AsyncFnOnce(&mut Queue<'_, F>) -> Result<T, Error<NorFlashErrorKind>>,
     ) -> Result<T, StorageError> {
         let flash = Guarded { flash: flash.as_mut().ok_or(StorageError::Chip)?, guard };
-        let config = QueueConfig::try_new(self.range()).map_err(|_| StorageError::Contents)?;
+        let config = QueueConfig::try_new(self.range()).map_err(|_| StorageError::Chip)?;
         let Self { states, .. } = core::mem::replace(self, Self::new(self.range()));
         let mut queue = QueueStorage::new(flash, config, states);
         let done = work(&mut queue).await;
@@ -62,6 +62,7 @@ impl Sectors {
     /// The sector that is being filled, and the one before it: they contain the newest entry. `None` if their place is not
     /// obvious, as after a loss of power while a sector was being erased.
     pub(super) async fn newest<F: MultiwriteNorFlash>(&self, flash: &mut Option<F>) -> Option<Self> {
+        const { assert!(F::READ_SIZE == 1, "a mark has the size of a read operation") };
         let flash = flash.as_mut()?;
         let mut is_previous_full = false;
         for sector in self.range().step_by(SECTOR as usize) {

@@ -84,6 +84,10 @@ impl<F: MultiwriteNorFlash> Store<F> {
                 let Some(areas) = areas else { break survey };
                 // This survey repairs the areas, where possible.
                 let repaired = if survey.needs_repair { self.survey().await } else { survey };
+                if repaired.log == Err(StorageError::Chip) {
+                    // With a low supply, the repair is refused.
+                    self.contents.next_record = survey.contents.next_record;
+                }
                 self.clear(&repaired, areas).await;
                 break repaired;
             }
@@ -94,6 +98,11 @@ impl<F: MultiwriteNorFlash> Store<F> {
                 return;
             }
         };
+        if let Ok(Some(NumberingRecord(next))) = self.get(0).await
+            && is_after(next, self.contents.next_record)
+        {
+            self.mark_next_record(next).await;
+        }
         let mut boots = agreed.boots.ok().flatten().unwrap_or_default();
         boots.count(reset);
         self.contents.start = boots.total();
@@ -109,22 +118,30 @@ impl<F: MultiwriteNorFlash> Store<F> {
         // record.
         let is_in_use = matches!(survey.boots, Ok(Some(_))) || self.contents.next_record != 0;
         if survey.has_no_records() {
-            self.clear_area(RECORDS, records, is_in_use).await;
+            let _ = self.clear_area(RECORDS, records, is_in_use).await;
         }
         if survey.has_no_log() {
-            self.clear_area(self.log.range(), log, is_in_use).await;
+            if self.clear_area(self.log.range(), log, is_in_use).await.is_err() {
+                return;
+            }
             // From here on the log always has an entry, so that numbering continues after a restart.
-            let entry = Entry::Acknowledged { next: self.contents.next_record };
-            let _ = self.push(entry.encode(&mut [0; BUFFER])).await;
+            self.mark_next_record(0).await;
         }
     }
 
     /// Erases an area unless it is blank. It is counted in [`Contents::erased`] if anything may be lost.
-    async fn clear_area(&mut self, range: Range<u32>, area: Area, is_in_use: bool) {
-        if !area.is_blank {
-            self.contents.erased += u32::from(is_in_use || area.has_data_after_first_entry);
-            let _ = self.erase_used(range, || {}).await;
+    async fn clear_area(&mut self, range: Range<u32>, area: Area, is_in_use: bool) -> Result<(), StorageError> {
+        if area.is_blank {
+            return Ok(());
         }
+        self.contents.erased += u32::from(is_in_use || area.has_data_after_first_entry);
+        self.erase_used(range, || {}).await
+    }
+
+    /// Adds a mark with the number of the next load record to the log.
+    async fn mark_next_record(&mut self, next: u32) {
+        self.contents.next_record = next;
+        let _ = self.push(Entry::Acknowledged { next }.encode(&mut [0; BUFFER])).await;
     }
 
     /// Reads all bytes of both areas if one of them must be changed.
@@ -177,11 +194,6 @@ impl<F: MultiwriteNorFlash> Store<F> {
         self.guard.has_refused = false;
         let (records, log) = (self.survey_records().await, self.survey_log().await);
         let boots = self.get(0).await;
-        if let Ok(Some(NumberingRecord(next))) = self.get(0).await
-            && is_after(next, self.contents.next_record)
-        {
-            self.contents.next_record = next;
-        }
         let contents = Contents { contradictions: 0, ..self.contents };
         Survey { records, log, boots, contents, needs_repair: self.guard.has_refused }
     }
@@ -205,13 +217,17 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// Counts the entries in the newest sectors of the log, and determines the number of the next load record. Reads the whole
     /// log if its newest entry is not there.
     async fn survey_log(&mut self) -> Result<u32, StorageError> {
-        // Sectors of which all entries were deleted remain until the log is next read.
+        // Sectors of which all entries were deleted remain until the log is next read. A survey that repairs reads the whole log:
+        // in a part of it, `sequential-storage` could erase such a sector although the log begins before it.
         self.guard.postpones_erasure = self.guard.is_read_only;
-        let mut count = match self.log.newest(&mut self.flash).await {
+        let newest = if self.guard.is_read_only { self.log.newest(&mut self.flash).await } else { None };
+        let mut count = match newest {
             Some(newest) => self.count_entries(newest).await,
             None => Ok(0),
         };
-        if count == Ok(0) {
+        // The number follows from an entry in a known format only.
+        if count == Ok(self.contents.newer_records) {
+            self.contents.newer_records = 0;
             count = self.count_entries(Sectors::new(self.log.range())).await;
         } else if count.is_ok() {
             count = self.note_oldest_entry().await.and(count);

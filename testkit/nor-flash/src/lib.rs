@@ -32,6 +32,8 @@ pub struct NorFlashChip {
     pub erasures: Vec<u32>,
     /// Number of bytes written so far, those of failed operations included.
     pub written: u64,
+    /// Number of read operations so far.
+    pub reads: u64,
     /// Number of bytes read so far.
     pub read: u64,
     /// The operation in which power fails, counted from 0, and the moment of the power cut. Power stays off afterwards.
@@ -70,6 +72,7 @@ impl NorFlashChip {
             erasures: vec![0; bytes.len() / SECTOR as usize],
             bytes,
             written: 0,
+            reads: 0,
             read: 0,
             cut: None,
             forgets_writes_below: None,
@@ -131,6 +134,7 @@ impl ReadNorFlash for NorFlashChip {
         if self.is_off() {
             return Err(PowerOff);
         }
+        self.reads += 1;
         self.read += bytes.len() as u64;
         bytes.copy_from_slice(&self.bytes[offset as usize..][..bytes.len()]);
         if self.wrong_reads > 0 {
