@@ -10,8 +10,8 @@ use trouble_host::prelude::*;
 
 const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
-/// What is stored: [`VERSION`] and, as `postcard`, this type or, without an identity key, [`BONDS_ONLY`] and the bonds; then the
-/// CRC-32 of all these bytes (little endian).
+/// What is stored. With an identity key, [`VERSION`] is stored, followed by this type. Without one, [`BONDS_ONLY`] is stored,
+/// followed by the bonds alone. Both forms are encoded by `postcard` and end with the CRC-32 of their bytes (little endian).
 #[derive(Default, Serialize, Deserialize)]
 pub struct Keys {
     /// The key with which bonded centrals resolve the insole's private addresses; `None` if it was not created yet, or if a

@@ -5,8 +5,9 @@
 //! in the order of the cells; and [`FLASH_FILE`], the flash chip, to which the board writes. The board writes its log, encoded by
 //! `defmt`, to the standard output.
 //!
-//! Over USART3 the board sends requests of five bytes, [`SCAN`] or [`TICK`] and a scan number (little endian). The plant answers
-//! with two bytes. An answer to `SCAN` consists of the low byte of the number and the number of rows that are in the file so far;
+//! Over USART3 the board sends requests of five bytes: [`SCAN`] and the number of the scan, or [`TICK`] and the number of the
+//! tick, which counts from 0 whatever [`EmulatorConfig::first_scan`] is (both little endian). The plant answers with two bytes.
+//! An answer to `SCAN` consists of the low byte of the number of the scan and the number of rows that are in the file so far;
 //! several answers with increasing numbers of rows are accepted. An answer to `TICK` is [`TICK`] twice.
 #![no_std]
 

@@ -3,7 +3,8 @@
 //!
 //! This program does not write the seeds of `jiku` and the seed `footscan-xls` of `vendor`, because nothing in this project
 //! writes HDF5 or files of Excel. Those seeds were written from computed trials with h5py, and from the computed step below
-//! with xlwt.
+//! with xlwt. The seed `claimed-list.parquet` of `recording` is not written here, either: it is a file that claims a far longer
+//! list than it contains (docs/reliability.md).
 
 use client::append;
 use emulation::EmulatorConfig;
@@ -212,7 +213,7 @@ fn walked(recording: &Recording, virtual_insole: &VirtualInsole, tissue: &Tissue
     panic!("the walk has a step");
 }
 
-/// The live frames and the step of a walk, encoded.
+/// The messages of a session, encoded: the hello, and the live frames and the step of a walk.
 fn session(recording: &Recording, virtual_insole: &VirtualInsole) -> Vec<Vec<u8>> {
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
     insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("the recording is valid");

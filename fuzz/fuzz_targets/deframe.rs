@@ -1,4 +1,5 @@
-//! A stream of bytes: each frame in the stream is a message or is counted as bad, and a valid frame is received after any bytes.
+//! A stream of bytes: each frame in the stream is a message or is counted as bad, and a valid frame is received after any bytes
+//! that end with a zero.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

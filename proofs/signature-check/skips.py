@@ -52,7 +52,8 @@ class Core:
         for setting in ["pagination off", "confirm off", "language c", "breakpoint always-inserted on"]:
             gdb.execute(f"set {setting}")
         gdb.execute(f"file {program}", to_string=True)
-        # The emulator counts time in instructions (-icount), so a timeout does not depend on the speed of this computer.
+        # The emulator counts time in instructions (-icount). So the timeout with which the program ends an attempt that does
+        # not return from the check does not depend on the speed of this computer.
         emulator = "qemu-system-arm -M netduinoplus2 -display none -monitor none -serial none -icount shift=0"
         self.emulator = f"{emulator} -kernel {program} -d in_asm -D {log} -S -gdb stdio"
         self.start()

@@ -137,7 +137,7 @@ impl<R: Real> Stance<R> {
         self.recent_peak_n = R::ZERO;
         self.lifted_n = R::ZERO;
         self.constancy = Constancy::NEW;
-        self.is_lifted = false;
+        (self.is_lifted, self.is_unloaded) = (false, false);
         (self.has_moved, self.has_walked) = (false, false);
     }
 

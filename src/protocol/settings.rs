@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 /// Range of the time between frames that a host can set, us: 400 Hz to 50 Hz.
 pub const SETTABLE_PERIOD_US: RangeInclusive<u32> = 2_500..=20_000;
-/// Range of [`Settings::scale`]: from a board for EU size 42, sizes 32 to 52.
+/// Range of [`Settings::scale`]. If the board's layout is that of EU size 42, this range covers the sizes 32 to 52.
 pub const SCALE: RangeInclusive<f32> = 0.75..=1.25;
 
 /// Settings of an insole. They are in force from its next start on.

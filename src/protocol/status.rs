@@ -78,13 +78,14 @@ pub struct Contents {
     pub next_record: u32,
     /// Bit k: records of kind k exist in a newer format than this firmware knows. They are not changed.
     pub newer_kinds: u32,
-    /// Number of entries in a newer format in the newest sectors of the log; at least 1 if its oldest entry is in one. They are
-    /// not changed until the log is full.
+    /// Number of entries in a newer format than this firmware knows, among the entries that were counted at the start: those in
+    /// the newest sectors of the log, or all. At least 1 if the oldest entry of the log has a newer format. Entries in a newer
+    /// format are not changed until the log is full.
     pub newer_records: u32,
     /// Number of areas of the chip (that of the records, that of the log) that were damaged beyond repair and erased at this
     /// start.
     pub erased: u32,
-    /// Number of times at this start that reading the whole chip again gave another result. The chip is used once two results in
-    /// a row agree.
+    /// Number of times at this start that a repeated survey of the chip gave another result than the survey before it. A survey
+    /// reads the records and parts of the log. The chip is used once two successive surveys agree.
     pub contradictions: u32,
 }

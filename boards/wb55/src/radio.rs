@@ -33,8 +33,9 @@ macro_rules! at {
     }};
 }
 
-/// All packets that can be in a queue: the packets of the pool, and the two spare packets.
-type Packets = Vec<u32, { POOLED + 2 }>;
+/// All packets that can be in a queue: the packets of the pool, the two spare packets, and the two packets in which Bluetooth's
+/// answers arrive (`ble_command` and `ble_status`).
+type Packets = Vec<u32, { POOLED + 4 }>;
 
 /// Reads a word that the other core may have written.
 fn read(at: u32) -> u32 {

@@ -16,9 +16,10 @@ This file is generated from the declarations in `src/protocol/{step,bout,alert,l
 `UPDATE_DOCS=1 cargo test --release --package client --test quantities`. A test checks that it is up to date.
 
 *Column* is the name in Parquet and CSV files, *key* the one in JSON objects, where `a.b` is the key `b` in the object
-`a`. The page's CSV of live frames has one column for each region and key, such as `heel_area_mm2`. A value is an
-integer on the wire, so it has a resolution and a largest value. Quantities of the contact ellipse are null without
-contact; the valley and the second peak of the total force are null in a step with one hump. Equations are those of [model.md](model.md).
+`a`. The CSV file of live frames that the web page for a phone saves has one column for each region and key, such as
+`heel_area_mm2`. A value is an integer on the wire, so it has a resolution and a largest value. Quantities of the contact
+ellipse are null without contact; the valley and the second peak of the total force are null in a step with one hump.
+Equations are those of [model.md](model.md).
 ";
 
 #[test]

@@ -33,8 +33,9 @@ pub struct Prior {
 /// A parameter at a bound has no finite coordinate. A search starts inside of this absolute value, where the force still depends
 /// on the coordinate; for G, relative to K, it is a relaxation time of 2.5 ms.
 const INSIDE: f64 = 6.0;
-/// Smallest logit of `max_ratio`, which is then 0.12 as for least squares. With less, the force law is a power of the area, and A
-/// B and C would grow beyond every limit if steps have no noise.
+/// Smallest logit of `max_ratio`. It stands for a `max_ratio` of 0.12, which is also the lower bound of the least-squares fit.
+/// With a smaller `max_ratio`, the force law is nearly a power of the area, and for steps without noise the product A B and the
+/// radius C would grow without limit.
 pub(crate) const LEAST_LOGIT: f64 = -2.0;
 /// Largest absolute value of a coordinate.
 const FAR: f64 = 30.0;
@@ -213,7 +214,10 @@ pub(crate) fn derivatives(law: &NonNegativeForce, at: &Coordinates) -> [DVector<
     let [max_ratio, n, m, k, g] = x;
     // The derivatives of the parameters with respect to their coordinates.
     let by_logit = if at[0] > LEAST_LOGIT { max_ratio * (1.0 - max_ratio) } else { 0.0 };
-    let chain = [by_logit, n - Bounds::LEAST_N, m, k, g];
+    // At its limit, an exponent does not change with its coordinate.
+    let by_n = if at[1] < LN_LARGEST_EXPONENT { n - Bounds::LEAST_N } else { 0.0 };
+    let by_m = if at[2] < LN_LARGEST_EXPONENT { m } else { 0.0 };
+    let chain = [by_logit, by_n, by_m, k, g];
     std::array::from_fn(|i| law.derivative(i) * chain[i])
 }
 

@@ -34,10 +34,11 @@ export interface Collected {
 
 /** The 95 % interval of a parameter. */
 interface Interval {
+  /** The lower and the upper end of the interval, computed from the Jacobian of the fit. */
   jacobian: [number, number];
   /** The value is at a bound of the search. */
   at_bound: boolean;
-  /** The force determines this parameter. */
+  /** The measured forces sufficed to determine this parameter. False, for example, for `m` if the damping is 0. */
   told: boolean;
 }
 
@@ -61,7 +62,10 @@ export type RegionResult =
 /** The parameters that the force determines. */
 export type Parameter = "ab_m2" | "stiffness_pa" | "damping_pa_s" | "n" | "m";
 
-/** The result of one foot, with the keys of the JSON of `plantar fit`. */
+/**
+ * The result of one foot: the JSON of `plantar fit`, with the additional keys `fitted`, `message`, `tissue_id` and
+ * `parameters`.
+ */
 export interface FootResult {
   /** Number of fitted regions. */
   fitted: number;
@@ -104,7 +108,10 @@ export class IdentifyCore {
     return this.read(this.core.collected()) as Collected[];
   }
 
-  /** Fits the parameters of one insole. Throws an error with a message for the wearer if its steps cannot be fitted together. */
+  /**
+   * Fits the parameters of one insole. `size` is the European shoe size. Throws an error with a message for the wearer if the
+   * steps of the insole cannot be fitted together.
+   */
   identify(insole: Insole, size: number): FootResult {
     const result = this.read(this.core.identify(insole, size)) as FootResult | { error: string };
     if ("error" in result) throw new Error(result.error);

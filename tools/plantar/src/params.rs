@@ -41,8 +41,8 @@ pub enum Params {
         #[command(flatten)]
         connection: Connection,
     },
-    /// Write the parameters on an insole to a commented file. An insole stores only the six values of each region that determine
-    /// the force: A B, C, K, n, G and m.
+    /// Write the parameters on an insole to a commented file. An insole stores only six values of each region: the product A B,
+    /// K, n, G and m, which determine the force, and C, which only scales the deformation.
     Pull {
         /// The file to write.
         #[arg(long, value_name = "FILE")]
@@ -178,7 +178,7 @@ fn show_file(parameters: &Parameters) {
         row.extend([format!("{:.4e}", e.k), format!("{:.2}", e.n), format!("{:.4e}", e.c), format!("{:.2}", e.m)]);
         row
     });
-    print(["region", "a mm", "b mm", "c mm", "d0 mm", "k N/m3", "n", "c N s/m3", "m"], regions);
+    print(["region", "A mm", "B mm", "C mm", "d0 mm", "k N/m3", "n", "c N s/m3", "m"], regions);
     println!("Share of assumption in C, the scale of the deformation: {}.", AssumedShare(&parameters.deformation));
     show(&parameters.tissue());
 }

@@ -25,9 +25,9 @@ use study::table::{self, Row, Value};
 /// region, the files FOLDER/bouts/*.parquet one row per load bout and region, the files FOLDER/alerts/*.parquet one row per alert
 /// and region. pandas, Polars, DuckDB and Spark read the files of a folder as one table. Files are completed at least every half
 /// minute, so a crash loses the live frames of at most this time. No step, load bout or alert is lost, because it remains on the
-/// insole until its file is complete. With --cells, each folder FOLDER/cells/* is a recording that all other commands read; a
-/// loss that is too long to be interpolated begins another one. When the link is lost, the program reconnects. In a terminal,
-/// press q or Ctrl-C to end.
+/// insole until its file is complete. When the link is lost, the program reconnects. With --cells, each folder FOLDER/cells/*
+/// is a recording that all other commands read; another recording begins after a reconnection, and after a gap of missing
+/// frames that is too long to be interpolated. In a terminal, press q or Ctrl-C to end.
 #[derive(Args)]
 pub struct Record {
     /// The folder to write. It must be new or empty.
@@ -63,7 +63,7 @@ impl Record {
         if std::fs::read_dir(&self.out).is_ok_and(|mut entries| entries.next().is_some()) {
             bail!("{} is not empty: choose another folder", self.out.display());
         }
-        // A folder that cannot be written is reported before the walk.
+        // A folder that cannot be created is reported before the walk.
         std::fs::create_dir_all(&self.out).with_context(|| format!("cannot create {}", self.out.display()))?;
         let mut insole = self.connection.open(ReconnectPolicy::STREAM)?;
         let mut view = View::open(insole.client().hello())?;

@@ -90,7 +90,11 @@ pub fn print(steps: &[Step], scales: &[DeformationScale; 8]) {
         steps.len()
     );
     if scales.iter().any(|scale| scale.assumed_percent() > 0) {
-        println!("Share of assumption in the scale of the deformation: {}.", AssumedShare(scales));
+        println!(
+            "Share of assumption in the scale of the deformation (50 % if either the thickness or the compression of the \
+             tissue is assumed, 100 % if both are): {}.",
+            AssumedShare(scales)
+        );
     }
     println!("Contact: {}.", rule_in_words(&first.contact_rule));
 }

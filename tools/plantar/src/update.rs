@@ -107,8 +107,8 @@ fn wait_for_trial(image: &Image, insole: &mut Insole) -> Result<()> {
                 std::thread::sleep(ReconnectPolicy::RESTART.retry);
             }
             Err(Error::Refused(protocol::Refusal::Update(Refusal::OnTrial))) => bail!(
-                "{} runs but does not measure, store or answer by radio, so it is not confirmed: the insole restores the \
-                 previous version within 15 minutes, or at once when you switch it off and on",
+                "{} runs, but it did not pass all checks (measuring, storing, answering by radio), so it is not confirmed: \
+                 the insole restores the previous version within 15 minutes, or at once when you switch it off and on",
                 image.header().version()
             ),
             Err(error) => return Err(error.into()),
