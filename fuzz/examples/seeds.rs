@@ -12,6 +12,8 @@ use parameters::{InsoleSize, Parameters};
 use plantar::Side;
 use plantar::faults::{Fault, FaultKind, Faults, Place};
 use plantar::insole::Insole;
+use plantar::pipeline::alert::{AlertRules, DailyLoad};
+use plantar::pipeline::bout::BoutKind;
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::DEVICE_CELLS;
@@ -21,9 +23,9 @@ use plantar::protocol::BLOCK_CELLS;
 use plantar::protocol::fragment::Splitter;
 use plantar::protocol::update::{Header, Offer, Progress, Request};
 use plantar::protocol::{
-    CellCoder, CellFrame, CellStream, ContactEllipse, Ellipses, Hello, Identity, Live, MAJOR, MAX_FRAME, MAX_MESSAGE,
-    MINOR, Refusal, Reset, Resolution, SETUP_CELLS, Serial, Settings, Status, Step, ToDevice, ToHost, decode, encode,
-    frame,
+    Alert, Bout, BoutRegion, CellCoder, CellFrame, CellStream, ContactEllipse, Ellipses, Hello, Identity, Live, MAJOR,
+    MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Reset, Resolution, SETUP_CELLS, Serial, Settings, Status, Step, ToDevice,
+    ToHost, decode, encode, frame,
 };
 use recording::synthetic::{self, SyntheticWalk};
 use recording::{FootZero, Format, Recording, VirtualInsole, Zero};
@@ -35,6 +37,30 @@ const CELLS: CellStream = CellStream { resolution: Resolution::Converter, every:
 /// A contact ellipse under the heel.
 const ELLIPSE: ContactEllipse =
     ContactEllipse { x_dmm: 350, y_dmm: 300, r_a_cmm: 2_500, r_b_cmm: 2_750, angle_ddeg: 100 };
+/// A load bout.
+const BOUT: Bout = Bout {
+    number: 1,
+    side: Side::Left,
+    kind: BoutKind::Shuffling,
+    start_us: 9_000_000,
+    duration_us: 61_230_000,
+    regions: [BoutRegion { measured_integral_cns: 123_456, pressure_integral_dkpas: 65_540, peak_pressure_dkpa: 801 };
+        8],
+    boots_since: 0,
+    start_unix_us: Some(1_735_689_600_000_000),
+};
+/// An alert.
+const ALERT: Alert = Alert {
+    number: 2,
+    side: Side::Left,
+    start_us: 901_000_000,
+    sustained: 0b10_1001,
+    dose: 1,
+    window_s: 900,
+    today: 3,
+    boots_since: 0,
+    start_unix_us: Some(1_735_689_600_000_000),
+};
 /// How the parameters were identified.
 const IDENTIFIED: Identified =
     Identified { contact: ContactRule::COVERED, filter: AreaFilter::Direct, side: Some(Side::Left), steps: 30 };
@@ -77,6 +103,12 @@ fn main() {
             signature: [[1; 32]; 2],
         })),
         ToDevice::StreamEllipses { every: 4 },
+        ToDevice::GetAlertRules,
+        ToDevice::SetAlertRules(AlertRules::RECOMMENDED),
+        ToDevice::GetDailyLoad,
+        ToDevice::SnoozeAlerts { snoozed_s: 600 },
+        ToDevice::Zero,
+        ToDevice::EraseWearer,
     ]
     .map(|message| encoded(&message));
     let to_host = [
@@ -106,6 +138,10 @@ fn main() {
         ToHost::Refused(Refusal::CellRate { every: 2 }),
         ToHost::Ellipses(Ellipses { sequence: 0, t_us: 10_000, regions: [ELLIPSE; 8] }),
         ToHost::Refused(Refusal::EllipseRate { every: 4 }),
+        ToHost::AlertRules(AlertRules::RECOMMENDED),
+        ToHost::DailyLoad(DailyLoad::NONE),
+        ToHost::Bout(BOUT),
+        ToHost::Alert(ALERT),
     ]
     .map(|message| encoded(&message));
     for (i, message) in to_device.iter().enumerate() {

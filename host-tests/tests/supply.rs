@@ -23,7 +23,8 @@ const STEPS: u32 = 40;
 /// Stores steps one after the other. After every fifth step except the last one, acknowledges all steps so far. Returns the numbers
 /// of the steps that were stored and must remain, and the number of operations of the store that were refused.
 fn store_steps(chip: &mut NorFlashChip, supply: &Supply) -> (Vec<u32>, u32) {
-    let mut store = block_on(Store::open(Some(Supplied::new(chip, || supply.is_sufficient())), Reset::Power));
+    let mut store =
+        block_on(Store::open(Some(Supplied::new(chip, SMALL_LOG.end, || supply.is_sufficient())), Reset::Power));
     let (mut stored, mut refused) = (Vec::new(), 0);
     for number in 0..STEPS {
         match block_on(store.push_record(step(number))) {
@@ -47,7 +48,8 @@ fn store_steps(chip: &mut NorFlashChip, supply: &Supply) -> (Vec<u32>, u32) {
 fn a_boot_that_begins_with_a_low_supply_is_counted_once_the_supply_is_sufficient() {
     let mut chip = used_chip();
     let is_sufficient = Cell::new(false);
-    let mut store = block_on(Store::open(Some(Supplied::new(&mut chip, || is_sufficient.get())), Reset::Power));
+    let mut store =
+        block_on(Store::open(Some(Supplied::new(&mut chip, SMALL_LOG.end, || is_sufficient.get())), Reset::Power));
     let boot = store.contents().start;
     assert_eq!(block_on(store.push_record(step(0))), Err(StorageError::Chip));
     is_sufficient.set(true);
@@ -102,7 +104,10 @@ fn the_log_can_be_read_when_the_supply_became_low_while_records_were_deleted() {
             block_on(store.push_record(step(number))).expect("the supply is sufficient");
         }
         let supply = Supply::new(low_from, u64::MAX - low_from);
-        let mut store = block_on(Store::open(Some(Supplied::new(&mut chip, || supply.is_sufficient())), Reset::Power));
+        let mut store = block_on(Store::open(
+            Some(Supplied::new(&mut chip, SMALL_LOG.end, || supply.is_sufficient())),
+            Reset::Power,
+        ));
         let is_deleted = block_on(store.acknowledge(ACKNOWLEDGED)).is_ok();
         let numbers = |store: &mut Store<_>| {
             let mut numbers = Vec::new();
@@ -148,12 +153,23 @@ fn a_chip_with_a_low_supply_is_not_changed() {
     assert!(chip.bytes == before && chip.erasures.iter().sum::<u32>() == 0);
 }
 
+/// A driver may have more addresses than the chip, and a chip may take an address beyond its end for another one.
+#[test]
+fn nothing_beyond_the_used_part_is_changed() {
+    let mut chip = used_chip();
+    let before = chip.bytes.clone();
+    let mut used = Supplied::new(&mut chip, 2 * SECTOR, || true);
+    assert!(block_on(used.erase(SECTOR, 3 * SECTOR)).is_err());
+    assert!(block_on(used.write(2 * SECTOR - 1, &[0; 2])).is_err());
+    assert!(chip.bytes == before);
+}
+
 /// `Supplied` passes on a range that ends before it begins, because refusing it is the task of the chip. The simulated chip
 /// accepts it and erases nothing.
 #[test]
 fn a_reversed_range_is_passed_to_the_chip() {
     let mut chip = used_chip();
     let before = chip.bytes.clone();
-    let erased = block_on(Supplied::new(&mut chip, || true).erase(2 * SECTOR, SECTOR));
+    let erased = block_on(Supplied::new(&mut chip, SMALL_LOG.end, || true).erase(2 * SECTOR, SECTOR));
     assert!(erased.is_ok() && chip.bytes == before);
 }

@@ -128,8 +128,9 @@ fn a_signed_image_is_swapped_in_and_back_unless_it_is_confirmed() {
 /// The bootloader resets the board if a swap fails, and continues it at the next start. An image runs only after a complete swap.
 #[test]
 fn a_swap_waits_for_the_supply_at_any_moment() {
-    let boot_supplied =
-        |chip: &mut NorFlashChip, supply: &Supply| boot(&mut Supplied::new(chip, || supply.is_sufficient()));
+    let boot_supplied = |chip: &mut NorFlashChip, supply: &Supply| {
+        boot(&mut Supplied::new(chip, FLASH_BYTES as u32, || supply.is_sufficient()))
+    };
     let accepted = accepted();
     let all = Supply::new(u64::MAX, 0);
     boot_supplied(&mut accepted.clone(), &all).expect("the swap is complete");

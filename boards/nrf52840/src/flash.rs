@@ -40,7 +40,7 @@ pub type Chip = Supplied<nrf52840_drivers::flash::Chip<Qspi<Sleep>, CHIP_BYTES>,
 /// Opens the chip; `None` if there is none.
 pub async fn open(qspi: Peri<'static, peripherals::QSPI>) -> Option<Chip> {
     let chip = nrf52840_drivers::flash::Chip::open(Qspi::new(qspi, Sleep)).await?;
-    Some(Supplied::new(chip, matrix::is_supplied))
+    Some(Supplied::new(chip, CHIP_BYTES, matrix::is_supplied))
 }
 
 #[interrupt]

@@ -12,7 +12,7 @@ use embassy_stm32::time::Hertz;
 use embassy_stm32::{Peri, bind_interrupts, dma, pac};
 use embassy_time::{Delay, Timer};
 use embedded_hal_bus::spi::ExclusiveDevice;
-use plantar::storage::flash_map::SMALLEST_CHIP;
+use plantar::storage::flash_map::{LARGEST_CHIP, SMALLEST_CHIP};
 use plantar::storage::supplied::Supplied;
 use w25::{JedecId, Q, W25};
 
@@ -70,8 +70,8 @@ pub async fn open(
     let spi = Spi::new(spi, clock, to_chip, from_chip, send, receive, Irqs, config);
     // Neither a pin of this controller nor its SPI as master can fail. `unwrap` is not used, because it needs errors with
     // `Debug`: the first error lacks it, and the texts of the second would take kilobytes.
-    let mut device = ExclusiveDevice::new(spi, select, Delay).unwrap_or_else(|_| unreachable!());
-    let mut chip = W25::<Q, _, _, _>::new_no_pins(&mut device, SMALLEST_CHIP).await.unwrap_or_else(|_| unreachable!());
+    let device = ExclusiveDevice::new(spi, select, Delay).unwrap_or_else(|_| unreachable!());
+    let mut chip = W25::new_no_pins(device, LARGEST_CHIP).await.unwrap_or_else(|_| unreachable!());
     let mut first = None;
     for _ in 0..IDENTITY_READS {
         let identity = chip.jedec_id().await.ok().filter(|id| id.manufacturer() == JedecId::MANUFACTURER)?;
@@ -81,6 +81,5 @@ pub async fn open(
         }
         Timer::after_millis(1).await;
     }
-    let chip = W25::new_no_pins(device, first?).await.unwrap_or_else(|_| unreachable!());
-    Some(Supplied::new(chip, is_supplied))
+    Some(Supplied::new(chip, first?.min(LARGEST_CHIP), is_supplied))
 }

@@ -46,6 +46,15 @@ impl Survey {
     }
 }
 
+/// Numbers of entries of the log.
+#[derive(Clone, Copy, Default)]
+struct Count {
+    /// In a format that this firmware knows.
+    known: u32,
+    /// In a newer format.
+    newer: u32,
+}
+
 /// A summary of the bytes of an area.
 #[derive(Clone, Copy, PartialEq, Eq)]
 struct Area {
@@ -135,7 +144,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
             return Ok(());
         }
         self.contents.erased += u32::from(is_in_use || area.has_data_after_first_entry);
-        self.erase_used(range, || {}).await
+        self.erase_used(range, &|| {}).await
     }
 
     /// Adds a mark with the number of the next load record to the log.
@@ -222,15 +231,20 @@ impl<F: MultiwriteNorFlash> Store<F> {
         self.guard.postpones_erasure = self.guard.is_read_only;
         let newest = if self.guard.is_read_only { self.log.newest(&mut self.flash).await } else { None };
         let mut count = match newest {
-            Some(newest) => self.count_entries(newest).await,
-            None => Ok(0),
+            Some(newest) => self.count_entries(newest, u32::MAX).await,
+            None => Ok(Count::default()),
         };
-        // The number follows from an entry in a known format only.
-        if count == Ok(self.contents.newer_records) {
-            self.contents.newer_records = 0;
-            count = self.count_entries(Sectors::new(self.log.range())).await;
-        } else if count.is_ok() {
-            count = self.note_oldest_entry().await.and(count);
+        if let Ok(newest) = count {
+            let next_record = self.contents.next_record;
+            let whole = Sectors::new(self.log.range());
+            // The number follows from an entry in a known format only.
+            count = self.count_entries(whole, if newest.known == 0 { u32::MAX } else { 1 }).await;
+            if let Ok(oldest) = &mut count
+                && newest.known > 0
+            {
+                self.contents.next_record = next_record;
+                *oldest = Count { known: newest.known, newer: newest.newer.max(oldest.newer) };
+            }
         }
         self.guard.postpones_erasure = false;
         if core::mem::take(&mut self.guard.has_postponed) {
@@ -238,38 +252,30 @@ impl<F: MultiwriteNorFlash> Store<F> {
             // What was to be erased has prevented reading, so it was no sector of deleted entries, but a damaged one.
             self.guard.has_refused |= count.is_err();
         }
-        count
+        self.contents.newer_records = count.map_or(0, |count| count.newer);
+        count.map(|count| count.known + count.newer)
     }
 
-    /// Counts the entries in these sectors of the log. The number of the next load record follows from the last one.
-    async fn count_entries(&mut self, mut sectors: Sectors) -> Result<u32, StorageError> {
+    /// Counts the first `at_most` entries in these sectors of the log. The number of the next load record follows from the last one.
+    async fn count_entries(&mut self, mut sectors: Sectors, at_most: u32) -> Result<Count, StorageError> {
         let Self { flash, guard, buffer, contents, .. } = self;
         sectors
             .with_queue(flash, guard, async |log| {
                 let mut entries = log.iter().await?;
-                let mut count = 0;
-                while let Some(entry) = entries.next(buffer).await? {
-                    count += 1;
+                let mut count = Count::default();
+                while count.known + count.newer < at_most
+                    && let Some(entry) = entries.next(buffer).await?
+                {
                     match Entry::decode(&entry) {
-                        Some(entry) => contents.next_record = entry.next_record(),
-                        None => contents.newer_records += 1,
+                        Some(entry) => {
+                            count.known += 1;
+                            contents.next_record = entry.next_record();
+                        }
+                        None => count.newer += 1,
                     }
                 }
                 Ok(count)
             })
             .await
-    }
-
-    /// Notes an oldest entry in a newer format.
-    async fn note_oldest_entry(&mut self) -> Result<(), StorageError> {
-        let Self { flash, guard, log, buffer, contents, .. } = self;
-        log.with_queue(flash, guard, async |log| {
-            let oldest = log.peek(buffer).await?;
-            if oldest.is_some_and(|entry| Entry::decode(entry).is_none()) {
-                contents.newer_records = contents.newer_records.max(1);
-            }
-            Ok(())
-        })
-        .await
     }
 }

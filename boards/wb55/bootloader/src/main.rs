@@ -113,7 +113,7 @@ fn main() -> ! {
             w.set_pvde(true);
         });
         cortex_m::asm::delay(DETECTOR_START_CYCLES);
-        let chip = Mutex::new(Supplied::new(chip, is_supplied));
+        let chip = Mutex::new(Supplied::new(chip, SMALLEST_CHIP, is_supplied));
         let flash = Flash::new_blocking(p.FLASH).into_blocking_regions().bank1_region;
         let own = BlockingMutex::<NoopRawMutex, _>::new(RefCell::new(Fed { flash, watchdog }));
         let active = BlockingPartition::new(&own, ACTIVE.start, MAX_IMAGE);
