@@ -6,6 +6,9 @@ import type { LiveView } from "./live_view";
 import type { Session } from "./session";
 import { SIDES } from "./side";
 
+/** Number of stored records from which their arrival takes so long that the wearer is told. */
+const MANY_RECORDS = 100;
+
 /** Problems that affect the measurement. */
 export function problems(insoles: Insoles, live_view: LiveView, facts: Facts): string[] {
   const notes = insoles.sessions.flatMap((session) => sessionProblems(session, facts));
@@ -63,6 +66,10 @@ export function remarks(insoles: Insoles): string[] {
   const without_parameters = SIDES.filter((side) => insoles.of(side)?.hello?.has_parameters === false);
   if (without_parameters.length > 0) {
     return [`Your personal parameters are not on the ${without_parameters.join(" and ")} insole, so no model values are shown.`];
+  }
+  const waiting = sessions.reduce((sum, session) => sum + session.records_waiting, 0);
+  if (waiting >= MANY_RECORDS) {
+    return [`Steps of the time without a connection are arriving: ${waiting} stored steps, load bouts and alerts are still to come.`];
   }
   const changed = SIDES.filter((side) => insoles.of(side)?.state === "live" && insoles.of(side)?.needs_refit);
   if (changed.length > 0) {

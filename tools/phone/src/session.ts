@@ -102,6 +102,8 @@ export class Session {
   private cells: LayoutCell[] = [];
   /** Times at which the last live frames arrived. */
   private readonly arrivals_ms: number[] = [];
+  /** Number of the last record that has arrived in this session. */
+  private last_record: number | undefined;
   /** Records that wait for the time of the insole. */
   private untimed: Uint8Array[] = [];
   /** Time since which the time of the insole is not known. */
@@ -204,6 +206,7 @@ export class Session {
   private receiveRecord(message: RecordMessage, bytes: Uint8Array, now_ms: number): void {
     // A step of another major version may have another meaning, and a second insole for a foot may be another person's.
     if (this.state === "other-version" || this.state === "same-foot") return;
+    this.last_record = recordOf(message).number;
     // An insole sends its stored records before it answers. They are processed in their order once their time is known.
     const is_untimed = this.axis.unix_s(0) === null && now_ms - this.untimed_since_ms < RECORDS_WAIT_MS;
     if (is_untimed && !this.transport()?.is_replay) {
@@ -237,6 +240,7 @@ export class Session {
     this.hello = hello;
     this.hello_received_ms = now_ms;
     this.untimed = [];
+    this.last_record = undefined;
     this.counter.newSession();
     this.arrivals_ms.length = 0;
     this.ellipses = [];
@@ -278,6 +282,13 @@ export class Session {
     this.counter.frame(live.sequence);
     this.live = live;
     this.arrivals_ms.push(now_ms);
+  }
+
+  /** Number of records that the insole has stored and still has to send, at its last status. Numbers of records wrap at 2^32. */
+  get records_waiting(): number {
+    if (this.state !== "live" || !this.status || this.last_record === undefined) return 0;
+    const waiting = (this.status.next_record - this.last_record - 1) >>> 0;
+    return waiting < 2 ** 31 ? waiting : 0;
   }
 
   /** Live frames per second, mean over the last seconds. */

@@ -101,12 +101,52 @@ test("gaps are counted, and a status reveals losses before the first and after t
   receive(hello(wire.facts.major));
   for (const sequence of [2, 3, 7]) receive(live({ sequence }));
   expect(session.counter.lost).toBe(3);
-  const none = { frames_missed: 0, steps: 0, records_dropped: 0, bad_frames: 0, not_stored: 0, faults: 0, rezeroed: 0 };
+  const none = { frames_missed: 0, steps: 0, next_record: 0, records_dropped: 0, bad_frames: 0, not_stored: 0, faults: 0, rezeroed: 0 };
   const status = { kind: "status", uptime_s: 1, live_due: 9, live_sent: 9, ...none } as const;
   receive(status);
   expect(session.counter.lost).toBe(6);
   receive(status);
   expect(counts(session)).toEqual({ received: 3, lost: 6, damaged: 0 });
+});
+
+test("the number of stored records that are still to come is known, also when their numbers wrap", () => {
+  let next: ToHost;
+  const { session } = start(() => next);
+  const receive = (message: ToHost) => {
+    next = message;
+    session.receive(new Uint8Array(1), 0);
+  };
+  const status = (next_record: number) =>
+    receive({
+      kind: "status",
+      uptime_s: 1,
+      frames_missed: 0,
+      live_due: 0,
+      live_sent: 0,
+      steps: 0,
+      next_record,
+      records_dropped: 0,
+      bad_frames: 0,
+      not_stored: 0,
+      faults: 0,
+      rezeroed: 0,
+    });
+  const receiveStep = (number: number) => receive({ kind: "step", key: String(number), step: step({ step: number }) });
+  session.opened(0);
+  receive(hello(wire.facts.major));
+  status(500);
+  // Without a record, nothing is known of those that are stored.
+  expect(session.records_waiting).toBe(0);
+  receiveStep(99);
+  expect(session.records_waiting).toBe(400);
+  receiveStep(499);
+  expect(session.records_waiting).toBe(0);
+  // The status is older than this record.
+  receiveStep(500);
+  expect(session.records_waiting).toBe(0);
+  receiveStep(2 ** 32 - 1);
+  status(10);
+  expect(session.records_waiting).toBe(10);
 });
 
 test("steps that arrive before the time of the insole wait for it in their order, but not for long", () => {

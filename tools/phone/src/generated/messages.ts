@@ -60,6 +60,8 @@ frames_missed: number,
 live_due: number,
 /** Live frames that the insole handed to its link in this session. */
 live_sent: number, steps: number,
+/** Number of the next record. */
+next_record: number,
 /** Unacknowledged records that were dropped because there was no space for newer ones. */
 records_dropped: number,
 /** Damaged or unknown messages that the insole received. */

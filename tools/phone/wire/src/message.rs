@@ -124,6 +124,8 @@ pub(crate) struct Status {
     /// Live frames that the insole handed to its link in this session.
     live_sent: u32,
     steps: u32,
+    /// Number of the next record.
+    next_record: u32,
     /// Unacknowledged records that were dropped because there was no space for newer ones.
     records_dropped: u32,
     /// Damaged or unknown messages that the insole received.
@@ -238,6 +240,7 @@ impl From<protocol::Status> for Status {
             live_due: status.live_due,
             live_sent: status.live_sent,
             steps: status.steps,
+            next_record: status.contents.next_record,
             records_dropped: status.records_dropped,
             bad_frames: status.bad_frames,
             not_stored: status.not_stored,
