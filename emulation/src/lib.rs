@@ -23,7 +23,7 @@ pub use flash::{FlashFile, NoAnswer};
 
 use core::ops::Range;
 use plantar::pipeline::setup::{Setup, SetupCell};
-use plantar::storage::flash_map::MAX_IMAGE;
+use plantar::storage::flash_map::{LARGEST_CHIP, MAX_IMAGE, log};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
@@ -37,6 +37,7 @@ pub const FLASH_FILE: &core::ffi::CStr = c"flash.bin";
 pub const FLASH_BYTES: usize = 4 << 20;
 /// Addresses of the active image. It is in the flash chip, because the controller's flash is read-only in the emulator.
 pub const ACTIVE_IMAGE: Range<u32> = 0x20_0000..0x20_0000 + MAX_IMAGE;
+const _: () = assert!(ACTIVE_IMAGE.end <= log(LARGEST_CHIP as usize).start);
 /// Exit status after the bootloader swapped images: the emulator must be started again with the image that is active now.
 pub const SWAPPED: i32 = 3;
 /// Name of a file that exists after an exit with [`SWAPPED`]: at the next start, the bootloader starts the application directly.

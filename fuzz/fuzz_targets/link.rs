@@ -124,7 +124,7 @@ fn next(session: &mut Session, expected: &mut Expected) -> bool {
             expected.live_passed = live.sequence + 1;
         }
         ToHost::Status(status) => {
-            // All live frames before `live_due` were sent or dropped. Queued frames are sent later.
+            // All live frames before `status.live_due` were sent or dropped. Queued frames do not belong to them.
             assert!((expected.live_passed..=expected.live_due).contains(&status.live_due));
             assert!(expected.live_due - status.live_due <= LIVE_QUEUE as u32);
             expected.live_passed = status.live_due;

@@ -1,5 +1,5 @@
-//! The file of a recorded stream: its entries contain every byte up to the end or the first damaged entry, and any messages
-//! result in steps or in the reasons why they are excluded.
+//! The file of a recorded stream: its entries contain every byte up to the end or the first damaged entry. The steps
+//! that are evaluated from its messages, usable or excluded, are not more than its step records.
 #![no_main]
 
 use client::{Entries, Entry, STREAM_INSOLES};

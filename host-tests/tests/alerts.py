@@ -1,4 +1,5 @@
-"""Cumulative load and alerts, from the pressure of the highest cell of each region in every frame.
+"""Cumulative load and alerts, from the largest cell pressure of each region in every frame. An independent implementation, with
+which alerts.rs compares the firmware's.
 
 Reads a JSON object from the standard input: rate_hz, peaks_kpa (one list for each region), and the rules. Writes the totals of
 each region, and for each alert its time (s), the regions under sustained load, and the regions whose dose reached its limit, as

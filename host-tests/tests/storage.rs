@@ -609,12 +609,77 @@ fn numbers_continue_after_an_interrupted_erasure() {
         let mut chip = chip.restarted();
         let mut store = open(&mut chip);
         assert_eq!(store.contents().next_record, 3000, "operation {at}");
+        // The oldest steps were erased, and the newest ones are left, without a gap.
+        let left = numbers(&mut store);
+        assert!(left.iter().copied().eq(3000 - left.len() as u32..3000), "operation {at}: {left:?}");
         assert_eq!(block_on(store.acknowledge(2999)), Ok(()), "operation {at}");
         assert_eq!(open(&mut chip).contents().erased, 0, "operation {at}");
         let mut store = open(&mut chip);
         assert_eq!(block_on(store.push_record(step(3000))), Ok(0), "operation {at}");
-        assert_eq!(open(&mut chip).contents().next_record, 3001, "operation {at}");
+        let mut store = open(&mut chip);
+        assert_eq!((store.contents().next_record, numbers(&mut store)), (3001, vec![3000]), "operation {at}");
     }
+}
+
+/// Power fails in each operation of an acknowledgement that deletes several sectors, and the supply is too low for any change at
+/// the next start. An earlier erasure of the wearer's data has left its number.
+#[test]
+fn an_interrupted_deletion_is_repaired_once_the_supply_is_sufficient() {
+    for has_erased in [false, true] {
+        let mut chip = chip();
+        let mut store = open(&mut chip);
+        for number in 0..30 {
+            assert_eq!(block_on(store.push_record(step(number))), Ok(0));
+        }
+        if has_erased {
+            assert_eq!(block_on(store.erase_wearer(|| {})), Ok(()));
+        }
+        for number in 30..70 {
+            assert_eq!(block_on(store.push_record(step(number))), Ok(0));
+        }
+        let used = chip.restarted();
+        let mut whole = used.clone();
+        let mut store = open(&mut whole);
+        let before = store.flash().expect("there is a chip").operations;
+        assert_eq!(block_on(store.acknowledge(68)), Ok(()));
+        for at in before..whole.operations {
+            let mut chip = used.clone();
+            chip.cut = Some((at, Torn::Within));
+            assert!(block_on(open(&mut chip).acknowledge(68)).is_err());
+            let mut chip = chip.restarted();
+            chip.refuses_changes = true;
+            let mut store = open(&mut chip);
+            let place = format!("operation {at}: {:?}", store.contents());
+            assert_eq!(store.contents().next_record, 70, "{place}");
+            store.flash().expect("there is a chip").refuses_changes = false;
+            assert_eq!(block_on(store.push_record(step(70))), Ok(0), "{place}");
+            assert_eq!(block_on(store.acknowledge(69)), Ok(()), "{place}");
+            assert_eq!(numbers(&mut store), [70], "{place}");
+            let mut store = open(&mut chip);
+            assert_eq!((store.contents().next_record, numbers(&mut store)), (71, vec![70]), "{place}");
+        }
+    }
+}
+
+/// The erasure of a sector of the records was interrupted, and the supply is too low to repair it at the next start.
+#[test]
+fn boots_are_counted_on_once_the_records_are_repaired() {
+    let mut chip = chip();
+    for _ in 0..5 {
+        open(&mut chip);
+    }
+    let mut store = open(&mut chip);
+    assert_eq!(block_on(store.push_record(step(0))), Ok(0));
+    let sector = &mut chip.bytes[SECTOR as usize..2 * SECTOR as usize];
+    assert!(sector.iter().all(|byte| *byte == 0xff), "the records fill less than one sector");
+    sector[SECTOR as usize - 1] = 0;
+    chip.refuses_changes = true;
+    let mut store = open(&mut chip);
+    store.flash().expect("there is a chip").refuses_changes = false;
+    assert_eq!(block_on(store.push_record(step(1))), Ok(0));
+    let stored = steps(&mut store);
+    assert_eq!(stored.iter().map(|step| step.boots_since).collect::<Vec<_>>(), [1, 0]);
+    assert_eq!(store.contents().start, 7);
 }
 
 #[test]

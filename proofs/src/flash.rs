@@ -5,7 +5,9 @@ use embassy_futures::block_on;
 use embassy_sync::mutex::Mutex;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use plantar::protocol::update::CHUNK;
-use plantar::storage::flash_map::{ACTIVE, BOOTLOADER, LARGEST_CHIP, OTHER, PREVIOUS, RECORDS, SECTOR, STATE, log};
+use plantar::storage::flash_map::{
+    ACTIVE, BOOTLOADER, LARGEST_CHIP, OTHER, PREVIOUS, RECORDS, SECTOR, SMALL_LOG, STATE, log,
+};
 use plantar::storage::partition::Partition;
 
 /// An operation of the chip that changes it.
@@ -95,13 +97,14 @@ pub fn change(area: Range<u32>, offset: u32, bytes: &[u8]) {
     }
 }
 
-/// No two areas of the map of a chip with this number of bytes contain the same sector, each is within its chip, and each begins
-/// and ends with a sector.
+/// No two areas of the map of a chip with this number of bytes contain the same sector, each is within its chip, each begins and
+/// ends with a sector, and the log of a large chip ends with the chip.
 pub fn map(chip_bytes: u32, sector: u32) {
     let contains = |area: &Range<u32>| area.contains(&sector) || area.contains(&(sector + SECTOR - 1));
     let owners = |areas: &[Range<u32>]| areas.iter().filter(|area| contains(area)).count();
     let log = log(chip_bytes as usize);
     assert!(owners(&[RECORDS, log.clone(), STATE, PREVIOUS, OTHER]) <= usize::from(sector < chip_bytes));
+    assert!(log == SMALL_LOG || chip_bytes - log.end < SECTOR, "the log takes the rest of the chip");
     assert!(owners(&[BOOTLOADER, ACTIVE]) <= 1);
     for area in [RECORDS, log, STATE, PREVIOUS, OTHER, BOOTLOADER, ACTIVE] {
         assert!(area.start.is_multiple_of(SECTOR) && area.end.is_multiple_of(SECTOR));

@@ -74,8 +74,7 @@ impl<R: Real> Ellipse<R> {
         Self { x_mm: self.x_mm + dx_mm, y_mm: self.y_mm + dy_mm, ..self }
     }
 
-    /// Angle from the x axis to the axis of `r_a_mm`, -45 to 45 degrees, counter-clockwise seen from above with x to the right
-    /// and y forwards.
+    /// Angle from the x axis to the axis of `r_a_mm`, -45 to 45 degrees, positive from the x axis to the y axis.
     ///
     /// The arc tangent is computed by `micromath`. Its error of 0.0028 rad is 0.08 degrees here, below the resolution of cells of
     /// a few millimetres, and no other quantity depends on the angle.

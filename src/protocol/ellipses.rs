@@ -33,15 +33,15 @@ quantities! {
         y_dmm: i16 = ellipse.map_or(0, |ellipse| (ellipse.y_mm * R::of(10.0)).round_i16())
             => y_mm [10 per "mm"] if r_a_cmm,
             "Centroid of the contact area.";
-        /// Radius of the ellipse along the axis nearer to the medial-lateral one; 0 without contact.
+        /// Radius of the ellipse along the axis nearer to the medial-lateral one; 0 on the wire without contact.
         r_a_cmm: i16 = ellipse.map_or(0, |ellipse| (ellipse.r_a_mm * R::of(100.0)).round_i16())
             => r_a_mm [100 per "mm"] if r_a_cmm,
             "Uniform ellipse with the second moments of the contact area.";
-        /// Radius of the ellipse along the axis nearer to the heel-toe one; 0 without contact.
+        /// Radius of the ellipse along the axis nearer to the heel-toe one; 0 on the wire without contact.
         r_b_cmm: i16 = ellipse.map_or(0, |ellipse| (ellipse.r_b_mm * R::of(100.0)).round_i16())
             => r_b_mm [100 per "mm"] if r_a_cmm,
             "Uniform ellipse with the second moments of the contact area.";
-        /// Angle from the x axis to the first radius, counter-clockwise seen from above with x to the right and y forwards.
+        /// Angle from the x axis to the axis of the first radius, positive from the x axis to the y axis.
         angle_ddeg: i16 = ellipse.map_or(0, |ellipse| (ellipse.angle_deg() * 10.0).round_i16())
             => angle_deg [10 per "deg"] if r_a_cmm,
             "Uniform ellipse with the second moments of the contact area.";

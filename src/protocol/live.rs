@@ -30,12 +30,12 @@ quantities! {
         /// Cells are masked.
         masked: u8 = masked,
             flags "The fault detector replaces cells by their neighbours.";
-        /// Centre of pressure of the foot, to the lateral side in foot coordinates.
+        /// Centre of pressure of the foot, to the lateral side in foot coordinates; null unless the foot is on the ground.
         #[serde(with = "le")]
         centre_x_dmm: i16 = centre_mm.map_or(0, |(x_mm, _)| (x_mm * R::of(10.0)).round_i16())
             => centre_x_mm [10 per "mm"] if centre_y_dmm,
             "Sum over the cells of force times position, divided by the total force.";
-        /// Centre of pressure of the foot, from heel to toe in foot coordinates; absent unless the foot is on the ground.
+        /// Centre of pressure of the foot, from heel to toe in foot coordinates; null unless the foot is on the ground.
         #[serde(with = "le")]
         centre_y_dmm: i16 = centre_mm.map_or(0, |(_, y_mm)| (y_mm * R::of(10.0)).round_i16())
             => centre_y_mm [10 per "mm"] if centre_y_dmm,
@@ -64,7 +64,7 @@ quantities! {
         area_mm2: u16 = load.frame.area.area_mm2::<R>().round_u16()
             => area_mm2 [1 per "mm2"],
             "Sum of the areas of the cells in contact; with covered shares, each times its share, which depends on pressure and cell size.";
-        /// Tissue deformation of the model (scaled by assumption, unless thickness and strain were measured).
+        /// Tissue deformation of the model (scaled by assumption, unless its scale was measured).
         deformation_um: u16 = (load.tissue.deformation_m * R::of(1e6)).round_u16()
             => deformation_mm [1000 per "mm"],
             "Eq. 14, on the mean contact area of three frames.";

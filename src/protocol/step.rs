@@ -161,7 +161,7 @@ quantities! {
         gait_length_dmm: u16 = (foot.gait_length_mm * R::of(10.0)).round_u16()
             => gait_length_mm as "gait_line.length_mm" [10 per "mm"],
             "Sum of the distances between successive samples.";
-        /// Extent of this path to the lateral side.
+        /// Extent of this path along the medial-lateral axis.
         #[serde(with = "le")]
         gait_width_dmm: u16 = (foot.gait_width_mm * R::of(10.0)).round_u16()
             => gait_width_mm as "gait_line.width_mm" [10 per "mm"],
@@ -216,7 +216,7 @@ quantities! {
         area_peak_mm2: u16 = (region.area_peak_mm2 * R::of(1.0)).round_u16()
             => area_peak_mm2 [1 per "mm2"],
             "Sum of the areas of the cells in contact; with covered shares, each times its share, which depends on pressure and cell size.";
-        /// Largest tissue deformation of the model (scaled by assumption, unless thickness and strain were measured).
+        /// Largest tissue deformation of the model (scaled by assumption, unless its scale was measured).
         #[serde(with = "le")]
         deformation_peak_um: u16 = (region.deformation_peak_m * R::of(1e6)).round_u16()
             => deformation_peak_mm [1000 per "mm"],
@@ -246,17 +246,17 @@ quantities! {
         ellipse_y_dmm: i16 = region.ellipse_at_peak.map_or(0, |ellipse| (ellipse.y_mm * R::of(10.0)).round_i16())
             => ellipse_y_mm as "ellipse_at_peak.y_mm" [10 per "mm"] if ellipse_r_a_cmm,
             "Centroid of the contact area.";
-        /// Radius of the ellipse along the axis nearer to the medial-lateral one; 0 without contact.
+        /// Radius of the ellipse along the axis nearer to the medial-lateral one; 0 on the wire without contact.
         #[serde(with = "le")]
         ellipse_r_a_cmm: u16 = region.ellipse_at_peak.map_or(0, |ellipse| (ellipse.r_a_mm * R::of(100.0)).round_u16())
             => ellipse_r_a_mm as "ellipse_at_peak.r_a_mm" [100 per "mm"] if ellipse_r_a_cmm,
             "Uniform ellipse with the second moments of the contact area.";
-        /// Radius of the ellipse along the axis nearer to the heel-toe one; 0 without contact.
+        /// Radius of the ellipse along the axis nearer to the heel-toe one; 0 on the wire without contact.
         #[serde(with = "le")]
         ellipse_r_b_cmm: u16 = region.ellipse_at_peak.map_or(0, |ellipse| (ellipse.r_b_mm * R::of(100.0)).round_u16())
             => ellipse_r_b_mm as "ellipse_at_peak.r_b_mm" [100 per "mm"] if ellipse_r_a_cmm,
             "Uniform ellipse with the second moments of the contact area.";
-        /// Angle from the x axis to the first radius, counter-clockwise seen from above with x to the right and y forwards.
+        /// Angle from the x axis to the axis of the first radius, positive from the x axis to the y axis.
         #[serde(with = "le")]
         ellipse_angle_ddeg: i16 = region.ellipse_at_peak.map_or(0, |ellipse| (ellipse.angle_deg() * 10.0).round_i16())
             => ellipse_angle_deg as "ellipse_at_peak.angle_deg" [10 per "deg"] if ellipse_r_a_cmm,

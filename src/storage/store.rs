@@ -5,7 +5,7 @@ use super::guard::{Guard, Guarded};
 use super::log::Entry;
 use super::records::{Bonds, BootCounters, CalibrationRecord, CellsRecord, Key, Record};
 use super::{BUFFER, StorageError};
-use crate::protocol::{BLOCK_CELLS, CalibrationBlock, CalibrationId, Contents, LoadRecord, decode, encode};
+use crate::protocol::{BLOCK_CELLS, CalibrationBlock, CalibrationId, Contents, LoadRecord, Reset, decode, encode};
 use crate::sequence::is_after;
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 use sectors::{Sectors, oldest};
@@ -43,8 +43,10 @@ pub struct Store<F> {
     log: Sectors,
     buffer: [u8; BUFFER],
     contents: Contents,
-    /// The counts of boots with this one, until they are stored.
-    boots_due: Option<BootCounters>,
+    /// The reason of this boot, until it is counted.
+    boot_due: Option<Reset>,
+    /// The log has foreign contents that could not be erased completely, so nothing is stored in it before the next start.
+    is_log_foreign: bool,
 }
 
 impl<F: MultiwriteNorFlash> Store<F> {
@@ -58,7 +60,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
             log: Sectors::new(log),
             buffer: [0; BUFFER],
             contents: Contents::default(),
-            boots_due: None,
+            boot_due: None,
+            is_log_foreign: false,
         }
     }
 
@@ -96,11 +99,14 @@ impl<F: MultiwriteNorFlash> Store<F> {
             && self.records(None, |_| false).await.is_ok()
     }
 
-    /// Stores the counts of boots, unless they are stored. A supply that was too low at the start may be sufficient by now.
+    /// Counts this boot, unless it is counted. A supply that was too low at the start may be sufficient by now.
     async fn count_boot(&mut self) -> Result<(), StorageError> {
-        if let Some(boots) = self.boots_due {
+        if let Some(reset) = self.boot_due {
+            let mut boots: BootCounters = self.get(0).await?.unwrap_or_default();
+            boots.count(reset);
+            self.contents.start = boots.total();
             self.put(0, &boots).await?;
-            self.boots_due = None;
+            self.boot_due = None;
         }
         Ok(())
     }
@@ -247,6 +253,9 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// Appends an encoded entry to the log. A full log drops its oldest entries; returns the number of dropped load records.
     async fn push(&mut self, bytes: &[u8]) -> Result<u32, StorageError> {
         self.check_use()?;
+        if self.is_log_foreign {
+            return Err(StorageError::Contents);
+        }
         let Self { flash, guard, log, buffer, .. } = self;
         log.with_queue(flash, guard, async |log| {
             match log.push(bytes, false).await {
@@ -305,6 +314,10 @@ impl<F: MultiwriteNorFlash> Store<F> {
         mut take: impl FnMut(LoadRecord) -> bool,
     ) -> Result<bool, StorageError> {
         self.check_use()?;
+        if self.count_boot().await.is_err() && self.contents.start == 0 {
+            // The number of boots since a record is unknown.
+            return Err(StorageError::Chip);
+        }
         let Self { flash, guard, log, buffer, contents, .. } = self;
         guard.postpones_erasure = true;
         let remain = log

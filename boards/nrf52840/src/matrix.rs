@@ -125,7 +125,7 @@ impl ResistiveMatrix {
         let mut battery = ChannelConfig::single_ended(self.battery.reborrow());
         battery.gain = Gain::Gain1_3;
         // The source resistance of the divider is 340 kOhm. The product specification of the nRF52840 (SAADC, acquisition time)
-        // requires 20 us for up to 400 kOhm, and allows up to 800 kOhm with this time.
+        // requires 20 us for up to 400 kOhm, and 40 us for up to 800 kOhm.
         battery.time = Time::_40US;
         // With two channels the converter remains in scan mode: it loses events after a change to a single channel (erratum 212).
         let channels = [battery, ChannelConfig::single_ended(VddInput)];

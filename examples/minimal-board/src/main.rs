@@ -217,7 +217,8 @@ unsafe impl cortex_m::interrupt::InterruptNumber for SpareInterrupt {
 
 cortex_m_platform::on_systick!(tick);
 
-/// Checks that all parts of the firmware make progress, and resets the board if one of them is stalled.
+/// Checks that all parts of the firmware make progress, and resets the board if one of them is stalled. `frame` is the address
+/// of the registers that the exception put on the stack.
 extern "C" fn tick(frame: u32) {
     cortex_m_platform::check(frame, &SCAN_COUNTERS.heartbeats);
 }

@@ -39,16 +39,16 @@ impl<F: MultiwriteNorFlash> Store<F> {
             progressed();
         }
         records(&mut self.flash, &mut self.guard)?.remove_item(&mut self.buffer, &FILLER).await?;
+        if self.log.range() != SMALL_LOG {
+            // Firmware that did not use the whole chip had its log there.
+            self.erase_used(SMALL_LOG, &progressed).await?;
+        }
         // The oldest sectors are erased first, so that the rest is a valid log if power fails.
         let log = self.log.range();
         let newest = self.log.newest(&mut self.flash).await;
         let oldest_at = newest.map_or(log.end, |newest| newest.range().end);
         self.erase_used(oldest_at..log.end, &progressed).await?;
         self.erase_used(log.start..oldest_at, &progressed).await?;
-        if self.log.range() != SMALL_LOG {
-            // Firmware that did not use the whole chip had its log there.
-            self.erase_used(SMALL_LOG, &progressed).await?;
-        }
         let entry = Entry::Acknowledged { next: self.contents.next_record };
         self.push(entry.encode(&mut [0; BUFFER])).await.map(drop)
     }

@@ -60,11 +60,11 @@ impl Sectors {
     }
 
     /// The sector that is being filled, and the one before it: they contain the newest entry. `None` if their place is not
-    /// obvious, as after a loss of power while a sector was being erased.
+    /// obvious. A sector of which the erasure was interrupted is none of them.
     pub(super) async fn newest<F: MultiwriteNorFlash>(&self, flash: &mut Option<F>) -> Option<Self> {
         const { assert!(F::READ_SIZE == 1, "a mark has the size of a read operation") };
         let flash = flash.as_mut()?;
-        let mut is_previous_full = false;
+        let (mut is_previous_full, mut is_previous_closed) = (false, false);
         for sector in self.range().step_by(SECTOR as usize) {
             // `sequential-storage` programs the first byte of a sector before its first entry, and the last byte once the sector
             // is full.
@@ -73,9 +73,10 @@ impl Sectors {
             flash.read(sector + SECTOR - 1, &mut marks[1]).await.ok()?;
             let [is_begun, is_full] = marks.map(|[mark]: [u8; 1]| mark.count_zeros() >= MARK_BITS);
             if !is_full && (is_begun || is_previous_full) {
-                return Some(Self::new(sector.saturating_sub(SECTOR).max(self.range.start)..sector + SECTOR));
+                let begin = if is_previous_closed { sector - SECTOR } else { sector };
+                return Some(Self::new(begin..sector + SECTOR));
             }
-            is_previous_full = is_full;
+            (is_previous_full, is_previous_closed) = (is_full, is_full && is_begun);
         }
         None
     }

@@ -107,15 +107,13 @@ impl<F: MultiwriteNorFlash> Store<F> {
                 return;
             }
         };
-        if let Ok(Some(NumberingRecord(next))) = self.get(0).await
+        if agreed.log.is_ok_and(|entries| entries > 0)
+            && let Ok(Some(NumberingRecord(next))) = self.get(0).await
             && is_after(next, self.contents.next_record)
         {
             self.mark_next_record(next).await;
         }
-        let mut boots = agreed.boots.ok().flatten().unwrap_or_default();
-        boots.count(reset);
-        self.contents.start = boots.total();
-        self.boots_due = Some(boots);
+        self.boot_due = Some(reset);
         // If this fails, it is repeated before a record is stored, and a failure is then reported.
         let _ = self.count_boot().await;
     }
@@ -130,11 +128,10 @@ impl<F: MultiwriteNorFlash> Store<F> {
             let _ = self.clear_area(RECORDS, records, is_in_use).await;
         }
         if survey.has_no_log() {
-            if self.clear_area(self.log.range(), log, is_in_use).await.is_err() {
-                return;
-            }
+            self.is_log_foreign = self.clear_area(self.log.range(), log, is_in_use).await.is_err();
             // From here on the log always has an entry, so that numbering continues after a restart.
-            self.mark_next_record(0).await;
+            let numbering = self.get(0).await.ok().flatten();
+            self.mark_next_record(numbering.map_or(0, |NumberingRecord(next)| next)).await;
         }
     }
 

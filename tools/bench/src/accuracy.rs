@@ -36,7 +36,7 @@ pub fn measure(figures: &mut Figures) -> Result<()> {
     figures.add(
         "device_vs_host_force_rel",
         worst.force,
-        "largest difference of a force or force-time integral between f32 and f64, relative to its region's peak",
+        "largest difference between f32 and f64: of a force relative to its peak, of an integral to peak * contact time",
     );
     figures.add(
         "device_vs_host_area_rel",

@@ -14,7 +14,8 @@ use serde_json::{Value, json};
 pub struct FootStep {
     /// Number of the step on its insole, without other records: the next step has the next number.
     pub number: u32,
-    /// Time of the heel strike, s. The steps of both feet are on the same clock, which [`crate::Axis`] provides.
+    /// Time of the heel strike, s. The times of both feet are comparable if they are on a common clock, such as that of
+    /// [`crate::Axis`]. Without one, [`Gait::new`] does not compare the feet.
     pub start_s: f64,
     /// Time from heel strike to toe off, s.
     pub duration_s: f64,
@@ -225,7 +226,11 @@ impl FootGait {
             foot.strides.push(Stride { start_s: step.start_s, other_s, is_consecutive, values });
         }
         foot.measures = core::array::from_fn(|i| {
-            let values = foot.strides.iter().filter_map(|stride| Some((stride.values[i]?, stride.is_consecutive)));
+            let values = foot.strides.iter().enumerate().filter_map(|(at, stride)| {
+                // A stride without this measure lies between the values before and after it.
+                let follows_value = at.checked_sub(1).is_some_and(|before| foot.strides[before].values[i].is_some());
+                Some((stride.values[i]?, stride.is_consecutive && follows_value))
+            });
             Estimate::new(&values.collect::<Vec<_>>())
         });
         foot
@@ -299,8 +304,8 @@ fn symmetry_percent([left, right]: &[FootGait; 2]) -> [Option<Estimate>; COUNT] 
     })
 }
 
-/// The cadence from the strides of both feet, or without a common clock of the foot with more strides. Strides of the two feet
-/// overlap, which makes successive values similar.
+/// The cadence from the strides of both feet; without a common clock, from the strides of the foot that has more of them.
+/// Strides of the two feet overlap, which makes successive values similar.
 fn cadence_per_min([left, right]: &[FootGait; 2], has_both_feet: bool) -> Option<Estimate> {
     let mut strides: Vec<&Stride> = match (has_both_feet, left.strides.len() >= right.strides.len()) {
         (true, _) => left.strides.iter().chain(&right.strides).collect(),

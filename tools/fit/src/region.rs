@@ -37,7 +37,7 @@ pub struct RegionFit {
     pub uncertainty: Option<Uncertainty>,
     /// Mechanical quantities, which can be compared between recordings and people.
     pub measures: Vec<Measure>,
-    /// The errors of the parameters.
+    /// The errors of the model force with these parameters, against the measured force.
     pub quality: Quality,
     /// NRMSE of each step, as a fraction, with parameters that were fitted to the other steps. Empty if there is only one step.
     pub predicted_nrmse: Vec<f64>,
@@ -249,7 +249,7 @@ pub(crate) fn refit<'c>(
 }
 
 impl SearchResult {
-    /// The covariance matrix of the coordinates; `None` without a prior.
+    /// The covariance matrix of the parameters in the coordinates of [`prior::Coordinates`]; `None` without a prior.
     pub(crate) fn covariance(&self) -> Option<Matrix5<f64>> {
         let (prior, identified) = (self.prior.as_ref()?, self.identified.as_ref()?);
         Some(interval::covariance(&self.samples, prior, identified, self.noise.variance))

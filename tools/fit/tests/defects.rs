@@ -1,4 +1,5 @@
-//! The reasons why the result of a region is not whole. The other regions are not affected.
+//! Tests of [`RegionFit::defects`], the reasons why a part of a region's result is missing or must not be used. A defect of one
+//! region does not affect the other regions.
 
 use fit::fixed::Scale;
 use fit::synthetic::{Noise, curves, law, walk};

@@ -63,8 +63,8 @@ impl Default for InsoleSize {
 
 /// The typical values of a region.
 struct Typical {
-    /// A, B and C, mm. C is such that the largest area compresses the tissue by 45.7 %, as measured under the metatarsal heads
-    /// (Cavanagh 1999).
+    /// A, B and C, mm. C is such that the largest area of all fitted steps, which can be outside of `range`, compresses the
+    /// tissue by 45.7 %, as measured under the metatarsal heads (Cavanagh 1999).
     radii_mm: [f64; 3],
     /// Thickness of the unloaded tissue, mm.
     d0_mm: f64,

@@ -18,8 +18,8 @@ const ROWS = 200;
 const OMITTED = ["swing_percent", "first_double_support_s", "single_support_percent"];
 
 /**
- * Shows the last steps, and the numbers of all steps of the left and of the right foot. To be called after each change of the steps or
- * of the settings.
+ * Shows the last steps, and how many steps the left and the right foot have made in all (`counts`). To be called after each
+ * change of the steps or of the settings.
  */
 export function drawSteps(steps: readonly StoredStep[], counts: readonly number[], gait: Gait, settings: Settings): void {
   const is_empty = steps.length === 0;

@@ -76,7 +76,10 @@ impl GaitCommand {
         let of = |side| {
             let numbers: Vec<_> = others.iter().filter(|(of, _)| *of == side).map(|(_, number)| *number).collect();
             let steps = steps.iter().filter(|(step, _)| step.side == side);
-            steps.map(|(step, start_us)| FootStep::new(step, start_us.unwrap_or(step.start_us), &numbers)).collect()
+            // Without a common clock, the times of a foot are all on the clock of its insole.
+            let start_us =
+                |step: &Step, common_us: Option<u64>| common_us.filter(|_| has_common_clock).unwrap_or(step.start_us);
+            steps.map(|(step, common_us)| FootStep::new(step, start_us(step, *common_us), &numbers)).collect()
         };
         let gait = Gait::new([of(Side::Left), of(Side::Right)], has_common_clock);
         let length = self.stride_length.map(Length::Stride).or(self.distance.map(Length::Walk));

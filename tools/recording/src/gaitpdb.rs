@@ -18,9 +18,9 @@ use std::path::Path;
 const SENSORS: usize = 8;
 /// Number of columns: the time, the sensors of both feet, and the total forces.
 const COLUMNS: usize = 1 + 2 * SENSORS + 2;
-/// Positions of the sensors, from the medial to the lateral side and from heel to toes, in the unit of the database. Source:
-/// the file `format.txt` of the database; the walker stands with parallel feet, of which the medial sides are at 300 units from
-/// the middle.
+/// Positions of the sensors in the order of their columns, in the unit of the database. The first coordinate increases from the
+/// medial to the lateral side, the second from heel to toes. Source: the file `format.txt` of the database; the walker stands
+/// with parallel feet, of which the medial sides are at 300 units from the middle.
 const POSITIONS: [[f64; 2]; SENSORS] = [
     [500.0, -800.0],
     [700.0, -400.0],

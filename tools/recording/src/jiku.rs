@@ -24,7 +24,7 @@ pub const WALKERS: usize = 10;
 pub const TRIALS: usize = 60;
 /// Frame rate of the plate, Hz.
 pub const RATE_HZ: f64 = 500.0;
-/// Unloaded time that is inserted before and after each step, s.
+/// Unloaded time that is inserted before the first step, between successive steps and after the last step, s.
 pub const SWING_S: f64 = 0.4;
 
 /// Extent of a native cell along the foot, mm.

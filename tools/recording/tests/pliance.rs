@@ -56,7 +56,7 @@ fn decimal_commas_yield_the_same_recording() {
     assert_eq!(with_commas.feet, with_points.feet);
 }
 
-/// The table does not end there, because the frames below would be left out silently.
+/// A row with a damaged time is not taken for the end of the table: the frames below it would be left out without a message.
 #[test]
 fn a_damaged_time_is_refused_with_its_line() {
     let text = text(Side::Right);

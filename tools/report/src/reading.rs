@@ -63,8 +63,8 @@ pub fn reading(method: Method) -> Markup {
              another contact rule or sensor are not comparable. With covered shares, it is an effective area, which also depends on \
              the pressure. The measured force is the sum of the sensors: shear, and load beside the sensors, are not part of it. \
              Deformations, and with them stiffness, moduli and energies, are scaled by assumption unless thickness and strain of the \
-             tissue were measured. The eight regions are a convention for comparing feet, not anatomical structures. This is not \
-             a medical device; it must not be used for diagnosis."
+             tissue, or a curvature of the sole, were measured. The eight regions are a convention for comparing feet, not \
+             anatomical structures. This is not a medical device; it must not be used for diagnosis."
         }
         p {
             strong { "Source. " }

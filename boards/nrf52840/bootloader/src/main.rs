@@ -101,7 +101,7 @@ fn main() -> ! {
     if let Some(Some(chip)) = poll_at_most(1, Chip::<_, CHIP_BYTES>::open(Qspi::new(p.QSPI, Busy))) {
         let chip = Mutex::new(chip);
         if BootLoader::<BUFFER>::try_prepare(config(&chip, Active(Nvmc::new(p.NVMC)))).is_err() {
-            // The swap failed half-way, so no image would run. It continues after the reset.
+            // The swap may have failed half-way, and then no image would run. It continues after the reset.
             SCB::sys_reset()
         }
     }

@@ -141,7 +141,7 @@ async fn find(selector: &Selector) -> Result<Peripheral, Error> {
 async fn scan(adapter: &Adapter, selector: &Selector) -> Result<Peripheral, BleError> {
     loop {
         for peripheral in adapter.peripherals().await? {
-            // A peripheral that is no longer in range has no properties.
+            // A peripheral that the system has removed from its list in the meantime has no properties.
             if let Ok(Some(properties)) = peripheral.properties().await
                 && selector.matches(&peripheral.id().to_string(), &properties)
                 // The system also lists paired peripherals that are out of range.

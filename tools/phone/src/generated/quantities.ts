@@ -78,7 +78,7 @@ export interface GaitLine {
   y_90_mm: number;
   /** Length of the path of the centre of pressure from 10 to 90 % of stance. Unit: mm. */
   length_mm: number;
-  /** Extent of this path to the lateral side. Unit: mm. */
+  /** Extent of this path along the medial-lateral axis. Unit: mm. */
   width_mm: number;
   /** Mean velocity of the centre of pressure on this path. Unit: mm/s. */
   velocity_mm_s: number;
@@ -96,7 +96,7 @@ export interface StepRegion {
   model_force_integral_n_s: number;
   /** Largest contact area; the effective area if the contact rule has covered shares. Unit: mm2. */
   area_peak_mm2: number;
-  /** Largest tissue deformation of the model (scaled by assumption, unless thickness and strain were measured). Unit: mm. */
+  /** Largest tissue deformation of the model (scaled by assumption, unless its scale was measured). Unit: mm. */
   deformation_peak_mm: number;
   /** Largest rate of the deformation (scaled by assumption as well) under increasing load. Unit: mm/s. */
   deformation_rate_peak_mm_s: number;
@@ -142,11 +142,11 @@ export interface Ellipse {
   x_mm: number;
   /** Centre of the contact ellipse at the largest measured force, from heel to toe in foot coordinates. Unit: mm. */
   y_mm: number;
-  /** Radius of the ellipse along the axis nearer to the medial-lateral one; 0 without contact. Unit: mm. */
+  /** Radius of the ellipse along the axis nearer to the medial-lateral one; 0 on the wire without contact. Unit: mm. */
   r_a_mm: number;
-  /** Radius of the ellipse along the axis nearer to the heel-toe one; 0 without contact. Unit: mm. */
+  /** Radius of the ellipse along the axis nearer to the heel-toe one; 0 on the wire without contact. Unit: mm. */
   r_b_mm: number;
-  /** Angle from the x axis to the first radius, counter-clockwise seen from above with x to the right and y forwards. Unit: deg. */
+  /** Angle from the x axis to the axis of the first radius, positive from the x axis to the y axis. Unit: deg. */
   angle_deg: number;
 }
 
@@ -238,9 +238,9 @@ export interface Live {
   sequence: number;
   /** Time of the scan since the first scan. Unit: s. */
   t_s: number;
-  /** Centre of pressure of the foot, to the lateral side in foot coordinates. Unit: mm. */
+  /** Centre of pressure of the foot, to the lateral side in foot coordinates; null unless the foot is on the ground. Unit: mm. */
   centre_x_mm: number | null;
-  /** Centre of pressure of the foot, from heel to toe in foot coordinates; absent unless the foot is on the ground. Unit: mm. */
+  /** Centre of pressure of the foot, from heel to toe in foot coordinates; null unless the foot is on the ground. Unit: mm. */
   centre_y_mm: number | null;
   /** The regions, in the order of `Facts.regions`. */
   regions: LiveRegion[];
@@ -250,7 +250,7 @@ export interface Live {
 export interface LiveRegion {
   /** Contact area; the effective area if the contact rule has covered shares. Unit: mm2. */
   area_mm2: number;
-  /** Tissue deformation of the model (scaled by assumption, unless thickness and strain were measured). Unit: mm. */
+  /** Tissue deformation of the model (scaled by assumption, unless its scale was measured). Unit: mm. */
   deformation_mm: number;
   /** Model force. Unit: N. */
   model_n: number;

@@ -16,8 +16,8 @@ use hdf5_reader::Hdf5File;
 use std::ops::Range;
 use std::path::Path;
 
-/// Largest difference between the doubled estimates. Rounding changes each stored integer by up to half a unit, and each
-/// doubled estimate multiplies one of them by three.
+/// Largest accepted difference between the doubled estimates. r0 and r0' are native integers and were not rounded. Rounding
+/// changed r1 and r2 by up to half a unit each, and each doubled estimate multiplies one of the two by three.
 const TOLERANCE: i32 = 3;
 
 /// Largest number of values in a trial. A real trial has about 60 x 40 x 500 values; a damaged file may claim any number.
