@@ -73,7 +73,8 @@ left, right = strides(data["left"], data["right"]), strides(data["right"], data[
 result = {}
 for side, found in (("left", left), ("right", right)):
     for key in {key for stride in found for key in stride[3]}:
-        chosen = [(s[3][key], follows(found, i)) for i, s in enumerate(found) if key in s[3]]
+        # A value is compared with the one before only if that is of the stride before.
+        chosen = [(s[3][key], follows(found, i) and key in found[i - 1][3]) for i, s in enumerate(found) if key in s[3]]
         result[f"{side} {key}"] = estimate(*zip(*chosen)) if chosen else None
 by_start = {s[0]: (s, follows(right, i)) for i, s in enumerate(right)}
 for key in SYMMETRIC:
