@@ -588,8 +588,8 @@ fn an_erasure_leaves_no_byte_about_the_wearer_and_keeps_the_rest() {
     assert_eq!(numbers(&mut store), [100]);
 }
 
-/// Power fails in each operation of the erasure, with a log of which the newest steps are in its first sectors. No number is given
-/// twice.
+/// Power fails in each operation of the erasure, with a log of which the newest steps are in its first sectors. No number is
+/// given twice.
 #[test]
 fn numbers_continue_after_an_interrupted_erasure() {
     let mut chip = chip();
@@ -621,8 +621,8 @@ fn numbers_continue_after_an_interrupted_erasure() {
     }
 }
 
-/// Power fails in each operation of an acknowledgement that deletes several sectors, and the supply is too low for any change at
-/// the next start. An earlier erasure of the wearer's data has left its number.
+/// Power fails in each operation of an acknowledgement that deletes several sectors, and the supply is too low for any change
+/// at the next start. An earlier erasure of the wearer's data has left its number.
 #[test]
 fn an_interrupted_deletion_is_repaired_once_the_supply_is_sufficient() {
     for has_erased in [false, true] {

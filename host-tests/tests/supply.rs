@@ -20,8 +20,8 @@ fn used_chip() -> NorFlashChip {
 /// Number of steps that are stored.
 const STEPS: u32 = 40;
 
-/// Stores steps one after the other. After every fifth step except the last one, acknowledges all steps so far. Returns the numbers
-/// of the steps that were stored and must remain, and the number of operations of the store that were refused.
+/// Stores steps one after the other. After every fifth step except the last one, acknowledges all steps so far. Returns the
+/// numbers of the steps that were stored and must remain, and the number of operations of the store that were refused.
 fn store_steps(chip: &mut NorFlashChip, supply: &Supply) -> (Vec<u32>, u32) {
     let mut store =
         block_on(Store::open(Some(Supplied::new(chip, SMALL_LOG.end, || supply.is_sufficient())), Reset::Power));

@@ -97,8 +97,8 @@ pub fn change(area: Range<u32>, offset: u32, bytes: &[u8]) {
     }
 }
 
-/// No two areas of the map of a chip with this number of bytes contain the same sector, each is within its chip, each begins and
-/// ends with a sector, and the log of a large chip ends with the chip.
+/// No two areas of the map of a chip with this number of bytes contain the same sector, each is within its chip, each begins
+/// and ends with a sector, and the log of a large chip ends with the chip.
 pub fn map(chip_bytes: u32, sector: u32) {
     let contains = |area: &Range<u32>| area.contains(&sector) || area.contains(&(sector + SECTOR - 1));
     let owners = |areas: &[Range<u32>]| areas.iter().filter(|area| contains(area)).count();

@@ -109,15 +109,14 @@ pub struct Started<F: 'static> {
 
 /// Longest time in which the flash chip must answer.
 const CHIP_TIMEOUT: Duration = Duration::from_secs(2);
-/// Longest time in which the store must be opened. Erasing a chip with foreign contents takes that long; a chip of 16 MiB needs a
-/// second start, which continues. It is shorter than the
-/// time in which the supervision expects the parts to start ([`super::supervise::START_CHECKS`]).
+/// Longest time in which the store must be opened. Erasing a chip with foreign contents takes that long; a chip of 16 MiB needs
+/// a second start, which continues. It is shorter than the time in which the supervision expects the parts to start
+/// ([`super::supervise::START_CHECKS`]).
 const STORE_TIMEOUT: Duration = Duration::from_secs(110);
 /// The text of [`Hello::fault`] after a start without the chip.
 const NO_CHIP: &str = "the flash chip does not answer: nothing is stored, check the chip and its supply";
 /// The text of [`Hello::fault`] if the store was not opened in [`STORE_TIMEOUT`].
-const NO_STORE: &str =
-    "the flash chip could not be opened in 110 s: nothing is stored; restart to continue, or replace it";
+const NO_STORE: &str = "the flash chip was not opened in 110 s: nothing is stored; restart to continue, or replace it";
 /// The text of [`Hello::fault`] if the stored settings cannot be used.
 const OTHER_SETTINGS: &str = "the stored settings do not fit this board, which uses its own: send the settings again";
 /// The text of [`Hello::fault`] if the stored parameters cannot be used.

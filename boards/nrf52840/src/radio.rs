@@ -76,8 +76,8 @@ const H4_EVENT: u8 = 4;
 const COMMAND_COMPLETE: u8 = 0x0e;
 /// Event Command Status.
 const COMMAND_STATUS: u8 = 0x0f;
-/// Length of the parameters that both events have: status, number of command packets, and opcode. In Command Complete, the return
-/// parameters after the status are added to it.
+/// Length of the parameters that both events have: status, number of command packets, and opcode. In Command Complete, the
+/// return parameters after the status are added to it.
 const STATUS_BYTES: u8 = 4;
 
 /// The peripherals that the radio uses.

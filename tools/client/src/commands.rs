@@ -14,8 +14,8 @@ use plantar::protocol::{
 };
 use std::time::Duration;
 
-/// Patience while an insole erases the data of the wearer: a chip of 16 MiB with a full log needs some three minutes by its typical
-/// times.
+/// Patience while an insole erases the data of the wearer: a chip of 16 MiB with a full log needs some three minutes by its
+/// typical times.
 const ERASURE: Duration = Duration::from_secs(300);
 
 /// The errors of each request are [`Error::NoAnswer`], [`Error::Refused`] and those of the carrier.

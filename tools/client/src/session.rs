@@ -1,4 +1,5 @@
-//! The host's side of a session: sends and receives messages, delivers each step, load bout and alert once, and counts live frames.
+//! The host's side of a session: sends and receives messages, delivers each step, load bout and alert once, and counts live
+//! frames.
 
 use crate::counters::LinkCounters;
 use crate::delivered::Delivered;

@@ -284,7 +284,7 @@ export class Session {
     this.arrivals_ms.push(now_ms);
   }
 
-  /** Number of records that the insole has stored and still has to send, at its last status. Numbers of records wrap at 2^32. */
+  /** Number of records that the insole has stored and still has to send, by its last status. Record numbers wrap at 2^32. */
   get records_waiting(): number {
     if (this.state !== "live" || !this.status || this.last_record === undefined) return 0;
     const waiting = (this.status.next_record - this.last_record - 1) >>> 0;

@@ -90,8 +90,8 @@ impl<F: NorFlash> NorFlash for Fed<F> {
 #[entry]
 fn main() -> ! {
     let mut clocks = embassy_stm32::Config::default();
-    // The internal oscillator needs no crystal. When the application starts, its rate is the only setting of the clocks that differs
-    // from the state after a reset.
+    // The internal oscillator needs no crystal. When the application starts, its rate is the only setting of the clocks that
+    // differs from the state after a reset.
     clocks.rcc.msi = Some(MSIRange::RANGE32M);
     clocks.rcc.hsi48 = None;
     clocks.rcc.ls = LsConfig::off();
@@ -118,8 +118,9 @@ fn main() -> ! {
         let own = BlockingMutex::<NoopRawMutex, _>::new(RefCell::new(Fed { flash, watchdog }));
         let active = BlockingPartition::new(&own, ACTIVE.start, MAX_IMAGE);
         if BootLoader::try_prepare::<_, _, _, BUFFER>(config(&chip, active)).is_err() {
-            // The swap failed half-way, so no image would run. It continues after the reset. With a low supply, each start would
-            // erase the same sector of the controller's own flash again, so the loop waits for the supply, or for the watchdog.
+            // The swap may have failed half-way, and then no image would run. It continues after the reset. With a low supply,
+            // each start would erase the same sector of the controller's own flash again, so the loop waits for the supply, or
+            // for the watchdog.
             while !is_supplied() {}
             SCB::sys_reset()
         }

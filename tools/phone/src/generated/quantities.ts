@@ -18,7 +18,7 @@ export interface Step {
   bridged_frames: number;
   /** Boots of the insole since the one that recorded this step; the start time counts from that one. Unit: count. */
   starts_ago: number;
-  /** Start on the insole's own clock, s since 1970; null unless the insole has restarted since the step. */
+  /** Start on the insole's own clock, s since 1970; null if it was not set, or no restart has followed since the step. */
   start_unix_s: number | null;
   /** Contact rule of the areas. */
   contact_rule: { area: string; rule: "counted" | "fractional"; on_kpa: number; off_kpa: number; full_kpa: number };
@@ -164,7 +164,7 @@ export interface Bout {
   duration_s: number;
   /** Boots of the insole since the one that recorded this bout; the start time counts from that one. Unit: count. */
   starts_ago: number;
-  /** Start on the insole's own clock, s since 1970; null unless the insole has restarted since the load bout. */
+  /** Start on the insole's own clock, s since 1970; null if it was not set, or no restart has followed since the bout. */
   start_unix_s: number | null;
   /** The regions by name. */
   regions: Record<string, BoutRegion>;
@@ -206,7 +206,7 @@ export interface Alert {
 
 /** The load of a day. */
 export interface DailyLoad {
-  /** Number of the wearer's day; 0 if the insole has no clock. */
+  /** Number of the wearer's day; 0 while the clock of the insole is not set. */
   day: number;
   /** Time in which the foot carried load, s. */
   loaded_s: number;
@@ -224,7 +224,7 @@ export interface DailyLoad {
 
 /** One region in the load of a day. */
 export interface DailyRegion {
-  /** Dose, kPa s. */
+  /** Dose: time integral of the pressure above the limit of the dose, kPa s. */
   dose_kpa_s: number;
   /** Time integral of the squared pressure, kPa2 s. */
   squared_pressure_kpa2_s: number;
