@@ -8,6 +8,7 @@ use plantar::firmware::board::{FrameClock, Gauges, Matrix, MatrixTimeout};
 use plantar::firmware::scan::{Frame, ScanCounters, scan};
 use plantar::firmware::shared::{Carrier, Exchange, Shared};
 use plantar::firmware::supervise::{Heartbeats, Part, STALLED_CHECKS, Watchdog};
+use plantar::protocol::session::Session;
 use plantar::protocol::{MAJOR, MAX_MESSAGE, MINOR, Status, ToDevice, ToHost, decode};
 use proofs::acknowledgement::hello;
 use shuttle::scheduler::{DfsScheduler, Schedule, Scheduler, Task, TaskId};
@@ -118,7 +119,9 @@ impl Matrix for OneRow {
 /// The shared state with an open session.
 fn connected(counters: &'static ScanCounters) -> Shared {
     let gauges = Gauges { stack_bytes: || 0, supply_mv: || None };
-    let shared = Shared::new(hello(), 1000, counters, gauges, Box::leak(Box::new(RefCell::new(Exchange::Idle))));
+    let exchange = Box::leak(Box::new(RefCell::new(Exchange::Idle)));
+    let session = Box::leak(Box::new(RefCell::new(Session::new())));
+    let shared = Shared::new(hello(), 1000, counters, gauges, exchange, session);
     shared.receive(Carrier::Serial, Some(ToDevice::Connect { major: MAJOR, minor: MINOR }));
     shared.next(Carrier::Serial, &mut [0; MAX_MESSAGE]);
     shared

@@ -61,7 +61,7 @@ pub enum Exchange {
 /// messages over the other carrier are refused. So all steps wait in one queue, and a step leaves the queue once a host has
 /// acknowledged it.
 pub struct Shared {
-    pub(super) session: RefCell<Session>,
+    pub(super) session: &'static RefCell<Session>,
     /// A reference, because this structure is moved once at the start, which takes as much stack as its size.
     pub(super) exchange: &'static RefCell<Exchange>,
     /// The carrier of the exchange; `None` once it has lost the tool, whose request is executed nevertheless.
@@ -128,6 +128,7 @@ impl Shared {
         scan: &'static ScanCounters,
         gauges: Gauges,
         exchange: &'static RefCell<Exchange>,
+        session: &'static RefCell<Session>,
     ) -> Self {
         let counters = ProcessCounters {
             steps: 0,
@@ -138,7 +139,7 @@ impl Shared {
             rest_cycles: 0,
         };
         Self {
-            session: RefCell::new(Session::new()),
+            session,
             exchange,
             tool: Cell::default(),
             carrier: Cell::new(Carrier::Serial),

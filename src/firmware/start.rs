@@ -9,6 +9,7 @@ use crate::log;
 use crate::pipeline::alert::AlertRules;
 use crate::pipeline::setup::{DEVICE_CELLS, Setup, SetupCell, SetupError};
 use crate::pipeline::tissue::{Identified, Tissue};
+use crate::protocol::session::Session;
 use crate::protocol::update::Header;
 use crate::protocol::{BLOCK_CELLS, Hello, MAJOR, MAX_FAULT_TEXT, MINOR, Reset, Serial, Settings};
 use crate::storage::{IdentifiedRecord, IdentityRecord, SettingsRecord, Store, previous};
@@ -68,6 +69,7 @@ pub struct Memory<F, const FRAMES: usize> {
     store: StaticCell<Store<F>>,
     shared: StaticCell<Shared>,
     exchange: StaticCell<RefCell<Exchange>>,
+    session: StaticCell<RefCell<Session>>,
 }
 
 impl<F, const FRAMES: usize> Memory<F, FRAMES> {
@@ -81,6 +83,7 @@ impl<F, const FRAMES: usize> Memory<F, FRAMES> {
             store: StaticCell::new(),
             shared: StaticCell::new(),
             exchange: StaticCell::new(),
+            session: StaticCell::new(),
         }
     }
 }
@@ -148,7 +151,7 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     // Whatever the chip does, the insole starts.
     let chip = with_timeout(CHIP_TIMEOUT, pin!(chip)).await.ok().flatten();
     let mut no_chip = chip.is_none().then_some(NO_CHIP);
-    let store = memory.store.init(Store::new(chip));
+    let store = memory.store.init_with(|| Store::new(chip));
     // Pinned, because each move of this future would take its size in stack.
     let is_open = with_timeout(STORE_TIMEOUT, pin!(open_store(store, &boot, image, restart))).await.is_ok();
     if !is_open {
@@ -212,7 +215,8 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     hello.layout_id = settings.map_or(setup.layout_id, |settings| settings.id(setup.layout_id));
     let (to_process, scanned) = memory.channel.init(Channel::new(memory.frames.take())).split();
     let exchange = init_exchange(&memory.exchange);
-    let shared = init_shared(&memory.shared, hello, serial_bytes_per_s, counters, gauges, exchange);
+    let session = init_session(&memory.session);
+    let shared = init_shared(&memory.shared, hello, serial_bytes_per_s, counters, gauges, exchange, session);
     shared.restore(store, identity, calibration_id).await;
     {
         let mut session = shared.session.borrow_mut();
@@ -259,6 +263,12 @@ fn init_exchange(memory: &'static StaticCell<RefCell<Exchange>>) -> &'static Ref
     memory.init(RefCell::new(Exchange::Idle))
 }
 
+/// Initialises the session, in a function of its own, like [`init_shared`].
+#[inline(never)]
+fn init_session(memory: &'static StaticCell<RefCell<Session>>) -> &'static RefCell<Session> {
+    memory.init_with(|| RefCell::new(Session::new()))
+}
+
 /// Initialises the shared state, in a function of its own: the stack that its move needs is not reserved while the chip is read.
 #[inline(never)]
 fn init_shared(
@@ -268,9 +278,10 @@ fn init_shared(
     counters: &'static ScanCounters,
     gauges: Gauges,
     exchange: &'static RefCell<Exchange>,
+    session: &'static RefCell<Session>,
 ) -> &'static Shared {
     // With a closure, because most of the state is then composed in `memory`, not on the stack.
-    memory.init_with(|| Shared::new(hello, serial_bytes_per_s, counters, gauges, exchange))
+    memory.init_with(|| Shared::new(hello, serial_bytes_per_s, counters, gauges, exchange, session))
 }
 
 /// Configures the insole, by the stored settings if there are any, and changes `setup` accordingly.

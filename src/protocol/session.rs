@@ -267,20 +267,15 @@ impl Session {
 
     /// Ends the session after the carrier lost its host: the live stream ends; records, parameters and the clock remain.
     pub fn close(&mut self) {
-        *self = Self {
-            records: core::mem::take(&mut self.records),
-            records_dropped: self.records_dropped,
-            acknowledged: self.acknowledged,
-            command: self.command,
-            configured: self.configured,
-            is_tissue_due: self.is_tissue_due,
-            faults: core::mem::take(&mut self.faults),
-            daily: self.daily,
-            to_insole: ToInsole { zero: false, ..self.to_insole },
-            unix_offset_us: self.unix_offset_us,
-            clock_sets: self.clock_sets,
-            ..Self::new()
-        };
+        // Field by field, because a whole new session would be composed on the stack.
+        (self.is_open, self.is_hello_due, self.is_streaming) = (false, false, false);
+        self.answers.clear();
+        self.live.clear();
+        (self.live_before_answer, self.live_due, self.live_sent) = (0, 0, 0);
+        self.records_sent = 0;
+        self.cells.start(None);
+        self.ellipses = EllipseSender::new();
+        (self.to_insole.zero, self.is_zero_awaited) = (false, false);
     }
 
     /// The sequence number of the next live frame; `None` if no host receives the stream.

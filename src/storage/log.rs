@@ -3,6 +3,7 @@
 use super::BUFFER;
 use super::migration::{OldEntry, StepV1, StepV2};
 use crate::protocol::{Alert, Bout, LoadRecord, Step, decode, encode};
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 /// An entry of the log.
@@ -41,10 +42,17 @@ impl Entry {
     pub(super) fn decode(bytes: &[u8]) -> Option<Self> {
         match bytes.split_first()? {
             (&VERSION, entry) => decode(entry),
-            (2, entry) => decode::<OldEntry<StepV2>>(entry).map(Self::from),
-            (1, entry) => decode::<OldEntry<StepV1>>(entry).map(Self::from),
+            (2, entry) => Self::decode_old::<StepV2>(entry),
+            (1, entry) => Self::decode_old::<StepV1>(entry),
             _ => None,
         }
+    }
+
+    /// Decodes an entry with steps of an older version. Not inlined, because otherwise each decoding reserves the stack for entries
+    /// of all versions.
+    #[inline(never)]
+    fn decode_old<S: Into<Step> + DeserializeOwned>(entry: &[u8]) -> Option<Self> {
+        decode::<OldEntry<S>>(entry).map(Self::from)
     }
 
     pub(super) fn encode<'b>(&self, buffer: &'b mut [u8; BUFFER]) -> &'b [u8] {

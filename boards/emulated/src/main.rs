@@ -147,14 +147,16 @@ async fn run(boot: BootReport, image: &'static Header) {
     let chip = async { Some(FlashFile::open(config.power_cut)) };
     // No other task runs yet, so the start may block. The state of the start is then on the stack and not in the static memory of
     // this task.
-    let started = match stored {
-        Some((_, cells)) => block_on(start_with(chip, boot, image, config.setup, cells, None)),
+    let (stored, built_in, fault) = match stored {
+        Some((_, cells)) => (Some(cells), None, None),
         None => {
-            let fault =
-                "no usable setup.bin, the built-in insole is used: start with `plantar emulate`".try_into().ok();
-            block_on(start_with(chip, boot, image, config.setup, layout::cells(), fault))
+            let fault = "no usable setup.bin, the built-in insole is used: start with `plantar emulate`";
+            (None, Some(layout::cells()), fault.try_into().ok())
         }
     };
+    // One iterator for both, because the start would otherwise be twice in the firmware and on the stack.
+    let cells = stored.into_iter().flatten().chain(built_in.into_iter().flatten());
+    let started = block_on(start_with(chip, boot, image, config.setup, cells, fault));
     let Started { insole, store, shared, to_process, scanned, period_us } = started;
     let matrix = PlantMatrix::open(&PLANT, insole.cells());
     let clock = if config.is_paced {

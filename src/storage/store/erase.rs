@@ -46,7 +46,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         // The oldest sectors are erased first, so that the rest is a valid log if power fails.
         let log = self.log.range();
         let newest = self.log.newest(&mut self.flash).await;
-        let oldest_at = newest.map_or(log.end, |newest| newest.range().end);
+        let oldest_at = newest.map_or(log.end, |newest| newest.end);
         self.erase_used(oldest_at..log.end, &progressed).await?;
         self.erase_used(log.start..oldest_at, &progressed).await?;
         let entry = Entry::Acknowledged { next: self.contents.next_record };

@@ -59,9 +59,9 @@ impl Sectors {
         Ok(done?)
     }
 
-    /// The sector that is being filled, and the one before it: they contain the newest entry. `None` if their place is not
+    /// The addresses of the sector that is being filled and of the one before it: they contain the newest entry. `None` if their place is not
     /// obvious. A sector of which the erasure was interrupted is none of them.
-    pub(super) async fn newest<F: MultiwriteNorFlash>(&self, flash: &mut Option<F>) -> Option<Self> {
+    pub(super) async fn newest<F: MultiwriteNorFlash>(&self, flash: &mut Option<F>) -> Option<Range<u32>> {
         const { assert!(F::READ_SIZE == 1, "a mark has the size of a read operation") };
         let flash = flash.as_mut()?;
         let (mut is_previous_full, mut is_previous_closed) = (false, false);
@@ -74,7 +74,7 @@ impl Sectors {
             let [is_begun, is_full] = marks.map(|[mark]: [u8; 1]| mark.count_zeros() >= MARK_BITS);
             if !is_full && (is_begun || is_previous_full) {
                 let begin = if is_previous_closed { sector - SECTOR } else { sector };
-                return Some(Self::new(begin..sector + SECTOR));
+                return Some(begin..sector + SECTOR);
             }
             (is_previous_full, is_previous_closed) = (is_full, is_full && is_begun);
         }

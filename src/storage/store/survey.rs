@@ -233,9 +233,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
         };
         if let Ok(newest) = count {
             let next_record = self.contents.next_record;
-            let whole = Sectors::new(self.log.range());
             // The number follows from an entry in a known format only.
-            count = self.count_entries(whole, if newest.known == 0 { u32::MAX } else { 1 }).await;
+            count = self.count_entries(self.log.range(), if newest.known == 0 { u32::MAX } else { 1 }).await;
             if let Ok(oldest) = &mut count
                 && newest.known > 0
             {
@@ -254,9 +253,9 @@ impl<F: MultiwriteNorFlash> Store<F> {
     }
 
     /// Counts the first `at_most` entries in these sectors of the log. The number of the next load record follows from the last one.
-    async fn count_entries(&mut self, mut sectors: Sectors, at_most: u32) -> Result<Count, StorageError> {
+    async fn count_entries(&mut self, sectors: Range<u32>, at_most: u32) -> Result<Count, StorageError> {
         let Self { flash, guard, buffer, contents, .. } = self;
-        sectors
+        Sectors::new(sectors)
             .with_queue(flash, guard, async |log| {
                 let mut entries = log.iter().await?;
                 let mut count = Count::default();
