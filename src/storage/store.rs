@@ -270,6 +270,11 @@ impl<F: MultiwriteNorFlash> Store<F> {
         .await
     }
 
+    /// Appends a mark to the log: all load records before number `next` are acknowledged.
+    async fn push_mark(&mut self, next: u32) -> Result<(), StorageError> {
+        self.push(Entry::Acknowledged { next }.encode(&mut [0; BUFFER])).await.map(drop)
+    }
+
     /// Removes all load records up to and including this number.
     ///
     /// # Errors
@@ -280,7 +285,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         // All stored records are acknowledged, so the log would become empty and lose the number of the next one; this entry
         // preserves it. The acknowledged record can be later than all stored ones, if it could not be stored.
         if !is_after(self.contents.next_record, next) {
-            self.push(Entry::Acknowledged { next }.encode(&mut [0; BUFFER])).await?;
+            self.push_mark(next).await?;
             self.contents.next_record = next;
         }
         let Self { flash, guard, log, buffer, contents, .. } = self;

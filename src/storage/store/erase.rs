@@ -3,10 +3,9 @@
 use super::{Store, records};
 use crate::pipeline::alert::{AlertRules, DailyLoad};
 use crate::pipeline::tissue::Tissue;
+use crate::storage::StorageError;
 use crate::storage::flash_map::{RECORDS, SECTOR, SMALL_LOG};
-use crate::storage::log::Entry;
 use crate::storage::records::{Bonds, IdentifiedRecord, Key, NumberingRecord, Record};
-use crate::storage::{BUFFER, StorageError};
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 
 /// The kinds of records about the wearer.
@@ -49,8 +48,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         let oldest_at = newest.map_or(log.end, |newest| newest.end);
         self.erase_used(oldest_at..log.end, &progressed).await?;
         self.erase_used(log.start..oldest_at, &progressed).await?;
-        let entry = Entry::Acknowledged { next: self.contents.next_record };
-        self.push(entry.encode(&mut [0; BUFFER])).await.map(drop)
+        self.push_mark(self.contents.next_record).await
     }
 
     /// The key of a stored record about the wearer.

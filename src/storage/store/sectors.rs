@@ -59,8 +59,8 @@ impl Sectors {
         Ok(done?)
     }
 
-    /// The addresses of the sector that is being filled and of the one before it: they contain the newest entry. `None` if their place is not
-    /// obvious. A sector of which the erasure was interrupted is none of them.
+    /// The addresses of the sector that is being filled and of the one before it: they contain the newest entry. `None` if their
+    /// place is not obvious. A sector of which the erasure was interrupted is none of them.
     pub(super) async fn newest<F: MultiwriteNorFlash>(&self, flash: &mut Option<F>) -> Option<Range<u32>> {
         const { assert!(F::READ_SIZE == 1, "a mark has the size of a read operation") };
         let flash = flash.as_mut()?;

@@ -6,10 +6,10 @@ use super::{Store, Use, records};
 use crate::checksum::CRC;
 use crate::protocol::{Contents, Reset};
 use crate::sequence::is_after;
+use crate::storage::StorageError;
 use crate::storage::flash_map::{RECORDS, SECTOR};
 use crate::storage::log::Entry;
 use crate::storage::records::{BootCounters, NumberingRecord, VERSIONS};
-use crate::storage::{BUFFER, StorageError};
 use core::ops::Range;
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 
@@ -144,10 +144,11 @@ impl<F: MultiwriteNorFlash> Store<F> {
         self.erase_used(range, &|| {}).await
     }
 
-    /// Adds a mark with the number of the next load record to the log.
+    /// Sets the number of the next load record, and adds a mark with it to the log. A chip that fails here fails again at the next
+    /// write, which is reported.
     async fn mark_next_record(&mut self, next: u32) {
         self.contents.next_record = next;
-        let _ = self.push(Entry::Acknowledged { next }.encode(&mut [0; BUFFER])).await;
+        let _ = self.push_mark(next).await;
     }
 
     /// Reads all bytes of both areas if one of them must be changed.
@@ -163,7 +164,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
     ///
     /// # Errors
     /// If the chip fails.
-    pub(super) async fn erase_used(&mut self, range: Range<u32>, progressed: impl Fn()) -> Result<(), StorageError> {
+    pub(super) async fn erase_used(&mut self, range: Range<u32>, progressed: &dyn Fn()) -> Result<(), StorageError> {
         self.log.forget();
         for sector in range.step_by(SECTOR as usize) {
             if !self.read_area(sector..sector + SECTOR).await.is_blank {
@@ -252,7 +253,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
         count.map(|count| count.known + count.newer)
     }
 
-    /// Counts the first `at_most` entries in these sectors of the log. The number of the next load record follows from the last one.
+    /// Counts the first `at_most` entries in these sectors of the log. The number of the next load record follows from the last
+    /// one.
     async fn count_entries(&mut self, sectors: Range<u32>, at_most: u32) -> Result<Count, StorageError> {
         let Self { flash, guard, buffer, contents, .. } = self;
         Sectors::new(sectors)

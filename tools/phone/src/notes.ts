@@ -6,7 +6,7 @@ import type { LiveView } from "./live_view";
 import type { Session } from "./session";
 import { SIDES } from "./side";
 
-/** Number of stored records from which their arrival takes so long that the wearer is told. */
+/** From this number of stored records on, their arrival takes so long that a remark states it. */
 const MANY_RECORDS = 100;
 
 /** Problems that affect the measurement. */

@@ -1,5 +1,5 @@
 import { beforeAll, describe, expect, test } from "vitest";
-import type { ToHost } from "../src/generated/messages";
+import type { Status, ToHost } from "../src/generated/messages";
 import type { Step } from "../src/generated/quantities";
 import { sessionProblems } from "../src/notes";
 import { TIMEOUT_MS } from "../src/reconnect";
@@ -90,7 +90,25 @@ test("all frames and steps of the computed walk are received", () => {
   expect(steps.map(({ step }) => step)).toEqual([0, 1, 2, 3, 4, 5]);
 });
 
-test("gaps are counted, and a status reveals losses before the first and after the last frame", () => {
+/** A status of an insole that has counted nothing else. */
+const status = (counts: Partial<Status>): ToHost => ({
+  kind: "status",
+  uptime_s: 1,
+  frames_missed: 0,
+  live_due: 0,
+  live_sent: 0,
+  steps: 0,
+  next_record: 0,
+  records_dropped: 0,
+  bad_frames: 0,
+  not_stored: 0,
+  faults: 0,
+  rezeroed: 0,
+  ...counts,
+});
+
+/** A session that has received the hello, and a function that passes it a message. */
+function startLive() {
   let next: ToHost;
   const { session } = start(() => next);
   const receive = (message: ToHost) => {
@@ -99,42 +117,24 @@ test("gaps are counted, and a status reveals losses before the first and after t
   };
   session.opened(0);
   receive(hello(wire.facts.major));
+  return { session, receive };
+}
+
+test("gaps are counted, and a status reveals losses before the first and after the last frame", () => {
+  const { session, receive } = startLive();
   for (const sequence of [2, 3, 7]) receive(live({ sequence }));
   expect(session.counter.lost).toBe(3);
-  const none = { frames_missed: 0, steps: 0, next_record: 0, records_dropped: 0, bad_frames: 0, not_stored: 0, faults: 0, rezeroed: 0 };
-  const status = { kind: "status", uptime_s: 1, live_due: 9, live_sent: 9, ...none } as const;
-  receive(status);
+  const message = status({ live_due: 9, live_sent: 9 });
+  receive(message);
   expect(session.counter.lost).toBe(6);
-  receive(status);
+  receive(message);
   expect(counts(session)).toEqual({ received: 3, lost: 6, damaged: 0 });
 });
 
 test("the number of stored records that are still to come is known, also when their numbers wrap", () => {
-  let next: ToHost;
-  const { session } = start(() => next);
-  const receive = (message: ToHost) => {
-    next = message;
-    session.receive(new Uint8Array(1), 0);
-  };
-  const status = (next_record: number) =>
-    receive({
-      kind: "status",
-      uptime_s: 1,
-      frames_missed: 0,
-      live_due: 0,
-      live_sent: 0,
-      steps: 0,
-      next_record,
-      records_dropped: 0,
-      bad_frames: 0,
-      not_stored: 0,
-      faults: 0,
-      rezeroed: 0,
-    });
+  const { session, receive } = startLive();
   const receiveStep = (number: number) => receive({ kind: "step", key: String(number), step: step({ step: number }) });
-  session.opened(0);
-  receive(hello(wire.facts.major));
-  status(500);
+  receive(status({ next_record: 500 }));
   // Without a record, nothing is known of those that are stored.
   expect(session.records_waiting).toBe(0);
   receiveStep(99);
@@ -145,7 +145,7 @@ test("the number of stored records that are still to come is known, also when th
   receiveStep(500);
   expect(session.records_waiting).toBe(0);
   receiveStep(2 ** 32 - 1);
-  status(10);
+  receive(status({ next_record: 10 }));
   expect(session.records_waiting).toBe(10);
 });
 
