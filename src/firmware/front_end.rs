@@ -28,6 +28,9 @@ pub const UNLOADED_CODE: u16 = FULL_CODE / REFERENCE_DIVISOR;
 /// Codes from here on count as full scale, because an amplifier may saturate up to 33 mV, 1 % of its supply, below the supply.
 pub const CLIPPED_CODE: u16 = FULL_CODE - FULL_CODE / 100;
 
+/// Time from switching on the supply of the front end to the first row, us: longer than the simulated start
+/// (docs/hardware.md).
+pub const START_US: u32 = 500;
 /// Time from the selection of a row to the first conversion, us: longer than the simulated settling (docs/hardware.md).
 pub const SETTLE_US: u32 = 37;
 /// Clock of the converter, kHz.

@@ -13,7 +13,7 @@ use embassy_nrf::{Peri, bind_interrupts, peripherals};
 use embassy_time::{Duration, Instant, with_timeout};
 use nrf52840_drivers::battery;
 use plantar::firmware::board::{Matrix, MatrixTimeout};
-use plantar::firmware::front_end::{CLIPPED_CODE, SETTLE_US};
+use plantar::firmware::front_end::{CLIPPED_CODE, SETTLE_US, START_US};
 use plantar::firmware::layout::{COLUMNS, ROWS, WIRING};
 use plantar::pipeline::calibrate::FULL_CODE;
 use plantar::pipeline::setup::DEVICE_CELLS;
@@ -29,8 +29,6 @@ pub const INPUTS: usize = 4;
 const CHANNELS: usize = 4;
 const _: () = assert!(INPUTS * CHANNELS == COLUMNS && ROWS == 16);
 
-/// Time from switching on the supply of the front end to the first row, us. Charging the buffer's capacitor takes most of it.
-const SUPPLY_US: u32 = 500;
 /// Settling time after a change of the multiplexers, us: they connect outputs that have settled, through 200 ohm to 1 nF.
 const SWITCH_US: u32 = 3;
 
@@ -141,7 +139,7 @@ impl ResistiveMatrix {
     /// Supplies the front end.
     async fn switch_on(&mut self) {
         self.supply.set_high();
-        self.timer.wait(SUPPLY_US).await;
+        self.timer.wait(START_US).await;
     }
 
     /// Removes the supply of the front end. Its inputs are low, so that no current flows into them.

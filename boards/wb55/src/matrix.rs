@@ -27,9 +27,9 @@ bind_interrupts!(struct Irqs {
 /// Settling time after a change of the row, which `cargo xtask hardware` compares with the simulated front end.
 const SETTLE: Duration = Duration::from_micros(front_end::SETTLE_US as u64);
 
-/// Time from switching on the supply of the front end to settled outputs: the rise time of the load switch, which its capacitor
-/// of 330 pF determines, and 0.1 ms for the amplifiers and the virtual ground.
-const FRONT_END_START: Duration = Duration::from_micros(500);
+/// Time from switching on the supply of the front end to the first row, which `cargo xtask hardware` compares with the simulated
+/// front end.
+const FRONT_END_START: Duration = Duration::from_micros(front_end::START_US as u64);
 /// Shortest time between frames at which the front end is switched off between scans, us. A scan with the start of the front end
 /// takes 2.95 ms.
 const SWITCHING_PERIOD_US: u32 = 4_000;

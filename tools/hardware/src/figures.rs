@@ -3,15 +3,15 @@
 use crate::analyses::{
     Crosstalk, FULL_LOAD_OHM, Loop, Noise, ROW, SATURATING_OHM, Settling, WALKING_OHM, changes, crosstalk,
     extreme_change, loop_gain, loops, noise, noises, row_crosstalk, row_s, sampling_error_codes, scan_s, settling,
-    sheet_crosstalk, slowest_change, supply_a, transfer,
+    sheet_crosstalk, slowest_change, start_s, supply_a, transfer,
 };
 use crate::data_sheet::{
     AMPLIFIER_OFFSET_V, MULTIPLEXER_ON_OHM, MULTIPLEXER_TYPICAL_OHM, PRECISE_OFFSET_V, SWITCH_ON_OHM,
 };
 use crate::netlist::Netlist;
-use crate::spice::Conditions;
+use crate::spice::{Conditions, Power};
 use anyhow::Result;
-use plantar::firmware::front_end::{self, CLIPPED_CODE, NOISE_CODES, SETTLE_US};
+use plantar::firmware::front_end::{self, CLIPPED_CODE, NOISE_CODES, SETTLE_US, START_US};
 use plantar::firmware::layout::{PERIOD_US, ROWS};
 use plantar::protocol::SETTABLE_PERIOD_US;
 
@@ -164,6 +164,12 @@ fn simulate_timing(board: &Netlist, figures: &mut Figures) -> Result<Vec<Settlin
         SETTLE_US.into(),
         "slowest change of row until half a step of 12 bits remains, us; the limit is the time that the firmware waits",
     );
+    figures.at_most(
+        "start_us",
+        start_s(board)? * 1e6,
+        START_US.into(),
+        "start of the supply until half a step of 12 bits remains, us; the limit is the time that the firmware waits",
+    );
     let (name, conditions) = slowest_change();
     let long_lines = run((name, Conditions { line_f: 2.0 * conditions.line_f, ..conditions }))?;
     figures.add("settling_long_lines_us", long_lines.settled_s * 1e6, "the same with lines of 400 pF, us");
@@ -297,7 +303,7 @@ fn simulate_noise(board: &Netlist, figures: &mut Figures) -> Result<Vec<Noise>> 
 fn simulate_supply(board: &Netlist, figures: &mut Figures) -> Result<()> {
     let scanning_a = supply_a(board, &Conditions::selected(ROW).with_row(ROW, WALKING_OHM))?;
     let between_a = supply_a(board, &Conditions::idle())?;
-    let off_a = supply_a(board, &Conditions { is_powered: false, ..Conditions::idle() })?;
+    let off_a = supply_a(board, &Conditions { power: Power::Off, ..Conditions::idle() })?;
     let connected = ROWS as f64 * row_s() / (f64::from(PERIOD_US) * 1e-6);
     let mean_a = between_a + (scanning_a - between_a) * connected;
     figures.at_most(

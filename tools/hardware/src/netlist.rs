@@ -2,7 +2,7 @@
 //! are made from it.
 
 use crate::parts::{
-    BUFFER, BULK, CAPACITOR_330P, COMPENSATION, CONNECTOR, CONTROLLER, DECODER, DECOUPLING, DIVIDER_LOWER,
+    BUFFER, BULK, CAPACITOR_47P, CAPACITOR_330P, CONNECTOR, CONTROLLER, DECODER, DECOUPLING, DIVIDER_LOWER,
     DIVIDER_UPPER, FEEDBACK, FILTER, FLASH, LOAD_SWITCH, ON, PULL_UP, PartType, QUAD, RESISTOR_10K, ROW_SWITCH, SERIES,
     SHEET, SIDE,
 };
@@ -84,7 +84,7 @@ impl Netlist {
         for column in 0..COLUMNS {
             let (line, output, input) = (column_net(column), format!("OUT{column}"), input_net(column));
             board.two_ended(format!("R{}", 100 + column), &FEEDBACK, &line, &output);
-            board.two_ended(format!("C{}", 100 + column), &COMPENSATION, &line, &output);
+            board.two_ended(format!("C{}", 100 + column), &CAPACITOR_47P, &line, &output);
             board.two_ended(format!("R{}", 200 + column), &SERIES, &output, &input);
             board.two_ended(format!("C{}", 200 + column), &CAPACITOR_330P, &input, GROUND);
         }
@@ -131,7 +131,7 @@ impl Netlist {
             .into()
         });
         board.two_ended("R3".into(), &ON, SUPPLY, "FE_ON");
-        board.two_ended("C2".into(), &CAPACITOR_330P, "RISE", GROUND);
+        board.two_ended("C2".into(), &CAPACITOR_47P, "RISE", GROUND);
         board.two_ended("C3".into(), &BULK, SUPPLY, GROUND);
         board.two_ended("C4".into(), &BULK, SWITCHED, GROUND);
         board.add("U7".into(), &DECODER, |pin| match pin {

@@ -218,28 +218,28 @@ pub const ON: PartType = resistor(
 /// Selects the side of the insole. Its model has 0.01 ohm, because the simulation divides by resistances.
 pub const SIDE: PartType =
     resistor(0.01, "0 ohm", "RC0603JR-070RL", &["ERJ-3GEY0R00V"], "fitted on the board of a right insole only");
-/// Feedback capacitor of a column amplifier.
-pub const COMPENSATION: PartType = capacitor(
+/// Feedback capacitor of a column amplifier, or for the rise time of the load switch.
+pub const CAPACITOR_47P: PartType = capacitor(
     47e-12,
     "47 pF C0G 5 %",
     "GRM1885C1H470JA01D",
     &["CL10C470JB8NNNC", "CC0603JRNPO9BN470"],
-    "stability of a column amplifier",
+    "stability of a column amplifier; rise time of the load switch",
 );
-/// Capacitor at a converter's input, or for the rise time of the load switch.
+/// Filters a converter's input.
 pub const CAPACITOR_330P: PartType = capacitor(
     330e-12,
     "330 pF C0G 5 %",
     "GRM1885C1H331JA01D",
     &["CL10C331JB8NNNC", "CC0603JRNPO9BN331"],
-    "filter at the converter's input; rise time of the load switch",
+    "filter at the converter's input",
 );
-/// Filters the virtual ground.
+/// Filters the virtual ground. A larger capacitor would not be charged within [`START_US`](plantar::firmware::front_end::START_US).
 pub const FILTER: PartType = capacitor(
-    10e-9,
-    "10 nF X7R 10 %",
-    "GRM188R71H103KA01D",
-    &["CL10B103KB8NNNC", "CC0603KRX7R9BB103"],
+    1e-9,
+    "1 nF C0G 5 %",
+    "GRM1885C1H102JA01D",
+    &["CL10C102JB8NNNC", "CC0603JRNPO9BN102"],
     "noise filter of the virtual ground",
 );
 /// Decouples an integrated circuit.

@@ -44,6 +44,22 @@ impl Gate {
     }
 }
 
+/// The state of the load switch, which supplies the front end.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Power {
+    /// Off.
+    Off,
+    /// On for so long that everything has settled.
+    On,
+    /// Its output rises linearly from ground to the supply between these times, s.
+    Rising {
+        /// Beginning of the rise.
+        from_s: f64,
+        /// End of the rise.
+        until_s: f64,
+    },
+}
+
 /// The conditions of a simulation.
 #[derive(Clone, Debug)]
 pub struct Conditions {
@@ -63,8 +79,8 @@ pub struct Conditions {
     pub offset_v: [f64; COLUMNS],
     /// The amplifier, by designator and unit, at whose inverting input a source of 1 V breaks the loop for small signals.
     pub probe: Option<(String, &'static str)>,
-    /// The load switch is on.
-    pub is_powered: bool,
+    /// The state of the load switch.
+    pub power: Power,
     /// Sampling windows of the converter: input, start and end, s. Those of one input are in the order of time.
     pub samples: Vec<(usize, f64, f64)>,
 }
@@ -88,7 +104,7 @@ impl Conditions {
             amplifier: Amplifier::TLV905X,
             offset_v: [0.0; COLUMNS],
             probe: None,
-            is_powered: true,
+            power: Power::On,
             samples: Vec::new(),
         }
     }
@@ -155,10 +171,18 @@ impl Circuit<'_> {
             Model::Amplifiers(units) => units.iter().for_each(|unit| self.amplifier(part, unit)),
             Model::Switches(units) => units.iter().for_each(|unit| self.row_switch(part, unit)),
             Model::LoadSwitch => {
-                let on = self.conditions.is_powered;
+                let on = self.conditions.power != Power::Off;
                 let ohm = if on { LOAD_SWITCH_ON_OHM } else { LOAD_SWITCH_OFF_OHM }.value;
+                // The output follows the ramp of the load switch, and the supply is not the limit.
+                let input = if let Power::Rising { from_s, until_s } = self.conditions.power {
+                    let high_v = SUPPLY_V.value;
+                    self.line(format_args!("V_{name}_ramp ramp 0 PWL(0 0 {from_s:e} 0 {until_s:e} {high_v})"));
+                    "ramp"
+                } else {
+                    end("VIN")
+                };
                 let supply_a = if on { LOAD_SWITCH_SUPPLY_A.value } else { 0.0 };
-                self.line(format_args!("R_{name} {} {} {ohm:e}", end("VIN"), end("VOUT")));
+                self.line(format_args!("R_{name} {input} {} {ohm:e}", end("VOUT")));
                 self.line(format_args!("I_{name} {} {} {supply_a:e}", end("VIN"), end("GND")));
                 // A node with capacitors alone has no steady state.
                 self.line(format_args!("R_{name}_rise {} 0 1e9", end("CT")));

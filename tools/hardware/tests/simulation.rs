@@ -5,8 +5,8 @@ use hardware::data_sheet::{SHEET_LINE_OHM, SUPPLY_V, SWITCH_ON_OHM};
 use hardware::figures::simulate;
 use hardware::netlist::{Netlist, amplifier};
 use hardware::ngspice::Run;
-use hardware::parts::{COMPENSATION, DIVIDER_LOWER, DIVIDER_UPPER, Model, RESISTOR_10K, SERIES};
-use hardware::spice::{Conditions, Gate, circuit};
+use hardware::parts::{CAPACITOR_47P, DIVIDER_LOWER, DIVIDER_UPPER, FILTER, Model, RESISTOR_10K, SERIES};
+use hardware::spice::{Conditions, Gate, Power, circuit};
 use plantar::firmware::front_end::{self, FEEDBACK_OHM, UNLOADED_CODE};
 use plantar::firmware::layout;
 use plantar::pipeline::calibrate::Curve;
@@ -89,6 +89,28 @@ fn a_row_returns_to_the_virtual_ground_with_its_time_constant() {
     assert_near(early_v / late_v, ((late_s - early_s) / tau_s).exp(), 0.02, "decay");
 }
 
+/// A filter with the time constant tau follows a ramp with a delay of tau, which decays exponentially after the end of the ramp.
+#[test]
+#[ignore = "needs ngspice: cargo xtask test"]
+fn the_virtual_ground_follows_a_rising_supply_with_its_time_constant() {
+    let (from_s, until_s) = (10e-6, 110e-6);
+    let conditions = Conditions { power: Power::Rising { from_s, until_s }, ..Conditions::idle() };
+    let (upper, lower) = (ohm(DIVIDER_UPPER.model), ohm(DIVIDER_LOWER.model));
+    let tau_s = upper * lower / (upper + lower) * farad(FILTER.model);
+    let run = Run::of(circuit(&Netlist::reference(), &conditions));
+    let table = run.table("tran 100n 200u 0 100n", "v(DIVIDER)").tables().expect("the simulation runs").remove(0);
+    let final_v = table[table.len() - 1][1];
+    assert_near(final_v, SUPPLY_V.value / f64::from(front_end::REFERENCE_DIVISOR), 0.001, "virtual ground");
+    let slope_v_per_s = final_v / (until_s - from_s);
+    for at_s in [60e-6, until_s, until_s + 2.0 * tau_s] {
+        let row = table.iter().find(|row| row[0] >= at_s).expect("the simulation is long enough");
+        let (ramp_s, decay_s) = (row[0].min(until_s) - from_s, (row[0] - until_s).max(0.0));
+        let missing_v = slope_v_per_s * tau_s * (1.0 - (-ramp_s / tau_s).exp()) * (-decay_s / tau_s).exp();
+        // The load switch delays the ramp by 1 % of tau, because it also charges the decoupling.
+        assert_near(slope_v_per_s * ramp_s - row[1], missing_v, 0.02, &format!("{at_s} s"));
+    }
+}
+
 #[test]
 #[ignore = "needs ngspice: cargo xtask test"]
 fn the_noise_at_low_frequencies_is_the_sum_of_its_sources() {
@@ -129,7 +151,7 @@ fn the_phase_margin_is_that_of_the_feedback_network() {
     let simulated = loop_gain(&Netlist::reference(), "", &conditions).expect("the simulation runs").phase_margin_deg;
     // The feedback network divides by 1 + (input admittance) / (feedback admittance).
     let input_f = conditions.line_f + conditions.amplifier.input_f;
-    let feedback = |hz: f64| (1.0 / f64::from(FEEDBACK_OHM), TAU * hz * farad(COMPENSATION.model));
+    let feedback = |hz: f64| (1.0 / f64::from(FEEDBACK_OHM), TAU * hz * farad(CAPACITOR_47P.model));
     let gain = |hz: f64| {
         let (real, imaginary) = feedback(hz);
         let sum_imaginary = imaginary + TAU * hz * input_f;
