@@ -8,7 +8,7 @@ use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::{Live, Step};
 use recording::{MAX_CELLS, Recording, VirtualInsole};
 
-/// Splits an input into pieces, each preceded by its length in two bytes.
+/// Splits an input into pieces, each preceded by its length in two bytes, little endian.
 pub struct Pieces<'d>(pub &'d [u8]);
 
 impl<'d> Iterator for Pieces<'d> {

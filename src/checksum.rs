@@ -2,7 +2,7 @@
 
 use crc::{CRC_32_ISO_HDLC, Crc};
 
-/// The algorithm, for data in parts.
+/// The algorithm, for a CRC that is computed over several pieces of data.
 pub(crate) const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
 /// CRC-32 (ISO-HDLC, as in Ethernet and zlib) of `bytes`.

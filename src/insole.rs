@@ -36,7 +36,7 @@ pub struct Insole<R, const N: usize> {
     cells: Vec<InsoleCell<R>, N>,
     division: Division,
     rows: MatrixRows,
-    /// Largest reading of a baseline above zero, codes.
+    /// Code above the zero at [`MAX_RESIDUAL_KPA`], the largest pressure of a baseline.
     most_residual: u16,
     frame_rate_hz: R,
     limits: StanceLimits<R>,
@@ -57,7 +57,7 @@ pub struct Insole<R, const N: usize> {
     alert_rules: AlertRules,
     cumulative: CumulativeLoad<R>,
     alerts: Alerts,
-    /// Number of seconds within which the foot must be lifted for a requested measurement of the baselines; 0 without a request.
+    /// Number of seconds left to lift the foot for a requested measurement of the baselines; 0 without a request.
     zero_s: u8,
     /// The load that was stored before this start.
     earlier: DailyLoad,
@@ -277,7 +277,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.loads.iter().any(|load| load.frame.peak_kpa >= loaded_kpa)
     }
 
-    /// Time of a recent frame by its number, us: the number of frame times since frame 0, also after the number has wrapped.
+    /// Time from frame 0 to the recent frame with this number, us; also correct after the number has wrapped.
     pub fn time_us(&self, seq: u32) -> u64 {
         // A frame with a greater number than the last one was before the last wrap.
         let wraps = self.wraps - u32::from(self.wraps > 0 && self.last_seq.is_some_and(|last| seq > last));
@@ -330,7 +330,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             true => self.sum_regions::<true>(codes),
             false => self.sum_regions::<false>(codes),
         };
-        let is_mostly_in_contact = self.detector.is_mostly_in_contact(change);
+        let is_mostly_in_contact = self.detector.update_contact_area(change);
         // A cell was saturated in the stance that is in progress, or in the last one.
         let is_saturated = self.stance.saturated() != 0;
         if self.detector.has_masks() || is_saturated || !is_mostly_in_contact {

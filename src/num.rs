@@ -148,7 +148,7 @@ impl Real for f32 {
     }
     #[inline(always)]
     fn round_i16(self) -> i16 {
-        // As above.
+        // The conversion is that of `round_u16`.
         let rounded = if self < 0.0 { self - 0.5 } else { self + 0.5 };
         (rounded as i32).clamp(i16::MIN.into(), i16::MAX.into()) as i16
     }
@@ -158,7 +158,7 @@ impl Real for f32 {
     }
     /// The logarithm of the significand is computed by a series of the inverse hyperbolic tangent that is accurate to 1e-9, so
     /// the result is accurate to 1.2e-7, relative to the larger of 1 and itself. It takes half the instructions of the function
-    /// of `libm`, which also treats subnormal and infinite numbers: here, numbers below 1e-38 count as 0.
+    /// of `libm`, which also treats subnormal and infinite numbers: here, numbers below 1.2e-38 count as 0.
     #[inline(always)]
     fn log2(self) -> Self {
         /// The bits of the square root of 1/2, the smallest significand.

@@ -10,8 +10,9 @@ use trouble_host::prelude::*;
 
 const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
-/// What is stored. With an identity key, [`VERSION`] is stored, followed by this type. Without one, [`BONDS_ONLY`] is stored,
-/// followed by the bonds alone. Both forms are encoded by `postcard` and end with the CRC-32 of their bytes (little endian).
+/// The identity key and the bonds, as they are stored. With an identity key, [`VERSION`] is stored, followed by this type.
+/// Without one, [`BONDS_ONLY`] is stored, followed by the bonds alone. Both forms are encoded by `postcard` and end with the
+/// CRC-32 of their bytes (little endian).
 #[derive(Default, Serialize, Deserialize)]
 pub struct Keys {
     /// The key with which bonded centrals resolve the insole's private addresses; `None` if it was not created yet, or if a
@@ -74,7 +75,8 @@ pub fn load(insole: &dyn GattServer) -> Keys {
 /// Stores the keys and bonds, unless the same ones are already stored.
 pub fn store(keys: &Keys, insole: &dyn GattServer) {
     let (mut bytes, mut before) = ([0; MAX_BONDS_BYTES], [0; MAX_BONDS_BYTES]);
-    // Neither operation can fail: the version, the insole's key, four bonds of at most 40 bytes each and the checksum fit.
+    // Neither encoding nor adding the checksum can fail: the version, the insole's key, four bonds of at most 40 bytes each and
+    // the checksum fit.
     let encoded = match keys.identity_key {
         Some(_) => postcard::to_slice(&(VERSION, keys), &mut bytes),
         None => postcard::to_slice(&(BONDS_ONLY, &keys.bonds), &mut bytes),

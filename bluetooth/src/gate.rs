@@ -13,7 +13,7 @@ use embassy_time::{Duration, with_timeout};
 use embedded_io_async::ErrorType;
 use plantar::firmware::ble::GattServer;
 
-/// What the radio has done since the host was set up.
+/// The radio's progress since the set-up of the host began.
 #[derive(Default)]
 pub struct Progress {
     /// Signalled when the radio completes a command.
@@ -28,7 +28,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Begins again, for another set-up of the host.
+    /// Clears the signals and the counter, for another set-up of the host.
     pub fn reset(&self) {
         self.answered.reset();
         self.is_private.reset();
@@ -52,7 +52,7 @@ impl Progress {
 pub struct Gate<'a, C> {
     /// The controller of the radio.
     pub radio: &'a C,
-    /// What the radio has done since the host was set up.
+    /// The radio's progress since the set-up of the host began.
     pub progress: &'a Progress,
     /// Decides whether bonding is allowed.
     pub insole: &'a dyn GattServer,
@@ -64,8 +64,9 @@ const ATT_CHANNEL: u16 = 4;
 const PAIRING_CHANNEL: u16 = 6;
 /// Code of the command Pairing Request.
 const PAIRING_REQUEST: u8 = 1;
-/// Longest time for which a pairing request waits until the connection accepts bonds. Without the wait, the host would pair with a
-/// central that asks at once, but not bond, and the central would have no access although it believes to be bonded.
+/// Longest time for which a pairing request waits until the connection accepts bonds. Without the wait, the host would pair
+/// with a central that requests it at once, but not bond, and the central would have no access although it considers itself
+/// bonded.
 const BONDABLE_TIMEOUT: Duration = Duration::from_secs(1);
 /// An empty packet for no channel, which the host ignores.
 const IGNORED: &[u8] = &[0, 0, 0, 0];
@@ -86,7 +87,7 @@ impl<C> Gate<'_, C> {
 
     /// Waits until the connection accepts bonds, if this is the first fragment of a pairing request.
     async fn wait_until_bondable(&self, data: &[u8]) {
-        // If it takes longer, the central pairs without a bond, and has no access.
+        // After the timeout, the central pairs without a bond, and has no access.
         if is_pairing_request(data)
             && let Ok(()) = with_timeout(BONDABLE_TIMEOUT, self.progress.is_bondable.wait()).await
         {

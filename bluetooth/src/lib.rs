@@ -293,7 +293,7 @@ async fn answer(connection: &Connected<'_, '_>, table: &Table, stack: &Host<'_>,
                     Ok(()) => event.accept(),
                 }
             }
-            // The host does not implement Read Multiple, and would read handles from an empty request.
+            // The host does not implement Read Multiple, and would panic on a request without handles.
             GattEvent::Other(event)
                 if matches!(event.payload().incoming(), AttClient::Request(AttReq::ReadMultiple { .. })) =>
             {

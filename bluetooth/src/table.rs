@@ -5,7 +5,7 @@ use plantar::firmware::ble::GattServer;
 use plantar::protocol::gatt::{self, GattChannel};
 use trouble_host::prelude::*;
 
-/// Largest number of attributes: of a board with a battery that serves management tools.
+/// Largest number of attributes: those of a board that measures its battery and serves management tools.
 const ATTRIBUTES: usize = 43;
 
 /// A characteristic without a stored value: its values are sent or received when they occur.

@@ -1,11 +1,11 @@
-//! The configuration of the emulated board, from the file on the host.
+//! The configuration of the emulated board, from the set-up file on the host.
 
 use super::{EmulatorConfig, SETUP_FILE, read_setup};
 use plantar::pipeline::setup::SetupCell;
 use semihosting::fs::File;
 use semihosting::io::{Read, Seek, SeekFrom};
 
-/// The configuration; `None` if the file is absent or incomplete.
+/// Reads the configuration and the cells; `None` if the file is absent or incomplete.
 pub fn configuration() -> Option<(EmulatorConfig, impl Iterator<Item = SetupCell> + Clone)> {
     read_setup(|at, bytes| {
         let mut file = File::open(SETUP_FILE).ok()?;

@@ -1,14 +1,14 @@
 //! The interface between the emulated board and the sensor plant, which is the simulation of the sensor matrix on the host.
 //!
-//! The host creates three files in the emulator's working directory: [`SETUP_FILE`], an [`EmulatorConfig`] followed by the cells
-//! as [`SetupCell`], all encoded by `postcard`; [`MATRIX_FILE`], to which the plant writes the codes of each scan, little endian,
-//! in the order of the cells; and [`FLASH_FILE`], the flash chip, to which the board writes. The board writes its log, encoded by
-//! `defmt`, to the standard output.
+//! The host creates three files in the emulator's working directory: [`SETUP_FILE`], an [`EmulatorConfig`] followed by the
+//! cells as [`SetupCell`], all encoded by `postcard`; [`MATRIX_FILE`], to which the plant writes the codes of each scan, little
+//! endian, in the order of the cells; and [`FLASH_FILE`], the flash chip, to which the board writes. After a swap it also
+//! creates [`SWAPPED_FILE`]. The board writes its log, encoded by `defmt`, to the standard output.
 //!
 //! Over USART3 the board sends requests of five bytes: [`SCAN`] and the number of the scan, or [`TICK`] and the number of the
-//! tick, which counts from 0 whatever [`EmulatorConfig::first_scan`] is (both little endian). The plant answers with two bytes.
-//! An answer to `SCAN` consists of the low byte of the number of the scan and the number of rows that are in the file so far;
-//! several answers with increasing numbers of rows are accepted. An answer to `TICK` is [`TICK`] twice.
+//! tick, which counts from 0 regardless of [`EmulatorConfig::first_scan`] (both little endian). The plant answers with two
+//! bytes. An answer to `SCAN` consists of the low byte of the number of the scan and the number of rows that are in the file so
+//! far; several answers with increasing numbers of rows are accepted. An answer to `TICK` is [`TICK`] twice.
 #![no_std]
 
 #[cfg(feature = "device")]
@@ -44,9 +44,9 @@ pub const SWAPPED: i32 = 3;
 pub const SWAPPED_FILE: &core::ffi::CStr = c"swapped";
 /// Number of cells in a row of the emulated matrix; the last row may be shorter.
 pub const COLUMNS: usize = 16;
-/// Requests a scan.
+/// The first byte of a request for a scan.
 pub const SCAN: u8 = b'S';
-/// Requests an answer at the time of the next scan. Used only if the plant paces the scans.
+/// The first byte of a request for an answer at the time of the next scan. Used only if the plant paces the scans.
 pub const TICK: u8 = b'T';
 
 /// A fault to inject into the board's software.
@@ -66,7 +66,7 @@ pub enum InjectedFault {
     Panic,
 }
 
-/// When to inject a fault.
+/// A fault to inject, and when it is injected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PlannedFault {
     /// The kind of fault.
@@ -133,9 +133,11 @@ where
     Some((config, cells))
 }
 
+/// Decodes the items of the set-up file in their order: the configuration, then the cells.
 #[derive(Clone)]
 struct Items<F> {
     read: F,
+    /// Offset of the next item in the file, bytes.
     at: usize,
 }
 

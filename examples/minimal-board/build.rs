@@ -3,9 +3,11 @@
 use build_support::{Program, STM32_FLASH, link};
 
 fn main() {
-    // The RAM of this board. Offsets in the flash are the same for all boards; the address at which it begins is not.
+    // The range is the RAM of this board. All boards have the same offsets in their flash, but the flash begins at different
+    // addresses.
     link(Program::Application, STM32_FLASH, 0x2000_0000..0x2002_0000, &[]);
-    // The package of a controller contains a file with the names of its interrupts. This board has no such package.
+    // The package of a controller contains a file `device.x` with the names of its interrupts. This board has no such package,
+    // so the file is empty.
     let folder = std::env::var("OUT_DIR").expect("cargo sets OUT_DIR");
     std::fs::write(format!("{folder}/device.x"), "").expect("cargo has created the folder");
     println!("cargo:rustc-link-search={folder}");

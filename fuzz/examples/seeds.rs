@@ -1,10 +1,10 @@
 //! Writes the seeds of the fuzz targets to `corpus/`, which has one folder for each target. The seeds are made from computed
-//! data. The command is `cargo run --example seeds`, in this workspace.
+//! data. The command is `cargo run --example seeds`, in the folder `fuzz`.
 //!
 //! This program does not write the seeds of `jiku` and the seed `footscan-xls` of `vendor`, because nothing in this project
-//! writes HDF5 or files of Excel. Those seeds were written from computed trials with h5py, and from the computed step below
-//! with xlwt. The seed `claimed-list.parquet` of `recording` is not written here, either: it is a file that claims a far longer
-//! list than it contains (docs/reliability.md).
+//! writes HDF5 files or Excel files. Those seeds were written from computed trials with h5py, and from the computed step below
+//! with xlwt. It does not write the seed `claimed-list.parquet` of `recording`, either: that file claims to contain a far
+//! longer list than it does (docs/reliability.md).
 
 use client::append;
 use emulation::EmulatorConfig;
@@ -32,7 +32,7 @@ use recording::{FootZero, Format, Recording, VirtualInsole, Zero};
 use std::fs;
 use std::path::Path;
 
-/// A stream of the cells of every frame.
+/// A stream of cells with every frame.
 const CELLS: CellStream = CellStream { resolution: Resolution::Converter, every: 1 };
 /// A contact ellipse under the heel.
 const ELLIPSE: ContactEllipse =
@@ -170,6 +170,7 @@ fn main() {
     seed("identify", "walk", &pieces(session.iter().map(Vec::as_slice)));
     seed("stream", "walk", &stream(&session));
 
+    // The single letters are the events of the target `link`.
     let [connect, stream, acknowledge, status, set_tissue, ..] = to_device.each_ref().map(Vec::as_slice);
     let session =
         [connect, stream, b"N", b"S", b"L", b"N", b"N", status, b"N", acknowledge, b"S", set_tissue, b"K", b"N", b"C"];
@@ -280,7 +281,7 @@ fn stream(messages: &[Vec<u8>]) -> Vec<u8> {
     file
 }
 
-/// The packed cells of a frame in the middle of a walk.
+/// The packed codes of the frame in the middle of a walk.
 fn cell_frame(recording: &Recording, virtual_insole: &VirtualInsole) -> CellFrame {
     let mut codes = vec![0; virtual_insole.cells.len()];
     virtual_insole.codes_of(recording, recording.frames() / 2, &mut codes);
@@ -335,12 +336,14 @@ fn set_up_and_walk(recording: &Recording, virtual_insole: &VirtualInsole, tissue
     input
 }
 
-/// Writes the seeds of the target `vendor`: a step on eight rows and five columns in each text format.
+/// Writes the seeds of the target `vendor`: in each text format, a step on a sensor of eight rows and five columns, or on some
+/// of its cells.
 fn vendor() {
     const ROWS: usize = 8;
     const COLUMNS: usize = 5;
     const FRAMES: usize = 30;
     let kpa = |frame: usize, row: usize, column: usize| {
+        // The load moves from the heel, the last row, to the toes. `late` is the time until the row is loaded most.
         let late = (ROWS - 1 - row) as f64 / ROWS as f64 - frame as f64 / FRAMES as f64;
         (200.0 * (1.0 - 9.0 * late * late).max(0.0) * (1.0 - 0.1 * column as f64)).round()
     };

@@ -23,7 +23,7 @@ fuzz_target!(|data: &[u8]| {
     let mut splitter = Splitter::new();
     splitter.buffer()[..message.len()].copy_from_slice(message);
     splitter.start(message.len());
-    // The largest fragment has 6 to 255 bytes here, and 20 to 244 bytes on a real link.
+    // A full fragment has 6 to 255 bytes here, and 20 to 244 bytes on a real link.
     let mut fragment = vec![0; usize::from(size).max(6)];
     loop {
         let len = splitter.next(&mut fragment).expect("the message has another fragment");

@@ -1,4 +1,5 @@
-//! The HDF5 file of one walker from `jiku-data`: the recording is consistent, or the file is refused.
+//! The HDF5 file of one walker of the data set SpeedPP2DS, from the package `jiku-data`: the recording is consistent, or the
+//! file is refused.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

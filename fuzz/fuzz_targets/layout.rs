@@ -1,5 +1,5 @@
-//! The layout file of a CSV import, with two unloaded frames, the fewest of a recording: the recording is consistent, or the file
-//! is refused.
+//! The layout file of a CSV import, with two unloaded frames, the smallest number in a recording: the recording is consistent,
+//! or the file is refused.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -11,6 +11,7 @@ use plantar::protocol::{
     Hello, Live, MAJOR, MAX_MESSAGE, MINOR, Refusal, Reset, Status, Step, StepFoot, StepRegion, ToDevice, ToHost,
     decode,
 };
+use plantar::sequence::is_after;
 use plantar_fuzz::Pieces;
 
 /// The state that the session should have.
@@ -96,9 +97,8 @@ fn receive(session: &mut Session, message: ToDevice, expected: &mut Expected) {
     match message {
         ToDevice::Connect { .. } => expected.end_session(),
         ToDevice::Acknowledge { step } => {
-            let accepted = expected.unacknowledged[..expected.sent]
-                .iter()
-                .take_while(|&&waiting| step.wrapping_sub(waiting) < u32::MAX / 2);
+            let accepted =
+                expected.unacknowledged[..expected.sent].iter().take_while(|&&waiting| !is_after(waiting, step));
             let accepted = accepted.count();
             expected.unacknowledged.drain(..accepted);
             expected.sent -= accepted;

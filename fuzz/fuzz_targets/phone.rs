@@ -1,4 +1,4 @@
-//! Messages, as the page for a phone decodes them: the result is valid JSON with the kind of the message.
+//! Messages, as the web page for a phone (`tools/phone`) decodes them: the result is valid JSON with the kind of the message.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,4 +1,5 @@
-//! The Parquet file of a recording: the recording is consistent, or the file is refused.
+//! The Parquet file of a recording: the recording is consistent, or the file is refused. Panics of the package `parquet` are
+//! tolerated, because `Recording::parse` catches them.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

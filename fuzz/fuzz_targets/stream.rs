@@ -1,5 +1,5 @@
-//! The file of a recorded stream: its entries contain every byte up to the end or the first damaged entry. The steps
-//! that are evaluated from its messages, usable or excluded, are not more than its step records.
+//! The file of a recorded stream: its entries contain every byte up to the end of the file or up to the first damaged entry. No
+//! more steps are evaluated from its messages, as usable or excluded, than it has step records.
 #![no_main]
 
 use client::{Entries, Entry, STREAM_INSOLES};

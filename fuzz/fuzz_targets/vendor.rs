@@ -1,5 +1,5 @@
-//! The export of a vendor's program, after one byte that selects the format, or that the format is recognised, and the foot. The
-//! recordings are consistent, or the file is refused.
+//! The export of a vendor's program: the recordings are consistent, or the file is refused. The first byte of an input selects
+//! the format (or its recognition from the content) and the foot; the export follows.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

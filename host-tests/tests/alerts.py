@@ -1,9 +1,9 @@
-"""Cumulative load and alerts, from the largest cell pressure of each region in every frame. An independent implementation, with
-which alerts.rs compares the firmware's.
+"""Cumulative load and alerts, from the largest cell pressure of each region in every frame. alerts.rs compares the firmware
+with this independent implementation.
 
-Reads a JSON object from the standard input: rate_hz, peaks_kpa (one list for each region), and the rules. Writes the totals of
-each region, and for each alert its time (s), the regions under sustained load, and the regions whose dose reached its limit, as
-bits.
+Reads a JSON object from the standard input: rate_hz, peaks_kpa (one list for each region), and the rules. Writes a JSON object
+with the totals of each region, and for each alert its time (s) and two bit masks in which bit i is region i: the regions under
+sustained load, and the regions whose dose reached its limit.
 """
 
 import json
@@ -20,7 +20,8 @@ peaks = peaks[:, : seconds * rate].reshape(8, seconds, rate)
 dose = np.cumsum(np.maximum(peaks - given["dose_kpa"], 0).sum(axis=2) / rate, axis=1)
 squared = (peaks**2).sum(axis=(1, 2)) / rate
 above = (peaks >= given["sustained_kpa"]).mean(axis=2)
-# The share of the window that ends with each second; the time before the first frame is unloaded.
+# For each second, the share of the window up to its end with at least the pressure of sustained load; the time before the first
+# frame is unloaded.
 padded = np.concatenate([np.zeros((8, window)), np.cumsum(above, axis=1)], axis=1)
 share = (padded[:, window:] - padded[:, :-window]) / window
 
@@ -31,14 +32,14 @@ for second in range(seconds):
     remains = before & (share[:, second] >= given["relieved_percent"] / 100 - 1e-9)
     sustained[:, second] = begins | remains
 
-# In the loop, the regions whose dose has raised an alert before are `announced`.
+# `announced` has the regions whose dose has already raised an alert.
 alerts, silent_until, announced = [], 0, np.zeros(8, bool)
 for second in range(seconds):
     over = (dose[:, second] >= given["dose_kpa_s"]) & (given["dose_kpa_s"] > 0) & ~announced
     if (sustained[:, second].any() or over.any()) and second >= silent_until and len(alerts) < given["per_day"]:
         bits = lambda regions: int(sum(1 << i for i in np.flatnonzero(regions)))
         alerts.append([second + 1, bits(sustained[:, second]), bits(over)])
-        # The shortest time between two alerts; no snooze on request is simulated.
+        # Only the pause after an alert is simulated, and no snooze on request.
         silent_until = second + given["pause_s"]
         announced |= over
 

@@ -15,7 +15,7 @@ use testkit::activity::{self, Activity};
 
 const RATE_HZ: usize = 100;
 
-/// Rules with a window of a minute and a dose that a walk of some minutes reaches.
+/// Rules with a window of a minute and a limit of the dose that a walk of some minutes reaches.
 const RULES: AlertRules = AlertRules {
     limits: LoadLimits { window_s: 60, ..LoadLimits::DEFAULT },
     dose_kpa_s: 500.0,
@@ -23,8 +23,8 @@ const RULES: AlertRules = AlertRules {
     ..AlertRules::RECOMMENDED
 };
 
-/// Passes a recording through an insole with these rules. `request` is called after each second. Returns the alerts, and the load
-/// of the day.
+/// Passes a recording through an insole with these rules. `request` is called after each second, with the number of seconds so
+/// far. Returns the alerts, and the load of the day.
 fn run(
     recording: &Recording,
     rules: &AlertRules,
@@ -79,6 +79,7 @@ fn peaks_kpa(recording: &Recording) -> Vec<Vec<f32>> {
     Region::ALL.map(of_region).into()
 }
 
+/// The totals and alerts that `alerts.py` computes.
 fn numpy(recording: &Recording, rules: &AlertRules) -> Value {
     let input = json!({
         "rate_hz": RATE_HZ,
@@ -121,12 +122,12 @@ fn totals_and_alerts_equal_those_of_numpy() {
         raised += seconds.len();
         for (i, region) in daily.totals.regions.iter().enumerate() {
             let value = |key: &str| expected[key][i].as_f64().expect("a number");
-            // The virtual sensor has 16 bits, and each second is rounded to a unit.
+            // The virtual sensor has 16 bits, and the insole rounds the sums of each second to whole units.
             let near =
                 |found: f64, expected: f64, unit: f64| (found - expected).abs() <= 0.005 * expected + 100.0 * unit;
             assert!(near(f64::from(region.dose_dkpa_s) / 10.0, value("dose_kpa_s"), 0.1), "{i}: {region:?}");
             assert!(near(region.squared_kpa2_s.into(), value("squared_kpa2_s"), 1.0), "{i}: {region:?}");
-            // The oldest part of the window, 4 s, counts in proportion.
+            // The insole divides the window into parts of 4 s. The oldest part counts in proportion to its share of the window.
             assert!((f64::from(region.sustained_s) - value("sustained_s")).abs() <= 8.0, "{i}: {region:?} {expected}");
         }
     }
@@ -139,7 +140,7 @@ fn an_alert_repeats_after_the_pause_until_the_budget_of_the_day_is_used() {
     let rules = AlertRules { per_day: 3, dose_kpa_s: 0.0, ..RULES };
     let (alerts, daily) = run(&recording, &rules, |_, _| ());
     let times_s: Vec<_> = alerts.iter().map(|alert| alert.start_us / 1_000_000).collect();
-    // 95 % of a minute of standing, then every minute.
+    // The first alert comes after 95 % of a minute of standing, and the next ones every minute.
     assert_eq!(times_s.len(), 3, "{times_s:?}");
     assert!((56..=58).contains(&times_s[0]), "{times_s:?}");
     assert_eq!([times_s[1] - times_s[0], times_s[2] - times_s[1]], [60, 60]);
@@ -162,7 +163,7 @@ fn only_the_chosen_regions_raise_alerts() {
     let hallux = 1 << Region::Hallux as u8;
     let (alerts, daily) = run(&recording, &AlertRules { regions: hallux, ..RULES }, |_, _| ());
     assert!(!alerts.is_empty() && alerts.iter().all(|alert| alert.sustained | alert.dose == hallux), "{alerts:?}");
-    assert_ne!(daily.sustained, hallux, "the load of the other regions is counted");
+    assert_ne!(daily.sustained, hallux, "the load of the other regions must be counted");
 }
 
 #[test]
@@ -184,6 +185,7 @@ fn an_alert_that_waits_for_room_in_the_queue_is_not_replaced() {
     let (at_once, _) = run(&recording, &rules, |_, _| ());
     assert_ne!(doses(&at_once), 0);
     let takes = |seconds| seconds >= 100;
+    // The request ends the pause after an alert, so only an alert that was not taken can delay the next one.
     let (late, daily) = run_and_take(&recording, &rules, takes, |_, insole| insole.snooze_alerts(0));
     assert_eq!((doses(&late), usize::from(daily.alerts)), (doses(&at_once), late.len()));
 }

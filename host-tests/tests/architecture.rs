@@ -24,7 +24,8 @@ fn read(path: &Path) -> String {
     fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-/// The paths of all files with this ending below a folder of the workspace, relative to the root of the workspace.
+/// The paths of all files with this ending below a folder of the workspace, relative to the root of the workspace. Hidden
+/// folders, `fuzz`, `node_modules` and `target` are skipped.
 fn files(folder: &str, ending: &str) -> Vec<String> {
     let mut found = Vec::new();
     for entry in fs::read_dir(root().join(folder)).expect("the folder can be read").flatten() {
@@ -43,7 +44,7 @@ fn files(folder: &str, ending: &str) -> Vec<String> {
     found
 }
 
-/// Adds the dependency of `from` on `to`.
+/// Adds the dependency of `from` on `to`, unless both are the same.
 fn add(graph: &mut Graph, from: &str, to: &str) {
     if from != to {
         graph.entry(from.into()).or_default().insert(to.into());
@@ -264,7 +265,7 @@ fn first_folder(path: &str) -> &str {
     path.split('/').next().unwrap_or_default()
 }
 
-/// Writes the dependencies in Mermaid's notation.
+/// Writes the dependencies, without those that others imply, in Mermaid's notation.
 fn write_edges(text: &mut String, graph: &Graph) {
     for (from, uses) in reduced(graph).iter().filter(|(_, uses)| !uses.is_empty()) {
         let uses = uses.iter().map(String::as_str).collect::<Vec<_>>().join(" & ");

@@ -25,7 +25,7 @@ const EPOCH_US: u64 = 1_735_689_600_000_000;
 
 #[test]
 fn two_insoles_share_one_axis_within_2_ms() {
-    // Largest differences between the two insoles' times, in the first 40 s and after the drift is known.
+    // Largest differences between the two insoles' times, from 5 s to 40 s and afterwards, when the drift is known.
     let (mut early_us, mut late_us) = (0.0f64, 0.0f64);
     for seed in 0..40 {
         let mut random = Rng::with_seed(seed);

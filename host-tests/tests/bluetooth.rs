@@ -32,15 +32,16 @@ const VALUE_NOT_ALLOWED: u64 = 0x13;
 const OUT_OF_ORDER: u64 = 0x80;
 const NOT_UNDERSTOOD: u64 = 0x81;
 
+/// A computed walk of this number of steps.
 const WALK: fn(usize) -> Recording = |steps| synthetic_walk(steps, 100.0);
 
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
-fn an_unbonded_phone_reads_the_device_information_and_nothing_else() {
+fn an_unbonded_phone_reads_values_of_standard_services_and_nothing_else() {
     let mut world = World::start_with(WALK(1), |config| config.battery_percent = Some(73));
     let mut phone = world.new_phone(1);
     let table = phone.connect(&mut world.radio, 247);
-    // Properties of a characteristic.
+    // Bits of the properties of a characteristic.
     let (read, command, write, notify, indicate) = (0x02, 0x04, 0x08, 0x10, 0x20);
     let expected: Vec<(&str, Vec<(&str, u64)>)> = vec![
         ("1800", vec![("2a00", read), ("2a01", read)]),
@@ -115,7 +116,7 @@ fn stream(radio: &mut RadioSimulation, feet: &mut [(&Insole, &mut Phone)]) {
             if is_complete(got, expected) {
                 continue;
             }
-            // The insole queues at most eight live frames.
+            // The insole queues at most eight live frames, so the walk is at most six frames ahead of the phone.
             insole.play(got.0.len() as u32 + 6);
             match phone.next(radio) {
                 ToHost::Live(live) => got.0.push(live),
@@ -149,30 +150,31 @@ fn a_bonded_phone_receives_every_frame_and_step_of_a_walk() {
     println!("deepest stack with a pairing: {} bytes", phone.status(&mut world.radio).stack_bytes);
 }
 
-/// A phone finds an insole that stands aside. The insole scans once a second, and all frames again from the first load on.
+/// A phone finds an insole that is not worn and scans once a second. From the first load on, it scans every frame again.
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn an_insole_that_is_not_worn_is_found_and_measures_when_it_is_put_on() {
-    const ASIDE_S: usize = 70;
+    /// Time for which the insole is not worn, s.
+    const UNWORN_S: usize = 70;
     let mut recording = WALK(3);
-    let aside = ASIDE_S * recording.rate_hz as usize;
-    recording.pressure_kpa.splice(..0, vec![0.0; aside * recording.cells()]);
-    recording.t_s = (0..recording.frames() + aside).map(|frame| frame as f64 / recording.rate_hz).collect();
+    let unworn = UNWORN_S * recording.rate_hz as usize;
+    recording.pressure_kpa.splice(..0, vec![0.0; unworn * recording.cells()]);
+    recording.t_s = (0..recording.frames() + unworn).map(|frame| frame as f64 / recording.rate_hz).collect();
     // An insole on which nobody stands reads small offsets, and the noise of its converter.
     let offsets_kpa = vec![0.05; recording.cells()];
     synthetic::add_sensor_errors(&mut recording, &offsets_kpa, NOISE_CODES, 7);
     let mut world = World::start(recording);
-    world.insole.play(aside as u32);
+    world.insole.play(unworn as u32);
     let mut phone = world.bonded_phone(247);
     let mut status = phone.status(&mut world.radio);
-    while (status.frame_times() as usize) < aside - 100 {
+    while (status.frame_times() as usize) < unworn - 100 {
         status = phone.status(&mut world.radio);
     }
     // The insole counts as not worn after 60 s. From then on one frame in 100 is scanned.
     assert!(!status.is_worn && (800..=1000).contains(&status.frames_skipped), "{status:?}");
     phone.send(&mut world.radio, ToDevice::Stream { live: true });
     // The next frame that is scanned is in the first stance, and the walk continues when the insole has evaluated it.
-    world.insole.play(aside as u32 + 101);
+    world.insole.play(unworn as u32 + 101);
     while !status.is_worn {
         status = phone.status(&mut world.radio);
     }
@@ -231,13 +233,13 @@ fn address_of(world: &mut World, phone: &Phone) -> String {
     found["address"].as_str().expect("an address").to_owned()
 }
 
-/// The two most significant bits of a resolvable private address are 01.
+/// True if an address is a resolvable private one: its two most significant bits are 01.
 fn is_private(address: &str) -> bool {
     u8::from_str_radix(&address[..2], 16).expect("hexadecimal digits") >> 6 == 0b01
 }
 
-/// Strangers see another address each time, and a bonded phone recognises the insole by its key. An insole whose phones bonded
-/// before it had a key keeps the address that they know.
+/// A stranger sees a new address after each start. A bonded phone recognises the insole, because it has the key from which the
+/// addresses are derived. An insole whose phones bonded before it had such a key keeps the address that they know.
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn a_stranger_cannot_recognise_an_insole_by_its_address() {
@@ -250,7 +252,7 @@ fn a_stranger_cannot_recognise_an_insole_by_its_address() {
     world.restart(|config| config.bonding_s = 0);
     let second = address_of(&mut world, &stranger);
     assert!(is_private(&first) && is_private(&second) && first != second, "{first} {second}");
-    // The pair of keys of the first session encrypts this one: the phone has resolved the new address.
+    // The link is encrypted with the keys of the first pairing, so the phone has recognised the insole at its new address.
     phone.reopen(&mut world.radio, 247);
     stream(&mut world.radio, &mut [(&world.insole, &mut phone)]);
     phone.disconnect(&mut world.radio);
@@ -369,8 +371,8 @@ fn break_links(seed: u32) {
                 break;
             }
             world.insole.play((store.0.len() as u32 + AHEAD) * scans_a_step);
-            let (of, value) = phone.value(&mut world.radio);
-            let joiner = phone.joiners.entry(of).or_default();
+            let (characteristic, value) = phone.value(&mut world.radio);
+            let joiner = phone.joiners.entry(characteristic).or_default();
             if let Some(message) = joiner.push(&value).expect("fragments arrive in order")
                 && let Some(ToHost::Step(step)) = decode(message)
             {
@@ -383,7 +385,7 @@ fn break_links(seed: u32) {
         }
         phone.cut(&mut world.radio);
         cuts += 1;
-        // A step message has two fragments, or about a dozen with the smallest MTU.
+        // A step message has two fragments, or more than twenty with the smallest MTU.
         phone.reopen(&mut world.radio, if cuts % 8 == 0 { 23 } else { 247 });
     }
     println!("{cuts} cuts, {} steps", store.0.len());
@@ -470,8 +472,8 @@ fn standard_services_report_the_cadence_and_set_the_clock() {
     world.insole.play(u32::MAX);
     let mut measured = Vec::new();
     while measured.len() < 3 {
-        let (of, value) = phone.value(&mut world.radio);
-        if of == RSC_MEASUREMENT {
+        let (characteristic, value) = phone.value(&mut world.radio);
+        if characteristic == RSC_MEASUREMENT {
             assert_eq!((value.len(), &value[..3]), (4, &[0, 0, 0][..]));
             measured.push(value[3]);
         }

@@ -185,12 +185,12 @@ fn both_feet_stream_a_minute_in_real_time() {
              {step_ms:.0} ms (at most {step_most_ms:.0})"
         );
     }
-    // A phone cannot determine these errors, because it knows only the delays of its own requests.
+    // A phone cannot determine these errors itself, because it does not know when the insole scans.
     let errors_us = feet.each_ref().map(|foot| {
         let (_, last) = foot.live[foot.live.len() - 1];
         let found_us = foot.axis.host_us(last.t_us).expect("the axis has answers") as i64;
         let error_us = found_us - (last.t_us as i64 - foot.true_offset_us(start));
-        println!("error of a foot's clock: {error_us} us, the shortest delay of its requests");
+        println!("error of a foot's clock, due to the delay of its requests: {error_us} us");
         error_us
     });
     println!("difference of the two errors: {} us", errors_us[0] - errors_us[1]);

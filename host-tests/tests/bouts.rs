@@ -14,11 +14,12 @@ fn each_newton_second_is_part_of_one_record_and_kinds_are_recognised() {
             let (recording, spans) = recording(&order, weight_n, rate_hz, 20.0, seed);
             let found = find(&recording, ContactRule::COVERED, StanceRule::ADAPTIVE);
             let share = found.unassigned(rate_hz);
-            let of_run = recognised(&spans, &found, (1e6 / rate_hz) as u64);
-            println!("{weight_n} N, {rate_hz} Hz, {order:?}: {} steps, {of_run:?}, {share:.6}", found.steps.len());
+            // The number of activities with a kind of bout, and of those that were recognised.
+            let counts = recognised(&spans, &found, (1e6 / rate_hz) as u64);
+            println!("{weight_n} N, {rate_hz} Hz, {order:?}: {} steps, {counts:?}, {share:.6}", found.steps.len());
             assert!(share < 0.001, "{weight_n} N, {rate_hz} Hz: {share}");
-            labelled += of_run.0;
-            right += of_run.1;
+            labelled += counts.0;
+            right += counts.1;
         }
     }
     println!("{right} of {labelled} recognised");
@@ -36,7 +37,7 @@ fn load_in_a_tight_shoe_is_part_of_one_record() {
     }
 }
 
-/// The recording ends at any moment of an activity, also while two bouts can be completed at once.
+/// The recording ends at different moments of an activity, also at one in which two bouts are completed at once.
 #[test]
 fn load_at_the_end_of_a_recording_is_part_of_one_record() {
     for half_seconds in 1..16 {

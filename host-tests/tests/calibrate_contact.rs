@@ -20,7 +20,7 @@ fn resistive_law() -> impl Strategy<Value = SensorLaw> {
     (200.0..2000.0f32, 0.3..=1.0f32).prop_map(|(full_kpa, exponent)| SensorLaw { full_kpa, exponent })
 }
 
-/// One cell, with its sensor curve, its offset and its present share in contact.
+/// One cell, with its sensor curve, its offset and its share in contact after the last frame.
 struct Probe {
     curve: Curve,
     offset: u16,
@@ -101,8 +101,8 @@ fn a_saturated_cell_is_reported_in_every_frame_and_in_its_region_only() {
     let mut insole = Insole::<f32, 2>::new();
     let cells = [cell(Region::Heel, 0.0, 0.0, 25.0), cell(Region::Hallux, 0.0, 200.0, 25.0)];
     insole.set_up(SETUP, cells.into_iter()).expect("the set-up is accepted");
-    let full_contact = [0, FULL_CODE];
-    for (seq, codes) in [full_contact, full_contact, [FULL_CODE - 1; 2], full_contact, [0, 0]].iter().enumerate() {
+    let hallux_full = [0, FULL_CODE];
+    for (seq, codes) in [hallux_full, hallux_full, [FULL_CODE - 1; 2], hallux_full, [0, 0]].iter().enumerate() {
         insole.frame(seq as u32, codes);
         let saturated = insole.loads().map(|load| load.frame.saturated);
         let mut expected = [false; 8];
@@ -260,9 +260,9 @@ proptest! {
             let pressure_kpa =
                 f64::from(gain) * curve(&LAW).pressure_kpa::<f64>(i32::from(code.saturating_sub(offset)));
             let threshold_kpa = if before > 0 { rule.off_kpa } else { rule.on_kpa };
-            // A saturated cell is in contact even if its pressure is below the threshold.
             let exact = f64::from(WHOLE) * (pressure_kpa / f64::from(full_kpa)).min(1.0).sqrt();
             if share > 0 {
+                // A saturated cell is in contact even if its pressure is below the threshold.
                 prop_assert!(pressure_kpa >= f64::from(threshold_kpa) * 0.998 || is_saturated(code.into()));
                 prop_assert!((f64::from(share) - exact).abs() <= 1.001, "{} is not {}", share, exact);
             } else {

@@ -62,13 +62,13 @@ fn every_cell_of_every_frame_arrives_in_either_resolution() {
         }
         assert_eq!((receiver.lost, receiver.dropped), (0, 0));
         assert!(frames >= 6_000, "{frames} frames");
-        let status = client.status().expect("an answer");
+        let status = client.status().expect("the insole answers");
         assert_eq!((status.frames_missed, status.frames_overrun, status.steps), (0, 0, STEPS as u32));
         let counters = client.counters();
         assert_eq!((counters.frames_received as usize, counters.frames_lost), (frames, 0));
 
         // The pressures of the recording, converted to codes again, give the codes that were streamed.
-        let recording = streamed.take("Recorded in a test").expect("frames");
+        let recording = streamed.take("Recorded in a test").expect("there are frames");
         let again = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
         for i in 0..recording.frames() {
             again.codes_of(&recording, i, &mut codes);
@@ -90,16 +90,16 @@ fn a_rate_that_the_port_cannot_carry_is_refused_with_the_highest_that_it_can() {
     let mut client = connect(&board);
     let request = |every| Some(CellStream { resolution: Resolution::Converter, every });
     let Err(Error::Refused(Refusal::CellRate { every })) = client.stream_cells(request(1)) else {
-        panic!("400 frames of 240 cells a second do not fit into 46,080 bytes a second")
+        panic!("400 frames a second with 240 cells each do not fit into 46,080 bytes a second")
     };
     assert!(every > 1, "one of {every} frames");
     client.stream_cells(request(every)).expect("the rate that was offered is accepted");
 }
 
 #[test]
-fn a_stream_of_one_of_0_frames_has_all_frames() {
+fn a_cell_stream_with_every_0_has_the_cells_of_all_frames() {
     let world = Rc::new(RefCell::new(World::new(1, 100.0)));
-    let link = Link::open(&world, 0, LinkKind::Serial).expect("the cable is there");
+    let link = Link::open(&world, 0, LinkKind::Serial).expect("the cable is connected");
     let mut client = Client::connect(link, TIMEOUT).expect("the insole answers");
     let stream = CellStream { resolution: Resolution::Converter, every: 0 };
     client.stream_cells(Some(stream)).expect("the port is fast enough");

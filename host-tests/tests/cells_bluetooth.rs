@@ -30,7 +30,7 @@ fn the_cells_that_arrive_over_bluetooth_are_those_that_were_played() {
     let _board = boot(&mut radio, &firmware(), &insole, Time::Real, played, |_| {}, None);
     let mut phone = radio.bonded_phone(1, "Plantar L", 247);
 
-    // The rate that a connection cannot carry beside live frames is refused, with the highest one that it can.
+    // A rate that the connection cannot carry beside live frames is refused with the highest one that it can carry.
     let mut stream = CellStream { resolution: Resolution::Converter, every: 1 };
     let refused = phone.answer(&mut radio, ToDevice::StreamCells(Some(stream)));
     assert_eq!(refused, ToHost::Refused(Refusal::CellRate { every: 2 }));
@@ -50,7 +50,7 @@ fn the_cells_that_arrive_over_bluetooth_are_those_that_were_played() {
                 insole.codes_of(&walk, frame.scan as usize % frames, &mut expected);
                 expected.iter_mut().for_each(|code| *code &= 0xfff0);
                 assert_eq!(receiver.codes(), expected, "scan {}", frame.scan);
-                bytes += encode(&message, &mut [0; MAX_MESSAGE]).expect("it was received").len();
+                bytes += encode(&message, &mut [0; MAX_MESSAGE]).expect("a received message fits").len();
                 if frame.scan - first_scan >= SCANS {
                     print(&receiver, live, bytes, start, at);
                     break;

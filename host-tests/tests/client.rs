@@ -22,9 +22,9 @@ struct Insole {
     to_host: VecDeque<u8>,
     /// The cable is unplugged.
     is_unplugged: bool,
-    /// Number of the next frames to the host that are dropped.
+    /// Number of frames to the host that are dropped, from the next one on.
     drop_next: usize,
-    /// Number of the next frames to the host that are damaged.
+    /// Number of frames to the host that are damaged, from the next one on.
     damage_next: usize,
     /// Number of connect requests.
     connects: u32,
@@ -261,7 +261,7 @@ fn a_step_that_was_lost_in_transit_arrives_in_the_next_session() {
     assert_eq!(step_numbers(&receive_all(&mut client)), [0]);
 }
 
-/// Otherwise, the steps would arrive once the client has waited in vain for the hello.
+/// If the request discarded the hello of the replay, the steps would arrive only after the client has waited for it in vain.
 #[test]
 fn a_replay_that_begins_while_a_request_waits_is_delivered_at_once() {
     let (cable, mut client) = connected();

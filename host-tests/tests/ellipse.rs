@@ -148,7 +148,7 @@ proptest! {
         let (mean_x, mean_y) = (mean(&|c| f64::from(c.x_mm)), mean(&|c| f64::from(c.y_mm)));
         let dx = |c: &Cell| f64::from(c.x_mm) - mean_x;
         let dy = |c: &Cell| f64::from(c.y_mm) - mean_y;
-        // A square of the area A has the variance A / 12 along any axis. The fixed-point number is truncated to 1/4096 mm2.
+        // A square of the area A has the variance A / 12 along any axis. The fixed-point variance is truncated to 1/4096 mm2.
         let expected = [
             (x_mm, mean_x, 1e-9),
             (y_mm, mean_y, 1e-9),

@@ -25,7 +25,7 @@ use testkit::world::{InsoleEvent, SharedWorld, World};
 const STEPS: u32 = 6;
 /// Time between two frames of the insole, us.
 const PERIOD_US: u64 = 10_000;
-/// Of the frames, every `EVERY`th one is sent: 25 Hz.
+/// The ellipses of every fourth frame are sent: 25 Hz.
 const EVERY: u8 = 4;
 
 /// A left insole that scans 100 times a second, and a host with a live stream over this link.
@@ -56,7 +56,8 @@ fn walk(world: &SharedWorld, client: &mut Client<Link>) -> Vec<Ellipses> {
     ellipses
 }
 
-/// Asserts that the message has the ellipse within half of the unit of each of its numbers.
+/// Asserts that each number of a received ellipse differs from the expected one by at most half of its unit in the message.
+/// `None` stands for a region without contact.
 fn assert_equal(got: &ContactEllipse, expected: Option<Ellipse<f32>>, frame: u32) {
     let Some(expected) = expected else { return assert_eq!(*got, ContactEllipse::default(), "frame {frame}") };
     let near = |got: f64, expected: f32, unit: f64| (got - f64::from(expected)).abs() <= 0.5001 * unit;
@@ -76,12 +77,12 @@ fn the_streamed_ellipses_are_those_of_their_frames() {
         let (world, mut client) = session(over);
         let refused = client.stream_ellipses(EVERY - 1);
         assert!(matches!(refused, Err(Error::Refused(Refusal::EllipseRate { every: EVERY }))), "{refused:?}");
-        assert_eq!(walk(&world, &mut client), [], "no stream runs");
+        assert_eq!(walk(&world, &mut client), [], "there must be no stream yet");
 
         client.stream_ellipses(EVERY).expect("25 Hz are accepted");
         let streamed = walk(&world, &mut client);
         let reference = world.borrow().insoles[0].boots[0].reference.clone();
-        let expected = reference.borrow_mut().ellipses.take().expect("they are collected");
+        let expected = reference.borrow_mut().ellipses.take().expect("the reference collects ellipses");
         let frame = |message: &Ellipses| (message.t_us / PERIOD_US) as u32;
         for (i, message) in streamed.iter().enumerate() {
             assert_eq!(
@@ -98,9 +99,9 @@ fn the_streamed_ellipses_are_those_of_their_frames() {
             assert!(streamed.iter().any(|message| message.regions[region].r_a_cmm > 0), "region {region}");
         }
 
-        client.stream_ellipses(0).expect("it ends");
+        client.stream_ellipses(0).expect("the stream ends");
         let ended_us = client.device_us().expect("the insole answers");
-        assert!(walk(&world, &mut client).iter().all(|message| message.t_us <= ended_us), "the stream has ended");
+        assert!(walk(&world, &mut client).iter().all(|message| message.t_us <= ended_us), "the stream must have ended");
         let counters = client.counters();
         assert_eq!((counters.frames_lost, counters.crc_errors), (0, 0));
     }
@@ -117,7 +118,7 @@ fn a_link_that_is_too_slow_for_ellipses_loses_no_step_and_no_live_frame() {
     assert_eq!((status.steps, status.records_dropped), (STEPS, 0));
     assert_eq!(client.counters().frames_lost, 0);
     // The insole replaces messages that could not be sent by newer ones.
-    let last = streamed.last().expect("some are sent").sequence;
+    let last = streamed.last().expect("ellipses arrive").sequence;
     assert!(streamed.len() > 10 && (streamed.len() as u32) < last, "{} of {last}", streamed.len());
 }
 

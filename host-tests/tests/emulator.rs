@@ -61,7 +61,7 @@ const FAULT_S: f64 = 5.0;
 /// machine it may return a single byte of a message.
 const SILENT_READS: usize = 2_000;
 
-/// A session with a board that scans a walk; its time does not advance before [`Board::play`].
+/// A session with a board that scans a walk. The walk does not begin before [`Board::play`].
 struct Session {
     board: Board,
     client: Client<Framed<TcpStream>>,
@@ -77,12 +77,14 @@ impl Session {
         session
     }
 
+    /// The same as [`Self::start`], without parameters.
     fn start_without_tissue(recording: &Recording, contact: ContactRule, fault: fn(u32) -> Option<Scan>) -> Self {
         let virtual_insole = VirtualInsole::new(recording, contact, StanceRule::ADAPTIVE);
         let walk = Recorded::new(recording.clone(), virtual_insole.clone());
         Self::start_walk(&virtual_insole, IncompleteWalk { walk, fault })
     }
 
+    /// Starts a board with the configuration of `virtual_insole`, which scans `walk`.
     fn start_walk(virtual_insole: &VirtualInsole, walk: impl Walk + 'static) -> Self {
         let firmware = firmware();
         let scans = walk.scans();
@@ -277,8 +279,8 @@ fn foreign_bytes_on_the_link_are_counted_and_the_session_continues() {
     assert_eq!(received.status.bad_frames, 3, "the text, the truncated frame and the long frame must count");
 }
 
-/// The bytes fill the receive buffer of the port before a task reads it. A board whose port then interrupts without end does not
-/// answer.
+/// The bytes fill the receive buffer of the port before a task reads it. If the port then requested interrupts without end, the
+/// board would not answer.
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn bytes_that_arrive_during_the_start_do_not_stop_the_insole() {
@@ -321,7 +323,7 @@ fn a_refused_set_up_is_reported_in_the_hello() {
     let client = connect(&board);
     let report = client.hello().fault.as_deref().unwrap_or_default().to_owned();
     assert!(report.contains("belongs to a region before that of the previous cell"), "{report}");
-    // By this, hosts recognise that the insole does not measure.
+    // A host recognises by the 0 cells that the insole does not measure.
     assert_eq!(client.hello().cells, 0);
 }
 
@@ -554,7 +556,8 @@ fn damaged_and_invalid_parameters_are_refused_and_the_old_ones_remain() {
     assert_eq!(session.client.tissue().expect("the insole answers"), tissue());
 }
 
-/// Each fault is detected during a walk, reported and masked. All messages equal those that a host computes from the same codes.
+/// Each fault is detected during a walk and reported, and its cells are masked. All messages equal those that a host computes
+/// from the same codes.
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn every_kind_of_fault_is_found_on_the_device_as_on_a_host() {

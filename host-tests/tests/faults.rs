@@ -52,8 +52,8 @@ fn no_fault_is_reported_in_long_walks() {
     }
 }
 
-/// In such walks, the foot covers a whole row of the midfoot in some steps for the time in which it carries much load, and a part
-/// of the row in others.
+/// In such walks, the heavily loaded foot covers a whole row of cells of the midfoot in some steps, and only a part of the row
+/// in others.
 #[test]
 fn no_fault_is_reported_in_short_walks_of_varying_steps() {
     for seed in 0..40 {
@@ -176,8 +176,8 @@ fn a_masked_cell_has_the_pressure_of_its_neighbours_whatever_their_gains() {
         let mut codes = [0u16; 64];
         let mut largest = [(0.0, 0.0); 2];
         for seq in 0..1_000 {
-            // Sixty frames of stance, with at most 120 kPa, are followed by forty frames of swing. A cell is open in the second
-            // half.
+            // Sixty frames of stance, with at most 120 kPa, are followed by forty frames of swing. From frame 500 on, one cell
+            // is open.
             let kpa = 120.0 * (PI * f64::from(seq % 100) / 60.0).sin().max(0.0);
             codes.iter_mut().enumerate().for_each(|(i, code)| *code = 100 + code_of(&LAW, kpa / f64::from(gain(i))));
             let is_late = seq >= 500;
@@ -215,7 +215,8 @@ proptest! {
         let mut random = fastrand::Rng::with_seed(seed);
         let mut codes = [0u16; 64];
         for seq in 0..1_000 {
-            // Fifty frames of stance with random codes are followed by fifty frames of swing, in which some cells are faulty.
+            // Fifty frames of stance, with random codes in six of seven cells, are followed by fifty frames of swing. The other
+            // codes are 0 or, at random and in every thirteenth cell, those of a faulty cell.
             for (i, code) in codes.iter_mut().enumerate() {
                 let is_faulty = random.u32(..64) < faulty_cells;
                 *code = match seq % 100 < 50 {

@@ -1,4 +1,4 @@
-//! Times of an insole of which the frame number wraps, after 497 days at 100 Hz.
+//! Times of an insole whose frame number wraps, which happens after 497 days at 100 Hz.
 
 use plantar::Side;
 use plantar::insole::Insole;

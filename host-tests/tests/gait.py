@@ -1,8 +1,9 @@
 """The measures of both feet in NumPy, straight from their definitions in docs/measures.md.
 
 Reads from the standard input, as JSON, the steps of the "left" and of the "right" foot in the order of time: number, heel strike
-(s), stance time (s), peak force (N) and force-time integral (N s). Prints an object: for each measure and for the cadence, the
-number of values, their mean and standard deviation, and the 95 % interval of the mean; null for what cannot be computed.
+(s), stance time (s), peak force (N) and force-time integral (N s). Prints a JSON object: for each measure and for the cadence,
+the number of values, their mean and standard deviation, and the two limits of the 95 % confidence interval of the mean; null
+for what cannot be computed.
 """
 
 import json
@@ -18,11 +19,14 @@ SYMMETRIC = ["step_time_s", "stance_time_s", "swing_time_s", "peak_force_n", "fo
 
 
 def estimate(values, consecutive):
+    """The estimate of a mean. consecutive[i] is true if the stride of value i directly follows that of value i - 1."""
     x = np.array(values, float)
     n = len(x)
     if n < 2:
         return None if n == 0 else [n, x[0], None, None, None]
     d = x - x.mean()
+    # Correlation of successive values, corrected for its bias, and the number of independent values with the same variance
+    # of the mean.
     products = [d[i - 1] * d[i] for i in range(1, n) if consecutive[i]]
     r = np.mean(products) / np.mean(d**2) if products else 0.0
     r = max(0.0, r + (1 + 4 * r) / n)
@@ -43,7 +47,7 @@ def strides(own, other):
         k = between[0]
         strike = other[k][1]
         stride = end - start
-        it = {
+        measures = {
             "stride_time_s": stride,
             "step_time_s": end - strike,
             "stance_time_s": stance,
@@ -58,14 +62,15 @@ def strides(own, other):
             # The times of the stance in which the other foot is on the ground: until its toe off, and from its heel strike.
             overlap = lambda a, b: max(0.0, min(b, start + stance) - max(a, start))
             both = overlap(-np.inf, toe_off) + overlap(strike, np.inf)
-            it["first_double_support_s"] = overlap(-np.inf, toe_off)
-            it |= {"double_support_s": both, "double_support_percent": both / stride * 100}
-            it |= {"single_support_s": stance - both, "single_support_percent": (stance - both) / stride * 100}
-        found.append((start, strike, end, it))
+            measures["first_double_support_s"] = overlap(-np.inf, toe_off)
+            measures |= {"double_support_s": both, "double_support_percent": both / stride * 100}
+            measures |= {"single_support_s": stance - both, "single_support_percent": (stance - both) / stride * 100}
+        found.append((start, strike, end, measures))
     return found
 
 
 def follows(list_of_strides, i):
+    """True if stride i begins at the end of the stride before it."""
     return i > 0 and list_of_strides[i - 1][2] == list_of_strides[i][0]
 
 
@@ -73,7 +78,7 @@ left, right = strides(data["left"], data["right"]), strides(data["right"], data[
 result = {}
 for side, found in (("left", left), ("right", right)):
     for key in {key for stride in found for key in stride[3]}:
-        # A value is compared with the one before only if that is of the stride before.
+        # Two values are consecutive only if they are those of consecutive strides.
         chosen = [(s[3][key], follows(found, i) and key in found[i - 1][3]) for i, s in enumerate(found) if key in s[3]]
         result[f"{side} {key}"] = estimate(*zip(*chosen)) if chosen else None
 by_start = {s[0]: (s, follows(right, i)) for i, s in enumerate(right)}

@@ -32,7 +32,7 @@ fn irregular(seed: u64) -> [Vec<FootStep>; 2] {
     feet
 }
 
-/// Compares an estimate. The quantile of the interval is an approximation within 1 % of its half width.
+/// Compares an estimate. The limits of the interval may differ by 1 % of its half width, because the quantile is approximated.
 fn compare(name: &str, found: Option<Estimate>, expected: &Value) {
     let Some(found) = found else {
         assert!(expected.is_null(), "{name}: {expected}");
@@ -42,7 +42,7 @@ fn compare(name: &str, found: Option<Estimate>, expected: &Value) {
     assert_eq!(Some(found.count as u64), expected[0].as_u64(), "{name}");
     let near = |found: Option<f64>, expected: Option<f64>, tolerance: f64| match (found, expected) {
         (Some(found), Some(expected)) => {
-            assert!((found - expected).abs() <= tolerance, "{name}: {found} for {expected}")
+            assert!((found - expected).abs() <= tolerance, "{name}: {found} instead of {expected}")
         }
         (found, expected) => assert_eq!(found, expected, "{name}"),
     };
@@ -81,7 +81,7 @@ fn measures_of_irregular_walks_equal_those_of_numpy() {
 }
 
 /// The insole detects heel strike when the force reaches one threshold, and toe off when it falls below another, so a stance is
-/// shorter than the time with force. Both feet have the same force over time, so the differences between feet remain.
+/// shorter than the time with force. The times between the feet are not affected, because both have the same force over time.
 #[test]
 fn a_computed_walk_of_both_feet_has_its_true_times() {
     const LAG_S: f64 = 0.5;
@@ -116,7 +116,7 @@ fn a_computed_walk_of_both_feet_has_its_true_times() {
         for (key, expected) in expected {
             assert!(
                 (mean(foot, key) - expected).abs() < 1e-3,
-                "{key} of foot {foot}: {} for {expected}",
+                "{key} of foot {foot}: {} instead of {expected}",
                 mean(foot, key)
             );
         }
@@ -124,7 +124,7 @@ fn a_computed_walk_of_both_feet_has_its_true_times() {
     assert!((gait.cadence_per_min.expect("strides").mean - 120.0 / stride_s).abs() < 0.05);
 }
 
-/// An insole counts steps and load bouts together.
+/// An insole numbers steps and load bouts together.
 #[test]
 fn a_load_bout_between_two_steps_is_no_missing_step() {
     let step = |number: u32| Step { step: number, start_us: u64::from(number) * 800_000, ..testkit::step(number) };

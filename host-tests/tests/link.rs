@@ -417,7 +417,7 @@ fn accepted_parameters_are_confirmed_and_reported_from_then_on() {
             "new parameters must not apply before the answer, because earlier live frames use the previous ones"
         );
         assert_eq!(all(&mut session), [Sent::Tissue(tissue.id)]);
-        assert_eq!(session.take_tissue_due(), Some(&tissue), "the same parameters must apply again");
+        assert_eq!(session.take_tissue_due(), Some(&tissue), "the parameters must apply, also if they are the same");
         assert_eq!(session.take_tissue_due(), None, "parameters must apply once");
     }
     assert!(session.next_live().is_some(), "the stream must continue");
@@ -493,7 +493,7 @@ fn a_carrier_that_is_too_slow_for_live_frames_delivers_answers() {
     let at = sent.iter().position(|sent| matches!(sent, Sent::Status(_))).expect("the insole answers");
     assert!(at <= 8, "after {at} frames");
     assert!(matches!(sent[at + 1], Sent::Time { .. }));
-    // The status counts as due exactly the live frames before the status.
+    // `live_due` of the status includes every live frame that was sent before the status, and none of those after it.
     let (Sent::Live(before), Sent::Status(status), Sent::Live(after)) = (sent[at - 1], sent[at], sent[at + 2]) else {
         panic!("{sent:?}")
     };
@@ -683,7 +683,7 @@ fn ellipses_have_a_rate_of_at_most_25_hz() {
         for every in 1..least {
             session.receive(ToDevice::StreamEllipses { every }, 0);
             assert_eq!(all(&mut session), [Sent::Refused(Refusal::EllipseRate { every: least })]);
-            assert_eq!(session.ellipses.due(), None, "no stream runs");
+            assert_eq!(session.ellipses.due(), None, "there must be no stream");
         }
         session.receive(ToDevice::StreamEllipses { every: least }, 0);
         let due = (0..3 * least).filter(|&frame| {
@@ -786,7 +786,7 @@ fn identified_parameters_are_accepted_with_their_contact_rule_only() {
     session.complete(Ok(CommandResult::Stored));
     session.receive(ToDevice::GetIdentified, 0);
     assert_eq!(all(&mut session), [Sent::Tissue(TISSUE.id), Sent::Identified(Some(identified))]);
-    // Parameters without this information replace it.
+    // Parameters without this information delete it.
     session.receive(ToDevice::SetTissue(*TISSUE), 0);
     session.complete(Ok(CommandResult::Stored));
     session.receive(ToDevice::GetIdentified, 0);
@@ -804,7 +804,7 @@ fn a_queued_frame_of_cells_has_the_bytes_of_its_message() {
         let codes: Vec<u16> = (0..240).map(|cell| 7 * cell * (scan % 99) as u16).collect();
         session.push_cells(scan, &codes);
         let (mut sent, mut expected) = ([0; MAX_MESSAGE], [0; MAX_MESSAGE]);
-        let expected = encode(&ToHost::Cells(coder.pack(scan, 0, &codes)), &mut expected).expect("it fits");
+        let expected = encode(&ToHost::Cells(coder.pack(scan, 0, &codes)), &mut expected).expect("the message fits");
         assert_eq!(session.next(&hello(), status, &mut sent), Some(&*expected));
     }
 }
@@ -827,7 +827,7 @@ fn rules_of_alerts_are_checked_stored_and_passed_to_the_insole() {
         assert_eq!(all(&mut session), [Sent::Refused(Refusal::AlertRules)]);
     }
     session.receive(ToDevice::GetAlertRules, 0);
-    assert_eq!(all(&mut session), [Sent::AlertRules(AlertRules::OFF)], "the former rules remain in force");
+    assert_eq!(all(&mut session), [Sent::AlertRules(AlertRules::OFF)], "the former rules must remain in force");
 
     session.receive(ToDevice::SetAlertRules(AlertRules::RECOMMENDED), 0);
     assert_eq!(session.command(), Some(Command::AlertRules(AlertRules::RECOMMENDED)));

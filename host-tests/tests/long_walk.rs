@@ -17,7 +17,7 @@ fn both_feet_deliver_every_step_of_a_long_walk() {
     }
 }
 
-/// Eight hours in which the wearer walks, stands and sits.
+/// Eight hours in which the wearer walks, stands, sits and shuffles.
 #[test]
 fn both_feet_deliver_every_step_and_load_bout_of_a_day() {
     const RESTS: &[(Posture, u64)] = &[(Posture::Stand, 600), (Posture::Sit, 2_500), (Posture::Shuffle, 60)];

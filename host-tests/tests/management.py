@@ -4,7 +4,13 @@ The first argument is `serial` if the link is the socket that is the standard in
 this address with the virtual Bluetooth controller at this TCP port. Each further argument is a command. For each command, a line
 of output has the result as JSON, or {"error": <code>} for a refusal.
 
-    parameters, echo:<text>, time, set-time:<text>, state, erase, reset
+    parameters      Reads the size and the number of the insole's buffers (MCUmgr parameters).
+    echo:<text>     Sends a text that the insole returns.
+    time            Reads the clock.
+    set-time:<text> Sets the clock.
+    state           Lists the images.
+    erase           Erases the slot for uploads.
+    reset           Restarts the insole.
     name:<file>     The SHA-256 that names the image in the file.
     upload:<file>   Uploads the file.
     test:<file>     Lets the image run at the next start.
@@ -106,7 +112,7 @@ async def execute(client, command, argument):
 
 
 def serial_port(link):
-    """Connects a new terminal with a socket. Returns the terminal's name, and its descriptor, which must remain open."""
+    """Connects a new terminal to a socket. Returns the terminal's name, and its descriptor, which must remain open."""
     master, slave = pty.openpty()
     tty.setraw(slave)
 

@@ -1,6 +1,7 @@
 //! Updates with management tools (MCUmgr): with single messages to the firmware's loops in virtual time, and with the Python
-//! package `smpclient` and the real firmware in QEMU. `PLANTAR_FIRMWARE` names the firmware, and `PLANTAR_SMP` the Python
-//! interpreter.
+//! package `smpclient` and the real firmware in QEMU. The environment variable `PLANTAR_FIRMWARE` contains the path of the
+//! firmware, `PLANTAR_SMP` that of a Python interpreter with `smpclient`, and `PLANTAR_PYTHON` that of the interpreter that
+//! runs the simulated radio.
 
 // The link of a board is passed to Python as a Unix descriptor.
 #![cfg(unix)]
@@ -32,15 +33,18 @@ use testkit::virtual_time::{now_us, with_origin};
 use testkit::world::{SharedWorld, World};
 use updates::{Insole, development, firmware_with};
 
+/// Version of the image that runs at first on an insole on the host.
 const OLD: &str = env!("CARGO_PKG_VERSION");
+/// Version of the image that a tool sends to this insole.
 const NEW: &str = "0.3.0";
 /// Longest time until an answer, us.
 const ANSWER_US: u64 = 60_000_000;
-/// The groups of commands.
+/// The group of the commands for the operating system.
 const OS: u8 = 0;
+/// The group of the commands for images.
 const IMAGES: u8 = 1;
 
-/// A tool that is connected with an insole on the host.
+/// A management tool that is connected to a simulated insole.
 struct Tool {
     world: SharedWorld,
     over: LinkKind,
@@ -65,15 +69,16 @@ impl Tool {
         }
     }
 
+    /// Number of boots of the insole so far.
     fn boots(&self) -> usize {
         self.world.borrow().insoles[0].boots.len()
     }
 
-    /// Sends a request and returns the fields of its answer.
+    /// Sends a request to write or to read, and returns the fields of its answer.
     fn request(&mut self, is_write: bool, group: u8, command: u8, fields: Value) -> Value {
         self.sequence = self.sequence.wrapping_add(1);
         let mut body = Vec::new();
-        ciborium::into_writer(&fields, &mut body).expect("a vector takes all bytes");
+        ciborium::into_writer(&fields, &mut body).expect("writing to a vector does not fail");
         let [high, low] = (body.len() as u16).to_be_bytes();
         let kind = 1 << 3 | if is_write { 2 } else { 0 };
         let message = [&[kind, 0, high, low, 0, group, self.sequence, command], &body[..]].concat();
@@ -128,26 +133,29 @@ impl Tool {
             let radio = world.insoles[0].radio.borrow();
             (radio.server.clone().expect("the insole is on"), radio.origin_us)
         };
+        // The longest value with an ATT MTU of 247.
         for value in message.chunks(244) {
             with_origin(origin_us, || server.write(GattChannel::Management, value)).expect("the value is accepted");
         }
     }
 
-    /// Sends a part of a file; returns the next offset, or the code of the refusal.
+    /// Sends a part of a file; returns the next offset, or the code of the refusal. `upgrade` requires the image to be newer
+    /// than the running one.
     fn part(&mut self, file: &[u8], offset: usize, len: usize, upgrade: bool) -> Result<usize, u64> {
         let data = Value::Bytes(file[offset..file.len().min(offset + len)].to_vec());
         let fields = match offset {
+            // The insole only compares this `sha` with that of an interrupted transfer.
             0 => cbor!({
                 "image" => 0, "len" => file.len(), "off" => 0, "sha" => Value::Bytes(vec![file[HEADER as usize + 90]; 32]),
                 "data" => data, "upgrade" => upgrade,
             }),
             _ => cbor!({ "off" => offset, "data" => data }),
         };
-        let answer = self.request(true, IMAGES, 1, fields.expect("a value"));
+        let answer = self.request(true, IMAGES, 1, fields.expect("the fields can be encoded"));
         refusal(&answer).map_or_else(|| Ok(number(&answer, "off") as usize), Err)
     }
 
-    /// Sends a file from its beginning on.
+    /// Sends a whole file, until a part is refused; returns the code of the refusal.
     fn upload(&mut self, file: &[u8]) -> Result<(), u64> {
         let mut offset = self.part(file, 0, 180, false)?;
         while offset < file.len() {
@@ -158,16 +166,18 @@ impl Tool {
         Ok(())
     }
 
-    /// Marks an image for the next start, or confirms one.
+    /// Marks the image with the SHA-256 `name` for the next start, or confirms it if `confirm` is true; `None` stands for the
+    /// running image. Returns the states of all images, or the code of the refusal.
     fn set(&mut self, name: Option<[u8; 32]>, confirm: bool) -> Result<Vec<State>, u64> {
         let fields = match name {
             Some(name) => cbor!({ "hash" => Value::Bytes(name.to_vec()), "confirm" => confirm }),
             None => cbor!({ "confirm" => confirm }),
         };
-        let answer = self.request(true, IMAGES, 0, fields.expect("a value"));
+        let answer = self.request(true, IMAGES, 0, fields.expect("the fields can be encoded"));
         refusal(&answer).map_or_else(|| Ok(states(&answer)), Err)
     }
 
+    /// The states of all images.
     fn states(&mut self) -> Vec<State> {
         states(&self.request(false, IMAGES, 0, Value::Map(Vec::new())))
     }
@@ -181,7 +191,7 @@ impl Tool {
     }
 }
 
-/// The states of an image: slot, version, name, pending, confirmed, active.
+/// The state of an image: slot, version, SHA-256, and whether it is pending, confirmed and active.
 type State = (u64, String, Vec<u8>, bool, bool, bool);
 
 fn field<'v>(map: &'v Value, name: &str) -> Option<&'v Value> {
@@ -190,20 +200,22 @@ fn field<'v>(map: &'v Value, name: &str) -> Option<&'v Value> {
 
 fn number(map: &Value, name: &str) -> u64 {
     let number = field(map, name).and_then(Value::as_integer).unwrap_or_else(|| panic!("no {name} in {map:?}"));
-    number.try_into().expect("the number is positive")
+    number.try_into().expect("the number is not negative")
 }
 
-/// The code of the group of images for a refusal; `None` for another answer.
+/// The code of a refusal within the group of images; `None` for any other answer.
 ///
-/// 3: no transfer was begun; 4: no valid trailer; 5: damaged, or wrong signature; 8: no image with this name; 22: no valid
-/// header; 25: for another board; 27: older; 28: an image is on trial, or marked for the next start; 30: wrong length; 32: the
-/// image cannot be confirmed, because it is on trial or does not run; 33: the image runs already.
+/// 3: no transfer was begun; 4: no valid trailer; 5: damaged, or wrong signature; 8: no image with this SHA-256; 22: no valid
+/// header; 25: for another board; 27: older, or not newer although `upgrade` requires it; 28: an image is on trial, or marked
+/// for the next start; 30: wrong length; 32: the image cannot be confirmed, because the checks of its trial are not complete,
+/// or it does not run; 33: the image already runs.
 fn refusal(answer: &Value) -> Option<u64> {
     let error = field(answer, "err")?;
     assert_eq!(number(error, "group"), u64::from(IMAGES));
     Some(number(error, "rc"))
 }
 
+/// The states of the images in an answer.
 fn states(answer: &Value) -> Vec<State> {
     let images = field(answer, "images").and_then(Value::as_array).expect("a list of images");
     let state = |image: &Value| {
@@ -216,12 +228,12 @@ fn states(answer: &Value) -> Vec<State> {
     images.iter().map(state).collect()
 }
 
-/// The name of the image in a file.
+/// The SHA-256 that names the image in a file.
 fn name(file: &[u8]) -> [u8; 32] {
     *read_trailer(&file[file.len() - TRAILER..]).expect("the file has a trailer").0
 }
 
-/// The state of the running image.
+/// The expected state of the running image if it has this version and no defect.
 fn running(version: &str, confirmed: bool) -> State {
     (0, version.into(), name(&image(version, Defect::None).file()).to_vec(), false, confirmed, true)
 }
@@ -237,7 +249,7 @@ fn an_image_is_uploaded_tested_and_confirmed_over_both_links() {
         assert_eq!(tool.states(), [running(OLD, true), received.clone()]);
         received.3 = true;
         assert_eq!(tool.set(Some(name(&file)), false), Ok(vec![running(OLD, true), received.clone()]));
-        // The same request again changes nothing; another image is refused now.
+        // The same request again changes nothing; another transfer is refused now.
         assert_eq!(tool.set(Some(name(&file)), false), Ok(vec![running(OLD, true), received]));
         assert_eq!(tool.part(&file, 0, 180, false), Err(28));
         tool.reset();
@@ -274,45 +286,47 @@ fn an_image_that_is_not_confirmed_or_not_tested_does_not_remain() {
     assert_eq!(tool.set(None, true), Err(32));
 }
 
-/// An image of the same size with this header and key.
+/// The file of an image without a defect, with this header and signed with this key.
 fn signed(header: &Header, key: &SigningKey) -> Vec<u8> {
     updates::signed(image(NEW, Defect::None).bytes().to_vec(), header, key).file()
 }
 
 #[test]
-fn images_that_must_not_run_are_refused_and_the_owner_connects_afterwards() {
+fn images_that_must_not_run_are_refused_and_a_client_connects_afterwards() {
     let key = development();
     let file = image(NEW, Defect::None).file();
     let mut tool = Tool::new(LinkKind::Serial);
-    // Another key: everything but the signature is valid. The image is gone afterwards.
+    // Signed with another key; everything else is valid. The insole discards the image.
     let other_key = signed(&Header::new(BOARD, NEW), &SigningKey::from_bytes(&[1; 32]));
     assert_eq!(tool.upload(&other_key), Ok(()));
     assert_eq!(tool.set(Some(name(&other_key)), false), Err(5));
     assert_eq!(tool.states(), [running(OLD, true)]);
-    // Older, of the same version where a newer one is asked for, and for another board.
+    // Older, of the same version although a newer one is required, and for another board.
     assert_eq!(tool.upload(&signed(&Header::new(BOARD, "0.1.9"), &key)), Err(27));
     assert_eq!(tool.part(&image(OLD, Defect::None).file(), 0, 180, true), Err(27));
     assert_eq!(tool.upload(&signed(&Header::new("other", NEW), &key)), Err(25));
-    // A header of the file that is not the one of the image: the signature covers the latter.
+    // The file has the header of a newer image than the one that follows: its SHA-256 does not match.
     let mut pretended = signed(&Header::new(BOARD, "0.1.9"), &key);
     pretended[..FRONT].copy_from_slice(&file[..FRONT]);
     assert_eq!(tool.upload(&pretended), Err(5));
-    // Damaged in the image, in the trailer and in the header, too short, and with another length.
+    // Damaged in the image, in the signature, in the structure of the trailer, and in the magic number and the length of the
+    // image in the header.
     for (at, code) in [(2000, 5), (file.len() - 50, 5), (file.len() - 140, 4), (3, 22), (13, 30)] {
         let mut damaged = file.clone();
         damaged[at] ^= 1;
         let refused = tool.upload(&damaged).and_then(|()| tool.set(Some(name(&file)), false).map(drop));
         assert_eq!(refused, Err(code), "byte {at}");
     }
+    // A file without its last byte, and a first part that is shorter than the headers.
     assert_eq!(tool.upload(&file[..file.len() - 1]), Err(30));
     assert_eq!(tool.part(&file, 0, FRONT - 1, false), Err(22));
-    // Names of other images.
+    // An unknown SHA-256, that of the running image, and that of an image that does not run yet.
     assert_eq!(tool.set(Some([7; 32]), false), Err(8));
     assert_eq!(tool.set(Some([7; 32]), true), Err(8));
     assert_eq!(tool.set(Some(name(&image(OLD, Defect::None).file())), false), Err(33));
     assert_eq!(tool.upload(&file), Ok(()));
-    assert_eq!(tool.set(Some(name(&file)), true), Err(32), "an image is confirmed once it runs");
-    // Noise, then the owner's own session.
+    assert_eq!(tool.set(Some(name(&file)), true), Err(32), "an image that does not run yet must not be confirmed");
+    // Noise, then the session of a client.
     tool.world.borrow_mut().insoles[0].cable.borrow_mut().write(&[0x55; 2000]);
     let link = Link::open(&tool.world, 0, LinkKind::Serial).expect("the cable is there");
     let mut client = Client::connect(link, TIMEOUT).expect("the insole answers");
@@ -336,7 +350,7 @@ fn repeated_and_lost_parts_do_no_harm_and_a_transfer_continues() {
     assert_eq!(third, second + 80);
     assert_eq!(tool.upload(&file), Ok(()));
     assert_eq!(tool.set(Some(name(&file)), false).map(|states| states.len()), Ok(2));
-    // A discarded image is not there any more, but one that is marked stays.
+    // An image that is marked cannot be discarded. A discarded image cannot be marked.
     assert_eq!(refusal(&tool.request(true, IMAGES, 5, Value::Map(Vec::new()))), Some(28));
     let mut tool = Tool::new(LinkKind::Serial);
     assert_eq!(tool.upload(&file), Ok(()));
@@ -349,7 +363,7 @@ fn tools_set_the_clock_and_do_not_disturb_a_session_over_the_other_link() {
     let mut tool = Tool::new(LinkKind::Serial);
     let link = Link::open(&tool.world, 0, LinkKind::Bluetooth).expect("the insole is on");
     let mut client = Client::connect(link, TIMEOUT).expect("the insole answers");
-    let clock = |text: &str| cbor!({ "datetime" => text }).expect("a value");
+    let clock = |text: &str| cbor!({ "datetime" => text }).expect("the fields can be encoded");
     for (set, read) in [
         ("2026-03-31T12:34:56", "2026-03-31T12:34:56"),
         ("2026-03-31T00:34:56.25+01:00", "2026-03-30T23:34:56"),
@@ -368,16 +382,16 @@ fn tools_set_the_clock_and_do_not_disturb_a_session_over_the_other_link() {
         let answer = tool.request(true, OS, 4, clock(wrong));
         assert_eq!(field(&answer, "err").map(|error| number(error, "rc")), Some(5), "{wrong}");
     }
-    assert!(client.status().expect("the session goes on").is_clock_set);
+    assert!(client.status().expect("the session continues").is_clock_set);
     // On the same link, the tool ends the session, and a client connects again.
     let link = Link::open(&tool.world, 0, LinkKind::Serial).expect("the cable is there");
     let mut client = Client::connect(link, TIMEOUT).expect("the insole answers");
-    let echo = cbor!({ "d" => "x".repeat(mcumgr::CHUNK) }).expect("a value");
+    let echo = cbor!({ "d" => "x".repeat(mcumgr::CHUNK) }).expect("the fields can be encoded");
     assert_eq!(Some(tool.request(true, OS, 0, echo)), cbor!({ "r" => "x".repeat(mcumgr::CHUNK) }).ok());
     assert_eq!(client.reconnect(TIMEOUT).expect("the insole answers").firmware, OLD);
 }
 
-/// A tool disconnects before it receives its answer: one that waits for the radio, and one that waits for the storage.
+/// A tool disconnects before it receives its answer. The first answer waits for the radio, the second one for the storage.
 #[test]
 fn an_answer_is_not_sent_to_another_central() {
     let mut tool = Tool::new(LinkKind::Bluetooth);
@@ -390,7 +404,7 @@ fn an_answer_is_not_sent_to_another_central() {
         tool.world.borrow_mut().run_for(1_000_000);
         assert!(tool.world.borrow().insoles[0].radio.borrow().to_central.is_empty(), "{message}");
     }
-    // A request is executed although its tool is gone.
+    // A request, here for a reset, is executed although its tool has disconnected.
     let boots = tool.boots();
     tool.write(&[0x0a, 0, 0, 1, 0, 0, 5, 5, 0xa0]);
     tool.world.borrow().insoles[0].radio.borrow_mut().set_connected(false);
@@ -507,7 +521,7 @@ fn smpclient_manages_the_real_firmware_over_bluetooth() {
     assert_eq!(results[6..], [json!({"error": 28}), json!({})]);
     assert!(insole.wait(board), "the bootloader must swap the images after the restart");
 
-    // The short image does not run; this one does, and is confirmed.
+    // The short image contains no program. The next one does; it runs and is confirmed.
     let image = firmware_with("99.0.2", &key);
     let file = write(folder.path(), "99.0.2.bin", &image);
     insole.flash = None;

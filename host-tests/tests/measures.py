@@ -16,7 +16,7 @@ x_mm, y_mm, area_mm2, region = np.array(data["cells"]).T
 
 
 def areas(pressure_kpa):
-    """Contact area of each region over time: a cell has contact from on_kpa until it is below off_kpa."""
+    """Contact area of each region over time, mm2: a cell is in contact from on_kpa on until it is below off_kpa."""
     contact = np.zeros(pressure_kpa.shape, bool)
     before = np.zeros(pressure_kpa.shape[1], bool)
     for i, kpa in enumerate(pressure_kpa):
@@ -42,6 +42,7 @@ def loading_rate(force_n):
 
 
 def of_region(pressure_kpa, area, r):
+    """The measures of region r, in the order of of_region in measures.rs. area is its contact area over time."""
     cells = region == r
     force_n = pressure_kpa[:, cells] @ area_mm2[cells] * 1e-3
     highest_kpa = pressure_kpa[:, cells].max(axis=1)
@@ -59,6 +60,7 @@ def of_region(pressure_kpa, area, r):
 
 
 def of_foot(pressure_kpa, area):
+    """The measures of the foot, in the order of of_foot in measures.rs. area is the contact area of each region over time."""
     cell_n = pressure_kpa * area_mm2 * 1e-3
     total_n = cell_n.sum(axis=1)
     count, half = len(total_n), len(total_n) // 2
@@ -75,7 +77,7 @@ def of_foot(pressure_kpa, area):
     inner = [path[i] for i in range(count) if 0.1 <= i / (count - 1) <= 0.9]
     inner = np.array([line[0], *inner, line[-1]])
     length_mm = np.linalg.norm(np.diff(inner, axis=0), axis=1).sum()
-    # The excursion at two thirds of the foot, perpendicular to the line between the ends.
+    # The excursion at two thirds of the foot's length, perpendicular to the line between the ends of the path.
     level_mm = y_mm.min() + (y_mm.max() - y_mm.min()) * 2 / 3
     along = (line[-1] - line[0]) / np.linalg.norm(line[-1] - line[0])
     excursion = 0.0

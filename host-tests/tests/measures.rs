@@ -12,9 +12,10 @@ use recording::synthetic::{self, SyntheticWalk};
 use recording::{Recording, VirtualInsole, jiku};
 use serde_json::json;
 
-/// A step, and the pressures that the insole measured from heel strike to toe off, frame by frame.
+/// A step, and the pressures of all cells from heel strike to toe off, frame by frame, kPa.
 type MeasuredStep = (StepRecord<f64>, Vec<Vec<f32>>);
 
+/// The virtual insole of a recording, and the steps that an insole finds in the recording.
 fn steps(recording: &Recording) -> (VirtualInsole, Vec<MeasuredStep>) {
     let virtual_insole = VirtualInsole::new(recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
     let mut insole = Box::new(Insole::<f64, DEVICE_CELLS>::new());
@@ -63,8 +64,8 @@ fn of_region(region: &RegionMeasures<f64>) -> Vec<f64> {
 const FORCE_N: f64 = 1e-6;
 /// Tolerance of times, which are multiples of the frame time, s.
 const TIME_S: f64 = 1e-6;
-/// Tolerance of the time of the largest pressure, s: samples about a flat peak can have the same stored pressure, of which the
-/// first one counts.
+/// Tolerance of the time of the largest pressure, s: several samples near a flat peak can have the same stored pressure, and
+/// the first of them counts.
 const PEAK_TIME_S: f64 = 0.03;
 /// Tolerance of pressures and their integrals, kPa and kPa s: the curves store multiples of 0.1 kPa.
 const PRESSURE_KPA: f64 = 0.05;
@@ -73,7 +74,8 @@ const POSITION_MM: f64 = 0.02;
 /// Tolerance of the excursion index: of a position relative to the width of a forefoot of at least 50 mm.
 const EXCURSION_INDEX: f64 = POSITION_MM / 50.0;
 
-/// The tolerance of a measure by its index in [`of_foot`], which is part 0, or [`of_region`], in addition to 0.1 %.
+/// The tolerance of a measure in addition to 0.1 %. Part 0 is the foot, and the further parts are the regions. `index` is the
+/// position of the measure in the result of [`of_foot`] or [`of_region`].
 fn tolerance(part: usize, index: usize) -> f64 {
     match (part, index) {
         (0, 2 | 4 | 6) | (1.., 5) => TIME_S,

@@ -39,7 +39,7 @@ fn section_m2(e: &Ellipsoid<f64>) -> f64 {
     PI * e.a_m * e.b_m
 }
 
-/// Contact area at a deformation: the section of the ellipsoid x2/A2 + y2/B2 + z2/C2 = 1 by the ground plane.
+/// Contact area at a deformation: the section of the ellipsoid `x^2/A^2 + y^2/B^2 + z^2/C^2 = 1` by the ground plane.
 fn contact_area_m2(e: &Ellipsoid<f64>, deformation_m: f64) -> f64 {
     let z = (e.c_m - deformation_m) / e.c_m;
     section_m2(e) * (1.0 - z * z)
@@ -102,10 +102,15 @@ proptest! {
     }
 
     #[test]
-    fn local_deformation_is_the_surface_below_ground(e in ellipsoid(), g in 1e-3..0.999f64, q in 0.0..1.0f64, turn in 0.0..7.0f64) {
+    fn local_deformation_is_the_surface_below_ground(
+        e in ellipsoid(),
+        g in 1e-3..0.999f64,
+        q in 0.0..1.0f64,
+        phi in 0.0..7.0f64,
+    ) {
         let deformation_m = g * e.c_m;
         let (r_a_m, r_b_m) = e.contact_radii_m(deformation_m);
-        let (x_m, y_m) = (q * r_a_m * turn.cos(), q * r_b_m * turn.sin());
+        let (x_m, y_m) = (q * r_a_m * phi.cos(), q * r_b_m * phi.sin());
         let depth_m = e.c_m * (1.0 - (x_m / e.a_m).powi(2) - (y_m / e.b_m).powi(2)).max(0.0).sqrt();
         let below_ground_m = depth_m - (e.c_m - deformation_m);
         close(e.local_deformation_m(deformation_m, q), below_ground_m, e.c_m, 1e-13)?;
@@ -204,7 +209,7 @@ const HEEL: Ellipsoid<f64> =
     Ellipsoid { a_m: 0.026, b_m: 0.033, c_m: 0.012, d0_m: 0.016, k: 2e7, n: 1.2, c: 4e5, m: 0.8 };
 
 #[test]
-fn the_printed_equation_15_is_twice_the_slope() {
+fn the_deformation_rate_is_half_of_the_printed_equation_15() {
     // In light contact dd/dt = C dAe/dt / (2 pi A B). The printed equation lacks the factor 1/2.
     let rate_m_s = HEEL.deformation_rate_m_s(1e-12, 0.01);
     let expected_m_s = HEEL.c_m * 0.01 / (2.0 * section_m2(&HEEL));
@@ -231,8 +236,8 @@ fn the_area_ratio_is_limited_to_0_to_1() {
         (f64::INFINITY, 1.0, true),
     ];
     for (area_m2, ratio, clamped) in cases {
-        let guarded = [HEEL.area_ratio(area_m2), HEEL.force_law().area_ratio(area_m2)];
-        for got in guarded {
+        let ratios = [HEEL.area_ratio(area_m2), HEEL.force_law().area_ratio(area_m2)];
+        for got in ratios {
             assert!((got.ratio - ratio).abs() < 1e-15, "area {area_m2}: {got:?}");
             assert_eq!(got.clamped, clamped, "area {area_m2}");
             assert!(
@@ -353,7 +358,7 @@ fn the_limits_are_valid_and_the_next_numbers_beyond_them_are_not() {
     }
 }
 
-/// The contact area changes abruptly from frame to frame, between 0 and an area far larger than the ellipsoid's.
+/// The contact area changes abruptly from frame to frame, between 0 and 0.1 m2.
 #[test]
 fn forces_at_the_limits_of_the_parameters_are_finite_in_single_precision() {
     let areas_mm2: Vec<f32> = (0..256).map(|i| [0.0, 1e5, 1e-3, 600.0, 0.01][i % 5]).collect();

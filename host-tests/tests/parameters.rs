@@ -7,7 +7,7 @@ use proptest::prelude::*;
 use std::ops::RangeInclusive;
 use std::path::Path;
 
-/// Numbers within limits, and often a limit itself. Their bits are evenly distributed, so that all magnitudes occur.
+/// Numbers within limits, and often a limit itself. Their bit patterns are evenly distributed, so that all magnitudes occur.
 fn within(limit: &RangeInclusive<f64>) -> impl Strategy<Value = f32> + use<> {
     let (least, most) = (*limit.start() as f32, *limit.end() as f32);
     let inside = (least.to_bits()..=most.to_bits()).prop_map(f32::from_bits);
@@ -62,11 +62,11 @@ fn typical_parameters_are_read_back_from_a_file_and_from_an_insole() {
 }
 
 #[test]
-fn lengths_within_their_limits_are_accepted() {
+fn only_lengths_within_their_limits_are_accepted() {
     let typical = Parameters::typical(InsoleSize::default()).to_toml();
     let c_of_heel = typical.lines().find(|line| line.starts_with("c_mm")).expect("the file contains a radius");
     for (c_mm, is_accepted) in [("0.1", true), ("200", true), ("200.0", true), ("0.0999", false), ("200.1", false)] {
-        // k is small, because with the usual k a tissue of 200 mm would have a stiffness K beyond its limit.
+        // k is small, because with the usual k an ellipsoid with C = 200 mm would have a stiffness K beyond its limit.
         let text = typical.replacen(c_of_heel, &format!("c_mm = {c_mm}"), 1).replace("k_n_m3 = ", "k_n_m3 = 1.0 # ");
         let read = Parameters::parse(&text, Path::new("params.toml"));
         assert_eq!(read.is_ok(), is_accepted, "{c_mm}: {read:?}");

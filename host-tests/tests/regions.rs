@@ -23,11 +23,14 @@ fn config() -> ProptestConfig {
 #[derive(Clone, Copy, Debug, Default)]
 struct Truth {
     area_mm2: f64,
+    /// Centre of the contact area.
     x_mm: f64,
     y_mm: f64,
+    /// Variances of the contact area, mm2.
     variance_x: f64,
     variance_y: f64,
     force_n: f64,
+    /// Centre of pressure.
     pressure_x_mm: f64,
     pressure_y_mm: f64,
     saturated: bool,
@@ -47,8 +50,8 @@ struct Reference {
 impl Reference {
     fn new(setup: Setup, cells: &[SetupCell]) -> Self {
         let curve = curve(&setup.sensor);
-        // The threshold is one code below the first code that reads its pressure, because each code stands for an interval of
-        // pressures.
+        // The code of a threshold is one below the first code with at least the pressure of the threshold, because each code
+        // stands for an interval of pressures.
         let code_at = |kpa: f32, c: &CellCalibration| {
             let reads = |code: &u16| curve.pressure_kpa::<f32>(i32::from(*code) + 1) >= kpa / c.gain;
             (1..FULL_CODE).find(reads).unwrap_or(FULL_CODE).saturating_add(c.offset).min(FULL_CODE)
@@ -69,7 +72,7 @@ impl Reference {
         self.curve.pressure_kpa::<f64>(i32::from(code.saturating_sub(offset))) * f64::from(gain)
     }
 
-    /// Share of a cell in contact, in 1/256.
+    /// Share of a cell that is in contact, in units of 1/[`WHOLE`].
     fn share(&self, i: usize, code: u16) -> f64 {
         if !self.in_contact[i] {
             0.0
@@ -110,17 +113,17 @@ impl Reference {
         (truth.pressure_x_mm, truth.pressure_y_mm) = (force_x / truth.force_n, force_y / truth.force_n);
         for &i in &members {
             let c = &self.cells[i].cell;
-            let own = f64::from(c.area_mm2) / 12.0;
+            let own_variance = f64::from(c.area_mm2) / 12.0;
             let weight = covered_mm2(i) / truth.area_mm2;
-            truth.variance_x += weight * ((f64::from(c.x_mm) - truth.x_mm).powi(2) + own);
-            truth.variance_y += weight * ((f64::from(c.y_mm) - truth.y_mm).powi(2) + own);
+            truth.variance_x += weight * ((f64::from(c.x_mm) - truth.x_mm).powi(2) + own_variance);
+            truth.variance_y += weight * ((f64::from(c.y_mm) - truth.y_mm).powi(2) + own_variance);
         }
         truth
     }
 }
 
-/// Cells in the order of their regions; some regions have no cells. Fixed-point numbers represent the positions and areas
-/// exactly.
+/// Cells in the order of their regions; some regions have no cells. The insole's fixed-point numbers represent the positions
+/// and areas exactly.
 fn layout() -> impl Strategy<Value = Vec<SetupCell>> {
     let place = (0usize..8, -1600i16..1600, -1600i16..1600, 16u16..1600);
     let one = (place, 0u16..4000, 0.2..5.0f32);
@@ -209,7 +212,7 @@ proptest! {
                 prop_assert_eq!(ellipse.is_some(), truth.area_mm2 > 0.0);
                 if let Some(ellipse) = ellipse.filter(|_| margin_mm2 == 0.0) {
                     prop_assert!((ellipse.x_mm - truth.x_mm).abs() < 1e-9 && (ellipse.y_mm - truth.y_mm).abs() < 1e-9);
-                    // r2 / 4 are the eigenvalues of the covariance: their sum is its trace.
+                    // The eigenvalues of the covariance are r_a^2 / 4 and r_b^2 / 4: their sum is its trace.
                     let trace = (ellipse.r_a_mm.powi(2) + ellipse.r_b_mm.powi(2)) / 4.0;
                     prop_assert!((trace - truth.variance_x - truth.variance_y).abs() < 1e-3, "{:?} {:?}", ellipse, truth);
                 }
@@ -219,7 +222,7 @@ proptest! {
 
     /// The insole rounds positions to 1/64 mm and areas to 1/16 mm2.
     #[test]
-    fn rounding_a_layout_changes_an_area_by_less_than_1_32_mm2_per_cell(
+    fn rounding_a_layout_changes_an_area_by_at_most_1_32_mm2_per_cell(
         cells in prop::collection::vec((-100.0..100.0f32, -100.0..100.0f32, 0.5..200.0f32), 1..256),
     ) {
         let cells: Vec<_> = cells.iter().map(|&(x, y, area)| cell(Region::Toe2, x, y, area)).collect();
@@ -230,7 +233,8 @@ proptest! {
         let area_mm2 = insole.loads()[Region::Toe2 as usize].frame.area.area_mm2::<f64>();
         prop_assert!((area_mm2 - truth.area_mm2).abs() <= cells.len() as f64 / 32.0);
         let ellipse = insole.ellipse(Region::Toe2 as usize).expect("there is contact");
-        // Rounded areas move the centre by at most the relative error of the area times the largest distance.
+        // Rounded positions move the centre by at most 1/128 mm, and rounded areas by at most the relative error of the area
+        // times the largest distance between cells.
         let margin_mm = 1.0 / 128.0 + 200.0 * cells.len() as f64 / 32.0 / truth.area_mm2;
         prop_assert!((ellipse.x_mm - truth.x_mm).abs() <= margin_mm, "{:?} {:?}", ellipse, truth);
         prop_assert!((ellipse.y_mm - truth.y_mm).abs() <= margin_mm, "{:?} {:?}", ellipse, truth);

@@ -1,4 +1,5 @@
-//! The firmware's tasks on a host in virtual time, with the real client: one test for each file in `scenarios`.
+//! The firmware's tasks on a host in virtual time, with the real client: one test for each file in `scenarios`; and the errors
+//! of invalid scenarios.
 
 use rstest::rstest;
 use std::path::PathBuf;
@@ -60,7 +61,7 @@ fn an_expectation_about_an_insole_that_no_host_observes_is_not_met() {
         ("parameters = false", "has parameters"),
     ];
     let text = expectations.map(|(expectation, _)| expectation).join("\n");
-    let scenario = Scenario::parse(&format!("{HEADER}[expect]\n{text}\n")).expect("a scenario");
+    let scenario = Scenario::parse(&format!("{HEADER}[expect]\n{text}\n")).expect("the scenario is valid");
     let differences = scenario.run().compare(&scenario.expect).expect_err("no host is connected");
     for (_, name) in expectations {
         assert!(differences.contains(&format!("{name}: expected Some(")), "{name} is not in: {differences}");

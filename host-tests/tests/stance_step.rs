@@ -21,9 +21,10 @@ fn config() -> ProptestConfig {
     ProptestConfig { failure_persistence: None, ..ProptestConfig::default() }
 }
 
+/// Time between frames, us.
 const PERIOD_US: u32 = 10_000;
 
-/// The region's values in a frame with this contact area and this force.
+/// The values of a region in a frame with this contact area and this force.
 fn frame<R: Real>(area_mm2: f32, force_n: f64) -> RegionFrame<R> {
     let force = ForceMoments { force_n: R::of(force_n), ..ForceMoments::NONE };
     RegionFrame { area: area_moments(area_mm2).area(), force, ..RegionFrame::NONE }
@@ -85,7 +86,7 @@ fn steps_are_detected_in_sequences_of_force() {
         ("two steps", &[OFF, Frames(60, 500.0), OFF, Frames(50, 400.0), OFF], &[(10, 60, 0), (80, 50, 0)], none),
         ("below heel strike", &[OFF, Frames(60, 29.9), OFF], &[], none),
         ("exactly heel strike", &[OFF, Frames(60, 30.0), OFF], &[(10, 60, 0)], none),
-        ("fading to just above toe off", &[OFF, Frames(20, 30.0), Frames(20, 20.0), OFF], &[(10, 40, 0)], none),
+        ("fading to exactly toe off", &[OFF, Frames(20, 30.0), Frames(20, 20.0), OFF], &[(10, 40, 0)], none),
         ("fading to just below toe off", &[OFF, Frames(20, 30.0), Frames(20, 19.9), OFF], &[(10, 20, 0)], none),
         ("short peak", &[OFF, Frames(8, 500.0), OFF], &[], short),
         ("shortest step", &[OFF, Frames(9, 500.0), OFF], &[(10, 9, 0)], none),
@@ -137,7 +138,7 @@ fn steps_are_detected_in_sequences_of_force() {
         ),
     ];
     for (name, sequence, expected, rejected) in sequences {
-        // With the second value the frame number wraps during the sequence.
+        // With the second value, the frame number wraps during all but the shortest sequences.
         for first_seq in [0, u32::MAX - 30] {
             let (steps, stance) = steps_of(sequence, first_seq);
             assert_eq!(steps, *expected, "{name}, from {first_seq}");
@@ -188,19 +189,19 @@ fn missing_frames_are_interpolated_linearly() {
 fn peak_and_saturation_belong_to_their_stance_and_region() {
     let limits = StanceLimits::new(&StanceRule::ADAPTIVE, PERIOD_US);
     let mut stance = Stance::<f64>::new();
-    for walk in 0..2 {
-        let (start, mut at_peak) = (walk * 100, None);
+    for step in 0..2 {
+        let (start, mut at_peak) = (step * 100, None);
         for i in 0..70 {
             let loaded = (10..50).contains(&i);
             let toe = frame(10.0 + i as f32, if loaded { 300.0 - f64::from(i - 30).abs() } else { 0.0 });
-            let saturated = RegionFrame { saturated: walk == 0 && i == 20, ..toe };
+            let saturated = RegionFrame { saturated: step == 0 && i == 20, ..toe };
             let none = RegionFrame::NONE;
             let regions = [&none, &none, &none, &none, &none, &saturated, &none, &none];
             let is_toe_off = stance.push(&limits, (start + i) as u32, &regions, (0.0, 0.0));
             assert_eq!(stance.at_peak() & !(1 << 5), 0, "the other regions have no force");
             at_peak = if stance.at_peak() != 0 { Some(i) } else { at_peak };
             if is_toe_off {
-                assert_eq!(stance.saturated(), if walk == 0 { 1 << 5 } else { 0 });
+                assert_eq!(stance.saturated(), if step == 0 { 1 << 5 } else { 0 });
                 assert_eq!(at_peak, Some(30), "this frame has the largest force of the stance");
                 assert_eq!([5, 0].map(|region| stance.region_peak_n(region)), [300.0, 0.0]);
             }
@@ -356,9 +357,9 @@ fn compare<R: Real>(got: &RegionStep<R>, want: &Truth, tolerance: f64) -> Result
     let (got_error, want_error) = (got.model_error.to_f64(), want.model_error);
     prop_assert!((got_error - want_error).abs() <= margin, "model error: {got_error} is not {want_error}");
     let (got_m_s, want_m_s) = (got.deformation_rate_peak_m_s.to_f64(), want.deformation_rate_peak_m_s);
-    // The rate is a difference of neighbouring samples, and so its tolerance depends on that of the deformation.
-    let per_sample = want.contact_s.recip() * STANCE_SAMPLES as f64;
-    let margin_m_s = tolerance * (want_m_s + 1e-2 * want.deformation_peak_m * per_sample);
+    // The rate is a difference of the deformation between samples, and so its tolerance depends on that of the deformation.
+    let most_samples_per_s = want.contact_s.recip() * STANCE_SAMPLES as f64;
+    let margin_m_s = tolerance * (want_m_s + 1e-2 * want.deformation_peak_m * most_samples_per_s);
     prop_assert!((got_m_s - want_m_s).abs() <= margin_m_s, "rate peak: {got_m_s} is not {want_m_s}");
     prop_assert_eq!(got.clamped, want.clamped);
     Ok(())
@@ -382,7 +383,7 @@ fn a_step_agrees_with_values_computed_by_hand() {
 }
 
 #[test]
-fn a_region_without_contact_has_no_step() {
+fn a_region_without_contact_has_only_a_force_integral() {
     let law = ForceLaw::<f64>::of(&TISSUE.force_laws[0]);
     let none = RegionStep::<f64>::default();
     let mut loaded = RegionStep::new(&law, &[0.0; 30], &[9.0; 30], 0.01, &area_moments(10.0));
@@ -448,7 +449,7 @@ fn frame_rate_does_not_change_the_step() {
     }
 }
 
-/// The ellipse of a step is that of the cells in contact in the frame of the largest force of the region, by both rules.
+/// The ellipse of a region is that of its cells in contact. Both contact rules are tested.
 #[test]
 fn the_ellipse_of_a_step_is_that_of_the_frame_with_the_largest_force() {
     let recording = synthetic::walk(&SyntheticWalk { steps: 3, ..SyntheticWalk::default() }).recording;
@@ -481,7 +482,7 @@ fn the_ellipse_of_a_step_is_that_of_the_frame_with_the_largest_force() {
     }
 }
 
-/// The cells in contact do not depend on how they count, so an insole with covered shares reports the same counted areas as an
+/// Both contact rules have the same cells in contact, so an insole with covered shares reports the same counted areas as an
 /// insole that counts whole cells.
 #[test]
 fn the_counted_area_of_a_step_does_not_depend_on_the_contact_rule() {

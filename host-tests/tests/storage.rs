@@ -41,8 +41,8 @@ fn numbers(store: &mut ChipStore) -> Vec<u32> {
     steps(store).iter().map(|step| step.step).collect()
 }
 
-/// The scripts are short, on a new chip and on a chip that was used until its sectors were reused. `cargo xtask soak` runs longer
-/// scripts.
+/// The scripts, random sequences of actions on the store, are short. One begins with a new chip, the other one with a chip that
+/// was used until its sectors were reused. `cargo xtask soak` runs longer scripts.
 #[test]
 fn a_loss_of_power_at_any_moment_leaves_the_old_or_the_new_value() {
     for (seed, used) in [(1, 0), (2, 12_000)] {
@@ -82,7 +82,7 @@ fn a_long_script_erases_sectors() {
     assert!(Script::new(2, 12_000, 400).erasures > 0);
 }
 
-/// A region as older firmware stored it: later quantities are 0.
+/// A region as older firmware stored it: the quantities that were added later are 0.
 fn old_region(region: StepRegion, masked_cells: u8) -> StepRegion {
     StepRegion {
         measured_peak_dn: region.measured_peak_dn,
@@ -105,9 +105,10 @@ fn old_region(region: StepRegion, masked_cells: u8) -> StepRegion {
     }
 }
 
-/// `flash-2.bin` was written by firmware whose steps lack the change of K: its first sector of records and two of the log.
+/// `flash-2.bin` was written by firmware whose steps lack the change of K. It contains the first sector of the records and the
+/// first two of the log.
 #[test]
-fn steps_stored_before_the_tracking_are_read() {
+fn steps_stored_by_firmware_without_tracking_are_read() {
     let capture = include_bytes!("../data/flash-2.bin");
     let mut chip = chip();
     let (records, log) = capture.split_at(SECTOR as usize);
@@ -121,7 +122,8 @@ fn steps_stored_before_the_tracking_are_read() {
     assert_eq!(steps(&mut store), expected.collect::<Vec<_>>());
 }
 
-/// `flash-1.bin` was written by the first firmware with storage: its first sector of records and two of the log.
+/// `flash-1.bin` was written by the first firmware with storage. It contains the first sector of the records and the first two
+/// of the log.
 #[test]
 fn data_stored_by_older_firmware_is_read() {
     let capture = include_bytes!("../data/flash-1.bin");
@@ -214,13 +216,15 @@ fn a_full_log_contains_at_least_the_last_2000_steps_and_counts_dropped_ones() {
     assert_eq!(stored, (dropped..12_000).collect::<Vec<_>>());
 }
 
-/// Starts the chip with these contents. Asserts that the start has read little and erased nothing.
+/// Opens the store on a copy of this chip, as after a loss of power. Asserts that this start reads little and erases nothing.
+/// Returns the copy.
 fn start_quickly(chip: &NorFlashChip) -> NorFlashChip {
     let mut chip = chip.restarted();
     (chip.reads, chip.read) = (0, 0);
     let erasures = chip.erasures.clone();
     open(&mut chip);
-    // Two one-byte reads for each sector of the log in each of four searches, and the records.
+    // Each of two surveys searches the sectors of the log twice, with at most two one-byte reads for each sector, and reads the
+    // records.
     let most_reads = 8 * (chip.bytes.len() / SECTOR as usize) as u64 + 10_000;
     assert!(chip.reads < most_reads && chip.read < 400_000, "{} reads, {} bytes", chip.reads, chip.read);
     assert_eq!(chip.erasures, erasures);
@@ -273,7 +277,7 @@ fn numbers_continue_after_many_entries_of_newer_firmware() {
 
 /// Deleted entries follow an entry of newer firmware, which stays, and a damaged sector of the records must be repaired.
 #[test]
-fn a_repair_keeps_the_order_of_the_log() {
+fn a_repair_preserves_the_order_of_the_log() {
     let mut chip = chip();
     open(&mut chip);
     block_on(async {
@@ -288,11 +292,12 @@ fn a_repair_keeps_the_order_of_the_log() {
     for value in 0..40 {
         assert_eq!(block_on(store.put(0, &Bonds([value; 150].into_iter().collect()))), Ok(()));
     }
-    // The second last sector of the log has deleted entries only.
+    // The second to last of the log's sectors in use has only deleted entries.
     assert_eq!(numbers(&mut store), [58, 59]);
-    // The last byte of a full sector is its mark. Without the mark in the first byte, its erasure was interrupted.
+    // A full sector has a mark in its first byte and one in its last byte. A sector with only the latter is one of which the
+    // erasure was interrupted.
     let next_sector = &mut chip.bytes[2 * SECTOR as usize..3 * SECTOR as usize];
-    assert!(next_sector.iter().all(|byte| *byte == 0xff), "the records fill less than two sectors");
+    assert!(next_sector.iter().all(|byte| *byte == 0xff), "the records must fit into two sectors");
     next_sector[SECTOR as usize - 1] = 0;
     let mut store = open(&mut chip);
     assert_eq!((store.contents().next_record, store.contents().erased), (60, 0));
@@ -301,10 +306,10 @@ fn a_repair_keeps_the_order_of_the_log() {
     assert_eq!(numbers(&mut open(&mut chip)), [58, 59, 60]);
 }
 
-/// A pair of insoles with chips of 16 MiB stores a day of 50,000 steps without a phone, all of the longest form.
+/// With 27,000 steps of the longest form on each chip, a pair of insoles stores a day of 50,000 steps without a phone.
 #[test]
 fn a_chip_of_16_mib_holds_27000_steps_and_starts_without_reading_them() {
-    /// The numbers wrap on the way.
+    /// Number of the first step. The numbers wrap during the test.
     const FIRST: u32 = u32::MAX - 30_000;
     const STEPS: u32 = 60_000;
     let longest = |number| Step {
@@ -326,7 +331,7 @@ fn a_chip_of_16_mib_holds_27000_steps_and_starts_without_reading_them() {
     let mut expected: Vec<_> = (dropped..STEPS).map(|i| FIRST.wrapping_add(i)).collect();
     assert!(expected.len() >= 27_000, "{}", expected.len());
     assert_eq!(numbers(&mut store), expected);
-    // A phone receives and acknowledges them, a few at a time.
+    // A phone receives and acknowledges the stored steps in parts.
     while !expected.is_empty() {
         let part: Vec<_> = expected.drain(..expected.len().min(97)).collect();
         let mut received = Vec::new();
@@ -346,7 +351,7 @@ fn a_chip_of_16_mib_holds_27000_steps_and_starts_without_reading_them() {
 #[test]
 fn records_of_newer_firmware_are_reported_and_not_changed() {
     let mut chip = chip();
-    let newer_tissue: &[u8] = b"parameters as they will be";
+    let newer_tissue: &[u8] = b"parameters in a newer form";
     let newer_entry: &[u8] = &[9; 50];
     open(&mut chip);
     block_on(async {
@@ -486,8 +491,7 @@ fn a_chip_with_any_content_becomes_usable() {
     }
 }
 
-/// The first reads after power-on return zeros, ones or noise: any number of reads up to those of a whole survey. The stored
-/// steps and records remain.
+/// Up to 2,000 of the first reads after power-on return only zeros, only ones or noise. The stored steps and records remain.
 #[test]
 fn a_chip_whose_first_reads_are_wrong_is_not_erased() {
     let mut chip = chip();
@@ -529,8 +533,8 @@ fn a_chip_without_two_equal_surveys_is_not_used() {
     assert!(chip.operations == 0 && chip.bytes == before.bytes, "{contents:?}");
 }
 
-/// The areas of the records and of the log have random content, in which nothing shows that the chip was in use before. They are
-/// counted nevertheless.
+/// The areas of the records and of the log have random content, in which nothing shows that the chip was in use before. They
+/// are counted as erased nevertheless.
 #[test]
 fn an_area_with_more_than_a_first_entry_is_counted_when_it_is_erased() {
     for chip_bytes in [SMALL_LOG.end as usize, 16 << 20] {
@@ -551,7 +555,7 @@ fn contains(chip: &NorFlashChip, bytes: &[u8]) -> bool {
 }
 
 #[test]
-fn an_erasure_leaves_no_byte_about_the_wearer_and_keeps_the_rest() {
+fn erasing_the_data_of_the_wearer_leaves_no_byte_of_them_and_preserves_the_rest() {
     let mut chip = chip();
     let mut store = open(&mut chip);
     let serial = Serial::new("P-0001").expect("the serial number is valid");
@@ -570,14 +574,14 @@ fn an_erasure_leaves_no_byte_about_the_wearer_and_keeps_the_rest() {
     }
     let tissue = plantar::protocol::encode(&*TISSUE, &mut [0; 500]).expect("it fits").to_vec();
     let regions = plantar::protocol::encode(&step(50).regions, &mut [0; 500]).expect("it fits").to_vec();
-    let mut before = chip.restarted();
-    assert!([&keys, &tissue, &regions].iter().all(|bytes| contains(&before, bytes)));
-    let beats = std::cell::Cell::new(0);
-    assert_eq!(block_on(open(&mut before).erase_wearer(|| beats.set(beats.get() + 1))), Ok(()));
-    assert!([&keys, &tissue, &regions].iter().all(|bytes| !contains(&before, bytes)));
-    assert!(beats.get() > 256, "a heartbeat for each sector");
+    let mut chip = chip.restarted();
+    assert!([&keys, &tissue, &regions].iter().all(|bytes| contains(&chip, bytes)));
+    let heartbeats = std::cell::Cell::new(0);
+    assert_eq!(block_on(open(&mut chip).erase_wearer(|| heartbeats.set(heartbeats.get() + 1))), Ok(()));
+    assert!([&keys, &tissue, &regions].iter().all(|bytes| !contains(&chip, bytes)));
+    assert!(heartbeats.get() > 256, "there must be a heartbeat for each sector of the log");
 
-    let mut store = open(&mut before);
+    let mut store = open(&mut chip);
     assert_eq!((store.contents().next_record, store.contents().erased, store.contents().newer_kinds), (100, 0, 0));
     assert_eq!(block_on(store.get::<IdentityRecord>(0)), Ok(Some(identity)));
     assert!(matches!(block_on(store.calibration(7, 16)), Ok(Some(_))));
@@ -589,7 +593,7 @@ fn an_erasure_leaves_no_byte_about_the_wearer_and_keeps_the_rest() {
 }
 
 /// Power fails in each operation of the erasure, with a log of which the newest steps are in its first sectors. No number is
-/// given twice.
+/// used twice.
 #[test]
 fn numbers_continue_after_an_interrupted_erasure() {
     let mut chip = chip();
@@ -622,7 +626,8 @@ fn numbers_continue_after_an_interrupted_erasure() {
 }
 
 /// Power fails in each operation of an acknowledgement that deletes several sectors, and the supply is too low for any change
-/// at the next start. An earlier erasure of the wearer's data has left its number.
+/// at the next start. In the second round, an earlier erasure of the wearer's data has also stored the number of the next
+/// record.
 #[test]
 fn an_interrupted_deletion_is_repaired_once_the_supply_is_sufficient() {
     for has_erased in [false, true] {
@@ -663,7 +668,7 @@ fn an_interrupted_deletion_is_repaired_once_the_supply_is_sufficient() {
 
 /// The erasure of a sector of the records was interrupted, and the supply is too low to repair it at the next start.
 #[test]
-fn boots_are_counted_on_once_the_records_are_repaired() {
+fn the_count_of_boots_continues_once_the_records_are_repaired() {
     let mut chip = chip();
     for _ in 0..5 {
         open(&mut chip);
@@ -671,7 +676,7 @@ fn boots_are_counted_on_once_the_records_are_repaired() {
     let mut store = open(&mut chip);
     assert_eq!(block_on(store.push_record(step(0))), Ok(0));
     let sector = &mut chip.bytes[SECTOR as usize..2 * SECTOR as usize];
-    assert!(sector.iter().all(|byte| *byte == 0xff), "the records fill less than one sector");
+    assert!(sector.iter().all(|byte| *byte == 0xff), "the records must fit into one sector");
     sector[SECTOR as usize - 1] = 0;
     chip.refuses_changes = true;
     let mut store = open(&mut chip);
@@ -778,7 +783,8 @@ fn steps_are_read_and_acknowledged_while_others_are_recorded() {
     println!("{next} steps");
 }
 
-/// Prints the figures of `docs/storage.md`: for 10,000 steps a day, which are all acknowledged at once or not at all.
+/// Prints the figures of `docs/storage.md` for 10,000 steps a day, each of which is acknowledged as soon as it is stored, or
+/// none of which is acknowledged.
 #[test]
 fn a_day_of_steps_wears_the_chip_little() {
     const STEPS: u32 = 10_000;
@@ -800,7 +806,8 @@ fn a_day_of_steps_wears_the_chip_little() {
         let years = ERASURES / a_day / 365.25;
         let bytes = chip.written as f64 / f64::from(STEPS * DAYS);
         println!(
-            "acknowledged: {is_acknowledged}: {a_day:.1} erasures of a sector a day, {years:.0} years, {bytes:.0} bytes a step"
+            "acknowledged: {is_acknowledged}: {a_day:.1} erase operations of the most used sector per day, \
+             {years:.0} years, {bytes:.0} bytes per step"
         );
         assert!(years > 20.0);
     }

@@ -327,7 +327,7 @@ fn a_start_that_never_ends_is_detected() {
 #[test]
 fn an_idle_part_is_not_stalled() {
     let (heartbeats, mut watchdog) = (Heartbeats::new(), Watchdog::new());
-    // Scan, link and storage report heartbeats while they wait; a radio that has never answered is absent.
+    // Scan, link and storage have heartbeats while they wait; a radio that has never answered counts as idle.
     let wait = || {
         heartbeats.scan_progressed();
         heartbeats.progressed(Part::Link);

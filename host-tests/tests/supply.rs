@@ -1,4 +1,4 @@
-//! The store on a flash chip with a supply that becomes too low at any moment, and returns.
+//! The store on a flash chip with a supply that becomes too low at any moment, and is sufficient again later.
 
 use core::cell::Cell;
 use embassy_futures::block_on;
@@ -68,11 +68,11 @@ fn a_boot_that_begins_with_a_low_supply_is_counted_once_the_supply_is_sufficient
 
 #[test]
 fn steps_that_were_stored_remain_when_the_supply_was_low_for_some_time() {
-    let all = Supply::new(u64::MAX, 0);
-    let (complete, refused) = store_steps(&mut used_chip(), &all);
+    let steady = Supply::new(u64::MAX, 0);
+    let (complete, refused) = store_steps(&mut used_chip(), &steady);
     assert_eq!((complete, refused), ((35..STEPS).collect(), 0));
     let mut refusals = 0;
-    for sufficient in 0..all.operations() {
+    for sufficient in 0..steady.operations() {
         let mut chip = used_chip();
         let (stored, refused) = store_steps(&mut chip, &Supply::new(sufficient, 3));
         refusals += refused;
@@ -89,11 +89,12 @@ fn steps_that_were_stored_remain_when_the_supply_was_low_for_some_time() {
         assert!(found.is_sorted() && found.iter().all(|number| *number < STEPS), "{found:?}");
         assert_eq!(store.contents().erased, 0, "low supply from operation {sufficient} on");
     }
-    assert!(refusals >= all.operations() as u32 / 2, "{refusals}");
+    assert!(refusals >= steady.operations() as u32 / 2, "{refusals}");
 }
 
-/// Reading the log erases sectors of which all records were deleted. If the log could not be read until the supply returns, the
-/// next record would be sent before those that are only in the log, and its acknowledgement would delete them.
+/// Reading the log erases sectors of which all records were deleted. If the log could not be read until the supply is
+/// sufficient again, the next record would be sent before those that are only in the log, and its acknowledgement would delete
+/// them.
 #[test]
 fn the_log_can_be_read_when_the_supply_became_low_while_records_were_deleted() {
     const ACKNOWLEDGED: u32 = 30;

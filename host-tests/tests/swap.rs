@@ -20,10 +20,14 @@ use proptest::prelude::*;
 use std::sync::LazyLock;
 use testkit::nor_flash::{NorFlashChip, PowerOff, Supply, Torn};
 
+/// The key that signs the images.
 static SECRET: LazyLock<SigningKey> = LazyLock::new(|| SigningKey::from_bytes(&[7; 32]));
+/// The image that is active at first.
 static OLD: LazyLock<Image> = LazyLock::new(|| image("1.2.9", 53 * SECTOR as usize + CHUNK));
+/// The image that replaces [`OLD`].
 static NEW: LazyLock<Image> = LazyLock::new(|| image("1.2.10", 60 * SECTOR as usize));
 
+/// All moments of an operation at which power can fail.
 const TORN: [Torn; 3] = [Torn::Before, Torn::Within, Torn::After];
 
 /// A signed image with random content.
@@ -35,6 +39,7 @@ fn image(version: &str, len: usize) -> Image {
     Image::sign(bytes, &SECRET).expect("the image has a header")
 }
 
+/// The public half of [`SECRET`].
 fn key() -> [u8; 32] {
     SECRET.verifying_key().to_bytes()
 }
@@ -52,7 +57,7 @@ fn active(chip: &NorFlashChip) -> Option<&'static Image> {
     [&*OLD, &*NEW].into_iter().find(|image| bytes.starts_with(image.bytes()))
 }
 
-/// Runs the bootloader's function that swaps images or swaps them back if necessary; returns what it found.
+/// Runs the bootloader's function that swaps images or swaps them back if necessary; returns the state that it found.
 fn boot(chip: &mut impl MultiwriteNorFlash) -> Result<State, BootError> {
     let chip = Mutex::new(chip);
     let active = Blocking(Partition::<_, CHUNK>::new(&chip, ACTIVE_IMAGE));
@@ -132,18 +137,18 @@ fn a_swap_waits_for_the_supply_at_any_moment() {
         boot(&mut Supplied::new(chip, FLASH_BYTES as u32, || supply.is_sufficient()))
     };
     let accepted = accepted();
-    let all = Supply::new(u64::MAX, 0);
-    boot_supplied(&mut accepted.clone(), &all).expect("the swap is complete");
-    assert!(all.operations() > 100, "{}", all.operations());
-    for sufficient in (0..all.operations()).step_by(7) {
+    let steady = Supply::new(u64::MAX, 0);
+    boot_supplied(&mut accepted.clone(), &steady).expect("the swap is complete");
+    assert!(steady.operations() > 100, "{}", steady.operations());
+    for sufficient in (0..steady.operations()).step_by(7) {
         let mut chip = accepted.clone();
         let supply = Supply::new(sufficient, 3);
-        let mut starts = 0;
+        let mut failed_starts = 0;
         while boot_supplied(&mut chip, &supply).is_err() {
-            starts += 1;
+            failed_starts += 1;
         }
         assert_eq!(active(&chip), Some(&*NEW), "low supply from operation {sufficient} on");
-        assert_eq!(starts, 3, "each refused operation ends a start");
+        assert_eq!(failed_starts, 3, "each refused operation must end a start");
     }
 }
 
@@ -201,8 +206,8 @@ fn a_flipped_bit_in_the_chip_is_detected() {
     }
 }
 
-/// A chip that returns a flipped bit once: at one of the times when the received image is read from its beginning.
-struct Wavering<'c> {
+/// A chip that returns the first byte of the received image with a flipped bit in one of its readings.
+struct ChipWithWrongReading<'c> {
     chip: &'c mut NorFlashChip,
     /// Number of times that the image was read so far.
     readings: usize,
@@ -210,11 +215,11 @@ struct Wavering<'c> {
     wrong_reading: usize,
 }
 
-impl ErrorType for Wavering<'_> {
+impl ErrorType for ChipWithWrongReading<'_> {
     type Error = PowerOff;
 }
 
-impl ReadNorFlash for Wavering<'_> {
+impl ReadNorFlash for ChipWithWrongReading<'_> {
     const READ_SIZE: usize = 1;
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), PowerOff> {
@@ -231,7 +236,7 @@ impl ReadNorFlash for Wavering<'_> {
     }
 }
 
-impl NorFlash for Wavering<'_> {
+impl NorFlash for ChipWithWrongReading<'_> {
     const WRITE_SIZE: usize = 1;
     const ERASE_SIZE: usize = SECTOR as usize;
 
@@ -255,8 +260,8 @@ fn an_image_that_the_chip_returns_wrong_once_is_refused() {
         for number in 0..NEW.offer().chunks {
             ask(&mut update, &mut chip, chunk(&NEW, number)).expect("the chunk is accepted");
         }
-        let mut wavering = Wavering { chip: &mut chip, readings: 0, wrong_reading };
-        let answer = block_on(update.handle(&mut wavering, OLD.header(), &key(), &Request::Finish));
+        let mut faulty = ChipWithWrongReading { chip: &mut chip, readings: 0, wrong_reading };
+        let answer = block_on(update.handle(&mut faulty, OLD.header(), &key(), &Request::Finish));
         assert_eq!(answer, expected, "wrong in reading {wrong_reading}");
         assert_eq!(boot(&mut chip) == Ok(State::Swap), expected.is_ok(), "wrong in reading {wrong_reading}");
     }
@@ -419,7 +424,7 @@ fn a_loss_of_power_anywhere_in_the_return_of_the_previous_image_leaves_one_of_th
         assert_eq!(block_on(is_on_trial(chip)), Ok(false), "{at} {torn:?}");
         assert_eq!(send(&mut Update::new(), chip, &NEW), Ok(Progress::Accepted), "{at} {torn:?}");
     });
-    // The swap itself has far more operations than its mark.
+    // The swap has far more operations than marking the image for it, so most of the cuts are in the swap.
     assert!(returned > count / 2, "{returned} of {count}");
     println!("{count} cuts");
 }
@@ -449,7 +454,8 @@ fn interrupted(
 #[test]
 fn many_losses_of_power_leave_one_of_the_two_images() {
     const CUTS: usize = 10_000;
-    // More than the operations of a swap, 579, and of a confirmation, 4, so that some attempts succeed.
+    // Power fails within these numbers of operations. A swap in either direction has at most 579, and a confirmation has 4, so
+    // that some attempts succeed.
     const SWAP: u64 = 700;
     const MARK: u64 = 8;
     let mut random = fastrand::Rng::with_seed(11);
@@ -467,7 +473,8 @@ fn many_losses_of_power_leave_one_of_the_two_images() {
     while cuts < CUTS {
         let mut chip = before.clone();
         cuts += interrupted(&mut chip, &mut random, SWAP, start);
-        // Without a cut in between, this is the second start, which swaps back.
+        // If power failed after the last operation of the swap, the repeated start has already swapped back. Otherwise the new
+        // image is on trial: without a confirmation, the next start swaps back.
         if random.bool() && active(&chip) == Some(&*NEW) && block_on(is_on_trial(&mut chip)) == Ok(true) {
             cuts += interrupted(&mut chip, &mut random, MARK, confirm_new);
             assert_eq!(active(&chip), Some(&*NEW), "after {cuts} cuts");
@@ -483,7 +490,7 @@ fn many_losses_of_power_leave_one_of_the_two_images() {
             false => (updates, returns + 1),
         };
         assert_eq!(block_on(is_on_trial(&mut chip)), Ok(false), "after {cuts} cuts");
-        // The insole still takes updates. A transfer takes longer than a swap, so not all chips receive one.
+        // The insole still accepts updates. A transfer takes longer than a swap, so only some chips receive one.
         if random.u8(0..8) == 0 {
             assert_eq!(send(&mut Update::new(), &mut chip, &NEW), Ok(Progress::Accepted), "after {cuts} cuts");
         }
@@ -511,14 +518,15 @@ fn only_the_image_that_was_replaced_returns() {
         assert_eq!(block_on(previous::swap_back(&mut chip, NEW.header())), Ok(false), "after {chunks} chunks");
         assert_eq!((boot(&mut chip), active(&chip)), (Ok(State::Boot), Some(&*NEW)));
     }
-    // Another image was flashed since, or a bit of the previous image is damaged, or the new image has proven itself.
+    // Another image was flashed since, or a bit of the previous image is damaged, or the note about the previous image was
+    // erased, as it is after an hour.
     assert_eq!(block_on(previous::swap_back(&mut confirmed(), OLD.header())), Ok(false));
     let mut damaged = confirmed();
     damaged.bytes[(OTHER.start + 9 * SECTOR) as usize + 77] ^= 2;
     assert_eq!(block_on(previous::swap_back(&mut damaged, NEW.header())), Ok(false));
-    let mut proven = confirmed();
-    block_on(previous::forget(&mut proven)).expect("the chip works");
-    assert_eq!(block_on(previous::swap_back(&mut proven, NEW.header())), Ok(false));
+    let mut without_note = confirmed();
+    block_on(previous::forget(&mut without_note)).expect("the chip works");
+    assert_eq!(block_on(previous::swap_back(&mut without_note, NEW.header())), Ok(false));
 }
 
 #[test]

@@ -1,5 +1,5 @@
-//! Tracking: K and G follow the steps. The reference is the least-squares solution of all samples of the window by NumPy, or a
-//! known law by which the steps were made.
+//! Tracking: K and G of a force law follow the steps. The reference is the weighted least-squares solution over all samples by
+//! NumPy, or the known force law from which the steps were computed.
 
 mod common;
 
@@ -12,21 +12,24 @@ use plantar::pipeline::step::{REFIT_PER_MDC, RegionStep, STIFFNESS_MDC, StepReco
 use plantar::pipeline::track::Tracker;
 use std::f64::consts::PI;
 
-/// Frames of a step at 100 Hz.
+/// Number of frames of a step.
 const SAMPLES: usize = 70;
+/// Time between frames, s.
 const SAMPLE_S: f64 = 0.01;
 
+/// The identified force law, with which tracking begins.
 fn identified() -> ForceLaw<f64> {
     ForceLaw { ab_m2: 1e-3, c_m: 0.012, stiffness_pa: 4e5, damping_pa_s: 1.5e4, n: -0.4, m: 0.8 }
 }
 
-/// The area of each sample of step number `step`, mm2; successive steps differ.
+/// The contact area in each sample of step number `step`, mm2; successive steps differ.
 fn area_mm2(step: usize) -> Vec<f64> {
     let size = 0.8 + 0.02 * (step % 7) as f64;
     (0..SAMPLES).map(|i| PI * 1e3 * size * (PI * ((i as f64 + 0.5) / SAMPLES as f64).powf(0.7)).sin()).collect()
 }
 
-/// The force of a law in each sample, N. The deformation rate is taken between the samples 10 ms before and after.
+/// The force in each sample by a force law, N. The deformation rate is the difference between the samples 10 ms before and
+/// after.
 fn force_n(law: &ForceLaw<f64>, area_mm2: &[f64]) -> Vec<f64> {
     let g: Vec<f64> = area_mm2.iter().map(|mm2| 1.0 - (1.0 - mm2 * 1e-6 / (PI * law.ab_m2)).sqrt()).collect();
     let rate = |i: usize| {
@@ -41,7 +44,8 @@ fn noise(i: usize) -> f64 {
     ((i as f64 * 12.9898).sin() * 43_758.545_3).fract() * 0.5
 }
 
-/// The law after these steps of area and force, and the change of K that each step reported.
+/// The force law after these steps, each with its areas, mm2, and forces, N; and the change of K that the tracking reported
+/// after each step. `is_reliable` states whether the step with this index may be used.
 fn tracked<R: plantar::Real>(
     steps: &[(Vec<f64>, Vec<f64>)],
     is_reliable: impl Fn(usize) -> bool,
@@ -60,7 +64,8 @@ fn tracked<R: plantar::Real>(
     (law, changes)
 }
 
-/// Steps of a law with noise, relative to the peak force.
+/// The areas, mm2, and the forces, N, of `count` steps by a force law, with noise of at most `relative_noise` / 2 of the peak
+/// force.
 fn steps(count: usize, law: &ForceLaw<f64>, relative_noise: f64) -> Vec<(Vec<f64>, Vec<f64>)> {
     (0..count)
         .map(|step| {
@@ -77,27 +82,27 @@ fn steps(count: usize, law: &ForceLaw<f64>, relative_noise: f64) -> Vec<(Vec<f64
 
 #[test]
 fn a_changed_law_is_found_in_single_and_double_precision() {
-    let warm = ForceLaw { stiffness_pa: 0.8 * 4e5, damping_pa_s: 1.3 * 1.5e4, ..identified() };
-    let walk = steps(30, &warm, 0.0);
+    let changed = ForceLaw { stiffness_pa: 0.8 * 4e5, damping_pa_s: 1.3 * 1.5e4, ..identified() };
+    let walk = steps(30, &changed, 0.0);
     let (double, changes) = tracked::<f64>(&walk, |_| true);
     let (single, _) = tracked::<f32>(&walk, |_| true);
     let laws = [[double.stiffness_pa, double.damping_pa_s], [single.stiffness_pa.into(), single.damping_pa_s.into()]];
     for [stiffness_pa, damping_pa_s] in laws {
-        assert!((stiffness_pa / warm.stiffness_pa - 1.0).abs() < 1e-3, "{stiffness_pa}");
-        assert!((damping_pa_s / warm.damping_pa_s - 1.0).abs() < 5e-3, "{damping_pa_s}");
+        assert!((stiffness_pa / changed.stiffness_pa - 1.0).abs() < 1e-3, "{stiffness_pa}");
+        assert!((damping_pa_s / changed.damping_pa_s - 1.0).abs() < 5e-3, "{damping_pa_s}");
     }
-    // The first steps are collected, and the change is reported once the law follows.
+    // The first nine steps are only collected. From the tenth step on the law follows, and the change is reported.
     assert_eq!(changes[..9], [0.0; 9]);
     assert!((changes[29] + 0.2).abs() < 1e-3, "{changes:?}");
 }
 
-/// After 30 steps, K and G agree within 1 % with the solution over all samples of these steps, in which older steps count less by
-/// the same factor.
+/// After 30 steps, K and G agree within 1 % with the solution over all samples of these steps, in which the weight of a step
+/// decreases with its age as in the tracking.
 #[test]
 #[ignore = "needs Python with NumPy: cargo xtask test"]
 fn noisy_steps_result_in_the_batch_solution_of_numpy() {
-    let warm = ForceLaw { stiffness_pa: 1.25 * 4e5, damping_pa_s: 0.7 * 1.5e4, ..identified() };
-    let walk = steps(30, &warm, 0.02);
+    let changed = ForceLaw { stiffness_pa: 1.25 * 4e5, damping_pa_s: 0.7 * 1.5e4, ..identified() };
+    let walk = steps(30, &changed, 0.02);
     let (law, _) = tracked::<f32>(&walk, |_| true);
     // Columns: elastic and viscous force of the identified law, and the measured force, each divided by the peak force.
     let elastic_law = ForceLaw { damping_pa_s: 0.0, ..identified() };
@@ -141,8 +146,8 @@ fn unreliable_steps_change_nothing_and_changes_are_bounded() {
 
 #[test]
 fn the_law_forgets_an_earlier_change() {
-    let warm = ForceLaw { stiffness_pa: 0.7 * 4e5, ..identified() };
-    let mut walk = steps(30, &warm, 0.0);
+    let changed = ForceLaw { stiffness_pa: 0.7 * 4e5, ..identified() };
+    let mut walk = steps(30, &changed, 0.0);
     walk.extend(steps(150, &identified(), 0.0));
     let (law, changes) = tracked::<f64>(&walk, |_| true);
     assert!((law.stiffness_pa / 4e5 - 1.0).abs() < 0.01, "{law:?}");

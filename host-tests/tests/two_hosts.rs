@@ -1,5 +1,5 @@
-//! Two hosts that connect to one insole, one over the cable and one over the radio. The host that connected last has the session;
-//! the other one waits until it is free. Each step arrives at one of them, once.
+//! Two hosts that connect to one insole, one over the cable and one over the radio. The host that connected last has the
+//! session; the other host waits until there is no session. Each step arrives at one of the hosts, once.
 
 use client::{Client, Error};
 use plantar::pipeline::baseline::ZERO_S;
@@ -12,7 +12,7 @@ use testkit::virtual_time::now_us;
 use testkit::walk::Posture;
 use testkit::world::{InsoleEvent, World};
 
-/// An insole of a wearer who walks, and a host for each carrier.
+/// Two hosts of one insole, the wearer of which walks: one over each carrier.
 struct Hosts {
     cable: Host,
     radio: Host,
@@ -97,7 +97,7 @@ fn a_host_continues_after_the_other_one_was_silent_for_half_a_minute() {
     assert!(steps.iter().copied().eq(0..steps.len() as u32), "{steps:?}");
 }
 
-/// The outcome of a measurement that an earlier host requested, and has not waited for, is no answer to a later request.
+/// The result of a measurement that an earlier host requested and has not waited for is no answer to a later request.
 #[test]
 fn a_request_to_measure_the_baselines_is_answered_by_its_own_measurement() {
     const SECOND_US: u64 = 1_000_000;
@@ -109,8 +109,8 @@ fn a_request_to_measure_the_baselines_is_answered_by_its_own_measurement() {
     let stands = InsoleEvent::Rest { posture: Posture::Stand, for_us: 600 * SECOND_US };
     world.borrow_mut().schedule(3 * SECOND_US, 0, stands);
     world.borrow_mut().run_for(5 * SECOND_US);
-    // The insole begins to measure within a second, and gives up after some more, because the wearer stands. The later request
-    // comes shortly before or after this.
+    // The insole begins to measure within a second after the first request, and gives up `ZERO_S` seconds later, because the
+    // wearer stands. The second request comes shortly before or after this moment.
     for tenths in 0..15 {
         connect().send(ToDevice::Zero).expect("the cable is there");
         world.borrow_mut().run_for(u64::from(ZERO_S) * SECOND_US - SECOND_US / 5 + tenths * SECOND_US / 10);

@@ -18,6 +18,7 @@ use std::net::TcpStream;
 use std::time::Duration;
 use updates::{BOARD, Insole, OLD, development, firmware_with, signed};
 
+/// Version of the image that is sent.
 const NEW: &str = "99.0.1";
 
 type Session = Client<Framed<TcpStream>>;
@@ -138,7 +139,7 @@ fn invalid_images_are_refused_and_the_running_image_remains() {
     unsigned.signature = Default::default();
     let mut short = offer;
     short.chunks -= 1;
-    // The third and the fourth image have a flipped bit in this chunk.
+    // The offer, the number of a chunk with a flipped bit, and the reason for the refusal.
     for (offer, flipped, reason) in [
         (unsigned, None, Refusal::Signature),
         (short, None, Refusal::Signature),
@@ -200,7 +201,7 @@ fn a_loss_of_power_during_the_transfer_leaves_the_running_image() {
 }
 
 /// Number of write and erase operations of a swap from one tested power cut to the next. Testing every operation would take too
-/// long in the emulator; the test `swap` does that on a simulated chip.
+/// long in the emulator; `swap.rs` does that on a simulated chip.
 const STRIDE: usize = 29;
 
 #[test]

@@ -1,6 +1,6 @@
-//! The transfer of an update in real time during a walk costs no live frame and no step. The number of scans that a busy emulator
-//! leaves out, which happens without an update too, is printed and not checked. The test is alone in its file, because other
-//! tests of the file would run at the same time and disturb it.
+//! During the transfer of an update in a walk in real time, no live frame and no step is lost. The number of scans that a busy
+//! emulator misses, which happens without an update, too, is printed and not checked. The test is alone in its file, because
+//! other tests of the file would run at the same time and disturb it.
 
 mod common;
 
@@ -52,7 +52,7 @@ fn a_transfer_during_a_walk_loses_no_frame_and_no_step() {
     };
     let counters = session.counters();
     println!(
-        "{} chunks during {} frames and {} steps; live frames lost {}, scans left out {}, overrun {}; stack {} bytes",
+        "{} chunks during {} frames and {} steps; live frames lost {}, scans missed {}, overrun {}; stack {} bytes",
         offer.chunks,
         status.frames,
         status.steps,

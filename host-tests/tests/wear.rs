@@ -1,4 +1,5 @@
-//! Walks in shoes that press on the insole even when the foot is lifted; people who do not walk; and walks of another vendor.
+//! Walks in shoes that press on the insole even when the foot is lifted; people who do not walk; and walks that the insoles of
+//! another vendor recorded.
 
 mod common;
 
@@ -40,15 +41,17 @@ fn found(recording: &Recording) -> Found {
     find(recording, ContactRule::COVERED, StanceRule::ADAPTIVE)
 }
 
-/// Children and heavy people, slow walkers and runners, at all frame rates of a device; in a shoe that presses with 4 kPa.
+/// Children and heavy people, slow walkers and runners, at 50, 100 and 400 frames a second, barefoot and in a shoe that presses
+/// with 4 kPa.
 #[test]
-fn all_wearers_have_their_steps() {
+fn the_steps_of_all_wearers_are_found() {
+    // Peak force, N, stance time and swing time, s.
     let wearers = [
         // A child of 15 kg, a person of 65 kg and one of 180 kg.
         (160.0, 0.5, 0.35),
         (700.0, 0.65, 0.4),
         (1_950.0, 0.8, 0.45),
-        // Running and very slow walking.
+        // Two runners, and a very slow walker.
         (1_600.0, 0.20, 0.5),
         (300.0, 0.11, 0.4),
         (650.0, 2.2, 0.9),
@@ -95,7 +98,7 @@ fn cells_without_a_baseline_are_reported_by_region() {
     assert_eq!(faults.without_baseline, [6, 0, 0, 3, 0, 0, 0, 0]);
     assert_eq!((faults.found, steps.len()), (0, expected_steps));
 
-    // The number is that of the last swing.
+    // The reported number is that of the last swing, in which the spot no longer presses.
     let released_at = walk.pressure_kpa.len() / 2;
     pressed.pressure_kpa[released_at..].copy_from_slice(&walk.pressure_kpa[released_at..]);
     assert_eq!(found(&pressed).faults.without_baseline, [0; 8]);
@@ -219,12 +222,13 @@ fn a_seated_foot_that_moves_does_not_become_the_baseline() {
 /// The vendor's reports have 42 steps of three walks, slow to fast, in shoes.
 #[test]
 #[ignore = "needs Python, and the source archive of moticon-opengo: cargo xtask test"]
-fn steps_are_those_of_another_vendor() {
+fn steps_agree_with_those_of_another_vendor() {
     let agreement = testkit::moticon::compare(&common::python(), &common::moticon());
     println!("{agreement:?}");
     assert_eq!((agreement.steps, agreement.found), (42, 42));
     assert!(agreement.contact_ms <= 10.0 && agreement.toe_off_ms <= 15.0 && agreement.peak_n <= 1.0, "{agreement:?}");
     assert!(agreement.stride_ms <= 15.0 && agreement.step_ms <= 15.0, "{agreement:?}");
     assert!(agreement.double_support_ms <= 15.0 && agreement.both_phases_ms <= 35.0, "{agreement:?}");
+    // Stride times, step times, first phases of double support, and double supports of strides.
     assert_eq!(agreement.compared, [32, 36, 33, 33]);
 }

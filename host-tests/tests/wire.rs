@@ -51,7 +51,7 @@ fn any_hello() -> impl Strategy<Value = Hello> {
     (numbers, texts).prop_map(
         |(
             ((major, minor, layout_id, cells, period_us, tissue_id), side, contact_rule, reset),
-            (firmware, board, panic),
+            (firmware, board, fault),
         )| {
             Hello {
                 major,
@@ -65,7 +65,7 @@ fn any_hello() -> impl Strategy<Value = Hello> {
                 tissue_id,
                 contact_rule,
                 reset,
-                fault: panic.map(|p| text(&p)),
+                fault: fault.map(|fault| text(&fault)),
             }
         },
     )
@@ -494,7 +494,7 @@ fn a_truncated_frame_is_counted_and_the_next_frame_is_received() {
 }
 
 #[test]
-fn an_over_long_frame_is_counted_once() {
+fn a_bad_frame_of_about_the_maximum_length_or_longer_is_counted_once() {
     let good = framed(&ToDevice::GetStatus);
     for len in [MAX_FRAME - 1, MAX_FRAME, MAX_FRAME + 1, MAX_FRAME + 2, 100_000] {
         let mut decoder = Decoder::new();
@@ -621,13 +621,13 @@ fn longest_messages_fit_their_limits() {
         processing_ms: u32::MAX,
         supply_mv: Some(u16::MAX),
     });
-    let most = Fault { kind: FaultKind::Crosstalk, place: Place::Cell(u16::MAX), found_ms: u32::MAX };
+    let longest_fault = Fault { kind: FaultKind::Crosstalk, place: Place::Cell(u16::MAX), found_ms: u32::MAX };
     let longest_faults = ToHost::Faults(Faults {
         found: u32::MAX,
         rezeroed: u32::MAX,
         masked_cells: [u8::MAX; 8],
         without_baseline: [u8::MAX; 8],
-        list: [most; MAX_FAULTS].into_iter().collect(),
+        list: [longest_fault; MAX_FAULTS].into_iter().collect(),
     });
     assert!(encoded(&longest_live).len() <= MAX_LIVE);
     assert!(framed(&longest_live).len() <= 112, "{}", framed(&longest_live).len());

@@ -29,7 +29,7 @@ pub enum Answer {
 pub struct ImageState {
     /// The version of the image.
     pub version: String<16>,
-    /// The SHA-256 that names the image, as in its file.
+    /// The SHA-256 that names the image: that of its file without the trailer.
     pub sha256: Sha256,
     /// The image runs from the next start on.
     pub is_pending: bool,
@@ -38,8 +38,8 @@ pub struct ImageState {
 }
 
 /// Why a request was not executed: the code that all groups share, which is the only one in version 0 of the protocol, and the
-/// code of a group with its group. One number, because many functions return it: the code of the group in the bits 0 to 5 (0 for
-/// none), the group in the bits 6 and 7, and the shared code above them.
+/// code of a group with its group. Both are packed into one number, because many functions return it: the code of the group in
+/// the bits 0 to 5 (0 for none), the group in the bits 6 and 7, and the shared code above them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Failure(u16);
 
@@ -58,7 +58,7 @@ impl Failure {
     pub const NO_IMAGE: Self = Self::of_image(5, 8);
     /// There is no such slot.
     pub const SLOT: Self = Self::of_image(3, 14);
-    /// The part has no offset.
+    /// The request states no offset for the part of the file.
     pub const OFFSET: Self = Self::of_image(3, 20);
     /// The hash has a wrong length.
     pub const HASH: Self = Self::of_image(3, 24);

@@ -17,6 +17,7 @@ const OPEN: u32 = u32::MAX;
 /// A decoded item. For an array, a map or a tag, it is only the head; the items that belong to it follow.
 #[derive(Clone, Copy)]
 pub(crate) struct Item<'b> {
+    /// The major type.
     kind: u8,
     /// The number, or the length.
     value: u32,
@@ -126,6 +127,7 @@ impl<'b> Writer<'b> {
         self.len += bytes.len();
     }
 
+    /// Writes the head of an item: its major type, and its number or length.
     fn begin(&mut self, kind: u8, value: u32) {
         let [.., third, fourth] = value.to_be_bytes();
         match value {

@@ -53,7 +53,7 @@ pub const OS: u16 = 0;
 /// The group of the commands for images.
 pub const IMAGE: u16 = 1;
 
-/// What a request asks for.
+/// A decoded request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[allow(clippy::large_enum_variant, reason = "there is one request at a time, in place")]
 pub enum Request {

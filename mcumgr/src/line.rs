@@ -1,5 +1,5 @@
 //! Messages as lines of text, for a serial port: the length of the message, the message and its CRC-16 in base64, in lines that
-//! begin with two bytes and end with a line feed.
+//! begin with two marker bytes and end with a line feed.
 //!
 //! Such lines contain no zero, so they can arrive between frames that end with a zero.
 

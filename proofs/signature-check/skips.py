@@ -48,6 +48,8 @@ def proceed_from(at):
 
 
 class Core:
+    """The emulated core, controlled by GDB, and the addresses of the program that it runs."""
+
     def __init__(self, program, log):
         for setting in ["pagination off", "confirm off", "language c", "breakpoint always-inserted on"]:
             gdb.execute(f"set {setting}")
@@ -88,10 +90,11 @@ class Core:
         gdb.selected_inferior().write_memory(self.is_single, bytes([is_single]))
 
     def is_accepted(self):
+        """Returns whether the image is marked for the bootloader."""
         return bytes(gdb.selected_inferior().read_memory(self.mark, len(MARK))) == MARK
 
     def attempt(self, is_single, at, skip):
-        """Skips bytes at this address; returns whether the image was accepted, or None if the check does not get there."""
+        """Skips bytes at this address; returns whether the image was accepted, or None if the check does not reach it."""
         self.begin(is_single)
         if at != self.check:
             # GDB would move a breakpoint of its own out of a block of conditional instructions.
@@ -119,6 +122,7 @@ def check(core, is_single):
 
 
 def attack(core, addresses, name, is_single):
+    """Skips bytes at each of these addresses; returns the numbers of attempts and of accepted images."""
     attempts, accepted = 0, 0
     for number, at in enumerate(addresses):
         for skip in SKIPS:

@@ -1,4 +1,5 @@
-//! Acknowledgements: no acknowledged record is sent again, and no other one is lost.
+//! Acknowledgements: no acknowledged record is sent again, and every other record remains until it is acknowledged, or is
+//! dropped and counted.
 
 use heapless::String;
 use plantar::Side;
@@ -17,7 +18,7 @@ pub enum Event {
     Acknowledge,
     /// The host acknowledges a record that the insole has not completed yet.
     AcknowledgeFuture,
-    /// The host acknowledges the record before all others.
+    /// The host acknowledges the number before that of the first record.
     AcknowledgePast,
     /// A host connects.
     Connect,
@@ -39,7 +40,7 @@ pub const EVENTS: [Event; 8] = [
     Event::Disconnect,
 ];
 
-/// A record with this number.
+/// A record, here an alert, with this number.
 pub fn record(number: u32) -> LoadRecord {
     LoadRecord::Alert(Alert {
         number,
@@ -72,23 +73,26 @@ pub fn hello() -> Hello {
     }
 }
 
-/// A session and the records that it must hold, each by its distance from the first one, so that the model is independent of the
-/// numbers' wrap.
+/// A session, and a model of the records that it must hold. The model identifies a record by its distance from the first one,
+/// so that it is independent of the wrap of the record numbers.
 struct Observed {
     session: Session,
     hello: Hello,
+    /// Number of the first record.
     first: u32,
     /// Number of completed records.
     completed: i64,
-    /// The records that no host has acknowledged, and that were not dropped.
+    /// The records that no host has acknowledged, and that the full queue has not dropped.
     waiting: Vec<i64>,
-    /// Number of them, from the oldest, that were sent in this session.
+    /// Number of `waiting` records, from the oldest, that were sent in this session.
     sent: usize,
+    /// Number of records that the full queue has dropped.
     dropped: u32,
     is_open: bool,
     is_hello_due: bool,
-    /// The newest record that the host has received.
+    /// The newest record that the host has received; -1 before the first one.
     received: i64,
+    /// The newest record that a host has acknowledged.
     acknowledged: Option<i64>,
 }
 
@@ -124,7 +128,7 @@ impl Observed {
         assert!(is_hello || due.is_some() || sent.is_none());
     }
 
-    fn happen(&mut self, event: Event) {
+    fn apply(&mut self, event: Event) {
         match event {
             Event::Record => {
                 self.session.push_record(record(self.number(self.completed)));
@@ -152,9 +156,9 @@ impl Observed {
     }
 }
 
-/// After these events, in a session with records that are numbered from `first`, the next host receives exactly the records that
-/// no host has acknowledged, each once and in order. The dropped records are counted, and the newest acknowledged one is reported
-/// to the log.
+/// After these events, in a session with records that are numbered from `first`, the next host receives exactly the records
+/// that no host has acknowledged and that the full queue has not dropped, each once and in order. The dropped records are
+/// counted, and the session reports the newest acknowledged record to the log.
 pub fn session(first: u32, events: &[Event]) {
     let mut observed = Observed {
         session: Session::new(),
@@ -169,15 +173,16 @@ pub fn session(first: u32, events: &[Event]) {
         received: -1,
         acknowledged: None,
     };
-    // A host that has received a hello and a full queue: the bounded events begin at the interesting place.
-    observed.happen(Event::Connect);
-    observed.happen(Event::Send);
+    // The host has received the hello, and so many records that two more fill the queue. So even short sequences of events
+    // reach a full queue.
+    observed.apply(Event::Connect);
+    observed.apply(Event::Send);
     for _ in 0..RECORD_QUEUE - 2 {
-        observed.happen(Event::Record);
-        observed.happen(Event::Send);
+        observed.apply(Event::Record);
+        observed.apply(Event::Send);
     }
     for &event in events {
-        observed.happen(event);
+        observed.apply(event);
     }
     let acknowledged = observed.acknowledged.map(|record| observed.number(record));
     assert_eq!(observed.session.take_acknowledged(), acknowledged);

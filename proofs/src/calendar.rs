@@ -1,8 +1,8 @@
-//! The wall clock as a Bluetooth characteristic.
+//! The encoding of the wall clock as the Bluetooth characteristic Current Time.
 
 use plantar::protocol::current_time::{from_current_time, to_current_time};
 
-/// A day of the calendar, computed by counting from the first day, independently of the code under test.
+/// A day of the calendar, computed by counting from [`Day::FIRST`], independently of the code under test.
 #[derive(Clone, Copy, Debug)]
 pub struct Day {
     year: u16,
@@ -39,26 +39,28 @@ impl Day {
         }
     }
 
-    /// This day, at `second` of the day and a fraction in 1/256 s.
+    /// The ten bytes of the characteristic for a time on this day: `second` since midnight, and `fraction` in 1/256 s.
     fn bytes(self, second: u32, fraction: u8) -> [u8; 10] {
         let [low, high] = self.year.to_le_bytes();
         let [hour, minute, second] = [second / 3600, second / 60 % 60, second % 60].map(|number| number as u8);
         [low, high, self.month, self.day, hour, minute, second, self.weekday, fraction, 0]
     }
 
-    /// A time on this day, the day `number` since 1970 (from 0), is encoded as the bytes of this day, which are decoded as this
-    /// time.
+    /// A time on this day is encoded as the bytes of this day, and they are decoded as this time, exact to a microsecond.
+    /// `number` is the number of days from 1 January 1970 to this day, `second` and `fraction` (in 1/256 s) are the time since
+    /// midnight.
     pub fn encoding(self, number: u64, second: u32, fraction: u8) {
         let bytes = self.bytes(second, fraction);
-        // The first microsecond of a 256th of a second.
+        // The first whole microsecond of this 1/256 s.
         let us = (u64::from(fraction) * 1_000_000).div_ceil(256);
         let unix_us = (number * 86_400 + u64::from(second)) * 1_000_000 + us;
         assert_eq!(to_current_time(Some(unix_us)), bytes);
         assert_eq!(from_current_time(&bytes), Some(unix_us - us + u64::from(fraction) * 1_000_000 / 256));
     }
 
-    /// The bytes of this day in which `field` (an index, from 2 for the month to 9) has the value `value` are a time if and only
-    /// if the field has this value on some day. The day of the week and the reason of the adjustment are ignored.
+    /// The bytes of the last second of this day, in which byte `field` (from 2, the month, to 9, the reason for the last
+    /// adjustment) is replaced by `value`, are decoded if and only if their date and their time of day exist. Every day of the
+    /// week, every fraction and every reason is accepted.
     pub fn field(self, field: usize, value: u8) {
         let mut bytes = self.bytes(86_399, 0);
         bytes[field] = value;
@@ -73,6 +75,7 @@ impl Day {
         assert_eq!(from_current_time(&bytes).is_some(), is_time, "{bytes:?}");
     }
 
+    /// Number of days of the month after this one.
     fn days_left(self) -> u8 {
         let mut day = self;
         let mut days = 0;
@@ -82,6 +85,7 @@ impl Day {
         days
     }
 
+    /// As [`Day::field`], for the month.
     fn month_field(self, month: u8, bytes: [u8; 10]) {
         let first = Self { month: month.clamp(1, 12), day: 1, ..self };
         let is_time = (1..=12).contains(&month) && first.days_left() + 1 >= self.day;

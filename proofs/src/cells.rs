@@ -3,8 +3,8 @@
 use plantar::pipeline::setup::DEVICE_CELLS;
 use plantar::protocol::{CellCoder, MAX_PACKED, Resolution};
 
-/// Two frames in a row, of the codes `before` and `after`, are unpacked as they were packed, in the resolution of the stream, and
-/// no frame exceeds its longest length.
+/// Two successive frames with the codes `before` and `after` are unpacked to the same codes, in the resolution of the stream,
+/// and no packed frame is longer than [`MAX_PACKED`].
 pub fn packing(resolution: Resolution, before: &[u16], after: &[u16]) {
     let (mut packer, mut unpacker) = (CellCoder::new(resolution), CellCoder::new(resolution));
     let mask = u16::MAX << (16 - resolution.bits());

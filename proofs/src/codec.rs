@@ -15,7 +15,8 @@ fn crc32_by_bits(bytes: &[u8]) -> u32 {
     !remainder
 }
 
-/// The blocks of a COBS frame without its final zero, joined with the zeros between them; `None` if a block is incomplete.
+/// Decodes a COBS frame, passed without its final zero: joins its blocks, with the zeros between them. `None` if a block is
+/// incomplete.
 fn uncobs(frame: &[u8]) -> Option<Vec<u8>> {
     let (mut bytes, mut rest) = (Vec::new(), frame);
     while let Some((&code, after)) = rest.split_first() {
@@ -43,14 +44,14 @@ fn cobs(bytes: &[u8]) -> Vec<u8> {
     frame
 }
 
-/// The message in a frame without its final zero; `None` if it is damaged.
+/// The message in a frame, passed without its final zero; `None` if the frame is damaged.
 fn message(frame: &[u8]) -> Option<Vec<u8>> {
     let mut message = uncobs(frame).filter(|_| frame.len() <= MAX_FRAME)?;
     let crc = message.split_off(message.len().checked_sub(4)?);
     (crc32_by_bits(&message).to_le_bytes() == *crc).then_some(message)
 }
 
-/// The checksum is that of its definition.
+/// The checksum equals the CRC-32 that is computed by its definition.
 pub fn checksum(bytes: &[u8]) {
     assert_eq!(crc32(bytes), crc32_by_bits(bytes));
 }
@@ -75,14 +76,14 @@ pub fn stream(stream: &[u8]) {
     }
 }
 
-/// A message is framed as by the definition of the frame, and the decoder returns it.
+/// A message is framed according to the definitions of CRC-32 and COBS, and the decoder returns the message.
 pub fn framing(message: &[u8]) {
     let mut framed = [0; MAX_FRAME];
     let len = frame(message, &mut framed);
     let mut with_crc = message.to_vec();
     with_crc.extend(crc32_by_bits(message).to_le_bytes());
-    assert_eq!(uncobs(&cobs(&with_crc)[..cobs(&with_crc).len() - 1]).as_ref(), Some(&with_crc), "the model");
-    // The block after 254 bytes without a zero may be omitted at the end.
+    assert_eq!(uncobs(&cobs(&with_crc)[..cobs(&with_crc).len() - 1]).as_ref(), Some(&with_crc), "uncobs inverts cobs");
+    // After a block of 254 bytes without a zero, an empty last block may be omitted.
     let expected = cobs(&with_crc);
     let shorter = expected.strip_suffix(&[1, 0]).map(|start| [start, &[0]].concat());
     assert!(framed[..len] == expected || shorter.is_some_and(|shorter| framed[..len] == shorter));
@@ -92,8 +93,8 @@ pub fn framing(message: &[u8]) {
     assert_eq!(decoder.push(*last), Some(message));
 }
 
-/// The frame of a message in which two bytes, at the positions `at`, are replaced by `bytes`, yields this message or none, and
-/// the next frame is received.
+/// If two bytes of the frame of a message, at the positions `at`, are replaced by `bytes`, the decoder returns this message or
+/// none, and receives the next frame.
 pub fn damage(message: &[u8], at: [usize; 2], bytes: [u8; 2]) {
     let mut framed = [0; MAX_FRAME];
     let len = frame(message, &mut framed);
@@ -111,13 +112,12 @@ pub fn damage(message: &[u8], at: [usize; 2], bytes: [u8; 2]) {
     assert_eq!(received, 1);
 }
 
-/// The bytes are no message, or a message that is the same after it was encoded and decoded again. Returns true if they are a
-/// message.
+/// The bytes are not a message, or a message that encoding and decoding leave unchanged. Returns true if they are a message.
 pub fn message_of<T: Serialize + DeserializeOwned + PartialEq>(bytes: &[u8]) -> bool {
     let Some(message) = decode::<T>(bytes) else { return false };
     let mut buffer = [0; plantar::protocol::MAX_MESSAGE];
     let encoded = encode(&message, &mut buffer).expect("a message fits MAX_MESSAGE");
-    assert!(encoded.len() <= bytes.len(), "no shorter bytes than the encoder's have the same content");
+    assert!(encoded.len() <= bytes.len(), "the encoder must produce the shortest encoding of a message");
     assert!(decode::<T>(encoded).is_some_and(|decoded| decoded == message));
     true
 }

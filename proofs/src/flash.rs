@@ -1,4 +1,4 @@
-//! Addresses in the flash chip.
+//! The addresses that the partitions of the flash chip read and change, and the map of the areas in flash.
 
 use core::ops::Range;
 use embassy_futures::block_on;
@@ -10,14 +10,15 @@ use plantar::storage::flash_map::{
 };
 use plantar::storage::partition::Partition;
 
-/// An operation of the chip that changes it.
+/// An operation that changes the chip, and its range of addresses.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Change {
     Write(Range<u32>),
     Erase(Range<u32>),
 }
 
-/// A chip that records the last change. It has any address, and each byte depends on its address.
+/// A chip that records the last change, but does not execute it. Every address is valid, and the content of a byte is computed
+/// from its address.
 #[derive(Default)]
 struct Probe {
     change: Option<Change>,
@@ -62,13 +63,14 @@ impl NorFlash for Probe {
     }
 }
 
-/// Where `len` bytes at `offset` in an area are in the chip; an error if they are not within the area.
+/// The address in the chip of the `len` bytes at `offset` in an area; an error if these bytes are not within the area.
 fn address(area: &Range<u32>, offset: u32, len: u32) -> Result<u32, NorFlashErrorKind> {
     let end = u64::from(area.start) + u64::from(offset) + u64::from(len);
     if end <= u64::from(area.end) { Ok(area.start + offset) } else { Err(NorFlashErrorKind::OutOfBounds) }
 }
 
-/// A read operation of a partition, after another one at `before`, returns the bytes of its area, and an error outside of it.
+/// A read operation of a partition, after another read operation at the offset `before`, returns the bytes of the partition's
+/// area, or an error if they are not within the area.
 pub fn read(area: Range<u32>, before: u32, offset: u32, bytes: &mut [u8]) {
     let chip = Mutex::new(Probe::default());
     let mut partition = Partition::<_, CHUNK>::new(&chip, area.clone());
@@ -81,7 +83,8 @@ pub fn read(area: Range<u32>, before: u32, offset: u32, bytes: &mut [u8]) {
     }
 }
 
-/// A write and an erase operation of a partition change exactly their bytes within the area, or nothing.
+/// A write and an erase operation of a partition change exactly the bytes at `offset` in the area. If these bytes are not
+/// within the area, the operations return an error and change nothing.
 pub fn change(area: Range<u32>, offset: u32, bytes: &[u8]) {
     let len = bytes.len() as u32;
     let expected = address(&area, offset, len);
@@ -97,8 +100,9 @@ pub fn change(area: Range<u32>, offset: u32, bytes: &[u8]) {
     }
 }
 
-/// No two areas of the map of a chip with this number of bytes contain the same sector, each is within its chip, each begins
-/// and ends with a sector, and the log of a large chip ends with the chip.
+/// At most one area of a flash chip of `chip_bytes` bytes contains the sector at the address `sector`, and none if the chip
+/// ends before it. At most one area of the controller's own flash contains it. Each area consists of whole sectors, and the log
+/// of a large chip ends with the last whole sector of the chip.
 pub fn map(chip_bytes: u32, sector: u32) {
     let contains = |area: &Range<u32>| area.contains(&sector) || area.contains(&(sector + SECTOR - 1));
     let owners = |areas: &[Range<u32>]| areas.iter().filter(|area| contains(area)).count();

@@ -6,21 +6,22 @@ use plantar::protocol::fragment::{FragmentError, Joiner, Splitter};
 /// A fragment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Fragment {
-    /// Its number; `None` for a fragment without a header.
+    /// Its number; `None` for an empty fragment, which has no header.
     pub number: Option<u8>,
-    /// It is marked as the last one of its message.
+    /// Whether the header marks it as the last one of its message.
     pub is_last: bool,
     /// Length of its part of the message, bytes.
     pub len: usize,
 }
 
-/// Byte `at` of the message that begins at the fragment `start`.
+/// Byte `at` of the message that begins with the fragment at the index `start`.
 fn byte(start: usize, at: usize) -> u8 {
     (start * 31 + at * 7 + at / 256) as u8
 }
 
-/// The joiner accepts exactly the fragments that continue their message. By the model, which knows all fragments, these are the
-/// fragments since the last one with number 0 if they are numbered without a gap, and if none before the present one is the last.
+/// The joiner accepts exactly the fragments that continue their message, up to the length [`MAX_MESSAGE`]. In the model, which
+/// knows all fragments, a message begins at the latest fragment with number 0. A fragment continues the message if all
+/// fragments from there on are numbered without a gap, and no earlier one of them is marked as the last.
 pub fn joining(fragments: &[Fragment]) {
     let mut joiner = Joiner::new();
     let mut start = None;
@@ -57,7 +58,7 @@ pub fn joining(fragments: &[Fragment]) {
     }
 }
 
-/// The fragments of a message of this length, after another one that was interrupted, each with at most `room` bytes.
+/// Splits a message of `len` bytes, after an interrupted one, into fragments of at most `room` bytes each, with their headers.
 pub fn split(len: usize, room: usize) -> Vec<Vec<u8>> {
     let mut splitter = Splitter::new();
     // A message of which only the first fragment was sent.
@@ -76,7 +77,7 @@ pub fn split(len: usize, room: usize) -> Vec<Vec<u8>> {
     fragments
 }
 
-/// A message is split into as few fragments as possible, all but the last of them full, and the joiner returns it.
+/// A message is split into as few fragments as possible, all but the last of them full, and the joiner returns the message.
 pub fn splitting(len: usize, room: usize) {
     let fragments = split(len, room);
     assert_eq!(fragments.len(), len.div_ceil(room - 1));
@@ -90,8 +91,8 @@ pub fn splitting(len: usize, room: usize) {
     }
 }
 
-/// Whatever happens to the fragments of a message on their way, the joiner returns this message or none. `order` has the indices
-/// of the fragments that arrive.
+/// If fragments of a message are lost, repeated or reordered, the joiner returns the message exactly when all of its fragments
+/// have arrived in order, one directly after the other. `order` has the indices of the fragments in the order of their arrival.
 pub fn disorder(fragments: &[Vec<u8>], order: &[usize]) {
     let message: Vec<u8> = fragments.iter().flat_map(|fragment| &fragment[1..]).copied().collect();
     let mut joiner = Joiner::new();

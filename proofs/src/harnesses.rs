@@ -1,7 +1,7 @@
 //! The properties that Kani proves. A harness covers all inputs at once, within the bounds that its comment states, if any.
 //!
-//! These harnesses have never run: Kani's set-up downloads its compiler from its release page, and the workflow that runs it has
-//! not run yet.
+//! These harnesses have never run: Kani's set-up downloads Kani's compiler from a release page, and the workflow
+//! `.github/workflows/ci.yml`, which runs Kani, has not run yet.
 
 use crate::{codec, flash, fragments, numbers};
 use fragments::Fragment;
@@ -13,7 +13,7 @@ fn order_of_all_numbers() {
     numbers::order(kani::any(), kani::any());
 }
 
-/// All losses of six frames.
+/// Six frames, of which any are lost.
 #[kani::proof]
 #[kani::unwind(8)]
 fn live_losses() {
@@ -21,7 +21,7 @@ fn live_losses() {
     numbers::live_losses(arrived, 6, status);
 }
 
-/// All rates, up to 256 cells, and a request for every frame or for few.
+/// All frame periods and rates of the carrier, up to 256 cells, and a request for every frame or for at most one of 251.
 #[kani::proof]
 #[kani::unwind(257)]
 fn fitting_rate_of_cells() {
@@ -49,7 +49,7 @@ fn joiner() {
     fragments::joining(&[any_fragment(), any_fragment(), any_fragment()]);
 }
 
-/// All areas and offsets, and three bytes.
+/// Changes of three bytes, for all areas and offsets.
 #[kani::proof]
 #[kani::unwind(5)]
 fn changes_of_a_partition() {
@@ -58,7 +58,7 @@ fn changes_of_a_partition() {
     flash::change(start..end, kani::any(), &[0; 3]);
 }
 
-/// All areas and offsets, and two bytes, which may be in two pages.
+/// Reads of two bytes, which may be in two pages, for all areas and offsets.
 #[kani::proof]
 #[kani::unwind(258)]
 fn reads_of_a_partition() {

@@ -3,8 +3,8 @@
 use plantar::protocol::update::Header;
 use plantar::protocol::{Serial, decode, encode};
 
-/// The numbers of a version: three decimal numbers below 65,536 with points between them, optionally followed by a
-/// plus sign and any text.
+/// The numbers of a version: three decimal numbers below 65,536 with points between them, optionally followed by a plus sign
+/// and any text; `None` for a text of another form.
 fn numbers(version: &str) -> Option<[u16; 3]> {
     let release: String = version.chars().take_while(|&c| c != '+').collect();
     let numbers: Vec<u16> = release
@@ -19,7 +19,8 @@ fn numbers(version: &str) -> Option<[u16; 3]> {
     numbers.try_into().ok()
 }
 
-/// The numbers of a version of at most 16 bytes are read as they are written, and a version of another form has none.
+/// The numbers of a version, a text of at most 16 bytes, are read as they are written. A text of another form has no numbers,
+/// and a header that contains it is not accepted.
 pub fn version(version: &str) {
     let header = Header::new("board", version);
     assert_eq!((header.board(), header.version()), ("board", version));
@@ -28,7 +29,7 @@ pub fn version(version: &str) {
 }
 
 /// The bytes are a header if and only if they begin with the magic number of a header, and the text of the version, up to its
-/// first zero, is a version.
+/// first zero, is a valid version.
 pub fn header(bytes: &[u8; Header::BYTES]) {
     // Eight bytes of the magic number, 16 of the board, and 16 of the version.
     let (start, version) = bytes.split_at(24);
@@ -39,7 +40,8 @@ pub fn header(bytes: &[u8; Header::BYTES]) {
     assert!(read.is_none_or(|header| header.bytes() == *bytes));
 }
 
-/// A serial number is a text of up to 16 printable ASCII characters without spaces, and its bytes are this text and zeros.
+/// A serial number is a text of up to 16 printable ASCII characters without spaces, and it is encoded as this text, followed by
+/// zeros.
 pub fn serial(text: &str) {
     let serial = Serial::new(text);
     let is_printable = text.chars().all(|c| ('!'..='~').contains(&c));

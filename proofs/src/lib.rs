@@ -1,8 +1,8 @@
-//! Properties of the core. A property is a function that takes an input and panics if the core does something else than a simple,
-//! independent model of it.
+//! Properties of the core, the library `plantar`. A property is a function that takes an input and panics if the core behaves
+//! differently from a simple, independent model.
 //!
-//! `tests/exhaustive.rs` calls each property for all inputs within its bounds, on any machine. Kani proves some of them for all
-//! inputs at once, without running them: the module `harnesses`, which only Kani compiles.
+//! `tests/exhaustive.rs` calls each property for all inputs within its bounds, on any machine. With the harnesses in the module
+//! `harnesses`, which only Kani compiles, Kani can prove some properties for all inputs at once, without running the code.
 
 pub mod acknowledgement;
 pub mod calendar;
@@ -30,7 +30,7 @@ pub fn sequences<T: Copy>(alphabet: &[T], longest: usize, mut check: impl FnMut(
             sequence.extend(digits.iter().map(|&digit: &usize| alphabet[digit]));
             check(&sequence);
             count += 1;
-            // The next number in the base of the alphabet's length.
+            // The next sequence: the digits count up, in a number system whose base is the length of the alphabet.
             let Some(raised) = digits.iter().rposition(|&digit| digit + 1 < alphabet.len()) else { break };
             digits[raised] += 1;
             digits[raised + 1..].fill(0);

@@ -3,8 +3,8 @@
 use plantar::protocol::{CellStream, LiveCounter, Resolution};
 use plantar::sequence::{is_after, skipped};
 
-/// A number `to` is after `from` if it is ahead by less than half of all numbers; then `from` and all numbers before `to` count
-/// as skipped.
+/// The number that is `distance` ahead of `from` is after it if the distance is from 1 to 2^31 - 1. Then `from` and all numbers
+/// up to the later number, exclusive, count as skipped.
 pub fn order(from: u32, distance: u32) {
     let to = ((u64::from(from) + u64::from(distance)) % (1 << 32)) as u32;
     let is_ahead = (1..=0x7fff_ffff).contains(&distance);
@@ -12,8 +12,9 @@ pub fn order(from: u32, distance: u32) {
     assert_eq!(skipped(from, to), if is_ahead { distance } else { 0 });
 }
 
-/// Of `due` live frames, those with a bit set in `arrived` arrive. The counter reports exactly the others as lost once it knows
-/// the insole's count; it also gets this count earlier, after `status` frames.
+/// Of `due` live frames, those with a bit set in `arrived` arrive. The counter reports exactly the other frames as lost once it
+/// receives the insole's count of due frames. It receives this count at the end, and also earlier, once `status` frames were
+/// due.
 pub fn live_losses(arrived: u32, due: u32, status: u32) {
     let mut counter = LiveCounter::NEW;
     for sequence in 0..due {
@@ -31,10 +32,12 @@ pub fn live_losses(arrived: u32, due: u32, status: u32) {
     assert_eq!((counter.received, counter.lost), (received, due - received));
 }
 
-/// A stream of cells is sent at the highest rate, not above the requested one, at which it fits beside the live frames.
+/// A stream of cells is sent at the highest rate, not above the requested one, at which the carrier can also send all live
+/// frames. `every` requests one of so many frames.
 pub fn fitting_rate(resolution: Resolution, every: u8, cells: u32, period_us: u32, bytes_per_s: u32) {
     let frames_per_s = 1_000_000 / u64::from(period_us.max(1));
-    // Bytes with the framing of a byte carrier: 22 and 60 % of the plain codes for a frame of cells, 92 for a live frame.
+    // Bytes with the framing of a byte carrier: for a frame of cells 22 plus 60 % of the length of the plain codes, for a live
+    // frame 92.
     let frame_bytes = 22 + u64::from(cells) * u64::from(resolution.bits()) * 6 / 80;
     let live_bytes_per_s = 92 * frames_per_s;
     let fits = |every: u64| live_bytes_per_s * every + frame_bytes * frames_per_s <= u64::from(bytes_per_s) * every;

@@ -13,7 +13,7 @@ const ANSWERS: usize = 16;
 pub enum Event {
     /// A live frame is due.
     Live,
-    /// The host asks for the time.
+    /// The host requests the time.
     Ask,
     /// The insole completes a record.
     Record,
@@ -21,7 +21,7 @@ pub enum Event {
     Send,
 }
 
-/// A message, by its kind and number.
+/// A sent message, as the event that caused it, and its number.
 type Sent = (Event, u64);
 
 fn next(session: &mut Session) -> Option<Sent> {
@@ -34,9 +34,9 @@ fn next(session: &mut Session) -> Option<Sent> {
     })
 }
 
-/// The events happen to a session with a full queue of live frames and with room for one more answer. It sends records first,
-/// then live frames, then answers; if answers wait, at most eight live frames precede the first of them. A full queue of live
-/// frames drops its oldest one. A request for whose answer there is no room is not answered.
+/// These events, with at most six records, happen to a session with a full queue of live frames and with room for one more
+/// answer. The session sends records first, then live frames, then answers. While answers wait, it sends at most eight live
+/// frames. A full queue of live frames drops the oldest one. A request for whose answer there is no room is not answered.
 pub fn of_messages(events: &[Event]) {
     let mut session = Session::new();
     session.receive(ToDevice::Connect { major: MAJOR, minor: MINOR }, 0);

@@ -21,7 +21,7 @@ fn next(session: &mut Session) -> Option<ToHost> {
     session.next(&hello(), Status::default, &mut buffer).map(|bytes| decode(bytes).expect("a message"))
 }
 
-/// A session with a host, of an insole with this time between frames.
+/// A session of an insole with this time between frames, us; a host is connected and has received the hello.
 fn session(period_us: u32) -> Session {
     let mut session = Session::new();
     let sensor = SensorLaw { full_kpa: 1000.0, exponent: 1.0 };
@@ -32,8 +32,8 @@ fn session(period_us: u32) -> Session {
     session
 }
 
-/// One of `every` frames of cells is sent, the first one included; it is dropped and counted if three others wait. `events` has a
-/// true for a frame and a false for a message that the carrier takes.
+/// Of each `every` frames of cells (0 stands for 1), the first is sent; it is dropped and counted if three frames wait already.
+/// In `events`, true is a new frame, and false is a message that the carrier takes.
 pub fn cells(every: u8, events: &[bool]) {
     let mut session = session(10_000);
     let stream = CellStream { resolution: Resolution::Oversampled, every };
@@ -70,8 +70,9 @@ pub fn cells(every: u8, events: &[bool]) {
     }
 }
 
-/// One of `every` frames has ellipses, and the newest ellipses are sent; a rate above 25 Hz is refused. The carrier takes a
-/// message after each frame whose number, modulo 32, has a bit set in `taken`.
+/// Of each `every` frames, the ellipses of the first are due, and the newest due ellipses are sent; a rate above 25 Hz is
+/// refused. `period_us` is the time between frames. The carrier takes a message after frame `n` if bit `n` modulo 32 of `taken`
+/// is set.
 pub fn ellipses(every: u8, period_us: u32, frames: u32, taken: u32) {
     let mut session = session(period_us);
     session.receive(ToDevice::StreamEllipses { every }, 0);

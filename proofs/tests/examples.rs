@@ -1,4 +1,5 @@
-//! Each property for a few inputs. `cargo xtask assure` runs this test in Miri, an interpreter that is too slow for all inputs.
+//! Most properties, each for a few inputs. `cargo xtask assure` runs this test in Miri, an interpreter that is too slow for all
+//! inputs.
 
 use critical_section as _; // links the host's implementation of the critical sections that the firmware uses
 use plantar::protocol::{Resolution, ToDevice};

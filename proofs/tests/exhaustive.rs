@@ -13,12 +13,12 @@ use proofs::{
     acknowledgement, all_bytes, cells, codec, flash, fragments, image, numbers, order, sequences, streams, supervision,
 };
 
-/// The bound of a short or of a long run.
+/// The bound of this run: `long` with `PLANTAR_ASSURE`, `short` otherwise.
 fn bound<T>(short: T, long: T) -> T {
     if std::env::var_os("PLANTAR_ASSURE").is_some() { long } else { short }
 }
 
-/// All numbers that are at most `around` away from one of these, modulo 2^32.
+/// All numbers that are at most `around` away from one of `numbers`, modulo 2^32.
 fn around<const N: usize>(numbers: [u32; N], around: u32) -> impl Iterator<Item = u32> {
     let offsets = 0..=2 * around;
     numbers.into_iter().flat_map(move |number| {
@@ -27,9 +27,9 @@ fn around<const N: usize>(numbers: [u32; N], around: u32) -> impl Iterator<Item 
     })
 }
 
-/// The order depends only on the distance of two numbers. A long run has all 2^32 distances.
+/// The order depends only on the distance of two numbers. A long run checks all 2^32 distances.
 #[test]
-fn a_sequence_number_is_after_the_2_to_the_31_numbers_before_it() {
+fn a_sequence_number_is_after_the_nearest_2_to_the_31_minus_1_numbers_before_it() {
     let origins = [0, 1, 1 << 31, u32::MAX];
     for from in origins {
         if bound(false, true) {
@@ -64,7 +64,7 @@ fn a_stream_of_cells_has_the_highest_rate_that_fits() {
 }
 
 #[test]
-fn the_checksum_of_short_bytes_is_that_of_its_definition() {
+fn the_checksum_of_short_messages_is_the_crc_32_by_its_definition() {
     sequences(&all_bytes(), bound(2, 3), codec::checksum);
 }
 
@@ -76,10 +76,10 @@ fn the_decoder_finds_exactly_the_intact_frames_of_a_short_stream() {
 }
 
 #[test]
-fn a_message_is_framed_by_the_definition_and_received() {
+fn a_message_is_framed_by_the_definition_and_decoded_again() {
     sequences(&all_bytes(), bound(1, 2), codec::framing);
     sequences(&[0, 1, 254, 255], bound(8, 10), codec::framing);
-    // All lengths, with a zero in any place, in every place, or nowhere.
+    // Messages of all lengths, with a zero in one place, in every place, or nowhere.
     for len in 0..=MAX_MESSAGE {
         codec::framing(&vec![0; len]);
         codec::framing(&vec![7; len]);
@@ -94,7 +94,7 @@ fn a_message_is_framed_by_the_definition_and_received() {
 #[test]
 fn two_damaged_bytes_never_produce_another_message() {
     let bytes = bound(vec![0, 1, 2, 5, 6, 7, 254, 255], all_bytes().to_vec());
-    // A frame, with its final zero, has six bytes more than its message.
+    // The frame of each of these messages, with its final zero, has six bytes more than the message.
     for message in [vec![], vec![0], vec![1], vec![255]] {
         let len = message.len() + 6;
         for (first, second) in (0..len).flat_map(|first| (first..len).map(move |second| (first, second))) {
@@ -106,14 +106,14 @@ fn two_damaged_bytes_never_produce_another_message() {
 }
 
 #[test]
-fn short_bytes_are_refused_or_decoded_as_a_message_of_a_host_that_can_be_encoded() {
+fn short_byte_sequences_are_refused_or_decoded_as_host_messages_that_can_be_encoded() {
     let mut found = 0;
     sequences(&all_bytes(), bound(2, 3), |bytes| found += u32::from(codec::message_of::<ToDevice>(bytes)));
     assert!(found > 0);
 }
 
 #[test]
-fn short_bytes_are_refused_or_decoded_as_a_message_of_an_insole_that_can_be_encoded() {
+fn short_byte_sequences_are_refused_or_decoded_as_insole_messages_that_can_be_encoded() {
     let mut found = 0;
     sequences(&all_bytes(), bound(2, 3), |bytes| found += u32::from(codec::message_of::<ToHost>(bytes)));
     assert!(found > 0);
@@ -125,10 +125,10 @@ fn the_joiner_accepts_exactly_the_fragments_that_continue_their_message() {
     let parts = numbers.into_iter().flat_map(|number| {
         [false, true].into_iter().flat_map(move |is_last| [0, 300].map(|len| Fragment { number, is_last, len }))
     });
-    let headless = Fragment { number: None, is_last: false, len: 0 };
-    let alphabet: Vec<_> = parts.chain([headless]).collect();
+    let without_header = Fragment { number: None, is_last: false, len: 0 };
+    let alphabet: Vec<_> = parts.chain([without_header]).collect();
     sequences(&alphabet, bound(4, 5), fragments::joining);
-    // The longest messages, in two fragments of any lengths.
+    // Messages of all lengths, and two that are too long, in two fragments of any lengths; then a fragment after the last one.
     for len in 0..=MAX_MESSAGE + 2 {
         for first in 0..=len {
             let part = |number, is_last, len| Fragment { number: Some(number), is_last, len };
@@ -137,7 +137,7 @@ fn the_joiner_accepts_exactly_the_fragments_that_continue_their_message() {
     }
 }
 
-/// The number after 127 is 0, with which a message begins.
+/// The number after 127 is 0, which begins a message.
 #[test]
 fn the_joiner_never_joins_more_fragments_than_it_can_number() {
     for last in 0..300 {
@@ -164,7 +164,7 @@ fn fragments_in_any_order_with_losses_and_repetitions_yield_the_message_or_nothi
     }
 }
 
-/// The offsets around the beginning, the end and the pages of an area, and those near the largest number.
+/// The offsets around the beginning, the end and the page boundaries of an area, and around the largest offset.
 fn offsets(len: u32) -> impl Iterator<Item = u32> {
     around([0, 256, 512, len, 256 + len, u32::MAX], bound(3, 40))
 }
@@ -175,8 +175,8 @@ fn a_partition_returns_the_bytes_of_its_area_only() {
     for start in [0, 256, 4096, LARGEST_CHIP - 1024] {
         for len in [0, 1, 255, 256, 257, 1024] {
             for (before, offset) in offsets(len).flat_map(|offset| [0, 300, 1023].map(|before| (before, offset))) {
-                for read in (0..=600).step_by(bound(23, 1)).chain([255, 256, 257, 511, 512, 513]) {
-                    flash::read(start..start + len, before, offset, &mut bytes[..read]);
+                for count in (0..=600).step_by(bound(23, 1)).chain([255, 256, 257, 511, 512, 513]) {
+                    flash::read(start..start + len, before, offset, &mut bytes[..count]);
                 }
             }
         }
@@ -189,7 +189,7 @@ fn a_partition_changes_bytes_of_its_area_only() {
     for start in [0, 256, 4096, LARGEST_CHIP - 1024] {
         for len in [0, 1, 255, 256, 257, 1024] {
             for offset in offsets(len) {
-                (0..=bytes.len()).for_each(|change| flash::change(start..start + len, offset, &bytes[..change]));
+                (0..=bytes.len()).for_each(|count| flash::change(start..start + len, offset, &bytes[..count]));
             }
         }
     }
@@ -197,7 +197,7 @@ fn a_partition_changes_bytes_of_its_area_only() {
 
 #[test]
 fn no_sector_of_a_chip_belongs_to_two_areas() {
-    for chip_bytes in (1..=8).map(|chips| chips * SMALLEST_CHIP).chain([LARGEST_CHIP - 1, LARGEST_CHIP - SECTOR]) {
+    for chip_bytes in (1..=8).map(|factor| factor * SMALLEST_CHIP).chain([LARGEST_CHIP - 1, LARGEST_CHIP - SECTOR]) {
         (0..2 * LARGEST_CHIP).step_by(SECTOR as usize).for_each(|sector| flash::map(chip_bytes, sector));
     }
 }
@@ -233,13 +233,14 @@ fn a_damaged_header_is_accepted_only_with_its_magic_number_and_a_valid_version()
 }
 
 #[test]
-fn a_session_loses_no_record_and_sends_none_again_after_its_acknowledgement() {
+fn a_session_sends_no_acknowledged_record_again_and_loses_none_without_counting_it() {
     for first in [0, u32::MAX - 4] {
         sequences(&EVENTS, bound(5, 7), |events| acknowledgement::session(first, events));
     }
 }
 
-/// One part has heartbeats in any order, and the others always; or two parts stop at any two checks.
+/// One part has heartbeats before some of the checks, in all combinations, and the others before every check; or two parts stop
+/// at any two checks.
 #[test]
 fn the_watchdog_reports_exactly_the_parts_that_were_silent_for_too_long() {
     let checks = bound(14, 18);
@@ -259,7 +260,7 @@ fn the_watchdog_reports_exactly_the_parts_that_were_silent_for_too_long() {
     }
 }
 
-/// Any part stops, for a time around its limit, and continues.
+/// Each part stops for a time around its limit, and continues.
 #[test]
 fn a_part_that_continues_in_time_is_not_reported() {
     for part in supervision::ALL {
@@ -274,8 +275,8 @@ fn a_part_that_continues_in_time_is_not_reported() {
     }
 }
 
-/// All pairs of successive codes of the converter (a short run: those with every 17th former code), a pair for each group of
-/// eight cells; then all numbers of cells.
+/// All pairs of successive codes of the converter (in a short run, those with every 17th first code), one pair for each group
+/// of eight cells; then pairs of oversampled codes, and all numbers of cells.
 #[test]
 fn codes_are_unpacked_as_they_were_packed() {
     const GROUPS: u16 = 32;
@@ -301,7 +302,8 @@ fn codes_are_unpacked_as_they_were_packed() {
     }
 }
 
-/// Every day until the end of the century, or of the year 2499, at a time that differs from day to day.
+/// Every day until the end of the century, or of the year 2499, at a time that differs from day to day; then every second of a
+/// day.
 #[test]
 fn every_day_is_encoded_as_the_calendar_counts_it() {
     let mut day = Day::FIRST;
@@ -327,7 +329,7 @@ fn a_field_of_a_time_with_an_impossible_value_is_refused() {
 }
 
 #[test]
-fn a_stream_of_cells_sends_the_due_frames_in_order_and_counts_the_others() {
+fn a_stream_of_cells_sends_the_due_frames_in_order_and_counts_the_dropped_ones() {
     for every in 0..=3 {
         sequences(&[true, false], bound(12, 16), |events| streams::cells(every, events));
     }
@@ -337,7 +339,7 @@ fn a_stream_of_cells_sends_the_due_frames_in_order_and_counts_the_others() {
 }
 
 #[test]
-fn a_stream_of_ellipses_sends_the_newest_due_ones() {
+fn a_stream_of_ellipses_sends_the_newest_due_ellipses() {
     for period_us in [0, 1, 156, 157, 2_500, 10_000, 39_999, 40_000, 40_001, 1_000_000] {
         for every in 0..=255 {
             for taken in [0, 0x0000_0100, 0x5555_5555, 0x9249_2492, u32::MAX] {
@@ -348,10 +350,10 @@ fn a_stream_of_ellipses_sends_the_newest_due_ones() {
 }
 
 #[test]
-fn messages_leave_a_session_in_their_order() {
+fn a_session_sends_records_before_live_frames_before_answers() {
     use order::Event;
     let alphabet = [Event::Live, Event::Ask, Event::Record, Event::Send];
-    // At most six records wait.
+    // The queue holds six records; one more would drop a record.
     let count = |events: &[Event]| events.iter().filter(|event| **event == Event::Record).count();
     sequences(&alphabet, bound(6, 8), |events| {
         if count(events) <= 6 {

@@ -21,7 +21,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
 use std::task::{Context, Poll, Waker};
 
-/// A stopped clock: no time is part of what these tests check.
+/// A stopped clock: these tests do not depend on time.
 struct Clock;
 
 embassy_time_driver::time_driver_impl!(static CLOCK: Clock = Clock);
@@ -34,17 +34,19 @@ impl embassy_time_driver::Driver for Clock {
     fn schedule_wake(&self, _: u64, _: &Waker) {}
 }
 
-/// The names of the threads. Their first character is their urgency, from the least. The main thread prepares the others and
-/// checks the result.
+/// The names of the threads. The first character is the urgency of the thread: a thread with a higher digit is more urgent. The
+/// main thread, which prepares the others and checks the result, is the most urgent one.
 const PROCESSING: &str = "1 processing";
 const SCAN: &str = "2 scan";
 const WATCHDOG: &str = "3 watchdog";
 const MAIN: char = '9';
 
-/// All orders on one core with priorities: a thread, which is one activation of a loop, is interrupted only by more urgent ones,
-/// and continues once these have ended.
+/// A scheduler for all orders that are possible on one core with priorities: a thread, which is one activation of a loop, is
+/// interrupted only by more urgent ones, and continues once these have ended. Threads of the same urgency run one after the
+/// other, in the order in which they were created.
 struct Priorities {
     orders: DfsScheduler,
+    /// The threads that have begun to run.
     begun: BTreeSet<TaskId>,
 }
 
@@ -78,7 +80,7 @@ impl Scheduler for Priorities {
     }
 }
 
-/// Runs `test` in all orders; returns their number.
+/// Runs `test` in all orders; returns the number of orders.
 fn in_all_orders(test: impl Fn() + Send + Sync + 'static) -> usize {
     let scheduler = Priorities { orders: DfsScheduler::new(None, false), begun: BTreeSet::new() };
     let mut config = Config::new();
@@ -90,7 +92,7 @@ fn start(name: &str, work: impl FnOnce() + Send + 'static) -> thread::JoinHandle
     thread::Builder::new().name(name.into()).spawn(work).expect("a thread of the model")
 }
 
-/// A clock that returns the frame number that was set, once.
+/// A frame clock that returns each frame number once, after a test has set it.
 struct SetClock(Arc<Mutex<Option<u32>>>);
 
 impl FrameClock for SetClock {
@@ -103,7 +105,7 @@ impl FrameClock for SetClock {
     }
 }
 
-/// A matrix of one row, of which frame 3 does not answer.
+/// A matrix of one row, which does not answer in frame 3.
 struct OneRow;
 
 impl Matrix for OneRow {
@@ -127,7 +129,7 @@ fn connected(counters: &'static ScanCounters) -> Shared {
     shared
 }
 
-/// Requests the counters as a host does.
+/// Requests the counters as a host does, and returns them.
 fn status(shared: &Shared) -> Status {
     shared.receive(Carrier::Serial, Some(ToDevice::GetStatus));
     let mut buffer = [0; MAX_MESSAGE];
@@ -137,9 +139,9 @@ fn status(shared: &Shared) -> Status {
     }
 }
 
-/// Frames 0, 1, 3 and 4 become due while processing evaluates frames and a host reads the counters. Frame 2 is missed, frame 3
-/// does not answer, and the queue has room for one frame. Whenever the scan interrupts the other loops, every frame is counted
-/// once.
+/// Frames 0, 1, 3 and 4 become due while processing evaluates frames and a host reads the counters. Frame 2 is missed, the
+/// matrix does not answer in frame 3, and the queue has room for one frame. Whenever the scan interrupts the other loops, every
+/// frame is counted once.
 #[test]
 fn every_frame_is_counted_once_in_all_orders() {
     const NUMBERS: [u32; 4] = [0, 1, 3, 4];
@@ -160,7 +162,7 @@ fn every_frame_is_counted_once_in_all_orders() {
                 receiver.receive_done();
                 counters.heartbeats.frame_processed();
             }
-            // A frame may wait in the queue, and a frame time is complete once its scan has ended.
+            // A frame that waits in the queue is not counted yet. `times` is the number of frame times whose scans have ended.
             let counted = status(&shared).frame_times();
             let after = times.load(Ordering::Relaxed);
             assert!((before.saturating_sub(1)..=after).contains(&counted), "{before}, {counted}, {after}");
@@ -182,10 +184,10 @@ fn every_frame_is_counted_once_in_all_orders() {
     assert!(orders > 100, "{orders}");
 }
 
-/// The last heartbeat of a scan is almost too long ago when the watchdog interrupts it. The watchdog reports the scan if and only
-/// if it runs before the next heartbeat, and never sees more frames pending than were queued.
+/// The watchdog interrupts a scan whose last heartbeat is almost too long ago. It reports the scan if and only if it runs
+/// before the next heartbeat of the scan, and never finds more frames pending than were queued.
 #[test]
-fn a_heartbeat_counts_from_its_moment_on_in_all_orders() {
+fn the_watchdog_reports_a_scan_only_before_its_next_heartbeat_in_all_orders() {
     let orders = in_all_orders(|| {
         let heartbeats = Arc::new(Heartbeats::new());
         let mut watchdog = Watchdog::new();
@@ -195,16 +197,16 @@ fn a_heartbeat_counts_from_its_moment_on_in_all_orders() {
             assert_eq!(watchdog.check(&heartbeats), 0, "check {check}");
         }
         let (watchdog, has_progressed) = (Arc::new(Mutex::new(watchdog)), Arc::new(AtomicU32::new(0)));
-        let (beating, progressed) = (heartbeats.clone(), has_progressed.clone());
-        let processed = heartbeats.clone();
+        let (scan_heartbeats, progressed) = (heartbeats.clone(), has_progressed.clone());
+        let processing_heartbeats = heartbeats.clone();
         let processing = start(PROCESSING, move || {
-            for _ in 0..processed.pending_frames() {
-                processed.frame_processed();
+            for _ in 0..processing_heartbeats.pending_frames() {
+                processing_heartbeats.frame_processed();
             }
         });
         let scan = start(SCAN, move || {
-            beating.frame_queued();
-            beating.scan_progressed();
+            scan_heartbeats.frame_queued();
+            scan_heartbeats.scan_progressed();
             progressed.store(1, Ordering::Relaxed);
         });
         let checks = [(); 2].map(|()| {
@@ -223,7 +225,8 @@ fn a_heartbeat_counts_from_its_moment_on_in_all_orders() {
     assert!(orders > 100, "{orders}");
 }
 
-/// A counter with two writers loses counts, so each counter has one. The loss also shows that these tests can find one.
+/// A counter with two writers loses counts; this is why each counter has one writer. The test also shows that tests in all
+/// orders find such a loss.
 #[test]
 fn a_second_writer_would_lose_counts() {
     let fewest = Arc::new(AtomicU32::new(u32::MAX));

@@ -1,4 +1,5 @@
-//! Updates and acknowledgements on a simulated flash chip, for all sequences of events within bounds.
+//! Updates, the return to the previous image, and acknowledgements on a simulated flash chip, for all sequences of events
+//! within bounds.
 
 use critical_section as _; // links the host's implementation of the critical sections that the firmware uses
 use embassy_futures::block_on;
@@ -14,13 +15,17 @@ use proofs::acknowledgement::record;
 use proofs::sequences;
 use std::sync::LazyLock;
 
+/// The header of the running image.
 const RUNNING: Header = Header::new("board", "1.2.3");
 
+/// The bound of this run: `long` if `cargo xtask assure` has set `PLANTAR_ASSURE`, `short` otherwise.
 fn bound<T>(short: T, long: T) -> T {
     if std::env::var_os("PLANTAR_ASSURE").is_some() { long } else { short }
 }
 
+/// The secret half of the key that signs the images.
 static SECRET: LazyLock<SigningKey> = LazyLock::new(|| SigningKey::from_bytes(&[7; 32]));
+/// The public half of this key.
 static KEY: LazyLock<[u8; 32]> = LazyLock::new(|| SECRET.verifying_key().to_bytes());
 
 fn ask(update: &mut Update, chip: &mut NorFlashChip, request: &Request) -> Result<Progress, Refusal> {
@@ -42,7 +47,7 @@ enum Asked {
     Begin {
         is_signed: bool,
     },
-    /// The chunk of either image with this number.
+    /// The chunk with this number; both images have the same chunks.
     Chunk(u16),
     Finish,
     Confirm,
@@ -54,6 +59,7 @@ enum Asked {
 struct Receiver {
     /// The signature of the offered image is valid.
     offered: Option<bool>,
+    /// Number of the next chunk.
     next: u16,
     is_accepted: bool,
 }
@@ -124,14 +130,14 @@ fn an_image_is_accepted_only_after_all_of_its_chunks_and_with_its_signature() {
         accepted += u32::from(receiver.is_accepted);
     };
     sequences(&alphabet, bound(5, 7), &mut check);
-    // The same after a transfer that only lacks its end.
+    // The same after a transfer that lacks only the request to finish it.
     let complete = [Asked::Begin { is_signed: true }, Asked::Chunk(0), Asked::Chunk(1), Asked::Chunk(2)];
     sequences(&alphabet, bound(2, 4), |asked| check(&[&complete, asked].concat()));
     assert!(accepted > 1);
 }
 
 #[test]
-fn an_image_of_any_length_is_accepted_if_it_fits() {
+fn an_update_begins_only_if_its_image_is_not_empty_and_fits() {
     let mut chip = NorFlashChip::new(OTHER.end as usize);
     for chunks in 0..=u16::MAX {
         let offer = Offer { header: Header::new("board", "1.2.3"), chunks, signature: [[0; 32]; 2] };
@@ -141,7 +147,7 @@ fn an_image_of_any_length_is_accepted_if_it_fits() {
     }
 }
 
-/// All versions with numbers from 0 to 3, and versions that are none.
+/// All texts of up to five characters that are digits from 0 to 4 or points: versions, and texts that are not versions.
 #[test]
 fn an_older_image_and_one_for_another_board_are_refused() {
     let mut chip = NorFlashChip::new(OTHER.end as usize);
@@ -164,7 +170,8 @@ fn an_older_image_and_one_for_another_board_are_refused() {
     });
 }
 
-/// Every chunk of the longest image is written to its place, into a sector that was erased once before.
+/// Every chunk of the longest image is written to its place, into a sector that was erased exactly once. The note about the
+/// previous image is erased.
 #[test]
 fn the_chunks_of_the_longest_image_fill_its_area_and_nothing_else() {
     let chunks = (MAX_IMAGE / CHUNK as u32) as u16;
@@ -197,20 +204,23 @@ fn the_chunks_of_the_longest_image_fill_its_area_and_nothing_else() {
     }
 }
 
-/// What happens to the log.
+/// An event of the log.
 #[derive(Clone, Copy, Debug)]
 enum Event {
+    /// A record is stored.
     Record,
-    /// The oldest, or the newest record is acknowledged.
+    /// The oldest stored record is acknowledged.
     AcknowledgeOldest,
+    /// The newest stored record is acknowledged.
     AcknowledgeNewest,
-    /// A record is acknowledged that could not be stored.
+    /// A record is acknowledged that the log does not contain, because it could not be stored.
     AcknowledgeMissing,
+    /// The store is opened again, as after a reset.
     Restart,
 }
 
-/// After any sequence of events and a restart, the log has exactly the records that were not acknowledged, and their numbers
-/// continue.
+/// After any sequence of events and a restart, the log has exactly the records that were not acknowledged, and the number of
+/// the next record follows the highest number that was stored or acknowledged.
 #[test]
 fn a_log_contains_exactly_the_records_that_were_not_acknowledged() {
     let alphabet =
@@ -256,20 +266,25 @@ fn a_log_contains_exactly_the_records_that_were_not_acknowledged() {
     });
 }
 
-/// What happens to the previous image.
+/// An event that concerns the return to the previous image.
 #[derive(Clone, Copy, Debug)]
 enum Return {
-    /// The running image, or another one, is confirmed.
+    /// The image `RUNNING` is confirmed, which notes the previous image.
     Confirm,
+    /// Another running image is confirmed.
     ConfirmOther,
+    /// The note about the previous image is erased.
     Forget,
-    /// A byte of the previous image changes, or its first sector is overwritten, or its header names another board.
+    /// The last byte of the previous image changes.
     Damage,
+    /// The header of the previous image changes to that of another board.
     Board,
+    /// The image `RUNNING` requests the return to the previous image.
     SwapBack,
 }
 
-/// The previous image returns exactly if it was noted as the one that the running image replaced, and is unchanged since.
+/// The previous image is marked to be swapped back if and only if it was noted as the image that the running one replaced, is
+/// for the same board and unchanged since then, and no image is on trial.
 #[test]
 fn only_an_unchanged_previous_image_that_was_noted_returns() {
     const OTHER_RUNNING: Header = Header::new("board", "1.2.4");
@@ -283,7 +298,8 @@ fn only_an_unchanged_previous_image_that_was_noted_returns() {
         [Return::Confirm, Return::ConfirmOther, Return::Forget, Return::Damage, Return::Board, Return::SwapBack];
     sequences(&alphabet, bound(3, 5), |events| {
         let mut chip = blank.clone();
-        // The content of the chip that matters: the number of damages and the board, and what was noted with them.
+        // The expected state: how often the previous image was damaged, whether it is for this board, and whether an image is
+        // on trial; `noted` has the running image of the note, and the state of the previous image at that time.
         let (mut damages, mut is_of_board, mut is_on_trial_now) = (0u8, true, false);
         let mut noted = None;
         for event in events.iter().chain([&Return::SwapBack]) {

@@ -16,8 +16,9 @@ use heapless::Vec;
 
 /// Largest number of saturated cells that are compared with their neighbours in one frame.
 const SATURATED_PER_FRAME: usize = 4;
-/// The saturation of a cell is plausible if the mean of its neighbours is at least its code divided by this number.
-const PLAUSIBLE_FRACTION: u32 = 4;
+/// The saturation of a cell is plausible if the mean reading of its neighbours above their baselines is at least the code of
+/// the cell divided by this number.
+const PLAUSIBLE_DIVISOR: u32 = 4;
 
 /// The state of the detection, and the detected faults.
 #[derive(Debug)]
@@ -26,13 +27,13 @@ pub(crate) struct FaultDetector {
     total_area: i32,
     /// Area in contact, without masked cells.
     contact_area: i32,
-    /// Number of frames in which all cells are reviewed.
+    /// Number of frames that a review of all cells takes.
     review_frames: u32,
     /// [`GAIT_MS`] in frames.
     gait_frames: u32,
     /// The insole has at most [`MATRIX_CELLS`] cells, so their rows and columns are known.
     has_lines: bool,
-    /// The foot was down since the last review began.
+    /// The foot was on the ground since the last review began.
     has_stance: bool,
     /// A host has requested that the baselines are measured.
     is_zero_requested: bool,
@@ -97,7 +98,7 @@ impl FaultDetector {
     /// Adds `change`, in units of [`crate::pipeline::cell::area_units`], to the contact area. True if more than half of the
     /// insole is in contact: then [`FaultDetector::frame`] only checks saturated cells.
     #[inline(always)]
-    pub(crate) fn is_mostly_in_contact(&mut self, change: i32) -> bool {
+    pub(crate) fn update_contact_area(&mut self, change: i32) -> bool {
         self.contact_area += change;
         self.contact_area > self.total_area / 2
     }
@@ -154,9 +155,9 @@ impl FaultDetector {
     }
 
     /// Processes a frame in which the foot is lifted: reviews all cells once after the start, after each stance and on
-    /// request, a few in each frame. True if baselines have changed or cells were masked. `has_walked` states whether a step has
-    /// ended since the last review began, and is false after a review has begun: other contacts, such as those of a seated foot,
-    /// are no evidence, and a constant force after them may be that of a resting foot.
+    /// request, a few in each frame. True if baselines have changed or cells were masked. `has_walked` states whether a step of
+    /// walking has ended since the last review began; the beginning of a review resets it. Other contacts, such as those of a
+    /// seated foot, are no evidence, and a constant force after them may be that of a resting foot.
     #[inline(never)]
     pub(crate) fn lifted_frame<R: Real>(&mut self, frame: &mut FrameContext<'_, R>, has_walked: &mut bool) -> bool {
         if self.next_cell.is_none() {
@@ -167,7 +168,8 @@ impl FaultDetector {
             let has_walked = core::mem::take(has_walked);
             if core::mem::take(&mut self.is_interrupted) {
                 // The cells that were reviewed before the interruption have counted a step already. This review is skipped, so
-                // that no step counts twice. The first review after the start must know of the stance.
+                // that no step counts twice. Until the first review is complete, `has_stance` remains set: after a stance, the
+                // readings must not become the baselines at once.
                 self.has_stance = self.reviewed_seq.is_none();
                 frame.cells.iter_mut().for_each(InsoleCell::begin_step);
                 self.rows.begin_step();
@@ -289,7 +291,7 @@ fn check_saturation<R: Real>(frame: &mut FrameContext<'_, R>) {
                 count += 1;
             }
         }
-        if count >= 2 && sum / count < u32::from(codes[index]) / PLAUSIBLE_FRACTION {
+        if count >= 2 && sum / count < u32::from(codes[index]) / PLAUSIBLE_DIVISOR {
             frame.cells[index].marks.add(IMPLAUSIBLE_SATURATION);
         }
     }

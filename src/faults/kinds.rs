@@ -18,7 +18,7 @@ pub enum FaultKind {
     Stuck,
     /// Full scale while the neighbouring cells read little.
     Saturated,
-    /// The baseline of a cell, its unloaded reading, drifts faster, or farther in total, than the correction allows.
+    /// The unloaded reading of a cell drifts farther than its baseline can follow.
     Drift,
     /// All cells of a row read a part of the row's load.
     Crosstalk,
@@ -28,7 +28,7 @@ impl FaultKind {
     /// All kinds, in the order of their numbers in encoded messages.
     pub const ALL: [Self; 6] = [Self::Open, Self::Short, Self::Stuck, Self::Saturated, Self::Drift, Self::Crosstalk];
 
-    /// One word, lower case.
+    /// Name in output: one word in lower case.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Open => "open",

@@ -35,9 +35,9 @@ impl LineSearch {
         self.open_steps[line] = 0;
     }
 
-    /// Concludes the fault of line number `line`, rows first, after all cells were reviewed. `unresponsive` is the number of
-    /// cells on all lines that carried load before and did not respond in this step; the cells of an open line are subtracted
-    /// from it.
+    /// Returns the fault of a line after all cells were reviewed. `line` is its number: the rows come first, then the columns.
+    /// `unresponsive` is the number of cells on all lines that carried load before and did not respond in this step; the cells
+    /// of an open line are subtracted from it.
     pub(super) fn conclude<R>(
         &mut self,
         frame: &mut FrameContext<'_, R>,

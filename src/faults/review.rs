@@ -23,7 +23,7 @@ const MAX_RISE: i16 = 2 * NOISE as i16;
 pub(super) struct Review {
     /// How far the readings can raise the baselines.
     pub(super) rise: Rise,
-    /// The foot was down since the last review, so there is evidence of a stance.
+    /// A step of walking has ended since the last review began, so the cells have evidence of a stance.
     pub(super) has_stance: bool,
     /// Number of cells that carried load before and did not respond in this step.
     pub(super) unresponsive: u32,
@@ -31,7 +31,8 @@ pub(super) struct Review {
     pub(super) rezeroed: u32,
     /// See [`Faults::without_baseline`](super::Faults::without_baseline).
     pub(super) without_baseline: [u8; 8],
-    /// Bit i: a cell of row i reads more than in the last swing, so its residual pressure in the step between was not known.
+    /// Bit i: the reading of a cell of row i has risen by more than [`MAX_RISE`] since the last swing, so its residual pressure
+    /// in the step between was not known.
     pub(super) risen_rows: u16,
 }
 

@@ -14,12 +14,13 @@ use super::neighbourhood::FrameContext;
 use crate::pipeline::calibrate::FULL_CODE;
 use crate::pipeline::marks::LINES;
 
-/// An inspection can be clean if the highest pressure of the row is at least this much above that of the lifted foot, kPa, by the
-/// common sensor curve, without the cell's gain. With less pressure, crosstalk would be hardly larger than the noise. A second
-/// condition is that the highest code of the row is below half of full scale.
+/// An inspection can be clean if the highest pressure of the row is at least this much above that of the lifted foot, kPa, on
+/// the sensor curve that all cells share, without the cell's gain. With less pressure, crosstalk would be hardly larger than
+/// the noise. A second condition is that the highest code of the row is below half of full scale.
 const CLEAN_KPA: f32 = 10.0;
-/// Such an inspection is conclusive, whether it is clean or not, if the highest pressure is at least this much, kPa: one
-/// sixteenth of full scale with the sensor law of the reference insole. Chosen as [`CLEAN_RATIO`].
+/// Such an inspection is conclusive, whether it is clean or not, if the highest pressure is at least this much, kPa. With the
+/// sensor law of the reference insole, the code of this pressure is one sixteenth of [`FULL_CODE`]. The value was chosen in the
+/// same way as [`CLEAN_RATIO`].
 const CONCLUSIVE_KPA: f32 = 31.0;
 /// An inspection is clean if the lowest pressure of the row is less than the highest one divided by this number: with the
 /// sensor law of the reference insole, if its code is less than 1/32 of the highest one. Chosen on the recordings of the tests
@@ -107,9 +108,9 @@ impl RowSearch {
         }
     }
 
-    /// Ends a step: returns the row with crosstalk that was inspected most often. Only one row is returned, because the crosstalk
-    /// of one row enlarges the contact and leaves fewer inspections of other rows. The inspections of the rows with a bit in
-    /// `unknown_rows` are no evidence of crosstalk.
+    /// Ends a step: returns the row with crosstalk that had the most conclusive inspections. Only one row is returned, because
+    /// the crosstalk of one row enlarges the contact and leaves fewer inspections of other rows. The inspections of the rows
+    /// with a bit in `unknown_rows` are no evidence of crosstalk.
     pub(super) fn conclude(&mut self, unknown_rows: u16) -> Option<usize> {
         let mut worst = None;
         for (index, row) in self.rows.iter_mut().enumerate() {

@@ -4,33 +4,33 @@ use embassy_time::{Duration, Instant};
 
 /// Time for a central to encrypt the link, or to pair.
 const ENCRYPTION: Duration = Duration::from_secs(30);
-/// The same for an unknown central, after another one did not encrypt its link. It is short, so that the owner's phone soon gets
-/// its turn.
+/// The same time for an unknown central, one without a bond, after another central did not encrypt its link in time, and while
+/// bonding is not allowed. It is short, so that the owner's phone can connect soon.
 const SUSPECTED: Duration = Duration::from_secs(2);
 /// Time for which unknown centrals are suspected.
 const SUSPICION: Duration = Duration::from_secs(300);
 
-/// Limits the connections of strangers.
+/// Limits the connections without an encrypted link.
 #[derive(Default)]
 pub struct Admission {
-    /// Unknown centrals are suspected until then.
+    /// Time until which unknown centrals are suspected; `None` if no central has exceeded its limit yet.
     suspicious_until: Option<Instant>,
 }
 
 impl Admission {
-    /// No stranger so far.
+    /// No central has exceeded its limit yet.
     pub const fn new() -> Self {
         Self { suspicious_until: None }
     }
 
-    /// Time after its connection in which a central must have an encrypted link with a bond. `is_known` states that the central
-    /// has a bond, `allows_bonding` that it may make one now.
+    /// Time after the connection within which a central must have an encrypted link and a bond. `is_known` states that the
+    /// central has a bond, `allows_bonding` that it may make one now.
     pub fn time_limit(&self, is_known: bool, allows_bonding: bool) -> Duration {
         let is_suspected = self.suspicious_until.is_some_and(|until| Instant::now() < until);
         if is_suspected && !is_known && !allows_bonding { SUSPECTED } else { ENCRYPTION }
     }
 
-    /// Notes that a central was disconnected because it exceeded its limit.
+    /// Records that a central was disconnected because it exceeded its time limit.
     pub fn expelled(&mut self) {
         self.suspicious_until = Some(Instant::now() + SUSPICION);
     }

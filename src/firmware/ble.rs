@@ -1,8 +1,8 @@
 //! The session over Bluetooth LE. It defines the values of the GATT characteristics, which are the same on every board.
 //!
-//! The messages are those of the serial port, [`crate::protocol`], without frames: each value of a characteristic is a fragment
-//! of a message ([`crate::protocol::fragment`]). The Bluetooth stack (package `bluetooth`) has advertising, bonds and the
-//! attribute table; it uses the session through [`GattServer`].
+//! The messages are those of the serial port, [`crate::protocol`], without its framing: each value of a characteristic is a
+//! fragment of a message ([`crate::protocol::fragment`]). The Bluetooth stack (package `bluetooth`) implements advertising,
+//! bonds and the attribute table; it uses the session through [`GattServer`].
 
 use super::board::BluetoothBoard;
 use super::manage::IS_MANAGED;
@@ -109,13 +109,14 @@ impl<'a, B> GattSession<'a, B> {
         Ok(())
     }
 
-    /// The next value of a standard characteristic: cadence and time are notified when they change.
+    /// The next value of a standard characteristic: the cadence is notified after each step and when it changes, the time when
+    /// the clock was set.
     fn next_standard(&self, value: &mut [u8]) -> Option<(GattChannel, usize)> {
         let (cadence, clock_sets) = self.notified.get();
         let now = self.shared.cadence();
         if now != cadence {
             self.notified.set((now, clock_sets));
-            // RSC Measurement without optional fields; speed 0, because it is unknown.
+            // RSC Measurement (running speed and cadence) without optional fields; speed 0, because it is unknown.
             return write_value(value, GattChannel::Cadence, &[0, 0, 0, now.1]);
         }
         if self.shared.clock_sets() != clock_sets {

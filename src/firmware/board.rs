@@ -64,17 +64,17 @@ pub trait Stopwatch {
 
     /// Begins a measurement and returns its mark. Called at the beginning of every processed frame.
     fn start(&self) -> u32;
-    /// Number of cycles since the mark `start`. It may wrap after a millisecond, so the caller computes longer times from
-    /// differences of successive results.
+    /// Number of cycles since the mark `start`. The result may wrap after a millisecond, so the caller computes longer times
+    /// from differences of successive results.
     fn cycles_since(&self, start: u32) -> u32;
 }
 
-/// What a board measures of itself.
+/// The measurements that a board makes of its own controller.
 #[derive(Clone, Copy)]
 pub struct Gauges {
     /// Returns the deepest use of the stack so far, bytes.
     pub stack_bytes: fn() -> u32,
-    /// Returns the supply of the controller, mV; `None` if it is not measured, or not yet.
+    /// Returns the supply voltage of the controller, mV; `None` if it is not measured, or not yet.
     pub supply_mv: fn() -> Option<u16>,
 }
 

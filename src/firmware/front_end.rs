@@ -1,5 +1,6 @@
 //! The figures of the reference board's analogue front end and of its scan, in one place: the firmware uses them,
-//! `tools/hardware` draws, lists and simulates the circuit with them, and the simulated sensors of tests have their noise.
+//! `tools/hardware` draws, lists and simulates the circuit with them, and the simulated sensors of the tests add noise of up to
+//! [`NOISE_CODES`].
 //!
 //! A column amplifier holds its column at the virtual ground, a fixed part of the supply. The selected row is at ground, so that
 //! a cell of resistance R adds `FEEDBACK_OHM / R` times the virtual ground to the amplifier's output. The supply is also the
@@ -10,18 +11,18 @@
 //! use plantar::pipeline::calibrate::FULL_CODE;
 //!
 //! assert_eq!(code(f64::INFINITY) as u16, UNLOADED_CODE);
-//! // At the full scale of the sensor law, a cell reads the full scale above the code of an unloaded cell.
+//! // At the full-scale pressure of the sensor law, a cell reads `FULL_CODE` more than an unloaded cell.
 //! assert!((code(f64::from(FULL_SCALE_OHM)) - f64::from(FULL_CODE) * 12.0 / 11.0).abs() < 0.01);
 //! assert_eq!(FEEDBACK_OHM, 11 * FULL_SCALE_OHM);
 //! ```
 
 use crate::pipeline::calibrate::FULL_CODE;
 
-/// The virtual ground is this part of the supply.
+/// The virtual ground is the supply voltage divided by this number.
 pub const REFERENCE_DIVISOR: u16 = 11;
 /// Feedback resistor of a column amplifier, ohm.
 pub const FEEDBACK_OHM: u32 = 33_000;
-/// Resistance of a cell at the pressure of full scale of the sensor law, ohm.
+/// Resistance of a cell at the full-scale pressure of the sensor law, ohm.
 pub const FULL_SCALE_OHM: u32 = FEEDBACK_OHM / REFERENCE_DIVISOR as u32;
 /// Code of an unloaded cell, whose amplifier is at the virtual ground.
 pub const UNLOADED_CODE: u16 = FULL_CODE / REFERENCE_DIVISOR;

@@ -3,7 +3,7 @@
 //! From heel to toes there are 32 lines of up to 8 cells each. Electrically they are folded into 16 by 16: row `r` drives the
 //! lines `r` and `r + 16`; columns 0 to 7 read the lines of the rear half, columns 8 to 15 the lines of the front half, both from
 //! medial to lateral. A square matrix needs the fewest wires; because a foot is nearly three times as long as wide, the folding
-//! makes its cells nearly square. Left and right insoles are mirror images, with the same foot coordinates.
+//! makes the cells nearly square. Left and right insoles are mirror images, with the same foot coordinates.
 
 use super::front_end::UNLOADED_CODE;
 use crate::pipeline::calibrate::{CellCalibration, SensorLaw};
@@ -32,7 +32,7 @@ const LINES: usize = 2 * ROWS;
 /// Number of cells on a full line.
 const ACROSS: usize = COLUMNS / 2;
 
-/// An initial value, to be replaced by the measured baseline of each insole.
+/// The built-in calibration of every cell, to be replaced by a measured one.
 const UNLOADED: CellCalibration = CellCalibration { offset: UNLOADED_CODE, gain: 1.0 };
 
 /// Number of cells on a line: fewer at the ends of the foot, where the outline is narrow.

@@ -1,4 +1,4 @@
-//! Requests of management tools ([`mcumgr`]), over any carrier and beside the session.
+//! Requests of management tools ([`mcumgr`]), over any carrier and without a session.
 
 use super::shared::{Carrier, Exchange, Shared};
 use crate::log;
@@ -6,7 +6,8 @@ use crate::protocol::current_time::{from_current_time, to_current_time};
 use crate::protocol::update::Refusal;
 use mcumgr::{Answer, Clock, DAY_MIN, Failure, Request};
 
-/// False on a board that does not have the flash for it. The code for management is then not part of the firmware.
+/// True if the firmware serves management tools. On a board without enough flash for them, the feature `management` is off, and
+/// their code is not part of the firmware.
 pub(super) const IS_MANAGED: bool = cfg!(feature = "management");
 
 impl Shared {
@@ -58,7 +59,7 @@ impl Shared {
         }
     }
 
-    /// Proceeds from a request that was executed to `next`, unless another request has arrived.
+    /// Replaces the state [`Exchange::Executing`] by `next`, unless another request has arrived in the meantime.
     #[cfg(feature = "management")]
     pub(super) fn proceed(&self, next: Exchange) {
         let mut exchange = self.exchange.borrow_mut();
@@ -89,7 +90,7 @@ fn clock(unix_us: u64) -> Clock {
     Clock { year: u16::from_le_bytes([low, high]), numbers: [month, day, hour, minute, second], zone_min: 0 }
 }
 
-/// The time of a clock, us since 1970; `None` if it does not exist.
+/// The time of a clock, us since 1970; `None` if its numbers are not a valid time.
 fn unix_us(clock: &Clock) -> Option<u64> {
     if clock.zone_min.abs() >= DAY_MIN {
         return None;

@@ -21,7 +21,8 @@ use embassy_time::{Duration, Instant, Timer};
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 use mcumgr::Sha256;
 
-/// Time from the acceptance of an update to the restart, in which the answer to the host is sent.
+/// Time from the execution of a request that is answered and then restarts the insole, such as an accepted update, to the
+/// restart. The answer is sent in this time.
 const RESTART_DELAY: Duration = Duration::from_millis(500);
 
 /// Time between two attempts to store the load of the day: a loss of power loses at most this part of it.
@@ -42,7 +43,8 @@ struct Persist<'a> {
     has_more_in_log: bool,
     /// The last attempt to read from the log succeeded.
     is_log_readable: bool,
-    /// The last record that a host has acknowledged since the start. The log still contains it if it could not be deleted.
+    /// Number of the last record that a host has acknowledged since the start. The log still contains this record if it could
+    /// not be deleted.
     acknowledged: Option<u32>,
     update: Update,
     /// Time of the restart after a request or an accepted update; [`Instant::MAX`] if none is due.
@@ -51,7 +53,7 @@ struct Persist<'a> {
     daily_load_at: Instant,
     /// The trial of the running image; `None` if no trial is in progress.
     trial: Option<Trial>,
-    /// A record on the chip says that the radio has answered on this board.
+    /// A record on the chip states that the radio has answered on this board, or storing this record has failed in this run.
     is_radio_known: bool,
     /// The bootloader may swap the previous image back.
     has_previous: bool,
@@ -64,8 +66,9 @@ struct Persist<'a> {
 }
 
 /// Persists steps, load bouts, alerts, acknowledgements, settings, parameters and bonds. Never returns. An item that the chip
-/// fails to store is counted, and is in force until the next start. Receives firmware updates, and confirms the running image
-/// after its trial; `image` is its header, `content` the image itself. `restart` resets the controller.
+/// fails to store is counted; parameters, alert rules and bonds are nevertheless in force until the next start. Receives
+/// firmware updates, and confirms the running image after its trial; `image` is its header, `content` the image itself.
+/// `restart` resets the controller.
 pub async fn persist(
     store: &mut Store<impl MultiwriteNorFlash>,
     shared: &Shared,
@@ -213,8 +216,8 @@ impl Persist<'_> {
         }
     }
 
-    /// Loads records from the log, those after the newest one in RAM or, without any there, after the last one that a host has
-    /// acknowledged, as many as the session can hold.
+    /// Loads records from the log, as many as the session can hold in RAM: those after the newest one in RAM or, if there is
+    /// none, after the last one that a host has acknowledged.
     async fn refill_from_log(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
         let newest = {
             let session = self.shared.session.borrow();
@@ -247,7 +250,7 @@ impl Persist<'_> {
         }
         self.shared.session.borrow_mut().complete(result);
         if command == Command::EraseWearer && result.is_ok() {
-            // Nothing must be stored between the erasure and the restart, in which the answer is sent.
+            // Between the erasure and the restart the answer is sent, and nothing must be stored.
             self.shared.signal_changed();
             Timer::after(RESTART_DELAY).await;
             restart();
@@ -280,7 +283,8 @@ impl Persist<'_> {
                 CommandResult::Stored
             }
             &Command::Calibration { layout_id, cells, id } => {
-                // A calibration remains valid if the settings change, but the hello's identifier includes them.
+                // A calibration is stored with the layout identifier of the board, so that it remains valid if the settings
+                // change. The host sends the identifier of the hello, which includes the settings.
                 let board_layout_id = self.shared.session.borrow().setup().map(|setup| setup.layout_id);
                 let board_layout_id = board_layout_id.ok_or(Refusal::NoLayout)?;
                 let is_of_layout = layout_id == hello.layout_id && cells == hello.cells;

@@ -79,8 +79,8 @@ fn push_ellipses(insole: &DeviceInsole, shared: &Shared, sequence: u32, t_us: u6
 
 /// Evaluates a frame, and queues its live message and its cells. True at toe off.
 ///
-/// This function, [`evaluate_region`] and [`assemble_step`] are not generic. So they are compiled with this library, for speed,
-/// and not with the board, for size.
+/// This function, [`evaluate_region`] and [`assemble_step`] are not generic. So they are compiled with this library, which is
+/// optimised for speed on most boards, and not with the board's package, which is optimised for size.
 #[inline(never)]
 fn evaluate_frame(insole: &mut DeviceInsole, shared: &Shared, seq: u32, codes: &[u16]) -> bool {
     let is_toe_off = insole.frame(seq, codes);
@@ -144,7 +144,7 @@ fn end_second(insole: &mut DeviceInsole, shared: &Shared) {
     let ToInsole { rules, snooze_s, zero } = session.take_to_insole();
     let zeroed = insole.take_zero();
     if zero {
-        // An outcome would be that of an earlier request, whose host has not waited for it.
+        // An outcome at this time is that of an earlier request, for which the host does not wait any more. It is discarded.
         insole.request_zero();
     } else if let Some(outcome) = zeroed {
         session.answer_zero(outcome.map_err(|NotLifted| Refusal::NotLifted));

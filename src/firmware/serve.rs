@@ -13,7 +13,7 @@ use mcumgr::line::{self, END};
 /// Longest time between two heartbeats of an idle link.
 const IDLE: Duration = Duration::from_millis(200);
 
-/// Exchanges messages with a host over a byte carrier. Never returns. Both directions run side by side, so that a carrier which
+/// Exchanges messages with a host over a byte carrier. Never returns. Both directions run concurrently, so that a carrier that
 /// is too slow for the live stream still delivers requests.
 pub async fn serve(rx: impl Read, tx: impl Write, shared: &Shared) -> ! {
     join(receive(rx, shared), send(tx, shared)).await.0

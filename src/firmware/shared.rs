@@ -25,7 +25,8 @@ use mcumgr::{Answer, Head, Request};
 pub const STORAGE_QUEUE: usize = 2;
 
 /// Time after the last message of a session's host in which a host on the other carrier is refused. Hosts that receive the live
-/// stream send several messages a second; a command at a computer ends its session without a message.
+/// stream send several messages a second; a command-line program ends its session without a message, so only its silence shows
+/// that it has gone.
 const OCCUPIED: Duration = Duration::from_secs(30);
 
 /// Number of attempts to read the bonds at the start.
@@ -45,7 +46,7 @@ pub enum Carrier {
 /// others.
 #[allow(clippy::large_enum_variant, reason = "there is one exchange at a time, in place")]
 pub enum Exchange {
-    /// None, or its answer was sent.
+    /// There is no request, or its answer was sent.
     Idle,
     /// The request waits for the storage.
     Requested(Head, Request),
@@ -55,7 +56,7 @@ pub enum Exchange {
     Answered(Head, Answer),
 }
 
-/// The state that the loops on the thread executor share.
+/// The state that the loops on the low-priority executor share.
 ///
 /// There is one session at a time. It belongs to the host that sent [`ToDevice::Connect`] last, over either carrier; other
 /// messages over the other carrier are refused. So all steps wait in one queue, and a step leaves the queue once a host has
@@ -75,7 +76,7 @@ pub struct Shared {
     /// For each carrier: signalled when there may be something to send.
     changed: [Signal<NoopRawMutex, ()>; 2],
     pub(super) cadence: Cell<Cadence>,
-    /// Time of the last processed frame since the first scan.
+    /// Time from the first scan to the last processed frame, us.
     pub(super) frame_us: Cell<u64>,
     pub(super) hello: Hello,
     serial_bytes_per_s: u32,
@@ -104,6 +105,7 @@ pub(super) struct ProcessCounters {
     pub(super) steps: u32,
     pub(super) rejected: Rejected,
     pub(super) bad_frames: u32,
+    /// Least and most processor cycles for the evaluation of a frame with the foot on the ground.
     pub(super) frame_cycles: (u32, u32),
     /// Time of the evaluation of all frames, ms; wraps. Without the evaluation of steps.
     pub(super) processing_ms: u32,

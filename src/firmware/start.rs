@@ -24,7 +24,7 @@ use heapless::{String, Vec};
 use static_cell::{ConstStaticCell, StaticCell};
 
 /// Number of successive failed starts after which the insole starts in recovery mode. A start has failed if a crash or a stall
-/// ends it within [`HEALTHY_CHECKS`](super::supervise::HEALTHY_CHECKS).
+/// ends the run within [`HEALTHY_CHECKS`](super::supervise::HEALTHY_CHECKS) checks.
 pub const MAX_FAILED_STARTS: u32 = 3;
 
 /// The circumstances of a start.
@@ -39,7 +39,7 @@ pub struct BootReport {
 
 impl BootReport {
     /// True if the insole starts in recovery mode: with its built-in configuration, and without stored data except the bonds. It
-    /// reads the bonds in the first such start only, and does not use the chip in the following ones.
+    /// reads the bonds in the first such start only, and no stored data in the following ones.
     pub fn is_recovery(&self) -> bool {
         self.failed_starts >= MAX_FAILED_STARTS
     }
@@ -112,9 +112,9 @@ pub struct Started<F: 'static> {
 
 /// Longest time in which the flash chip must answer.
 const CHIP_TIMEOUT: Duration = Duration::from_secs(2);
-/// Longest time in which the store must be opened. Erasing a chip with foreign contents takes that long; a chip of 16 MiB needs
-/// a second start, which continues. It is shorter than the time in which the supervision expects the parts to start
-/// ([`super::supervise::START_CHECKS`]).
+/// Longest time in which the store must be opened. Erasing a chip with foreign contents may take that long; a chip of 16 MiB
+/// needs a second start, which continues the erasure. This time is shorter than the one in which the supervision expects the
+/// parts to start ([`super::supervise::START_CHECKS`]).
 const STORE_TIMEOUT: Duration = Duration::from_secs(110);
 /// The text of [`Hello::fault`] after a start without the chip.
 const NO_CHIP: &str = "the flash chip does not answer: nothing is stored, check the chip and its supply";
@@ -123,14 +123,14 @@ const NO_STORE: &str = "the flash chip was not opened in 110 s: nothing is store
 /// The text of [`Hello::fault`] if the stored settings cannot be used.
 const OTHER_SETTINGS: &str = "the stored settings do not fit this board, which uses its own: send the settings again";
 /// The text of [`Hello::fault`] if the stored parameters cannot be used.
-const OTHER_RULE: &str = "the parameters are of another contact rule and not used: identify or send them again";
+const OTHER_RULE: &str = "the parameters belong to another contact rule and are not used: identify or send them again";
 
 /// Opens the store on the chip that `chip` returns (`None` if there is none that can be used), configures the insole, restores
-/// the persisted state, and composes the hello. `image` is the header of the running image; `stack_bytes` returns the deepest use
-/// of the stack so far, bytes.
+/// the persisted state, and composes the hello. `image` is the header of the running image.
 ///
-/// After [`MAX_FAILED_STARTS`] the previous image is swapped back, which restarts the board, if an update had replaced it and the
-/// new image has not run for an hour yet. Otherwise the insole starts in recovery mode: it scans and communicates, stores nothing, and accepts updates.
+/// After [`MAX_FAILED_STARTS`] failed starts, the board restarts and the bootloader swaps the previous image back, if an update
+/// had replaced that image and the new one has not run for an hour yet. Otherwise the insole starts in recovery mode: it scans
+/// and communicates, stores nothing, and accepts updates.
 ///
 /// # Panics
 /// When called twice with the same memory.
@@ -172,7 +172,7 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     let insole = memory.insole.take();
     insole.count_records_from(contents.next_record);
     let (mut settings, mut refused) = (None, None);
-    // One call in a loop, because two calls would be two copies in the firmware.
+    // A loop, so that the firmware contains the code of this call only once.
     for attempt in [stored, None] {
         settings = attempt;
         refused = set_up(insole, &mut setup, &cells, settings).err();
@@ -233,7 +233,7 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     Started { insole, store, shared, to_process, scanned, period_us: setup.period_us }
 }
 
-/// Opens the store of a start.
+/// Opens the store. In recovery mode, swaps the previous image back if possible; otherwise the store only returns the bonds.
 async fn open_store<F: MultiwriteNorFlash>(
     store: &mut Store<F>,
     boot: &BootReport,
@@ -301,7 +301,7 @@ fn set_up(
     Ok(())
 }
 
-/// A cell of the board's layout by the settings.
+/// A cell of the board's layout, scaled as the settings require.
 fn scaled(cell: SetupCell, settings: Option<Settings>) -> SetupCell {
     settings.map_or(cell, |settings| settings.scaled(cell))
 }

@@ -1,8 +1,8 @@
 //! An image on trial after an update.
 //!
 //! It is confirmed once scanning, processing, link, storage and the radio have made progress for some seconds and the host has
-//! confirmed it. Without a host it is confirmed after it has made progress for [`UNATTENDED_CHECKS`]. An image that is not
-//! confirmed within [`MOST_CHECKS`] has failed.
+//! confirmed it. Without a host it is confirmed once all of them have made progress in [`UNATTENDED_CHECKS`] successive checks.
+//! An image that is not confirmed within [`MOST_CHECKS`] checks has failed.
 
 use super::supervise::{Heartbeats, PARTS, Part};
 use embassy_time::{Duration, Instant};
@@ -37,7 +37,7 @@ pub(super) struct Trial {
     /// Number of successive checks with progress up to now.
     healthy_checks: u16,
     is_confirmed_by_host: bool,
-    /// The radio has answered on this board before.
+    /// The radio has answered on this board before, so it must make progress, too.
     needs_radio: bool,
     next_check: Instant,
     /// The counts of the heartbeats at the last check.
@@ -60,7 +60,7 @@ impl Trial {
         self.next_check
     }
 
-    /// The host states that the image serves it.
+    /// Records that the host has confirmed the image.
     pub(super) fn confirm_by_host(&mut self) {
         self.is_confirmed_by_host = true;
     }
@@ -81,7 +81,7 @@ impl Trial {
         self.next_check = Instant::now() + RETRY;
     }
 
-    /// True if the host has waited long enough for its confirmation: the checks have failed.
+    /// True if a confirmation by the host should have taken effect by now: more than twice the checks that it needs were made.
     #[cfg(feature = "management")]
     pub(super) fn is_overdue(&self) -> bool {
         self.checks > 2 * CHECKS

@@ -6,7 +6,7 @@ use crate::pipeline::alert::{AlertRecord, AlertRules, DailyLoad};
 use crate::pipeline::cumulative::Totals;
 
 impl<R: Real, const N: usize> Insole<R, N> {
-    /// Adds the present frame, which stands for this number of frames.
+    /// Adds the present frame to the cumulative load. It stands for `frames` frames, more than 1 after missing ones.
     pub(super) fn accumulate(&mut self, frames: u32) {
         let regions = self.loads.iter().map(|load| &load.frame);
         self.has_ended_second = self.cumulative.frame(&self.alert_rules.limits, frames, regions);
@@ -28,7 +28,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         }
     }
 
-    /// True if the last frame completed a second of the cumulative load, by which [`Insole::daily_load`] has changed.
+    /// True if the last frame completed a second of the cumulative load. Then [`Insole::daily_load`] may have changed.
     pub fn has_ended_second(&self) -> bool {
         self.has_ended_second
     }
@@ -43,8 +43,8 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.cumulative.second_frames()
     }
 
-    /// Replaces the rules of alerts. The load of the day remains; the time under sustained load begins again if its limits are
-    /// new. The caller has checked that the rules are valid.
+    /// Replaces the rules of alerts, which must be valid ([`AlertRules::is_valid`]). The load of the day remains. If the limits
+    /// of the load have changed, the window of sustained load begins again.
     pub fn set_alert_rules(&mut self, rules: &AlertRules) {
         if rules.limits != self.alert_rules.limits {
             self.cumulative.clear_window();
@@ -57,7 +57,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.alert_rules = *rules;
     }
 
-    /// Raises no alerts for this time, s.
+    /// Suppresses alerts for the next `snoozed_s` seconds.
     pub fn snooze_alerts(&mut self, snoozed_s: u16) {
         self.alerts.snooze(snoozed_s);
     }

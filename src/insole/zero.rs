@@ -4,13 +4,13 @@ use super::Insole;
 use crate::num::Real;
 use crate::pipeline::baseline::{ZERO_S, ZeroResult};
 
-/// The foot was not lifted.
+/// The foot was not lifted within [`ZERO_S`] seconds after the request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NotLifted;
 
 impl<R: Real, const N: usize> Insole<R, N> {
-    /// Measures the baselines of all cells as soon as the foot is lifted, within [`ZERO_S`] seconds. The readings become the
-    /// baselines at once, as after the start.
+    /// Requests that the baselines of all cells are measured as soon as the foot is lifted, within [`ZERO_S`] seconds. The
+    /// readings then become the baselines at once, as after the start.
     pub fn request_zero(&mut self) {
         self.zero_s = ZERO_S;
         self.detector.request_zero(true);

@@ -65,7 +65,7 @@ impl AlertRules {
             && self.day_start_min < 1440
     }
 
-    /// The number of the wearer's day, from 1, at this time since 1970, us.
+    /// The number of the wearer's day at the time `unix_us`, us since 1970; at least 1.
     pub fn day(&self, unix_us: u64) -> u32 {
         let minutes = unix_us / 60_000_000;
         (minutes.saturating_sub(self.day_start_min.into()) / 1440 + 1) as u32
@@ -87,7 +87,7 @@ pub struct AlertRecord {
     pub dose: u8,
     /// Length of the window of sustained load, s.
     pub window_s: u16,
-    /// Number of alerts in this day, with this one.
+    /// Number of alerts in this day, including this one.
     pub today: u8,
 }
 
@@ -121,7 +121,9 @@ pub(crate) struct Alerts {
     pub(crate) day: u32,
     /// Number of seconds since the beginning of the day. A day without a clock ends by this count.
     seconds: u32,
+    /// Time until the next alert can be raised, s.
     snoozed_s: u16,
+    /// Number of alerts in this day.
     today: u8,
     /// Bit i: the dose of region i has reached its limit, and an alert was raised.
     dose: u8,
@@ -129,7 +131,7 @@ pub(crate) struct Alerts {
     raised: (u8, u8),
     /// Number of the frame that raised it.
     raised_seq: u32,
-    /// Number of alerts in its day, with this one. A new day may begin before the alert is taken.
+    /// Number of alerts in its day, including this one. A new day may begin before the alert is taken.
     raised_today: u8,
 }
 
@@ -153,7 +155,7 @@ impl Alerts {
         }
     }
 
-    /// Raises no alerts for this time, s.
+    /// Suppresses alerts for the next `snoozed_s` seconds.
     pub(crate) fn snooze(&mut self, snoozed_s: u16) {
         self.snoozed_s = snoozed_s;
     }
@@ -191,7 +193,7 @@ impl Alerts {
         *self = Self { day, seconds: 0, today: 0, dose: 0, ..*self };
     }
 
-    /// The state, with this load.
+    /// The state of the alerts together with the load of the day.
     pub(crate) fn daily(&self, totals: &Totals, sustained: u8) -> DailyLoad {
         DailyLoad {
             day: self.day,

@@ -52,7 +52,7 @@ pub(crate) struct Baseline {
 }
 
 impl Baseline {
-    /// The calibrated zero.
+    /// The baseline at the calibrated zero, without residual pressure.
     pub(crate) const fn new(calibration: &CellCalibration) -> Self {
         Self { code: calibration.offset, residual_kpa: 0.0, gain: calibration.gain }
     }

@@ -1,9 +1,9 @@
 //! Load bouts: the load that is not part of a step, so that each newton-second is part of one record.
 //!
 //! The load outside steps is collected in windows of two seconds, and each window has a kind. A bout ends when two successive
-//! windows have other kinds than it, so that a single movement does not divide a time of standing. The next bout has the kind
-//! of the second one, because the first one may be the transition. The force between the steps of a walk, below the threshold
-//! of heel strike, is collected in one long, unclassified bout.
+//! windows are not of its kind, so that a single movement does not divide a time of standing. The next bout has the kind of the
+//! second window, because the first window may be the transition. The force between the steps of a walk, below the threshold of
+//! heel strike, is collected in one long, unclassified bout.
 
 use super::curves::Curves;
 use super::region::{RegionFrame, Side};
@@ -81,7 +81,7 @@ pub struct BoutRecord<R> {
     pub number: u32,
     /// The kind.
     pub kind: BoutKind,
-    /// Time of the first frame since frame 0, us.
+    /// Time from frame 0 to the first frame of the bout, us.
     pub start_us: u64,
     /// Time from the first frame to the end of the last one, a period after its scan, us. The bout can span steps; their load is
     /// not part of it.
@@ -132,7 +132,7 @@ impl<R: Real> Load<R> {
 #[derive(Clone, Copy, Debug)]
 struct Part<R> {
     kind: BoutKind,
-    /// No frames: there is no such part.
+    /// A load without frames means that there is no such part.
     load: Load<R>,
 }
 
@@ -148,7 +148,7 @@ impl<R: Real> Part<R> {
     }
 }
 
-/// The frames that are collected for a common kind.
+/// The frames of a window, for which one kind is determined.
 #[derive(Clone, Copy, Debug)]
 struct Window<R> {
     load: Load<R>,
@@ -164,7 +164,7 @@ impl<R: Real> Window<R> {
     const NEW: Self =
         Self { load: Load::NONE, range_n: (R::ZERO, R::ZERO), is_on_ground: false, is_between_steps: false };
 
-    /// Adds a number of frames with these regions' forces and highest pressures.
+    /// Adds `frames` equal frames. `region` returns the force, N, and the largest cell pressure, kPa, of a region by its index.
     fn add(&mut self, seq: u32, frames: u32, region: impl Fn(usize) -> (R, R)) {
         let mut total_n = R::ZERO;
         let is_first = self.load.frames == 0;
@@ -215,11 +215,11 @@ pub(crate) struct Bouts<R> {
     window: Window<R>,
     /// The bout in progress.
     bout: Part<R>,
-    /// The window after it, if it is of another kind.
+    /// The window after the bout in progress, if this window is of another kind.
     next: Part<R>,
     /// The complete bout.
     complete: Part<R>,
-    /// Number of the frame after it.
+    /// Number of the frame after the complete bout.
     end_seq: u32,
 }
 

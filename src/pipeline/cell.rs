@@ -111,8 +111,8 @@ fn sum_moments<R>(cells: &[InsoleCell<R>], share: impl Fn(&InsoleCell<R>) -> u16
 }
 
 /// Calibrates the cells of a region, sums their forces, and updates the contact area. `COVERED` states whether cells can be in
-/// contact in part. Returns the code of the highest cell above zero pressure. If no pressure is found near the highest one of the
-/// frame before, this is 0, and [`find_peak`] must be called.
+/// contact in part. Returns the code of the *highest cell*, the one with the largest pressure, minus its code at zero pressure.
+/// If no cell has a pressure near the largest one of the previous frame, the result is 0, and [`find_peak`] must be called.
 #[inline(always)]
 pub(crate) fn sum_region<R: Real, const COVERED: bool>(
     curve: &Curve,
@@ -125,8 +125,8 @@ pub(crate) fn sum_region<R: Real, const COVERED: bool>(
     let (force, change) = (ForceMoments::NONE, ContactArea::NONE);
     let mut sums = Sums { force, change, candidate, peak: Peak { kpa: R::ZERO, code: 0 } };
     frame.saturated = false;
-    // The loop is unrolled, because the instructions of a loop over single cells would be a tenth of the instructions of this
-    // function.
+    // The loop is unrolled. In a loop over single cells, a tenth of the instructions of this function would be those of the
+    // loop itself.
     let (groups, last_cells) = cells.as_chunks_mut::<UNROLLED>();
     let (code_groups, last_codes) = codes.as_chunks::<UNROLLED>();
     for (group, group_codes) in groups.iter_mut().zip(code_groups) {
@@ -151,7 +151,7 @@ struct Sums<R> {
     force: ForceMoments<R>,
     /// Change of the area of the cells that remain in contact in part.
     change: ContactArea,
-    /// Cells with lower codes are not compared with the highest cell.
+    /// A cell is compared with the highest cell so far only if its code above zero pressure exceeds this one.
     candidate: i32,
     peak: Peak<R>,
 }
@@ -182,10 +182,10 @@ impl<R: Real> Sums<R> {
 }
 
 /// The highest cell of a region. A cell that was not compared has a code of at most seven eighths of [`RegionFrame::peak_code`]
-/// in the previous frame. The highest code of a baseline is subtracted there, because a cell without residual pressure may have a
-/// higher pressure at a lower code. So while pressures do not fall, the highest cell has the highest pressure as long as the
-/// gains of the cells differ by a factor of less than 1.18, which is 8/7 to the power 1/0.8, with the exponent of the reference
-/// insole's sensor law.
+/// in the previous frame. The highest code of a baseline is subtracted in `peak_code`, because a cell without residual pressure
+/// may have a higher pressure at a lower code. So while pressures do not fall, the cell with the largest pressure is found as
+/// long as the gains of the cells differ by a factor of less than 1.18, which is 8/7 to the power 1/0.8, with the exponent of
+/// the reference insole's sensor law.
 struct Peak<R> {
     /// Pressure above the baseline, kPa.
     kpa: R,

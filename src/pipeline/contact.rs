@@ -1,6 +1,6 @@
 //! Contact: the share of each cell that is in contact.
 //!
-//! Codes are compared with thresholds, not pressures: the thresholds of each cell are converted to codes in advance, so that a
+//! Codes, not pressures, are compared with thresholds: the thresholds of each cell are converted to codes in advance, so that a
 //! device in `f32` and a host in `f64` have the same cells in contact.
 
 use super::calibrate::{CellCalibration, Curve, FULL_CODE};
@@ -77,7 +77,7 @@ pub struct ContactCell {
 
 impl ContactCell {
     /// An unloaded cell. Its thresholds are codes that include its offset. `residual_kpa` is the pressure of its baseline on the
-    /// sensor curve, kPa; pressures of the rule are above it.
+    /// sensor curve, kPa; the pressures of the rule are added to it.
     pub fn new(rule: &ContactRule, curve: &Curve, cell: &CellCalibration, residual_kpa: f32) -> Self {
         // The code is one below that of the threshold, so that a pressure of exactly the threshold is in contact after
         // quantisation.
@@ -145,12 +145,12 @@ impl ContactCell {
         self.share
     }
 
-    /// True if a part of the cell is in contact.
+    /// True if the cell is in contact, as a whole or in part.
     pub fn is_loaded(&self) -> bool {
         self.share > 0
     }
 
-    /// The code at which a cell counts as loaded: it is twice as far above the baseline as the code of first contact.
+    /// The load threshold: the code that is twice as far above the baseline as the code at which the cell comes into contact.
     pub(crate) fn load_threshold(&self, baseline: u16) -> u32 {
         (2 * u32::from(self.on)).saturating_sub(baseline.into())
     }

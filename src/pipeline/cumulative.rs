@@ -24,7 +24,7 @@ pub const WINDOW_PARTS: u16 = 15;
 pub struct LoadLimits {
     /// Pressure above which the dose counts, kPa, 1 to 2000.
     pub dose_kpa: f32,
-    /// Pressure from which a load counts as sustained, kPa, 1 to 2000.
+    /// Pressure from which on time counts towards sustained load, kPa, 1 to 2000.
     pub sustained_kpa: f32,
     /// Length of the window, s, 60 to 3600, a multiple of [`WINDOW_PARTS`].
     pub window_s: u16,
@@ -158,7 +158,7 @@ impl<R: Real> CumulativeLoad<R> {
         *self = Self { second_frames: (1_000_000 + period_us / 2) / period_us.max(1), ..Self::new() };
     }
 
-    /// Begins a window without load, for other limits.
+    /// Begins a window without load, because the limits have changed.
     pub(crate) fn clear_window(&mut self) {
         self.windows = Self::new().windows;
         (self.part, self.part_s, self.sustained) = (0, 0, 0);

@@ -24,7 +24,7 @@ impl<R: Real> Sample<R> {
     }
 }
 
-/// The curves.
+/// The curves of one stance.
 #[derive(Debug)]
 pub struct Curves<R> {
     /// Number of frames since heel strike, including bridged frames.
@@ -58,7 +58,7 @@ impl<R: Real> Curves<R> {
         last_centre_mm: (R::ZERO, R::ZERO),
     };
 
-    /// Removes all samples. The samples are large and need not be cleared.
+    /// Removes all samples. Their arrays are large, and are not overwritten.
     pub(super) fn clear(&mut self) {
         (self.frames, self.stride, self.len) = (0, 1, 0);
     }
@@ -97,7 +97,8 @@ impl<R: Real> Curves<R> {
             self.len = STANCE_SAMPLES / 2;
             self.stride *= 2;
         }
-        // The comparison with the length is always true. It is made here once, instead of in each of the accesses below.
+        // The comparison with the length is always true. It is made here once, so that the accesses below need no bounds
+        // checks.
         let place = self.len;
         let is_stored = self.frames.is_multiple_of(self.stride) && place < STANCE_SAMPLES;
         for region in 0..8 {

@@ -38,7 +38,7 @@ pub struct LiveTissue<R> {
     pub deformation_m: R,
     /// Model force, N, not negative.
     pub model_n: R,
-    /// The contact area exceeded pi A B: deformation and force are lower bounds.
+    /// The contact area was at least pi A B: deformation and force are lower bounds.
     pub clamped: bool,
 }
 

@@ -16,7 +16,7 @@ pub(crate) const RESPONDED: u8 = 1;
 pub(crate) const LOADED: u8 = 2;
 /// The cell was saturated while its neighbours read little.
 pub(crate) const IMPLAUSIBLE_SATURATION: u8 = 4;
-/// The cell read the same code in swing as in the previous swing.
+/// The cell was in contact in the last reviewed swing, and its code has not changed since.
 pub(crate) const UNCHANGED: u8 = 8;
 /// The cell is masked.
 pub(crate) const MASKED: u8 = 16;

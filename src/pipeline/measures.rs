@@ -10,7 +10,7 @@ pub struct RegionMeasures<R> {
     pub peak_pressure_kpa: R,
     /// Time from heel strike to this pressure, s.
     pub peak_pressure_s: R,
-    /// Largest cell pressure in each sample, times the time between samples, summed, kPa s.
+    /// Sum of the largest cell pressures of all samples, times the time between samples, kPa s.
     pub pressure_integral_kpa_s: R,
     /// Force divided by contact area in the sample with the largest force, kPa.
     pub mean_pressure_kpa: R,

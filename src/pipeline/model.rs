@@ -71,8 +71,8 @@ impl<R: Real> Ellipsoid<R> {
 
     /// Radii of the contact ellipse at a deformation, m (Eq. 1, 2).
     pub fn contact_radii_m(&self, deformation_m: R) -> (R, R) {
-        let height = (R::of(2.0) * self.c_m * deformation_m - deformation_m * deformation_m).sqrt() / self.c_m;
-        (self.a_m * height, self.b_m * height)
+        let scale = (R::of(2.0) * self.c_m * deformation_m - deformation_m * deformation_m).sqrt() / self.c_m;
+        (self.a_m * scale, self.b_m * scale)
     }
 
     /// Deformation at the point `q` (0 at the centre, 1 at the rim) of the contact ellipse, m (Eq. 3).

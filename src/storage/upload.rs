@@ -1,5 +1,5 @@
-//! Receives an image as a file in the form of MCUboot ([`crate::protocol::mcuboot`]), part by part, for the same transfer and
-//! with the same checks as [`Update::handle`].
+//! Receives an image as a file in the format of MCUboot ([`crate::protocol::mcuboot`]), part by part. The transfer has the same
+//! state and the same checks as one with [`Update::handle`].
 
 use super::flash_map::OTHER;
 use super::partition::is_on_trial;
@@ -16,16 +16,16 @@ use sha2::Digest;
 pub struct Received {
     /// The header of the image.
     pub header: Header,
-    /// Names the image, as in its file.
+    /// The SHA-256 that names the image: that of its file without the trailer.
     pub sha256: Sha256,
-    /// The image is marked for the bootloader.
+    /// The image is marked for the bootloader, which swaps it in at the next start.
     pub is_pending: bool,
 }
 
 impl Update {
-    /// Receives a part of a file. Returns the offset of the part that is expected next: the length of the file after its last
-    /// part. Bytes before the expected offset are skipped, and a part that begins after it is ignored, so a lost, repeated or
-    /// overlapping part does no harm.
+    /// Receives a part of a file; `running` is the header of the running image. Returns the offset of the part that is expected
+    /// next; after the last part, this is the length of the file. Bytes before the expected offset are skipped, and a part that
+    /// begins after it is ignored, so a lost, repeated or overlapping part does no harm.
     ///
     /// # Errors
     /// The [`Refusal`] to send to the host.
@@ -49,7 +49,7 @@ impl Update {
         if self.received < image_bytes {
             let mut data = &data[..data.len().min((image_bytes - self.received) as usize)];
             while !data.is_empty() {
-                // The rest of this page of the chip.
+                // Number of bytes to the end of this page of the chip.
                 let room = CHUNK - self.received as usize % CHUNK;
                 let (page, rest) = data.split_at(data.len().min(room));
                 self.write(flash, page).await?;
@@ -95,7 +95,7 @@ impl Update {
     /// Verifies the signature of the image that was received as a file, and marks the image for the bootloader.
     ///
     /// # Errors
-    /// The [`Refusal`] to send to the host. The image is then discarded.
+    /// The [`Refusal`] to send to the host. The received image is then discarded, unless it is incomplete.
     pub async fn mark<F: NorFlash>(&mut self, flash: &mut F, key: &[u8; 32]) -> Result<(), Refusal> {
         if self.is_pending {
             return Ok(());
@@ -109,8 +109,8 @@ impl Update {
     /// Discards the image that is being received or was received.
     ///
     /// # Errors
-    /// [`Refusal::OnTrial`] if it is marked for the bootloader, or if the running image is on trial, because the chip then
-    /// contains the previous image.
+    /// [`Refusal::OnTrial`] if the received image is marked for the bootloader, or if the running image is on trial, because
+    /// the chip then contains the previous image; [`Refusal::Chip`] if the chip fails.
     pub async fn discard<F: NorFlash>(&mut self, flash: &mut F) -> Result<(), Refusal> {
         if is_on_trial(flash).await? {
             return Err(Refusal::OnTrial);
@@ -119,22 +119,22 @@ impl Update {
         Ok(())
     }
 
-    /// The image that was received as a file.
+    /// The image that was received as a file; `None` before its last part was received.
     pub fn received(&self) -> Option<Received> {
         let (offer, sha256) = (self.offer?, self.file?);
         Some(Received { header: offer.header, sha256, is_pending: self.is_pending })
     }
 }
 
-/// Where an image is.
+/// The place from which an image is read.
 enum Place<'a, F> {
-    /// In the flash chip, as the one that is being received.
+    /// The image that is being received, in the flash chip.
     Chip(&'a mut F),
-    /// In the controller's memory.
+    /// The running image, in the controller's own flash.
     Memory(&'a [u8]),
 }
 
-/// The name of an image with this header and length. Other tasks can run after each chunk.
+/// The SHA-256 that names an image with this header and length. Other tasks can run after each chunk.
 async fn sha256<F: NorFlash>(header: &Header, image_bytes: u32, mut place: Place<'_, F>) -> Result<Sha256, Refusal> {
     let mut digest = sha2::Sha256::new_with_prefix(front(header, image_bytes));
     for at in (0..image_bytes).step_by(CHUNK) {
@@ -154,8 +154,8 @@ async fn sha256<F: NorFlash>(header: &Header, image_bytes: u32, mut place: Place
     Ok(digest.finalize().into())
 }
 
-/// The name of the running image, which is padded with 0xff to whole chunks in its file. The first argument only states `F`, so
-/// that the checksum is compiled for one type of chip.
+/// The SHA-256 that names the running image. As in the file of the image, `image` is padded with 0xff to whole chunks. The
+/// first argument only states `F`, so that the function above is compiled for one type of chip only.
 pub async fn sha256_of_running<F: NorFlash>(_: &F, header: &Header, image: &[u8]) -> Sha256 {
     let image_bytes = image.len().next_multiple_of(CHUNK) as u32;
     // Reading memory does not fail.

@@ -1,6 +1,7 @@
-//! A simulated insole at a network port, for tests of other programs: `cargo run -p testkit --example simulated_insole -- STEPS`.
-//! The code of the firmware's session serves one host after the other; it stores parameters, but computes nothing with them.
-//! After the steps it sends a load bout and an alert. The program prints its address, and then each acknowledgement that arrives.
+//! A simulated insole that listens on a TCP port, for tests of other programs. The command is
+//! `cargo run -p testkit --example simulated_insole -- STEPS`. The insole serves one host after the other with the code of
+//! the firmware's session. It accepts parameters, but computes nothing with them. After STEPS steps it sends a load bout and an
+//! alert. The program prints the address on which it listens, and then the record number of each acknowledgement that arrives.
 
 use plantar::protocol::session::{CommandResult, Session};
 use plantar::protocol::{Decoder, MAX_FRAME, MAX_MESSAGE, ToDevice, decode, frame};
@@ -23,7 +24,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Serves a host until it disconnects. A live frame follows each message of the host.
+/// Serves a host until the host disconnects. While the host requests live frames, one follows each block of bytes that is read.
 fn serve(session: &mut Session, mut host: TcpStream) -> io::Result<()> {
     let mut decoder = Decoder::new();
     let mut received = [0; 256];
@@ -53,8 +54,8 @@ fn serve(session: &mut Session, mut host: TcpStream) -> io::Result<()> {
     }
 }
 
-/// The insole's time, us, when a message arrives. It began 1.7e9 s after the Unix epoch, and a request for it arrives at the
-/// moment at which it was sent.
+/// The insole's time at which a message arrives, us: 0, except for a request for the time. Such a request arrives at the moment
+/// at which the host sent it, and the insole's time began 1.7e9 s after the Unix epoch.
 fn device_us(message: &ToDevice) -> u64 {
     match message {
         ToDevice::GetTime { host_us } => host_us - 1_700_000_000_000_000,

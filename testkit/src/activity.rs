@@ -13,9 +13,9 @@ use std::ops::Range;
 pub enum Activity {
     /// Ten steps.
     Walk,
-    /// Ten steps of 0.22 s, with 2.3 times the weight.
+    /// Ten steps with a stance of 0.22 s and a peak force of 2.3 times the weight.
     Run,
-    /// Ten slow steps, with 1.3 times the weight.
+    /// Ten slow steps with a peak force of 1.3 times the weight.
     Stairs,
     /// Stands on both feet, sways, and shifts some weight slowly to the other foot and back.
     Stand,
@@ -67,7 +67,8 @@ impl Activity {
     }
 }
 
-/// Sequences that begin with a walk and continue with activities in different orders.
+/// Sequences of nine activities: each begins with a walk, and continues with all activities, or with some of them repeatedly,
+/// in another order.
 pub fn sequences() -> impl Iterator<Item = Vec<Activity>> {
     let count = Activity::ALL.len();
     (1..count).map(move |stride| {
@@ -76,11 +77,11 @@ pub fn sequences() -> impl Iterator<Item = Vec<Activity>> {
     })
 }
 
-/// The frames of a recording in which the wearer did something.
+/// An activity, and the frames of a recording in which the wearer performs it.
 pub type Span = (Activity, Range<usize>);
 
-/// Computes a recording of a foot of a wearer with this weight, N, who does these activities. Each activity without steps takes
-/// `seconds`.
+/// Computes a recording of a foot of a wearer with this weight, N, who performs these activities. Each activity without steps
+/// takes `seconds`. Returns the recording, and the frames of each activity.
 pub fn recording(
     activities: &[Activity],
     weight_n: f64,
@@ -127,7 +128,8 @@ pub fn recording(
         last = *loads.last().unwrap_or(&0.0);
         spans.push((*activity, start + ramp..all.pressure_kpa.len() / frame_kpa.len()));
     }
-    // Lengths are in proportion to the cube root of the weight, so that a child has small feet. The layout is that of 650 N.
+    // Lengths are in proportion to the cube root of the weight, so that a child has small feet. The unscaled layout is that of
+    // a wearer of 650 N.
     let size = (weight_n / 650.0).cbrt();
     for cell in &mut all.layout.cells {
         (cell.x_mm, cell.y_mm, cell.area_mm2) = (cell.x_mm * size, cell.y_mm * size, cell.area_mm2 * size * size);
@@ -139,7 +141,8 @@ pub fn recording(
     (all, spans)
 }
 
-/// The number of activities that have a kind, and the number of them that are for most of their time in bouts of this kind.
+/// The number of activities that have a kind, and the number of them that are in load bouts of this kind for most of their
+/// time.
 pub fn recognised(spans: &[Span], found: &Found, period_us: u64) -> (usize, usize) {
     let (mut labelled, mut right) = (0, 0);
     for (activity, frames) in spans {

@@ -28,7 +28,7 @@ const WRITE_US: u64 = 700;
 /// Duration of an erase operation of a sector, us: a typical value of a W25Q32.
 const ERASE_US: u64 = 45_000;
 
-/// Rows of the matrix.
+/// Number of rows of the matrix.
 pub const ROWS: usize = 16;
 
 /// The flash chip of an insole. The test and each boot of the insole share it, so that its content survives resets.
@@ -76,16 +76,16 @@ pub struct Reference {
     insole: Box<Insole<f32, DEVICE_CELLS>>,
     /// The steps and load bouts of this boot, numbered from 0.
     pub records: Vec<LoadRecord>,
-    /// Number of frames of this boot.
+    /// Number of complete frames of this boot.
     pub frames: u32,
-    /// The contact ellipses of the regions in each frame, by the number of the frame; `None` unless a test asks for them.
+    /// The contact ellipses of the regions in each frame, by the number of the frame; `None` unless a test requests them.
     pub ellipses: Option<BTreeMap<u32, [Option<Ellipse<f32>>; 8]>>,
 }
 
 impl Reference {
-    /// A reference with the configuration of `wearer`'s insole, and with these settings, if a host has set any. The settings are
-    /// applied here and not by the functions of the firmware, so that an error in them shows as a difference between
-    /// reference and insole.
+    /// A reference with the configuration of `wearer`'s insole, and with these settings, if a host has set any. The settings
+    /// are applied here and not by the functions of the firmware, so that an error in those functions shows as a difference
+    /// between reference and insole.
     ///
     /// # Panics
     /// If the configuration is refused.
@@ -174,6 +174,7 @@ impl Stopwatch for NoStopwatch {
 pub struct Cable {
     /// Bytes in transit to the host.
     pub to_host: VecDeque<u8>,
+    /// Bytes in transit to the insole.
     to_insole: VecDeque<u8>,
     /// Wakes the insole's task that waits for bytes.
     reader: Option<Waker>,
@@ -181,9 +182,9 @@ pub struct Cable {
     pub is_cut: bool,
     /// Duration of the transfer of one byte to the host, us; 0 for an unlimited rate.
     pub byte_us: f64,
-    /// Bytes to the host from one damaged byte to the next; 0 for no damage.
+    /// Number of bytes to the host from one damaged byte to the next; 0 for no damage.
     pub damaged_every: u32,
-    /// Number of bytes sent to the host so far.
+    /// Number of bytes sent to the host so far; wraps.
     bytes: u32,
 }
 
@@ -197,7 +198,7 @@ impl Cable {
     }
 
     /// Transfers bytes from the insole to the host.
-    fn receive(&mut self, bytes: &[u8]) {
+    fn write_to_host(&mut self, bytes: &[u8]) {
         for byte in bytes {
             self.bytes = self.bytes.wrapping_add(1);
             let is_damaged = self.damaged_every > 0 && self.bytes.is_multiple_of(self.damaged_every);
@@ -236,7 +237,7 @@ impl embedded_io_async::Write for CableEnd {
     async fn write(&mut self, bytes: &[u8]) -> Result<usize, Self::Error> {
         let time_us = self.0.borrow().byte_us * bytes.len() as f64;
         Timer::after_micros(time_us as u64).await;
-        self.0.borrow_mut().receive(bytes);
+        self.0.borrow_mut().write_to_host(bytes);
         Ok(bytes.len())
     }
 
@@ -255,6 +256,7 @@ pub struct RadioLink {
     pub to_central: VecDeque<(GattChannel, Vec<u8>)>,
     /// A central is connected.
     pub is_connected: bool,
+    /// Wakes the task that waits until a central connects or disconnects.
     waker: Option<Waker>,
     /// Largest length of a value, bytes: the ATT MTU minus 3.
     pub max_value: usize,
@@ -285,15 +287,15 @@ impl RadioLink {
     }
 }
 
-/// Acts as the Bluetooth stack: sends values while a central is connected, and closes the session when it disconnects.
+/// Acts as the Bluetooth stack: sends values while a central is connected, and closes the session when the central disconnects.
 pub async fn run_gatt(server: Rc<dyn GattServer>, radio: Rc<RefCell<RadioLink>>) {
-    let beats = async {
+    let heartbeats = async {
         loop {
             Timer::after_secs(1).await;
             server.radio_answered();
         }
     };
-    embassy_futures::join::join(beats, serve_central(server.clone(), radio)).await;
+    embassy_futures::join::join(heartbeats, serve_central(server.clone(), radio)).await;
 }
 
 /// Serves one central after the other.
@@ -317,7 +319,7 @@ async fn serve_central(server: Rc<dyn GattServer>, radio: Rc<RefCell<RadioLink>>
     }
 }
 
-/// Waits until the link is in this state.
+/// Waits until `is_reached` returns true for the link.
 async fn until(radio: &RefCell<RadioLink>, is_reached: impl Fn(&RadioLink) -> bool) {
     poll_fn(|context| {
         let mut radio = radio.borrow_mut();

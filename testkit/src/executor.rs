@@ -16,6 +16,7 @@ struct Task {
     is_stalled: bool,
 }
 
+/// Whether a task was woken since it last ran.
 struct Woken(AtomicBool);
 
 impl Wake for Woken {
@@ -29,7 +30,8 @@ impl Wake for Woken {
 pub enum ResetCause {
     /// The firmware requested the reset.
     Software,
-    /// The watchdog found stalled tasks; their bits, as [`plantar::firmware::supervise::Watchdog::check`] returns them.
+    /// The watchdog found stalled parts of the firmware: the bits that [`plantar::firmware::supervise::Watchdog::check`]
+    /// returned.
     Watchdog(u32),
     /// The firmware panicked.
     Panic,
@@ -98,6 +100,7 @@ impl Executor {
     }
 }
 
+/// The reset that unwound a task. Any other panic continues to unwind.
 fn reset_of(payload: Box<dyn Any + Send>) -> ResetCause {
     match payload.downcast::<ResetCause>() {
         Ok(cause) => *cause,

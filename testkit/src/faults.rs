@@ -33,7 +33,7 @@ pub fn computed() -> Vec<Clean> {
     [50.0, 100.0, 400.0].map(clean).into()
 }
 
-/// The barefoot walkers of the data set SpeedPP2DS; `jiku` is its folder.
+/// The barefoot walkers of the data set SpeedPP2DS from the package `jiku-data`; `jiku` is the folder of the data set.
 pub fn barefoot(jiku: &Path) -> Vec<Clean> {
     let mut all = Vec::new();
     for walker in 0..10 {
@@ -102,18 +102,18 @@ pub struct Detection {
     pub name: &'static str,
     /// Number of injected faults.
     pub injected: usize,
-    /// Number of faults that were reported with the right kind and place, or corrected by zero tracking, by the end of the second
-    /// complete step after the fault began.
+    /// Number of faults that were reported with the right kind and place by the end of the second complete step after the fault
+    /// began, or that zero tracking corrected.
     pub found: usize,
     /// The longest time from the beginning of a fault to its report, s.
     pub longest_s: f64,
-    /// Number of reported faults that were not injected.
+    /// Number of reported faults that were not injected. A reported cell of a faulty line does not count.
     pub false_alarms: usize,
     /// The faults that were not found.
     pub missed: Vec<SensorFault>,
 }
 
-/// The injected faults: notation, kind and value.
+/// The injected faults: name in the notation of [`SensorFault`], kind, and value as in [`SensorFault::value`].
 const INJECTED: [(&str, FaultKind, f64); 10] = [
     ("open-cell", FaultKind::Open, 0.0),
     ("short-cell", FaultKind::Short, 0.0),
@@ -190,7 +190,8 @@ pub fn one_of_each(recording: &Recording, from_s: f64) -> Vec<SensorFault> {
 
 /// Approximate duration of a swing, s.
 const SWING_S: f64 = 0.45;
-/// Pressure above which a cell counts as loaded here, kPa. Its code is about twice that of the contact rule's 10 kPa.
+/// Pressure above which a cell counts as loaded here, kPa. The code of this pressure is about twice that of 10 kPa, at which
+/// contact begins by the contact rule.
 const LOADED_KPA: f32 = 25.0;
 
 /// The cells that every step of a walk loads, so that a fault of such a cell has an effect.
@@ -242,7 +243,7 @@ impl Loaded {
         let lines = 0..COLUMNS as u8;
         match name {
             "open-cell" => cells(&self.inner),
-            // A line is reported only if four of its cells have the fault.
+            // A line is reported only if at least four of its cells have the fault.
             "open-row" | "short-row" | "crosstalk" => {
                 lines.filter(|&row| loaded_on(&|i| i / COLUMNS == usize::from(row)) >= 4).map(Place::Row).collect()
             }
@@ -260,7 +261,7 @@ impl Loaded {
 pub struct ModelError {
     /// The error without faults, %.
     pub clean_percent: f64,
-    /// For each share of masked cells: the share, and the mean and the largest error of all draws, %.
+    /// For each share of masked cells: the share, the mean error, and the largest error of all draws, %.
     pub masked: Vec<(u32, f64, f64)>,
 }
 

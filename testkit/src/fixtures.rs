@@ -24,7 +24,7 @@ use std::sync::LazyLock;
 /// The sensor law of a resistive sensor.
 pub const LAW: SensorLaw = SensorLaw { full_kpa: 1000.0, exponent: 0.8 };
 
-/// A left insole of 100 frames a second with counted cells.
+/// A left insole with 100 frames per second and the contact rule [`ContactRule::COUNTED`].
 pub const SETUP: Setup = Setup {
     side: Side::Left,
     layout_id: 7,
@@ -124,21 +124,21 @@ pub fn alert(number: u32) -> Alert {
     }
 }
 
-/// The load of a day, with a different value in each field.
+/// The load of a day, with a value other than 0 in each field.
 pub fn daily_load() -> DailyLoad {
     let region =
         |i: u32| RegionTotal { dose_dkpa_s: 70_000 + i, squared_kpa2_s: 9_000_000 + i, sustained_s: 1_200 + i };
     DailyLoad {
         day: 20_000,
         totals: Totals { loaded_s: 30_000, steps: 4_321, regions: std::array::from_fn(|i| region(i as u32)) },
-        sustained: 0b11,
+        sustained: 0b11_0000,
         dose: 0b100,
         alerts: 3,
         snoozed_s: 1_100,
     }
 }
 
-/// A step with this number and a different value in each field.
+/// A step with this number and different values in most fields.
 pub fn step(step: u32) -> Step {
     let region = |i: u16| StepRegion {
         measured_peak_dn: 1000 + i,
@@ -165,7 +165,7 @@ pub fn step(step: u32) -> Step {
         loading_rate_n_s: 6100 + i,
         contact_start_ms: 20 + i,
         residual_n: 30 + i as u8,
-        counted_peak_mm2: 1900 + i,
+        counted_peak_mm2: 2000 + i,
     };
     Step {
         step,
@@ -187,7 +187,7 @@ pub fn step(step: u32) -> Step {
             first_peak_ms: 160,
             valley_dn: 6100,
             valley_ms: 330,
-            second_peak_dn: 8000,
+            second_peak_dn: 7800,
             second_peak_ms: 510,
             integral_dns: 3900,
             gait_x_10_dmm: 351,

@@ -61,7 +61,7 @@ impl Write for SerialPort {
     }
 }
 
-/// The end of a radio link in a host: a central that is bonded with the insole.
+/// The host's end of a radio link: a central that is bonded with the insole.
 pub struct Central {
     world: SharedWorld,
     insole: usize,
@@ -206,10 +206,11 @@ impl Carrier for Link {
     }
 }
 
-/// A host that follows one insole: stores its steps, acknowledges them, and connects again when the link is lost.
+/// A host that follows one insole: stores its load records, acknowledges them, and connects again when the link is lost.
 pub struct Host {
     world: SharedWorld,
     insole: usize,
+    /// The link over which the host connects.
     over: LinkKind,
     /// The session; `None` before the first connection.
     pub client: Option<Client<Link>>,
@@ -217,13 +218,13 @@ pub struct Host {
     pub is_following: bool,
     /// True if the host requests live frames in each session.
     pub wants_live: bool,
-    /// True if the host acknowledges the steps that it receives.
+    /// True if the host acknowledges the load records that it receives.
     pub acknowledges: bool,
     /// True if the link must be opened before the next message.
     is_broken: bool,
     /// Time of the last message, us.
     last_message_us: u64,
-    /// The steps and load bouts, in the order of their arrival.
+    /// The steps, load bouts and alerts, in the order of their arrival.
     pub records: Vec<LoadRecord>,
     /// Number of live frames that arrived.
     pub live: u64,

@@ -36,7 +36,7 @@ const RESET_US: u64 = 20_000;
 
 /// Name of the board in images.
 pub const BOARD: &str = "host";
-/// Length of its images, bytes.
+/// Length of the images, bytes.
 const IMAGE_BYTES: usize = 40 * CHUNK;
 /// Time from the start to the panic of an image with [`Defect::Crash`], s.
 const CRASH_S: u64 = 20;
@@ -52,9 +52,9 @@ pub enum Defect {
     Model,
     /// The radio does not answer.
     Radio,
-    /// The chip loses what is written to it.
+    /// The flash chip does not store what the firmware writes to its records and its log.
     Storage,
-    /// Every run panics after some seconds.
+    /// The firmware panics 20 s after each start.
     Crash,
 }
 
@@ -106,8 +106,8 @@ pub struct HostInsole {
     executor: Option<Executor>,
     /// Number of successive starts that ended in a crash before they counted as successful.
     failed_starts: u32,
-    /// The next start while the insole is off: its time in us, the reset reason that the insole will report, and the cause of the
-    /// reset; `None` after a loss of power.
+    /// The next start while the insole is off: its time in us, the reset reason that the insole will report, and the cause of
+    /// the reset, which is `None` after a loss of power. `None` while the insole is on.
     restart: Option<(u64, Reset, Option<ResetCause>)>,
 }
 
@@ -168,7 +168,7 @@ impl HostInsole {
         }
     }
 
-    /// Ends the running boot: the radio link is lost, and bytes to the host that are in transit on the cable.
+    /// Ends the running boot: the radio link is lost, and so are the bytes that are in transit on the cable to the host.
     fn end(&mut self, is_cut_short: bool) {
         self.executor = None;
         let mut radio = self.radio.borrow_mut();
@@ -285,6 +285,7 @@ struct BootResources {
 /// A value that the task `start` passes to one of the firmware's loops; `None` until it is available.
 type Slot<T> = Rc<RefCell<Option<T>>>;
 
+/// An empty slot.
 fn slot<T>() -> Slot<T> {
     Rc::default()
 }

@@ -1,8 +1,8 @@
 """Reads the walks in the source archive of the package moticon-opengo: the text of its raw exports, and the steps in the vendor's
 reports of the same walks.
 
-The argument is the archive. Prints a JSON list with an object for each walk: its "export", and "steps" with a list for each foot,
-left before right. Each step is an object with the values of COLUMNS. A value that the report lacks is null.
+The argument is the path of the archive. Prints a JSON list with an object for each walk: its "export", and "steps" with a list
+for each foot, left before right. Each step is an object with the keys of COLUMNS. A value that the report lacks is null.
 """
 
 import json
@@ -16,8 +16,9 @@ import zipfile
 SHEET = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
 # For each walk, the part of the name of its export and of its report that differs from those of the other walks.
 WALKS = [("102114", "10_21_14"), ("102137", "10_21_37"), ("102231", "10_22_31")]
-# In the reports, double support is one phase: from initial contact of this foot to toe off of the other one. The step duration
-# is the time from initial contact of this foot to that of the other one.
+# The values of a step, each with the title of its column. In the reports, double support is one phase: from initial contact of
+# this foot to toe off of the other one. The step duration is the time from initial contact of this foot to that of the other
+# one.
 COLUMNS = {
     "contact_s": "Initial contact (s)",
     "toe_off_s": "Toe off (s)",

@@ -1,4 +1,4 @@
-//! Walks that another vendor's insoles recorded, and the steps in this vendor's reports.
+//! Walks that the insoles of the vendor Moticon recorded, compared with the steps in the vendor's reports.
 
 use client::gait::{FootStep, Gait, MEASURES, Stride};
 use plantar::Side;
@@ -133,7 +133,8 @@ fn feet_of(walk: Walk) -> impl Iterator<Item = Foot> {
     })
 }
 
-/// Adds the differences of initial contact (ms), toe off (ms) and largest force (N) of the steps of a foot.
+/// Adds the differences of initial contact (ms), toe off (ms) and largest force (N) of the steps of a foot. `found` is from
+/// [`stances`].
 fn compare_steps(foot: &Foot, found: &[[f64; 3]], differences: &mut [Vec<f64>; 3]) {
     for step in &foot.steps {
         let is_same = |stance: &&[f64; 3]| stance[0] < step.toe_off_s && step.contact_s < stance[1];
@@ -146,7 +147,8 @@ fn compare_steps(foot: &Foot, found: &[[f64; 3]], differences: &mut [Vec<f64>; 3
 }
 
 /// Adds the differences of stride time, step time and double support (ms) of the strides of a foot. The vendor reports the time
-/// to the other foot's contact, and each phase of double support, with the step that begins with it.
+/// to the other foot's contact, and each phase of double support, with the step whose initial contact begins this time or
+/// phase.
 fn compare_strides([own, other]: [&Foot; 2], strides: &[Stride], differences: &mut [Vec<f64>; 4]) {
     for stride in strides {
         let begins = own.step_at(stride.start_s);
@@ -181,6 +183,7 @@ fn stances(foot: &Foot) -> Vec<[f64; 3]> {
     let mut found = Vec::new();
     for (&t_s, &force_n) in foot.t_s.iter().zip(&foot.force_n) {
         let seq = (t_s * 1e6 / f64::from(PERIOD_US)).round() as u32;
+        // The stance detection depends on the total force only, so all of it is in the first region.
         let whole = RegionFrame { force: ForceMoments { force_n, ..ForceMoments::NONE }, ..RegionFrame::NONE };
         let none = RegionFrame::NONE;
         let regions = core::array::from_fn(|region| if region == 0 { &whole } else { &none });

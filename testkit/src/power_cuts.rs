@@ -61,9 +61,9 @@ struct KnownState {
     tissue_id: Known<u32>,
     serial: Known<Serial>,
     calibration_id: Known<u32>,
-    /// Steps before this one are acknowledged.
+    /// Steps with lower numbers are acknowledged.
     acknowledged: Known<u32>,
-    /// Steps before this one arrived.
+    /// Steps with lower numbers have arrived.
     arrived: u32,
 }
 

@@ -124,7 +124,7 @@ pub enum Event {
         /// Duration, s.
         for_s: f64,
     },
-    /// Power is off.
+    /// Power is cut, and returns after `off_s`.
     PowerCut {
         /// Duration, s.
         off_s: f64,
@@ -144,7 +144,7 @@ pub enum Event {
         /// Bytes per second; 0 for no limit.
         bytes_per_s: f64,
     },
-    /// Damages bytes to the host at regular distances from now on.
+    /// Damages bytes to the host at regular intervals from now on.
     Damage {
         /// Number of bytes from one damaged byte to the next; 0 for no damage.
         every_bytes: u32,
@@ -183,7 +183,7 @@ pub enum Event {
     },
     /// The host ends its session, and does not connect again.
     Disconnect,
-    /// Whether the host acknowledges the steps that it receives from now on.
+    /// Whether the host acknowledges the load records that it receives from now on.
     Acknowledge(bool),
     /// Limits the length of a value on the radio link, bytes: the ATT MTU minus 3.
     ValueLength(usize),
@@ -194,8 +194,8 @@ pub enum Event {
         /// [`plantar::pipeline::contact::ContactRule::full_kpa`].
         full_kpa: f32,
     },
-    /// The host sets the insole's settings, with a contact rule of this `full_kpa`; without one, it removes them. The steps of
-    /// later boots are compared with those that result from the settings.
+    /// The host sets the insole's settings, with a contact rule of this `full_kpa`; without `full_kpa`, it removes the
+    /// settings. The steps of later boots are compared with those that result from the settings.
     SetSettings {
         /// [`plantar::pipeline::contact::ContactRule::full_kpa`].
         full_kpa: Option<f32>,
@@ -285,7 +285,7 @@ pub struct Expect {
     pub lost_at_most: usize,
     /// The reset reasons of all starts of the first insole.
     pub resets: Option<Vec<String>>,
-    /// The sensor faults that the first insole reports.
+    /// The sensor faults that the first insole reports, each as its kind and place.
     pub faults: Option<Vec<String>>,
     /// Whether live frames of the first insole were lost.
     pub loses_live: Option<bool>,
@@ -476,13 +476,13 @@ struct EventCheck {
     last_s: f64,
     /// Duration of the scenario, s.
     end_s: f64,
-    /// For each insole, the end of its last walk, s.
-    walks_until_s: Vec<f64>,
+    /// For each insole, the end of its wearer's last walk or rest, s.
+    busy_until_s: Vec<f64>,
     /// For each insole, the time at which power is back after the last cut, s.
     off_until_s: Vec<f64>,
     /// For each insole, the time at which its cable is repaired after the last cut, s.
     cut_until_s: Vec<f64>,
-    /// For each insole, whether its host has a session.
+    /// For each insole, whether its host has connected and not disconnected.
     is_following: Vec<bool>,
 }
 
@@ -493,7 +493,7 @@ impl EventCheck {
             insoles: n,
             last_s: 0.0,
             end_s: scenario.duration_s,
-            walks_until_s: vec![0.0; n],
+            busy_until_s: vec![0.0; n],
             off_until_s: vec![0.0; n],
             cut_until_s: vec![0.0; n],
             is_following: vec![false; n],
@@ -517,12 +517,12 @@ impl EventCheck {
         // A fault that cannot be parsed is not an action either: it is reported below.
         let is_action = insole_event(event).is_none() && !matches!(event, Event::SensorFault(_));
         match event {
-            Event::Walk { .. } | Event::Rest { .. } if s < self.walks_until_s[insole] => {
-                return Err("the wearer still walks: let the walk end first".into());
+            Event::Walk { .. } | Event::Rest { .. } if s < self.busy_until_s[insole] => {
+                return Err("the wearer still walks or rests: let this activity end first".into());
             }
             // A step takes about a second.
-            Event::Walk { steps } => self.walks_until_s[insole] = s + f64::from(*steps),
-            Event::Rest { for_s, .. } => self.walks_until_s[insole] = s + for_s,
+            Event::Walk { steps } => self.busy_until_s[insole] = s + f64::from(*steps),
+            Event::Rest { for_s, .. } => self.busy_until_s[insole] = s + for_s,
             Event::PowerCut { .. } | Event::Stall(_) | Event::Panic if is_off => {
                 return Err("the insole is off: wait until power is back".into());
             }
@@ -562,7 +562,7 @@ pub struct InsoleOutcome {
     computed: Vec<(Vec<LoadRecord>, bool)>,
     /// Number of frames that the last boot scanned.
     frames: u32,
-    /// Number of frame periods since the last boot.
+    /// Number of frame periods since the start of the last boot.
     elapsed_frames: u32,
     /// The reset reason of each start.
     pub resets: Vec<String>,
@@ -578,7 +578,7 @@ impl Outcome {
     /// Reads the insoles' counters through their hosts, and collects the steps and load bouts that the insoles computed.
     pub fn new(world: &SharedWorld, hosts: Vec<Host>) -> Self {
         let collect = |(index, mut host): (usize, Host)| {
-            // A slow cable would delay the answer.
+            // A slow cable would delay the answer, so its rate is no longer limited.
             world.borrow().insoles[index].cable.borrow_mut().byte_us = 0.0;
             let status = if host.is_following { host.status() } else { None };
             let world = world.borrow();
@@ -656,7 +656,7 @@ impl Outcome {
         if let Some(resets) = &expect.resets {
             compare("resets", format!("{resets:?}"), format!("{:?}", first.resets));
         }
-        // What is found is `None` if the insole has no session or does not answer, and then differs from every expected value.
+        // A found value is `None` without a session or without an answer, and then differs from every expected value.
         if let Some(faults) = &expect.faults {
             let found = first.host.client.as_mut().and_then(|client| client.faults().ok());
             let name = |fault: &Fault| format!("{} {}", fault.kind.name(), fault.place);

@@ -19,7 +19,7 @@ pub const CELLS: usize = 40;
 const LAYOUT: u32 = 7;
 
 /// An action on a store, which takes several write and erase operations of the chip. The stored value is computed from the
-/// number.
+/// number in the variant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Action {
     Tissue(u16),
@@ -27,7 +27,7 @@ enum Action {
     Bonds(u16),
     Calibration(u16),
     Step,
-    /// Acknowledges all steps except the newest ones, of which this is the number.
+    /// Acknowledges all steps except this number of the newest ones.
     AcknowledgeAllBut(u32),
     /// Opens the store again, as after a reset.
     Restart,
@@ -41,7 +41,7 @@ struct Content {
     bonds: Option<u16>,
     calibration: Option<u16>,
     boots: u32,
-    /// The numbers of the oldest unacknowledged step and of the next step.
+    /// The number of the oldest unacknowledged step, and the number of the next step.
     steps: (u32, u32),
 }
 
@@ -177,6 +177,7 @@ async fn check_content(store: &mut TestStore<'_>, expected: &Content) -> Result<
 /// A sequence of actions that stores items of every kind repeatedly, and the chip with which it begins.
 pub struct Script {
     chip: NorFlashChip,
+    /// The content of the store with which the script begins.
     before: Content,
     actions: Vec<Action>,
     /// Number of write and erase operations of the chip in the whole script.
@@ -186,7 +187,8 @@ pub struct Script {
 }
 
 impl Script {
-    /// A script of `len` random actions on a chip that executed `used` other ones before. The seed determines all actions.
+    /// A script of `len` random actions on a chip on which `used` other random actions were executed before. The seed
+    /// determines all actions.
     pub fn new(seed: u64, used: usize, len: usize) -> Self {
         let mut random = Rng::with_seed(seed);
         let mut action = || match random.u8(0..16) {

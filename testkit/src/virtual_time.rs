@@ -1,7 +1,7 @@
 //! Virtual time: the `embassy-time` driver of tests. Time passes only when a test advances it.
 //!
-//! Every thread has a clock of its own, so that tests run in parallel. A simulated insole counts its time from its own start: its
-//! tasks run within [`with_origin`].
+//! Every thread has a clock of its own, so that tests can run in parallel. A simulated insole counts its time from its own
+//! start: its tasks run within [`with_origin`].
 
 use embassy_time_driver::Driver;
 use embassy_time_queue_utils::Queue;
@@ -31,7 +31,7 @@ impl Driver for VirtualTime {
     }
 }
 
-/// Time since the thread began, us.
+/// Virtual time since this thread began, us.
 pub fn now_us() -> u64 {
     NOW_US.get()
 }

@@ -20,7 +20,7 @@ pub struct Codes {
     cells: usize,
     /// The codes of all cells, frame by frame.
     frames: Vec<u16>,
-    /// The codes of the frame in which most cells are loaded.
+    /// The codes of the frame with the largest number of loaded cells.
     flat: Vec<u16>,
     /// For each step, the number of frames from the start of the walk to the end of the swing phase after the step.
     step_ends: Vec<usize>,
@@ -76,7 +76,7 @@ pub enum Posture {
 }
 
 impl Posture {
-    /// The codes after this time, s, relative to those of the frame of a step in which most cells are loaded.
+    /// The codes after this time, s, relative to those of the frame with the largest number of loaded cells.
     fn share(self, t_s: f64) -> f64 {
         match self {
             Self::Stand => 0.6,
@@ -115,7 +115,7 @@ impl Wearer {
         Self { codes, activity: None, faults: Vec::new(), missing: None, is_frame_missing: false }
     }
 
-    /// The rules of the insole.
+    /// The configuration of the insole.
     pub fn setup(&self) -> Setup {
         self.codes.virtual_insole.setup
     }

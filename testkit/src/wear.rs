@@ -1,4 +1,4 @@
-//! Wear: walks in shoes that press on the insole even when the foot is lifted.
+//! Walks in shoes that press on the insole even when the foot is lifted: this residual pressure adds to that of the foot.
 
 use plantar::faults::Faults;
 use plantar::firmware::front_end::NOISE_CODES;
@@ -82,14 +82,15 @@ pub struct Found {
 }
 
 impl Found {
-    /// Share of the stream's force-time integral that is in no step or load bout, or in more than one.
+    /// Difference between the force-time integral of all frames and that of all steps and bouts, relative to the former: the
+    /// share that is in no step or bout, or in more than one.
     pub fn unassigned(&self, rate_hz: f64) -> f64 {
-        let stream_n_s = self.totals_n.iter().sum::<f64>() / rate_hz;
-        (self.integral_n_s - stream_n_s).abs() / stream_n_s
+        let frames_n_s = self.totals_n.iter().sum::<f64>() / rate_hz;
+        (self.integral_n_s - frames_n_s).abs() / frames_n_s
     }
 }
 
-/// Passes a recording through an insole with a contact rule.
+/// Passes a recording through an insole with these rules.
 pub fn find(recording: &Recording, contact: ContactRule, stance: StanceRule) -> Found {
     let virtual_insole = VirtualInsole::new(recording, contact, stance);
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
@@ -123,7 +124,7 @@ pub struct WearResult {
     pub walked: usize,
     /// Number of them that were found: heel strike and toe off within 40 ms of the walk without residual pressure.
     pub found: usize,
-    /// Number of other steps.
+    /// Number of steps that were found but not walked.
     pub extra: usize,
     /// Number of reported sensor faults.
     pub faults: u32,

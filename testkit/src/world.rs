@@ -31,7 +31,7 @@ pub enum InsoleEvent {
     },
     /// Power fails within a write or erase operation of the flash chip, and returns after a second.
     PowerCutInWrite {
-        /// Operations from now on that still succeed.
+        /// Number of write and erase operations that still succeed, from now on.
         operations: u64,
     },
     /// The cable is cut for this time.
@@ -51,7 +51,7 @@ pub enum InsoleEvent {
     },
     /// The radio link is lost.
     RadioLost,
-    /// The matrix answers only for its first rows, for a number of frames.
+    /// The matrix answers only for its first rows, or not at all, for a number of frames.
     MissFrames {
         /// Number of incomplete frames.
         frames: u32,
@@ -60,20 +60,20 @@ pub enum InsoleEvent {
     },
     /// The sensor has a fault from now on.
     SensorFault(SensorFault),
-    /// One of the parts `scan`, `model` (the processing of frames) and `link` stalls, as in an endless loop.
+    /// One of the tasks `scan`, `model` (processes frames) and `link` (serves the serial link) stalls, as in an endless loop.
     Stall(&'static str),
     /// The firmware panics.
     Panic,
     /// The flash chip does not answer from the next start on.
     ChipSilent,
-    /// The supply is too low to change the flash chip for this time.
+    /// For this time, the supply voltage is too low to write or erase the flash chip.
     LowSupply {
         /// Duration, us.
         for_us: u64,
     },
-    /// The supply is sufficient again.
+    /// The supply voltage is sufficient again; scheduled by [`Self::LowSupply`].
     SupplyRecovered,
-    /// A cut cable is repaired.
+    /// A cut cable is repaired; scheduled by [`Self::CableCut`].
     CableRepaired,
 }
 
@@ -105,7 +105,7 @@ impl World {
         Self { insoles: insoles.collect(), due: VecDeque::new() }
     }
 
-    /// Schedules an event.
+    /// Schedules an event of the insole with the index `insole`, at the virtual time `at_us`.
     pub fn schedule(&mut self, at_us: u64, insole: usize, event: InsoleEvent) {
         let index = self.due.partition_point(|due| due.at_us <= at_us);
         self.due.insert(index, Due { at_us, insole, event });

@@ -30,7 +30,7 @@ PENALTY_PER_N = 1.0
 
 
 def force(x, area, later, earlier, per_s):
-    """The model force of each sample, which may be negative (tensile)."""
+    """The model force of each sample, which may be negative (tensile). `x` has the variables in the order of BOUNDS."""
     a, b, c_m, d0, k, n, c, m = x
     k, c = np.exp(k), np.exp(c)
     ratio = np.clip(area / (np.pi * a * b), 0.0, 1.0)

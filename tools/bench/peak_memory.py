@@ -1,6 +1,7 @@
 """Runs a command and prints its largest resident memory, MB.
 
-The arguments are a folder, which is not used, and the command with its arguments.
+The arguments are a folder, which src/python.rs passes to every script and which is not used here, and the command with its
+arguments.
 """
 
 import resource

@@ -22,6 +22,8 @@ FULL_CODE = 16 * 4095
 ON_KPA, OFF_KPA = 10.0, 7.5
 STRIKE_N, RELEASE_N, MIN_SWING_S = 30.0, 20.0, 0.04
 
+# For each cell: x (mm), y (mm), area (mm2), index of the region, gain. For each region: A B (m2), C (m), K (Pa), G (Pa s), n
+# and m.
 cells = np.fromfile(f"{folder}/cells.f32", np.float32).reshape(-1, 5)
 force_laws = np.fromfile(f"{folder}/force_laws.f32", np.float32).reshape(8, 6).astype(np.float64)
 x, y, area, region, gain = cells.T

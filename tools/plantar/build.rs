@@ -1,4 +1,5 @@
-//! Sets the variable `PLANTAR_VERSION`: the version of the package and the commit.
+//! Sets the environment variable `PLANTAR_VERSION` for the compilation: the version of the package and, if it is known, the
+//! commit.
 
 fn main() {
     build_support::version();

@@ -1,8 +1,8 @@
 //! The emulated board: an STM32F405 in QEMU (`-M netduinoplus2`) with the link on USART1, a Bluetooth controller on USART2, and
 //! the sensor plant, a simulation of the sensor matrix on the host, on USART3.
 //!
-//! The emulator has no reset and clock control, no ADC and no cycle counter, so this board has its own small USART driver, and a
-//! time driver that uses a timer. Everything above the board traits is the code of the real board.
+//! The emulator has no reset and clock control, no ADC and no cycle counter, so this board has its own small USART driver, and
+//! a time driver that uses a timer. Everything above the board traits is the same code as on the real boards.
 #![no_std]
 #![no_main]
 
@@ -41,7 +41,7 @@ use plantar::protocol::update::Header;
 use plantar::protocol::{MAX_FAULT_TEXT, Reset};
 use plantar::sequence::is_after;
 use plantar::storage::Store;
-use port::{End, Port};
+use port::{Port, PortHandle};
 use static_cell::StaticCell;
 use stm32_metapac::{Interrupt, USART1, USART2, USART3, interrupt};
 use time::{RELOAD, Time};
@@ -49,8 +49,8 @@ use time::{RELOAD, Time};
 embassy_time_driver::time_driver_impl!(static TIME: Time = Time::new());
 defmt::timestamp!("{=u64:us}", Instant::now().as_micros());
 
-/// The header of this image. It is at a fixed place, so that host programs find it, and so does the running firmware that
-/// receives this image as an update.
+/// The header of this image. It is at a fixed place, where host programs find it, and where the running firmware finds it when
+/// it receives this image as an update.
 #[used]
 #[unsafe(link_section = ".header")]
 static IMAGE: Header = Header::new("emulated", env!("PLANTAR_VERSION"));
@@ -74,7 +74,7 @@ static MEMORY: Memory<FlashFile, FRAMES> = Memory::new();
 const PROCESSING_FAULTS: [InjectedFault; 4] =
     [InjectedFault::ModelStalled, InjectedFault::StackOverflow, InjectedFault::Fault, InjectedFault::Panic];
 
-/// Counts cycles with SysTick. It restarts every millisecond, so it can only measure shorter times.
+/// Counts the core's cycles with SysTick. The counter restarts every millisecond, so it can only measure shorter times.
 struct SysTick;
 
 impl Stopwatch for SysTick {
@@ -89,8 +89,9 @@ impl Stopwatch for SysTick {
 
     fn cycles_since(&self, start: u32) -> u32 {
         let now = SYST::get_current();
-        // Processing calls this function when it has evaluated the frame. The paced clock is woken now, not earlier, so that the
-        // interrupts of the simulated matrix are not part of the measured time.
+        // Processing calls this function when it has evaluated the frame, and again while it evaluates a step. The paced clock
+        // is woken by the first of these calls, not earlier, so that the interrupts of the simulated matrix are not part of the
+        // measured time.
         FRAME_EVALUATED.signal(());
         if now <= start { start - now } else { start + RELOAD + 1 - now }
     }
@@ -145,8 +146,6 @@ async fn run(boot: BootReport, image: &'static Header) {
     injected_fault::plan(config.fault.filter(|planned| planned.is_repeated || boot.reset == Reset::Power));
     inject(&[InjectedFault::Panic]);
     let chip = async { Some(FlashFile::open(config.power_cut)) };
-    // No other task runs yet, so the start may block. The state of the start is then on the stack and not in the static memory of
-    // this task.
     let (stored, built_in, fault) = match stored {
         Some((_, cells)) => (Some(cells), None, None),
         None => {
@@ -154,8 +153,10 @@ async fn run(boot: BootReport, image: &'static Header) {
             (None, Some(layout::cells()), fault.try_into().ok())
         }
     };
-    // One iterator for both, because the start would otherwise be twice in the firmware and on the stack.
+    // One iterator for both cases: with two types of iterator, the start would be twice in the firmware and on the stack.
     let cells = stored.into_iter().flatten().chain(built_in.into_iter().flatten());
+    // No other task runs yet, so the start may block. The state of the start is then on the stack and not in the static memory
+    // of this task.
     let started = block_on(start_with(chip, boot, image, config.setup, cells, fault));
     let Started { insole, store, shared, to_process, scanned, period_us } = started;
     let matrix = PlantMatrix::open(&PLANT, insole.cells());
@@ -208,7 +209,7 @@ async fn run_process(
 
 #[embassy_executor::task]
 async fn run_serve(shared: &'static Shared) {
-    serve::serve(MayStall(End(&LINK)), MayStall(End(&LINK)), shared).await
+    serve::serve(MayStall(PortHandle(&LINK)), MayStall(PortHandle(&LINK)), shared).await
 }
 
 #[embassy_executor::task]
@@ -218,7 +219,7 @@ async fn run_persist(store: &'static mut Store<FlashFile>, shared: &'static Shar
 
 #[embassy_executor::task]
 async fn pump_radio() {
-    join(pump(End(&HCI), &FROM_RADIO), pump(&TO_RADIO, End(&HCI))).await;
+    join(pump(PortHandle(&HCI), &FROM_RADIO), pump(&TO_RADIO, PortHandle(&HCI))).await;
 }
 
 #[interrupt]

@@ -12,7 +12,8 @@ use stm32_metapac::usart::Usart;
 pub struct Port {
     registers: Usart,
     interrupt: Interrupt,
-    /// Received bytes that no task has read yet. While it is full, the emulator delays further bytes, so no byte is lost.
+    /// Received bytes that no task has read yet. While this buffer is full, the emulator delays further bytes, so no byte is
+    /// lost.
     received: Pipe<CriticalSectionRawMutex, 288>,
 }
 
@@ -33,7 +34,8 @@ impl Port {
         });
     }
 
-    /// Takes a received byte from the USART. The interrupt of the USART calls it.
+    /// Moves a received byte from the USART to the receive buffer. The handler of the USART's interrupt must call this
+    /// function.
     pub fn on_interrupt(&self) {
         if self.received.is_full() {
             // `read` unmasks the interrupt again. The register of the USART cannot disable it: up to QEMU 7, the request of a
@@ -66,19 +68,19 @@ impl Port {
 
 /// A handle of a port with the traits of `embedded-io-async`: a task can read through one handle while another writes through a
 /// second one.
-pub struct End(pub &'static Port);
+pub struct PortHandle(pub &'static Port);
 
-impl ErrorType for End {
+impl ErrorType for PortHandle {
     type Error = core::convert::Infallible;
 }
 
-impl Read for End {
+impl Read for PortHandle {
     async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Self::Error> {
         Ok(self.0.read(buffer).await)
     }
 }
 
-impl Write for End {
+impl Write for PortHandle {
     async fn write(&mut self, bytes: &[u8]) -> Result<usize, Self::Error> {
         self.0.write(bytes);
         Ok(bytes.len())

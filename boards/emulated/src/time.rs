@@ -1,7 +1,7 @@
-//! Time from the counter of TIM5, for the executor's own queue of timers.
+//! The time driver: it reads the time from the counter of TIM5, and has a queue with the times at which tasks must be woken.
 //!
-//! SysTick only triggers the queue. It does not count the time, because on a busy host the emulator drops some of its interrupts,
-//! and the time would be slow.
+//! SysTick only causes the regular checks of the queue. It does not count the time, because on a busy host the emulator drops
+//! some of its interrupts, and the time would be slow.
 
 use core::cell::RefCell;
 use core::task::Waker;

@@ -37,7 +37,7 @@ impl Wait for Sleep {
 /// The chip, which is written and erased only while its supply is sufficient.
 pub type Chip = Supplied<nrf52840_drivers::flash::Chip<Qspi<Sleep>, CHIP_BYTES>, fn() -> bool>;
 
-/// Opens the chip; `None` if there is none.
+/// Opens the chip; `None` if it is missing, too small, or does not answer in time.
 pub async fn open(qspi: Peri<'static, peripherals::QSPI>) -> Option<Chip> {
     let chip = nrf52840_drivers::flash::Chip::open(Qspi::new(qspi, Sleep)).await?;
     Some(Supplied::new(chip, CHIP_BYTES, matrix::is_supplied))

@@ -1,7 +1,8 @@
 //! A board with an nRF52840, the Seeed XIAO nRF52840: the matrix on the SAADC behind multiplexers, and the link on UARTE0;
 //! `README.md` has the wiring.
 //!
-//! Priorities of the interrupts, the highest first. The library of the radio prescribes the first and the fourth of them.
+//! Priorities of the interrupts, the highest first. The library of the radio prescribes those of the radio and of its
+//! scheduler.
 //!
 //! | Priority | Interrupts |
 //! |---|---|
@@ -62,7 +63,7 @@ use plantar::storage::Store;
 use radio::{Nrf52840, Parts};
 use static_cell::{ConstStaticCell, StaticCell};
 
-/// Bit rate of the link, as of the other boards. The rate of the peripheral is 0.8 % lower.
+/// Bit rate of the link, the same as on the other boards. The actual rate of the peripheral is 0.8 % lower.
 const LINK_BIT_HZ: u32 = 460_800;
 const LINK_RATE: Baudrate = Baudrate::Baud460800;
 
@@ -78,8 +79,8 @@ bind_interrupts!(struct Irqs {
 
 defmt::timestamp!("{=u64:us}", Instant::now().as_micros());
 
-/// The header of this image. It is at a fixed place, so that host programs find it, and so does the running firmware that
-/// receives this image as an update.
+/// The header of this image. It is at a fixed place, where host programs find it, and where the running firmware finds it when
+/// it receives this image as an update.
 #[used]
 #[unsafe(link_section = ".header")]
 static IMAGE: Header = Header::new("nrf52840", env!("PLANTAR_VERSION"));
@@ -90,11 +91,12 @@ static SCAN_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 static RADIO_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 static EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 static SCAN_COUNTERS: ScanCounters = ScanCounters::new();
-/// The queue holds three frames: at the built-in 100 Hz they last 30 ms (25 ms at 120 Hz), longer than the evaluation of a step
-/// takes.
+/// The static memory of the firmware. Its queue holds three frames: at the built-in 100 Hz they last 30 ms (25 ms at 120 Hz),
+/// longer than the evaluation of a step takes.
 static MEMORY: Memory<Chip, 3> = Memory::new();
+/// The transmit buffer of the link.
 static TO_SEND: ConstStaticCell<[u8; 192]> = ConstStaticCell::new([0; 192]);
-/// The buffer is longer than the longest message to the insole.
+/// The receive buffer of the link, which is longer than the longest message to the insole.
 static RECEIVED: ConstStaticCell<[u8; 288]> = ConstStaticCell::new([0; 288]);
 
 /// Determines why the board started, and clears the flags. Power-on and a brown-out set no flag.
@@ -139,7 +141,7 @@ fn start_supervision() {
     pac::RTC2.tasks_start().write_value(1);
 }
 
-/// The event of each tick.
+/// The interrupt for the event of each tick.
 const TICK: Int = Int(1);
 
 #[cortex_m_rt::entry]
@@ -220,15 +222,15 @@ async fn run(boot: BootReport, image: &'static Header, p: Peripherals, has_cryst
     let configuration = Configuration {
         setup: layout::setup(side),
         cells: layout::cells(),
-        // A byte is ten bits.
+        // A byte takes ten bits: a start bit, eight data bits and a stop bit.
         serial_bytes_per_s: LINK_BIT_HZ / 10,
         // The text is short enough.
         fault: if has_crystal { None } else { NO_CRYSTAL.try_into().ok() },
         restart: SCB::sys_reset,
     };
-    // No other task runs yet, so the start may block. The state of the start is then on the stack and not in the static memory of
-    // this task.
-    // Without a measurement, the charge would read 0 % and the start could store nothing, so a failed one is repeated.
+    // Without a measurement, the charge would read 0 % and the start could store nothing, so a failed measurement is repeated.
+    // No other task runs yet, so the measurement and the start below may block. The state of the start is then on the stack and
+    // not in the static memory of this task.
     for _ in 0..BATTERY_ATTEMPTS {
         block_on(matrix.measure_battery());
         if matrix::supply_mv().is_some() {
@@ -270,8 +272,8 @@ async fn run(boot: BootReport, image: &'static Header, p: Peripherals, has_cryst
         has_crystal,
     };
 
-    // Each task has static memory of its own and is spawned once, so spawning cannot fail.
     let clock = Ticker::new(period_us);
+    // Each task has static memory of its own and is spawned once, so spawning cannot fail.
     SCAN_EXECUTOR.start(interrupt::EGU1_SWI1).spawn(run_scan(clock, matrix, to_process).unwrap());
     RADIO_EXECUTOR.start(interrupt::EGU2_SWI2).spawn(radio::run(parts, &FROM_RADIO, &TO_RADIO).unwrap());
     spawner.spawn(run_process(insole, scanned, shared).unwrap());

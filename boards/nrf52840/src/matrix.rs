@@ -35,7 +35,7 @@ const SWITCH_US: u32 = 3;
 /// The core's clock, MHz.
 const CORE_MHZ: u32 = 64;
 
-/// Ten times the time of a row. A frame in which a row takes longer is abandoned and counted as missed.
+/// About ten times the time of a row. A frame in which a row takes longer is abandoned and counted as missed.
 const ROW_TIMEOUT: Duration = Duration::from_millis(5);
 /// Longest time to measure the battery.
 const BATTERY_TIMEOUT: Duration = Duration::from_millis(5);
@@ -70,7 +70,7 @@ pub fn battery_percent() -> u8 {
 /// The shift register (74HC595): bits 0 to 3 are the address of the row, bit 4 connects the row, bits 5 and 6 are the address of
 /// the multiplexers.
 pub struct ShiftRegister {
-    /// A bit, read at the rising edge of the clock.
+    /// The next bit, which the register reads at the rising edge of the clock.
     pub data: Output<'static>,
     /// The clock.
     pub clock: Output<'static>,
@@ -80,8 +80,8 @@ pub struct ShiftRegister {
 
 /// The bit that connects the selected row to ground.
 const CONNECT: u8 = 1 << 4;
-/// Position of the address of the multiplexers.
-const CHANNEL: usize = 5;
+/// Position of the lowest address bit of the multiplexers in the bits of the register.
+const CHANNEL_SHIFT: usize = 5;
 
 impl ShiftRegister {
     /// Outputs these bits. A level lasts for at least 60 ns, because each write to a pin takes that long; the register needs
@@ -164,11 +164,11 @@ impl ResistiveMatrix {
         let mut adc = Saadc::new(self.adc.reborrow(), Irqs, config, channels);
         let mut codes = [0; COLUMNS];
         for channel in 0..CHANNELS {
-            self.register.output(row as u8 | CONNECT | (channel as u8) << CHANNEL);
+            self.register.output(row as u8 | CONNECT | (channel as u8) << CHANNEL_SHIFT);
             if channel == 0 {
                 self.timer.wait(SETTLE_US).await;
             } else {
-                // An interrupt would take longer.
+                // Waiting for an interrupt would take longer.
                 cortex_m::asm::delay(SWITCH_US * CORE_MHZ);
             }
             let mut converted = [0; INPUTS];

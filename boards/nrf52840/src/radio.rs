@@ -149,7 +149,7 @@ fn start(
         .support_dle_peripheral()
         .support_le_2m_phy()
         .support_phy_update_peripheral()
-        // The host sets the lifetime of private addresses, and fails if the controller does not have them.
+        // The host sets the lifetime of private addresses, and fails if the controller does not support them.
         .support_le_privacy()
         .peripheral_count(1)?
         .buffer_cfg(PACKET, PACKET, TX_PACKETS, RX_PACKETS)?
@@ -259,13 +259,13 @@ impl Reply {
         }
     }
 
-    /// The packet.
+    /// The encoded event, from its H4 type on.
     fn packet(&self) -> &[u8] {
         self.packet.get(..self.len).unwrap_or_default()
     }
 }
 
-/// The status of a result.
+/// The HCI status that reports this result.
 fn status<T, E>(result: &Result<T, cmd::Error<E>>) -> Status {
     match result {
         Ok(_) => Status::SUCCESS,
@@ -274,7 +274,7 @@ fn status<T, E>(result: &Result<T, cmd::Error<E>>) -> Status {
     }
 }
 
-/// The command with these parameters.
+/// Decodes the parameters of a command.
 ///
 /// # Errors
 /// If they are not valid for the command.
@@ -285,7 +285,7 @@ fn command<'p, C: Cmd<Params: FromHciBytes<'p>> + From<C::Params>, E>(
     parameters.map(C::from).map_err(|_| cmd::Error::Hci(HciError::INVALID_HCI_PARAMETERS))
 }
 
-/// Executes a command whose function returns the result (for Disconnect, only that it began).
+/// Executes a command whose function returns its result. For Disconnect, this result only states that the command has begun.
 async fn complete<'r, C>(radio: &SoftdeviceController<'r>, parameters: &[u8], reply: &mut Reply)
 where
     C: SyncCmd<Return: FixedSizeValue> + From<C::Params>,

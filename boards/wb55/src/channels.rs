@@ -30,7 +30,9 @@ pub const DATA: usize = 5;
 const THIS: usize = 0;
 const RADIO: usize = 1;
 
+/// For each channel, the waker of the task that waits until the radio's core has filled it.
 static FILLED: [AtomicWaker; CHANNELS] = [const { AtomicWaker::new() }; CHANNELS];
+/// For each channel, the waker of the task that waits until the radio's core has emptied it.
 static EMPTIED: [AtomicWaker; CHANNELS] = [const { AtomicWaker::new() }; CHANNELS];
 
 /// Starts the radio's core, with all interrupts of channels masked.

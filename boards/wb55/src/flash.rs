@@ -21,15 +21,15 @@ bind_interrupts!(struct Irqs {
     DMA1_CHANNEL3 => dma::InterruptHandler<DMA1_CH3>;
 });
 
-/// Bit rate of the SPI: the transfer of a step, up to 490 bytes, takes 0.25 ms, and the chip needs longer to program it. It
-/// allows 50 MHz, but wires on a breadboard do not.
+/// Bit rate of the SPI: the transfer of a step, up to 490 bytes, takes 0.25 ms, and the chip needs longer to program it. The
+/// chip allows 50 MHz, but wires on a breadboard do not.
 const BIT_HZ: u32 = 16_000_000;
 
 /// The chip, which is written and erased only while its supply is sufficient.
 pub type Chip =
     Supplied<W25<Q, ExclusiveDevice<Spi<'static, Async, Master>, Output<'static>, Delay>, (), ()>, fn() -> bool>;
 
-/// The level of the voltage detector: 2.8 V. The chip works from 2.7 V on.
+/// The setting of the voltage detector for 2.8 V. The chip works from 2.7 V on.
 const SUPPLY_LEVEL: u8 = 5;
 /// Number of times that the identity of the chip is read, a millisecond apart.
 const IDENTITY_READS: usize = 5;

@@ -80,8 +80,8 @@ bind_interrupts!(struct Irqs {
 
 defmt::timestamp!("{=u64:us}", Instant::now().as_micros());
 
-/// The header of this image. It is at a fixed place, so that host programs find it, and so does the running firmware that
-/// receives this image as an update.
+/// The header of this image. It is at a fixed place, where host programs find it, and where the running firmware finds it when
+/// it receives this image as an update.
 #[used]
 #[unsafe(link_section = ".header")]
 static IMAGE: Header = Header::new("stm32wb55", env!("PLANTAR_VERSION"));
@@ -90,10 +90,12 @@ static FROM_RADIO: HciPipe = HciPipe::new();
 static TO_RADIO: HciPipe = HciPipe::new();
 static SCAN_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 static SCAN_COUNTERS: ScanCounters = ScanCounters::new();
-/// The queue holds three frames: at the 100 Hz of this board they last 30 ms, longer than the evaluation of a step takes.
+/// The static memory of the firmware. Its queue holds three frames: at the built-in 100 Hz they last 30 ms, longer than the
+/// evaluation of a step takes.
 static MEMORY: Memory<Chip, 3> = Memory::new();
+/// The transmit buffer of the link.
 static TO_SEND: ConstStaticCell<[u8; 192]> = ConstStaticCell::new([0; 192]);
-/// The buffer is longer than the longest message to the insole.
+/// The receive buffer of the link, which is longer than the longest message to the insole.
 static RECEIVED: ConstStaticCell<[u8; 288]> = ConstStaticCell::new([0; 288]);
 
 /// Starts the independent watchdog. It runs from an oscillator of its own, and nothing can stop it.
@@ -222,19 +224,19 @@ async fn main(spawner: Spawner) {
     let side = if strap.is_low() { Side::Right } else { Side::Left };
     let select = Output::new(p.PB12, Level::High, Speed::Medium);
     let is_started_by_user = matches!(boot.reset, Reset::Power | Reset::Pin);
-    // No other task runs yet, so the start may block. The state of the start is then on the stack and not in the static memory of
-    // this task.
     let chip = flash::open(p.SPI2, p.PB13, p.PB15, p.PB14, p.DMA1_CH2, p.DMA1_CH3, select);
     let configuration = Configuration {
         setup: layout::setup(side),
         cells: layout::cells(),
-        // A byte is ten bits.
+        // A byte takes ten bits: a start bit, eight data bits and a stop bit.
         serial_bytes_per_s: LINK_BIT_HZ / 10,
         // The text is short enough.
         fault: if has_crystal { None } else { NO_CRYSTAL.try_into().ok() },
         restart: cortex_m::peripheral::SCB::sys_reset,
     };
     let gauges = Gauges { stack_bytes: cortex_m_platform::stack_bytes, supply_mv: matrix::supply_mv };
+    // No other task runs yet, so the start may block. The state of the start is then on the stack and not in the static memory
+    // of this task.
     let started = block_on(start(&MEMORY, chip, boot, image, configuration, &SCAN_COUNTERS, gauges));
     let Started { insole, store, shared, to_process, scanned, period_us } = started;
     let mut link = usart::Config::default();
@@ -246,9 +248,9 @@ async fn main(spawner: Spawner) {
     static GATT: StaticCell<GattSession<'static, Wb55>> = StaticCell::new();
     let gatt = GATT.init(GattSession::new(shared, Wb55 { is_started_by_user }));
 
-    // Each task has static memory of its own and is spawned once, so spawning cannot fail.
     matrix.set_period(period_us);
     let clock = Ticker::new(period_us);
+    // Each task has static memory of its own and is spawned once, so spawning cannot fail.
     SCAN_EXECUTOR.start(interrupt::SAI1).spawn(run_scan(clock, matrix, to_process).unwrap());
     spawner.spawn(run_process(insole, scanned, shared).unwrap());
     spawner.spawn(run_serve(link, shared).unwrap());

@@ -74,7 +74,7 @@ pub struct ResistiveMatrix {
     front_end: Output<'static>,
     /// The front end is switched off between scans.
     is_switched: bool,
-    /// The internal reference voltage.
+    /// The converter's input for the internal reference voltage.
     reference: AnyAdcChannel<'static, ADC1>,
     /// The supply is measured at the end of the first scan after this time.
     supply_due: Instant,
@@ -140,7 +140,7 @@ impl ResistiveMatrix {
         self.convert::<COLUMNS>().await
     }
 
-    /// Measures the supply when it is due.
+    /// Measures the supply if a measurement is due.
     async fn measure_supply(&mut self) -> Result<(), MatrixTimeout> {
         if Instant::now() < self.supply_due {
             return Ok(());

@@ -140,7 +140,8 @@ fn init_tables() {
     }
 }
 
-/// Logs the events of the system in these packets. True unless the radio's core has no wireless firmware.
+/// Logs the system events in these packets. Returns false if one of them reports that the radio's core has no wireless
+/// firmware.
 fn has_firmware(packets: &Packets) -> bool {
     let mut has_firmware = true;
     for &packet in packets {

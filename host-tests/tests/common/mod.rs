@@ -1,5 +1,5 @@
-//! Shared parts of the tests: programs and data that environment variables name, boards, replays and computed walks.
-#![allow(dead_code, reason = "each test uses a part of it")]
+//! Shared parts of the tests: programs and data that environment variables name, sessions with boards, replays, computed walks.
+#![allow(dead_code, reason = "each test uses a part of this module")]
 
 use client::{Client, Framed};
 use emulator::{Board, SensorFault};
@@ -27,7 +27,7 @@ pub fn connect(board: &Board) -> Client<Framed<TcpStream>> {
     connect_within(board, TIMEOUT)
 }
 
-/// The same with another longest wait for the insole's answer.
+/// The same as [`connect`], with `timeout` as the longest wait for the insole's answer.
 pub fn connect_within(board: &Board, timeout: Duration) -> Client<Framed<TcpStream>> {
     let link = board.link().expect("the board has a link");
     link.set_read_timeout(Some(Duration::from_millis(50))).expect("the socket accepts a timeout");
@@ -42,7 +42,7 @@ pub fn firmware() -> PathBuf {
     named_by("PLANTAR_FIRMWARE", "the firmware of the emulated board")
 }
 
-/// The data set SpeedPP2DS.
+/// The folder of the data set SpeedPP2DS.
 ///
 /// # Panics
 /// If `PLANTAR_JIKU` does not contain its path.
@@ -81,7 +81,7 @@ pub fn python() -> PathBuf {
 pub fn run_python(arguments: &[&str], input: &str) -> String {
     let child = Command::new(python()).args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn();
     let mut child = child.expect("Python can be started");
-    child.stdin.take().expect("it is piped").write_all(input.as_bytes()).expect("the program reads its input");
+    child.stdin.take().expect("stdin is piped").write_all(input.as_bytes()).expect("the program reads its input");
     let output = child.wait_with_output().expect("the program ends");
     assert!(output.status.success(), "{arguments:?} failed: {}", output.status);
     String::from_utf8(output.stdout).expect("the program prints text")
@@ -158,7 +158,7 @@ fn replay_codes(
         if toe_off {
             steps.push(Step::new(&insole.whole_step().expect("the insole is set up")));
         }
-        // Load bouts have numbers between those of the steps.
+        // The load bouts are taken because they are numbered together with the steps.
         insole.take_bout();
     }
     (live, steps, insole.faults().clone())

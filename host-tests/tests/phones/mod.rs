@@ -24,18 +24,21 @@ use testkit::nor_flash::{NorFlashChip, block_on};
 /// Longest wait for a line from the simulated phones.
 pub const TIMEOUT: Duration = Duration::from_secs(60);
 
-/// UUID of the insole's characteristic Control. The following constants are the other characteristics.
+/// UUID of the insole's characteristic Control.
 pub const CONTROL: &str = "dca8c301-cb96-463f-8bec-f2094e1ccf7b";
+/// UUID of the insole's characteristic Live.
 pub const LIVE: &str = "dca8c302-cb96-463f-8bec-f2094e1ccf7b";
+/// UUID of the insole's characteristic Steps.
 pub const STEPS: &str = "dca8c303-cb96-463f-8bec-f2094e1ccf7b";
+/// UUID of the insole's characteristic Parameters.
 pub const PARAMETERS: &str = "dca8c304-cb96-463f-8bec-f2094e1ccf7b";
-/// The characteristics of the insole's own service.
+/// UUIDs of the characteristics of the insole's own service.
 pub const CHARACTERISTICS: [&str; 4] = [CONTROL, LIVE, STEPS, PARAMETERS];
-/// The characteristic of management tools.
+/// UUID of the characteristic of management tools.
 pub const MANAGEMENT: &str = "da2e7828-fbce-4e01-ae9e-261174997c48";
-/// The characteristic Current Time of the standard service of that name.
+/// UUID of the characteristic Current Time of the standard service of that name.
 pub const CURRENT_TIME: &str = "2a2b";
-/// The characteristic RSC Measurement, which contains the cadence.
+/// UUID of the standard characteristic RSC Measurement (running speed and cadence), which contains the cadence.
 pub const RSC_MEASUREMENT: &str = "2a53";
 
 /// The reason why an action of a phone failed.
@@ -51,7 +54,7 @@ pub struct PhoneError {
 pub struct RadioSimulation {
     python: Child,
     requests: ChildStdin,
-    /// The lines that the simulation writes, and their times.
+    /// The lines that the simulation writes, and their times of arrival.
     lines: Receiver<(Instant, Value)>,
     /// Events of the phones that no test has read yet.
     events: VecDeque<(Instant, Value)>,
@@ -78,7 +81,7 @@ impl RadioSimulation {
         Self { python, requests, lines, events: VecDeque::new() }
     }
 
-    /// The next line of the simulation.
+    /// Waits for the next line of the simulation.
     fn line(&self) -> (Instant, Value) {
         self.lines.recv_timeout(TIMEOUT).expect("the simulated phones run")
     }
@@ -117,7 +120,7 @@ impl RadioSimulation {
         }
     }
 
-    /// A new phone that connects to the insole with this name.
+    /// A new phone with this number, for the insole with this name. The phone is not connected yet.
     pub fn phone(&mut self, number: u8, insole: &'static str) -> Phone {
         let name = format!("phone {number}");
         self.request(json!({"do": "phone", "name": name, "address": format!("D0:00:00:00:00:{number:02X}")}));
@@ -174,7 +177,7 @@ impl Walk for Paced {
     }
 }
 
-/// Position of the bonds in the stored keys, after the version and the insole's own key.
+/// Position of the bonds in the stored keys, after the version and the insole's own key; the first byte is their number.
 pub const BONDS_AT: usize = 18;
 
 /// An emulated insole. Its time advances only as far as the test allows with [`Self::play`].
@@ -206,7 +209,7 @@ impl Insole {
         Self { board, recording, allowed }
     }
 
-    /// The keys that the insole stores, its own one and those of its bonds.
+    /// The keys that the insole stores, its own key and those of its bonds; `None` if it stores none.
     pub fn keys(&self) -> Option<Bonds> {
         let mut chip = NorFlashChip::of(self.board.flash().expect("the chip can be read"));
         block_on(async { Store::open(Some(&mut chip), Reset::Power).await.get(0).await }).expect("the chip works")
@@ -222,7 +225,6 @@ impl Insole {
 
     /// The keys that the insole stores; `None` without a bond.
     pub fn bonds(&self) -> Option<Bonds> {
-        // The number of bonds follows the version and the insole's own key.
         self.keys().filter(|Bonds(bytes)| bytes[BONDS_AT] > 0)
     }
 
@@ -289,7 +291,7 @@ impl World {
         self.restart_with(change, flash);
     }
 
-    /// The same with another content of the flash chip.
+    /// Restarts the board as [`Self::restart`] does, with another content of the flash chip.
     pub fn restart_with(&mut self, change: fn(&mut EmulatorConfig), flash: Vec<u8>) {
         let firmware = firmware();
         let recording = self.insole.recording.clone();
@@ -316,7 +318,7 @@ pub struct Phone {
     insole: &'static str,
     /// Largest length of a characteristic's value, bytes.
     max_len: usize,
-    /// The joiner of each characteristic.
+    /// The joiner of the fragments of each characteristic, by its UUID.
     pub joiners: BTreeMap<String, Joiner>,
 }
 

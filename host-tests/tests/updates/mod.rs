@@ -30,7 +30,7 @@ pub fn signed(mut bytes: Vec<u8>, header: &Header, secret: &SigningKey) -> Image
     Image::sign(bytes, secret).expect("the image has a header")
 }
 
-/// The firmware with another version.
+/// An image of the firmware with another version, signed with `secret`.
 pub fn firmware_with(version: &str, secret: &SigningKey) -> Image {
     signed(flash_image(&firmware()).expect("the firmware is built"), &Header::new(BOARD, version), secret)
 }
@@ -48,8 +48,8 @@ impl Insole {
     }
 
     /// Switches the insole on. With `power_cut`, power fails in the write or erase operation of the chip with this number,
-    /// counted from 0. `swapped` is the result of [`Self::wait`] for the start before: true if the active image in the chip is to
-    /// run. `hci` is the port of its Bluetooth controller.
+    /// counted from 0. `swapped` is the result of [`Self::wait`] for the previous start: true if the active image in the chip
+    /// is to run. `hci` is the TCP port of the simulated Bluetooth controller; `None` for an insole without Bluetooth.
     pub fn start(&self, power_cut: Option<u32>, swapped: bool, hci: Option<u64>) -> Board {
         let walk = synthetic_walk(2, 100.0);
         let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);

@@ -34,9 +34,9 @@ pub struct Region {
     pub bytes: u32,
 }
 
-/// Links the binaries of the package under build as `program` of a board whose own flash begins at the address `flash`, and which
-/// has this RAM: writes `regions.x`, which the `memory.x` of the workspace includes, and passes the scripts of `cortex-m-rt` and
-/// `defmt` to the linker. Also sets the environment variable `PLANTAR_VERSION`, see [`version`].
+/// Links the binaries of the package under build as `program` of a board with this RAM, whose controller's own flash begins at
+/// the address `flash`: writes `regions.x`, which the `memory.x` of the workspace includes, and passes the scripts of
+/// `cortex-m-rt` and `defmt` to the linker. Also sets the environment variable `PLANTAR_VERSION`, see [`version`].
 pub fn link(program: Program, flash: u32, ram: Range<u32>, regions: &[Region]) {
     let offsets = match program {
         Program::Application => ACTIVE,
@@ -88,7 +88,7 @@ pub fn link(program: Program, flash: u32, ram: Range<u32>, regions: &[Region]) {
 /// package under build is enabled.
 ///
 /// # Panics
-/// If it is not, which ends the build with the remedy.
+/// If this requirement is not met. The panic ends the build, and its message states the remedy.
 pub fn require_update_key() {
     println!("cargo:rerun-if-env-changed=PLANTAR_UPDATE_KEY");
     let key = env::var("PLANTAR_UPDATE_KEY").ok();
@@ -100,7 +100,7 @@ pub fn require_update_key() {
 /// Checks the key with which updates must be signed; `None` stands for the development key.
 ///
 /// # Errors
-/// If it is the development key and `is_development_allowed` is false. The text has the remedy.
+/// If it is the development key and `is_development_allowed` is false. The text states the remedy.
 pub fn check_update_key(key: Option<&str>, is_development_allowed: bool) -> Result<(), String> {
     let is_development = key.is_none_or(|key| key.eq_ignore_ascii_case(DEVELOPMENT_KEY));
     if is_development && !is_development_allowed {
@@ -158,7 +158,7 @@ mod tests {
     use super::{DEVELOPMENT_KEY, check_update_key};
 
     #[test]
-    fn a_product_refuses_the_development_key_unless_a_feature_allows_it() {
+    fn the_development_key_is_refused_unless_a_feature_allows_it() {
         let own = "ab".repeat(32);
         for is_allowed in [false, true] {
             assert_eq!(check_update_key(Some(&own), is_allowed), Ok(()));

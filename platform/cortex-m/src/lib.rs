@@ -38,7 +38,7 @@ struct CrashRecord {
     failed_starts: u32,
     /// The failure that ended the run; 0 if none was recorded.
     cause: u32,
-    /// Duration of the run, number of checks.
+    /// Duration of the run: the number of checks, which are [`CHECK_PERIOD_MS`] apart.
     checks: u32,
     /// The addresses of the calls in progress, the innermost first; 0 after the last one.
     calls: [u32; CALLS],
@@ -56,7 +56,7 @@ fn read_record() -> CrashRecord {
 }
 
 fn write_record(record: CrashRecord) {
-    // SAFETY: as above.
+    // SAFETY: as in `read_record`.
     unsafe { addr_of_mut!(RECORD).cast::<CrashRecord>().write_volatile(record) };
 }
 
@@ -147,9 +147,9 @@ macro_rules! on_systick {
     };
 }
 
-/// Checks that all parts ([`PARTS`]) make progress; if one of them is stalled, saves the crash record and resets the board. To be
-/// called every [`CHECK_PERIOD_MS`] in an exception above all tasks, with the address of the registers that it put on the stack,
-/// as [`on_systick`] passes it.
+/// Checks that all parts ([`PARTS`]) make progress; if one of them is stalled, saves the crash record and resets the board. To
+/// be called every [`CHECK_PERIOD_MS`] in an exception with a higher priority than all tasks, with the address of the registers
+/// that the exception put on the stack, as [`on_systick`] passes it.
 pub fn check(frame: u32, heartbeats: &Heartbeats) {
     let (stalled, healthy_checks) = WATCHDOG.lock(|cell| {
         let mut watchdog = cell.get();
@@ -289,8 +289,8 @@ pub fn image() -> &'static [u8] {
     unsafe { core::slice::from_raw_parts(start as *const u8, end - start) }
 }
 
-/// Counts the core's cycles, including the cycles of interrupts, on a core with this clock, kHz. The cycle counter of the core
-/// must have been enabled.
+/// Counts the core's cycles, including the cycles of interrupts. `CORE_KHZ` is the clock of the core, kHz. The cycle counter of
+/// the core must have been enabled.
 pub struct CycleCounter<const CORE_KHZ: u32>;
 
 impl<const CORE_KHZ: u32> Stopwatch for CycleCounter<CORE_KHZ> {

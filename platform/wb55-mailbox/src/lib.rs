@@ -4,7 +4,7 @@
 //!
 //! Addresses are 32-bit numbers and not pointers, so that the layout is the same on the host that runs the tests.
 #![no_std]
-#![allow(missing_docs, reason = "the fields have the names and the meaning of ST's headers")]
+#![allow(missing_docs, reason = "the fields are those of ST's headers, in the same order")]
 
 pub mod channels;
 pub mod system;
@@ -32,7 +32,7 @@ pub const H4_SYSTEM_COMMAND: u8 = 0x10;
 /// The command that starts Bluetooth on the radio's core: SHCI_OPCODE_C2_BLE_INIT.
 pub const BLE_INIT_OPCODE: u16 = 0xfc66;
 
-/// The addresses of the tables.
+/// The addresses of the tables (`MB_RefTable_t`).
 #[repr(C)]
 pub struct References {
     pub device_info: u32,
@@ -47,7 +47,8 @@ pub struct References {
     pub ble_lld: u32,
 }
 
-/// Bluetooth's buffers and queue.
+/// Bluetooth's table (`MB_BleTable_t`): the addresses of the command buffer, of the buffer for Command Status, of the queue of
+/// events, and of the data buffer.
 #[repr(C)]
 pub struct Ble {
     pub command: u32,
@@ -56,14 +57,15 @@ pub struct Ble {
     pub data: u32,
 }
 
-/// The buffer and queue of system commands and events.
+/// The table of the system channel (`MB_SysTable_t`): the addresses of the command buffer and of the queue of events.
 #[repr(C)]
 pub struct System {
     pub command: u32,
     pub events: u32,
 }
 
-/// The memory for packets.
+/// The table of the memory for packets (`MB_MemManagerTable_t`): the addresses of the two spare packets, the pool and its size
+/// in bytes, the address of the queue of packets that this core returns, and the pool for traces, which is not used.
 #[repr(C)]
 pub struct Memory {
     pub spare_ble: u32,
@@ -75,7 +77,7 @@ pub struct Memory {
     pub traces_bytes: u32,
 }
 
-/// The head of a queue, or the links of a packet in a queue. A queue is a ring of addresses.
+/// The head of a queue, or the links of a packet in a queue (`tListNode`). A queue is a ring of addresses.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct Node {
@@ -83,7 +85,7 @@ pub struct Node {
     pub previous: u32,
 }
 
-/// A packet with its H4 byte.
+/// The links of a packet, and the packet of at most `N` bytes from its H4 byte on.
 #[repr(C, align(4))]
 pub struct Packet<const N: usize> {
     pub node: Node,
@@ -114,11 +116,13 @@ pub struct Shared {
     pub pool: [u32; POOL_BYTES / 4],
 }
 
-/// Parameters of [`BLE_INIT_OPCODE`]. The radio runs its link layer only, so the parameters of ST's own host are 0.
+/// Parameters of [`BLE_INIT_OPCODE`] (`SHCI_C2_Ble_Init_Cmd_Param_t`). The radio's core runs its link layer only, so the
+/// parameters of ST's own host (`host_...`) are 0.
 #[repr(C, packed)]
 pub struct BleInit {
     pub unused_buffer: [u32; 2],
     pub host_attributes: [u16; 3],
+    /// Largest number of connections.
     pub links: u8,
     /// 1 for data packets of up to 251 bytes.
     pub extended_length: u8,
@@ -133,20 +137,28 @@ pub struct BleInit {
     pub most_event: u32,
     /// Start-up time of the crystal, in units of 625/256 us.
     pub crystal_start: u16,
+    /// 1 if the receiver uses the Viterbi algorithm.
     pub viterbi: u8,
     /// Bit 0: the radio runs its link layer only.
     pub options: u8,
+    /// Reserved; 0.
     pub hardware: u8,
     pub host_channels: u8,
+    /// Lowest transmit power, dBm.
     pub least_dbm: i8,
+    /// Highest transmit power, dBm.
     pub most_dbm: i8,
+    /// Model of the automatic gain control: 0 for the older one, 1 for the one with better resistance to interference.
     pub receiver_model: u8,
+    /// Number of sets of extended advertising, which is not used.
     pub advertising_sets: u8,
+    /// Longest data of extended advertising, bytes.
     pub advertising_bytes: u16,
     /// Compensation of the transmit and the receive path, in units of 0.1 dB.
     pub path_decidb: [i16; 2],
     /// 11 stands for version 5.2.
     pub core_version: u8,
+    /// Further options, which concern ST's own host only.
     pub more_options: u8,
     pub host_bearers: u8,
 }

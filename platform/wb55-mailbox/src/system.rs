@@ -1,4 +1,4 @@
-//! Events and replies of the radio's core on the system channel: STM32CubeWB, shci.h and tl.h.
+//! Events and replies of the radio's core on the system channel, as STM32CubeWB's shci.h and tl.h define them.
 
 /// H4 byte of a reply to a system command.
 const REPLY: u8 = 0x11;

@@ -46,7 +46,7 @@ fn parameters_of_bluetooth_have_the_published_layout() {
 
 /// The layouts of TL_EvtPacket_t, TL_AsynchEvt_t and TL_CcEvt_t, with the codes of shci.h.
 #[test]
-fn events_and_replies_of_the_system_are_understood() {
+fn events_and_replies_of_the_system_are_decoded() {
     let event = |code: u16, parameter: u8| {
         let [low, high] = code.to_le_bytes();
         SystemEvent::decode(&[0x12, 0xff, 3, low, high, parameter])

@@ -24,7 +24,8 @@ const RUNNING: Header = Header::new("emulated", "1.0.0");
 /// The image is as long as a sector. No key made this signature, but every part of it is in its valid range.
 const OFFER: Offer = Offer { header: RUNNING, chunks: (SECTOR as usize / CHUNK) as u16, signature: [[1; 32]; 2] };
 
-/// The check that is attacked: that of `embassy-boot` alone, or that of the firmware. The script chooses.
+/// The check that is attacked: true for that of `embassy-boot` alone, false for that of the firmware, which verifies the
+/// signature twice. The script sets it.
 static IS_SINGLE: AtomicBool = AtomicBool::new(false);
 
 type Sector = [AtomicU8; SECTOR as usize];

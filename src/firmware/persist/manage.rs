@@ -26,7 +26,7 @@ impl Persist<'_> {
         self.shared.proceed(Exchange::Answered(head, answer));
     }
 
-    /// Executes a request. Returns `None` while the checks of the trial are incomplete.
+    /// Executes a request. Returns `None` for a confirmation of the running image while the checks of its trial are incomplete.
     async fn manage(
         &mut self,
         store: &mut Store<impl MultiwriteNorFlash>,
@@ -46,7 +46,7 @@ impl Persist<'_> {
         }
         let running = match self.sha256 {
             Some(sha256) => sha256,
-            // This takes some time once.
+            // The digest of the whole image takes some time, so it is computed only once.
             None => *self.sha256.insert(sha256_of_running(flash, self.image, self.content).await),
         };
         if let Request::SetImage { sha256, is_confirmed } = request {

@@ -1,4 +1,5 @@
-//! A simulated NOR flash chip. Its power fails in an operation that a test chooses.
+//! A simulated NOR flash chip. Its power fails in an operation that a test chooses, and its reads and writes can fail in other
+//! ways.
 
 use embedded_storage_async::nor_flash::{
     ErrorType, MultiwriteNorFlash, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
@@ -42,7 +43,8 @@ pub struct NorFlashChip {
     pub forgets_writes_below: Option<u32>,
     /// Write and erase operations fail and change nothing, as with a low supply.
     pub refuses_changes: bool,
-    /// Number of read operations from now on that return something else than the content, as from a chip with a slow supply.
+    /// Number of read operations from now on that return something else than the content, as from a chip whose supply rises
+    /// slowly.
     pub wrong_reads: u64,
     /// The bytes of a wrong read; `None` for random bytes.
     pub wrong_byte: Option<u8>,
@@ -60,7 +62,7 @@ impl NorFlashError for PowerOff {
 }
 
 impl NorFlashChip {
-    /// An erased chip.
+    /// An erased chip of this number of bytes.
     pub fn new(bytes: usize) -> Self {
         Self::of(vec![0xff; bytes])
     }
@@ -186,7 +188,7 @@ pub fn block_on<T>(work: impl Future<Output = T>) -> T {
     }
 }
 
-/// The supply of a chip: sufficient for a number of operations, then too low for a number of operations.
+/// The supply of a chip: sufficient for a number of operations, then too low for a number of operations, then sufficient again.
 pub struct Supply {
     operations: Cell<u64>,
     sufficient: u64,

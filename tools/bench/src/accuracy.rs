@@ -14,15 +14,15 @@ use recording::{Recording, VirtualInsole, synthetic};
 /// Largest relative differences so far.
 #[derive(Default)]
 struct Worst {
-    /// Of forces, relative to the peak force of the region, and of force-time integrals, relative to this peak times the contact
-    /// time.
+    /// Largest difference of a force, relative to the peak force of the region, or of a force-time integral, relative to this
+    /// peak times the contact time.
     force: f64,
-    /// Of areas and ellipse radii, relative to the value.
+    /// Largest difference of an area or of a radius of an ellipse, relative to the value.
     area: f64,
 }
 
-/// Measures the differences with both contact rules ([`ContactRule`]), each with typical parameters and those of
-/// [`tight_tissue`].
+/// Measures the differences with counted cells and with covered shares ([`ContactRule`]), each with typical parameters and
+/// those of [`tight_tissue`].
 pub fn measure(figures: &mut Figures) -> Result<()> {
     let walk = synthetic::walk(&synthetic::SyntheticWalk { steps: 30, ..Default::default() }).recording;
     let mut worst = Worst::default();
@@ -36,7 +36,7 @@ pub fn measure(figures: &mut Figures) -> Result<()> {
     figures.add(
         "device_vs_host_force_rel",
         worst.force,
-        "largest difference between f32 and f64: of a force relative to its peak, of an integral to peak * contact time",
+        "largest difference between f32 and f64: of a force over its peak, of an integral over peak * contact time",
     );
     figures.add(
         "device_vs_host_area_rel",

@@ -12,7 +12,7 @@ use plantar::protocol::{
 /// A hundred years, us, which is longer than an insole can run.
 const CENTURY_US: u64 = 100 * 366 * 24 * 3600 * 1_000_000;
 
-/// Measures the lengths of a live frame and a step record.
+/// Measures the lengths of a live frame, a step record and a load bout.
 pub fn measure(figures: &mut Figures) -> Result<()> {
     let region = LiveRegion { area_mm2: u16::MAX, deformation_um: u16::MAX, model_dn: u16::MAX, measured_dn: u16::MAX };
     let live = Live {

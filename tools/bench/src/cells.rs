@@ -1,4 +1,4 @@
-//! Bytes of a packed frame of all cells in stance and in swing, with one bit of noise.
+//! Measures the lengths of packed frames of all cells in stance and in swing, with one bit of noise.
 
 use anyhow::Result;
 use bench::Figures;
@@ -12,6 +12,7 @@ use std::path::Path;
 
 /// The device's usual number of cells.
 const CELLS: usize = 240;
+/// Frames per second.
 const RATE_HZ: f64 = 100.0;
 /// A frame with at least this force belongs to a stance, N: the threshold of heel strike of `StanceRule::ABSOLUTE`.
 const STANCE_N: f64 = 30.0;
@@ -22,8 +23,8 @@ const WALKERS: usize = 10;
 /// Number of steps of each walker.
 const TRIALS: usize = 12;
 
-/// Measures walkers on a plate and, if `recordings` has recordings of people, the in-shoe recording among them, with the device's
-/// number of cells.
+/// Measures walkers on a plate and, if `recordings` is the folder with recordings of people, its in-shoe recording, both with
+/// the device's usual number of cells.
 pub fn measure(data: &Path, recordings: Option<&Path>, figures: &mut Figures) -> Result<()> {
     let import = |walker| jiku::import(data, walker, 0..TRIALS, &mut |_, _| ());
     let on_plate = (0..WALKERS).map(|walker| Ok(import(walker)?.at_rate(RATE_HZ)?.binned(CELLS)?));
@@ -71,7 +72,7 @@ fn on_device_cells(walk: &Recording) -> Recording {
     Recording { layout, pressure_kpa, ..walk.clone() }
 }
 
-/// Packs all frames of these walks, and adds the mean lengths. `suffix` is the end of the keys.
+/// Packs all frames of these walks, and adds their mean lengths to the figures. `suffix` is the end of the keys.
 fn add(suffix: &str, walks: &[Recording], figures: &mut Figures) -> Result<()> {
     let mut random = fastrand::Rng::with_seed(1);
     let mut bytes = [0; 2];
@@ -102,7 +103,7 @@ fn add(suffix: &str, walks: &[Recording], figures: &mut Figures) -> Result<()> {
         figures.add(
             &format!("cells_bytes_per_frame.{name}{suffix}"),
             (mean * 10.0).round() / 10.0,
-            &format!("mean of {} frames of {} recordings with a bit of noise", frames[phase], walks.len()),
+            &format!("bytes, mean of {} frames of {} recordings with one bit of noise", frames[phase], walks.len()),
         );
         figures.add(
             &format!("cells_percent.{name}{suffix}"),

@@ -20,8 +20,9 @@ use std::time::Duration;
 const WALKERS: usize = 3;
 /// Number of steps of each walker.
 const TRIALS: usize = 30;
-/// The device's usual number of cells and frame rate.
+/// The device's usual number of cells.
 const CELLS: usize = 240;
+/// The device's usual number of frames per second.
 const RATE_HZ: f64 = 100.0;
 const CONTACT: ContactRule = ContactRule::COVERED;
 /// Time within which the insole must answer.
@@ -57,8 +58,8 @@ pub fn measure(firmware: &Path, data: &Path, figures: &mut Figures) -> Result<()
             &format!("loop_nrmse_over_file.{name}"),
             (ratio * 1000.0).round() / 1000.0,
             &format!(
-                "at most 1.05: predicted error of parameters from what the insole sent, relative to those from the recording, worst \
-                 of {WALKERS} walkers"
+                "at most 1.05: predicted error with parameters from the insole's messages, relative to that with \
+                 parameters from the recording, worst of {WALKERS} walkers"
             ),
         );
     }
@@ -72,7 +73,7 @@ fn add(study: &mut Study, recording: &Recording) -> Result<()> {
     Ok(study.add("recording".into(), recording, &insole, &mut |_| ())?)
 }
 
-/// The mean over the regions of the NRMSE of each step, predicted from the other steps.
+/// The predicted error: the NRMSE of each step with parameters fitted to the other steps, mean of the steps and regions.
 fn predicted(add: impl FnOnce(&mut Study) -> Result<()>) -> Result<f64> {
     let mut study = Study::new("walker".into(), CONTACT, Options::usual(InsoleSize::default().thickness_m()));
     add(&mut study)?;

@@ -19,13 +19,13 @@ const RATE_HZ: f64 = 100.0;
 const NOISE: f64 = 0.01;
 /// Number of runs. The fastest one is reported, because other processes slow the others down.
 const RUNS: usize = 20;
-/// Standard deviation of the correlated noise, relative to the peak force, and the correlation of successive values.
+/// Standard deviation of the correlated noise, relative to the peak force.
 const CORRELATED_NOISE: f64 = 0.03;
-/// See [`CORRELATED_NOISE`].
+/// Correlation of successive values of the correlated noise.
 const AUTOCORRELATION: f64 = 0.8;
 /// Number of computed steps of each region for the coverage of the intervals.
 const COVERAGE_REPEATS: u64 = 200;
-/// A search counts as successful if its NRMSE exceeds that of this identification by less than this.
+/// The paper's search counts as successful if its NRMSE is less than the sum of that of this identification and this value.
 const SUCCESS: f64 = 0.001;
 
 /// Measures all figures of the identification; `python` is an interpreter with NumPy and SciPy.
@@ -53,7 +53,11 @@ pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
         "at most 600: model evaluations for one region and step, largest of eight regions",
     );
     let fit_ms = most(&mut best_s.iter().map(|s| s * 1e3));
-    figures.add("fit_ms", round(fit_ms, 3), "at most 2: time of this on one core, ms, largest of eight regions");
+    figures.add(
+        "fit_ms",
+        round(fit_ms, 3),
+        "at most 2: time of the identification of one region and step on one core, ms, largest of eight regions",
+    );
 
     // For a single step, the sum of squares is the square of the NRMSE.
     let own_nrmse: Vec<f64> = found.iter().map(|f| f.squares.sqrt()).collect();
@@ -68,7 +72,7 @@ pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
     figures.add(
         "paper_success",
         succeeded,
-        "of 8 regions: the NRMSE of the paper's search is less than 0.1 percentage points above this identification's",
+        "regions in which the NRMSE of the paper's search is below this identification's + 0.1 percentage points",
     );
     let ratio = scipy.seconds / (succeeded as f64) / own_s;
     figures.add(
@@ -122,15 +126,16 @@ fn exact(figures: &mut Figures) {
     );
 }
 
-/// The parameters by the default method, and their noise.
+/// The parameters by the default method, and the scatter of the force about the model.
 fn most_probable(samples: &Samples, prior: &Prior) -> (Identified, interval::Noise) {
     let unconstrained = identify(samples, &Bounds::USUAL);
     let noise = interval::noise(samples, &unconstrained);
     (prior.identify(samples, &unconstrained, noise.variance), noise)
 }
 
-/// Measures the fraction of computed steps for which a true value lies in its 95 % interval. The true parameters of each step are
-/// drawn from the distribution among people, and successive residuals are correlated.
+/// Measures the fraction of computed steps for which a true value lies in its 95 % interval. The typical K and parameters that
+/// are drawn from their distribution among people ([`WALKERS`]) are the true parameters of a step. Successive residuals are
+/// correlated.
 fn coverage(figures: &mut Figures) {
     let mut least = 1.0f64;
     let mut all = 0.0;

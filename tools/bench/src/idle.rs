@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 const MEASURED: Duration = Duration::from_secs(6);
 /// Time within which the insole must answer.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(20);
-/// Number of ticks per second: the unit of the times in `/proc`.
+/// Number of clock ticks per second; times in `/proc` are numbers of these ticks.
 const USER_HZ: f64 = 100.0;
 
 /// Measures the share of a core that the emulator uses at 100 Hz with a live stream. On a host without `/proc`, adds no figure.
@@ -48,7 +48,7 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
 /// Processor time that a process has used so far, s.
 fn processor_s(process: u32) -> Result<f64> {
     let stat = std::fs::read_to_string(format!("/proc/{process}/stat"))?;
-    // The name in parentheses may contain spaces. User and system time are the fields 14 and 15.
+    // The name in parentheses may contain spaces. The field after it is field 3; user and system time are fields 14 and 15.
     let fields = stat.rsplit_once(')').context("the process has no name")?.1;
     let ticks = fields.split_whitespace().skip(11).take(2).map(str::parse::<f64>);
     Ok(ticks.sum::<Result<f64, _>>()? / USER_HZ)

@@ -44,7 +44,7 @@ impl Walk for Loaded {
     }
 }
 
-/// The same foot with one bit of converter noise: each code is exact, or higher by one step of the 12-bit converter.
+/// As [`Loaded`], with one bit of converter noise: each code is exact, or higher by one step of the 12-bit converter.
 struct Noisy(Vec<u16>, fastrand::Rng);
 
 impl Walk for Noisy {
@@ -62,8 +62,8 @@ impl Walk for Noisy {
     }
 }
 
-/// Counts the instructions of a frame with both contact rules ([`ContactRule`]): counted cells, and cells that are covered in
-/// part. Counts also those of the packing of cells, and of the tracking of force laws.
+/// Counts the instructions of a frame with counted cells and with covered shares ([`ContactRule`]), of the packing of cells,
+/// and of the tracking of force laws.
 pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
     let layout = synthetic::insole(CELLS);
     let pressure_kpa = synthetic::loaded_frame(&layout);
@@ -84,7 +84,7 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
         (
             "frame_instructions_fractional",
             ContactRule { full_kpa: 100.0, ..ContactRule::COUNTED },
-            "the same with covered shares",
+            "instructions for the frame of frame_instructions, with covered shares",
         ),
     ] {
         let virtual_insole = VirtualInsole::new(&recording, contact, StanceRule::ADAPTIVE);
@@ -111,16 +111,16 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
             figures.add(
                 "cells_instructions",
                 instructions(&with)? - instructions(&without)?,
-                "at most 6,000: packing of 240 loaded cells with one bit of noise, only while cells are streamed",
+                "at most 6,000: instructions that pack 240 loaded cells with one bit of noise, if they are streamed",
             );
         }
     }
     Ok(())
 }
 
-/// Number of scans of a stride of [`Striding`], and of its stance.
+/// Number of scans of a stride of [`Striding`].
 const STRIDE: u32 = 100;
-/// See [`STRIDE`].
+/// Number of scans of the stance of a stride.
 const STANCE: u32 = 64;
 /// Number of strides. The insole adapts the force laws from the tenth on.
 const STRIDES: u32 = 80;

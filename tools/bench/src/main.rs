@@ -20,8 +20,8 @@ use bench::Figures;
 use clap::Parser;
 use std::path::PathBuf;
 
-/// Runs the benchmarks and prints the figures: instructions for a frame, accuracy of single precision, lengths of messages, speed
-/// of a replay compared with NumPy, and identification compared with SciPy.
+/// Runs the benchmarks and prints the figures, among them instructions for a frame, accuracy of single precision, lengths of
+/// messages, speed of a replay compared with NumPy, and identification compared with SciPy.
 #[derive(Parser)]
 struct Arguments {
     /// The firmware file of the emulated board.
@@ -30,22 +30,22 @@ struct Arguments {
     /// A Python interpreter with NumPy and SciPy.
     #[arg(long, required_unless_present = "stack_json")]
     python: Option<PathBuf>,
-    /// A Python interpreter with the package of this project, and with pandas, to measure the time of its cohort
-    /// and of a replay.
+    /// A Python interpreter with the package of this project and with pandas. With this option, a replay from a file is
+    /// compared with pandas and, with `--jiku`, `plantar cohort` with `python -m plantar.cohort`.
     #[arg(long, requires = "plantar")]
     package_python: Option<PathBuf>,
-    /// The folder SpeedPP2DS of the Python package jiku-data. With this option, the identification is also measured on its
-    /// walkers.
+    /// The folder SpeedPP2DS of the Python package jiku-data. With this option, the packed cells, the identification and
+    /// `plantar cohort` are also measured on its walkers.
     #[arg(long, requires = "plantar")]
     jiku: Option<PathBuf>,
-    /// The source archive of the package moticon-opengo. With this option, the detection of steps is also measured.
+    /// The source archive of the Python package moticon-opengo. With this option, the detection of steps is also measured.
     #[arg(long, requires = "python")]
     moticon: Option<PathBuf>,
-    /// The folder with recordings of people that are not public. With this option, the packed cells of an in-shoe recording are
-    /// also measured.
+    /// The folder with recordings of people that are not public. With this option and `--jiku`, the packed cells of an in-shoe
+    /// recording are also measured.
     #[arg(long)]
     recordings: Option<PathBuf>,
-    /// The program `plantar`, to measure the time of `plantar cohort`.
+    /// The program `plantar`, to measure the time of `plantar cohort` and the memory of `plantar replay`.
     #[arg(long)]
     plantar: Option<PathBuf>,
     /// Also write the figures to this file, as one JSON object with a number for each key.

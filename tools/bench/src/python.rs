@@ -1,4 +1,4 @@
-//! Runs the Python scripts with which the library is compared. A script reads its data from a folder and prints numbers.
+//! Runs the Python scripts of the benchmarks. A script receives the folder with its data, and prints numbers.
 
 use anyhow::{Context, Result, bail};
 use std::path::Path;

@@ -81,7 +81,8 @@ pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
     Ok(())
 }
 
-/// Writes the cells and the typical force laws for replay_numpy.py to a folder, and returns its arguments.
+/// Writes the cells and the typical force laws for replay_numpy.py to a folder, and returns the arguments of the script after
+/// the folder.
 pub fn python_arguments(walk: &Recording, insole: &VirtualInsole, folder: &Path) -> Result<Vec<String>> {
     let write = |name: &str, values: Vec<f32>| {
         let bytes: Vec<u8> = values.into_iter().flat_map(f32::to_le_bytes).collect();

@@ -19,14 +19,14 @@ const STEPS: usize = 300;
 const REPETITIONS: usize = 12;
 /// Number of runs. The fastest one is reported, because other processes slow the others down.
 const RUNS: usize = 3;
-/// Number of hours of the day, each of them one file of its recording; the wearer walks in every third hour.
+/// Number of hours in the recording of a day, which has one file for each hour. The wearer walks in every third hour.
 const HOURS: usize = 24;
 const SECONDS_PER_HOUR: usize = 3600;
 
 /// Measures the replay; `python` is an interpreter with pandas, and `plantar` the command line.
 pub fn measure(python: &Path, plantar: &Path, figures: &mut Figures) -> Result<()> {
     let mut walk = synthetic::walk(&synthetic::SyntheticWalk { steps: STEPS, ..Default::default() }).recording;
-    // The resolution of a converter with 12 bits over 1,000 kPa.
+    // Round to 0.25 kPa, about the resolution of a converter with 12 bits over 1,000 kPa.
     walk.pressure_kpa.iter_mut().for_each(|kpa| *kpa = (*kpa * 4.0).round() / 4.0);
     let directory = tempfile::tempdir()?;
     let frames = walk.frames() * REPETITIONS;

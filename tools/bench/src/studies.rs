@@ -8,8 +8,8 @@ use plantar::pipeline::stance_rule::StanceRule;
 use recording::{Recording, VirtualInsole, jiku};
 use std::path::Path;
 
-/// The prior of the other walkers is learnt from one in this number of a walker's steps.
-const LEARNT_FROM: usize = 3;
+/// Interval, in steps, of the steps from which a prior is learnt: every third step of each of the other walkers.
+const LEARNING_INTERVAL: usize = 3;
 
 /// The recordings of all walkers, from the folder SpeedPP2DS of the Python package jiku-data.
 pub fn walks(data: &Path) -> Result<Vec<Recording>> {
@@ -26,7 +26,7 @@ pub fn fitted(walks: &[Recording], contact: ContactRule) -> Result<Vec<Study>> {
         studies.push(study);
     }
     let samples: Vec<Vec<Step>> =
-        studies.iter().map(|study| study.steps.iter().step_by(LEARNT_FROM).cloned().collect()).collect();
+        studies.iter().map(|study| study.steps.iter().step_by(LEARNING_INTERVAL).cloned().collect()).collect();
     for (i, study) in studies.iter_mut().enumerate() {
         let others = samples.iter().enumerate().filter(|(other, _)| *other != i);
         let others: Vec<&[Step]> = others.map(|(_, steps)| &steps[..]).collect();
@@ -36,7 +36,7 @@ pub fn fitted(walks: &[Recording], contact: ContactRule) -> Result<Vec<Study>> {
     Ok(studies)
 }
 
-/// The mean of the fraction `of` over the walkers whose region was fitted, %.
+/// The mean, %, of the fraction that `of` returns, over the walkers with a fit of the region for which it has a value.
 pub fn mean_percent(studies: &[Study], region: usize, of: fn(&RegionFit) -> Option<f64>) -> f64 {
     let values: Vec<f64> = studies.iter().filter_map(|study| of(study.fits[region].as_ref().ok()?)).collect();
     values.iter().sum::<f64>() / values.len() as f64 * 100.0

@@ -14,11 +14,11 @@ use plantar::pipeline::contact::ContactRule;
 use plantar::{Region, Side};
 use std::path::Path;
 
-/// Number of steps of the small fits.
+/// Number of steps in each fit of [`few_steps`].
 const FEW_STEPS: usize = 4;
-/// Number of small fits of each walker.
+/// Number of these fits for each walker and region.
 const FEW_FITS: usize = 5;
-/// Half of the width of the interval of a determined quantity, relative to its value.
+/// A quantity counts as determined if both ends of its 95 % interval differ from its value by at most this fraction of it.
 const DETERMINED: f64 = 0.3;
 
 /// Measures the errors of each region with covered shares, which are the default, and with counted cells.
@@ -61,15 +61,19 @@ fn errors(covered: &[Study], counted: &[Study], figures: &mut Figures) {
             round(mean_percent(covered, i, |fit| Some(fit.quality.floor))),
             "least NRMSE, %, of any force law without damping for the measured areas",
         );
-        figures.add(&format!("nrmse.{name}.counted"), round(of_counted), "as predicted, with counted cells");
+        figures.add(&format!("nrmse.{name}.counted"), round(of_counted), "predicted NRMSE, %, with counted cells");
     }
     figures.add(
         "nrmse.mean.predicted",
         round(means[0]),
         &format!("at most 9.5: mean of the predicted NRMSE over the regions, %, {steps} steps"),
     );
-    figures.add("nrmse.worst.predicted", round(worst), "the same of the worst region");
-    figures.add("nrmse.mean.counted", round(means[1]), "the mean with counted cells");
+    figures.add("nrmse.worst.predicted", round(worst), "predicted NRMSE of the worst region, %");
+    figures.add(
+        "nrmse.mean.counted",
+        round(means[1]),
+        "mean of the predicted NRMSE over the regions with counted cells, %",
+    );
 }
 
 /// Measures how much larger the predicted error is if only four steps are fitted.

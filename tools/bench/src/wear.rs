@@ -1,4 +1,4 @@
-//! Measures how an insole finds steps in shoes that press on it, and how its steps agree with those of another vendor.
+//! Measures how an insole finds steps in shoes that press on it, and how its steps agree with another vendor's reports.
 
 use anyhow::Result;
 use bench::Figures;
@@ -15,7 +15,7 @@ use testkit::wear::{LEVELS_KPA, Residual, compare, find, noisy_walk};
 pub fn measure(python: &Path, moticon: &Path, figures: &mut Figures) -> Result<()> {
     let (mut walked, mut found, mut extra, mut faults, mut force_error) = (0, 0, 0, 0, 0.0f64);
     for contact in [ContactRule::COUNTED, ContactRule::COVERED] {
-        // Other walks than those of the test.
+        // The seeds differ from those of the test `host-tests/tests/wear.rs`, so these are other walks.
         for (seed, residual) in (100..).zip(Residual::ALL) {
             let walk = noisy_walk(&SyntheticWalk { steps: 60, variation: 0.1, seed, ..SyntheticWalk::default() });
             for level_kpa in LEVELS_KPA {
@@ -42,7 +42,7 @@ pub fn measure(python: &Path, moticon: &Path, figures: &mut Figures) -> Result<(
     figures.add(
         "wear.force_error",
         force_error,
-        "at most 0.02: deviation of the peak force of the found steps, mean of a walk, largest of these walks",
+        "at most 0.02: relative deviation of the peak force of the found steps, mean of a walk, largest of these walks",
     );
     measure_bouts(figures);
     let agreement = moticon::compare(python, moticon);
@@ -75,7 +75,7 @@ fn measure_bouts(figures: &mut Figures) {
     let (mut labelled, mut right, mut unassigned) = (0, 0, 0.0f64);
     let rate_hz = 100.0;
     for weight_n in [150.0, 650.0, 1_770.0] {
-        // Other seeds than those of the test.
+        // The seeds differ from those of the test `host-tests/tests/bouts.rs`.
         for (order, seed) in sequences().zip(50..) {
             let (recording, spans) = recording(&order, weight_n, rate_hz, 20.0, seed);
             let found = find(&recording, ContactRule::COVERED, StanceRule::ADAPTIVE);

@@ -34,7 +34,7 @@ fn titles(bits: u8) -> String {
     }
 }
 
-/// What the wearer should do, and why.
+/// The advice to the wearer in sentences: what to do, and why.
 pub fn alert_advice(alert: &Alert) -> String {
     let side = alert.side.name();
     let mut sentences = Vec::new();
@@ -55,7 +55,7 @@ pub fn alert_advice(alert: &Alert) -> String {
     sentences.join(" ")
 }
 
-/// An alert as an object; the key `advice` has what the wearer should do.
+/// An alert as an object; the key `advice` contains [`alert_advice`].
 pub fn alert_to_json(alert: &Alert) -> Value {
     let mut object = Map::new();
     object.insert("side".into(), alert.side.name().into());
@@ -100,7 +100,7 @@ mod tests {
     use plantar::Side;
 
     #[test]
-    fn the_advice_names_foot_regions_and_time() {
+    fn the_advice_names_the_foot_the_regions_and_the_time() {
         let record = plantar::pipeline::alert::AlertRecord {
             side: Side::Left,
             number: 7,

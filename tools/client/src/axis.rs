@@ -42,7 +42,7 @@ struct Line {
 }
 
 impl Axis {
-    /// No answer yet.
+    /// An axis before the first answer.
     pub const fn new() -> Self {
         Self { samples: VecDeque::new(), line: None }
     }
@@ -77,8 +77,8 @@ impl Axis {
         Some(device_us.wrapping_sub(offset_us as u64))
     }
 
-    /// The host's time at the start of a load record, us. For one of an earlier boot it is the time of the insole's own wall
-    /// clock; `None` if that clock was not set.
+    /// The host's time at the start of a load record, us; `None` before the first answer. For a record of an earlier boot it is
+    /// the time of the insole's own wall clock; `None` if that clock was not set.
     pub fn start_us(&self, record: &LoadRecord) -> Option<u64> {
         let (boots_since, start_us, start_unix_us) = record.start();
         if boots_since == 0 { self.host_us(start_us) } else { start_unix_us }
@@ -113,7 +113,7 @@ fn line_below(samples: &VecDeque<Sample>) -> Option<Line> {
     let drift = edge.map(|edge| slope(edge[0], edge[1])).filter(|drift| drift.abs() <= MAX_DRIFT);
     let on_line = match (edge, drift) {
         (Some(edge), Some(_)) => edge[0],
-        // There is only one sample, or the slope is implausible, as that of samples within a short time: assume no drift.
+        // There is only one sample, or the slope is implausible, as it can be for samples within a short time: assume no drift.
         _ => samples.iter().min_by_key(|q| q.offset_us)?,
     };
     Some(Line { device_us: on_line.device_us, offset_us: on_line.offset_us, drift: drift.unwrap_or(0.0) })

@@ -44,7 +44,7 @@ pub trait Carrier {
     }
 }
 
-// The clocks have no receiver, so they cannot be forwarded: a boxed carrier has those of this computer.
+// The functions of the clocks have no `self`, so they cannot be forwarded: a boxed carrier has the clocks of this computer.
 impl<C: Carrier + ?Sized> Carrier for Box<C> {
     fn send(&mut self, message: ToDevice) -> io::Result<()> {
         (**self).send(message)
@@ -72,7 +72,7 @@ pub struct Framed<B> {
 }
 
 impl<B: Read + Write> Framed<B> {
-    /// A carrier over these bytes.
+    /// A carrier over this byte stream.
     pub fn new(bytes: B) -> Self {
         Self { bytes, decoder: Decoder::new(), waiting: VecDeque::new(), unknown: 0, buffer: vec![0; 4096] }
     }

@@ -8,7 +8,7 @@ use plantar::sequence;
 /// A stream of cells that has started, and the configuration by which its codes are converted to pressures.
 #[derive(Debug)]
 pub struct StartedCells {
-    /// The rules of the insole.
+    /// The configuration of the insole, except its cells.
     pub setup: Setup,
     /// The cells in the order of their codes.
     pub cells: Vec<SetupCell>,
@@ -53,7 +53,7 @@ impl CellReceiver {
         Self { coder, codes: vec![0; cells], expected: None, received: 0, lost: 0, dropped: 0 }
     }
 
-    /// Unpacks a frame, so that [`CellReceiver::codes`] returns its codes; false if it was lost.
+    /// Unpacks a frame, so that [`CellReceiver::codes`] returns its codes. False if it cannot be unpacked and counts as lost.
     pub fn frame(&mut self, frame: &CellFrame) -> bool {
         self.lost += sequence::skipped(self.expected.unwrap_or(frame.sequence), frame.sequence);
         self.expected = Some(frame.sequence.wrapping_add(1));

@@ -14,8 +14,8 @@ use plantar::protocol::{
 };
 use std::time::Duration;
 
-/// Patience while an insole erases the data of the wearer: a chip of 16 MiB with a full log needs some three minutes by its
-/// typical times.
+/// Time within which an insole must answer a request to erase the data of the wearer. With a typical erase time, a chip of
+/// 16 MiB with a full log needs about three minutes.
 const ERASURE: Duration = Duration::from_secs(300);
 
 /// The errors of each request are [`Error::NoAnswer`], [`Error::Refused`] and those of the carrier.
@@ -117,7 +117,8 @@ impl<C: Carrier> Client<C> {
     /// # Errors
     /// See the `impl` block; [`plantar::protocol::Refusal::NotLifted`] if the foot carries load or moves.
     pub fn zero(&mut self) -> Result<ZeroResult, Error> {
-        // The insole accepts the request at the end of a second, and then counts whole seconds. The rest is for the answer.
+        // The insole accepts the request at the end of a second, and then counts whole seconds. The other three seconds are for
+        // the answer.
         let patience = Duration::from_secs(u64::from(ZERO_S) + 4);
         self.request_within(patience, ToDevice::Zero, |message| match message {
             ToHost::Zero(result) => Some(*result),
@@ -133,7 +134,7 @@ impl<C: Carrier> Client<C> {
         self.request_daily_load(ToDevice::GetDailyLoad)
     }
 
-    /// Raises no alerts for this time, s. Returns the load of the day.
+    /// Requests that the insole raises no alerts for `snoozed_s` seconds. Returns the load of the day.
     ///
     /// # Errors
     /// See the `impl` block.
@@ -220,7 +221,7 @@ impl<C: Carrier> Client<C> {
         })
     }
 
-    /// The rules of the insole.
+    /// The configuration of the insole, except its cells.
     ///
     /// # Errors
     /// See the `impl` block.
@@ -254,7 +255,7 @@ impl<C: Carrier> Client<C> {
     /// Turns the stream of cells on or, with `None`, off. It is off after a reconnection.
     ///
     /// # Errors
-    /// See the `impl` block; [`plantar::protocol::Refusal::CellRate`] offers the highest rate if the carrier is too slow.
+    /// See the `impl` block; [`plantar::protocol::Refusal::CellRate`] states the highest rate if the carrier is too slow.
     pub fn stream_cells(&mut self, stream: Option<CellStream>) -> Result<(), Error> {
         self.request(ToDevice::StreamCells(stream), |message| {
             matches!(message, ToHost::CellStream(running) if *running == stream).then_some(())
@@ -265,7 +266,7 @@ impl<C: Carrier> Client<C> {
     /// once the insole has answered a later request, because it answers this one only by a refusal.
     ///
     /// # Errors
-    /// See the `impl` block; [`plantar::protocol::Refusal::EllipseRate`] has the highest rate if this one is above 25 Hz.
+    /// See the `impl` block; [`plantar::protocol::Refusal::EllipseRate`] states the highest rate if this one is above 25 Hz.
     pub fn stream_ellipses(&mut self, every: u8) -> Result<(), Error> {
         self.send(ToDevice::StreamEllipses { every })?;
         self.status().map(drop)

@@ -1,17 +1,17 @@
-//! Why no session could be opened, or why it ended.
+//! Why no session could be opened, why a session ended, or why a request failed.
 
 use plantar::protocol::{MAJOR, MINOR, Refusal};
 use std::io;
 use std::time::Duration;
 use thiserror::Error;
 
-/// Why no session could be opened, or why it ended.
+/// Why no session could be opened, why a session ended, or why a request failed.
 #[derive(Debug, Error)]
 pub enum Error {
     /// The carrier could not be opened.
     #[error(transparent)]
     Open(Box<dyn std::error::Error + Send + Sync>),
-    /// No answer within this time, in which this number of damaged frames arrived.
+    /// No answer within this time; and the number of damaged frames that have arrived so far, also before the request.
     #[error(
         "no insole answered within {0:?} ({1} damaged frames): another program may be connected to it, which must be closed \
          first; otherwise check the port, the wiring (docs/hardware.md) and the bit rate"

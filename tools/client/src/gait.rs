@@ -100,7 +100,7 @@ pub struct Stride {
     pub start_s: f64,
     /// Time of the heel strike of the other foot within the stride, s; `None` if only one foot is known.
     pub other_s: Option<f64>,
-    /// True if the stride before it ends where it begins.
+    /// True if the stride before this one in [`FootGait::strides`] ends at `start_s`.
     pub is_consecutive: bool,
     /// The measures, in the order of [`MEASURES`]; `None` without the steps of the other foot that a measure needs.
     pub values: [Option<f64>; COUNT],
@@ -109,7 +109,7 @@ pub struct Stride {
 /// The measures of one foot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FootGait {
-    /// The strides in use.
+    /// The strides from which the measures are computed.
     pub strides: Vec<Stride>,
     /// Number of pairs of successive steps that are no stride: there is a pause or a missing step between them, or they overlap.
     pub gaps: usize,
@@ -227,7 +227,7 @@ impl FootGait {
         }
         foot.measures = core::array::from_fn(|i| {
             let values = foot.strides.iter().enumerate().filter_map(|(at, stride)| {
-                // A stride without this measure lies between the values before and after it.
+                // If the stride before this one lacks the measure, the previous value belongs to an earlier stride.
                 let follows_value = at.checked_sub(1).is_some_and(|before| foot.strides[before].values[i].is_some());
                 Some((stride.values[i]?, stride.is_consecutive && follows_value))
             });

@@ -1,4 +1,4 @@
-//! Steps and load bouts as JSON objects. Names include units, and values have the resolution of the step message.
+//! Steps and load bouts as JSON objects. Keys include units, and values have the resolution of the message.
 
 use plantar::Region;
 use plantar::protocol::{Bout, BoutRegion, Quantity, Step, StepFoot, StepRegion};

@@ -44,14 +44,10 @@ impl ReconnectPolicy {
 /// Opens a carrier to an insole.
 pub type Open<C> = Box<dyn FnMut() -> Result<C, Error> + Send>;
 
-/// The requests that begin each session.
-type Start<C> = Box<dyn FnMut(&mut Client<C>) -> Result<(), Error> + Send>;
-
 /// A session that is opened again after its link was lost.
 pub struct Link<C> {
     client: Client<C>,
     open: Open<C>,
-    start: Start<C>,
     policy: ReconnectPolicy,
     state: State,
     /// A message could not be sent, or a request had no answer; the next event reports it.
@@ -59,12 +55,12 @@ pub struct Link<C> {
 }
 
 enum State {
-    /// The insole answered a connect request; the requests that begin the session were not sent yet.
+    /// The insole answered a connect request; the live stream was not requested yet.
     Open(SessionStart),
     Streaming {
         last_message: Instant,
-        /// The session belongs to another host now. This one continues once the insole no longer answers: then it sends a connect
-        /// request, as after any silence.
+        /// Another host has the session, and the insole refuses the messages of this host. Once the insole does not answer any
+        /// more, this host sends a connect request, as after any silence.
         is_superseded: bool,
     },
     Lost {
@@ -81,7 +77,7 @@ pub enum SessionStart {
     AfterSilence,
     /// The carrier was opened again. The insole may have restarted, or be another one.
     Reconnected,
-    /// Another host had taken the session, and has ended its own.
+    /// Another host had taken the session, and has ended it or was silent for too long.
     AfterOtherHost,
 }
 
@@ -93,8 +89,8 @@ pub enum Event {
     Started(SessionStart),
     /// A message arrived.
     Message(ToHost),
-    /// No message arrived within the carrier's timeout, the link is lost, or it was just opened again and the next event is
-    /// `Started`.
+    /// No message arrived within the carrier's timeout, the insole refused a further message because another host has the
+    /// session, the link is still lost, or it was just opened again and the next event is `Started`.
     Timeout,
     /// The session ended for this reason. The next calls open it again. If it ended with [`Refusal::OtherHost`], they first wait
     /// until the session of the other host has ended.
@@ -109,13 +105,7 @@ impl<C: Carrier + 'static> Link<C> {
     pub fn connect(mut open: Open<C>, policy: ReconnectPolicy) -> Result<Self, Error> {
         let client = Client::connect(open()?, policy.answer)?;
         let state = State::Open(SessionStart::Connected);
-        Ok(Self { client, open, start: Box::new(Client::stream), policy, state, failure: None })
-    }
-
-    /// Begins each session with other requests than [`Client::stream`] alone.
-    #[must_use]
-    pub fn with_start(self, start: impl FnMut(&mut Client<C>) -> Result<(), Error> + Send + 'static) -> Self {
-        Self { start: Box::new(start), ..self }
+        Ok(Self { client, open, policy, state, failure: None })
     }
 
     /// The session.
@@ -123,12 +113,12 @@ impl<C: Carrier + 'static> Link<C> {
         &mut self.client
     }
 
-    /// Sends the requests that begin the first session, so that [`Link::next_event`] does not send them.
+    /// Requests the live stream of the first session, so that [`Link::next_event`] does not request it.
     ///
     /// # Errors
-    /// Those of the requests.
+    /// Those of [`Client::stream`].
     pub fn start(&mut self) -> Result<(), Error> {
-        (self.start)(&mut self.client)?;
+        self.client.stream()?;
         self.state = State::Streaming { last_message: Instant::now(), is_superseded: false };
         Ok(())
     }

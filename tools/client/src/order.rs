@@ -15,7 +15,7 @@ const ALL_REPLAYS: u8 = 64;
 /// The treatment of a record that arrives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Arrival {
-    /// It is the next one.
+    /// Accept it: no record before it is missing, or the missing one is assumed to have been dropped by the insole.
     InOrder,
     /// Records before it are missing. Request a replay and ignore this record, because the replay includes it.
     Gap,
@@ -114,8 +114,8 @@ mod tests {
         assert!(!order.begin());
     }
 
-    /// Replays in which record 3 arrives, and not those before it; each with this number of damaged frames. Returns their number
-    /// until record 3 is accepted.
+    /// Requests replays in which record 3 arrives, but not the missing records before it, until record 3 is accepted. In each
+    /// replay this number of damaged frames arrives. Returns the number of replays.
     fn replays_until_accepted(order: &mut RecordOrder, damaged_frames: u32) -> u8 {
         assert_eq!(order.arrive(u32::MAX, 0), Arrival::InOrder);
         for replay in 0.. {
@@ -132,7 +132,7 @@ mod tests {
     fn a_step_that_the_insole_dropped_is_not_awaited_without_end() {
         let mut order = RecordOrder::default();
         assert_eq!(replays_until_accepted(&mut order, 0), INTACT_REPLAYS);
-        // The next gap is another one.
+        // The replays of another gap are counted from the start.
         assert_eq!(order.arrive(5, 0), Arrival::Gap);
     }
 

@@ -202,10 +202,10 @@ impl<C: Carrier> Client<C> {
     /// message itself: the insole's time, a repeated record, a record after a gap, or the hello of a requested replay. Requests
     /// the insole's time four times a second, for [`Client::axis`].
     ///
-    /// Each step, load bout and alert is returned once, however often the insole repeats it. Send [`ToDevice::Acknowledge`] once
-    /// it is stored; if the insole repeats it afterwards, this function acknowledges it again. If one is missing before the one
-    /// that arrives, this function requests all unacknowledged ones again, because an acknowledgement also covers all earlier
-    /// ones.
+    /// Each record (step, load bout or alert) is returned once, however often the insole repeats it. Send
+    /// [`ToDevice::Acknowledge`] once the record is stored; if the insole repeats the record afterwards, this function
+    /// acknowledges it again. If a record before the one that arrives is missing, this function requests all unacknowledged
+    /// records again, because an acknowledgement also covers all earlier records.
     ///
     /// # Errors
     /// Errors of the carrier.

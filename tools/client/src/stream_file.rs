@@ -50,7 +50,7 @@ impl StreamFile {
     }
 }
 
-/// Writes one message of the insole with index `insole`, at the time `t_ms`, ms.
+/// Writes one message of the insole with index `insole`; `t_ms` is the time since the beginning of the file, ms.
 ///
 /// # Errors
 /// If the message cannot be written.

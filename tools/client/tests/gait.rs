@@ -39,7 +39,7 @@ fn assert_means(gait: &Gait, key: &str, expected: [f64; 2]) {
 }
 
 #[test]
-fn a_walk_with_known_times_has_the_measures_of_their_definitions() {
+fn the_measures_of_a_walk_with_known_times_follow_their_definitions() {
     let gait = Gait::new(walk(1.8e9, 10, 0), true);
     assert!(gait.feet.iter().all(|foot| (foot.strides.len(), foot.gaps, foot.unpaired) == (9, 0, 0)));
     // The times are near 1.8e9 s, where a floating-point number has a resolution of 0.24 us.
@@ -107,14 +107,15 @@ fn pauses_and_missing_steps_are_counted_and_not_used() {
     assert_eq!(counts, [(8, 2, 0), (9, 1, 1)]);
     assert_means(&gait, "step_time_s", [STRIDE_S - LAG_S, LAG_S]);
     let doubles = gait.feet.each_ref().map(|foot| foot.measures[index("double_support_s")].map(|it| it.count));
-    // The first left stride has no right step before it, and the right stride after the missing step has no left one.
+    // The first left stride has no right step before it, and the first right stride in use after the missing step has no left
+    // step directly before it.
     assert_eq!(doubles, [Some(7), Some(8)]);
     assert_eq!(gait.speed_m_s(Length::Walk(12.0)), None);
     assert!(gait.speed_m_s(Length::Stride(1.3)).is_some());
 }
 
 #[test]
-fn without_the_other_foot_or_a_common_clock_there_are_the_measures_of_one_foot() {
+fn without_the_other_foot_or_a_common_clock_there_are_only_the_measures_of_one_foot() {
     let [left, right] = walk(10.0, 8, 0);
     let one = Gait::new([left.clone(), Vec::new()], true);
     let apart = Gait::new([left, right], false);

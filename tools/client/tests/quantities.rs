@@ -61,7 +61,7 @@ fn write_section<T, U>(document: &mut String, title: &str, quantities: &[Quantit
         format!("`{name}` | `{name}` | true or false | | | {meaning} | {source} | one bit of `{name}: u8`")
     });
     let rows: Vec<_> = quantities.chain(flags).map(|row| format!("| {row} |")).collect();
-    write!(document, "\n## {title}\n\n{head}\n{}\n", rows.join("\n")).expect("a string grows");
+    write!(document, "\n## {title}\n\n{head}\n{}\n", rows.join("\n")).expect("writing to a string succeeds");
 }
 
 fn largest(wire_type: &str, per_unit: u32) -> String {

@@ -8,7 +8,7 @@ use std::fmt;
 use std::str::FromStr;
 use thiserror::Error;
 
-/// Factor by which the reading of a saturated cell is amplified, so that it reaches full scale once it is loaded.
+/// Factor by which the reading of a cell with the fault `saturate` is amplified, so that the loaded cell reaches full scale.
 const SATURATING_GAIN: f64 = 100.0;
 
 /// An electrical fault of the sensor matrix, which begins at a certain time.

@@ -32,8 +32,8 @@ pub enum LogError {
     Table(String),
 }
 
-/// Decodes a log with the texts in the firmware file that wrote it. Frames that cannot be decoded, for example those of another
-/// firmware, are skipped.
+/// Decodes a log with the texts in the file of the firmware that wrote it. Frames that cannot be decoded, for example those of
+/// another firmware, are skipped.
 ///
 /// # Errors
 /// See [`LogError`].

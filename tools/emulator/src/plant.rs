@@ -36,7 +36,7 @@ fn has_scan(walk: &impl Walk, seq: u32) -> bool {
 
 /// A handle of the thread that plays the walk into the matrix. The thread ends when the board closes its port.
 pub struct Plant {
-    /// Number of scans requested so far.
+    /// See [`Plant::scans`].
     requested: Arc<AtomicU32>,
     /// Starts the clock of the plant.
     playing: Sender<()>,
@@ -64,7 +64,7 @@ impl Held {
 }
 
 impl Drop for Plant {
-    /// Lets the thread end with the board.
+    /// Ends a pause, during which the thread would not notice that the board has closed its port.
     fn drop(&mut self) {
         self.held.set(false);
     }
@@ -129,7 +129,8 @@ impl Plant {
         self.held.set(is_held);
     }
 
-    /// Number of scans requested so far.
+    /// The number after that of the last requested scan: the number of requested scans if they are numbered from 0.
+    /// Before the first request it is 0.
     pub fn scans(&self) -> u32 {
         self.requested.load(Ordering::Relaxed)
     }

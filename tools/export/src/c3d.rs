@@ -19,7 +19,7 @@ const PARAMETER_BLOCK: u8 = 2;
 const MAGIC: u8 = 0x50;
 /// The code of the byte order.
 const INTEL: u8 = 84;
-/// The key of the header for event labels of four characters.
+/// The value of a word of the header which states that event labels have four characters.
 const FOUR_CHARACTERS: u16 = 12345;
 /// Largest frame number in the header.
 const MOST_FRAMES: usize = u16::MAX as usize;
@@ -32,10 +32,10 @@ const MOST_PARAMETER_BLOCKS: usize = u8::MAX as usize;
 /// 0. Event times begin with 0 at the first frame.
 ///
 /// # Errors
-/// Fails if the file cannot be written, or the events exceed the section of the parameters, which has 127 KiB.
+/// Fails if the file cannot be written, or the events exceed the section of the parameters, which has at most 127 KiB.
 pub fn write(session: &Session, path: &Path) -> Result<()> {
     let events = session.events();
-    // The number of the data's first block is itself a parameter.
+    // The number of the data's first block is itself a parameter, so the length of the section is computed with 0 in its place.
     let blocks = parameters(session, &events, 0).len() / BLOCK;
     if blocks > MOST_PARAMETER_BLOCKS {
         let problem = format!("{} events, more than a C3D file can hold", events.len());
@@ -156,8 +156,8 @@ impl Parameters {
         self.rows(group, name, -1, Some(length as u8), &rows.iter().map(String::as_bytes).collect::<Vec<_>>());
     }
 
-    /// Adds rows of elements of this type and number. A dimension is at most 255, so further rows become parameters with the
-    /// suffix 2, 3 and so on, as readers expect of labels.
+    /// Adds rows of elements of the type `kind` in the code of C3D; a row has `columns` elements, or a single one for `None`. A
+    /// dimension is at most 255, so further rows become parameters with the suffix 2, 3 and so on, as readers expect of labels.
     fn rows(&mut self, group: i8, name: &str, kind: i8, columns: Option<u8>, rows: &[&[u8]]) {
         let mut parts = rows.chunks(MOST_ELEMENTS).enumerate();
         let (_, first) = parts.next().unwrap_or_default();
@@ -174,8 +174,8 @@ impl Parameters {
         }
     }
 
-    /// Adds a parameter, or a group, which has a negative number and no content. An entry begins with the length and the
-    /// characters of its name and with the distance to the next entry.
+    /// Adds a parameter, or a group, which has a negative number and no content. An entry begins with the length of its name,
+    /// the number of its group, the name, and the distance to the next entry.
     fn entry(&mut self, group: i8, name: &str, content: &[u8]) {
         let description_length: &[u8] = if group < 0 { &[0] } else { &[] };
         self.0.extend([name.len() as u8, group as u8]);

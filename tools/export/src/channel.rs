@@ -60,7 +60,7 @@ impl Quantity {
             Self::CopX => "Centre of pressure, from the medial edge to the lateral side".into(),
             Self::CopY => "Centre of pressure, from the back of the heel to the toes".into(),
             Self::Force(region) => format!("Normal force on the region {}", region.name()),
-            Self::Area(region) => format!("Area by the contact rule of the region {}", region.name()),
+            Self::Area(region) => format!("Area of the region {} by the contact rule", region.name()),
         }
     }
 

@@ -17,7 +17,7 @@ const MOST_BYTES: u64 = i32::MAX as u64;
 /// `right` for each foot. Rows are frames or steps, columns are regions or cells; absent values are NaN. Texts are in ASCII.
 ///
 /// # Errors
-/// Fails if the file cannot be written, its path is not UTF-8, or the pressures exceed the 2 GiB of a variable.
+/// Fails if the file cannot be written, its path is not UTF-8, or the data of a foot exceed 2 GiB, the limit of a variable.
 pub fn write(session: &Session, path: &Path) -> Result<()> {
     for foot in &session.feet {
         let frame_bytes = size_of_val(foot.cells_kpa(0)) + size_of::<f64>() * (2 * Region::ALL.len() + 3);
@@ -106,7 +106,7 @@ fn column(values: Vec<f64>) -> MatVariable {
     array(values.len(), 1, MatlabType::F64(values))
 }
 
-/// A matrix with this number of rows. The values are column by column.
+/// A matrix with this number of rows. `values` contains the columns one after the other.
 fn matrix(rows: usize, values: Vec<f64>) -> MatVariable {
     array(rows, values.len() / rows.max(1), MatlabType::F64(values))
 }

@@ -14,16 +14,16 @@ use std::collections::BTreeMap;
 use std::io::{self, Seek, Write};
 use std::path::Path;
 
-/// Distance of the medial edges of both insoles in the picture, m.
+/// Distance between the medial edges of the two insoles in the point clouds, m.
 const GAP_M: f64 = 0.05;
-/// The frame of reference of both insoles in the picture.
+/// Name of the frame of reference of the point clouds of both insoles.
 const FRAME: &str = "insoles";
 /// `FLOAT32` of the schema `foxglove.PackedElementField`.
 const FLOAT32: u8 = 7;
-/// Numbers of a point: three coordinates and the pressure.
+/// Number of values of a point: three coordinates and the pressure.
 const POINT: usize = 4;
 
-/// Writes an MCAP file with four topics of each foot: `frame` with the channels, `pressure` with the cells as
+/// Writes an MCAP file with four topics for each foot: `frame` with the channels, `pressure` with the cells as
 /// `foxglove.PointCloud`, `step` with the quantities of a step, and `event`.
 ///
 /// # Errors
@@ -197,7 +197,7 @@ fn step_to_json(step: &TimedStep) -> Value {
     present.chain(times).collect::<Map<_, _>>().into()
 }
 
-/// A time as ns.
+/// Converts a time that is not negative from s to ns.
 fn ns(t_s: f64) -> u64 {
     (t_s * 1e9).round() as u64
 }

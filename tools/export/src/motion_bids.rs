@@ -10,27 +10,27 @@ use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
-/// The version of the standard.
+/// The version of the BIDS standard.
 const BIDS_VERSION: &str = "1.10.0";
 
-/// The names of a data set's only participant and task. The standard allows letters and digits.
+/// The names of a data set's only participant and task. The standard allows only letters and digits in them.
 #[derive(Clone, Debug)]
 pub struct Names {
-    /// The participant.
+    /// Name of the participant, such as `01`.
     pub subject: String,
-    /// The task.
+    /// Name of the task, such as `walking`.
     pub task: String,
 }
 
-/// Writes a new folder with a data set of one participant. `program` is the name and version of the program.
+/// Writes a new folder with a data set of one participant. `program` is the name and version of the exporting program.
 ///
 /// # Errors
-/// Fails if the folder exists or cannot be written, or a name has other characters than letters and digits.
+/// Fails if the folder exists or cannot be written, or a name is empty or has other characters than letters and digits.
 pub fn write(session: &Session, names: &Names, program: &str, path: &Path) -> Result<()> {
     let place = path.display().to_string();
     for name in [&names.subject, &names.task] {
         if name.is_empty() || !name.chars().all(|character| character.is_ascii_alphanumeric()) {
-            let problem = format!("the name `{name}` of a subject or task");
+            let problem = format!("`{name}` is not a valid name of a subject or task");
             return Err(content(&place, problem, "use letters and digits, such as --subject 01 --task walking"));
         }
     }
@@ -75,7 +75,7 @@ fn readme(session: &Session, program: &str) -> String {
         "# Plantar force of an instrumented insole\n\nExported by {program}.\n\nThe channels are in foot coordinates: x from the \
          medial edge to the lateral side, y from the back of the heel to the toes, for left and right feet. Force is normal to \
          the insole. The standard has no channel type for force, area and centre of pressure, so all channels have the type \
-         MISC. n/a: the foot is off the ground.\n\n"
+         MISC. The centre of pressure is n/a while the foot is off the ground.\n\n"
     );
     for foot in &session.feet {
         text += &format!("{} foot: {}\n\n", foot.side.name(), foot.source);
@@ -149,7 +149,7 @@ fn write_channels(session: &Session, to: &mut dyn Write) -> io::Result<()> {
     Ok(())
 }
 
-/// The samples, in the order of the channels and without names.
+/// Writes the samples: a row for each frame and a column for each channel, without a header.
 fn write_samples(session: &Session, to: &mut dyn Write) -> io::Result<()> {
     let channels = session.channels();
     for i in 0..session.frames() {

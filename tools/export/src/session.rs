@@ -43,10 +43,10 @@ pub struct TimedStep {
     pub step: Step,
 }
 
-/// One foot.
+/// The exported data of one foot.
 #[derive(Clone, Debug)]
 pub struct Foot {
-    /// The foot.
+    /// Left or right foot.
     pub side: Side,
     /// Provenance of the recording, in sentences.
     pub source: String,
@@ -97,7 +97,8 @@ impl Foot {
                     step,
                 });
             }
-            // Steps and load bouts share their numbers, and a bout has one only if it is taken.
+            // As on the insole, steps and load bouts are numbered in one sequence. Taking a bout advances the number of the
+            // next step.
             insole.take_bout();
             if t_s.is_some() {
                 frames.push(frame(&insole));
@@ -116,14 +117,14 @@ impl Foot {
         &self.pressure_kpa[i * cells..(i + 1) * cells]
     }
 
-    /// The index of the frame that is nearest in time.
+    /// The index of the frame that is nearest to `t_s`.
     fn nearest(&self, t_s: f64) -> usize {
         let after = self.t_s.partition_point(|frame_s| *frame_s < t_s).min(self.t_s.len() - 1);
         let is_before = after > 0 && t_s - self.t_s[after - 1] <= self.t_s[after] - t_s;
         after - usize::from(is_before)
     }
 
-    /// Removes all frames but `count` from `first` on, and the steps that are not in them.
+    /// Removes all frames except the `count` frames from `first` on, and the steps that lie entirely outside of these frames.
     fn crop(&mut self, first: usize, count: usize) {
         let (cells, end) = (self.layout.cells.len(), first + count);
         let within_s = self.t_s[first]..=self.t_s[end - 1];
@@ -196,16 +197,17 @@ impl Session {
     /// if they are nearest in time, so the second foot is late or early by at most half a frame.
     ///
     /// # Errors
-    /// Fails if both recordings are of the same foot, have no frame between these times in common, or have different rates.
+    /// Fails if both recordings are of the same foot, have no frame between these times in common, or have different rates or
+    /// clocks that drift apart.
     ///
     /// # Panics
-    /// Panics without feet.
+    /// If `feet` is empty.
     pub fn new(mut feet: Vec<Foot>, from_s: Option<f64>, to_s: Option<f64>) -> Result<Self> {
         feet.sort_by_key(|foot| foot.side == Side::Right);
         if let [first, second] = &feet[..]
             && first.side == second.side
         {
-            let problem = format!("of the {} foot, as {}", first.side.name(), first.file);
+            let problem = format!("it is of the {} foot, as is {}", first.side.name(), first.file);
             return Err(content(&second.file, problem, "name one recording for each foot"));
         }
         let begins = feet.iter().map(|foot| foot.t_s[0]).chain(from_s).fold(f64::NEG_INFINITY, f64::max);
@@ -227,9 +229,9 @@ impl Session {
         }
         let (rate_hz, t_s) = (feet[0].rate_hz, feet[0].t_s.clone());
         for foot in &feet {
-            let early_s = t_s.iter().zip(&foot.t_s).map(|(t_s, other_s)| (t_s - other_s).abs()).fold(0.0, f64::max);
-            if early_s * rate_hz > 0.51 || (foot.rate_hz / rate_hz - 1.0).abs() > 0.01 {
-                let problem = format!("{} frames per second, and {rate_hz} of the other foot", foot.rate_hz);
+            let apart_s = t_s.iter().zip(&foot.t_s).map(|(t_s, other_s)| (t_s - other_s).abs()).fold(0.0, f64::max);
+            if apart_s * rate_hz > 0.51 || (foot.rate_hz / rate_hz - 1.0).abs() > 0.01 {
+                let problem = format!("the feet differ in frame times or rates ({} and {rate_hz} Hz)", foot.rate_hz);
                 return Err(content(&foot.file, problem, "import both feet with the same --rate, such as --rate 100"));
             }
         }

@@ -9,7 +9,8 @@ format or the reader has them:
 - `units`: the unit of each channel by its name
 - `events`: pairs of a time in s and a name
 - `event_count`, `frames`: the numbers of events and of frames that the file states
-- `feet`: for each side the layout or the positions of the cells, their pressures, the steps, the source, and the events
+- `feet`: for each side the layout or the positions of the cells, their pressures, the steps, the source, and the times of the
+  events
 - `errors`, `warnings`: the findings of the validator of BIDS
 """
 
@@ -146,20 +147,20 @@ def read_bids(path):
     import pandas
 
     validator = Path(sys.executable).parent / "bids-validator-deno"
-    # The exit status is that of the findings, which the test judges.
+    # The exit status is not checked: it only states whether there are findings, which the test evaluates.
     report = subprocess.run([validator, path, "--format", "json", "--max-rows", "-1"], stdout=subprocess.PIPE)
     issues = json.loads(report.stdout)["issues"]["issues"]
     motion = next(Path(path).glob("sub-*/motion"))
     table = lambda suffix: next(motion.glob(f"*_{suffix}.tsv"))
     channels = pandas.read_csv(table("channels"), sep="\t", keep_default_na=False)
     samples = pandas.read_csv(table("motion"), sep="\t", header=None, na_values="n/a")
-    marks = pandas.read_csv(table("events"), sep="\t")
+    event_table = pandas.read_csv(table("events"), sep="\t")
     sidecar = json.loads(next(motion.glob("*_motion.json")).read_text())
     return {
         "rate_hz": sidecar["SamplingFrequency"],
         "channels": {name: plain(samples[i]) for i, name in enumerate(channels.name)},
         "units": dict(zip(channels.name, channels.units)),
-        "events": [[row.onset, row.trial_type] for row in marks.itertuples()],
+        "events": [[row.onset, row.trial_type] for row in event_table.itertuples()],
         "errors": [issue for issue in issues if issue["severity"] == "error"],
         "warnings": [issue for issue in issues if issue["severity"] == "warning"],
     }
@@ -201,7 +202,7 @@ def read_mcap(path):
 
 
 def read_clouds(clouds, times_s):
-    """The points of the first foxglove.PointCloud, and the pressures of all."""
+    """The points of the first foxglove.PointCloud, and the pressures of all point clouds."""
     import base64
 
     pressures = []

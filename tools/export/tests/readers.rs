@@ -13,10 +13,10 @@ use serde_json::Value;
 use std::path::Path;
 use std::process::Command;
 
-/// The right foot walks this much after the left one.
+/// The walk of the right foot begins this much later than that of the left foot.
 const LAG_S: f64 = 0.5;
 
-/// A walk; its time begins at 3 s for the left foot.
+/// A walk. Its times begin at 3 s for the left foot, and [`LAG_S`] later for the right foot.
 fn walk(side: Side, steps: usize, cells: usize) -> Recording {
     let walk = SyntheticWalk { side, steps, cells, ..SyntheticWalk::default() };
     let mut recording = synthetic::walk(&walk).recording;
@@ -78,7 +78,7 @@ fn compare_channels(found: &Value, session: &Session, absent: f64, tolerance: f6
     }
 }
 
-/// Compares the events, with times from `begins_s` on.
+/// Compares the events. The times of the events in the file are relative to `begins_s`, a time of the session.
 fn compare_events(found: &Value, session: &Session, begins_s: f64) {
     let mut found: Vec<(f64, &str)> = found["events"]
         .as_array()
@@ -96,11 +96,12 @@ fn compare_events(found: &Value, session: &Session, begins_s: f64) {
     }
 }
 
-/// Largest difference of single precision, relative, in binary and in the decimals that identify the binary number.
+/// Largest relative error of a value that was rounded to single precision.
 const SINGLE: f64 = 6e-8;
+/// Largest relative error of a value that was rounded to single precision and then written as the shortest decimal number.
 const SINGLE_TEXT: f64 = 2.0 * SINGLE;
 
-/// The quantities of the frames, from the pressures of the cells alone.
+/// The expected quantities of the frames are computed from the recorded pressures of the cells alone.
 #[test]
 fn the_session_has_the_forces_and_the_centre_of_pressure_of_the_recording() {
     let recordings = [Side::Left, Side::Right].map(|side| walk(side, 5, 60));
@@ -117,7 +118,7 @@ fn the_session_has_the_forces_and_the_centre_of_pressure_of_the_recording() {
             assert_eq!(foot.cells_kpa(i), kpa);
             let cells =
                 || recording.layout.cells.iter().zip(kpa).map(|(c, &kpa)| (c, f64::from(kpa) * c.area_mm2 / 1e3));
-            // Sensors have a resolution, which is coarse near zero.
+            // The codes of the virtual sensor have a finite resolution, which is coarse near zero.
             let near = |found: f64, expected: f64| (found - expected).abs() <= 0.002 * expected + 0.2;
             for region in Region::ALL {
                 let force_n: f64 = cells().filter(|(cell, _)| cell.region == region).map(|(_, force_n)| force_n).sum();
@@ -147,7 +148,7 @@ fn frames_of_both_feet_that_are_nearest_in_time_belong_together() {
         assert_eq!(session.feet[0].cells_kpa(i), left.frame(lag + i));
         assert_eq!(session.feet[1].cells_kpa(i), right.frame(i));
     }
-    // The clocks differ by 0.4 %, so that frames drift apart by more than half of their distance.
+    // The clocks differ by 0.4 %, so that the frames of the two feet drift apart by more than half a frame period.
     right.t_s.iter_mut().for_each(|t_s| *t_s *= 1.004);
     right.rate_hz /= 1.004;
     let text = Session::new(vec![foot(right), foot(left)], None, None).expect_err("two rates").to_string();
@@ -160,16 +161,16 @@ fn names(folder: &Path) -> Vec<std::ffi::OsString> {
 }
 
 #[test]
-fn what_exceeds_a_format_is_refused_with_the_remedy() {
+fn a_session_that_exceeds_the_limits_of_a_format_is_refused_with_a_remedy() {
     let folder = tempfile::tempdir().expect("a folder");
     let mut session = both_feet();
-    // Three thousand steps have more events than the parameters of a C3D file can hold, two thousand have not.
+    // The parameters of a C3D file can hold the events of two thousand steps, but not those of three thousand.
     session.feet[0].steps = session.feet[0].steps[1..2].repeat(2000);
     c3d::write(&session, &folder.path().join("walk.c3d")).expect("the events fit");
     std::fs::remove_file(folder.path().join("walk.c3d")).expect("removed");
     session.feet[0].steps = session.feet[0].steps[1..2].repeat(3000);
     let events = c3d::write(&session, &folder.path().join("walk.c3d"));
-    // Ten million frames of 60 cells have 4 GB.
+    // Ten million frames of 60 cells need about 4 GB.
     session.t_s = vec![0.0; 10_000_000];
     let bytes = mat::write(&session, &folder.path().join("walk.mat"));
     for (refused, problem) in [(events, "events"), (bytes, "2 GiB")] {
@@ -179,7 +180,6 @@ fn what_exceeds_a_format_is_refused_with_the_remedy() {
     assert_eq!(names(folder.path()), Vec::<std::ffi::OsString>::new());
 }
 
-/// A step is found where the recorded force rises and falls.
 #[test]
 fn events_are_where_the_recorded_force_rises_and_falls() {
     let session = both_feet();
@@ -209,7 +209,8 @@ fn c3d_is_read_by_ezc3d_and_c3d() {
     }
 }
 
-/// More frames than the 65,535 of the header, and more events than the 255 of a parameter.
+/// The session has more frames than the header of a C3D file can count (65,535), and more events than a parameter can hold
+/// (255).
 #[test]
 #[ignore = "needs the readers of the formats: cargo xtask test"]
 fn a_long_c3d_file_has_all_frames_and_events() {
@@ -339,7 +340,7 @@ fn a_motion_bids_folder_is_valid_and_has_all_channels() {
     motion_bids::write(&session, &names, "Plantar test", &path).expect("written");
     let found = read("bids", &path);
     assert_eq!(found["errors"], serde_json::json!([]), "{found}");
-    // It recommends information that nobody gave: authors, licence, manufacturer and so on.
+    // The validator recommends information that an export does not have: authors, licence, manufacturer and so on.
     let optional =
         ["JSON_KEY_RECOMMENDED", "SIDECAR_KEY_RECOMMENDED", "NO_AUTHORS", "TOO_FEW_AUTHORS"].map(Value::from);
     for warning in found["warnings"].as_array().expect("warnings") {
@@ -361,7 +362,7 @@ fn csv_is_read_by_pandas() {
     compare("t_s", &found["t_s"], session.t_s.iter().copied(), 1e-15);
     compare_channels(&found, &session, f64::NAN, SINGLE_TEXT);
     compare_events(&found, &session, 0.0);
-    // Two feet with eight regions.
+    // All quantities of both feet are present.
     assert_eq!(Quantity::all().count() * 2, found["channels"].as_object().map_or(0, |them| them.len()));
 }
 

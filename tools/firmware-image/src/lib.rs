@@ -78,7 +78,7 @@ impl Image {
         let (sha256, signature, key) = read_trailer(end).ok_or_else(damaged)?;
         let key = VerifyingKey::from_bytes(key).map_err(|_| damaged())?;
         key.verify_strict(&Sha512::digest(bytes), &signature.into()).map_err(|_| damaged())?;
-        if *sha256 != name(rest) {
+        if *sha256 != digest(rest) {
             return Err(damaged());
         }
         if bytes.len() as u64 > u64::from(MAX_IMAGE) {
@@ -90,7 +90,7 @@ impl Image {
     /// The contents of the file of this image.
     pub fn file(&self) -> Vec<u8> {
         let mut file = [&front(&self.header, self.bytes.len() as u32)[..], &self.bytes].concat();
-        let sha256 = name(&file);
+        let sha256 = digest(&file);
         file.extend(trailer(&sha256, &self.signature, self.key.as_bytes()));
         file
     }
@@ -126,8 +126,8 @@ impl Image {
     }
 }
 
-/// The SHA-256 of a file up to its trailer, which names the image.
-fn name(file: &[u8]) -> Sha256 {
+/// The SHA-256 of a file without its trailer; it identifies the image.
+fn digest(file: &[u8]) -> Sha256 {
     sha2::Sha256::digest(file).into()
 }
 

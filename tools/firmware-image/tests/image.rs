@@ -40,7 +40,7 @@ fn a_file_contains_the_image_and_any_change_of_it_is_detected() {
 }
 
 #[test]
-fn errors_for_missing_firmware_and_keys_name_the_remedy() {
+fn errors_for_invalid_firmware_and_key_files_name_the_remedy() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("firmware");
     assert!(matches!(flash_image(&path), Err(Error::Read(..))));

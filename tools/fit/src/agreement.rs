@@ -1,6 +1,7 @@
 //! Repeatability of the variables of people between trials of the same foot.
 //!
-//! The two feet are evaluated separately: the feet of a person are not independent, and their difference is no error.
+//! The two feet are evaluated separately: the feet of a person are not independent, and their difference is not a measurement
+//! error.
 
 use crate::repeat::{Repeatability, within_person};
 use crate::trials::{Moments, Trial, Values};
@@ -50,7 +51,8 @@ pub struct Agreement {
 }
 
 impl Agreement {
-    /// The agreement of the values of people, in rows with one value for each trial. `is_alone` allows a single person.
+    /// The agreement of the values of people, in rows with one value for each trial. A single row has a result only if
+    /// `is_alone` states that no other person has repeated trials.
     fn of(rows: &[Vec<f64>], is_alone: bool) -> Option<Self> {
         let mean = Moments::of(rows.iter().flatten().copied())?.mean;
         let people = rows.len();
@@ -77,7 +79,7 @@ impl VariableRow {
     }
 }
 
-/// The trials of a foot of a person that cannot be compared, because there is only one.
+/// A foot of a person with a single trial, which cannot be compared with another one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SingleTrial {
     /// Name of the person.
@@ -86,8 +88,8 @@ pub struct SingleTrial {
     pub side: Side,
 }
 
-/// Computes the repeatability for each foot of which at least `least_people` people have two or more trials. `people` have names
-/// and trials. Also returns the people with a single trial of a foot.
+/// Computes the repeatability for each foot of which at least `least_people` people have two or more trials. `people` contains
+/// the name and the trials of each person. Also returns the feet of people with a single trial.
 pub fn repeatability(people: &[(&str, &[Trial])], least_people: usize) -> (Vec<FootRepeatability>, Vec<SingleTrial>) {
     let mut single = Vec::new();
     let mut feet = Vec::new();
@@ -159,13 +161,15 @@ mod tests {
         (-2.0 * (1.0 - random.f64()).ln()).sqrt() * (std::f64::consts::TAU * random.f64()).cos()
     }
 
-    /// A trial of a foot of which each variable has the value in the heel, and no other region was fitted.
+    /// A trial in which only the heel was fitted, and each of its variables has `value`.
     fn trial(side: Side, value: f64) -> Trial {
         let mut regions: [Option<Values>; 8] = Default::default();
         regions[Region::Heel as usize] = Some(Variable::all().map(|_| Some(value)).collect());
         Trial { name: String::new(), side, regions }
     }
 
+    /// Trials of the left foot. The means of the people have the standard deviation `between`, and the trials of a person have
+    /// the standard deviation `within`.
     fn cohort(people: usize, trials: usize, between: f64, within: f64, random: &mut fastrand::Rng) -> Vec<Vec<Trial>> {
         let person = |_| {
             let usual = 100.0 + between * normal(random);
@@ -207,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_trials_of_all_people_are_compared_and_feet_separately() {
+    fn the_first_trials_of_all_people_are_compared_for_each_foot_separately() {
         let mut people: Vec<Vec<Trial>> = [[1.0, 2.0], [4.0, 4.5], [9.0, 8.0]]
             .map(|values| values.map(|value| trial(Side::Left, value)).into())
             .into();
@@ -225,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn one_person_has_errors_but_no_coefficient() {
+    fn one_person_has_sem_and_mdc_but_no_icc() {
         let person = vec![[1.0, 2.0, 4.0].map(|value| trial(Side::Right, value)).into()];
         assert!(feet(&person, 2).0.is_empty());
         let (found, _) = feet(&person, 1);
@@ -246,8 +250,8 @@ mod tests {
         assert_eq!(row.median(Agreement::mdc_percent), Some(112.5));
     }
 
-    /// ICC(2,1) by the definition of McGraw and Wong (Psychol. Methods 1 (1996) 30-46, ICC(A,1)), from a least-squares fit of the
-    /// two-way model with NumPy.
+    /// Prints ICC(2,1) by the definition of McGraw and Wong (Psychol. Methods 1 (1996) 30-46, ICC(A,1)) and SEM, from a
+    /// least-squares fit of the two-way model with NumPy.
     const SCRIPT: &str = "
 import sys, numpy as np
 x = np.loadtxt(sys.stdin)
@@ -262,8 +266,8 @@ print((r - e) / (r + (k - 1) * e + k / n * (c - e)), np.sqrt(e + max(c - e, 0) /
 ";
 
     #[test]
-    #[ignore = "needs Python with NumPy, whose path PLANTAR_PYTHON contains"]
-    fn numpy_finds_the_same_coefficient() {
+    #[ignore = "needs Python with NumPy; PLANTAR_PYTHON contains the path of the interpreter"]
+    fn icc_and_sem_are_those_of_numpy() {
         let python =
             std::env::var_os("PLANTAR_PYTHON").expect("PLANTAR_PYTHON contains the path of a Python interpreter");
         let mut random = fastrand::Rng::with_seed(3);

@@ -9,9 +9,9 @@ use std::collections::BTreeMap;
 /// A person of a cohort.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Person {
-    /// Name: that of the folder.
+    /// Name of the person, which is that of the folder with the recordings.
     pub name: String,
-    /// European shoe size: that of the settings, or a default.
+    /// European shoe size, from the settings or a default.
     pub size_eur: u8,
     /// The content of the person's `participant.toml`.
     pub settings: Participant,
@@ -28,7 +28,7 @@ impl Person {
     }
 }
 
-/// The people whose insoles have one pair of sizes.
+/// The people with sizes of the same pair, such as 37 and 38.
 #[derive(Clone, Debug)]
 pub struct SizeGroup<'p> {
     /// The smaller size of the pair.

@@ -78,7 +78,8 @@ impl<'s> Group<'s> {
     }
 }
 
-/// How much worse steps are predicted by parameters from other steps than by their own: the ratio of the median errors.
+/// How much worse the steps `own` are predicted by parameters fitted to `others` than by parameters fitted to `own`: the ratio
+/// of the median errors.
 fn error_ratio(
     own: &[&RegionCurves],
     others: &[&RegionCurves],
@@ -94,7 +95,7 @@ fn error_ratio(
     fitted_to(others) / fitted_to(own)
 }
 
-/// The median of `after` divided by that of `before`; 1 if the middle halves of the two overlap.
+/// The median of `after` divided by that of `before`; 1 if their interquartile ranges overlap.
 fn load_ratio(mut before: Vec<f64>, mut after: Vec<f64>) -> f64 {
     let ratio = steps::median(after.iter().copied()) / steps::median(before.iter().copied());
     let quartiles = |values: &mut [f64]| {

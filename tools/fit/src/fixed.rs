@@ -36,7 +36,7 @@ impl FixedParameters {
         self.c_m(law, area_max_m2) * g_max / self.thickness_m
     }
 
-    /// The ellipsoid with the force of `law`, and with this A/B and d0. C is that of `law`. The function solves
+    /// The ellipsoid with the force and the C of `law`, and with the A/B and d0 of `self`. The function solves
     /// K = k C^(n+1) / d0^n and G = c C^(m+1) / d0^m for k and c.
     pub fn ellipsoid(&self, law: &ForceLaw<f64>) -> Ellipsoid<f64> {
         let (c_m, d0_m) = (law.c_m, self.thickness_m);

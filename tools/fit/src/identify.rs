@@ -56,7 +56,7 @@ pub struct Identified {
     pub stiffness_pa: f64,
     /// G, Pa s.
     pub damping_pa_s: f64,
-    /// Sum of the squared NRMSE of the steps (Eq. 18 divided by the peak force, see [`Samples`]).
+    /// Sum of the squared NRMSE (Eq. 20) of the steps: see [`Samples`].
     pub squares: f64,
     /// Number of evaluations of the model over all samples.
     pub evaluations: usize,
@@ -79,8 +79,8 @@ impl Identified {
         }
     }
 
-    /// The same A B, K, G, n and m, for samples whose largest area is `to_m2` instead of `from_m2`, m2. Only `max_ratio` differs.
-    /// At its upper bound, A B is larger.
+    /// The same A B, K, G, n and m, for samples whose largest area is `to_m2` instead of `from_m2`, m2. Only `max_ratio`
+    /// differs. If `max_ratio` is limited to its upper bound, A B becomes larger.
     pub(crate) fn rebased(&self, from_m2: f64, to_m2: f64) -> Self {
         let max_ratio = (to_m2 / from_m2 * self.shape.max_ratio).min(Bounds::USUAL.max_ratio[1]);
         Self { shape: Shape { max_ratio, ..self.shape }, ..*self }
@@ -135,9 +135,9 @@ pub fn identify(samples: &Samples, bounds: &Bounds) -> Identified {
     Identified::from(&minimum, evaluations + 1)
 }
 
-/// Performs only the third stage, the search over all five parameters, from one point. It is for comparison, and may end in a
-/// local minimum. `start` contains numbers between 0, the lower bound, and 1, the upper bound, in the order `max_ratio`, n, m, K,
-/// G. The scale of K is logarithmic.
+/// Performs only the third stage, the search over all five parameters, from one point. It is for comparison with [`identify`],
+/// and may end in a local minimum. `start` contains numbers between 0, the lower bound, and 1, the upper bound, in the order
+/// `max_ratio`, n, m, K, G. The scale of K is logarithmic.
 pub fn identify_from(samples: &Samples, bounds: &Bounds, start: [f64; 5]) -> Identified {
     let [least, most] = limits(bounds);
     let at = |i: usize| match i {
@@ -195,9 +195,9 @@ fn grid(samples: &Samples, bounds: &Bounds) -> (Vec<Shape>, usize) {
     (starts, count)
 }
 
-/// The K and G within their bounds for which the sum of squares is smallest, and this sum. They are the unconstrained solution if
-/// it is within the bounds, otherwise the best point at a bound. All samples are weighted: the terms for K and G of 1, and the
-/// measured force.
+/// The K and G within their bounds for which the sum of squares is smallest, and this sum. They are the unconstrained solution
+/// if it is within the bounds, otherwise the best point at a bound. `elastic` is the elastic term of the force for K = 1 Pa,
+/// `viscous` the viscous term for G = 1 Pa s, and `target` the measured force; all three are weighted.
 fn linear(elastic: &[f64], viscous: &[f64], target: &[f64], bounds: &Bounds) -> ([f64; 2], f64) {
     let (mut ee, mut ev, mut vv, mut ef, mut vf, mut ff) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
     for ((&e, &v), &f) in elastic.iter().zip(viscous).zip(target) {
@@ -262,7 +262,8 @@ impl Residuals for ProjectedForce<'_> {
         DVector::from_iterator(self.samples.len(), force.zip(&self.samples.target).map(|(f, measured)| f - measured))
     }
 
-    /// The derivative in Kaufman's approximation, which omits the part that a change of K and G compensates.
+    /// The derivative in Kaufman's approximation: the derivative at constant K and G, without the part that a change of K and G
+    /// compensates.
     fn derivative(&self, i: usize) -> DVector<f64> {
         let [k, g] = self.linear;
         let mut column: Vec<f64> = match i {
@@ -309,7 +310,7 @@ impl<'s> NonNegativeForce<'s> {
         &self.force
     }
 
-    /// The force without parameters. [`Residuals::set`] sets them.
+    /// Creates the function without parameters; [`Residuals::set`] sets them.
     pub fn new(samples: &'s Samples) -> Self {
         Self {
             samples,

@@ -7,7 +7,7 @@ use crate::prior::{self, Prior};
 use nalgebra::{Matrix5, Vector5};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-/// The five identifiable parameters, in this order everywhere: A B (m2), K (Pa), G (Pa s), n, m.
+/// The names of the five identifiable parameters, in the order of all intervals: A B (m2), K (Pa), G (Pa s), n, m.
 pub const FIVE: [&str; 5] = ["A B", "K", "G", "n", "m"];
 
 /// A parameter with its 95 % intervals.
@@ -52,7 +52,7 @@ pub fn five(identified: &Identified, area_max_m2: f64) -> [f64; 5] {
 /// The scatter of the force about the model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Noise {
-    /// Variance of an independent residual, which is weighted as in [`Samples`].
+    /// Variance of an independent residual. Residuals are weighted as in [`Samples`].
     pub variance: f64,
     /// Degrees of freedom of this estimate.
     pub degrees_of_freedom: f64,
@@ -63,7 +63,7 @@ impl Noise {
     #[cfg(feature = "paper")]
     pub const NONE: Self = Self { variance: 0.0, degrees_of_freedom: 1.0 };
 
-    /// The factor by which half of a 95 % interval exceeds the standard deviation.
+    /// Half of the width of a 95 % interval, in standard deviations.
     pub(crate) fn quantile(&self) -> f64 {
         StudentsT::new(0.0, 1.0, self.degrees_of_freedom).map_or(f64::INFINITY, |t| t.inverse_cdf(0.975))
     }
@@ -74,7 +74,7 @@ impl Noise {
 pub fn noise(samples: &Samples, identified: &Identified) -> Noise {
     let mut law = NonNegativeForce::new(samples);
     law.set(&identified.x());
-    // The fit of five parameters lowers the estimated correlation by about 5 / (samples - 5), which is therefore added.
+    // The fit of five parameters lowers the estimated autocorrelation by about 5 / (samples - 5), which is therefore added.
     let autocorrelation =
         samples.autocorrelation(law.residuals().as_slice()) + 5.0 / (samples.len() as f64 - 5.0).max(5.0);
     let autocorrelation = autocorrelation.clamp(0.0, 0.99);
@@ -83,8 +83,8 @@ pub fn noise(samples: &Samples, identified: &Identified) -> Noise {
     Noise { variance: identified.squares / degrees_of_freedom, degrees_of_freedom }
 }
 
-/// The covariance matrix of the coordinates at the most probable parameters, in Laplace's approximation. `variance` is that of
-/// the noise.
+/// The covariance matrix of the coordinates ([`prior::Coordinates`]) at the most probable parameters, in Laplace's
+/// approximation. `variance` is that of the noise.
 pub fn covariance(samples: &Samples, prior: &Prior, identified: &Identified, variance: f64) -> Matrix5<f64> {
     let mut law = NonNegativeForce::new(samples);
     law.set(&identified.x());
@@ -100,15 +100,15 @@ pub fn covariance(samples: &Samples, prior: &Prior, identified: &Identified, var
 
 /// A coordinate whose standard deviation is more than this fraction of that among people is not determined by the force.
 const UNDETERMINED: f64 = 0.8;
-/// An n or a logit of `max_ratio` that exceeds its lower bound by less than this, or a `max_ratio` that is below 1 by less than a
-/// hundredth of it, counts as at the bound.
+/// An n or a logit of `max_ratio` counts as at its lower bound if it exceeds the bound by less than this value. A `max_ratio`
+/// counts as at its upper bound, 1, if it is below 1 by less than a hundredth of this value.
 const AT_BOUND: f64 = 0.005;
 
-/// The place of each of the parameters [`FIVE`] among the variables of the search and among the coordinates of the prior.
+/// The index of each of the parameters [`FIVE`] among the variables of the search and among the coordinates of the prior.
 const SEARCHED: [usize; 5] = [0, 3, 4, 1, 2];
 
-/// Intervals of the most probable parameters, from the `covariance` matrix of their coordinates. `area_max_m2` is the largest
-/// area of the samples.
+/// Intervals of the most probable parameters, `identified`, from the `covariance` matrix of their coordinates. `area_max_m2` is
+/// the largest area of the samples.
 pub fn from_posterior(
     area_max_m2: f64,
     prior: &Prior,

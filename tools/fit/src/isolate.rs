@@ -78,7 +78,8 @@ pub fn isolate(
                 regions,
             });
         }
-        // A load bout has a number, so the next step must not have the same one.
+        // As on the insole, steps and load bouts are numbered in one sequence. Taking a bout advances the number of the next
+        // step.
         device.take_bout();
         if i % 1024 == 0 {
             progress(i);
@@ -95,7 +96,7 @@ pub fn isolate(
 /// The reason why the steps of a recording could not be extracted.
 #[derive(Debug, thiserror::Error)]
 pub enum IsolateError {
-    /// An insole cannot have the recording's cells.
+    /// An insole cannot be set up for the recording, for example because of its cells or its rate.
     #[error(transparent)]
     Setup(#[from] SetupError),
     /// The recording cannot be read.

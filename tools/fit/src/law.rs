@@ -1,7 +1,7 @@
 //! The force law (Eq. 13 in its identifiable form) over many samples at once, with its derivatives.
 //!
-//! The parameter A B is replaced by `max_ratio`, the largest contact area divided by pi A B. So the constraint of the model, that
-//! pi A B exceeds every contact area, is the bound `max_ratio < 1`.
+//! The parameter A B is replaced by `max_ratio`, the largest contact area divided by pi A B. The constraint of the model, that
+//! pi A B exceeds every contact area, is then the bound `max_ratio < 1`.
 
 use crate::Samples;
 use std::f64::consts::PI;
@@ -18,7 +18,7 @@ pub struct Shape {
 }
 
 impl Shape {
-    /// A B, m2.
+    /// A B, m2, for samples with this largest area, m2.
     pub fn ab_m2(&self, area_max_m2: f64) -> f64 {
         area_max_m2 / (PI * self.max_ratio)
     }
@@ -41,7 +41,7 @@ pub(crate) struct Deformation {
 }
 
 impl Deformation {
-    /// Computes all samples for a `max_ratio` within 0..1.
+    /// Computes g and its rate in all samples for a `max_ratio` above 0 and below 1.
     pub fn set(&mut self, samples: &Samples, max_ratio: f64) {
         let section_m2 = samples.area_max_m2 / max_ratio;
         self.weighted_section_m2_per_n.clear();

@@ -6,7 +6,7 @@
 //! [`steps::isolate`] extracts the steps of recordings with the code of the insole, and [`live`] collects them from the messages
 //! of an insole. [`fit`] identifies, for each region, the five parameters that a force trace determines ([`identify`]). The other
 //! three of the paper's eight parameters follow from other measurements ([`fixed`]). The result includes confidence intervals
-//! ([`interval`]) and errors ([`quality`]). The module `paper` is the search of the paper, for comparison.
+//! ([`interval`]) and errors ([`quality`]). The module `paper` contains the search of the paper, for comparison.
 //!
 //! Without its default features, the library runs in a browser: it then has neither recordings nor threads nor the paper's
 //! search.
@@ -93,7 +93,8 @@ pub struct Options {
     pub prior: Option<[Prior; 8]>,
     /// Thickness of the unloaded tissue, m, in the order of [`Region::ALL`].
     pub thickness_m: [f64; 8],
-    /// Length of the foot relative to that of size 42, to which the bounds of the paper's method are scaled.
+    /// Length of the foot divided by that of a foot of the European size 42. The bounds of the lengths in the paper's method
+    /// are multiplied by this factor.
     pub size_scale: f64,
     /// Assumed largest deformation divided by the thickness, 0 to 1, which determines C of regions without a measurement.
     pub compression: f64,
@@ -121,8 +122,8 @@ impl Options {
 }
 
 /// Recordings are assumed to be of several people if [`RegionFit::recordings_ratio`] exceeds this value in at least
-/// [`MIXED_REGIONS`] regions. Among the ten walkers of SpeedPP2DS, this recognises two thirds of the pairs of walkers. It never
-/// occurs if the recordings are the two halves of the steps of one walker.
+/// [`MIXED_REGIONS`] regions. Among the ten walkers of the data set SpeedPP2DS, this recognises two thirds of the pairs of
+/// walkers. The two halves of the steps of one walker are never taken for recordings of two people.
 const MIXED_RATIO: f64 = 1.8;
 /// Smallest number of regions with a ratio above [`MIXED_RATIO`].
 const MIXED_REGIONS: usize = 2;

@@ -30,7 +30,7 @@ const BUFFERED_US: u64 = 20_000_000;
 pub struct LiveSteps {
     /// The latest frames, in increasing order of time.
     frames: VecDeque<Frame>,
-    /// Time of the first frame since the insole started, us; `None` before the first frame.
+    /// Time of the first frame that was received since the insole started, us; `None` before this frame.
     first_us: Option<u64>,
     /// Smallest time between two frames so far, us.
     period_us: Option<u64>,
@@ -45,9 +45,10 @@ pub struct LiveSteps {
     side: Option<Side>,
     /// See [`LiveSteps::masked_steps`].
     masked_steps: [usize; 8],
-    /// Number of steps of this stream, and of those among them in which the small toes carry more than the hallux.
+    /// Number of steps of this stream, and the number of these steps in which the small toes carry more than the hallux and
+    /// more than [`MIN_FORCE_N`].
     toes: [usize; 2],
-    /// The steps with all of their frames, including partially loaded ones.
+    /// The steps with complete curves, including partially loaded ones.
     steps: Vec<Step>,
     excluded: Vec<ExcludedContact>,
 }
@@ -61,13 +62,14 @@ struct Frame {
 }
 
 impl LiveSteps {
-    /// A collector before the first message.
+    /// Creates a collector that has not received a message.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Adds a live frame. A time that is not later than that of the frame before means that the insole restarted or that a stored
-    /// stream is repeated; a repeated frame is ignored.
+    /// Adds a live frame. A frame with the time of the previous frame is ignored. A frame with an earlier time means that the
+    /// insole restarted or that a stored stream is repeated: all pending records are evaluated, and the buffered frames are
+    /// deleted.
     pub fn frame(&mut self, live: &Live) {
         if let Some(last) = self.frames.back() {
             if live.t_us == last.t_us {
@@ -132,7 +134,8 @@ impl LiveSteps {
         (steps, excluded)
     }
 
-    /// Number of steps that were evaluated so far, usable or not. [`LiveSteps::collected`] is the same as long as this number is.
+    /// Number of steps that were evaluated so far, usable or not. The result of [`LiveSteps::collected`] changes only when this
+    /// number changes.
     pub fn evaluated(&self) -> usize {
         self.steps.len() + self.excluded.len()
     }
@@ -148,13 +151,13 @@ impl LiveSteps {
         self.side
     }
 
-    /// Frames per second; 0 before two frames.
+    /// Frames per second; 0 before the second frame.
     pub fn rate_hz(&self) -> f64 {
         self.period_us.map_or(0.0, |period_us| 1e6 / period_us as f64)
     }
 
     /// True if the insole seems to lie under the other foot: in nearly all steps, the region of the small toes carries more than
-    /// that of the hallux. It does so in none of 120 steps of ten barefoot walkers (SpeedPP2DS).
+    /// that of the hallux. This is so in none of 120 steps of ten barefoot walkers (data set SpeedPP2DS).
     pub fn looks_mirrored(&self) -> bool {
         let [steps, mirrored] = self.toes;
         steps >= MIRRORED_STEPS && mirrored as f64 >= MIRRORED_SHARE * steps as f64
@@ -170,7 +173,8 @@ impl LiveSteps {
         self.excluded.push(ExcludedContact { recording: 0, at_s: step.start_us as f64 * 1e-6, reason });
     }
 
-    /// Evaluates the pending records whose frames have all arrived; without `now_us`, the time of the newest frame, all of them.
+    /// Evaluates the pending records whose frames have all arrived. `now_us` is the time of the newest frame; without it, all
+    /// pending records are evaluated.
     fn evaluate_pending(&mut self, now_us: Option<u64>) {
         let mut i = 0;
         while let Some(&step) = self.pending.get(i) {
@@ -199,10 +203,10 @@ impl LiveSteps {
         let count = u64::from(step.duration_us) / period_us;
         let frames = (0..count).map(|i| self.loads_at(step.start_us.saturating_add(i * period_us), period_us));
         let frames = frames.collect::<Option<Vec<FrameLoads>>>()?;
+        // In a long stance, the insole stores only every second frame, then every fourth, and so on.
         let (frame_s, stride) = (period_us as f64 * 1e-6, (sample_us / period_us) as usize);
         let regions = std::array::from_fn(|region| {
             let curves = frame_curves(&frames, region, frame_s);
-            // In a long stance, the insole stores only every second frame, then every fourth, and so on.
             let ellipse = ellipse_at_peak(&step.regions[region]);
             let at_peak = (0..frames.len()).max_by(|&a, &b| frames[a][region].1.total_cmp(&frames[b][region].1));
             let peak_area_mm2 = at_peak.map(|i| frames[i][region].0).filter(|&mm2| mm2 > 0.0);
@@ -228,7 +232,8 @@ impl LiveSteps {
         })
     }
 
-    /// The loads at a time, which are interpolated if the frame is missing. `None` if too many frames are missing around it.
+    /// The loads at the time `t_us`, which are interpolated if its frame is missing. `None` if more than
+    /// [`INTERPOLATED_FRAMES`] successive frames are missing there, or no frame is buffered before or after this time.
     fn loads_at(&self, t_us: u64, period_us: u64) -> Option<FrameLoads> {
         let index = self.frames.partition_point(|frame| frame.t_us < t_us);
         let after = self.frames.get(index)?;
@@ -255,7 +260,7 @@ impl LiveSteps {
     }
 }
 
-/// The contact ellipse in a record; `None` without contact.
+/// The contact ellipse at the peak force, from a record; `None` without contact.
 fn ellipse_at_peak(region: &StepRegion) -> Option<MeanEllipse> {
     let ellipse = MeanEllipse {
         x_mm: region.ellipse_x_mm(),

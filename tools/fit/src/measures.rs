@@ -1,8 +1,9 @@
-//! Mechanical quantities of a region that can be compared between recordings and people: what its force law says about forces,
-//! areas, stiffness and energy within the measured range.
+//! Mechanical quantities of a region that can be compared between recordings and people: forces, areas, stiffness and energy
+//! within the measured range.
 //!
-//! Single parameters of the force law compensate each other, so that they vary between two recordings of the same person although
-//! the law does not. These quantities are values of the law itself, and vary only as much as it does.
+//! Single parameters of the force law compensate each other, so that they vary between two recordings of the same person
+//! although the law does not. These quantities are values of the law itself, and vary only as much as the law does. The two
+//! energies are those of the measured force over the deformation of the law.
 
 use crate::fixed::FixedParameters;
 use crate::interval::{self, Noise};
@@ -14,9 +15,9 @@ use plantar::pipeline::model::ForceLaw;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 use std::f64::consts::PI;
 
-/// The reference area, relative to the largest area of a step: the median over the steps.
+/// The reference area, as a fraction of the largest area of a step (the median over the steps).
 pub const REFERENCE_AREA: f64 = 0.7;
-/// The reference forces, relative to the peak force: the median of the peak forces of the steps.
+/// The reference forces, as fractions of the peak force of a step (the median over the steps).
 pub const REFERENCE_FORCES: [f64; 3] = [0.25, 0.5, 0.75];
 /// The reference forces that are equal for all people, N. Only those up to the peak force are used.
 pub const FIXED_FORCES_N: [f64; 4] = [10.0, 50.0, 100.0, 200.0];
@@ -44,15 +45,15 @@ pub enum Quantity {
     ViscousModulus,
     /// Work of the measured force up to the largest deformation, mean over the steps.
     LoadingEnergy,
-    /// Work of the measured force over the whole contact, which is the area of its loop over the deformation, mean over the
-    /// steps.
+    /// Work of the measured force over the whole contact, which is the area within the loop of force over deformation, mean
+    /// over the steps.
     DissipatedEnergy,
 }
 
 impl Quantity {
     /// All quantities, in the order of tables.
     pub fn all() -> impl Iterator<Item = Self> {
-        let laws = [
+        let others = [
             Self::SecantStiffness,
             Self::TangentStiffness,
             Self::SecantModulus,
@@ -64,7 +65,7 @@ impl Quantity {
         std::iter::once(Self::ForceAtArea)
             .chain(REFERENCE_FORCES.map(Self::AreaAtForce))
             .chain(FIXED_FORCES_N.map(Self::AreaAtFixedForce))
-            .chain(laws)
+            .chain(others)
     }
 
     /// Name with unit, as in JSON and in tables of cohorts.
@@ -107,7 +108,8 @@ pub struct Measure {
     pub quantity: Quantity,
     /// The value, in the unit of the quantity.
     pub value: f64,
-    /// The 95 % interval; `None` for an energy of a single step and with the paper's method.
+    /// The 95 % interval. `None` for an energy of a single step; `None` for another quantity if the fit had no prior, as with
+    /// the paper's method, or if the interval is not finite.
     pub interval: Option<[f64; 2]>,
 }
 
@@ -127,7 +129,7 @@ impl Measure {
 /// Relative change of the value that determines C, for [`ScaleEffect`].
 pub const SCALE_CHANGE: f64 = 0.2;
 
-/// C and quantities that depend on it, for one value from which C follows.
+/// C and quantities that depend on it, for one value of the measurement or assumption that determines C.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScaledValues {
     /// C, m.
@@ -138,7 +140,8 @@ pub struct ScaledValues {
     pub secant_modulus_kpa: Option<f64>,
 }
 
-/// How results follow the value that determines C, at a value that is smaller or larger by [`SCALE_CHANGE`].
+/// C and the quantities that depend on it, for a smaller and a larger value of the measurement or assumption that determines C.
+/// Both values differ from the actual one by the fraction [`SCALE_CHANGE`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScaleEffect {
     /// With the smaller value.
@@ -164,14 +167,14 @@ pub(crate) struct Basis<'b> {
 }
 
 impl Basis<'_> {
-    /// The quantities of a force law, whose C is replaced by the fixed one; `None` for the energies, and for forces that the law
-    /// does not reach.
+    /// A quantity of a force law, whose C is replaced by the fixed one. `None` for the energies, for a force or strain that the
+    /// law does not reach, and for a fixed force above the peak force.
     fn of_law(&self, law: &ForceLaw<f64>, quantity: Quantity) -> Option<f64> {
         let c_m = self.fixed.c_m(law, self.area_max_m2);
         let elastic = |g: f64| law.force_n(g, 0.0);
         let area_m2 = |g: f64| PI * law.ab_m2 * g * (2.0 - g);
         let strain = |g: f64| g * c_m / self.fixed.thickness_m;
-        // Deformations are at most C. With a large C, the reference strain may not be reached.
+        // Deformations are at most C. With a small C, the reference strain may not be reached.
         let g = REFERENCE_STRAIN * self.fixed.thickness_m / c_m;
         let slope = |f: &dyn Fn(f64) -> f64| (f(g * (1.0 + STEP)) - f(g * (1.0 - STEP))) / (2.0 * STEP * g);
         let stress = |g: f64| elastic(g) / area_m2(g);
@@ -190,7 +193,7 @@ impl Basis<'_> {
             Quantity::SecantModulus => Some(stress(g) / strain(g) * 1e-3),
             Quantity::TangentModulus => Some(slope(&stress) * self.fixed.thickness_m / c_m * 1e-3),
             Quantity::ViscousModulus => {
-                // The viscous force is proportional to the rate, so its derivative is the difference of two rates.
+                // The viscous force is proportional to the rate, so its derivative is that force at a rate of 1/s.
                 let per_rate = law.force_n(g, 1.0) - elastic(g);
                 Some(per_rate / area_m2(g) * self.fixed.thickness_m / c_m * 1e-3)
             }
@@ -198,8 +201,8 @@ impl Basis<'_> {
         }
     }
 
-    /// The quantities of the most probable parameters `at` with their covariance matrix, and of fits to resampled steps. The
-    /// wider of the two intervals is used.
+    /// The quantities at the most probable parameters `at`. The interval is the wider of two: that from the covariance matrix
+    /// of the parameters, and that of the force laws fitted to resampled steps.
     pub fn measures(
         &self,
         at: &Coordinates,
@@ -218,18 +221,18 @@ impl Basis<'_> {
             // All quantities are positive, and their logarithms are nearly linear in the coordinates.
             let gradient = Vector5::from_fn(|i, _| (ln_at(i, STEP) - ln_at(i, -STEP)) / (2.0 * STEP));
             let half = noise.quantile() * (gradient.transpose() * covariance * gradient)[0].max(0.0).sqrt();
-            let curvature = [value * (-half).exp(), value * half.exp()];
+            let from_covariance = [value * (-half).exp(), value * half.exp()];
             let values = resampled.iter().filter_map(|law| self.of_law(law, quantity));
             let interval = match interval::middle(values) {
-                Some([low, high]) if high - low > curvature[1] - curvature[0] => [low, high],
-                _ => curvature,
+                Some([low, high]) if high - low > from_covariance[1] - from_covariance[0] => [low, high],
+                _ => from_covariance,
             };
             Some(Measure { quantity, value, interval: half.is_finite().then_some(interval) })
         };
         Quantity::all().filter_map(measure).collect()
     }
 
-    /// How C and the quantities that depend on it follow the value that determines C.
+    /// See [`ScaleEffect`].
     pub fn scale_effect(&self, law: &ForceLaw<f64>) -> ScaleEffect {
         let at = |factor: f64| {
             let fixed = FixedParameters { scale: self.fixed.scale.scaled(factor), ..*self.fixed };
@@ -243,7 +246,7 @@ impl Basis<'_> {
         ScaleEffect { at_less: at(1.0 - SCALE_CHANGE), at_more: at(1.0 + SCALE_CHANGE) }
     }
 
-    /// The quantities without intervals.
+    /// The quantities of a force law, without the energies and without intervals.
     pub fn values(&self, law: &ForceLaw<f64>) -> Vec<Measure> {
         let measure = |quantity| Some(Measure { quantity, value: self.of_law(law, quantity)?, interval: None });
         Quantity::all().filter_map(measure).collect()
@@ -253,7 +256,8 @@ impl Basis<'_> {
 /// Step of numerical derivatives: relative to g, and absolute in the coordinates of the prior, which have no unit.
 const STEP: f64 = 1e-4;
 
-/// The g at which an increasing function has a value, by bisection; `None` if the function is smaller at g = 1.
+/// The normalised deformation g, 0 to 1, at which an increasing function reaches `value`, by bisection; `None` if the function
+/// is smaller at g = 1.
 fn inverse(of: &dyn Fn(f64) -> f64, value: f64) -> Option<f64> {
     let (mut low, mut high) = (0.0, 1.0);
     if of(high) < value {

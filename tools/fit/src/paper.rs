@@ -14,8 +14,8 @@ use std::cell::Cell;
 /// Number of random starts. The result is the best of the minima.
 pub const STARTS: u64 = 10;
 
-/// Bounds of A, B, C and d0 (m), ln k, n, ln c, m for size 42. The lengths are scaled to the size, as the bounds of the paper
-/// depend on the insole size.
+/// Bounds of A, B, C and d0 (m), ln k, n, ln c, m for the European size 42. The lengths are scaled to the size, as the bounds
+/// of the paper depend on the insole size.
 const BOUNDS: [(f64, f64); 8] = [
     (0.002, 0.08),
     (0.002, 0.08),
@@ -39,7 +39,7 @@ type Constraint = fn(&[f64], Option<&mut [f64]>, &mut ()) -> f64;
 /// The solver also accepts constraints, but only bounds are used.
 const UNCONSTRAINED: &[Constraint] = &[];
 
-/// The bounds of a foot of this length, relative to that of size 42.
+/// The bounds for a foot. `size_scale` is its length divided by that of a foot of size 42.
 fn bounds(size_scale: f64) -> [(f64, f64); 8] {
     let mut bounds = BOUNDS;
     for (least, most) in &mut bounds[..4] {
@@ -49,8 +49,8 @@ fn bounds(size_scale: f64) -> [(f64, f64); 8] {
     bounds
 }
 
-/// The best ellipsoid, and the number of evaluations of the model. `size_scale` is the length of the foot relative to that of
-/// size 42.
+/// The best ellipsoid, and the number of evaluations of the model. `size_scale` is the length of the foot divided by that of a
+/// foot of size 42.
 pub fn identify(samples: &Samples, size_scale: f64) -> (Ellipsoid<f64>, usize) {
     let bounds = bounds(size_scale);
     let evaluations = Cell::new(0);
@@ -105,7 +105,8 @@ fn squares(samples: &Samples, ellipsoid: &Ellipsoid<f64>) -> f64 {
     sum
 }
 
-/// The values of A/B, C and d0 of an ellipsoid of which all eight parameters were searched.
+/// The values of A/B, C and d0 of an ellipsoid of which all eight parameters were searched. `g_max` is its largest normalised
+/// deformation.
 pub(crate) fn fixed_parameters(ellipsoid: &Ellipsoid<f64>, law: &ForceLaw<f64>, g_max: f64) -> FixedParameters {
     FixedParameters {
         aspect: ellipsoid.a_m / ellipsoid.b_m,

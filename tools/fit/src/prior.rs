@@ -1,10 +1,10 @@
 //! What is known about the parameters of a region before any step is recorded: their distribution among people.
 //!
-//! Five numbers cannot be determined from every region: one with a few newtons, or with a few steps, leaves the shape of its
-//! force law open, and least squares then ends at a bound. So the identification is a maximum of the posterior density: the
-//! residuals are weighed against the deviation of the shape from that of a cohort of walkers (empirical Bayes). The scale of the
-//! force, K, is left to the data: it depends on the sensor, the shoe and the person, and one loaded sample suffices to determine
-//! it.
+//! Five numbers cannot be determined from every region: the data of a region with a peak force of a few newtons, or of a few
+//! steps, leave the shape of its force law open, and least squares then ends at a bound. The identification therefore maximises
+//! the posterior density: the residuals are weighed against the deviation of the shape from that of a cohort of walkers
+//! (empirical Bayes). The scale of the force, K, is left to the data: it depends on the sensor, the shoe and the person, and
+//! one loaded sample suffices to determine it.
 
 use crate::bounded::Residuals;
 use crate::identify::{Bounds, Identified, NonNegativeForce, identify};
@@ -30,21 +30,21 @@ pub struct Prior {
     pub deviation: ShapeCoordinates,
 }
 
-/// A parameter at a bound has no finite coordinate. A search starts inside of this absolute value, where the force still depends
-/// on the coordinate; for G, relative to K, it is a relaxation time of 2.5 ms.
+/// A parameter at a bound has no finite coordinate. A search therefore starts from coordinates of at most this absolute value,
+/// where the force still depends on them. The start of ln(G / K) is at least the negative value, a relaxation time of 2.5 ms.
 const INSIDE: f64 = 6.0;
-/// Smallest logit of `max_ratio`. It stands for a `max_ratio` of 0.12, which is also the lower bound of the least-squares fit.
+/// Smallest logit of `max_ratio`: that of a `max_ratio` of 0.12, which is also the lower bound of the least-squares fit.
 /// With a smaller `max_ratio`, the force law is nearly a power of the area, and for steps without noise the product A B and the
 /// radius C would grow without limit.
 pub(crate) const LEAST_LOGIT: f64 = -2.0;
 /// Largest absolute value of a coordinate.
 const FAR: f64 = 30.0;
-/// Logarithm of the largest exponent, about that of a force law that an insole accepts.
+/// Largest ln(n + 0.95) and ln m: exponents of about 9 and 10. An insole accepts exponents up to 10.
 const LN_LARGEST_EXPONENT: f64 = 2.3;
 /// Relative tolerance of a search.
 const TOLERANCE: f64 = 1e-10;
 
-/// The coordinates of parameters. A parameter at a bound is at [`FAR`].
+/// The coordinates of parameters. The coordinate of a parameter at a bound is limited to plus or minus [`FAR`].
 pub fn coordinates(identified: &Identified) -> Coordinates {
     let Identified { shape, stiffness_pa, damping_pa_s, .. } = identified;
     let coordinates = Coordinates::new(
@@ -88,7 +88,7 @@ pub(crate) fn shape_variances(covariance: &Matrix5<f64>) -> ShapeCoordinates {
 }
 
 impl Prior {
-    /// The distribution from which [`learn`] starts: every plausible shape.
+    /// The distribution from which [`learn`] starts. It is broad enough for every plausible shape.
     pub const BROAD: Self = Self { mean: [0.5, -1.5, 0.0, -4.5], deviation: [1.5, 1.0, 0.7, 1.5] };
 
     /// The distribution of the shapes of people, for each of whom the most probable coordinates and their covariance matrix are
@@ -110,8 +110,8 @@ impl Prior {
         [at[0], at[1], at[2], at[4] - at[3]]
     }
 
-    /// The rows by which the logarithm of the density enters a sum of squares: the deviations of the shape in units of their
-    /// standard deviation.
+    /// The rows that the prior adds to the least-squares problem: the deviations of the shape from the mean, divided by the
+    /// standard deviations.
     fn rows(&self, at: &Coordinates) -> [f64; 4] {
         let shape = Self::shape(at);
         std::array::from_fn(|i| (shape[i] - self.mean[i]) / self.deviation[i])
@@ -134,7 +134,7 @@ impl Prior {
         Matrix5::from_fn(|i, j| columns[i].iter().zip(columns[j]).map(|(a, b)| a * b).sum())
     }
 
-    /// The parameters of the mean shape, with the K that fits the samples best.
+    /// The coordinates of the mean shape, with the K that fits the samples best.
     fn mean_at(&self, samples: &Samples) -> Coordinates {
         let [logit, ln_n, ln_m, ln_tau] = self.mean;
         let mut law = NonNegativeForce::new(samples);
@@ -186,12 +186,12 @@ struct Found {
     at: Coordinates,
     /// Sum of the squared residuals of the force.
     squares: f64,
-    /// The minimised sum: `squares`, and the squares of the rows of the prior times the variance of the noise.
+    /// The minimised sum: `squares` plus the squares of the rows of the prior times the variance of the noise.
     objective: f64,
     evaluations: usize,
 }
 
-/// The least-squares problem: the residuals of the force, and the rows of the prior in units of the noise.
+/// The least-squares problem: the residuals of the force, and the rows of the prior times the standard deviation of the noise.
 struct Posterior<'s> {
     prior: &'s Prior,
     law: NonNegativeForce<'s>,
@@ -295,12 +295,12 @@ fn learn_region(people: &[&[Step]], region: usize, options: &Options) -> Prior {
     prior
 }
 
-/// Smallest standard deviation of a coordinate: a cohort of some ten people does not exclude others that differ by more than its
-/// members. The largest is that of [`Prior::BROAD`].
+/// Smallest standard deviation of a coordinate: other people may differ more than the members of a cohort of some ten people
+/// do. The largest standard deviation is that of [`Prior::BROAD`].
 const LEAST_DEVIATION: f64 = 0.3;
 
-/// The distribution among ten barefoot walkers on a plate (SpeedPP2DS), with covered shares, in the order of
-/// [`plantar::Region::ALL`].
+/// The distribution among ten barefoot walkers on a plate (data set SpeedPP2DS), with the contact rule
+/// [`plantar::pipeline::contact::ContactRule::COVERED`], in the order of [`plantar::Region::ALL`].
 pub const WALKERS: [Prior; 8] = [
     Prior { mean: [2.01, -0.55, -0.14, -2.60], deviation: [1.50, 0.30, 0.49, 1.08] },
     Prior { mean: [0.92, -4.47, -1.19, -4.26], deviation: [1.50, 1.00, 0.70, 1.13] },

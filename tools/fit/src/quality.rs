@@ -5,10 +5,11 @@ use plantar::pipeline::model::ForceLaw;
 
 /// An area of at least this fraction of the largest area in the step counts as the largest area.
 const AT_LARGEST: f64 = 0.97;
-/// A force that is below the peak force by more than this fraction of it counts as different from the peak.
-const CHANGED: f64 = 0.35;
+/// A force that is below the peak force by more than this fraction of the peak force counts as well below the peak.
+const BELOW_PEAK: f64 = 0.35;
 
-/// The errors of the parameters of a region. Each error is the mean over the steps. NRMSE (Eq. 20) is a fraction: 0.1 is 10 %.
+/// The errors of the model force of a region with its parameters. Each error is the mean over the steps. NRMSE (Eq. 20) is a
+/// fraction: 0.1 is 10 %.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quality {
     /// NRMSE of the steps with the parameters that were fitted to all steps, against the measured force.
@@ -56,7 +57,7 @@ fn saturated(steps: &[Evaluated]) -> f64 {
     for step in steps {
         let (area, force) = (largest(&step.filtered_mm2), largest(&step.measured_n));
         let samples = step.filtered_mm2.iter().zip(&step.measured_n);
-        saturated += samples.filter(|(a, f)| **a >= AT_LARGEST * area && **f < (1.0 - CHANGED) * force).count();
+        saturated += samples.filter(|(a, f)| **a >= AT_LARGEST * area && **f < (1.0 - BELOW_PEAK) * force).count();
         all += step.measured_n.len();
     }
     saturated as f64 / (all as f64).max(1.0)

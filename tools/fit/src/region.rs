@@ -1,5 +1,4 @@
-//! The fit of one region: the search of its parameters, those that are fixed by other data, confidence intervals and
-//! errors.
+//! The fit of one region: the search for its parameters, the parameters that other data fix, confidence intervals and errors.
 
 use crate::compare::{Change, Group};
 use crate::fixed::{FixedParameters, Scale};
@@ -31,7 +30,7 @@ pub struct RegionFit {
     pub ellipsoid: Ellipsoid<f64>,
     /// The three of the eight parameters that other data fix.
     pub fixed: FixedParameters,
-    /// How C and the quantities that depend on it follow the value that determines C; `None` for the paper's method.
+    /// How C and the quantities that depend on it change with the value that determines C; `None` for the paper's method.
     pub scale_effect: Option<ScaleEffect>,
     /// Confidence intervals of the five identifiable parameters; `None` for the paper's method.
     pub uncertainty: Option<Uncertainty>,
@@ -41,10 +40,11 @@ pub struct RegionFit {
     pub quality: Quality,
     /// NRMSE of each step, as a fraction, with parameters that were fitted to the other steps. Empty if there is only one step.
     pub predicted_nrmse: Vec<f64>,
-    /// Area of the contact ellipse divided by the contact area, minus 1; mean over the stance weighted by force, or that at the
-    /// peak force for a live stream. 0 if the contact is an ellipse. `None` without contact ellipses.
+    /// Area of the contact ellipse divided by the contact area, minus 1. In each step, it is the mean over the stance weighted
+    /// by force or, for a live stream, the value at the peak force. 0 if the contact is an ellipse. `None` without contact
+    /// ellipses.
     pub ellipse_misfit: Option<f64>,
-    /// Number of different areas in a step, median of the steps.
+    /// Number of different areas in a step, median over the steps.
     pub area_levels: usize,
     /// How much worse a recording is predicted by parameters from the other recordings of the same foot than by its own: the
     /// median error of its steps with parameters fitted to the other recordings, divided by their median error with parameters
@@ -59,8 +59,8 @@ pub struct RegionFit {
     pub verdict: String,
     /// Limitations of the fit, in sentences.
     pub warnings: Vec<String>,
-    /// The reasons why a part of the result is missing or must not be used, in sentences that name the remedy. Without any, the
-    /// result is whole.
+    /// The reasons why a part of the result is missing or must not be used, in sentences that name the remedy. Empty if the
+    /// result is complete and usable.
     pub defects: Vec<String>,
 }
 
@@ -93,8 +93,8 @@ pub fn fit_step(step: &Step, region: usize, options: &Options) -> Result<(Region
     Ok((fit, evaluated))
 }
 
-/// The force law of one region, fitted to all steps that pass the screening, without quality and intervals. C is not
-/// determined.
+/// The force law of one region, fitted to all steps that pass the screening, without quality and intervals. Its C is a
+/// placeholder.
 ///
 /// # Errors
 /// Returns the reason if no step passes the screening.
@@ -182,7 +182,7 @@ pub(crate) struct SearchResult {
     law: ForceLaw<f64>,
     /// The five parameters, unless the method of the paper was used.
     identified: Option<Identified>,
-    /// The prior by which they were searched.
+    /// The prior that the search used.
     prior: Option<Prior>,
     bounds: Bounds,
     noise: Noise,
@@ -191,7 +191,7 @@ pub(crate) struct SearchResult {
     evaluations: usize,
 }
 
-/// The C, m, of a force law whose C is not determined yet. Any value is possible, because the force does not depend on C.
+/// Placeholder for the C, m, of a force law before C is determined. Any value will do, because the force does not depend on C.
 const ANY_C_M: f64 = 0.01;
 
 /// Searches the parameters of a region with the method of the options.
@@ -231,7 +231,7 @@ pub(crate) fn search<'c>(
     }
 }
 
-/// Fits to some of the steps. The search starts from `near`, the fit to all steps.
+/// The force law fitted to some of the steps. The search starts from `near`, the fit to all steps. C is a placeholder.
 pub(crate) fn refit<'c>(
     curves: impl IntoIterator<Item = &'c RegionCurves>,
     near: &SearchResult,
@@ -305,8 +305,8 @@ impl SearchResult {
     }
 
     /// The fixed parameters of the result, from the contact ellipses of the steps and from the options. If measurements
-    /// contradict each other, the assumed compression determines C. If all eight parameters were searched, the fixed ones are
-    /// among them.
+    /// contradict each other, the assumed compression determines C. If all eight parameters were searched, the values of A/B, C
+    /// and d0 are those of the search.
     pub(crate) fn fixed_parameters(
         &self,
         curves: &[&RegionCurves],

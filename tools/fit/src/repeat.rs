@@ -43,7 +43,7 @@ impl Repeatability {
     }
 }
 
-/// The minimal detectable change of a standard error of measurement.
+/// The minimal detectable change that follows from a standard error of measurement.
 fn mdc(sem: f64) -> f64 {
     1.96 * 2f64.sqrt() * sem
 }
@@ -79,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn recordings_that_agree_have_a_coefficient_of_one_and_tables_without_repetition_none() {
+    fn recordings_that_agree_have_an_icc_of_one_and_incomplete_or_constant_tables_have_none() {
         let same = Repeatability::of(&[vec![1.0, 1.0], vec![2.0, 2.0], vec![5.0, 5.0]]).expect("a table");
         assert_eq!((same.icc, same.sem, same.mdc), (1.0, 0.0, 0.0));
         assert_eq!(Repeatability::of(&[vec![1.0], vec![2.0]]), None);

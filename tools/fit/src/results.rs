@@ -26,8 +26,8 @@ pub fn widest(interval: &Interval) -> [f64; 2] {
     interval.bootstrap.filter(|b| width(*b) > width(interval.jacobian)).unwrap_or(interval.jacobian)
 }
 
-/// The measurements and assumptions that determine the scale of the deformation. A C that was searched follows from no
-/// measurement of the tissue.
+/// Whether measurements or assumptions determine the scale of the deformation. A C that was searched counts as assumed, because
+/// it does not follow from a measurement of the tissue.
 pub fn deformation_scale(fixed: &FixedParameters) -> DeformationScale {
     match (fixed.scale, fixed.is_thickness_measured) {
         // A curvature determines C without the thickness.
@@ -38,7 +38,7 @@ pub fn deformation_scale(fixed: &FixedParameters) -> DeformationScale {
     }
 }
 
-/// The parameters. A region that was not fitted has the typical values of the size.
+/// The identified parameters of the wearer. A region that was not fitted has the typical values of the insole size.
 pub fn parameters(study: &Study, size: InsoleSize) -> Parameters {
     let mut parameters = Parameters::typical(size);
     parameters.subject.clone_from(&study.participant);

@@ -1,5 +1,5 @@
 //! The data of a fit: the contact phases of one region. The area is filtered as on the device, or as in the paper; the force is
-//! not filtered.
+//! not filtered, except for the paper's search.
 
 use crate::smooth;
 use crate::{Filter, RegionCurves};
@@ -10,7 +10,8 @@ use std::ops::Range;
 /// Placeholder for the index of the unloaded tissue, which is known once all steps are added.
 const UNLOADED: u32 = u32::MAX;
 
-/// The samples of one region over the contact phases of some steps.
+/// The samples of one region over the contact phases of some steps. Residuals of the force are weighted, so that all steps
+/// count equally: the sum of the squared residuals is the sum of the squared NRMSE (Eq. 20) of the steps.
 #[derive(Clone, Debug)]
 pub struct Samples {
     /// The larger of the largest filtered and the largest unfiltered area, m2. pi A B is at least this area.
@@ -24,9 +25,8 @@ pub struct Samples {
     pub(crate) per_s: Vec<f64>,
     /// Measured force, N.
     pub force_n: Vec<f64>,
-    /// Weight of the residual of a sample, 1/N: 1 / (peak force of the step, N, times the square root of its number of samples).
-    /// With these weights all steps count equally: the sum of squares is the sum of the squared NRMSE (Eq. 20)
-    /// of the steps. For one step, it is Eq. 18 up to a constant factor.
+    /// Weight of the residual of a sample, 1/N: 1 / (peak force of the step, N, times the square root of its number of
+    /// samples). For one step, the weighted sum of squares is Eq. 18 up to a constant factor.
     pub(crate) weight: Vec<f64>,
     /// Measured force times weight; without a unit.
     pub(crate) target: Vec<f64>,
@@ -37,7 +37,7 @@ pub struct Samples {
 }
 
 impl Samples {
-    /// The samples of these curves of one region, which are filtered with `filter`. Steps without contact add no samples.
+    /// The samples of the `curves` of one region, with the area filtered by `filter`. Steps without contact add no samples.
     pub fn new<'c>(curves: impl IntoIterator<Item = &'c RegionCurves>, filter: Filter) -> Self {
         let mut samples = Self {
             area_max_m2: 0.0,

@@ -15,7 +15,7 @@ const POSSIBLE_STRAIN: [f64; 2] = [0.05, 0.95];
 /// The names of the radii of curvature, in the order of [`Measured::curvature_m`].
 const DIRECTIONS: [&str; 2] = ["medial-lateral curvature", "heel-toe curvature"];
 
-/// What was measured of the tissue of one region. Values are not checked here.
+/// Measurements of the tissue of one region. The ranges of the values are not checked here.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measured {
     /// True if the thickness was measured; otherwise it is typical for the shoe size.
@@ -35,8 +35,8 @@ pub enum Scale {
     PeakStrain(f64),
     /// A measured curvature of the unloaded sole: the geometric mean of the medial-lateral and the heel-toe radius, m.
     Curvature(f64),
-    /// The search of the paper. The force does not determine C, so the result is arbitrary. The number is the largest deformation
-    /// divided by the thickness.
+    /// The search of the paper. The force does not determine C, so the C that it finds is arbitrary. The number is the largest
+    /// deformation divided by the thickness.
     Searched(f64),
 }
 
@@ -66,7 +66,7 @@ impl Scale {
         }
     }
 
-    /// C, m, of a force law. `area_max_m2` is the largest contact area.
+    /// C, m, of a force law. `area_max_m2` is the largest contact area, and `thickness_m` is d0.
     pub(crate) fn c_m(self, law: &ForceLaw<f64>, area_max_m2: f64, thickness_m: f64) -> f64 {
         match self {
             Self::Assumed(strain) | Self::PeakStrain(strain) | Self::Searched(strain) => {
@@ -108,7 +108,7 @@ impl Site<'_> {
     /// The measurements contradict each other, or the properties of tissue.
     pub fn scale(&self, measured: &Measured, assumed: f64) -> Result<Scale, Contradiction> {
         let c_m = |scale: Scale| scale.c_m(self.law, self.area_max_m2, self.thickness_m);
-        // By A/B, one radius of curvature determines the other.
+        // The radii are A^2/C and B^2/C. Each of them and A/B determine their geometric mean, A B/C.
         let [medial_lateral_m, heel_toe_m] = measured.curvature_m;
         let means_m = [medial_lateral_m.map(|r| r / self.aspect), heel_toe_m.map(|r| r * self.aspect)];
         let strain = measured.peak_strain.map(|strain| ("peak strain", c_m(Scale::PeakStrain(strain))));
@@ -168,8 +168,8 @@ impl fmt::Display for Contradiction {
             ),
         }?;
         f.write_str(
-            "; none of them was used, and C, stiffness and moduli follow from the assumed compression; measure this region again, \
-             or remove a value from the file of tissue measurements",
+            "; neither peak strain nor curvature was used, and C, stiffness and moduli follow from the assumed compression; \
+             measure this region again, or remove a value from the file of tissue measurements",
         )
     }
 }
@@ -184,8 +184,8 @@ mod tests {
     const THICKNESS_M: f64 = 0.016;
     const ASPECT: f64 = 0.8;
 
-    /// A heel whose ellipsoid has a C of 12 mm, and the measurements that a perfect observer would take of it: the largest
-    /// deformation, and the radii A^2/C and B^2/C.
+    /// The force law and the largest contact area, m2, of a heel whose ellipsoid has a C of 12 mm, and exact measurements of
+    /// it: the peak strain, and the radii A^2/C and B^2/C.
     fn heel() -> (ForceLaw<f64>, f64, Measured) {
         let law = synthetic::law(0);
         let area_max_m2 = 0.75 * PI * law.ab_m2;
@@ -199,6 +199,7 @@ mod tests {
         (law, area_max_m2, measured)
     }
 
+    /// The scale that follows from the measurements of the heel, and its C, m.
     fn chosen(measured: &Measured) -> Result<(Scale, f64), Contradiction> {
         let (law, area_max_m2, _) = heel();
         let site = Site { law: &law, area_max_m2, thickness_m: THICKNESS_M, aspect: ASPECT };
@@ -226,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn measurements_that_differ_by_more_than_half_contradict_each_other() {
+    fn measurements_whose_c_differ_by_a_factor_above_1_5_contradict_each_other() {
         let (.., all) = heel();
         let [medial_lateral_m, heel_toe_m] = all.curvature_m;
         let larger = |radius_m: Option<f64>, factor: f64| radius_m.map(|m| m * factor);
@@ -244,9 +245,9 @@ mod tests {
     }
 
     #[test]
-    fn a_curvature_that_compresses_tissue_to_nothing_is_a_contradiction() {
-        let flat = Measured { curvature_m: [Some(0.005), None], ..Measured::NONE };
-        let problem = chosen(&flat).expect_err("a contradiction").to_string();
+    fn a_curvature_that_implies_an_impossible_compression_is_a_contradiction() {
+        let small_radius = Measured { curvature_m: [Some(0.005), None], ..Measured::NONE };
+        let problem = chosen(&small_radius).expect_err("a contradiction").to_string();
         assert!(problem.contains("contradicts the thickness"), "{problem}");
     }
 }

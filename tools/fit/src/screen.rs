@@ -6,8 +6,8 @@ use std::fmt;
 
 /// Smallest number of samples in contact. Fewer samples cannot determine five parameters.
 pub const MIN_SAMPLES: usize = 12;
-/// Smallest peak force of a region, N: about the force of one cell at the pressure of first contact. With less, the area is that
-/// of single cells.
+/// Smallest peak force of a region, N: about the force of one cell at the contact threshold. With a smaller force, the contact
+/// area is that of single cells.
 pub const MIN_FORCE_N: f64 = 3.0;
 /// The area must be below its maximum for some of the contact time. If it is at its maximum for at least this fraction, force
 /// cannot be related to area.
@@ -34,7 +34,7 @@ pub enum NotFitted {
     ConstantArea,
     /// The force never changes.
     ConstantForce,
-    /// The area is at its maximum for this fraction of the contact.
+    /// The area is at its maximum for this fraction of the contact time.
     SaturatedArea(f64),
     /// The parameters are outside of the range that an insole accepts: see [`plantar::pipeline::model::ForceLaw::is_valid`].
     OutOfRange,

@@ -1,4 +1,4 @@
-//! How the main results follow the choices of the method: contact rule, filter and steps.
+//! How the main results depend on the choices of the method: contact rule, filter and steps.
 
 use crate::measures::{self, Measure, Quantity};
 use crate::region::{SearchResult, cross_validate, search};
@@ -9,9 +9,9 @@ use std::fmt;
 
 /// Contact thresholds, kPa.
 const THRESHOLDS_KPA: [f32; 3] = [5.0, 10.0, 20.0];
-/// Scales of the effective area, kPa; 0 counts whole cells.
+/// Pressures from which a cell in contact counts with its whole area, kPa; with 0, every cell in contact does.
 const AREA_SCALES_KPA: [f32; 4] = [75.0, 150.0, 300.0, 0.0];
-/// Number of groups of steps, of which one at a time is left out.
+/// Number of groups into which the steps are divided. One group at a time is left out.
 const QUARTERS: usize = 4;
 /// With fewer steps, none are left out.
 const LEAST_STEPS: usize = 8;
@@ -21,11 +21,11 @@ const LEAST_STEPS: usize = 8;
 pub enum Choice {
     /// The contact threshold of the rule; the release threshold is the same fraction of it as in the fit.
     Threshold(ContactRule),
-    /// The scale of the effective area.
+    /// The pressure from which a cell counts with its whole area ([`ContactRule::full_kpa`]).
     AreaScale(ContactRule),
     /// The filter of the area.
     Filter(Filter),
-    /// All steps except every fourth, of which the first has this index.
+    /// All steps except every fourth one. The first step that is left out has this index.
     LeftOut(usize),
 }
 
@@ -69,7 +69,7 @@ pub struct MainResults {
     pub area_at_half_force_mm2: Option<f64>,
     /// Secant stiffness at the reference strain, N/mm.
     pub secant_stiffness_n_mm: Option<f64>,
-    /// NRMSE, as a fraction, of steps that are predicted from the others.
+    /// NRMSE, as a fraction, of steps that are predicted from the other steps: see [`crate::Quality::predicted`].
     pub predicted_nrmse: Option<f64>,
 }
 
@@ -120,7 +120,7 @@ pub fn choices(study: &Study, has_cells: bool) -> Vec<Choice> {
     let thresholds =
         THRESHOLDS_KPA.map(|on_kpa| ContactRule { on_kpa, off_kpa: rule.off_kpa / rule.on_kpa * on_kpa, ..rule });
     let scales = AREA_SCALES_KPA.map(|full_kpa| ContactRule { full_kpa, ..rule });
-    // Compared by the varied values: rounding can change the threshold of release.
+    // Only the varied values are compared, because rounding can change the release threshold.
     let is_other = |other: &ContactRule| {
         other.is_valid() && (other.on_kpa, other.full_kpa) != (rule.on_kpa, rule.full_kpa) && has_cells
     };
@@ -131,7 +131,7 @@ pub fn choices(study: &Study, has_cells: bool) -> Vec<Choice> {
     thresholds.chain(scales).chain(filters.map(Choice::Filter)).chain((0..quarters).map(Choice::LeftOut)).collect()
 }
 
-/// NRMSE, as a fraction, of the steps of each region that are predicted from the others, in the order of
+/// NRMSE, as a fraction, of steps that are predicted from the other steps, for each region in the order of
 /// [`plantar::Region::ALL`]. `None` for a region that cannot be fitted, and for a single step.
 pub fn predicted_nrmse(steps: &[Step], options: &Options) -> [Option<f64>; 8] {
     let all = parallel::map(8, |region| main_results(steps, region, options)?.predicted_nrmse);
@@ -139,8 +139,8 @@ pub fn predicted_nrmse(steps: &[Step], options: &Options) -> [Option<f64>; 8] {
 }
 
 impl Sensitivity {
-    /// Fits the regions with the other [`choices`]. `steps_by` is `None` if the steps cannot be extracted with another contact
-    /// rule, because the sources do not contain the cells. `progress` is called after each fit of a region.
+    /// Fits the regions with each of the other [`choices`]. `steps_by` is `None` if the sources do not contain the cells, so
+    /// that the steps cannot be extracted with another contact rule. `progress` is called after each fit of a region.
     pub fn of(study: &Study, steps_by: Option<StepsBy>, progress: &(dyn Fn() + Sync)) -> Self {
         let mut skipped = Vec::new();
         if study.options.method != Method::Projection {

@@ -1,5 +1,5 @@
 //! The smoothing of a stance as in section 2.3 of the paper, for comparison: a three-point moving average, then a polynomial of
-//! 5th order over the contact phase, fitted by least squares in the orthogonal (Gram) basis. An insole does not smooth.
+//! 5th order over the contact phase, fitted by least squares in the orthogonal (Gram) basis. No insole uses this smoothing.
 
 /// Degree of the polynomial.
 pub const DEGREE: usize = 5;

@@ -49,9 +49,11 @@ pub struct RegionCurves {
     pub frame_s: f64,
     /// True if a cell of the region was saturated.
     pub saturated: bool,
-    /// Mean contact ellipse over the stance, weighted by force. `None` without contact.
+    /// Mean contact ellipse over the stance, weighted by force; for a live stream, the contact ellipse at the peak force.
+    /// `None` without contact.
     pub ellipse: Option<MeanEllipse>,
-    /// Area of the contact ellipse divided by the contact area, mean over the stance, weighted by force. `None` without contact.
+    /// Area of the contact ellipse divided by the contact area, mean over the stance, weighted by force; for a live stream, the
+    /// value at the peak force. `None` without contact.
     pub ellipse_ratio: Option<f64>,
 }
 
@@ -93,12 +95,12 @@ impl MeanEllipse {
         })
     }
 
-    /// Its area, mm2.
+    /// Area of the ellipse, mm2.
     pub fn area_mm2(&self) -> f64 {
         std::f64::consts::PI * self.r_a_mm * self.r_b_mm
     }
 
-    /// The mean over steps, weighted by their peak forces.
+    /// The mean over steps, weighted by the peak force of the region in each step.
     pub fn of_steps<'c>(curves: impl IntoIterator<Item = &'c RegionCurves>) -> Option<Self> {
         Self::of(curves.into_iter().filter_map(|curve| Some((largest(&curve.force_n), curve.ellipse?))))
     }
@@ -214,8 +216,8 @@ pub(crate) fn peak_n(frames: &[FrameLoads]) -> f64 {
     frames.iter().map(total).fold(0.0, f64::max)
 }
 
-/// The curves of a region over the frames of a stance. The input of the other filters is empty. `frame_s` is the time between
-/// frames, s.
+/// The curves of a region over the frames of a stance, of which the input of [`Filter::Direct`] and [`Filter::Smoothed`] is
+/// empty. `frame_s` is the time between frames, s.
 pub(crate) fn frame_curves(frames: &[FrameLoads], region: usize, frame_s: f64) -> RegionCurves {
     let weighted = frames.iter().filter_map(|frame| Some((frame[region].1, frame[region].2?)));
     let ellipse = MeanEllipse::of(weighted);

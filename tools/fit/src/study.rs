@@ -16,7 +16,7 @@ use {
 /// One recording or live stream of a [`Study`], without its pressures.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Source {
-    /// Name for display: the name of the file.
+    /// Name for display, such as the name of the file.
     pub name: String,
     /// Provenance, in sentences.
     pub origin: String,
@@ -24,7 +24,7 @@ pub struct Source {
     pub side: Side,
     /// Frames per second.
     pub rate_hz: f64,
-    /// The cells; without cells for a live stream, which does not contain the layout.
+    /// The layout of the cells. It has no cells for a live stream, which does not contain the layout.
     #[cfg(feature = "recordings")]
     pub layout: Layout,
 }
@@ -44,10 +44,11 @@ pub struct Study {
     pub excluded_contacts: Vec<ExcludedContact>,
     /// The options of the fit.
     pub options: Options,
-    /// NRMSE, as a fraction, of steps that are predicted from the others with counted cells instead of covered shares, in the
-    /// order of [`Region::ALL`]. `None` if it was not computed, because the sources do not contain the cells.
+    /// Mean NRMSE, as a fraction, of the steps of each region if each step is predicted from the other steps, and the areas are
+    /// those of counted cells instead of covered shares. In the order of [`Region::ALL`]. `None` if it was not computed, for
+    /// example because the sources do not contain the cells.
     pub counted_nrmse: [Option<f64>; 8],
-    /// The main results with other choices of the method; `None` if they were not computed.
+    /// The main results with other contact rules, filters and selections of steps; `None` if they were not computed.
     pub sensitivity: Option<Sensitivity>,
     /// The results of the regions, in the order of [`Region::ALL`]. Empty before [`Study::fit`].
     pub fits: Vec<Result<RegionFit, NotFitted>>,
@@ -124,7 +125,7 @@ impl Study {
         Ok(())
     }
 
-    /// True if all regions were fitted and their results are whole: see [`RegionFit::defects`].
+    /// True if all regions were fitted and none of their results has a defect: see [`RegionFit::defects`].
     pub fn is_whole(&self) -> bool {
         !self.fits.is_empty() && self.fits.iter().all(|fit| fit.as_ref().is_ok_and(|fit| fit.defects.is_empty()))
     }
@@ -149,8 +150,8 @@ impl fmt::Display for OtherContactRule {
         let rule = |rule: &ContactRule| format!("{} / {} / {} kPa", rule.on_kpa, rule.off_kpa, rule.full_kpa);
         write!(
             f,
-            "steps were measured by the contact rule {} (on / off / full) and others by {}: areas of different rules cannot be \
-             fitted together; record and fit the steps of each rule separately",
+            "some steps were measured by the contact rule {} (on / off / full) and others by {}: areas of different rules \
+             cannot be fitted together; record and fit the steps of each rule separately",
             rule(&self.found),
             rule(&self.expected)
         )

@@ -24,13 +24,13 @@ pub const TRUTH: [([f64; 5], [f64; 3]); 8] = [
 /// Time from heel strike to toe off, s.
 const STANCE_S: f64 = 0.7;
 
-/// The force law of a region according to [`TRUTH`].
+/// The force law of the region with index `region` according to [`TRUTH`]. C is 10 mm.
 pub fn law(region: usize) -> ForceLaw<f64> {
     let [ab_mm2, k, g, n, m] = TRUTH[region].0;
     ForceLaw { ab_m2: ab_mm2 * 1e-6, c_m: 0.01, stiffness_pa: k * 1e3, damping_pa_s: g * 1e3, n, m }
 }
 
-/// A source of normally distributed random numbers with variance 1.
+/// A source of normally distributed random numbers with mean 0 and variance 1.
 pub struct Noise {
     random: fastrand::Rng,
     autocorrelation: f64,
@@ -48,13 +48,13 @@ impl Noise {
         Self { random: fastrand::Rng::with_seed(seed), autocorrelation, last: 0.0 }
     }
 
-    /// A number that is independent of the others.
+    /// A number that is independent of all others, also if the source is autocorrelated.
     pub fn independent(&mut self) -> f64 {
         // The sum of twelve uniformly distributed numbers has variance 1 and is nearly normally distributed (Irwin-Hall).
         (0..12).map(|_| self.random.f64()).sum::<f64>() - 6.0
     }
 
-    /// The next number.
+    /// The next number, with the autocorrelation of the source to the number before.
     pub fn normal(&mut self) -> f64 {
         let fresh = self.independent();
         let correlation = self.autocorrelation;
@@ -64,8 +64,8 @@ impl Noise {
 }
 
 /// The curves of a region in one step. The area rises faster than it falls. `size` scales the area. `noise` is the standard
-/// deviation of the noise of the force, relative to its peak; `source` generates this noise. Of the two force curves, only the
-/// input of `filter` is not zero.
+/// deviation of the noise of the force, relative to the peak force; `source` generates this noise. Only the force curve that
+/// belongs to `filter` is computed; the other one is zero.
 pub fn curves(region: usize, rate_hz: f64, filter: Filter, size: f64, noise: f64, source: &mut Noise) -> RegionCurves {
     let ([ab_mm2, ..], [start, end, share]) = TRUTH[region];
     let area = |t_s: f64| {
@@ -147,7 +147,7 @@ pub fn forces(curves: &RegionCurves, filter: Filter, law: &ForceLaw<f64>) -> Vec
 }
 
 /// Computed steps with all regions. The areas of successive steps differ slightly. `noise` is the standard deviation of the
-/// force, relative to its peak.
+/// noise of the force, relative to the peak force. Equal seeds result in equal steps.
 pub fn walk(steps: usize, rate_hz: f64, filter: Filter, noise: f64, seed: u64) -> Vec<Step> {
     let mut source = Noise::new(seed);
     (0..steps)

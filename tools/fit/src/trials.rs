@@ -1,4 +1,4 @@
-//! The values of trials, and means over them. A trial is one recording of one foot.
+//! The values of all variables in a trial, and means over trials. A trial is one recording of one foot.
 
 use crate::variable::Variable;
 use crate::{NotFitted, RegionFit};
@@ -19,7 +19,7 @@ pub struct Trial {
 }
 
 impl Trial {
-    /// The values of the fits of a recording.
+    /// The trial of a recording, from the fits of its regions.
     pub fn of(name: String, side: Side, fits: &[Result<RegionFit, NotFitted>; 8]) -> Self {
         let values = |fit: &RegionFit| Variable::all().map(|variable| variable.of(fit)).collect();
         Self { name, side, regions: fits.each_ref().map(|fit| fit.as_ref().ok().map(values)) }

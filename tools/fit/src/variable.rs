@@ -7,7 +7,8 @@ use std::borrow::Cow;
 /// A number of a fitted region.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Variable {
-    /// A mechanical quantity. It is missing where the region does not reach the reference.
+    /// A mechanical quantity. It has no value in a region that does not reach the force or the strain at which the quantity is
+    /// defined.
     Quantity(Quantity),
     /// A parameter or an error, which every fitted region has.
     Scalar(&'static Scalar),
@@ -47,7 +48,7 @@ pub static PARAMETERS: [Scalar; 8] = [
     scalar("m", "m: damping exponent", "", |fit| fit.ellipsoid.m),
 ];
 
-/// The combinations of the eight parameters that the force determines.
+/// The combinations of the eight parameters that the force determines in addition to n and m.
 static COMBINATIONS: [Scalar; 3] = [
     scalar("ab_mm2", "A B", "mm²", |fit| fit.law.ab_m2 * 1e6),
     scalar("stiffness_pa", "K", "Pa", |fit| fit.law.stiffness_pa),
@@ -63,12 +64,12 @@ static ERRORS: [Scalar; 2] = [
 ];
 
 impl Variable {
-    /// The error against the measured force.
+    /// The NRMSE of the model force against the measured force.
     pub fn nrmse() -> Self {
         Self::Scalar(&ERRORS[0])
     }
 
-    /// The quantities.
+    /// All mechanical quantities.
     pub fn quantities() -> impl Iterator<Item = Self> {
         Quantity::all().map(Self::Quantity)
     }

@@ -54,7 +54,8 @@ pub(crate) fn verdict(fit: &RegionFit) -> String {
     format!("approximate: {error}, and {:.0} % for the best non-decreasing function of area", q.floor * 100.0)
 }
 
-/// The reason why the result of a region is not whole, if its steps give one: there is only one step, or all steps are equal.
+/// The defect of a result that follows from its steps: there is only one step, or all steps are equal. `None` if neither is the
+/// case.
 pub(crate) fn defects(steps: usize, are_equal: bool) -> Option<String> {
     if steps == 1 {
         return Some(

@@ -21,7 +21,7 @@ fn defect_of_heel(fits: &[RegionFit; 8]) -> &str {
 }
 
 #[test]
-fn a_single_step_has_no_error_of_new_steps() {
+fn a_single_step_is_a_defect_and_has_no_predicted_error() {
     let mut steps = walk(6, 100.0, Filter::Direct, 0.01, 1);
     assert!(fitted(&steps, &OPTIONS).iter().all(|fit| fit.defects.is_empty()));
     // Only one step can be used for the heel.
@@ -33,7 +33,7 @@ fn a_single_step_has_no_error_of_new_steps() {
 }
 
 #[test]
-fn equal_steps_are_named_and_have_finite_results() {
+fn equal_steps_are_a_defect_and_have_finite_results() {
     let mut steps = walk(6, 100.0, Filter::Direct, 0.01, 1);
     let heel = steps[0].regions[0].clone();
     steps.iter_mut().for_each(|step| step.regions[0] = heel.clone());
@@ -42,7 +42,8 @@ fn equal_steps_are_named_and_have_finite_results() {
     assert!(fits[0].measures.iter().all(|measure| measure.value.is_finite()));
 }
 
-/// Twelve steps with little noise, in whose second half `heel` replaces the curves of the heel.
+/// Twelve steps with little noise. In the last six, `heel` replaces the curves of the heel; it receives the index of the step
+/// and a source of noise.
 fn changed(heel: impl Fn(usize, &mut Noise) -> fit::RegionCurves) -> Vec<Step> {
     let mut steps = walk(12, 100.0, Filter::Direct, 0.02, 1);
     let mut noise = Noise::new(7);
@@ -79,8 +80,8 @@ fn a_region_that_changes_within_a_recording_is_named_with_the_remedy() {
     assert!(fits[0].change.is_some_and(|change| change.load_ratio == 1.0 && change.error_ratio > 2.5));
 }
 
-/// The measurements that a perfect observer would take of the heel, if its ellipsoid had this C. The contact of computed steps
-/// has A = B.
+/// The exact peak strain and radii of curvature, m, of the heel if its ellipsoid had this C. Computed steps have no contact
+/// ellipses, so A = B.
 fn measured(steps: &[Step], c_m: f64, thickness_m: f64) -> (f64, [Option<f64>; 2]) {
     let law = law(0);
     let areas_mm2 = steps.iter().flat_map(|step| &step.regions[0].area_mm2);
@@ -89,20 +90,20 @@ fn measured(steps: &[Step], c_m: f64, thickness_m: f64) -> (f64, [Option<f64>; 2
     (deformation_m / thickness_m, [Some(law.ab_m2 / c_m); 2])
 }
 
-/// Least squares recovers A B of exact steps, so that every measurement has to result in the true C.
+/// Least squares recovers A B of steps without noise, so that every measurement has to result in the true C.
 #[test]
 fn c_follows_from_the_measurement_of_a_region() {
     const C_M: f64 = 0.009;
     let steps = walk(6, 100.0, Filter::Direct, 0.0, 1);
     let (strain, curvature_m) = measured(&steps, C_M, 0.012);
-    let exact = Options { prior: None, ..OPTIONS };
+    let least_squares = Options { prior: None, ..OPTIONS };
     for (measurement, name) in [
         (Measured { peak_strain: Some(strain), ..Measured::NONE }, "peak_strain"),
         (Measured { curvature_m, ..Measured::NONE }, "curvature"),
         (Measured { curvature_m: [None, curvature_m[1]], ..Measured::NONE }, "curvature"),
         (Measured { peak_strain: Some(strain), curvature_m, has_thickness: true }, "peak_strain"),
     ] {
-        let mut options = exact;
+        let mut options = least_squares;
         options.measured[0] = measurement;
         let fits = fitted(&steps, &options);
         assert!(fits.iter().all(|fit| fit.defects.is_empty()));
@@ -131,10 +132,10 @@ fn contradicting_measurements_are_named_and_the_assumption_is_used() {
     assert_eq!(fits[0].fixed.scale, Scale::Assumed(OPTIONS.compression));
 }
 
-/// C is proportional to the compression. Secant stiffness and modulus at a strain follow from the law by hand: with a C that is
-/// larger by 20 %, the strain of 20 % is reached at a normalised deformation that is smaller by the same factor.
+/// C is proportional to the assumed compression, which is changed by 20 %. The expected secant stiffness and secant modulus
+/// follow from the force at the reference strain of 20 %, which is a normalised deformation of 0.2 d0 / C.
 #[test]
-fn the_effect_of_the_scale_is_that_of_a_fit_with_another_value() {
+fn the_scale_effect_follows_from_a_c_that_is_20_percent_smaller_or_larger() {
     let steps = walk(6, 100.0, Filter::Direct, 0.01, 1);
     let fit = &fitted(&steps, &OPTIONS)[0];
     let effect = fit.scale_effect.expect("known");

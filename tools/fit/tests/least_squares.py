@@ -1,9 +1,10 @@
 """Least-squares fits of recorded steps by SciPy's trust region reflective algorithm: the best of several random starts.
 
-Reads a JSON list of regions from the standard input. A region has "area_max_m2", the "samples" of its steps, each with its area
-(m2), the indices of the later and the earlier sample from which the deformation rate is computed, the reciprocal of the time
-between these two (1/s) and the measured force (N); and the first and the last sample of each of its "steps". Prints one line for
-each region: the root mean square of the NRMSE of its steps, in percent, which the search minimises.
+Reads a JSON list of regions from the standard input. A region has three entries. "area_max_m2" is its largest area (m2).
+"samples" contains for each sample the area (m2), the indices of the later and the earlier sample from which the deformation
+rate is computed, the reciprocal of the time between these two (1/s) and the measured force (N); the index after the last sample
+denotes the unloaded tissue. "steps" contains for each step the index of its first sample and the index after its last sample.
+Prints one line for each region: the root mean square of the NRMSE of its steps, in percent, which the search minimises.
 """
 
 import json
@@ -16,13 +17,13 @@ import numpy as np
 from scipy.optimize import least_squares
 
 STARTS = 24
-# The largest area relative to pi A B, ln(K / Pa), G / (1e5 Pa s), n and m.
+# Bounds of the variables: the largest area relative to pi A B, ln(K / Pa), G / (1e5 Pa s), n and m.
 LOW = [0.12, np.log(1e4), 0.0, 0.0, 0.0]
 HIGH = [0.999999, np.log(1e7), 10.0, 5.0, 5.0]
 
 
 def force(x, share, later, earlier, per_s, area_max_m2):
-    """Eq. 13 with Eq. 14, as K and G times functions of the normalised deformation."""
+    """Force (N) of all samples: Eq. 13 with Eq. 14 of the paper, as K and G times functions of the normalised deformation."""
     max_ratio, ln_k, g_1e5, n, m = x
     g = 1.0 - np.sqrt(np.clip(1.0 - share * max_ratio, 0.0, 1.0))
     rate = (g[later] - g[earlier]) * per_s

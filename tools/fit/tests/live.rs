@@ -1,4 +1,4 @@
-//! Steps from the messages of an insole: they are the steps of the recording of all cells, and incomplete ones are excluded.
+//! Steps from the messages of an insole: they agree with those of a recording of all cells, and incomplete steps are excluded.
 
 use fit::live::{INTERPOLATED_FRAMES, LiveSteps};
 use fit::steps::ExclusionReason;
@@ -17,7 +17,7 @@ fn computed_walk(steps: usize) -> Recording {
     walk(&SyntheticWalk { steps, variation: 0.1, ..SyntheticWalk::default() }).recording
 }
 
-/// The live frames and step records of an insole during the recording, after they were encoded and decoded.
+/// The live frames, step records and load bouts of an insole during the recording, after they were encoded and decoded.
 fn messages(recording: &Recording) -> Vec<ToHost> {
     let computed = VirtualInsole::new(recording, CONTACT, StanceRule::ADAPTIVE);
     let mut insole = Box::new(Insole::<f32, 256>::new());
@@ -38,7 +38,7 @@ fn messages(recording: &Recording) -> Vec<ToHost> {
         if is_toe_off && let Some(step) = insole.whole_step() {
             messages.push(ToHost::Step(Step::new(&step)));
         }
-        // The next record has the number after that of the bout.
+        // Steps and load bouts are numbered together: taking a bout advances the number of the next step.
         messages.extend(insole.take_bout().map(|bout| ToHost::Bout(Bout::new(&bout))));
     }
     let over_the_wire = |message: &ToHost| {
@@ -61,7 +61,7 @@ fn collect<'m>(messages: impl IntoIterator<Item = &'m ToHost>) -> LiveSteps {
     live
 }
 
-/// The frames and the records of `messages`, of which frames with `is_lost` are removed.
+/// Collects `messages` without the live frames for whose time, us, `is_lost` returns true.
 fn without(messages: &[ToHost], is_lost: impl Fn(u64) -> bool) -> LiveSteps {
     collect(messages.iter().filter(|message| !matches!(message, ToHost::Live(live) if is_lost(live.t_us))))
 }
@@ -104,7 +104,8 @@ fn a_live_stream_and_the_recording_of_all_cells_result_in_the_same_parameters() 
         for (ours, theirs) in intervals(ours).iter().zip(&intervals(theirs)) {
             assert_eq!(ours.is_identifiable, theirs.is_identifiable);
             let contains = |[low, high]: [f64; 2], value: f64| low <= value && value <= high;
-            // The largest A B is a multiple of the largest area, which is rounded in a live stream, and its interval ends there.
+            // The upper bound of A B is a multiple of the largest area, which is rounded in a live stream. Intervals that end
+            // at this bound differ by the rounding.
             let is_equal = (ours.value - theirs.value).abs() <= 1e-3 * theirs.value.abs();
             let agree = is_equal || (contains(ours.jacobian, theirs.value) && contains(theirs.jacobian, ours.value));
             assert!(agree || !ours.is_identifiable, "{}: {ours:?} for {theirs:?}", region.name());
@@ -145,7 +146,7 @@ fn up_to_three_missing_frames_are_interpolated_and_more_exclude_the_step() {
     let start_us = (whole[2].start_s * 1e6).round() as u64;
     let lose =
         |first_us: u64, frames: u64| without(&messages, |t_us| t_us >= first_us && t_us < first_us + frames * 10_000);
-    // In the middle of the stance, from its heel strike on, and up to the frame before its toe off.
+    // The missing frames are in the middle of the stance, at its heel strike, or just before its toe off.
     let last_us = start_us + (whole[2].duration_s * 1e6).round() as u64 - INTERPOLATED_FRAMES * 10_000;
     for first_us in [start_us + 200_000, start_us, last_us] {
         let bridged = lose(first_us, INTERPOLATED_FRAMES).collected(0).0;
@@ -169,10 +170,10 @@ fn repeated_messages_count_once_and_steps_without_their_frames_are_excluded() {
     assert_eq!(count(&collect(messages.iter().flat_map(|message| [message, message]))), 5);
     assert_eq!(count(&collect(messages.iter().chain(&messages))), 5);
 
-    let steps = |message: &&ToHost| matches!(message, ToHost::Step(_));
-    assert_eq!(reasons(&collect(messages.iter().filter(steps))), [ExclusionReason::BeforeStream; 5]);
+    let is_step = |message: &&ToHost| matches!(message, ToHost::Step(_));
+    assert_eq!(reasons(&collect(messages.iter().filter(is_step))), [ExclusionReason::BeforeStream; 5]);
     // The stream begins in the second step.
-    let first_us = match messages.iter().filter(steps).nth(1) {
+    let first_us = match messages.iter().filter(is_step).nth(1) {
         Some(ToHost::Step(step)) => step.start_us + 100_000,
         _ => unreachable!("a second step"),
     };
@@ -243,8 +244,8 @@ fn partial_steps_are_excluded_and_contact_rules_are_not_mixed() {
     assert!(study.sources.is_empty());
 }
 
-/// The recording with the load of each cell at the cell that lies nearest to the mirror image of its place, as if the insole lay
-/// under the other foot.
+/// The recording, in which each cell has the load of the cell that is nearest to its mirror image, as if the insole lay under
+/// the other foot.
 fn mirrored(recording: &Recording) -> Recording {
     let cells = &recording.layout.cells;
     let ends = |of: fn(f64, f64) -> f64, start: f64| cells.iter().fold(start, |end, cell| of(end, cell.x_mm));

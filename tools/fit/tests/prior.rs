@@ -1,5 +1,5 @@
-//! The most probable parameters: they are the maximum of the density, agree with the truth of exact steps, and are usable from
-//! one step on.
+//! The most probable parameters: they are at the maximum of the posterior density, agree with the true parameters of steps
+//! without noise, and can be used from a single step on.
 
 use fit::identify::{Bounds, identify};
 use fit::measures::Quantity;
@@ -9,12 +9,13 @@ use fit::{Filter, Options, Samples, interval};
 use plantar::pipeline::model::ForceLaw;
 use std::f64::consts::PI;
 
-/// The negative logarithm of the density times twice the noise, by the force law of the insole.
+/// The negative logarithm of the posterior density, up to a constant, times 2 `noise`, by the force law of the insole. `noise`
+/// is the variance of an independent residual.
 fn objective(samples: &Samples, prior: &Prior, noise: f64, at: &Coordinates) -> f64 {
     let law: ForceLaw<f64> = prior::parameters(at, 0.0, 0).law(samples.area_max_m2, 0.01);
     let rows: Vec<[f64; 5]> = samples.table().collect();
     let g = |i: usize| {
-        // An index beyond the last sample is the unloaded tissue.
+        // An index beyond the last sample denotes the unloaded tissue.
         rows.get(i).map_or(0.0, |row| law.area_ratio(row[0]).normalised_deformation())
     };
     let mut squares = 0.0;
@@ -67,8 +68,8 @@ fn exact_steps_overrule_the_prior() {
     }
 }
 
-/// The forces follow, without noise, from the known law of a region or from an ellipsoid with a hundred times the largest area,
-/// which is beyond the search: pi A B is at most 1 + e^2 times the largest area.
+/// The forces follow, without noise, from the known law of a region, or from an ellipsoid whose pi A B is a hundred times the
+/// largest area. The latter is beyond the bound of the search, at which pi A B is 1 + e^2 times the largest area.
 #[test]
 fn a_fit_that_ends_at_the_largest_ellipsoid_is_marked() {
     let options = Options::usual([0.012; 8]);
@@ -128,7 +129,7 @@ fn the_distribution_of_a_cohort_is_learnt_from_its_steps() {
             let at = Coordinates::new(logit, ln_n, ln_m, ln_k, ln_k + ln_tau);
             let mut steps = walk(6, 100.0, Filter::Direct, 0.0, person);
             let mut noise = Noise::new(1000 + person);
-            // The same law in all regions, with the largest area of the region as the reference.
+            // All regions have the same `max_ratio`, n, m, K and G. A B follows from the largest area of the region.
             for region in 0..8 {
                 let curves: Vec<_> = steps.iter().map(|step| &step.regions[region]).collect();
                 let area_max_m2 = Samples::new(curves, Filter::Direct).area_max_m2;
@@ -147,7 +148,7 @@ fn the_distribution_of_a_cohort_is_learnt_from_its_steps() {
     let people: Vec<&[fit::Step]> = cohort.iter().map(Vec::as_slice).collect();
     for learnt in prior::learn(&people, &Options::usual([0.012; 8])) {
         for i in 0..4 {
-            // Four standard errors of a mean of 24 people, and a deviation within a factor of 1.6.
+            // The tolerances are four standard errors of a mean of 24 people, and a factor of 1.6 of the standard deviation.
             let error = (learnt.mean[i] - truth.mean[i]).abs();
             assert!(error < 4.0 * truth.deviation[i] / 24f64.sqrt(), "{i}: {learnt:?}");
             let ratio = learnt.deviation[i] / truth.deviation[i];

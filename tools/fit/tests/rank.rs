@@ -47,7 +47,7 @@ fn with(e: &Ellipsoid<f64>, parameter: usize, factor: f64) -> Ellipsoid<f64> {
 }
 
 #[test]
-fn the_jacobian_by_the_eight_parameters_has_rank_five_in_every_region() {
+fn the_jacobian_of_the_force_has_rank_five_in_every_region() {
     for (region, name) in Region::ALL.iter().enumerate() {
         let (e, largest_m2) = ellipsoid(region);
         let step = 1e-5;
@@ -93,7 +93,7 @@ fn aspect_c_and_d0_leave_the_force_unchanged() {
 }
 
 #[test]
-fn an_ellipsoid_has_its_fixed_parameters_and_its_force_law() {
+fn an_ellipsoid_has_the_given_fixed_parameters_and_force_law() {
     for region in 0..8 {
         let truth = law(region);
         // The contact area at which the normalised deformation is 0.6, by Eq. 14.

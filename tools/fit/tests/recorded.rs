@@ -21,7 +21,8 @@ fn study(recordings: &[Recording], contact: ContactRule) -> Study {
     study
 }
 
-/// Least squares within the exponents of the paper, with its smoothing, on steps that load a region with at least 20 N.
+/// A fit by least squares within [`Bounds::PAPER`] and with the paper's smoothing. A region is fitted to the steps that load it
+/// with at least 20 N.
 fn least_squares(recording: Recording) -> Study {
     let options =
         Options { filter: Filter::Smoothed, bounds: Bounds::PAPER, prior: None, ..Options::usual([0.012; 8]) };
@@ -127,8 +128,8 @@ fn the_errors_of_a_fit_are_those_of_the_insole() {
         for i in 0..virtual_insole.frames(&walk) {
             virtual_insole.codes_of(&walk, i, &mut codes);
             let number = insole.frame(i as u32, &codes).then(|| insole.whole_step().expect("a step").step);
-            // Steps and load bouts are numbered together, and a bout gets its number when it is taken. The study takes the
-            // bouts, too, so its steps have the same numbers as these.
+            // Steps and load bouts are numbered together, and a bout gets its number when it is taken. The study takes
+            // the bouts, too, so its steps have the same numbers as those of this insole.
             insole.take_bout();
             let Some(number) = number else { continue };
             let step = study.steps.iter().find(|step| step.number == number).expect("the same steps");
@@ -173,7 +174,7 @@ mod unpublished {
     }
 
     #[test]
-    #[ignore = "needs recordings of people, which are not public: PLANTAR_RECORDINGS; and Python with SciPy"]
+    #[ignore = "needs recordings of people, which are not public (PLANTAR_RECORDINGS), and Python with SciPy"]
     fn steps_in_shoes_are_fitted_as_well_as_by_the_reference() {
         let studies = pedar_feet().map(least_squares);
         assert_eq!(studies.each_ref().map(|s| s.steps.len()), [9, 8]);

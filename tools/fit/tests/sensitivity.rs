@@ -1,4 +1,4 @@
-//! The main results with other choices of the method.
+//! The main results with other contact rules, filters and selections of steps.
 
 use fit::sensitivity::{Choice, MainResults, Sensitivity, choices};
 use fit::synthetic::walk;
@@ -13,7 +13,7 @@ fn study(steps: usize) -> Study {
     study
 }
 
-/// Computed steps by another contact rule: all areas are multiplied by a factor.
+/// The steps of the study as if another contact rule had measured them: all areas are multiplied by `factor`.
 fn scaled(study: &Study, factor: f64) -> Vec<Step> {
     let mut steps = study.steps.clone();
     for curves in steps.iter_mut().flat_map(|step| &mut step.regions) {
@@ -23,7 +23,7 @@ fn scaled(study: &Study, factor: f64) -> Vec<Step> {
 }
 
 #[test]
-fn every_choice_is_varied_and_changes_what_it_has_to() {
+fn every_choice_is_varied_and_has_the_expected_effect() {
     let study = study(12);
     let calls = AtomicUsize::new(0);
     let steps_by = |rule: &ContactRule| Ok(scaled(&study, if rule.on_kpa < 10.0 { 1.1 } else { 1.0 }));
@@ -52,7 +52,7 @@ fn every_choice_is_varied_and_changes_what_it_has_to() {
                 // For these rules the steps are those of the study, so the law is, too.
                 Choice::Threshold(_) | Choice::AreaScale(_) => assert!((ratio - 1.0).abs() < 1e-9, "{ratio}"),
                 Choice::LeftOut(_) => assert!((0.97..1.03).contains(&ratio), "{ratio}"),
-                // The forces of computed steps follow from the direct filter.
+                // The forces of computed steps follow from the direct filter, so another filter results in another area.
                 Choice::Filter(_) => assert!(ratio.is_finite()),
             }
         }
@@ -60,7 +60,7 @@ fn every_choice_is_varied_and_changes_what_it_has_to() {
 }
 
 #[test]
-fn choices_that_cannot_be_varied_are_named() {
+fn choices_that_cannot_be_varied_are_reported() {
     let live = Sensitivity::of(&study(6), None, &|| ());
     assert!(live.variants.iter().all(|variant| variant.choice.kind() == "filter"));
     assert_eq!(live.variants.len(), 2);

@@ -1,4 +1,4 @@
-//! The smoothing of the paper against direct implementations.
+//! The smoothing of the paper, compared with straightforward implementations.
 
 use fit::smooth;
 use proptest::prelude::*;

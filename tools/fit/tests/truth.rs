@@ -34,6 +34,7 @@ fn parameters_of_exact_steps_are_recovered() {
     assert!(most_evaluations <= 150, "{most_evaluations}");
 }
 
+/// Number of noisy steps of a region, each of which is fitted alone.
 const REPEATS: u64 = 200;
 
 /// For each parameter, the number of repeats in which the interval from the Jacobian contains the true value. `autocorrelation`

@@ -1,4 +1,4 @@
-//! What the simulation measures: transfer, settling, sampling, crosstalk, stability, noise and supply current.
+//! The simulated analyses of the front end: transfer, settling, sampling, crosstalk, stability, noise and supply current.
 
 use crate::data_sheet::{
     AMPLIFIER_LARGE_OUTPUT_OHM, AMPLIFIER_OFFSET_V, CONVERTER_NOISE_LSB, LOAD_SWITCH_OPEN_ON_S,
@@ -19,11 +19,12 @@ use plantar::pipeline::calibrate::FULL_CODE;
 pub const ROW: usize = 5;
 /// The column of the measured cell.
 pub const COLUMN: usize = 5;
-/// A neighbour in row or column.
+/// The column beside that of the measured cell.
 const BESIDE: usize = 6;
-/// A cell at full load: the smallest round resistance that does not saturate the amplifier, ohm. By the sensor law, 855 kPa.
+/// Resistance of a cell at full load, ohm: the smallest round resistance that does not saturate the amplifier. It stands for
+/// 855 kPa by the sensor law.
 pub const FULL_LOAD_OHM: f64 = 3_400.0;
-/// A cell at a pressure of 300 kPa, as under a heel in walking, ohm.
+/// Resistance of a cell at a pressure of 300 kPa, as under a heel in walking, ohm.
 pub const WALKING_OHM: f64 = 7_900.0;
 /// The smallest resistance that a cell is assumed to reach, ohm. It saturates the amplifier of the column.
 pub const SATURATING_OHM: f64 = 1_000.0;
@@ -53,17 +54,17 @@ pub fn row_s() -> f64 {
     f64::from(SETTLE_US) * 1e-6 + COLUMNS as f64 * f64::from(CONVERSIONS) * conversion_s()
 }
 
-/// Duration of a scan, s: all rows, and a first conversion of one column, which is discarded.
+/// Duration of a scan, s: all rows, and a first code of one column, which is discarded. Both include [`ALLOWANCE_US`].
 pub fn scan_s() -> f64 {
     let allowance_s = f64::from(ALLOWANCE_US) * 1e-6;
     ROWS as f64 * (row_s() + allowance_s) + f64::from(CONVERSIONS) * conversion_s() + allowance_s
 }
 
-/// The voltages at the converter's inputs in the steady state.
+/// The voltages at the converter's inputs in the steady state, V, by column.
 pub fn inputs_v(board: &Netlist, conditions: &Conditions) -> Result<Vec<f64>> {
     let vectors = (0..COLUMNS).map(|column| format!("v({}) ", input_net(column))).collect::<String>();
     let tables = Run::of(circuit(board, conditions)).table("op", &vectors).tables()?;
-    // The first number is a scale, which has no meaning here.
+    // The first number of the row is the scale, which has no meaning for an operating point.
     Ok(tables[0][0][1..].to_vec())
 }
 
@@ -83,7 +84,7 @@ pub type Points = Vec<(f64, f64)>;
 
 /// The approach of the converter's input to its final voltage after another row was selected.
 pub struct Settling {
-    /// What changes.
+    /// Description of the change of row.
     pub name: &'static str,
     /// Time after the selection, s, and distance from the final voltage, LSB of 12 bits.
     pub error_lsb: Points,
@@ -98,7 +99,7 @@ const BREAK_S: f64 = 0.2e-6;
 /// Duration of a simulation of settling, s.
 const SETTLING_S: f64 = 81e-6;
 
-/// The changes of row after which the settling is simulated: name, and conditions with the previous row `ROW - 1`.
+/// The changes from row `ROW - 1` to row `ROW` after which the settling is simulated: name and conditions.
 pub fn changes() -> Vec<(&'static str, Conditions)> {
     let (before, open) = (ROW - 1, f64::INFINITY);
     let none = Conditions::idle();
@@ -113,19 +114,19 @@ pub fn changes() -> Vec<(&'static str, Conditions)> {
     ]
 }
 
-/// The slowest of these changes. 300 kPa on the whole sheet are some 6 kN.
+/// The slowest of the [`changes`]. 300 kPa on the whole sheet are some 6 kN.
 pub fn slowest_change() -> (&'static str, Conditions) {
     let conditions = Conditions::idle().with_all(WALKING_OHM).with_row(ROW - 1, SATURATING_OHM);
     ("saturated row to open cell, sheet at 300 kPa", conditions.with_cell(ROW, COLUMN, f64::INFINITY))
 }
 
-/// A change of row on a sheet that is at full load everywhere, some 17 kN: no person reaches it.
+/// A change of row on a sheet that is at full load everywhere, some 17 kN, which no person reaches.
 pub fn extreme_change() -> (&'static str, Conditions) {
     let conditions = Conditions::idle().with_all(FULL_LOAD_OHM).with_cell(ROW, COLUMN, f64::INFINITY);
     ("sheet at full load, to open cell", conditions)
 }
 
-/// Simulates the settling after a change of row.
+/// Simulates the settling after the change from row `ROW - 1` to row `ROW`.
 pub fn settling(board: &Netlist, name: &'static str, mut conditions: Conditions) -> Result<Settling> {
     let selected_s = DESELECTED_S + BREAK_S;
     conditions.gates[ROW - 1] = Gate::OnUntil(DESELECTED_S);
@@ -179,8 +180,8 @@ pub fn start_s(board: &Netlist) -> Result<f64> {
     Ok(settled_s(f64::INFINITY)?.max(settled_s(FULL_LOAD_OHM)?))
 }
 
-/// The error of the code of an open cell that is converted directly after a cell at full load, codes: the sampling capacitor
-/// starts each sequence with the voltage of the column before.
+/// The error of the code of an open cell that is converted directly after a cell at full load, codes: at the first of its
+/// conversions, the sampling capacitor still has the voltage of the column before.
 pub fn sampling_error_codes(board: &Netlist) -> Result<f64> {
     let start_s = 0.5e-6;
     let count = CONVERSIONS as usize;
@@ -195,7 +196,7 @@ pub fn sampling_error_codes(board: &Netlist) -> Result<f64> {
     let run = Run::of(circuit(board, &conditions)).table(&format!("tran 5n {end_s:e} 0 5n"), &format!("v({SAMPLED})"));
     let table = run.tables()?.remove(0);
     let steady_v = inputs_v(board, &Conditions { samples: Vec::new(), ..conditions.clone() })?[COLUMN];
-    // After its window, the capacitor holds its voltage.
+    // After a sampling window, the capacitor holds its voltage.
     let held_v = |end_s: f64| {
         let after = table.iter().find(|row| row[0] >= end_s + 10e-9).context("the simulation ends too early")?;
         Ok::<_, anyhow::Error>(after[1])
@@ -205,7 +206,7 @@ pub fn sampling_error_codes(board: &Netlist) -> Result<f64> {
     Ok(code(sum_v / count as f64) - code(steady_v))
 }
 
-/// How far neighbours at full load change the reading of a cell, in percent of a cell's reading at full load.
+/// How far loaded neighbours change the reading of a cell, in percent of a cell's reading at full load.
 pub struct Crosstalk {
     /// One neighbour in the row of a cell at full load, through the resistance of switch and line.
     pub row_one: f64,
@@ -219,15 +220,16 @@ pub struct Crosstalk {
     pub saturated: f64,
 }
 
-/// The reading, codes, of a cell at full load on a board with this row switch, ohm; all other cells of its row have `beside_ohm`.
+/// The code of a cell at full load minus that of an unloaded cell, with row switches of `switch_ohm`. All other cells of its
+/// row have `beside_ohm`.
 fn reading_beside(board: &Netlist, switch_ohm: f64, beside_ohm: f64) -> Result<f64> {
     let mut row = Conditions::selected(ROW).with_row(ROW, beside_ohm).with_cell(ROW, COLUMN, FULL_LOAD_OHM);
     row.row_switch.on_ohm = switch_ohm;
     Ok(measured_code(board, &row)? - front_end::code(f64::INFINITY))
 }
 
-/// How far 15 neighbours at full load change the reading of a cell at full load in the same row, in percent, on a board with this
-/// row switch, ohm.
+/// How far 15 neighbours at full load change the reading of a cell at full load in the same row, in percent, with row switches
+/// of `switch_ohm`.
 pub fn row_crosstalk(board: &Netlist, switch_ohm: f64) -> Result<f64> {
     let alone = reading_beside(board, switch_ohm, f64::INFINITY)?;
     Ok(((reading_beside(board, switch_ohm, FULL_LOAD_OHM)? / alone - 1.0) * 100.0).abs())
@@ -253,8 +255,8 @@ pub fn crosstalk(board: &Netlist) -> Result<Crosstalk> {
     })
 }
 
-/// How far all cells of the other rows, with this resistance, change the reading of an open cell, if the amplifiers have this
-/// offset, in percent of a cell's reading at full load.
+/// How far the cells of all other rows, each of `cell_ohm`, change the reading of an open cell, in percent of a cell's reading
+/// at full load. The offset is `offset_v` at the amplifier of the open cell, and `-offset_v` at those of the other columns.
 pub fn sheet_crosstalk(board: &Netlist, cell_ohm: f64, offset_v: f64) -> Result<f64> {
     let open = Conditions::selected(ROW).with_offset_against(COLUMN, offset_v);
     let mut loaded = open.clone().with_all(cell_ohm);
@@ -263,7 +265,7 @@ pub fn sheet_crosstalk(board: &Netlist, cell_ohm: f64, offset_v: f64) -> Result<
     Ok(((measured_code(board, &loaded)? - measured_code(board, &open)?) / full * 100.0).abs())
 }
 
-/// The gain around the loop of an amplifier.
+/// The loop gain of an amplifier.
 pub struct Loop {
     /// The conditions.
     pub name: &'static str,
@@ -271,7 +273,7 @@ pub struct Loop {
     pub gain_db: Points,
     /// Frequency, Hz, and distance of the phase from that of an oscillation, degrees.
     pub margin_deg: Points,
-    /// The distance at the frequency of the loop gain 1, degrees.
+    /// This distance at the frequency at which the loop gain is 1, degrees.
     pub phase_margin_deg: f64,
 }
 
@@ -320,7 +322,7 @@ pub struct Noise {
     pub name: &'static str,
     /// Frequency, Hz, and density, V/sqrt(Hz).
     pub density: Points,
-    /// Noise of a code, codes, one standard deviation, with that of the converter.
+    /// Standard deviation of a code, codes, including the noise of the converter.
     pub code_rms: f64,
 }
 

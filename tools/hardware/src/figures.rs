@@ -21,7 +21,7 @@ pub struct Figure {
     pub key: &'static str,
     /// The value.
     pub value: f64,
-    /// The smallest and the largest allowed value.
+    /// The smallest and the largest allowed value; `None` without a limit.
     pub limit: Option<(f64, f64)>,
     /// The meaning, with the unit.
     pub meaning: &'static str,
@@ -33,7 +33,7 @@ impl Figure {
         self.limit.is_some_and(|(least, most)| !(least..=most).contains(&self.value))
     }
 
-    /// The value as it is printed, with three or more digits.
+    /// The value as it is printed: with three decimals below 1, with two below 100, and without decimals from 100 on.
     pub fn value_text(&self) -> String {
         match self.value.abs() {
             ..1.0 => format!("{:.3}", self.value),
@@ -69,18 +69,20 @@ pub struct Results {
     pub noise: Vec<Noise>,
 }
 
-/// Largest crosstalk, percent of a neighbour at full load.
+/// Largest allowed crosstalk, percent of the reading of a cell at full load.
 const CROSSTALK_PERCENT: f64 = 0.5;
-/// Smallest phase margin, degrees.
+/// Smallest allowed phase margin, degrees.
 const PHASE_MARGIN_DEG: f64 = 45.0;
-/// Largest error of sampling: half a step of 12 bits in a code, which is the sum of 16 conversions.
+/// Largest allowed error of sampling, codes: half a step of 12 bits in a code, which is the sum of 16 conversions.
 const SAMPLING_CODES: f64 = 8.0;
-/// Largest error of the transfer function, percent of the reading.
+/// Largest allowed error of the transfer function, percent of the reading.
 const TRANSFER_PERCENT: f64 = 0.5;
 
-/// Largest supply current of the front end in each state.
+/// Largest allowed supply current of the front end while a row is connected, mA.
 const SCANNING_MA: f64 = 9.0;
+/// Largest allowed supply current of the front end between scans, mA.
 const BETWEEN_MA: f64 = 6.5;
+/// Largest allowed supply current of the front end while it is switched off, uA.
 const OFF_UA: f64 = 10.0;
 
 /// The resistances at which the transfer function is simulated, ohm.
@@ -149,7 +151,7 @@ fn simulate_transfer(board: &Netlist, figures: &mut Figures) -> Result<Vec<(f64,
         "saturated_code",
         saturated,
         CLIPPED_CODE.into(),
-        "code of a saturated amplifier; from its limit on the firmware reports saturation",
+        "code of a saturated amplifier; the firmware reports saturation from the limit on",
     );
     Ok(transfer)
 }
@@ -172,12 +174,16 @@ fn simulate_timing(board: &Netlist, figures: &mut Figures) -> Result<Vec<Settlin
     );
     let (name, conditions) = slowest_change();
     let long_lines = run((name, Conditions { line_f: 2.0 * conditions.line_f, ..conditions }))?;
-    figures.add("settling_long_lines_us", long_lines.settled_s * 1e6, "the same with lines of 400 pF, us");
+    figures.add("settling_long_lines_us", long_lines.settled_s * 1e6, "slowest change of row with lines of 400 pF, us");
     let extreme = run(extreme_change())?;
     let at_conversion = extreme.error_lsb.iter().find(|(t_s, _)| *t_s >= f64::from(SETTLE_US) * 1e-6);
     let remaining_lsb = at_conversion.map_or(f64::NAN, |(_, lsb)| lsb.abs());
-    figures.add("settling_extreme_us", extreme.settled_s * 1e6, "the same with the whole sheet at full load, us");
-    figures.add("settling_extreme_lsb", remaining_lsb, "its error at the first conversion, steps of 12 bits");
+    figures.add("settling_extreme_us", extreme.settled_s * 1e6, "change of row with the whole sheet at full load, us");
+    figures.add(
+        "settling_extreme_lsb",
+        remaining_lsb,
+        "error at the first conversion with the whole sheet at full load, steps of 12 bits",
+    );
     settling.push(extreme);
     figures.at_most(
         "scan_us",
@@ -313,7 +319,7 @@ fn simulate_supply(board: &Netlist, figures: &mut Figures) -> Result<()> {
         "front end while a row with 16 cells at 300 kPa is connected, mA",
     );
     figures.at_most("supply_between_ma", between_a * 1e3, BETWEEN_MA, "front end between scans, mA");
-    figures.add("supply_mean_ma", mean_a * 1e3, "front end at 100 Hz with such rows, mean, mA");
+    figures.add("supply_mean_ma", mean_a * 1e3, "front end, mean at 100 Hz with rows of 16 cells at 300 kPa, mA");
     figures.at_most("supply_off_ua", off_a * 1e6, OFF_UA, "front end switched off, uA");
     Ok(())
 }

@@ -30,6 +30,7 @@ pub fn files(board: &Netlist) -> Result<Vec<File>> {
     ])
 }
 
+/// The text of a CSV file.
 fn table(head: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> Result<String> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     writer.write_record(head)?;
@@ -84,7 +85,7 @@ fn data_sheet_figures() -> Result<String> {
     table(&["part", "quantity", "value", "unit", "source", "status"], rows)
 }
 
-/// The table of the simulated figures.
+/// The table of the simulated figures, as a Markdown file.
 pub fn figures_table(figures: &[Figure]) -> String {
     let mut text = String::from(
         "# Figures of the simulated front end\n\n`cargo xtask hardware` writes this file. \

@@ -1,5 +1,5 @@
-//! The reference board as a program: its netlist, and what follows from it: the bill of materials, the schematic, and simulations
-//! of the analogue front end in ngspice.
+//! The reference board: its netlist, and the bill of materials, the schematic and the simulations of its analogue front end in
+//! ngspice, which are made from the netlist.
 
 pub mod data_sheet;
 pub mod parts;

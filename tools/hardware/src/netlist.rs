@@ -3,8 +3,8 @@
 
 use crate::parts::{
     BUFFER, BULK, CAPACITOR_47P, CAPACITOR_330P, CONNECTOR, CONTROLLER, DECODER, DECOUPLING, DIVIDER_LOWER,
-    DIVIDER_UPPER, FEEDBACK, FILTER, FLASH, LOAD_SWITCH, ON, PULL_UP, PartType, QUAD, RESISTOR_10K, ROW_SWITCH, SERIES,
-    SHEET, SIDE,
+    DIVIDER_UPPER, FEEDBACK, FILTER, FLASH, LOAD_SWITCH, ON_PULL_UP, PULL_UP, PartType, QUAD, RESISTOR_10K, ROW_SWITCH,
+    SERIES, SHEET, SIDE,
 };
 use plantar::firmware::layout::{COLUMNS, ROWS};
 use std::collections::BTreeMap;
@@ -57,7 +57,7 @@ pub fn row_net(row: usize) -> String {
     format!("ROW{row}")
 }
 
-/// The net of an input of the converter.
+/// The net of the converter's input for a column.
 pub fn input_net(column: usize) -> String {
     format!("IN{}", column + 1)
 }
@@ -130,7 +130,7 @@ impl Netlist {
             }
             .into()
         });
-        board.two_ended("R3".into(), &ON, SUPPLY, "FE_ON");
+        board.two_ended("R3".into(), &ON_PULL_UP, SUPPLY, "FE_ON");
         board.two_ended("C2".into(), &CAPACITOR_47P, "RISE", GROUND);
         board.two_ended("C3".into(), &BULK, SUPPLY, GROUND);
         board.two_ended("C4".into(), &BULK, SWITCHED, GROUND);
@@ -171,7 +171,7 @@ impl Netlist {
             "side" => "SIDE".into(),
             other => other.strip_prefix("row address ").map_or(other.into(), |bit| format!("ROW_A{bit}")),
         });
-        // Grounds separate columns from rows.
+        // Contacts at ground separate the columns from the rows.
         board.add("J2".into(), &CONNECTOR, |pin| match pin.parse::<usize>().unwrap_or_default() {
             contact @ 2..=17 => column_net(contact - 2),
             contact @ 22..=37 => row_net(contact - 22),
@@ -181,6 +181,7 @@ impl Netlist {
         board
     }
 
+    /// Adds a part. `net` returns the net of the pin with a name.
     fn add(&mut self, designator: String, kind: &'static PartType, net: impl Fn(&str) -> String) {
         let nets = kind.pins.iter().map(|(_, name)| net(name)).collect();
         self.parts.push(Part { designator, kind, nets });

@@ -4,7 +4,7 @@ use anyhow::{Context, Result, bail};
 use std::fs;
 use std::process::{Command, Stdio};
 
-/// Messages of analyses without a solution.
+/// Messages of ngspice on an analysis without a solution.
 const FAILURES: [&str; 4] =
     ["source stepping failed", "singular matrix", "Timestep too small", "simulation(s) aborted"];
 
@@ -62,7 +62,7 @@ impl Run {
             let text = fs::read_to_string(folder.path().join(format!("table{i}.txt")))
                 .with_context(|| format!("ngspice did not complete analysis {i}: {log}"))?;
             let row = |line: &str| line.split_whitespace().map(|number| Ok(number.parse()?)).collect();
-            text.lines().map(row).collect::<Result<_>>().with_context(|| format!("table {i} of ngspice"))
+            text.lines().map(row).collect::<Result<_>>().with_context(|| format!("cannot read table {i} of ngspice"))
         };
         let tables = (0..self.tables).map(table).collect::<Result<Vec<_>>>()?;
         if !output.status.success() || tables.iter().any(Vec::is_empty) {

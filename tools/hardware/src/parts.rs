@@ -43,7 +43,7 @@ pub enum Model {
     LoadSwitch,
     /// The decoder, which drives the gates of the row switches.
     Decoder,
-    /// The sensor sheet.
+    /// The sensor sheet, which is simulated at its connector.
     Sheet,
     /// The controller, with supply and converter.
     Controller,
@@ -156,7 +156,7 @@ const fn capacitor(
     }
 }
 
-/// Feedback resistor of a column amplifier. Its tolerance is that of the column's sensitivity.
+/// Feedback resistor of a column amplifier. The sensitivity of the column has the tolerance of this resistor.
 pub const FEEDBACK: PartType = resistor(
     FEEDBACK_OHM as f64,
     "33 kohm 0.1 %",
@@ -198,7 +198,7 @@ pub const DIVIDER_LOWER: PartType = resistor(
     &["ERA-3AEB103V", "RC0603FR-0710KL (1 %)"],
     "divider of the virtual ground",
 );
-/// Defines a level while the controller does not drive the line.
+/// Pull-up resistor of a line that the controller does not drive while it is in reset.
 pub const PULL_UP: PartType = resistor(
     100_000.0,
     "100 kohm 1 %",
@@ -206,16 +206,16 @@ pub const PULL_UP: PartType = resistor(
     &["ERJ-3EKF1003V", "CRCW0603100KFKEA"],
     "pull-up while the controller is in reset",
 );
-/// Switches the front end on while the controller does not drive the line. A controller that switches it off drives the current
-/// through this resistor.
-pub const ON: PartType = resistor(
+/// Pull-up resistor that switches the front end on while the controller does not drive the line. While the controller switches
+/// the front end off, a current flows through this resistor.
+pub const ON_PULL_UP: PartType = resistor(
     470_000.0,
     "470 kohm 1 %",
     "RC0603FR-07470KL",
     &["ERJ-3EKF4703V", "CRCW0603470KFKEA"],
     "switches the front end on while the controller is in reset",
 );
-/// Selects the side of the insole. Its model has 0.01 ohm, because the simulation divides by resistances.
+/// Resistor that selects the side of the insole. Its model has 0.01 ohm, because the simulation divides by resistances.
 pub const SIDE: PartType =
     resistor(0.01, "0 ohm", "RC0603JR-070RL", &["ERJ-3GEY0R00V"], "fitted on the board of a right insole only");
 /// Feedback capacitor of a column amplifier, or for the rise time of the load switch.
@@ -234,7 +234,7 @@ pub const CAPACITOR_330P: PartType = capacitor(
     &["CL10C331JB8NNNC", "CC0603JRNPO9BN331"],
     "filter at the converter's input",
 );
-/// Filters the virtual ground. A larger capacitor would not be charged within [`START_US`](plantar::firmware::front_end::START_US).
+/// Capacitor that filters the virtual ground. A larger one would not be charged within [`START_US`](plantar::firmware::front_end::START_US).
 pub const FILTER: PartType = capacitor(
     1e-9,
     "1 nF C0G 5 %",
@@ -242,7 +242,7 @@ pub const FILTER: PartType = capacitor(
     &["CL10C102JB8NNNC", "CC0603JRNPO9BN102"],
     "noise filter of the virtual ground",
 );
-/// Decouples an integrated circuit.
+/// Decoupling capacitor of an integrated circuit.
 pub const DECOUPLING: PartType = capacitor(
     100e-9,
     "100 nF X7R 10 %",
@@ -250,7 +250,7 @@ pub const DECOUPLING: PartType = capacitor(
     &["CL10B104KB8NNNC", "CC0603KRX7R9BB104"],
     "decoupling of an integrated circuit",
 );
-/// Stores energy at the load switch.
+/// Capacitor at the input or the output of the load switch.
 pub const BULK: PartType = capacitor(
     1e-6,
     "1 uF X5R 10 %",

@@ -8,13 +8,17 @@ use plantar::firmware::front_end::{self, SETTLE_US};
 use report::drawing::{Curves, STYLE, Scale, legend_entries};
 use std::fmt::Write;
 
-/// Width of a chart with its margins.
+/// Width of a chart with its margins, in units of the view box, as all lengths here.
 const WIDTH: f64 = 640.0;
 /// Height of a chart with its margins, without the legend.
 const HEIGHT: f64 = 330.0;
+/// Left edge of the area of the curves.
 const LEFT: f64 = 60.0;
+/// Right edge of the area of the curves.
 const RIGHT: f64 = 600.0;
+/// Upper edge of the area of the curves.
 const TOP: f64 = 60.0;
+/// Lower edge of the area of the curves.
 const BOTTOM: f64 = 290.0;
 /// Height of an entry of the legend.
 const ENTRY: f64 = 18.0;
@@ -28,11 +32,12 @@ struct Line<'a> {
 /// A chart with its axes.
 struct Chart<'a> {
     title: &'a str,
+    /// The scales of both axes.
     curves: Curves,
     x_title: &'a str,
     y_title: &'a str,
     lines: Vec<Line<'a>>,
-    /// Further marks.
+    /// Drawn in addition to the curves, such as limits.
     marks: Markup,
 }
 
@@ -47,6 +52,7 @@ fn y_scale(values: [f64; 2], is_logarithmic: bool) -> Scale {
 }
 
 impl Chart<'_> {
+    /// The SVG path of a curve, which is interrupted at points beyond the scales.
     fn path(&self, points: &Points) -> String {
         let mut path = String::new();
         let mut before = 'M';
@@ -62,6 +68,7 @@ impl Chart<'_> {
         path
     }
 
+    /// A vertical line at `x`, with a text above it.
     fn vertical(&self, x: f64, text: &str) -> Markup {
         let x = format!("{:.1}", self.curves.x.at(x));
         html! {
@@ -70,6 +77,7 @@ impl Chart<'_> {
         }
     }
 
+    /// A horizontal line at `y`, with a text at its right end.
     fn horizontal(&self, y: f64, text: &str) -> Markup {
         let y = self.curves.y.at(y);
         html! {

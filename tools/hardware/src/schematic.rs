@@ -8,7 +8,7 @@ use plantar::firmware::layout::{COLUMNS, ROWS};
 use report::drawing::STYLE;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// A point of the drawing, in units of the view box. All points are on a grid, so that equal points are equal numbers.
+/// A point of the drawing, in units of the view box. Coordinates are integers, so that points can be compared exactly.
 type Point = (i32, i32);
 
 /// The direction in which a label extends from its point.
@@ -27,7 +27,8 @@ enum Axis {
     Vertical,
 }
 
-/// The symbol of a transistor from its gate on: gate, channel, drain, source, and the arrow of the channel.
+/// SVG path of the symbol of a transistor, relative to the pin of its gate: gate, channel, drain, source, and the arrow of the
+/// channel.
 const TRANSISTOR: &str = "h22m0 -12v24m6 -28v8m0 4v8m0 4v8m0 -28h12v-18m-12 42h12v12m0 -12v-12h-12m4 -3l-4 3l4 3";
 
 /// Distance between the ends of a resistor or a capacitor.
@@ -36,7 +37,7 @@ const LENGTH: i32 = 40;
 /// A pin of a part: designator and number of the pin.
 type Pin = (String, &'static str);
 
-/// The drawing, with what it connects.
+/// The drawing, with the pins, wires and labels that [`Schematic::check`] compares with the netlist.
 pub struct Schematic<'a> {
     board: &'a Netlist,
     body: Vec<Markup>,
@@ -140,7 +141,7 @@ impl<'a> Schematic<'a> {
         }
     }
 
-    /// Points that wires connect with each other.
+    /// The sets of points that wires connect with each other.
     fn groups(&self) -> Vec<BTreeSet<Point>> {
         let mut groups: Vec<BTreeSet<Point>> = Vec::new();
         let ends = self.pins.iter().map(|(_, at)| *at).chain(self.labels.iter().map(|(at, _)| *at));
@@ -223,7 +224,7 @@ impl<'a> Schematic<'a> {
         [self.pin(designator, "1", (x, y)), self.pin(designator, "2", end)]
     }
 
-    /// A vertical part between two labels.
+    /// A vertical resistor or capacitor, with the labels of its two nets.
     fn between(&mut self, designator: &str, at: Point) {
         let [first, second] = self.two_ended(designator, at, Axis::Vertical);
         self.label(at, &first, Side::Up);
@@ -274,7 +275,7 @@ impl<'a> Schematic<'a> {
                     }
                 });
                 let net = self.pin(designator, pin, (end, at_y));
-                // In a column of pins, the symbol of ground would cover the next pin.
+                // Ground is labelled with its name, because its symbol would cover the next pin of the column.
                 self.labels.push(((end, at_y), net.clone()));
                 self.body.push(html! {
                     g.c1 {
@@ -358,7 +359,7 @@ impl<'a> Schematic<'a> {
         }
     }
 
-    /// The supply pins of the amplifiers, and the capacitors beside integrated circuits.
+    /// The supply pins of the amplifiers, the decoupling capacitors, and the resistor that selects the side.
     fn supplies(&mut self, x: i32, y: i32) {
         for (i, designator) in ["U1", "U2", "U3", "U4", "U5"].into_iter().enumerate() {
             self.labelled_box(designator, (x + 30 + 104 * i as i32, y), 34, &[], &["V+", "V-"]);

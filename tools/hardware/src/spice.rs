@@ -27,9 +27,10 @@ pub enum Gate {
 const EDGE_S: f64 = 20e-9;
 /// Rise and fall time of the converter's sampling windows, s.
 const WINDOW_EDGE_S: f64 = 2e-9;
-/// Gate voltage at which a row switch has half of its conductance, V, and the scale of the logistic curve on both sides of it, V.
-/// These are assumptions: a gate is at ground or at the supply, so they only affect the shape of an edge.
+/// Gate voltage at which a row switch has half of its conductance, V. This voltage and [`HALF_ON_SCALE_V`] are assumptions: a
+/// gate is at ground or at the supply, so they only affect the shape of an edge.
 const HALF_ON_V: f64 = 1.5;
+/// Scale of the logistic curve of the conductance over the gate voltage, V.
 const HALF_ON_SCALE_V: f64 = 0.05;
 
 impl Gate {
@@ -69,7 +70,7 @@ pub struct Conditions {
     pub line_f: f64,
     /// Resistance of each line of the sheet, ohm.
     pub line_ohm: f64,
-    /// The gates of the row switches.
+    /// The gate of the row switch of each row.
     pub gates: [Gate; ROWS],
     /// The row switches.
     pub row_switch: RowSwitch,
@@ -81,7 +82,7 @@ pub struct Conditions {
     pub probe: Option<(String, &'static str)>,
     /// The state of the load switch.
     pub power: Power,
-    /// Sampling windows of the converter: input, start and end, s. Those of one input are in the order of time.
+    /// Sampling windows of the converter: column, start and end, s. The windows of one column are in the order of time.
     pub samples: Vec<(usize, f64, f64)>,
 }
 
@@ -116,19 +117,19 @@ impl Conditions {
         self
     }
 
-    /// Loads a cell.
+    /// Sets the resistance of a cell, ohm.
     pub fn with_cell(mut self, row: usize, column: usize, ohm: f64) -> Self {
         self.cell_ohm[row][column] = ohm;
         self
     }
 
-    /// Loads all cells of a row.
+    /// Sets the resistance of all cells of a row, ohm.
     pub fn with_row(mut self, row: usize, ohm: f64) -> Self {
         self.cell_ohm[row] = [ohm; COLUMNS];
         self
     }
 
-    /// Loads all cells.
+    /// Sets the resistance of all cells, ohm.
     pub fn with_all(mut self, ohm: f64) -> Self {
         self.cell_ohm = [[ohm; COLUMNS]; ROWS];
         self
@@ -186,7 +187,7 @@ impl Circuit<'_> {
                 self.line(format_args!("I_{name} {} {} {supply_a:e}", end("VIN"), end("GND")));
                 // A node with capacitors alone has no steady state.
                 self.line(format_args!("R_{name}_rise {} 0 1e9", end("CT")));
-                // Pulled up to the supply, unless the controller pulls it down.
+                // A resistor pulls the pin ON up to the supply, unless the controller pulls it down.
                 if !on {
                     self.line(format_args!("V_{name} {} 0 0", end("ON")));
                 }
@@ -240,8 +241,8 @@ impl Circuit<'_> {
         self.line(format_args!("D_{name} {source} {drain} body"));
     }
 
-    /// Lines with their resistance and capacitance, and the cells between them. ngspice does not distinguish small and capital
-    /// letters, so the nodes of lines differ from the nets of the connector in more than these.
+    /// Lines with their resistance and capacitance, and the cells between them. ngspice does not distinguish upper and lower
+    /// case, so the nodes of the lines have a prefix in addition to the name of the row or column.
     fn sheet(&mut self) {
         let Conditions { line_f, line_ohm, cell_ohm, .. } = self.conditions;
         for (kind, count, net) in
@@ -283,10 +284,11 @@ impl Circuit<'_> {
     }
 
     /// The amplifiers' macro-model: offset and noise at the input, a stage that limits the slew rate and has the gain bandwidth
-    /// product, a limit of its voltage, a second pole, and the output impedance.
+    /// product, a limit of its voltage, a second pole, and the output impedance. Also the model of the row switches' body
+    /// diodes.
     fn models(&mut self) {
         let a = &self.conditions.amplifier;
-        // The capacitance of the stage can be chosen: its conductance and its current are proportional to it.
+        // The capacitance of the stage can be chosen freely: the stage's conductance and current are proportional to it.
         let stage_f = 10e-12;
         let conductance = std::f64::consts::TAU * a.gain_bandwidth_hz * stage_f;
         let stage_ohm = a.open_loop_gain / conductance;

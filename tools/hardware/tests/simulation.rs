@@ -45,7 +45,7 @@ fn all_figures_meet_their_limits() {
 
 #[test]
 #[ignore = "needs ngspice: cargo xtask test"]
-fn the_transfer_is_that_of_an_inverting_amplifier() {
+fn the_transfer_is_that_of_a_non_inverting_amplifier() {
     let cells_ohm = [f64::INFINITY, 100_000.0, 10_000.0, FULL_LOAD_OHM];
     // The current flows through both lines and the switch.
     let in_series_ohm = SWITCH_ON_OHM.value + 2.0 * SHEET_LINE_OHM.value;
@@ -160,7 +160,7 @@ fn the_phase_margin_is_that_of_the_feedback_network() {
     };
     let crossing_hz =
         (0..10_000).map(|i| 1e4 * 1.001f64.powi(i)).find(|hz| gain(*hz).0 < 1.0).expect("the gain crosses 1");
-    // The open loop lags by 90 degrees.
+    // The open-loop gain lags by 90 degrees.
     let expected = 90.0 + gain(crossing_hz).1.to_degrees();
     assert!((simulated - expected).abs() < 1.0, "{simulated} degrees, expected {expected}");
 }

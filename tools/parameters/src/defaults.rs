@@ -7,7 +7,7 @@ use serde::Deserialize;
 use std::fmt;
 use std::str::FromStr;
 
-/// European shoe size, 35 to 46 as in Table 1 of the paper.
+/// European shoe size, 35 to 46 as in Table 1 of the paper (DeBerardinis et al. 2019).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(try_from = "i64")]
 pub struct InsoleSize(u8);

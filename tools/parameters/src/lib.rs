@@ -1,4 +1,5 @@
-//! A wearer's tissue parameters: the paper's eight numbers for each of the eight regions, as a commented TOML file.
+//! A wearer's tissue parameters as a commented TOML file: the paper's eight parameters for each of the eight regions. "The
+//! paper" is DeBerardinis, Dufek, Trabia, J. Biomech. 92 (2019) 137-145.
 
 mod defaults;
 mod measurements;
@@ -68,7 +69,7 @@ pub struct Parameters {
     pub identified: Option<Identified>,
     /// The ellipsoids in the order of [`Region::ALL`], SI units.
     pub regions: [Ellipsoid<f64>; 8],
-    /// What the deformations of the regions rest on.
+    /// Whether the scale of the deformation of each region was measured or assumed, in the order of [`Region::ALL`].
     pub deformation: [DeformationScale; 8],
 }
 
@@ -86,7 +87,7 @@ pub struct Identified {
 }
 
 impl Identified {
-    /// The conditions in the form of an insole.
+    /// The conditions in the form in which an insole stores them.
     ///
     /// # Errors
     /// If the filter is the smoothing of the paper, which no insole evaluates.
@@ -100,7 +101,7 @@ impl Identified {
         Ok(tissue::Identified { contact: self.contact, filter, side, steps: self.steps })
     }
 
-    /// The conditions that an insole stores.
+    /// Converts the conditions that an insole has stored.
     pub fn from_insole(stored: &tissue::Identified) -> Self {
         Self {
             filter: match stored.filter {
@@ -159,7 +160,7 @@ struct FileRegion {
     n: f64,
     c_n_s_m3: f64,
     m: f64,
-    /// [`DeformationScale::name`]; omitted if C rests on assumptions alone.
+    /// [`DeformationScale::name`]; omitted if C follows from assumptions alone.
     deformation_scale: Option<String>,
 }
 

@@ -16,7 +16,7 @@ const PEAK_STRAIN: [f64; 2] = [0.05, 0.95];
 /// Accepted radius of curvature of the unloaded sole, mm.
 const CURVATURE_MM: [f64; 2] = [5.0, 500.0];
 
-/// What was measured of one region. A value that is out of range is not adopted, but listed in [`Measurements::rejected`].
+/// The measurements of one region. A value that is out of range is not adopted, but listed in [`Measurements::rejected`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Measurements {
     /// Thickness of the unloaded tissue, m.

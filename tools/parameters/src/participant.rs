@@ -30,7 +30,8 @@ pub struct Participant {
     pub thickness: Option<PathBuf>,
 }
 
-/// Sex of a participant, as in Table 1 of the paper, with a third value for everyone whom the first two do not describe.
+/// Sex of a participant, as in Table 1 of the paper (DeBerardinis et al. 2019), with a third value for everyone whom the first
+/// two do not describe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sex {
     /// Female.

@@ -1,11 +1,11 @@
-//! What the scale of the deformation of a region rests on.
+//! The source of the scale of the deformation of a region: measurements or assumptions.
 
 use plantar::Region;
 use std::fmt;
 
-/// What the scale C of the deformation of a region rests on. The largest deformation is the product of the thickness of the
-/// tissue and of its largest compression. C rests on measurements alone if both were measured, or if a curvature of the sole
-/// was measured, from which C follows without them (docs/identification.md).
+/// The source of C, the scale of the deformation of a region. The largest deformation is the product of the thickness of the
+/// tissue and of its largest compression. C follows from measurements alone if both were measured, or if a curvature of the
+/// sole was measured, which determines C without them (docs/identification.md).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DeformationScale {
     /// Measurements.
@@ -54,8 +54,8 @@ impl DeformationScale {
     }
 }
 
-/// The title for the deformations of regions with these scales. It states that they are scaled by assumption, unless all scales
-/// rest on measurements.
+/// The title for the deformations of regions with these scales. It states that the deformations are scaled by assumption,
+/// unless all scales were measured.
 pub fn deformation_title(scales: &[DeformationScale]) -> &'static str {
     match scales.iter().all(|scale| *scale == DeformationScale::Measured) {
         true => "deformation",

@@ -17,7 +17,7 @@ const FRESH_S = 300;
 const SNOOZE_MIN = 30;
 /** Number of alerts in the table. */
 const ROWS = 10;
-/** Time after a change of the switch in which an insole answers. */
+/** Time within which the insoles answer a change of the switch. During this time, the switch is not updated. */
 const ANSWER_MS = 3000;
 const VIBRATION_MS = [400, 200, 400, 200, 400];
 
@@ -63,7 +63,10 @@ export class Alerts {
     }
   }
 
-  /** Shows a new alert, with sound and vibration if the wearer has allowed them. `t_s` is the present time on the insole's clock. */
+  /**
+   * Shows a new alert, with sound and vibration if the wearer has allowed them. `start_unix_s` is the time of the alert, s
+   * since 1970; `null` if it is unknown. `t_s` is the present time on the insole's clock.
+   */
   raise(alert: Alert, start_unix_s: number | null, t_s: number | undefined): void {
     const now_s = start_unix_s === null && alert.starts_ago === 0 ? t_s : Date.now() / 1000;
     // Without a time, the alert may be hours old.

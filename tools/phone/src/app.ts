@@ -1,4 +1,4 @@
-/** The page: passes the messages of the insoles to the stored steps and to the views. */
+/** The page: passes the messages of the insoles to the storage of the steps and to the views. */
 
 import { Alerts, drawAlerts } from "./alerts";
 import { type Node, byId, fill } from "./dom";
@@ -61,6 +61,10 @@ export class App {
     this.alerts = new Alerts(wire, this.insoles, this.settings);
   }
 
+  /**
+   * Plays the recording that the address of the page names. Without one, loads the stored steps and connects to the insoles of
+   * `plantar serve`, or offers the choice of an insole.
+   */
   async start(): Promise<void> {
     this.listen();
     const query = new URLSearchParams(location.search);
@@ -133,7 +137,8 @@ export class App {
   /** Replaces the transport of the insoles. */
   private use(transport: Transport): void {
     this.insoles.use(transport);
-    // Otherwise the browser may delete the wearer's records if the disk is nearly full. Not every browser has this function.
+    // A browser may delete records that are not persistent if the disk is nearly full. Not every browser can make them
+    // persistent.
     if (!transport.is_replay) void navigator.storage?.persist?.();
     this.live_view.reset();
     byId("start").hidden = true;

@@ -1,8 +1,8 @@
-/** Spoken and felt cues, for a wearer who walks and does not look at the page. */
+/** Speech, tones and vibration, for a wearer who does not look at the page. */
 
 import type { Cues } from "./identify_session";
 
-/** Cues by the browser's speech and the phone's vibration, where they exist. */
+/** Cues by the browser's speech and sound and the phone's vibration, where they exist. */
 export class PhoneCues implements Cues {
   private audio: AudioContext | undefined;
 
@@ -38,7 +38,7 @@ export class PhoneCues implements Cues {
 /** Time after a failed request until the next one. */
 const RETRY_MS = 2000;
 
-/** Keeps the screen on while it is held; browsers without this function switch it off as usual. */
+/** Keeps the screen on from `hold` to `release`. Browsers without this function switch the screen off as usual. */
 export class ScreenLock {
   private lock: WakeLockSentinel | undefined;
   private is_held = false;
@@ -57,7 +57,7 @@ export class ScreenLock {
       .then(
         (lock) => {
           this.lock = lock;
-          // The screen may have been released before the answer.
+          // `release` may have been called before the browser answered.
           if (!this.is_held) this.release();
         },
         () => new Promise((resolve) => setTimeout(resolve, RETRY_MS)),
@@ -65,6 +65,7 @@ export class ScreenLock {
       .then(() => (this.is_requested = false));
   }
 
+  /** Allows the browser to switch the screen off again. */
   release(): void {
     this.is_held = false;
     void this.lock?.release();

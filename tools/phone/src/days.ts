@@ -11,7 +11,7 @@ export interface DayLoad {
   kind: RecordMessage["kind"];
   /** Integral of the force on the foot over the time of the record, N s; 0 for an alert. */
   integral_n_s: number;
-  /** Largest force on the foot in a step, N; 0 for another record. */
+  /** Largest force on the foot in a step, N; 0 for a load bout or an alert. */
   peak_n: number;
 }
 

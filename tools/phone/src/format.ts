@@ -21,7 +21,10 @@ export const regionTitle = (name: string) => TITLES[name] ?? name;
 export const QUANTITIES = ["measured", "model", "deformation", "area"] as const;
 export type Quantity = (typeof QUANTITIES)[number];
 
-/** A quantity of a region with its unit; `null` if the quantity requires the wearer's parameters and the insole has none. */
+/**
+ * A quantity of a region with its unit, and with one of the marks that the live view explains (▲, ~, △) if it applies. `null`
+ * if the quantity requires the wearer's parameters and the insole has none.
+ */
 export function quantityText(region: LiveRegion, quantity: Quantity, has_parameters: boolean, settings: Settings): string | null {
   const needs_parameters = quantity === "model" || quantity === "deformation";
   if (needs_parameters && !has_parameters) return null;
@@ -35,7 +38,10 @@ export function quantityText(region: LiveRegion, quantity: Quantity, has_paramet
   return region.saturated ? `${text} ▲` : region.masked ? `${text} ~` : is_clamped ? `${text} △` : text;
 }
 
-/** What the wearer must know about a quantity. An insole does not know whether the scale of its deformation was measured. */
+/**
+ * A note for the wearer on a quantity; empty if none is needed. An insole does not know whether the scale of its deformation
+ * was measured.
+ */
 export function quantityNote(quantity: Quantity, has_effective_areas: boolean): string {
   switch (quantity) {
     case "measured":

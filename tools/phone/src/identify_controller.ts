@@ -70,6 +70,7 @@ export class IdentifyController {
     this.draw();
   }
 
+  /** Passes a request to the worker, which is started if it does not run. */
   private solve(request: Request): void {
     if (!this.worker) {
       this.worker = new Worker(new URL("./identify_worker.ts", import.meta.url), { type: "module" });
@@ -169,8 +170,8 @@ export class IdentifyController {
   /** To be called a few times a second. */
   tick(now_ms: number): void {
     this.session.tick(now_ms, SIDES.filter((side) => this.insoles.of(side)?.state !== "live"));
-    const is_walking = this.session.isCollecting || this.session.phase === "verify";
-    if (is_walking) this.screen.hold();
+    const needs_screen = this.session.isCollecting || this.session.phase === "verify";
+    if (needs_screen) this.screen.hold();
     else this.screen.release();
     if (!document.hidden && document.body.dataset["view"] === "identify") this.draw();
   }

@@ -1,4 +1,4 @@
-/** The identification, as WebAssembly: collects the steps of the insoles' messages, and fits the parameters of the tissue. */
+/** The identification, as WebAssembly: collects the steps in the insoles' messages, and fits the parameters of the tissue. */
 
 import type { Side } from "./generated/quantities";
 import type { Insole } from "./transport/transport";
@@ -17,13 +17,14 @@ interface Exports {
 /** The steps of one insole so far. */
 export interface Collected {
   side: Side;
+  /** Live frames per second. */
   rate_hz: number;
   /** Number of steps that a fit can use. */
   good: number;
   /** The insole seems to lie under the wrong foot. */
   mirrored: boolean;
   excluded: {
-    /** Frames are missing. */
+    /** Too many successive frames are missing. */
     broken: number;
     /** The foot was loaded only partially. */
     partial: number;
@@ -49,17 +50,19 @@ export type RegionResult =
       fitted: true;
       identified: Record<Parameter, number>;
       uncertainty: { intervals_95: Record<Parameter, Interval> };
+      /** The parameters of the ellipsoid. The names contain the units. */
       ellipsoid: Record<string, number>;
       /**
        * NRMSE. `fitted`: of the fit; `predicted`: mean over steps, each with the parameters of the other steps
-       * (cross-validation); `floor`: of the best increasing function of area for each step.
+       * (cross-validation), null for a single step; `floor`: of the best increasing function of area, chosen for each step.
        */
       nrmse_percent: { fitted: number; predicted: number | null; floor: number };
+      /** A phrase that states how well the model predicts the force, and what limits it. */
       verdict: string;
       warnings: string[];
     };
 
-/** The parameters that the force determines. */
+/** The parameters that the measured force determines. docs/identification.md describes them. */
 export type Parameter = "ab_m2" | "stiffness_pa" | "damping_pa_s" | "n" | "m";
 
 /**
@@ -69,9 +72,11 @@ export type Parameter = "ab_m2" | "stiffness_pa" | "damping_pa_s" | "n" | "m";
 export interface FootResult {
   /** Number of fitted regions. */
   fitted: number;
+  /** The steps that the fit uses. */
   steps: unknown[];
+  /** The regions by name. */
   regions: Record<string, RegionResult>;
-  /** The request that sends the parameters to the insole. */
+  /** The bytes of the request that sends the parameters to the insole. */
   message: number[];
   /** The insole confirms the parameters with this number. */
   tissue_id: number;

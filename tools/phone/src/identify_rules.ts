@@ -7,14 +7,14 @@ import type { Collected, FootResult } from "./identify_core";
 export const TARGET_STEPS = 30;
 /** With fewer good steps, the wearer is warned that the result is less certain. */
 export const RELIABLE_STEPS = 10;
-/** With fewer good steps, a foot is not fitted: its steps could not be predicted from each other. */
+/** With fewer good steps, a foot is not fitted, because too few steps remain to predict each step from the others. */
 export const MIN_STEPS = 3;
 /** Number of steps of each foot on which the result is checked. */
 export const CHECK_STEPS = 10;
-/** A region with a smaller peak force is not fitted, and its model error is meaningless. */
+/** A region with a smaller peak force in all steps is not fitted. The check ignores a region in steps with a smaller one. */
 const LOADED_N = 3;
 /** The check succeeds if the measured error is at most this multiple of the predicted error plus {@link TOLERANCE_PERCENT}. */
-const TOLERANCE = 1.3;
+const TOLERANCE_FACTOR = 1.3;
 const TOLERANCE_PERCENT = 1;
 
 /** The reasons why steps of a foot were not used, as sentences for the wearer. */
@@ -42,7 +42,7 @@ export interface Check {
   predicted: number;
   /** The error that the insole measured on the steps of the check. */
   measured: number;
-  /** True if the measured error confirms the result, see {@link TOLERANCE}. */
+  /** True if the measured error confirms the result, see {@link TOLERANCE_FACTOR}. */
   holds: boolean;
 }
 
@@ -59,7 +59,7 @@ export function check(result: FootResult, steps: readonly Step[]): Check | undef
   }
   if (predicted.length === 0) return undefined;
   const errors = { predicted: mean(predicted), measured: mean(measured) };
-  return { ...errors, holds: errors.measured <= TOLERANCE * errors.predicted + TOLERANCE_PERCENT };
+  return { ...errors, holds: errors.measured <= TOLERANCE_FACTOR * errors.predicted + TOLERANCE_PERCENT };
 }
 
 const mean = (values: readonly number[]) => values.reduce((sum, value) => sum + value, 0) / values.length;

@@ -14,13 +14,13 @@ import { SIDES } from "./side";
 import { type Entry, entry } from "./stream_file";
 import type { Insole } from "./transport/transport";
 
-/** Duration of standing on both feet. */
+/** Time for which the wearer must stand on both feet. */
 const STAND_MS = 3000;
 /** A foot counts as standing on the ground from this total force on. */
 const STANDING_N = 50;
 /** Messages are passed to the worker and to the storage after this time at the latest. */
 const PASS_ON_MS = 1000;
-/** Time between two spoken remarks on steps that were not used. */
+/** Least time between two spoken remarks on steps that were not used. */
 const REMARK_MS = 8000;
 /** Time without a step after which the wearer is reminded to walk. */
 const REMIND_MS = 12_000;
@@ -31,7 +31,17 @@ const ATTEMPTS = 3;
 /** Number of regions of a foot. */
 const REGIONS = 8;
 
-/** The phases of a guided session, in their order; "failed" can follow each of them. */
+/**
+ * The phases of a guided session, in their order; "failed" can follow each of them:
+ * - "closed": there is no session;
+ * - "stand": the wearer has to stand still;
+ * - "walk": the wearer walks, and steps are collected;
+ * - "fit": the worker fits the parameters;
+ * - "result": the parameters can be sent to the insoles;
+ * - "push": the parameters are being sent; "result" follows again if no insole confirms them;
+ * - "verify": the wearer walks, and the parameters are checked on these steps;
+ * - "done": the session is complete.
+ */
 export type Phase = "closed" | "stand" | "walk" | "fit" | "result" | "push" | "verify" | "done" | "failed";
 
 /** Stores the messages of a session across visits of the page. */
@@ -74,13 +84,14 @@ export interface Foot {
   is_lost: boolean;
   /** Steps with the new parameters, by key. */
   checked: Map<string, Step>;
+  /** The result of the check; `undefined` before its end. */
   check: Check | undefined;
 }
 
 /** The index of a foot's insole in the stream file. It does not depend on the order in which insoles were connected. */
 const indexOf = (side: Side): Insole => (side === "left" ? 0 : 1);
 
-/** A guided session. */
+/** A guided session. `now_ms` is a time of `performance.now()`, and `unix_ms` is a time of `Date.now()`. */
 export class IdentifySession {
   phase: Phase = "closed";
   feet: Foot[] = [];
@@ -88,11 +99,11 @@ export class IdentifySession {
   readonly remarks = new Set<string>();
   /** The reason of a failure, as a sentence for the wearer. */
   failure = "";
-  /** Number of these regions whose fit has ended, also without a result. */
+  /** Number of the {@link regions} whose fit has ended, also without a result. */
   regions_done = 0;
   /** The messages so far: parts of a stream file. */
   private parts: Uint8Array<ArrayBuffer>[] = [];
-  /** Messages that were not passed on yet. */
+  /** Entries of the stream file with the messages that were not passed on yet. */
   private pending: Uint8Array[] = [];
   private start_unix_ms = 0;
   private passed_on_ms = 0;
@@ -193,7 +204,7 @@ export class IdentifySession {
     this.host.storage.add(part).catch(() => this.cannotStore());
   }
 
-  /** A live frame of a foot arrived. `force_n` returns the total force on another foot in its last frame, N. */
+  /** A live frame of a foot arrived. `force_n` returns the total force on the other foot in its last frame, N. */
   live(side: Side, live: Live, now_ms: number, force_n: (side: Side) => number): void {
     if (this.phase !== "stand" || !this.foot(side)) return;
     const is_standing = this.feet.every((foot) => (foot.side === side ? totalForce(live) : force_n(foot.side)) >= STANDING_N);
@@ -229,7 +240,7 @@ export class IdentifySession {
     }
   }
 
-  /** To be called a few times a second. `lost` has the feet whose link is lost. */
+  /** To be called a few times a second. `lost` contains the feet whose link is lost. */
   tick(now_ms: number, lost: readonly Side[]): void {
     for (const foot of this.feet) {
       const is_lost = lost.includes(foot.side);
@@ -292,7 +303,7 @@ export class IdentifySession {
     }
   }
 
-  /** What the wearer should change, as sentences. */
+  /** The problems that the wearer should solve, as sentences. */
   problems(): string[] {
     const missing = this.feet.filter(({ collected }) => !collected?.good);
     const is_one_sided = this.phase === "walk" && this.feet.some(({ collected }) => (collected?.good ?? 0) >= MIN_STEPS);
@@ -306,11 +317,12 @@ export class IdentifySession {
     ];
   }
 
-  /** What happened so far, as sentences: steps that were not used, and remarks. */
+  /** Sentences on the course of the session: the steps that were not used, and the {@link remarks}. */
   comments(): string[] {
     return [...this.feet.flatMap(({ collected }) => (collected ? exclusions(collected) : [])), ...this.remarks];
   }
 
+  /** The feet with enough good steps for a fit. */
   private fittable = () => this.feet.filter(({ collected }) => (collected?.good ?? 0) >= MIN_STEPS);
 
   /** True if the walk can end before all steps are collected. */
@@ -370,7 +382,7 @@ export class IdentifySession {
     this.continueIfSent(now_ms);
   }
 
-  /** Begins the check once all insoles have answered. */
+  /** Once all insoles have answered, begins the check, or returns to the result if none of them confirmed the parameters. */
   private continueIfSent(now_ms: number): void {
     const feet = this.pushable();
     if (feet.some(({ sent }) => sent === "waiting")) return;

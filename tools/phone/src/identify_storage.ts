@@ -1,4 +1,4 @@
-/** Storage of the messages of a guided session, so that the session continues after the page was closed or reloaded. */
+/** Storage of the messages of a guided session, so that the session can continue after the page was closed or reloaded. */
 
 import { type IdentifyStorage } from "./identify_session";
 import { complete, done } from "./indexed_db";
@@ -11,7 +11,7 @@ export class DatabaseIdentifyStorage implements IdentifyStorage {
   private constructor(private readonly database: IDBDatabase) {}
 
   static async open(): Promise<DatabaseIdentifyStorage> {
-    // The function is async, because this throws if the browser stores nothing for this site.
+    // `open` throws if the browser stores nothing for this site. In an async function, the error rejects the promise.
     const request = indexedDB.open(DATABASE, 1);
     request.onupgradeneeded = () => request.result.createObjectStore(STORE, { autoIncrement: true });
     return done(request).then((database) => new DatabaseIdentifyStorage(database));

@@ -14,7 +14,7 @@ const LOW_BATTERY_PERCENT = 15;
 /** Errors of the model below these values, %, are called good and fair. */
 const [GOOD_PERCENT, FAIR_PERCENT] = [10, 20];
 
-/** Everything but the session that the view shows. */
+/** The data that the view shows besides the session. */
 export interface IdentifyState {
   insoles: Insoles;
   shoe_size: number;
@@ -52,7 +52,7 @@ function content(session: IdentifySession, state: IdentifyState): Node[] {
       return [
         ["p", { class: "command" }, "You can stop"],
         ["progress", { max: String(session.regions), value: String(session.regions_done), "aria-label": "Regions computed" }],
-        soft(`Computing your tissue: ${session.regions_done} of ${session.regions} regions.`),
+        soft(`Computing the parameters of your tissue: ${session.regions_done} of ${session.regions} regions.`),
       ];
     case "result":
     case "push":
@@ -113,7 +113,7 @@ function start(state: IdentifyState): Node[] {
     ["ol", { class: "soft" },
       ["li", {}, "Wear the shoes with the insoles, the left one in the left shoe."],
       ["li", {}, "Carry the phone in your hand or in a pocket, with the sound on."],
-      ["li", {}, "You need about one minute and a straight way."]],
+      ["li", {}, "You need about one minute and a straight path."]],
     ["p", { class: sides.length === 2 ? "fine" : "note" }, feet],
     ...startProblems(state).map(note),
     ["label", { for: "shoe-size" }, "Shoe size (European)"],
@@ -128,7 +128,7 @@ function start(state: IdentifyState): Node[] {
   ];
 }
 
-/** A circle for each foot, filled by the share of the goal. */
+/** A circle for each foot. It is filled by the share of the goal that the count of the foot has reached. */
 function rings(feet: Foot[], count: (foot: Foot) => number, goal: number): Node {
   const radius = 42;
   const length = 2 * Math.PI * radius;
@@ -162,7 +162,7 @@ function walk(session: IdentifySession): Node[] {
   ];
 }
 
-/** The stiffness of a region with its interval, and the error of the model, as the wearer reads them. */
+/** A row of the table of results: the stiffness of a region with its interval, and the error of the model. */
 function regionRow(name: string, region: RegionResult): Node {
   const title: Node = ["th", { scope: "row" }, regionTitle(name)];
   if (!region.fitted) return ["tr", {}, title, ["td", { colspan: "2" }, `not found: ${region.reason}`]];
@@ -170,7 +170,7 @@ function regionRow(name: string, region: RegionResult): Node {
   const { jacobian, at_bound } = region.uncertainty.intervals_95.stiffness_pa;
   const error = region.nrmse_percent.predicted ?? region.nrmse_percent.fitted;
   const word = error < GOOD_PERCENT ? "good" : error < FAIR_PERCENT ? "fair" : "rough";
-  const range = at_bound ? "at the limit" : `${kPa(jacobian[0])} to ${kPa(jacobian[1])}`;
+  const range = at_bound ? "at the limit of the search" : `${kPa(jacobian[0])} to ${kPa(jacobian[1])}`;
   return ["tr", {}, title,
     ["td", {}, kPa(region.identified.stiffness_pa), ["small", {}, range]],
     ["td", {}, `${error.toFixed(0)} %`, ["small", {}, word]]];
@@ -189,7 +189,7 @@ function resultTable({ side, collected, result }: Foot, { regions }: FootResult)
       ["thead", {}, ["tr", {}, ...titles]],
       ["tbody", {}, ...rows]],
     ...(good < RELIABLE_STEPS ? [note(`Only ${good} steps of the ${side} foot: its result is uncertain.`)] : []),
-    ["details", {}, ["summary", {}, `How sure: details of the ${side} foot`], ["ul", { class: "soft" }, ...warnings]],
+    ["details", {}, ["summary", {}, `Details of the ${side} foot`], ["ul", { class: "soft" }, ...warnings]],
   ];
 }
 
@@ -207,14 +207,14 @@ function result(session: IdentifySession, is_replay: boolean): Node[] {
   const without = session.feet.filter(({ result }) => !result).map(({ side }) => side);
   const is_sending = session.phase === "push";
   return [
-    ...without.map((side) => note(`There are too few steps of the ${side} foot. Its insole keeps its parameters.`)),
+    ...without.map((side) => note(`There are too few steps of the ${side} foot. Its insole is left unchanged.`)),
     ...refusals(session),
     ...(is_replay ? [note("This is a recording, so there is no insole to send the parameters to.")]
       : is_sending ? [["p", { class: "fine" }, "Sending the parameters…"] as Node]
       : session.pushable().length > 0 ? [button("push", "Send to my insoles", "primary")] : []),
     ...session.problems().map(note),
     ...session.feet.flatMap((foot) => (foot.result ? resultTable(foot, foot.result) : [])),
-    soft("In small print: the range that contains the value with 95 % probability, judged by the scatter of your steps."),
+    soft("In small print: the 95 % interval of the stiffness, from the scatter of the measured force about the model."),
     ...session.comments().map(remark),
     ...exports(session),
     button("close", "Discard and close"),
@@ -231,7 +231,7 @@ function done(session: IdentifySession): Node[] {
       const errors = `error ${measured.toFixed(0)} % on your last ${CHECK_STEPS} steps, ${predicted.toFixed(0)} % were expected.`;
       const words = `${sideTitle(side)} foot: ${errors}`;
       if (holds) return [["p", { class: "fine" }, words]];
-      return [note(`${words} Repeat the session on a straight way at your usual pace.`)];
+      return [note(`${words} Repeat the session on a straight path at your usual pace.`)];
     }),
     ...refusals(session),
     ...exports(session),

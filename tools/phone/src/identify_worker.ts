@@ -1,4 +1,4 @@
-/** Runs the identification in a Web Worker, so that a fit of some seconds does not stop the page. */
+/** Runs the identification in a Web Worker, so that a fit, which takes some seconds, does not block the page. */
 
 import { type Collected, type FootResult, IdentifyCore } from "./identify_core";
 import wasm from "./phone_identify.wasm?url";

@@ -1,6 +1,6 @@
 /** Promises of the operations of the browser's database. */
 
-/** The error of an operation. */
+/** The error to report for a failed operation. `error` is the browser's reason; `null` if it states none. */
 export const failed = (error: DOMException | null) => error ?? new Error("The browser's database failed.");
 
 /** Resolves with the result of a request. */

@@ -37,7 +37,7 @@ export class LiveView {
   private readonly saturated = new Set<string>();
   private quantity: Quantity = "measured";
   private is_draw_requested = false;
-  /** True after the first picture with a load, the time of which is marked for benchmarks. */
+  /** True after the first picture with a load. Its time is marked for measurements in tests. */
   private has_drawn_load = false;
 
   constructor(private readonly facts: Facts) {

@@ -42,7 +42,7 @@ export function sessionProblems({ hello, state, reason }: Session, facts: Facts)
     case "other-host":
       return [
         `Another phone or program is connected to the ${hello.side} insole, and receives its steps now. ` +
-          "The page continues half a minute after the other one has ended.",
+          "The page continues half a minute after that phone or program has disconnected.",
       ];
     case "live":
       if (!hello.fault) return [];
@@ -69,13 +69,13 @@ export function remarks(insoles: Insoles): string[] {
   }
   const waiting = sessions.reduce((sum, session) => sum + session.records_waiting, 0);
   if (waiting >= MANY_RECORDS) {
-    return [`Steps of the time without a connection are arriving: ${waiting} stored steps, load bouts and alerts are still to come.`];
+    return [`Stored steps are arriving: ${waiting} steps, load bouts and alerts are still to come.`];
   }
   const changed = SIDES.filter((side) => insoles.of(side)?.state === "live" && insoles.of(side)?.needs_refit);
   if (changed.length > 0) {
     return [
-      `The ${changed.join(" and ")} foot or its shoe has changed since it was measured. Check that the insole lies flat in the shoe. ` +
-        "If this message remains, choose \"Identify my tissue\" in the settings.",
+      `The ${changed.join(" and ")} foot or its shoe has changed since your parameters were identified. ` +
+        "Check that the insole lies flat in the shoe. If this message remains, choose \"Identify my tissue\" in the settings.",
     ];
   }
   const is_waiting = sessions.every(({ state }) => state === "closed" || state === "waiting");

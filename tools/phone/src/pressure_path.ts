@@ -2,6 +2,7 @@
 
 import type { Live } from "./generated/quantities";
 
+/** A point in foot coordinates: x to the lateral side, y from heel to toes. */
 export type Point = [x_mm: number, y_mm: number];
 
 /** Points of the centre of pressure with the times of their frames, oldest first. */

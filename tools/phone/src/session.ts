@@ -14,7 +14,7 @@ const TIME_MS = 250;
 const DAILY_LOAD_MS = 5000;
 /** Interval of the requests for the next cells of the insole while it does not answer. */
 const CELLS_MS = 1000;
-/** Longest time for which records wait for the time of the insole. It is shorter than the time after which the link counts as lost. */
+/** Longest time for which records wait for the time of the insole's clock. It is shorter than {@link TIMEOUT_MS}. */
 const RECORDS_WAIT_MS = 1000;
 /** Highest rate of the stream of ellipses. */
 const ELLIPSES_HZ = 25;
@@ -54,14 +54,14 @@ export type InsoleAnswer = Extract<ToHost, { kind: "tissue" | "refused" }>;
 /** The sum of the measured forces on all regions, N. */
 export const totalForce = (live: Live) => live.regions.reduce((sum, region) => sum + region.measured_n, 0);
 
-/** Larger changes of the clock of this device are followed, ms. */
+/** Smaller changes of the clock of this device are ignored. */
 const CLOCK_STEP_MS = 500;
 /** The time of the clock of this device minus that of `performance.now()`, ms. */
 let origin_ms = Date.now() - performance.now();
 
 /**
- * Determines the clock of this device again. Returns true if it has changed: `performance.now()` can stand still while the device
- * sleeps, and the clock can be set.
+ * Compares the clock of this device with `performance.now()` again. Returns true if their difference has changed:
+ * `performance.now()` can stop while the device sleeps, and the clock can be set.
  */
 export function followClock(): boolean {
   const present_ms = Date.now() - performance.now();
@@ -85,7 +85,7 @@ export class Session {
   alert_rules: Uint8Array | undefined;
   /** True if the insole raises alerts; `undefined` until it has answered. */
   has_alerts: boolean | undefined;
-  /** The contact ellipses of the last frame that had some, by region; null without contact. */
+  /** The contact ellipses of the last message with ellipses, by region; null for a region without contact. */
   ellipses: (Ellipse | null)[] = [];
   /** The sole of the insole; `undefined` until its cells are known. After a reconnection it remains until they are read again. */
   sole: Sole | undefined;
@@ -94,9 +94,11 @@ export class Session {
   battery_percent: number | undefined;
   /** Number of damaged or unknown messages. */
   damaged = 0;
+  /** Converts times of the insole's clock. */
   readonly axis: Axis;
+  /** Counts the live frames of the insole. */
   readonly counter: LiveCounter;
-  /** True if the last step reports that tissue or shoe have changed so much that the wearer should be identified again. */
+  /** True if the last step reports that tissue or shoe have changed so much that the parameters should be identified again. */
   needs_refit = false;
   /** The cells of the insole that have arrived. */
   private cells: LayoutCell[] = [];
@@ -104,9 +106,9 @@ export class Session {
   private readonly arrivals_ms: number[] = [];
   /** Number of the last record that has arrived in this session. */
   private last_record: number | undefined;
-  /** Records that wait for the time of the insole. */
+  /** Encoded records that wait for the time of the insole's clock. */
   private untimed: Uint8Array[] = [];
-  /** Time since which the time of the insole is not known. */
+  /** Time of this device at which the wait for the time of the insole's clock began. */
   private untimed_since_ms = 0;
   private hello_received_ms = 0;
   private last_message_ms = 0;
@@ -142,7 +144,7 @@ export class Session {
   closed(reason: string): void {
     this.state = this.hello ? "lost" : "closed";
     this.reason = reason;
-    // They are not acknowledged, so the insole sends them again.
+    // The waiting records are not acknowledged, so the insole sends them again.
     this.untimed = [];
   }
 
@@ -207,7 +209,7 @@ export class Session {
     // A step of another major version may have another meaning, and a second insole for a foot may be another person's.
     if (this.state === "other-version" || this.state === "same-foot") return;
     this.last_record = recordOf(message).number;
-    // An insole sends its stored records before it answers. They are processed in their order once their time is known.
+    // An insole sends its stored records before it answers requests. They are processed in order once it has sent its time.
     const is_untimed = this.axis.unix_s(0) === null && now_ms - this.untimed_since_ms < RECORDS_WAIT_MS;
     if (is_untimed && !this.transport()?.is_replay) {
       this.untimed.push(bytes.slice());
@@ -224,7 +226,7 @@ export class Session {
     for (const bytes of untimed) this.receive(bytes, now_ms);
   }
 
-  /** Discards what is known of the time of the insole, and requests it. */
+  /** Discards the known times of the insole's clock, and requests the present one. */
   private restartAxis(now_ms: number): void {
     this.axis.clear();
     this.untimed_since_ms = now_ms;
@@ -291,10 +293,10 @@ export class Session {
     return waiting < 2 ** 31 ? waiting : 0;
   }
 
-  /** Live frames per second, mean over the last seconds. */
+  /** Live frames per second, mean over the last two seconds. */
   rate_hz(now_ms: number): number {
     while ((this.arrivals_ms[0] ?? Infinity) < now_ms - RATE_MS) this.arrivals_ms.shift();
-    // In the first seconds, frames are averaged over the time since the hello.
+    // In the first two seconds, the mean is taken over the time since the hello.
     const counted_ms = Math.min(RATE_MS, now_ms - this.hello_received_ms);
     return counted_ms > 0 ? (1000 * this.arrivals_ms.length) / counted_ms : 0;
   }

@@ -7,6 +7,7 @@ export const KG_PER_LB = 0.45359237;
 
 /** The settings that the wearer can change. */
 export interface Settings {
+  /** `null` if the wearer has not stated it. */
   body_mass_kg: number | null;
   mass_unit: "kg" | "lb";
   force_unit: "N" | "%BW";

@@ -78,10 +78,10 @@ export function listenToExport(
   };
 }
 
-/** Saves all stored records as a CSV file. `csv` returns the lines of a part of the records, the first of which is the head. */
+/** Saves all stored records as a CSV file. `csv` returns the header line and the lines of a part of the records. */
 async function exportCsv(store: StepStore, name: string, csv: (records: Records) => string[]): Promise<void> {
   const blobs: Blob[] = [];
-  // The browser may hold the blobs on the disk.
+  // Each part is a blob of its own, because a browser can hold blobs on the disk instead of in memory.
   for await (const records of store.parts()) blobs.push(new Blob(csv(records).slice(blobs.length === 0 ? 0 : 1)));
   download(name, "text/csv", blobs);
 }

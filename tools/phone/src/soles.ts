@@ -87,7 +87,7 @@ export class Soles {
     }
   }
 
-  /** Draws one sole in its half of the canvas. Both soles are drawn to the same scale, by which the larger one fits. */
+  /** Draws one sole in its half of the canvas. Both soles are drawn at the same scale, at which the larger one fits. */
   private drawHalf(side: Side, picture: SolePicture, [width_mm, length_mm]: Point, colours: readonly string[]): void {
     const { context: c, width, height } = this;
     const [x_mm, y_mm] = picture.sole.from_mm;
@@ -179,8 +179,8 @@ export class Soles {
   }
 
   /**
-   * Strokes the current path in the colour of the text, over a wider line in the colour of the background. So the line is visible
-   * on a region of any colour.
+   * Strokes the current path in the colour of the text, over a wider line in the colour of the background, so that the line is
+   * visible on a region of any colour.
    */
   private strokeWithHalo(width: number): void {
     this.stroke(this.ink.back, 2.2 * width);

@@ -87,7 +87,7 @@ export class DatabaseStorage implements StepStorage {
    * remains stored, but is not counted.
    */
   static async open(keyed: (record: StepRecord) => NewRecord | undefined): Promise<DatabaseStorage> {
-    // The function is async, because this throws if the browser stores nothing for this site.
+    // `open` throws if the browser stores nothing for this site. In an async function, the error rejects the promise.
     const request = indexedDB.open(NAME, 2);
     request.onupgradeneeded = () => {
       const { result: database, transaction } = request;
@@ -122,7 +122,7 @@ export class DatabaseStorage implements StepStorage {
   }
 
   async add(records: readonly NewRecord[]): Promise<void> {
-    // An acknowledgement lets the insole delete a record, so the record must be on the disk before.
+    // An acknowledgement lets the insole delete a record, so the record must be on the disk before the promise resolves.
     const transaction = this.database.transaction([RECORDS, DAYS], "readwrite", { durability: "strict" });
     const [stored, days] = [transaction.objectStore(RECORDS).index("key"), transaction.objectStore(DAYS)];
     const found = await Promise.all(records.map(({ key }) => done(stored.getKey(key))));
@@ -183,7 +183,7 @@ function totalsOf(records: readonly NewRecord[]): DayTotals[] {
   return [...days.values()].sort((a, b) => a.day.localeCompare(b.day));
 }
 
-/** The range of the last `count` records; `null`, which stands for all records, if there are not more. */
+/** The range of the last `count` records; `null`, which stands for all records, if there are at most `count`. */
 function rangeOfLast(records: IDBObjectStore, count: number): Promise<IDBKeyRange | null> {
   return new Promise((resolve, reject) => {
     const cursor = records.openKeyCursor(null, "prev");

@@ -10,13 +10,16 @@ import { SIDES } from "./side";
 import type { NewRecord, StepRecord, StepStorage } from "./step_storage";
 import type { Wire } from "./wire";
 
-/** Number of the last records that are loaded, and of each kind that remain in memory. All others remain in the storage only. */
+/**
+ * Number of the last records that are loaded at the start. When the records of a kind in memory reach twice this number, only
+ * this number of them remain in memory. All others remain in the storage only.
+ */
 const LOADED = 1000;
 
 /** A step, and when it began. */
 export interface StoredStep {
   step: Step;
-  /** Time of first contact on the browser's clock, s since 1970; `null` if it is unknown. */
+  /** Time of the heel strike on the browser's clock, s since 1970; `null` if it is unknown. */
   start_unix_s: number | null;
 }
 
@@ -155,14 +158,14 @@ export class StepStore {
     if (stored.length === 0) return;
     const count = stored.length;
     await this.storage.add(stored.slice());
-    // Records that arrived in the meantime remain. After a deletion the list is another one.
+    // Records that arrived in the meantime remain. If `clear` was called meanwhile, `pending` is another list.
     stored.splice(0, count);
   }
 
   private remember(decoded: RecordMessage): void {
     const recent = this.recent[recordOf(decoded).record.side];
     recent.add(decoded.key);
-    // An insole sends at most the records in its queue again.
+    // An insole sends again at most as many records as its queue holds.
     const [oldest] = recent;
     if (oldest !== undefined && recent.size > 2 * this.wire.facts.record_queue) recent.delete(oldest);
   }

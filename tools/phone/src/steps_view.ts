@@ -9,7 +9,7 @@ import { SIDES, sideTitle } from "./side";
 import type { StoredBout, StoredStep } from "./step_store";
 import { LATEST, stepsOf } from "./walk";
 
-/** Number of steps of each foot in the diagram. */
+/** Largest number of steps of each foot in the diagram. */
 const TREND_STEPS = 60;
 /** Largest number of rows in the table. */
 const ROWS = 200;
@@ -51,7 +51,7 @@ export function drawSteps(steps: readonly StoredStep[], counts: readonly number[
   ]));
 }
 
-/** Number of days in the table. */
+/** Largest number of days in the table. */
 const DAY_ROWS = 31;
 
 /** Shows the totals of the last days. To be called after each change of the records or of the settings. */
@@ -59,7 +59,7 @@ export function drawDays(days: readonly DayTotals[], settings: Settings): void {
   byId("days").hidden = days.length === 0;
   const unit = unitOf(settings);
   fill(byId("days-peak"), [`Highest peak, ${unit}`]);
-  // A step that was walked earlier can arrive later.
+  // The days are sorted, because a stored step can arrive after a step of a later day.
   const latest = [...days].sort((a, b) => b.day.localeCompare(a.day)).slice(0, DAY_ROWS);
   fill(byId("days").querySelector("tbody"), latest.map((totals): Node => {
     const date = new Date(`${totals.day}T12:00`).toLocaleDateString([], { weekday: "short", day: "numeric", month: "short" });
@@ -75,7 +75,7 @@ export function drawDays(days: readonly DayTotals[], settings: Settings): void {
   }));
 }
 
-/** Number of load bouts in the table. */
+/** Largest number of load bouts in the table. */
 const BOUT_ROWS = 50;
 
 /** Shows the load bouts. To be called after each change of them. */
@@ -114,7 +114,8 @@ function drawGait(gait: Gait, settings: Settings): void {
   fill(byId("both-feet").querySelector("tbody"), measures.map(row));
   const { strides, gaps, unpaired } = gait;
   const both = ({ left, right }: { left: number; right: number }) => `${left} left, ${right} right`;
-  const compared = gait.has_both_feet ? "" : "The feet are not compared, because the steps of one foot or their common time are missing. ";
+  const compared = gait.has_both_feet ? ""
+    : "The feet are not compared, because one foot has no steps, or the time of a step is unknown. ";
   fill("both-feet-note", [
     `${compared}Strides in use: ${both(strides)}, of the last ${LATEST} steps of each foot. Not used, because of a pause or a ` +
       `missing step: ${both(gaps)}; without exactly one step of the other foot: ${both(unpaired)}.`,
@@ -124,7 +125,7 @@ function drawGait(gait: Gait, settings: Settings): void {
 /** True if cells were masked in any region of the step. */
 const hasMaskedCells = (step: Step) => Object.values(step.regions).some(({ masked_cells }) => masked_cells > 0);
 
-/** A measure of the walk: its name, its value, and a detail below the value. */
+/** A card with a measure of the walk: its name, its value, and a detail below the value. */
 function card(name: string, value: string, detail: string): Node {
   return ["div", {}, ["dt", {}, name], ["dd", {}, value, ["small", {}, detail]]];
 }
@@ -140,9 +141,10 @@ function trend(steps: readonly StoredStep[], settings: Settings): Node[] {
   })).filter(({ values }) => values.length > 0);
   if (series.length === 0) return [];
   const all = series.flatMap(({ values }) => values);
-  const step = 10 ** Math.floor(Math.log10(Math.max(...all))) / 2;
-  const low = Math.floor((Math.min(...all) * 0.95) / step) * step;
-  const high = Math.ceil((Math.max(...all) * 1.01) / step) * step;
+  // The ends of the scale are multiples of this value.
+  const multiple = 10 ** Math.floor(Math.log10(Math.max(...all))) / 2;
+  const low = Math.floor((Math.min(...all) * 0.95) / multiple) * multiple;
+  const high = Math.ceil((Math.max(...all) * 1.01) / multiple) * multiple;
   const longest = Math.max(2, ...series.map(({ values }) => values.length));
   // The last step of each foot is at the right end.
   const x = (i: number, count: number) => left + ((longest - count + i) / (longest - 1)) * (width - left - 8);

@@ -5,9 +5,9 @@
 
 import { INSOLES, type Insole } from "./transport/transport";
 
-/** Length of an entry without its message. */
+/** Length of an entry without its message, bytes. */
 const HEAD = 7;
-const NOT_A_RECORDING = "This file is not a recording of insoles. Use a file that this page or plantar serve recorded.";
+const NOT_A_RECORDING = "This file is not a recording of insoles. Use a recording of this page or of plantar serve.";
 
 /** A recorded message. */
 export interface Entry {

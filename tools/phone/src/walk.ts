@@ -18,7 +18,7 @@ export function gaitOf(wire: Wire, { steps, bouts, alerts }: Pick<Records, "step
   const has_common_clock = feet.flat().every(({ start_unix_s }) => start_unix_s !== null);
   const start_s = ({ step, start_unix_s }: StoredStep) => (has_common_clock ? (start_unix_s ?? 0) : step.start_s);
   const stride_m = (settings.stride_cm ?? 0) / 100;
-  // An insole numbers steps, load bouts and alerts together. Without the numbers of bouts and alerts, a gap is a missing step.
+  // An insole numbers steps, load bouts and alerts together. Here, the steps are numbered alone, so a gap is a missing step.
   const others = [...bouts.map(({ bout }) => bout), ...alerts.map(({ alert }) => alert)];
   const number = ({ step }: StoredStep) =>
     step.step - others.filter((other) => other.side === step.side && other.number < step.step).length;

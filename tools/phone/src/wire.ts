@@ -4,7 +4,7 @@ import type { Facts, LayoutCell, Sole, ToHost } from "./generated/messages";
 import type { Gait, Step } from "./generated/quantities";
 import { INSOLES, type Insole } from "./transport/transport";
 
-/** The exports of tools/phone/wire, where they are described. If one writes to the shared buffer, it returns the length written. */
+/** The exports of tools/phone/wire, which describes them. Those that write to the shared buffer return the length written. */
 interface Exports {
   memory: WebAssembly.Memory;
   resize_buffer(length: number): number;
@@ -16,7 +16,7 @@ interface Exports {
   stream_ellipses(every: number): number;
   get_setup_cells(first: number): number;
   sole(): number;
-  acknowledge(step: number): number;
+  acknowledge(number: number): number;
   get_status(): number;
   get_alert_rules(): number;
   set_alerts(is_on: boolean, day_start_min: number): number;
@@ -128,7 +128,7 @@ export class Wire {
   stream = (live: boolean) => this.request(this.core.stream(live));
   streamEllipses = (every: number) => this.request(this.core.stream_ellipses(every));
   getSetupCells = (first: number) => this.request(this.core.get_setup_cells(first));
-  acknowledge = (step: number) => this.request(this.core.acknowledge(step));
+  acknowledge = (number: number) => this.request(this.core.acknowledge(number));
   getStatus = () => this.request(this.core.get_status());
   getAlertRules = () => this.request(this.core.get_alert_rules());
   /**
@@ -151,9 +151,9 @@ export class Wire {
   counter = (insole: Insole) => new LiveCounter(this.core, insole);
 
   /**
-   * The measures of both feet, from the steps of the left and of the right foot, each with the time of its heel strike.
-   * `has_common_clock` states whether the times of both feet can be compared. `stride_m` is the mean length of a stride; 0 if it is
-   * unknown.
+   * The measures of both feet, from the steps of the left and of the right foot. `number` numbers the steps of a foot without
+   * other records, and `start_s` is the time of the heel strike. `has_common_clock` states whether the times of both feet can
+   * be compared. `stride_m` is the mean length of a stride; 0 if it is unknown.
    */
   gait(feet: readonly (readonly { step: Step; number: number; start_s: number }[])[], has_common_clock: boolean, stride_m: number): Gait {
     feet.forEach((steps, foot) => {

@@ -5,7 +5,7 @@ import { ScreenLock } from "../src/cues";
 let locks: { released: boolean; release: () => Promise<void> }[];
 let is_refused: boolean;
 let requests: number;
-/** The page. */
+/** Replaces the document of the page. */
 const page = { hidden: false };
 
 beforeEach(() => {
@@ -27,7 +27,7 @@ afterEach(() => {
   vi.unstubAllGlobals();
 });
 
-/** Holds the screen for this number of tenths of a second. */
+/** Keeps the screen on for this number of tenths of a second. */
 async function hold(screen: ScreenLock, count: number): Promise<void> {
   for (let i = 0; i < count; i++) {
     screen.hold();
@@ -35,9 +35,10 @@ async function hold(screen: ScreenLock, count: number): Promise<void> {
   }
 }
 
+/** The number of locks that are in force. */
 const held = () => locks.filter(({ released }) => !released).length;
 
-test("the screen is held again after the page was hidden", async () => {
+test("the screen lock is requested again after the page was hidden", async () => {
   const screen = new ScreenLock();
   await hold(screen, 10);
   expect([held(), requests]).toEqual([1, 1]);
@@ -61,7 +62,7 @@ test("a refused request is repeated, but not with each call", async () => {
   expect(held()).toBe(1);
 });
 
-test("the screen is released, also before the browser has granted the lock", async () => {
+test("the screen lock is released, also before the browser has granted it", async () => {
   const screen = new ScreenLock();
   await hold(screen, 1);
   screen.release();

@@ -1,7 +1,7 @@
 /**
  * The identification as WebAssembly in Node.js. It is compared with `plantar fit`: `PLANTAR` is the path of the command line, and
  * `PLANTAR_WALK` that of a computed walk of 60 steps of each foot. `cargo xtask test` sets both. `PLANTAR_FIGURES` is a folder for a
- * file with time and largest difference.
+ * file with the duration of the fit and the largest difference.
  */
 
 import { spawnSync } from "node:child_process";
@@ -32,7 +32,7 @@ function add(messages: Iterable<Entry>): void {
   for (const { insole, message } of messages) core.add(insole, message);
 }
 
-test("the steps of both feet are counted once, and removed", () => {
+test("the steps of both feet are counted once if they are added twice, and can be removed", () => {
   core.clear();
   for (const { insole, message } of [...entries(walk), ...entries(walk)]) core.add(insole, message);
   expect(core.collected().map(({ side, good, rate_hz }) => [side, good, rate_hz])).toEqual([["left", 6, 100], ["right", 6, 100]]);
@@ -40,10 +40,10 @@ test("the steps of both feet are counted once, and removed", () => {
   expect(core.collected().map(({ good }) => good)).toEqual([0, 0]);
 });
 
-test("steps that lack more than three frames are not used, and other bytes are ignored", () => {
+test("a step that lacks more than three successive frames is not used, and other bytes are ignored", () => {
   core.clear();
   const lost = (t_ms: number) => t_ms > 1900 && t_ms < 1950;
-  // The third step of the left foot is on the ground at this time; its record arrives later.
+  // At this time, the left foot is on the ground in its third step. The record of the step arrives later.
   add([...entries(walk)].filter(({ insole, t_ms }) => insole === 0 && !lost(t_ms)));
   const [left] = core.collected();
   expect([left!.good, left!.excluded]).toEqual([5, { broken: 1, partial: 0, before: 0 }]);
@@ -51,7 +51,7 @@ test("steps that lack more than three frames are not used, and other bytes are i
   expect(core.add(0, new Uint8Array())).toBe(false);
 });
 
-test("a fit reports each region, and its message contains the parameters", () => {
+test("a fit reports each region, and returns the parameter file and the request that sends the parameters", () => {
   core.clear();
   fitted.length = 0;
   add(entries(walk));
@@ -98,8 +98,8 @@ test.skipIf(!plantar || !long_walk)("the parameters of sixty steps equal those o
           const found = new Map(numbers(ours[key]));
           for (const [path, value] of numbers(region[key])) {
             const difference = value === found.get(path) ? 0 : Math.abs((found.get(path) ?? Infinity) / value - 1);
-            // The predicted error is the mean of sixty fits to the other steps. These steps have no noise, so that one of the fits may
-            // end elsewhere in a flat valley, by a rounding that differs between the two machines.
+            // The predicted error is the mean of sixty fits, each to all steps but one. The steps have no noise, so a fit
+            // may end at another point of a flat minimum if WebAssembly and native code round differently.
             const is_prediction = path.startsWith(".predicted");
             if (!is_prediction) most = Math.max(most, difference);
             expect(difference, `${name}.${key}${path}`).toBeLessThan(is_prediction ? 1e-2 : 1e-6);

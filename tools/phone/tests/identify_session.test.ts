@@ -28,7 +28,7 @@ function result(predicted: number): FootResult {
   return { fitted: 1, steps: [], regions, message: [4, 7], tissue_id: 42, parameters: "" };
 }
 
-/** A session of these feet, with everything that it asks of the page. */
+/** Starts a session of these feet. Returns it with logs of its calls to the page. */
 function start(sides: Side[] = ["left", "right"]) {
   const said: string[] = [];
   const solved: Request[] = [];
@@ -79,7 +79,7 @@ test("after standing on both feet for three seconds, the wearer walks; a lifted 
   expect(session.comments()).toEqual([]);
 });
 
-test("who walks too early just continues, and the page says so", () => {
+test("the session continues if the wearer walks too early, with a remark", () => {
   const { session } = start();
   session.step("right", anyStep({ side: "right" }), "a", 100);
   expect(session.phase).toBe("walk");
@@ -186,7 +186,7 @@ test("a foot without steps is named and is not fitted", () => {
   expect(session.pushable().map(({ side }) => side)).toEqual(["left"]);
 });
 
-test("a lost link and a long pause are spoken", () => {
+test("a lost link and a long pause are announced", () => {
   const { session, said } = start(["left"]);
   session.step("left", anyStep(), "a", 0);
   session.tick(100, ["left"]);
@@ -199,7 +199,7 @@ test("a lost link and a long pause are spoken", () => {
   expect(said.at(-1)).toBe("Please walk.");
 });
 
-test("a wearer who stands is not told to walk when the link returns", () => {
+test("a wearer who has to stand is not asked to walk when the link returns", () => {
   const { session, said } = start(["left"]);
   session.tick(100, ["left"]);
   session.tick(200, []);
@@ -223,7 +223,7 @@ test("an insole under the wrong foot is named", () => {
   expect(session.problems().filter((problem) => problem.startsWith("The loads of the left insole")).length).toBe(1);
 });
 
-test("the check compares loaded fitted regions with the prediction", () => {
+test("the check compares loaded fitted regions with the prediction, and excluded steps are described in words", () => {
   const unloaded = anyStep({ regions: { heel: region({ measured_force_peak_n: 2, model_error_nrmse_percent: 90 }) } });
   expect(check(result(8), [withError(9), withError(11), unloaded])).toEqual({ predicted: 8, measured: 10, holds: true });
   expect(check(result(8), [withError(20)])?.holds).toBe(false);

@@ -13,7 +13,7 @@ beforeAll(async () => {
   wire = await loadWire();
 });
 
-/** Starts a session. If `decode` is given, it replaces the decoding of messages. */
+/** Creates a session that logs its requests and steps. If `decode` is given, it replaces the decoding of messages. */
 function start(decode?: (bytes: Uint8Array) => ToHost | undefined) {
   const sent: Uint8Array[] = [];
   const steps: Step[] = [];
@@ -63,7 +63,7 @@ test("the cells of an insole are requested part by part until all have arrived, 
   });
   const sole = session.sole!;
   expect(sole.regions).toHaveLength(8);
-  // The cells of the computed insole cover the generic sole. The outline also has their rim.
+  // The cells of the computed insole cover the generic sole. The outline also includes a rim around them.
   sole.to_mm.forEach((mm, axis) => expect(Math.abs(mm - wire.facts.sole.to_mm[axis]!)).toBeLessThan(12));
 });
 
@@ -135,7 +135,7 @@ test("the number of stored records that are still to come is known, also when th
   const { session, receive } = startLive();
   const receiveStep = (number: number) => receive({ kind: "step", key: String(number), step: step({ step: number }) });
   receive(status({ next_record: 500 }));
-  // Without a record, nothing is known of those that are stored.
+  // Before the first record, the number of records that are still to come is unknown.
   expect(session.records_waiting).toBe(0);
   receiveStep(99);
   expect(session.records_waiting).toBe(400);
@@ -201,7 +201,7 @@ test("an insole with a fault of its start measures, unless it has no cells", () 
     session.receive(new Uint8Array(1), 0);
     return sessionProblems(session, wire.facts).join();
   };
-  const other_rule = "the parameters are of another contact rule and not used: identify or send them again";
+  const other_rule = "the parameters belong to another contact rule and are not used: identify or send them again";
   expect(problems(null, 240, "power")).toBe("");
   expect(problems(other_rule, 240, "power")).toMatch(/measures, but reports a fault.*identify or send them again/);
   expect(problems("src/firmware/scan.rs:1 failed", 240, "panic")).toMatch(/restarted after a fault/);
@@ -242,7 +242,7 @@ test("a session that another host has taken waits until the insole no longer ans
     session.tick(now_ms);
     expect(session.state).toBe("other-host");
   }
-  // The session asks for the time. A connect request would take the insole from the other host.
+  // The session still requests the time. A connect request would take the insole from the other host.
   const connects = () => sent.filter((message) => message[0] === wire.connect()[0]).length;
   expect([connects(), sent.at(-1)?.[0]]).toEqual([1, wire.getTime(0)[0]]);
   session.tick(4000 + TIMEOUT_MS + 1);

@@ -103,7 +103,7 @@ test("a step that is repeated after a restart of the insole is recognised", asyn
   expect(repeated.step.starts_ago).toBe(1);
   await store.add(repeated, bytes, null);
   expect(storage.records.size).toBe(1);
-  // Here the byte before these three differs. It is the residual force of the last region, so this is another step.
+  // Here the fourth byte from the end differs. It belongs to the counted area of the last region, so this is another step.
   const [other, other_bytes] = decodeStep(Uint8Array.of(...message.slice(0, -4), 1, 0, 0, 0));
   await store.add(other, other_bytes, null);
   expect(storage.records.size).toBe(2);

@@ -28,13 +28,14 @@ test("the measures of both feet are computed from their steps on the clock of th
   expect(gait.speed_m_s).toBeCloseTo(1.25, 4);
   expect(measure(gait, "step_time_s")?.left?.mean).toBeCloseTo(0.7, 5);
   expect(measure(gait, "step_time_s")?.right?.mean).toBeCloseTo(0.5, 5);
-  // The left foot lands 0.5 s before the right one and is lifted 0.3 s after it; the right foot is lifted when the next left one lands.
+  // The left foot lands 0.5 s before the right one, and is lifted 0.3 s after the right one has landed. The right foot is
+  // lifted when the left one lands again.
   expect(measure(gait, "double_support_s")?.left?.mean).toBeCloseTo(0.3, 5);
   expect(measure(gait, "stance_time_s")?.symmetry_percent?.mean).toBeCloseTo((200 * 0.1) / 1.5, 5);
   expect(gaitOf(wire, { steps, bouts: [], alerts: [] }, SETTINGS).speed_m_s).toBeNull();
 });
 
-test("steps without a time of the browser's clock are measured for each foot", () => {
+test("without times on the browser's clock, each foot is measured alone", () => {
   const steps = [...foot("left", 0, 0.8, 5), ...foot("right", 0.5, 0.7, 5)].map((stored) => ({ ...stored, start_unix_s: null }));
   const gait = gaitOf(wire, { steps, bouts: [], alerts: [] }, SETTINGS);
   expect(gait.has_both_feet).toBe(false);

@@ -11,6 +11,7 @@ const read = (path: string) => new Uint8Array(readFileSync(new URL(path, import.
 export const loadWire = () =>
   Wire.load(Promise.resolve(new Response(read("../src/phone_wire.wasm"), { headers: { "content-type": "application/wasm" } })));
 
+/** The stream file of the computed walk. */
 export const walk = read("../public/walk.plantar");
 
 /** The messages of one insole of the computed walk. */
@@ -28,11 +29,11 @@ export function live(values: Partial<Extract<ToHost, { kind: "live" }>> = {}, me
 export function step(values: Partial<Step> = {}): Step {
   const times = { start_s: 0, duration_s: 0.6, sample_s: 0.01, starts_ago: 0, start_unix_s: null };
   const contact_rule = { area: "contact area", rule: "counted", on_kpa: 10, off_kpa: 7.5, full_kpa: 0 } as const;
-  const humps = { foot_first_peak_n: 0, foot_first_peak_time_s: 0, foot_valley_n: null, foot_valley_time_s: null };
+  const first = { foot_first_peak_n: 0, foot_first_peak_time_s: 0, foot_valley_n: null, foot_valley_time_s: null };
   const second = { foot_second_peak_n: null, foot_second_peak_time_s: null, foot_force_integral_n_s: 0 };
   const points = { x_10_mm: 0, y_10_mm: 0, x_30_mm: 0, y_30_mm: 0, x_50_mm: 0, y_50_mm: 0, x_70_mm: 0, y_70_mm: 0 };
   const gait_line = { ...points, x_90_mm: 0, y_90_mm: 0, length_mm: 0, width_mm: 0, velocity_mm_s: 0 };
   const indices = { cop_excursion_index_percent: 0, arch_index_percent: 0 };
-  const foot = { foot_force_peak_n: 0, ...humps, ...second, gait_line, ...indices };
+  const foot = { foot_force_peak_n: 0, ...first, ...second, gait_line, ...indices };
   return { side: "left", step: 0, ...times, bridged_frames: 0, contact_rule, foot, regions: {}, ...values };
 }

@@ -15,7 +15,7 @@ use std::path::Path;
 #[group(skip)]
 #[command(group(ArgGroup::new("insole").required(true)))]
 pub struct Connection {
-    /// Network address of an insole, HOST:PORT.
+    /// Network address of an insole, or of a bridge that forwards its bytes, HOST:PORT.
     #[arg(long, value_name = "ADDRESS", group = "insole")]
     tcp: Option<String>,
     /// Serial port of an insole, such as /dev/ttyACM0 or COM3.
@@ -40,7 +40,7 @@ pub struct Ports {
     /// Bit rate of the serial ports.
     #[arg(long, default_value_t = 460_800, requires = "serial")]
     pub baud: u32,
-    /// Network address of an insole, HOST:PORT. Give the option once for each foot.
+    /// Network address of an insole, or of a bridge that forwards its bytes, HOST:PORT. Give the option once for each foot.
     #[arg(long, value_name = "ADDRESS")]
     pub tcp: Vec<String>,
 }

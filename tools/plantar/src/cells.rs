@@ -7,7 +7,8 @@ use plantar::protocol::{CellFrame, CellStream};
 use recording::StreamedCells;
 use std::path::PathBuf;
 
-/// Writes cells to folders `000`, `001`, ... with the parts of one recording each. Each session begins another recording.
+/// Writes the stream of cells to folders `000`, `001`, ..., each with the parts of one recording. Another recording begins with
+/// each session, and after a gap that is too long to be interpolated.
 pub struct CellRecorder {
     stream: CellStream,
     folder: PathBuf,
@@ -16,7 +17,7 @@ pub struct CellRecorder {
     /// Number of the next part of this recording.
     part: usize,
     session: Session,
-    /// Number of frames in the parts that are written.
+    /// Number of frames in all parts that were written.
     written: usize,
     /// Number of frames that were lost on the way in earlier sessions.
     lost: u64,
@@ -40,7 +41,7 @@ impl Session {
         let identity = client.identity()?;
         let hello = client.hello();
         let source = format!(
-            "Recorded from the {} insole {} ({} {}) in {} bits a code",
+            "Recorded from the {} insole {} ({} {}) with {} bits per code",
             hello.side.name(),
             identity.serial.as_str(),
             hello.board,
@@ -58,7 +59,7 @@ impl CellRecorder {
         Ok(Self { stream, folder, recording: 0, part: 0, session, written: 0, lost: 0, dropped: 0 })
     }
 
-    /// Starts the stream of another session. If this fails, it can be called again.
+    /// Starts the stream of another session. After an error, this function can be called again.
     pub fn restart(&mut self, client: &mut AnyClient) -> Result<()> {
         self.complete_part()?;
         let session = Session::start(client, self.stream)?;
@@ -69,18 +70,18 @@ impl CellRecorder {
         Ok(())
     }
 
-    /// The next part belongs to another recording, unless this one has no parts.
+    /// Makes the next part the first one of another recording, unless the current recording has no parts yet.
     fn end_recording(&mut self) {
         self.recording = self.recordings();
         self.part = 0;
     }
 
-    /// Number of recordings with frames.
+    /// Number of recordings of which at least one part was written.
     fn recordings(&self) -> usize {
         self.recording + usize::from(self.part > 0)
     }
 
-    /// Adds a frame. A long gap ends the recording and begins the next one.
+    /// Adds a frame. After a gap that is too long to be interpolated, the frame begins another recording.
     pub fn frame(&mut self, frame: &CellFrame) -> Result<()> {
         if !self.session.receiver.frame(frame) {
             return Ok(());
@@ -94,7 +95,7 @@ impl CellRecorder {
         Ok(())
     }
 
-    /// Writes the frames so far as the next part.
+    /// Writes the frames that are not written yet as the next part.
     pub fn complete_part(&mut self) -> Result<()> {
         let Session { cells, source, .. } = &mut self.session;
         let Some(recording) = cells.take(source) else { return Ok(()) };

@@ -22,7 +22,7 @@ use std::time::Instant;
 use study::table::{STEPS_FILE, partition};
 use study::{Person, fits};
 
-/// Fits each step of many participants separately, as the paper does, and computes means by insole size and repeatability.
+/// Fits each step of many participants separately, as the paper does, and computes means by insole size, and the repeatability.
 ///
 /// FOLDER contains one folder per participant with that person's recordings
 /// (*.parquet): any number of trials, both feet. A participant's folder can also
@@ -30,12 +30,12 @@ use study::{Person, fits};
 /// are relative to the participant's folder:
 ///
 ///   size = 41                    # European shoe size; replaces --size
-///   age_years = 24.5             # these four are copied to columns of the table
+///   age_years = 24.5             # age, sex, mass, height: columns of the table
 ///   sex = "female"               # female, male or other
 ///   mass_kg = 70.5
 ///   height_cm = 168
 ///   zero = "zero.toml"           # zero file, from `plantar zero`
-///   thickness = "thickness.toml" # tissue thickness; replaces --thickness
+///   thickness = "thickness.toml" # measurements of the tissue; replaces --tissue
 ///
 /// The table is a folder with one file TABLE/participant=NAME/steps.parquet per
 /// participant. It has one row per step and region, and DuckDB, Spark and Dask
@@ -52,7 +52,7 @@ use study::{Person, fits};
 #[derive(Args)]
 #[command(verbatim_doc_comment)]
 pub struct Cohort {
-    /// The participants' folders.
+    /// The folder that contains the participants' folders.
     #[arg(value_name = "FOLDER")]
     participants: PathBuf,
     /// The folder of the table to write.
@@ -77,7 +77,7 @@ pub struct Cohort {
 /// A processed participant.
 struct Processed {
     person: cohort::Person,
-    /// The rows in the table were already up to date.
+    /// True if the rows in the table were already up to date.
     is_cached: bool,
 }
 
@@ -91,7 +91,7 @@ impl Cohort {
         let names = people::names(&self.participants, Some(&self.out))?;
         let mut read = people::files(&self.participants, &names);
         read.push(self.participants.clone());
-        read.extend(self.search.thickness.clone());
+        read.extend(self.search.tissue.clone());
         let written = [
             Some(self.out.as_path()),
             self.summary.as_deref(),
@@ -116,7 +116,7 @@ impl Cohort {
         let (done, left_out): (Vec<_>, Vec<_>) = results.collect();
         bar.finish_and_clear();
 
-        self.note_others(&names)?;
+        self.note_files_without_participant(&names)?;
         let left_out = left_out.concat();
         left_out.iter().for_each(|reason| eprintln!("left out: {reason}"));
         let done: Vec<Processed> = done.into_iter().flatten().collect();
@@ -127,13 +127,14 @@ impl Cohort {
         Ok(left_out.is_empty())
     }
 
-    /// The file of a participant in the table.
+    /// The path of a participant's file in the table.
     fn file_of(&self, participant: &str) -> PathBuf {
         self.out.join(partition(participant)).join(STEPS_FILE)
     }
 
-    /// Prints a note on stderr for each participant in the table that has no folder.
-    fn note_others(&self, names: &[String]) -> Result<()> {
+    /// Prints a note on stderr for each file in the table whose participant has no folder. `names` are the participants with
+    /// folders.
+    fn note_files_without_participant(&self, names: &[String]) -> Result<()> {
         let known: Vec<_> = names.iter().map(|name| self.file_of(name)).collect();
         let error = || format!("cannot read {}", self.out.display());
         for entry in fs::read_dir(&self.out).with_context(error)? {
@@ -189,7 +190,8 @@ impl Cohort {
         Ok(done(&table::read(path)?.1, false))
     }
 
-    /// Prints the means and the counts of the run, and writes the summary. `start` is the time at which the run began.
+    /// Prints the means and the counts of the run, and writes the summary, the report and its pictures. `start` is the time at
+    /// which the run began.
     fn report(&self, done: Vec<Processed>, start: Instant) -> Result<()> {
         let count = |is: fn(&Processed) -> bool| done.iter().filter(|done| is(done)).count();
         let (cached, unknown) = (count(|done| done.is_cached), count(|done| done.person.settings.size.is_none()));

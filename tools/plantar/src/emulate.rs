@@ -26,10 +26,10 @@ use std::time::{Duration, Instant};
 
 /// The path at which `cargo xtask build` writes the firmware of the emulated board.
 pub const FIRMWARE: &str = "target/thumbv7em-none-eabihf/firmware/emulated";
-/// An insole that sends a live stream is silent for a shorter time than this, even in a slow emulator.
+/// Time without a message after which an insole that sends a live stream counts as failed; long enough for a slow emulator.
 const SILENCE: Duration = Duration::from_secs(10);
 
-/// Starts the firmware in QEMU, plays a recording into its sensor matrix, and shows the messages from its link.
+/// Starts the firmware in QEMU, plays a recording into its sensor matrix, and shows the messages that the firmware sends.
 #[derive(Args)]
 pub struct Emulate {
     /// The recording, with at most 256 cells (`plantar import ... --cells 256`).
@@ -56,7 +56,7 @@ pub struct Emulate {
     /// With --identify: the number of first steps.
     #[arg(long, value_name = "N", default_value = "24", requires = "identify")]
     identify_steps: NonZeroUsize,
-    /// End the walk after this number of steps, or of later steps with --identify.
+    /// End the walk after this number of steps. With --identify, only steps after the identification count.
     #[arg(long, value_name = "N")]
     steps: Option<usize>,
     /// Write the steps, load bouts and alerts, the mean error of the model in each region, and the counters of the link to this
@@ -104,7 +104,7 @@ impl EmulatedInsole {
     }
 }
 
-/// The steps of a walk, and the insole's counters after it.
+/// The steps, load bouts and alerts of a walk, and the insole's counters after the walk.
 struct Outcome {
     records: Records,
     status: Status,
@@ -260,7 +260,7 @@ impl Emulate {
         let mut records = Records::default();
         let mut is_status_pending = false;
         let mut last_message = Instant::now();
-        // A view that was closed for the identification does not know what was entered before.
+        // The view is replaced after the identification, and the new one does not know whether the user pressed a key before.
         let mut is_ended_by_user = false;
         loop {
             is_ended_by_user |= view.wants_to_end()?;
@@ -274,8 +274,8 @@ impl Emulate {
                 }
                 Some(ToHost::Step(step)) => {
                     client.send(ToDevice::Acknowledge { step: step.step })?;
-                    let is_scored = identification.as_mut().is_none_or(|identification| identification.count(&step));
-                    if let Some(identification) = identification.as_mut().filter(|_| !is_scored) {
+                    let is_result = identification.as_mut().is_none_or(|identification| identification.count(&step));
+                    if let Some(identification) = identification.as_mut().filter(|_| !is_result) {
                         view.step(&step);
                         if identification.is_due() {
                             view.close();
@@ -324,6 +324,7 @@ impl Emulate {
         }
     }
 
+    /// True if these are as many steps as --steps requests.
     fn has_enough(&self, steps: &[Step]) -> bool {
         self.steps.is_some_and(|limit| steps.len() >= limit)
     }

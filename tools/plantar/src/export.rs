@@ -48,7 +48,8 @@ pub struct Options {
     /// The file or folder to write.
     #[arg(long, value_name = "PATH")]
     out: PathBuf,
-    /// Export from this time on, s, on the clock of the recording. The insole's code still begins with the first frame.
+    /// Export from this time on, s, on the clock of the recording. The computation still begins with the recording's first
+    /// frame.
     #[arg(long, value_name = "S", value_parser = time)]
     from: Option<f64>,
     /// Export up to this time, s, on the clock of the recording.
@@ -92,7 +93,7 @@ impl Export {
 }
 
 impl Options {
-    /// Computes what is exported.
+    /// Replays the recordings with the options, and returns the data that are exported.
     fn session(&self) -> Result<Session> {
         let parameters = self.insole.wearer.parameters()?;
         let rule = self.insole.rule(&parameters)?;

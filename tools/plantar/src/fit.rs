@@ -53,8 +53,8 @@ pub struct Fit {
     /// Name of the person [default: the file name of the first recording].
     #[arg(long, value_name = "NAME")]
     participant: Option<String>,
-    /// Use only these steps of every recording: a number N or a range N-M, as in the report and in `plantar replay`. Numbers
-    /// begin at 0, and load bouts have numbers, too.
+    /// Use only these steps of every recording: a number N or a range N-M, as in the report and in `plantar replay`. Steps and
+    /// load bouts are numbered together, from 0.
     #[arg(long, value_name = "STEPS")]
     steps: Option<StepRange>,
     #[command(flatten)]
@@ -69,8 +69,8 @@ pub struct Fit {
 #[derive(Clone, Args)]
 pub struct Search {
     /// The filter of the contact area: that of the step records of an insole (direct), that of its live stream (live) or, for
-    /// comparison, the smoothing of the paper (smoothed). The parameters are valid only for that one [default: direct, or smoothed
-    /// with --method paper].
+    /// comparison, the smoothing of the paper (smoothed). The parameters are valid only for this filter [default: direct, or
+    /// smoothed with --method paper].
     #[arg(long, value_enum)]
     filter: Option<FilterName>,
     /// The search: five parameters, with the distribution among people as prior (projection) or, for comparison, the paper's search
@@ -85,8 +85,8 @@ pub struct Search {
     /// [heel] with thickness_mm = 17.5, peak_strain = 0.45 (largest deformation divided by thickness, from ultrasound or
     /// fluoroscopy) and curvature_mm = [35, 60] (radii of the unloaded sole, medial-lateral and heel-toe). Peak strain or curvature
     /// determine the vertical radius C. Otherwise --size determines the thickness, and --compression C.
-    #[arg(long = "tissue", visible_alias = "thickness", value_name = "FILE")]
-    pub(crate) thickness: Option<PathBuf>,
+    #[arg(long, visible_alias = "thickness", value_name = "FILE")]
+    pub(crate) tissue: Option<PathBuf>,
     /// European shoe size, 35 to 46, to which the typical tissue thickness is scaled.
     #[arg(long, default_value_t)]
     pub(crate) size: InsoleSize,
@@ -132,7 +132,7 @@ impl FromStr for StepRange {
 }
 
 impl Search {
-    /// These options in the form of the library.
+    /// These options in the form of the library `study`.
     pub fn of_study(&self) -> study::Search {
         let filter = self.filter.map(|name| match name {
             FilterName::Direct => Filter::Direct,
@@ -147,7 +147,7 @@ impl Search {
             filter,
             method,
             has_paper_bounds: matches!(self.bounds, BoundsName::Paper),
-            tissue: self.thickness.clone(),
+            tissue: self.tissue.clone(),
             size: self.size,
             compression: self.compression,
         }
@@ -186,22 +186,22 @@ impl Fit {
         }
     }
 
-    /// A fit of one recording with the usual search, and with outputs as [`Fit::of_streams`].
+    /// A fit of one recording with the default options of the search, and with the outputs of [`Fit::of_streams`].
     pub fn of_cells(recording: PathBuf, folder: &Path, contact: ContactArgs) -> Self {
         let search = Search {
             filter: None,
             method: MethodName::Projection,
             bounds: BoundsName::Free,
-            thickness: None,
+            tissue: None,
             size: InsoleSize::default(),
             compression: COMPRESSION,
         };
         Self { contact, ..Self::of_streams(vec![recording], "the wearer".into(), folder, search) }
     }
 
-    /// Runs the command. Returns true if all regions were fitted and their results are whole.
+    /// Runs the command. Returns true if all regions were fitted and no result has a defect ([`Study::is_whole`]).
     pub fn run(&self) -> Result<bool> {
-        let read = self.recordings.iter().chain(&self.search.thickness).chain(&self.zero.zero);
+        let read = self.recordings.iter().chain(&self.search.tissue).chain(&self.zero.zero);
         let written = [
             Some(self.out.as_path()),
             self.report.as_deref(),
@@ -227,7 +227,7 @@ impl Fit {
         Ok(self.fitted()?.0)
     }
 
-    /// The fitted study, and its recordings of all cells.
+    /// Fits all regions. Returns the fitted study, and those of its sources that are recordings of all cells.
     fn fitted(&self) -> Result<(Study, Vec<Recording>)> {
         let participant = self.participant.clone().unwrap_or_else(|| stem(&self.recordings[0]));
         let inputs = self.recordings.iter().map(|path| Input::open(path)).collect::<Result<Vec<_>>>()?;
@@ -257,7 +257,7 @@ impl Fit {
 
     /// Adds the measurements that were out of range to the defects of their regions.
     fn add_rejected(&self, study: &mut Study) -> Result<()> {
-        let Some(path) = &self.search.thickness else { return Ok(()) };
+        let Some(path) = &self.search.tissue else { return Ok(()) };
         for (fit, measurements) in study.fits.iter_mut().zip(TissueMeasurements::read(path)?.0) {
             if let Ok(fit) = fit {
                 fit.defects.extend(measurements.rejected.iter().map(ToString::to_string));
@@ -266,7 +266,7 @@ impl Fit {
         Ok(())
     }
 
-    /// Prints and writes the results. Returns true if all regions were fitted and their results are whole.
+    /// Prints and writes the results. Returns true if all regions were fitted and no result has a defect ([`Study::is_whole`]).
     pub fn write(&self, study: &Study) -> Result<bool> {
         results::print(study);
         let fitted = study.fits.iter().flatten().count();
@@ -292,7 +292,7 @@ impl Fit {
     }
 }
 
-/// A file or folder that was given.
+/// A file or folder to fit.
 enum Input<'p> {
     /// A recording of all cells.
     Recording(&'p Path),
@@ -347,8 +347,8 @@ impl Fit {
     }
 }
 
-/// Adds the steps of a live stream to the study. A stream may not be given twice, for example as the file of the page and as that
-/// of `plantar serve`, because its steps would then be predicted from copies of themselves.
+/// Adds the steps of a live stream to the study. A stream may not be given twice, for example as the file of the page and as
+/// that of `plantar serve`, because its steps would then be predicted from copies of themselves.
 fn add_live(study: &mut Study, source: LiveSource) -> Result<()> {
     let (steps, _) = source.steps.collected(0);
     let is_copy = |step: &fit::Step| steps.iter().any(|new| new.start_s == step.start_s && new.regions == step.regions);
@@ -383,7 +383,7 @@ pub fn stem(path: &Path) -> String {
     path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Writes a file. The message of an error names it.
+/// Writes a file. The message of an error names the file.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
     std::fs::write(path, bytes).with_context(|| format!("cannot write {}", path.display()))
 }

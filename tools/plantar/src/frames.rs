@@ -24,30 +24,30 @@ pub struct FrameWriter {
     path: PathBuf,
     rule: ContactRule,
     sink: Sink,
-    /// After `sink`, because fields are dropped in this order, and some systems cannot remove an open file.
+    /// Declared after `sink`, because fields are dropped in this order, and some systems cannot remove an open file.
     incomplete: Incomplete,
     row: Vec<Option<f64>>,
 }
 
-/// The path of the file until it is complete. An incomplete file is removed.
+/// The path of the file until it is complete. On drop, an incomplete file is removed.
 struct Incomplete(PathBuf);
 
 impl Drop for Incomplete {
     fn drop(&mut self) {
-        // A complete file has its own name, so that there is nothing to remove.
+        // A complete file was renamed, so there is nothing to remove, and the error is ignored.
         let _ = fs::remove_file(&self.0);
     }
 }
 
-/// The file in either format. `columns` has the rows that are not written yet.
+/// The file in one of the two formats. `columns` has the rows that are not written yet.
 enum Sink {
     Csv(Box<csv::Writer<File>>),
     Parquet { file: Box<SerializedFileWriter<File>>, columns: Vec<Vec<Option<f64>>> },
 }
 
 impl FrameWriter {
-    /// Creates a file; its extension, .csv or .parquet, selects the format. It has this name once
-    /// [`FrameWriter::finish`] has renamed it, so that an interruption leaves an existing file as it is.
+    /// Creates a file; the extension of `path`, .csv or .parquet, selects the format. The file has another name until
+    /// [`FrameWriter::finish`] renames it to `path`, so that an interruption leaves an existing file as it is.
     pub fn create(path: &Path, rule: ContactRule) -> Result<Self> {
         let names = frames::column_names();
         let mut name = OsString::from(path);

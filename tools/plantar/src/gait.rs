@@ -24,8 +24,8 @@ use std::path::{Path, PathBuf};
 /// the other foot, are counted and not used. docs/measures.md has the definitions.
 #[derive(Args)]
 pub struct GaitCommand {
-    /// The file of a stream, or a recording or a folder of `plantar record` for each foot. The recordings of both feet must have
-    /// the same time column.
+    /// The file of a stream, or a recording or a folder of `plantar record` for each foot. The time columns of two recordings
+    /// must be on one clock.
     #[arg(required = true, num_args = 1..=2, value_name = "FILE")]
     walk: Vec<PathBuf>,
     /// Mean length of a stride, m. The walking speed is computed from it.
@@ -46,12 +46,12 @@ fn length(text: &str) -> Result<f64, String> {
     }
 }
 
-/// The content of a source.
+/// The steps and other load records of one file or folder.
 #[derive(Default)]
 struct Walk {
     /// The steps, with the times of their heel strikes, us; `None` if the time on a common clock is unknown.
     steps: Vec<(Step, Option<u64>)>,
-    /// The load bouts and alerts: the foot and the number.
+    /// The load bouts and alerts, which are numbered together with the steps: the foot and the number of each.
     others: Vec<(Side, u32)>,
 }
 
@@ -96,7 +96,7 @@ impl GaitCommand {
 
 /// Reads the steps of a stream file, of a folder of `plantar record`, or of a recording, which is replayed.
 fn read(path: &Path) -> Result<Walk> {
-    // The folder of a recording of all cells has no steps; it is replayed.
+    // A folder without a table of steps is a recording of all cells in parts, which is replayed.
     if path.join("steps").is_dir() {
         let steps = session::timed_steps(path)?.into_iter();
         let steps = steps.map(|(step, start_s)| (step, start_s.map(|s| (s * 1e6).round() as u64))).collect();
@@ -105,8 +105,8 @@ fn read(path: &Path) -> Result<Walk> {
     if live::is_stream(path) { from_stream(path) } else { from_recording(&Recording::read(path)?) }
 }
 
-/// The steps in a stream file. Their times are on the clock of the host, by the time messages of the insoles or,
-/// in a file without them, by the wall clocks that the host set.
+/// The load records in a stream file. The times of the steps are on the clock of the host: they follow from the time messages
+/// of the insoles or, without such messages, from the wall clocks of the insoles, which the host set.
 fn from_stream(path: &Path) -> Result<Walk> {
     let bytes = std::fs::read(path)?;
     let mut entries = Entries::new(&bytes);
@@ -125,7 +125,7 @@ fn from_stream(path: &Path) -> Result<Walk> {
             Some(ToHost::Hello(_)) => *axis = Axis::new(),
             Some(ToHost::Time { host_us, device_us }) => axis.answer(host_us, device_us),
             Some(ToHost::Step(step)) => {
-                // An insole can send twice as many records again as its queue holds, and a file has two insoles.
+                // An insole can repeat up to twice as many records as its queue holds, and a file has up to two insoles.
                 let record = LoadRecord::from(step);
                 let is_same = |known: &Step| LoadRecord::from(*known).is_same(&record);
                 let is_known = steps.iter().rev().take(4 * RECORD_QUEUE).any(|(known, _)| is_same(known));
@@ -145,7 +145,7 @@ fn from_stream(path: &Path) -> Result<Walk> {
     Ok(Walk { steps, others })
 }
 
-/// The steps that an insole would find in a recording, on the clock of its time column.
+/// The load records that an insole would find in a recording. The times of the steps are on the clock of its time column.
 fn from_recording(recording: &Recording) -> Result<Walk> {
     let virtual_insole = setup::insole(recording, ContactRule::COUNTED)?;
     let mut insole = Box::new(Insole::<f32, MAX_CELLS>::new());
@@ -203,6 +203,7 @@ fn print(gait: &Gait, length: Option<Length>) {
     );
 }
 
+/// Formats an estimate with its standard deviation and its confidence interval, as far as they exist.
 fn to_text(estimate: &Estimate, digits: usize) -> String {
     let sd = estimate.sd.map_or(String::new(), |sd| format!(" ± {sd:.digits$}"));
     let interval =

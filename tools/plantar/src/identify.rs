@@ -35,8 +35,8 @@ use std::time::{Duration, Instant};
 /// the identification predicted. The folder then contains recordings, parameters and reports. A session that was interrupted
 /// continues when the command is given again with the same folder.
 ///
-/// Exit status: 0 if all regions were identified with whole results, as by `plantar fit`, and verified, 3 if not all were, 1 if
-/// the session did not come to its end.
+/// Exit status: 0 if all regions were identified with complete results, as by `plantar fit`, and verified, 3 if not all were, 1
+/// if the session was not completed.
 #[derive(Args)]
 pub struct Identify {
     #[command(flatten)]
@@ -49,27 +49,28 @@ pub struct Identify {
     /// The folder of the session.
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
-    /// Number of good steps of each foot.
+    /// Number of good steps of each foot: those that the identification can use.
     #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u16).range(5..=500))]
     steps: u16,
     /// Number of steps of each foot that verify the result.
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u16).range(1..=100))]
     verify: u16,
-    /// Count the fraction sqrt(p / KPA) of the area of a cell; 0 counts whole cells. The insoles are set to this contact rule.
+    /// Count only the fraction sqrt(p / KPA), at most 1, of the area of a cell in contact, where p is the cell's pressure; 0
+    /// counts whole cells. The insoles are set to this contact rule.
     #[arg(long, value_name = "KPA", default_value_t = ContactRule::COVERED.full_kpa)]
     contact_full: f32,
     /// The wearer's mass, kg. With both feet, the force of the insoles is scaled to the body weight.
     #[arg(long, value_name = "KG", value_parser = mass)]
     mass: Option<f64>,
-    /// Use the zeros that the insoles have; omit the standing trial.
+    /// Omit the standing trial: use the zeros that are stored on the insoles.
     #[arg(long, conflicts_with = "mass")]
     no_standing: bool,
     #[command(flatten)]
     search: Search,
 }
 
-/// The parts of the standing trial: instruction and duration, s. The times are those of the paper (section 2.4), with a second to
-/// change the posture.
+/// The parts of the standing trial: instruction and duration, s. The times are those of the paper (section 2.4: 5, 10
+/// and 5 s), with one second more for each change of posture at the beginning or end of the part.
 const STANDING: [(&str, u64); 3] = [
     ("Sit down and lift both feet off the floor", 6),
     ("Stand up and stand still", 12),
@@ -77,10 +78,10 @@ const STANDING: [(&str, u64); 3] = [
 ];
 /// Largest factor by which forces are scaled to the body weight; a larger one indicates a wrong calibration or mass.
 const MAX_SCALE: f64 = 2.0;
-/// The verification holds if the model's error is at most this multiple of the predicted error plus [`TOLERANCE_PERCENT`].
+/// A region is verified if the model's error is at most this multiple of the predicted error plus [`TOLERANCE_PERCENT`].
 const TOLERANCE_FACTOR: f64 = 1.3;
-/// Percentage points; see [`TOLERANCE_FACTOR`]. With a predicted error of one percent, a few steps differ by more than a third of
-/// it.
+/// Percentage points; see [`TOLERANCE_FACTOR`]. They are for small predicted errors: with a predicted error of 1 %, the error
+/// of a few steps can differ from it by more than a third.
 const TOLERANCE_PERCENT: f64 = 1.0;
 
 fn mass(text: &str) -> Result<f64, String> {
@@ -144,7 +145,7 @@ impl Identify {
         Ok(feet)
     }
 
-    /// The standing trial, unless all feet have a calibration from an earlier one. It is repeated until it succeeds.
+    /// Performs the standing trial, unless all feet have a calibration from an earlier one, and repeats it until it succeeds.
     fn stand(&self, feet: &mut [Foot]) -> Result<()> {
         for foot in feet.iter_mut() {
             if let Some(cells) = read_calibration(&foot.calibration_file())? {
@@ -181,7 +182,7 @@ impl Identify {
         Ok(())
     }
 
-    /// Stores the calibrations, scaled to the body weight if it is known.
+    /// Stores the calibrations. With both feet and a known mass, the gains are scaled to the body weight.
     fn calibrate(&self, feet: &mut [Foot], mut trials: Vec<Standing>) -> Result<()> {
         let total_n: f64 = trials.iter().map(|trial| trial.standing_n).sum();
         match self.mass.map(|kg| kg * GRAVITY_M_S2) {
@@ -204,11 +205,11 @@ impl Identify {
         feet.iter_mut().zip(&trials).try_for_each(|(foot, trial)| foot.calibrate(&trial.cells))
     }
 
-    /// Records the walk, in addition to the steps of earlier sessions.
+    /// Records the walk until each foot has enough good steps, together with those of earlier sessions.
     fn walk(&self, feet: &mut [Foot]) -> Result<()> {
         let needed = usize::from(self.steps);
-        let cue = |_| "Walk at your usual speed. Turn where you like; only whole steps count.".to_string();
-        // Notes about their files are printed before the screen opens.
+        let cue = |_| "Walk at your usual speed. Turn where you like; only complete steps count.".to_string();
+        // The stream files of earlier sessions are read here, so that notes about them are printed before the screen opens.
         let earlier = feet.iter().map(|foot| anyhow::Ok((foot.side, good_steps(foot)?))).collect::<Result<Vec<_>>>()?;
         stage(feet, cue, |foot, stop| {
             let earlier = earlier.iter().find(|(side, _)| *side == foot.side).map_or(0, |(_, steps)| *steps);
@@ -245,8 +246,9 @@ impl Identify {
     }
 }
 
-/// Performs a part of the session with all feet at the same time, and shows the instruction of `cue`, which receives the time
-/// since the start of the part.
+/// Performs a part of the session with all feet at the same time: calls `work` for each foot in a thread of its own, and shows
+/// the instruction of `cue`, which receives the time since the start of the part. `work` ends early once the flag that it
+/// receives is set.
 ///
 /// # Errors
 /// The first error of a foot, or that the user has interrupted the session.
@@ -287,7 +289,7 @@ fn stage<T: Send>(
     Ok(outcomes)
 }
 
-/// The name of a folder, which exists, for display. A path such as `..` does not contain it.
+/// The name of an existing folder, for display. A path such as `..` does not contain the name.
 fn folder_name(path: &Path) -> String {
     let path = if path.file_name().is_some() { Ok(path.into()) } else { path.canonicalize() };
     path.ok()
@@ -296,8 +298,8 @@ fn folder_name(path: &Path) -> String {
         .map_or("the wearer".into(), |name| name.to_string_lossy().into_owned())
 }
 
-/// The stream files of a foot with the steps in them. A session that was interrupted at once has left a file without steps, which
-/// is not used. Prints a note on stderr about each file that cannot be read.
+/// The stream files of a foot's walk with the streams in them. A file without live frames and steps, from a session that was
+/// interrupted at once, is omitted. Prints a note on stderr about each file that cannot be read.
 fn streams(foot: &Foot) -> Result<Vec<(PathBuf, Vec<LiveSource>)>> {
     let read = |path: PathBuf| match live::read_stream(&path) {
         Ok(sources) => (!sources.is_empty()).then_some((path, sources)),
@@ -320,8 +322,8 @@ fn read_calibration(path: &Path) -> Result<Option<Vec<CellCalibration>>> {
     if path.exists() { crate::insole::read(path).map(Some) } else { Ok(None) }
 }
 
-/// Prints the error of the model on the insole, and the error that the fit predicted for new steps. True if no region has a
-/// larger error than predicted.
+/// Prints the error of the model on the insole, and the error that the fit predicted for new steps. Returns true if no region
+/// has a larger error than predicted, within [`TOLERANCE_FACTOR`] and [`TOLERANCE_PERCENT`].
 fn print_verification(foot: &Foot, steps: &[Step], study: &Study) -> bool {
     println!("\n{} foot: {} further steps, evaluated by the insole", foot.side.name(), steps.len());
     let mut table = summary::table();

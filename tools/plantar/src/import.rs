@@ -107,7 +107,7 @@ pub enum Import {
     },
 }
 
-/// A file that contains all that its importer needs.
+/// The options of an importer that needs only the exported file.
 #[derive(Args)]
 pub struct Vendor {
     /// The exported file.
@@ -210,7 +210,7 @@ impl Import {
 }
 
 impl Out {
-    /// Writes one foot to the file, or both feet to a file each, unless it is one of the files in `read`.
+    /// Writes one foot to the output file, or both feet to a file each. Fails if an output file is one of the files in `read`.
     fn write_feet(&self, export: Export, read: &[PathBuf]) -> Result<()> {
         for remark in &export.remarks {
             println!("{remark}");
@@ -228,7 +228,7 @@ impl Out {
         export.feet.into_iter().zip(&paths).try_for_each(|(foot, path)| self.write(foot, path))
     }
 
-    /// The file of the only foot for `None`, or of this foot of a pair.
+    /// The output file of the only foot if `side` is `None`, or of this foot of a pair.
     fn path(&self, side: Option<Side>) -> PathBuf {
         let Some(side) = side else { return self.out.clone() };
         // A name such as `trial-1.1` has no ending to replace.
@@ -242,6 +242,7 @@ impl Out {
         path.into()
     }
 
+    /// Resamples and merges the recording according to the options, writes it, and prints its summary.
     fn write(&self, mut recording: Recording, path: &Path) -> Result<()> {
         if let Some(rate_hz) = self.rate {
             if !(20.0..=500.0).contains(&rate_hz) {

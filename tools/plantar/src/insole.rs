@@ -35,7 +35,7 @@ pub enum Insole {
         #[command(flatten)]
         connection: Connection,
     },
-    /// Set the rules, the frame rate and the size of an insole. The insole restarts afterwards.
+    /// Set the rules of contact and stance, the frame rate and the size of an insole. The insole restarts afterwards.
     ///
     /// Values that are not given remain as they are. Parameters that were identified with another contact rule are not used any
     /// more.
@@ -56,8 +56,9 @@ pub enum Insole {
     },
     /// Measure the baselines of all cells: sit down, lift the foot, and hold it still.
     ///
-    /// An insole does this by itself at its start and in each swing, if two successive swings agree. The command makes it use the
-    /// next reading at once, for example after the shoe was laced again. The insole refuses if the foot carries load or moves.
+    /// An insole does this by itself at its start and in each swing, if two successive swings agree. After this command, the
+    /// insole uses the next reading at once, for example after the shoe was laced again. It refuses if the foot carries load or
+    /// moves.
     Zero {
         #[command(flatten)]
         connection: Connection,
@@ -204,8 +205,8 @@ fn show(connection: &Connection) -> Result<()> {
         ),
         (
             contents.contradictions > 0,
-            "the insole's flash chip returned different contents at its start, so its supply may be too slow: if data are not \
-             stored, switch the insole off and on",
+            "the insole's flash chip returned different contents at its start, so its supply voltage may rise too slowly: if \
+             data are not stored, switch the insole off and on",
         ),
         (
             !status.is_clock_set,
@@ -222,7 +223,8 @@ fn show(connection: &Connection) -> Result<()> {
     Ok(())
 }
 
-/// Prints what determines how long the battery lasts.
+/// Prints the shares of time without wear, for scanning and for evaluation, which determine how long the battery lasts, and the
+/// supply.
 fn print_power(status: &Status) {
     let share = |ms: u32| 100.0 * f64::from(ms) * 1000.0 / status.uptime_us.max(1) as f64;
     let unworn = 100.0 * f64::from(status.frames_skipped) / f64::from(status.frame_times().max(1));

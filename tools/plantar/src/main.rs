@@ -57,6 +57,10 @@ use std::process::ExitCode;
 ///   plantar record --serial /dev/ttyACM0 --out session
 ///   plantar serve --serial /dev/ttyACM0
 ///   plantar update insole.bin --serial /dev/ttyACM0
+///
+/// In the help of the commands, "the paper" is DeBerardinis, Dufek, Trabia:
+/// "A viscoelastic ellipsoidal model of the mechanics of plantar tissues",
+/// J. Biomech. 92 (2019) 137-145. It describes the model of the tissue.
 #[derive(Parser)]
 #[command(name = "plantar", version = env!("PLANTAR_VERSION"), verbatim_doc_comment)]
 struct Arguments {
@@ -92,7 +96,7 @@ enum Command {
     #[command(subcommand)]
     Params(params::Params),
     Update(update::Update),
-    /// Show, set, name, zero, calibrate and restart an insole, and set its alerts.
+    /// Show, name, set, zero, calibrate, erase and restart an insole, and set its alerts.
     #[command(subcommand)]
     Insole(insole::Insole),
 }

@@ -28,10 +28,11 @@ pub struct Monitor {
     /// Write the steps to this JSON file as they arrive, one object per step. The file must be new or empty.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// The same for the load bouts, all load outside steps.
+    /// Write the load bouts (all load outside steps) to this JSON file as they arrive. The file must be new or empty.
     #[arg(long, value_name = "FILE")]
     bouts: Option<PathBuf>,
-    /// The same for the alerts, which ask the wearer to unload a region.
+    /// Write the alerts, which ask the wearer to unload a region, to this JSON file as they arrive. The file must be new or
+    /// empty.
     #[arg(long, value_name = "FILE")]
     alerts: Option<PathBuf>,
 }
@@ -53,8 +54,8 @@ pub trait Sink {
         Ok(())
     }
 
-    /// Called when another session began. The insole may have restarted; its clock and sequence numbers then start again. After
-    /// an error of the link, another session begins.
+    /// Called when another session began. The insole may have restarted; its clock and sequence numbers then start again. If
+    /// this returns an error of the link, another session begins.
     fn reconnected(&mut self, client: &mut AnyClient) -> Result<()>;
 
     /// True once the user's limit of steps or time is reached. The session then ends.
@@ -135,20 +136,20 @@ impl<'m> JsonArray<'m> {
         if written.is_ok() {
             self.len += added.len() as u64;
         } else {
-            // Without an object the file is empty again, so that the next session can use it.
+            // If this was the first object, the file becomes empty again, so that the next session can use it.
             let end = if self.len > 0 { END } else { b"" };
-            // The error of the object is reported, and not that of the reset.
+            // The error of writing the object is reported, and an error of this reset is ignored.
             let _ = self.file.set_len(self.len).and_then(|()| self.write(end));
         }
         written.with_context(|| format!("cannot write {}", self.path.display()))
     }
 
-    /// Writes these bytes after the last complete object.
+    /// Writes these bytes after the last complete object, over the end of the array.
     fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.file.seek(SeekFrom::Start(self.len))?;
         self.file.write_all(bytes)?;
         match self.file.sync_data() {
-            // Devices such as /dev/null have no contents to synchronise. A pipe is refused before, because it has no positions.
+            // Devices such as /dev/null have no contents to synchronise. A pipe fails earlier, in `seek`.
             Err(error) if error.kind() == io::ErrorKind::InvalidInput => Ok(()),
             synced => synced,
         }
@@ -162,6 +163,7 @@ struct Collected<'m> {
     bouts: Option<JsonArray<'m>>,
     alerts: Option<JsonArray<'m>>,
     all: Records,
+    /// Number of the newest stored record, until [`Sink::take_stored`] returns it.
     stored: Option<u32>,
 }
 
@@ -172,7 +174,7 @@ impl Sink for Collected<'_> {
 
     fn load_record(&mut self, record: &LoadRecord, axis: &Axis) -> Result<()> {
         self.all.push(record);
-        // The record is written before it is acknowledged, because the insole then deletes it.
+        // The record is written before it is acknowledged, because the insole deletes an acknowledged record.
         let (file, mut object) = match record {
             LoadRecord::Step(step) => (&mut self.steps, step_to_json(step)),
             LoadRecord::Bout(bout) => (&mut self.bouts, bout_to_json(bout)),

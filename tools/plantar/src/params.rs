@@ -111,7 +111,7 @@ pub fn send(insole: &mut Insole, parameters: &Parameters) -> Result<()> {
     Ok(insole.client().set_identified_tissue(&tissue, on_insole)?)
 }
 
-/// Sets the contact rule of an insole, unless it is in force already. The insole restarts.
+/// Sets the contact rule of an insole and restarts the insole, unless the rule is in force already.
 pub fn set_rule(insole: &mut Insole, contact: ContactRule) -> Result<()> {
     let client = insole.client();
     if client.hello().contact_rule == contact {
@@ -128,7 +128,8 @@ pub fn set_rule(insole: &mut Insole, contact: ContactRule) -> Result<()> {
     Ok(())
 }
 
-/// Refuses to replace the file of a person, which has more than typical parameters and more than those on an insole.
+/// Refuses to replace a file with personal parameters, because neither typical parameters nor those on an insole contain all of
+/// its information.
 fn check_not_personal(out: &Path) -> Result<()> {
     ensure!(
         !Parameters::read(out).is_ok_and(|parameters| parameters.personal),

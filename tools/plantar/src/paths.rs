@@ -3,9 +3,9 @@
 use anyhow::{Result, ensure};
 use std::path::{Path, PathBuf};
 
-/// The file that a path names, in a form that is the same for all its spellings and links.
+/// The file that a path names, as a path that is the same for all spellings of, and links to, this file.
 fn resolved(path: &Path) -> PathBuf {
-    // A file that does not exist yet has a folder.
+    // A file that does not exist yet cannot be resolved, but its folder can.
     let in_folder = || {
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         Some(folder.canonicalize().ok()?.join(path.file_name()?))
@@ -16,7 +16,7 @@ fn resolved(path: &Path) -> PathBuf {
 /// Checks that none of the files in `written` is also one of those in `read`, or is named twice.
 ///
 /// # Errors
-/// The file for which another name is needed.
+/// If another name is needed for a file, which the message names.
 pub fn check_written(read: &[PathBuf], written: &[Option<&Path>]) -> Result<()> {
     let mut files: Vec<_> = read.iter().map(|path| resolved(path)).collect();
     for path in written.iter().flatten() {

@@ -7,7 +7,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use study::Person;
 
-/// The names of the participants' folders in the folder of a study, sorted. The folder `except` is not one of them.
+/// The names of the participants' folders in the folder of a study, sorted. The folder `except`, such as that of the output,
+/// and hidden folders are omitted.
 pub fn names(study: &Path, except: Option<&Path>) -> Result<Vec<String>> {
     let error = || format!("cannot read {}: it must be a folder with one folder per participant", study.display());
     let except = except.and_then(|path| path.canonicalize().ok());

@@ -18,18 +18,21 @@ pub struct Picture {
     forces: Vec<Forces>,
     /// The codes of these frames, one frame after the other.
     codes: Vec<u16>,
+    /// True if the foot was on the ground in the last frame.
     was_on_ground: bool,
+    /// The first step, once it is complete.
     step: Option<Step>,
 }
 
 impl Picture {
-    /// Starts without frames, for the steps of this insole.
+    /// A picture without frames, for the steps of this insole.
     pub fn new(insole: &VirtualInsole) -> Self {
         let longest_frames = insole.longest_step_frames();
         Self { longest_frames, forces: Vec::new(), codes: Vec::new(), was_on_ground: false, step: None }
     }
 
-    /// Adds the frame that the insole processed last, its codes, and the step that it completed.
+    /// Adds the frame that the insole processed last, its codes, and the step that this frame completed, if any. After the
+    /// first step, further frames are ignored.
     pub fn push<R: Real, const N: usize>(&mut self, insole: &Insole<R, N>, codes: &[u16], step: Option<Step>) {
         if self.step.is_some() {
             return;

@@ -54,7 +54,7 @@ pub struct Record {
 
 /// The current files are completed after this time.
 const FILE_TIME: Duration = Duration::from_secs(30);
-/// The current files are completed after this number of records: an insole sends no further one before these are
+/// The current files are completed after this number of load records: an insole sends no further record before these are
 /// acknowledged.
 const FILE_RECORDS: usize = plantar::protocol::session::RECORD_QUEUE;
 
@@ -63,7 +63,7 @@ impl Record {
         if std::fs::read_dir(&self.out).is_ok_and(|mut entries| entries.next().is_some()) {
             bail!("{} is not empty: choose another folder", self.out.display());
         }
-        // A folder that cannot be created is reported before the walk.
+        // The folder is created now, so that an error is reported before the walk.
         std::fs::create_dir_all(&self.out).with_context(|| format!("cannot create {}", self.out.display()))?;
         let mut insole = self.connection.open(ReconnectPolicy::STREAM)?;
         let mut view = View::open(insole.client().hello())?;
@@ -97,7 +97,9 @@ impl Record {
 
 /// Collects rows and writes them to successive Parquet files.
 struct Recorder<'r> {
+    /// The options.
     record: &'r Record,
+    /// The foot of the insole with which the recording began.
     side: Side,
     /// Number of the session, from 0. Sequence numbers and times may start again in each session.
     session: i32,
@@ -115,7 +117,7 @@ struct Recorder<'r> {
     bouts: Vec<Row>,
     /// Rows of the table of alerts that are not written yet.
     alerts: Vec<Row>,
-    /// Numbers of the records that are not written yet.
+    /// Numbers of the load records that are not written yet.
     pending: Vec<u32>,
     /// Number of the newest load record in a complete file, until it is acknowledged.
     stored: Option<u32>,
@@ -123,6 +125,7 @@ struct Recorder<'r> {
     all: Records,
     /// Number of received live frames.
     frames: usize,
+    /// The recorder of all cells, with --cells.
     cells: Option<CellRecorder>,
 }
 
@@ -182,7 +185,7 @@ impl<'r> Recorder<'r> {
         Ok(())
     }
 
-    /// Completes the files after [`FILE_RECORDS`] records, or [`FILE_TIME`].
+    /// Completes the files after [`FILE_RECORDS`] load records, or [`FILE_TIME`].
     fn complete_file_if_due(&mut self) -> Result<()> {
         let is_due = self.pending.len() >= FILE_RECORDS || self.file_start.elapsed() >= FILE_TIME;
         if is_due { self.complete_file() } else { Ok(()) }

@@ -19,6 +19,7 @@ pub struct Records {
 }
 
 impl Records {
+    /// Adds a record to the list of its kind.
     pub fn push(&mut self, record: &LoadRecord) {
         match record {
             LoadRecord::Step(step) => self.steps.push(*step),
@@ -27,7 +28,8 @@ impl Records {
         }
     }
 
-    /// Prints the tables of the steps, one of the load bouts, and the alerts. `scales` are those of the deformations.
+    /// Prints the tables of the steps, a table of the load bouts, and the alerts. `scales` states for each region whether the
+    /// scale of its deformation was measured or assumed.
     pub fn print(&self, scales: &[DeformationScale; 8]) {
         summary::print(&self.steps, scales);
         if !self.bouts.is_empty() {

@@ -31,7 +31,7 @@ use study::{Person, fits};
 /// recordings of one person. For one person there is no ICC.
 ///
 /// If people have different numbers of trials of a foot, the first trials of
-/// each, in the order of their names, are used.
+/// each, in the order of the names of the recordings, are used.
 ///
 /// Exit status: 0 if all participants and recordings were used, 3 if some could
 /// not be used, 1 if there are too few trials to compare.
@@ -70,7 +70,7 @@ impl Repeat {
         self.search.options(0)?;
         let rule = self.contact.rule(None)?;
         let study = self.study();
-        let options = self.search.thickness.iter().chain(&self.zero);
+        let options = self.search.tissue.iter().chain(&self.zero);
         let mut read: Vec<PathBuf> = self.inputs.iter().chain(options).cloned().collect();
         if let Some(folder) = study {
             read.extend(people::files(folder, &people::names(folder, None)?));
@@ -112,7 +112,8 @@ impl Repeat {
         Ok(left_out.is_empty())
     }
 
-    /// The folder of a study, if one was given: a single folder that has folders. A recording in parts is a folder with files.
+    /// The folder of a study, if one was given: a single folder that is not a recording in parts. Such a recording is a folder
+    /// that contains only files, and at least one Parquet file among them.
     fn study(&self) -> Option<&Path> {
         let [folder] = &self.inputs[..] else { return None };
         let entries: Vec<PathBuf> = folder.read_dir().ok()?.flatten().map(|entry| entry.path()).collect();
@@ -149,7 +150,7 @@ impl Repeat {
         Ok(all)
     }
 
-    /// The trials of the recordings that were given.
+    /// The trials of one person, whose recordings were given.
     fn one_person(&self) -> Result<Trials> {
         let mut known = BTreeSet::new();
         for path in &self.inputs {
@@ -192,7 +193,8 @@ fn remedy(single: &SingleTrial) -> String {
     )
 }
 
-/// The reasons for people who are the only ones with repeated trials of a foot, so that the foot is not evaluated.
+/// The reasons why people with repeated trials of a foot are left out: this foot is not evaluated, because fewer than
+/// `least_people` people have repeated trials of it.
 fn lone_people(people: &[(&str, &[Trial])], feet: &[FootRepeatability], least_people: usize) -> Vec<String> {
     let (possible, _) = repeatability(people, 1);
     let lone = possible.into_iter().filter(|foot| foot.people.len() < least_people);
@@ -200,8 +202,8 @@ fn lone_people(people: &[(&str, &[Trial])], feet: &[FootRepeatability], least_pe
     lone.map(|foot| {
         let side = foot.side.name();
         format!(
-            "{}, {side} foot: nobody else has two or more usable recordings of the {side} foot: record further people, or give the \
-             recordings of this person as files",
+            "{}, {side} foot: nobody else has two or more usable recordings of the {side} foot: record other people, too, or \
+             give the recordings of this person as files",
             foot.people.join(", ")
         )
     })

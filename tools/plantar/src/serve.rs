@@ -34,7 +34,7 @@ pub struct Serve {
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     /// Publish frames, steps, load bouts, alerts and events of each foot over the Lab Streaming Layer, to all computers in the
-    /// network. This needs the library liblsl, where the system finds it or in the file LIBRARY. docs/live.md describes the
+    /// network. This needs the library liblsl: the file LIBRARY, or one that the system finds. docs/live.md describes the
     /// streams.
     #[arg(long, value_name = "LIBRARY", num_args = 0..=1, require_equals = true, requires = "record")]
     lsl: Option<Option<PathBuf>>,

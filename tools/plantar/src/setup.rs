@@ -10,7 +10,7 @@ use recording::{FrameSource, Recording, VirtualInsole, Zero};
 use std::path::{Path, PathBuf};
 use study::ContactOptions;
 
-/// The options of a command that passes a recording through an insole.
+/// The options of a command that plays a recording into a virtual or emulated insole.
 #[derive(Args)]
 pub struct InsoleArgs {
     #[command(flatten)]
@@ -126,8 +126,9 @@ impl ContactArgs {
         self.values().changed(rule)
     }
 
-    /// Returns the contact rule: the rule with which the parameters were identified, or else the usual one, changed by the given
-    /// options. Prints a note on stderr if the result differs from the rule with which the parameters were identified.
+    /// Returns the contact rule: the rule with which the parameters were identified, or else the default, changed by the given
+    /// options. Prints notes on stderr if the parameters were identified with another rule, or with a filter other than that of
+    /// step records.
     pub fn rule(&self, identified: Option<&Identified>) -> Result<ContactRule> {
         let default = identified.map_or(ContactRule::COVERED, |i| i.contact);
         let rule = self.values().rule(default).context("--contact-on, --contact-off and --contact-full")?;

@@ -12,8 +12,8 @@ use plantar::protocol::{Step, StepRegion};
 /// Short names of the regions for narrow columns, in the order of [`Region::ALL`].
 pub const SHORT: [&str; 8] = ["Heel", "P.midfoot", "A.midfoot", "Met 1-2", "Met 3-5", "Hallux", "Toe 2", "Toes 3-5"];
 
-/// Prints a table with a row for each step, and a table with the means of each region. `scales` states what the deformations of
-/// the regions rest on.
+/// Prints a table with a row for each step, and a table with the means of each region. `scales` states for each region whether
+/// the scale of its deformation was measured or assumed.
 pub fn print(steps: &[Step], scales: &[DeformationScale; 8]) {
     let Some(first) = steps.first() else {
         println!("no steps");
@@ -27,7 +27,7 @@ pub fn print(steps: &[Step], scales: &[DeformationScale; 8]) {
         let mut row =
             vec![step.step.to_string(), format!("{:.2}", step.start_s()), format!("{:.2}", step.duration_s())];
         row.extend(step.regions.iter().enumerate().map(|(i, r)| {
-            let mark = |bits: u8, mark| if bits >> i & 1 == 1 { mark } else { "" };
+            let mark = |bits: u8, symbol| if bits >> i & 1 == 1 { symbol } else { "" };
             format!(
                 "{}{}{:.0} / {}{:.0}",
                 if r.masked_cells > 0 { "~" } else { "" },
@@ -43,13 +43,13 @@ pub fn print(steps: &[Step], scales: &[DeformationScale; 8]) {
     println!("Peak force of each step, measured / model:\n{table}");
     print_changes(steps);
     if steps.iter().any(|step| step.saturated != 0) {
-        println!("> A cell was at full scale: the force was at least this value.");
+        println!("> A cell was at full scale: the measured force is a lower bound.");
     }
     if steps.iter().flat_map(|step| &step.regions).any(|region| region.masked_cells > 0) {
         println!("~ Faulty cells are masked: their values are interpolated from neighbouring cells.");
     }
     if steps.iter().any(|step| step.clamped != 0) {
-        println!("* The contact was larger than the ellipsoid: the model is limited to the whole ellipsoid.");
+        println!("* The contact exceeded the ellipsoid of the model: the model force is a lower bound.");
     }
 
     let (area, deformation) = (recording::area_title(&first.contact_rule), deformation_title(scales));
@@ -84,9 +84,9 @@ pub fn print(steps: &[Step], scales: &[DeformationScale; 8]) {
     }
     align(&mut table);
     println!(
-        "Mean of each region over the steps that loaded it, of {} steps. Force, model, area and deformation are the \
-         peak values of a step. Force is the sum of the sensors. The radii of the ellipse (semi-axes) are those at the \
-         largest force:\n{table}",
+        "Means of each region over those of the {} steps in which it was loaded. Force, model, area and deformation are the \
+         peak values of a step. Force is measured: the sum over the cells. Model is the model force. The radii of the ellipse \
+         (semi-axes) are those at the largest force:\n{table}",
         steps.len()
     );
     if scales.iter().any(|scale| scale.assumed_percent() > 0) {
@@ -119,7 +119,7 @@ fn print_changes(steps: &[Step]) {
 pub fn print_faults_of<C: Carrier>(client: &mut Client<C>) {
     match client.faults() {
         Ok(faults) => print_faults(&faults, client.hello().cells.into()),
-        // The session is nevertheless complete: the insole still has its list of faults, and another session can read it.
+        // This does not make the command fail: the insole retains its list of faults, and a later session can read it.
         Err(error) => eprintln!("note: the faults of the insole's sensor could not be read: {error}"),
     }
 }
@@ -166,7 +166,8 @@ pub fn model_error_percent(steps: &[Step], region: usize) -> Option<f64> {
 }
 
 /// As [`model_error_percent`], over the steps from which a fit predicts this error: those in which the region carries at least
-/// [`MIN_FORCE_N`] and has no saturated cell. The error of others is that of single cells, or of a force that is a lower bound.
+/// [`MIN_FORCE_N`] and has no saturated cell. With a smaller force, the error is mainly that of single cells; with a saturated
+/// cell, the measured force is only a lower bound.
 pub fn comparable_error_percent(steps: &[Step], region: usize) -> Option<f64> {
     let is_comparable =
         |step: &Step| step.saturated >> region & 1 == 0 && step.regions[region].measured_force_peak_n() >= MIN_FORCE_N;
@@ -181,7 +182,7 @@ pub fn table() -> Table {
     table
 }
 
-/// Aligns all columns to the right. Call this after all rows were added, because a table without rows has no columns.
+/// Aligns all columns to the right. Call this after the header and all rows were added, because they create the columns.
 pub fn align(table: &mut Table) {
     for column in table.column_iter_mut() {
         column.set_cell_alignment(CellAlignment::Right);

@@ -13,7 +13,7 @@ use plantar::storage::update::DEVELOPMENT_KEY_ID;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-/// Longest time within which an insole has checked a new image that works.
+/// Longest time that an insole needs to check a new image that works.
 const TRIAL: Duration = Duration::from_secs(30);
 
 /// Sends signed firmware to an insole, and waits until the insole runs the firmware and has confirmed it.
@@ -97,7 +97,8 @@ impl Update {
     }
 }
 
-/// Confirms the new image, and waits until the insole has checked it.
+/// Asks the insole repeatedly to confirm the new image, until it does. Returns an error if it is still checking the image after
+/// [`TRIAL`].
 fn wait_for_trial(image: &Image, insole: &mut Insole) -> Result<()> {
     let start = Instant::now();
     loop {

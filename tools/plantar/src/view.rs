@@ -23,8 +23,8 @@ const LISTED: usize = 6;
 /// The display of a session.
 pub struct View {
     title: String,
-    /// The names of the area and of the deformation, below their columns.
-    columns: String,
+    /// The full names of the area and of the deformation, which are shown below the loads.
+    column_names: String,
     /// `None` if stdout is not a terminal, or once the display is closed.
     terminal: Option<DefaultTerminal>,
     /// Time of the last redraw.
@@ -35,14 +35,15 @@ pub struct View {
     /// Force at the end of the bars' scale, 0.1 N: the largest force so far, but at least 100 N.
     scale_dn: u16,
     steps: Vec<Step>,
-    /// The advice of the last alert; empty without one.
+    /// The advice of the last alert; empty before the first alert.
     alert: String,
     /// The user has pressed a key that ends the session.
     has_ended: bool,
 }
 
 impl View {
-    /// Prints notes about the insole. If stdout is a terminal, switches it to the display.
+    /// Prints notes about the insole. If stdout is a terminal, switches it to the display; otherwise prints a line with the
+    /// title.
     pub fn open(hello: &Hello) -> Result<Self> {
         if let Some(panic) = &hello.fault {
             eprintln!("note: the insole reports a failure: {panic}");
@@ -66,7 +67,7 @@ impl View {
     fn new(hello: &Hello, terminal: Option<DefaultTerminal>) -> Self {
         Self {
             title: title(hello),
-            columns: columns(hello),
+            column_names: column_names(hello),
             terminal,
             drawn: None,
             live: Live::default(),
@@ -103,7 +104,7 @@ impl View {
     /// Shows that the link is open again.
     pub fn reconnected(&mut self, hello: &Hello) {
         self.title = title(hello);
-        self.columns = columns(hello);
+        self.column_names = column_names(hello);
         if self.terminal.is_none() {
             println!("{}", self.title.trim());
         }
@@ -135,7 +136,7 @@ impl View {
             LoadRecord::Alert(alert) if self.terminal.is_none() => println!("{}", alert_line(alert)),
             LoadRecord::Alert(alert) => {
                 self.alert = client::alert_advice(alert);
-                // The bell of a terminal that cannot be written to is not worth an error.
+                // The session continues even if the bell cannot be written.
                 let _ = std::io::stdout().write_all(b"\x07");
             }
         }
@@ -168,15 +169,15 @@ impl View {
         let alert_height = if self.alert.is_empty() { 0 } else { 3 };
         let heights = [11, LISTED as u16 + 2, alert_height, 1].map(Constraint::Length);
         let [loads, steps, alert, footer] = Layout::vertical(heights).areas(frame.area());
-        // The border takes 2 characters and the numbers 49. The other 11 are for a flag.
+        // A line has 62 characters beside the bar: 2 for the border, 49 for the numbers, and 11 for the longest flag.
         let width = usize::from(loads.width).saturating_sub(62).max(10);
         let mut lines = vec![
             Line::from(format!("{:<10} {:>8} {:>8} {:>9} {:>8}  ", "", "force N", "model N", "area mm2", "deform mm"))
                 .dim(),
         ];
         for (i, (name, r)) in SHORT.iter().zip(&self.live.regions).enumerate() {
-            let cells = |dn: u16| usize::from(dn) * width / usize::from(self.scale_dn);
-            let (measured, model) = (cells(r.measured_dn), cells(r.model_dn));
+            let characters = |dn: u16| usize::from(dn) * width / usize::from(self.scale_dn);
+            let (measured, model) = (characters(r.measured_dn), characters(r.model_dn));
             let bar = (0..width).map(|x| match (x < measured, x + 1 == model) {
                 (_, true) => Span::styled("|", Style::new().fg(Color::Yellow)),
                 (true, _) => Span::styled("█", Style::new().fg(Color::Cyan)),
@@ -203,7 +204,7 @@ impl View {
         }
         frame.render_widget(
             Paragraph::new(lines)
-                .block(Block::bordered().title(self.title.as_str()).title_bottom(self.columns.as_str())),
+                .block(Block::bordered().title(self.title.as_str()).title_bottom(self.column_names.as_str())),
             loads,
         );
         let listed = self.steps.iter().rev().take(LISTED).map(|step| Line::from(step_line(step))).collect::<Vec<_>>();
@@ -247,15 +248,15 @@ fn title(hello: &Hello) -> String {
     )
 }
 
-/// The names of the areas and of the deformation, for which the columns have no space. An insole does not know whether the scale of
-/// its deformation was measured.
-fn columns(hello: &Hello) -> String {
+/// The full names of the area and of the deformation, for which the headers of the columns have no space. An insole does not
+/// know whether the scale of its deformation was measured, so the name states that it is assumed.
+fn column_names(hello: &Hello) -> String {
     let (area, deformation) =
         (recording::area_title(&hello.contact_rule), deformation_title(&DeformationScale::ALL_ASSUMED));
     format!(" area: {area}; deform: {deformation} ")
 }
 
-/// A line with a step's number, times and peak forces.
+/// A line with a step's number, its times, and the measured peak force of each region, N.
 fn step_line(step: &Step) -> String {
     let peaks: Vec<_> = SHORT
         .iter()
@@ -279,7 +280,7 @@ mod tests {
     use ratatui::backend::TestBackend;
 
     #[test]
-    fn no_flag_is_cut_in_a_terminal_of_80_columns() {
+    fn no_flag_is_cut_off_in_a_terminal_of_80_columns() {
         let mut view = View::new(&testkit::hello(), None);
         view.live = Live { saturated: 1, masked: 2, clamped: 4, ..Live::default() };
         let mut terminal = Terminal::new(TestBackend::new(80, 24)).expect("a terminal");

@@ -22,7 +22,8 @@ const GOOD_PERCENT: f64 = 10.0;
 /// 5 s. The command finds the exact times of these phases in the recording, and excludes half a second at each end of a phase.
 /// Make sure that the feet are off the floor while the person sits: the command cannot detect this in a recording.
 ///
-/// `plantar fit`, `plantar replay` and `plantar emulate` accept the file with --zero.
+/// The option --zero of `plantar fit`, `plantar replay`, `plantar export`, `plantar repeat` and `plantar emulate` accepts the
+/// file.
 #[derive(Args)]
 pub struct Zero {
     /// The standing trial: the recording of one foot, or the recordings of both feet in the same trial.
@@ -64,7 +65,7 @@ impl Zero {
     }
 }
 
-/// Measures one foot and prints the result. Returns its zero and its mean force while standing, N.
+/// Measures one foot and prints the result. Returns the foot's side, its zero, and its mean force while standing, N.
 fn measure(path: &Path, weight_n: Option<f64>) -> Result<(Side, FootZero, f64)> {
     let place = path.display().to_string();
     let recording = Recording::read(path)?;

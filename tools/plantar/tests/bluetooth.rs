@@ -16,7 +16,7 @@ use testkit::{hello, live, status, step};
 /// Number of live frames that the insole sends before its first step.
 const FRAMES: u32 = 50;
 
-/// The insole behind the radio.
+/// The simulated insole. All clones share its state.
 #[derive(Clone)]
 struct Insole {
     is_bonded: bool,
@@ -24,7 +24,7 @@ struct Insole {
     /// The link breaks at the next acknowledgement, before the insole receives it.
     breaks_link: Arc<AtomicBool>,
     session: Arc<Mutex<(Session, Joiner)>>,
-    /// The numbers of characteristics with values for the host, in the order in which they are sent.
+    /// The values for the host in the order in which they are sent, each with the number of its characteristic.
     values: Sender<(u8, Vec<u8>)>,
     /// The numbers of the steps that the host acknowledges.
     acknowledged: Sender<u32>,
@@ -58,6 +58,7 @@ impl Peripheral for Insole {
         let (session, joiner) = &mut *guard;
         let Some(message) = joiner.push(fragment).expect("in order") else { return Ok(()) };
         let message = decode::<ToDevice>(message).expect("a message");
+        // Only the messages about tissue parameters use characteristic 4.
         assert_eq!(number == 4, matches!(message, ToDevice::SetTissue(_) | ToDevice::GetTissue));
         if matches!(message, ToDevice::Acknowledge { .. }) && self.breaks_link.swap(false, Ordering::SeqCst) {
             self.connected.store(false, Ordering::SeqCst);
@@ -65,7 +66,7 @@ impl Peripheral for Insole {
             return Ok(());
         }
         if let ToDevice::Acknowledge { step } = message {
-            // Most tests do not follow the acknowledgements.
+            // This fails only after the end of the test, which drops the receiver.
             let _ = self.acknowledged.send(step);
         }
         session.receive(message, 0);
@@ -106,7 +107,7 @@ impl Insole {
     }
 }
 
-/// An insole in range of a computer.
+/// The simulated Bluetooth service of this computer, and an insole in range.
 struct Simulated {
     bus: Bus,
     insole: Insole,
@@ -146,8 +147,8 @@ fn text(bytes: &[u8]) -> &str {
     std::str::from_utf8(bytes).expect("text")
 }
 
-/// The objects in a JSON file without their time of day, which every one must have.
-fn timed(json: &str) -> Vec<serde_json::Value> {
+/// The objects of a JSON array. Asserts that each has a time of day, `start_unix_s`, and replaces it by null.
+fn without_time_of_day(json: &str) -> Vec<serde_json::Value> {
     let mut objects: Vec<serde_json::Value> = serde_json::from_str(json).expect("JSON");
     for object in &mut objects {
         assert!(object["start_unix_s"].take().is_f64(), "{object}");
@@ -166,7 +167,7 @@ fn monitor_receives_the_step_after_many_frames() {
     assert!(output.status.success(), "{}", text(&output.stderr));
     let steps = std::fs::read_to_string(json).expect("written");
     let expected = client::step_to_json(&step(7));
-    assert_eq!(timed(&steps), [expected]);
+    assert_eq!(without_time_of_day(&steps), [expected]);
     // The step was acknowledged, so the insole does not send it again in a new session.
     let session = &mut simulated.insole.session.lock().expect("no panic").0;
     session.receive(ToDevice::Connect { major: plantar::protocol::MAJOR, minor: plantar::protocol::MINOR }, 0);
@@ -191,7 +192,7 @@ fn monitor_reconnects_after_a_broken_link() {
     assert!(text(&output.stderr).contains("trying again"), "{}", text(&output.stderr));
     let steps = std::fs::read_to_string(json).expect("written");
     let expected = [7, 8].map(|number| client::step_to_json(&step(number)));
-    assert_eq!(timed(&steps), expected);
+    assert_eq!(without_time_of_day(&steps), expected);
 }
 
 #[test]
@@ -225,10 +226,10 @@ fn an_insole_without_a_bond_is_reported_with_the_remedy() {
     assert!(text(&output.stderr).contains("pair it in this computer's Bluetooth settings"), "{}", text(&output.stderr));
 }
 
-/// While an insole is connected to another phone or computer, it does not advertise.
+/// An insole does not advertise while it is connected to another phone or computer.
 #[test]
 #[ignore = "needs a D-Bus daemon: cargo xtask test"]
-fn an_insole_that_does_not_advertise_may_be_connected_elsewhere() {
+fn the_error_for_an_insole_that_does_not_advertise_names_another_phone_or_computer() {
     let output = command(&Bus::start(None, channel().1), &["monitor", "--ble", "left"]).output().expect("it runs");
     assert!(!output.status.success());
     let text = text(&output.stderr);
@@ -258,5 +259,5 @@ fn a_second_program_on_this_computer_is_refused_and_the_first_one_loses_nothing(
     assert!(output.status.success() && !text(&output.stderr).contains("trying again"), "{}", text(&output.stderr));
     let expected = [7, 8].map(|number| client::step_to_json(&step(number)));
     let steps = std::fs::read_to_string(json).expect("written");
-    assert_eq!(timed(&steps), expected);
+    assert_eq!(without_time_of_day(&steps), expected);
 }

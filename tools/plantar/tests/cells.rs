@@ -1,5 +1,5 @@
-//! Tests `plantar record --cells` with the emulated insole: the recording that it
-//! writes yields the same steps as the recording that was played.
+//! Tests `plantar record --cells` with the emulated insole: the recording that the command writes yields the same steps as the
+//! recording that was played into the insole.
 
 mod board;
 
@@ -14,7 +14,7 @@ use serde_json::Value;
 use std::path::Path;
 use std::process::Command;
 
-/// Steps of the walk, which is played in real time, so that it continues after the program has connected.
+/// Number of steps of the walk. The walk is played in real time, so that it continues after the program has connected.
 const STEPS: u32 = 6;
 
 fn plantar(arguments: &[&str]) -> String {
@@ -23,7 +23,7 @@ fn plantar(arguments: &[&str]) -> String {
     String::from_utf8(output.stdout).expect("text")
 }
 
-/// The quantities of each region in the steps of a replay.
+/// Replays a recording, and returns the quantities of all regions for each step. `json` is the file that the replay writes.
 fn steps(recording: &Path, json: &Path) -> Vec<Value> {
     plantar(&["replay", &recording.to_string_lossy(), "--json", &json.to_string_lossy()]);
     let steps: Value = serde_json::from_slice(&std::fs::read(json).expect("a file")).expect("JSON");
@@ -32,7 +32,7 @@ fn steps(recording: &Path, json: &Path) -> Vec<Value> {
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn a_recording_of_cells_gives_the_steps_of_the_walk() {
+fn a_recording_of_cells_yields_the_steps_of_the_walk() {
     let firmware = std::env::var_os("PLANTAR_FIRMWARE").expect("PLANTAR_FIRMWARE names the emulated board's firmware");
     let folder = tempfile::tempdir().expect("a folder");
     let path = |name: &str| folder.path().join(name);
@@ -64,7 +64,7 @@ fn a_recording_of_cells_gives_the_steps_of_the_walk() {
     let recording = Recording::read(&parts).expect("a recording in parts");
     assert!(recording.source.contains("contact on at 10 kPa"), "{}", recording.source);
     let (original, recorded) = (steps(&path("walk.parquet"), &path("a.json")), steps(&parts, &path("b.json")));
-    // The recording begins with the connection and ends with the last step.
+    // The recording begins when the program connects and ends with the last step, so the first steps may be missing.
     assert!(recorded.len() as u32 >= STEPS - 3, "{} steps", recorded.len());
     assert!(recorded.iter().all(|step| original.contains(step)), "a recorded step differs from all that were played");
 }

@@ -233,7 +233,7 @@ fn errors_for_too_many_cells_and_missing_programs_name_the_remedy() {
     fail(&path, "monitor --serial /dev/nowhere", &["/dev/nowhere"]);
 }
 
-/// Nobody is asked to walk before such an option is refused.
+/// An option that cannot be used is refused before the person is asked to walk.
 #[test]
 fn a_session_is_refused_before_it_connects_if_its_options_cannot_be_used() {
     let (_folder, path) = folder();
@@ -247,7 +247,8 @@ fn a_session_is_refused_before_it_connects_if_its_options_cannot_be_used() {
     }
 }
 
-/// The heel is loaded by 1,000 N on 200 mm2, and barefoot walkers load more than 2,000 mm2 of it.
+/// The heel carries 1,000 N on 200 mm2. The typical parameters were determined from barefoot steps that load more than 2,000
+/// mm2 of the heel.
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn replay_and_emulate_note_that_typical_parameters_are_not_applicable() {
@@ -278,7 +279,7 @@ fn write_trial(path: &Path, side: plantar::Side, standing_n: f64) -> Recording {
     trial
 }
 
-/// The person stands for ten seconds with 400 N, after and before transitions of a second.
+/// This foot carries 400 N for ten seconds, with a transition of one second before and after.
 #[test]
 fn standing_is_a_load_bout_with_its_force_time_integral() {
     let (_folder, path) = folder();
@@ -395,7 +396,8 @@ fn the_version_has_the_commit() {
 #[test]
 fn an_export_of_both_feet_is_recognised_and_becomes_a_pair_on_one_clock() {
     let (_folder, path) = folder();
-    // A seed of the fuzz targets: a computed step. Its first byte is not part of the export.
+    // A seed of the fuzz target `vendor`: an export of a computed step. Its first byte selects the format, and is no part of
+    // the export.
     let seed =
         std::fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fuzz/corpus/vendor/xsensor")).expect("a seed");
     std::fs::write(path.join("walk.dat"), &seed[1..]).expect("written");

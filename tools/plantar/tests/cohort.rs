@@ -197,7 +197,7 @@ fn a_second_run_processes_only_changed_participants() {
     let bob = path.join("table/participant=bob%3Db./steps.parquet");
     let written = |path: &Path| path.metadata().and_then(|file| file.modified()).expect("a time");
     let bob_written = written(&bob);
-    // Sets up the state after an interruption during which ann's file was being written.
+    // Sets up the state after a run that was interrupted while it wrote ann's file.
     fs::remove_file(&ann).expect("removed");
     fs::write(ann.with_file_name(".steps.part"), "PAR1").expect("written");
     again("", &["6 steps of 1 participants", "1 participants were already up to date"]);
@@ -267,7 +267,7 @@ fn unusable_recordings_are_left_out_and_named_and_tried_again() {
     }
 }
 
-/// macOS writes such files beside others.
+/// macOS writes a hidden file with the prefix `._` beside some files.
 #[test]
 fn hidden_files_are_not_recordings() {
     let (_folder, path) = people();
@@ -277,7 +277,7 @@ fn hidden_files_are_not_recordings() {
 }
 
 #[test]
-fn thickness_and_zero_of_a_participant_are_used() {
+fn thickness_and_zero_file_of_a_participant_are_used() {
     let (_folder, path) = people();
     let ann = path.join("people/ann");
     fs::write(ann.join("participant.toml"), "thickness = 'measured/mm.toml'").expect("written");
@@ -329,7 +329,7 @@ fn the_report_has_table_1_charts_and_repeatability() {
     let (_folder, path) = people();
     let (status, text_of_run) = outcome(&cohort(&path, "--report cohort.html"));
     assert_eq!(status, Some(0), "{text_of_run}");
-    // Both people have two recordings of one foot, but not of the same foot.
+    // Only ann has two recordings of the left foot, and only bob of the right foot, so there is no ICC.
     assert!(text_of_run.contains("Table 1") && !text_of_run.contains("ICC"), "{text_of_run}");
     walk(&path.join("people/ann/d.parquet"), Side::Right, 9);
     let (status, text_of_run) = outcome(&cohort(&path, "--report cohort.html"));

@@ -1,4 +1,4 @@
-//! `plantar export` writes complete files only, and names the remedy if it cannot write one.
+//! Tests `plantar export`: it writes complete files only, and names the remedy if it cannot write one.
 
 use plantar::Side;
 use recording::Recording;
@@ -21,7 +21,8 @@ fn folder() -> TempDir {
 }
 
 fn export(folder: &Path, arguments: &str) -> Output {
-    // The shell limits the size of files to 16 blocks where a test asks for it, as a full disk would.
+    // If the arguments contain "full", the shell limits the size of files to 16 blocks, which has the same effect as a full
+    // disk.
     let limit = if arguments.contains("full") { "trap '' XFSZ; ulimit -f 16; " } else { "" };
     let mut command = Command::new("sh");
     command.args(["-c", &format!("{limit}exec \"$0\" export {arguments}"), env!("CARGO_BIN_EXE_plantar")]);
@@ -100,7 +101,7 @@ fn an_export_has_the_frames_and_steps_of_a_replay() {
     assert_eq!(steps.len(), 2);
     let [strikes, offs] = ["heel_strike", "toe_off"].map(|name| quantity("foot", name));
     for ((step, strike), off) in steps.iter().zip(&strikes).zip(&offs) {
-        // The recording begins at 0.
+        // The recording begins at 0 s, so the times of steps and events can be compared.
         let (start_s, duration_s) = (step["start_s"].as_f64().expect("s"), step["duration_s"].as_f64().expect("s"));
         assert!((strike.0 - start_s).abs() < 1e-6 && (off.0 - start_s - duration_s).abs() < 1e-6, "{step}");
         assert_eq!(step["step"], strike.1 as u32);
@@ -122,7 +123,7 @@ fn a_part_of_a_recording_is_exported() {
 }
 
 #[test]
-fn recordings_that_do_not_fit_are_refused() {
+fn unusable_recordings_and_options_are_refused_with_the_remedy() {
     let folder = folder();
     let folder = folder.path();
     fail(folder, "csv missing.parquet --out a", &["missing.parquet", "check the path"]);

@@ -93,7 +93,7 @@ fn fitted_parameters_have_the_same_errors_in_a_replay_as_in_the_fit() {
 }
 
 #[test]
-fn the_error_with_counted_cells_is_that_of_a_fit_with_counted_cells() {
+fn the_reported_error_with_counted_cells_equals_that_of_a_fit_with_counted_cells() {
     let folder = walk();
     let path = folder.path();
     let text = succeed(path, "fit walk.parquet --steps 1-5 --out p.toml --json covered.json");
@@ -102,8 +102,8 @@ fn the_error_with_counted_cells_is_that_of_a_fit_with_counted_cells() {
     let [covered, counted] = ["covered.json", "counted.json"].map(|name| json(&path.join(name)));
     for (region, fit) in counted["regions"].as_object().expect("regions") {
         let errors = &fit["nrmse_percent"];
-        let beside = &covered["regions"][region]["nrmse_percent"]["predicted_counted"];
-        assert!(errors["predicted"].is_f64() && errors["predicted"] == *beside, "{region}: {errors}, {beside}");
+        let reported = &covered["regions"][region]["nrmse_percent"]["predicted_counted"];
+        assert!(errors["predicted"].is_f64() && errors["predicted"] == *reported, "{region}: {errors}, {reported}");
         assert_eq!(errors["predicted_counted"], errors["predicted"], "{region}");
     }
 }
@@ -132,7 +132,7 @@ fn steps_are_selected_and_options_are_recorded() {
     assert!((compression - 0.3).abs() < 1e-12, "{compression}");
 }
 
-/// The layout has four cells in two regions, of which only the heel is loaded, three times.
+/// The layout has four cells in two regions. Only the heel is loaded, in three whole stances.
 #[test]
 fn regions_that_cannot_be_fitted_are_named_and_set_the_exit_status() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -221,7 +221,7 @@ fn errors_for_bad_input_name_the_place_and_the_remedy() {
     assert!(status == 2 && err.contains("N or N-M"), "{err}");
 }
 
-/// The messages of an insole during a computed walk with the steps of [`walk`], by this contact rule.
+/// The messages of an insole with this contact rule while it measures the recording of [`walk`] in `folder`.
 fn messages(folder: &Path, contact: ContactRule) -> Vec<ToHost> {
     let recording = Recording::read(folder.join("walk.parquet")).expect("a recording");
     let computed = VirtualInsole::new(&recording, contact, StanceRule::ADAPTIVE);
@@ -260,7 +260,7 @@ fn messages(folder: &Path, contact: ContactRule) -> Vec<ToHost> {
     messages
 }
 
-/// The content of a stream file with these messages of the insole with index `insole`.
+/// The content of a stream file with these messages of the insole with index `insole`, all at time 0.
 fn stream(messages: &[ToHost], insole: u8) -> Vec<u8> {
     let mut bytes = Vec::new();
     for message in messages {
@@ -273,15 +273,16 @@ fn stream(messages: &[ToHost], insole: u8) -> Vec<u8> {
     bytes
 }
 
-/// Asserts that two fits of the same walk have the same steps and, within their 95 % intervals, the same parameters.
-fn assert_agree(ours: &Value, theirs: &Value) {
+/// Asserts that two fits of the same walk have the same number of steps, and that the parameters of `fit` are within the 95 %
+/// intervals of `reference`, except parameters that the force does not determine.
+fn assert_agree(fit: &Value, reference: &Value) {
     let steps = |fit: &Value| fit["steps"].as_array().expect("steps").len();
-    assert_eq!(steps(ours), steps(theirs));
-    for (name, theirs) in theirs["regions"].as_object().expect("regions") {
-        let ours = &ours["regions"][name];
+    assert_eq!(steps(fit), steps(reference));
+    for (name, reference) in reference["regions"].as_object().expect("regions") {
+        let fit = &fit["regions"][name];
         for parameter in ["ab_m2", "stiffness_pa", "damping_pa_s", "n", "m"] {
-            let value = ours["identified"][parameter].as_f64().expect("a number");
-            let interval = &theirs["uncertainty"]["intervals_95"][parameter];
+            let value = fit["identified"][parameter].as_f64().expect("a number");
+            let interval = &reference["uncertainty"]["intervals_95"][parameter];
             let end = |i: usize| interval["jacobian"][i].as_f64().unwrap_or(f64::NAN);
             let is_within = end(0) * 0.999 <= value && value <= end(1) * 1.001;
             assert!(is_within || interval["told"] == false, "{name}: {parameter} {value} for {interval}");
@@ -356,7 +357,8 @@ fn errors_of_live_streams_name_the_file_and_the_remedy() {
     fail(path, "fit empty.plantar", &["empty.plantar", "no live frames"]);
     fail(path, "fit old.plantar", &["old.plantar", "protocol version", "use the program"]);
     fail(path, "fit missing.plantar", &["missing.plantar"]);
-    // Options that state the rule of the stream are no contradiction, and a recording is evaluated by the stream's rule.
+    // Options that state the rule of the stream do not contradict it. A recording that is fitted together with a stream is
+    // evaluated by the stream's rule.
     succeed(path, "fit a.plantar --contact-full 150 --contact-on 10");
     let out = succeed(path, "fit walk.parquet a.plantar --steps 0-2");
     assert!(out.contains("fraction sqrt(p / 150 kPa)"), "{out}");

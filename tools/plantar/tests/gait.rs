@@ -1,4 +1,4 @@
-//! `plantar gait` computes the measures of both feet from a stream file and from recordings.
+//! Tests `plantar gait`, which computes the measures of both feet from a stream file or from recordings.
 
 use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
@@ -33,7 +33,7 @@ fn mean(gait: &Value, key: &str, side: &str) -> f64 {
     measure[side]["mean"].as_f64().unwrap_or(f64::NAN)
 }
 
-/// A step whose insole started `ahead_us` before the walk.
+/// A step of the walk, by the clock of an insole that is `ahead_us` ahead of the walk's clock.
 fn step(side: Side, number: u32, ahead_us: u64) -> Step {
     let (lag_us, duration_us, peak_dn) =
         if side == Side::Left { (0, 700_000, 8_000) } else { (LAG_US, 650_000, 7_600) };
@@ -55,7 +55,8 @@ fn step(side: Side, number: u32, ahead_us: u64) -> Step {
     }
 }
 
-/// A stream file with the steps of both feet; their clocks differ by many seconds. The host's clock is that of the walk.
+/// Writes a stream file with the steps of both feet. The clocks of the insoles differ by 85 s; if `has_times`, the file has
+/// messages that relate them to the host's clock, which is that of the walk.
 fn write_stream(path: &Path, has_times: bool) {
     let mut file = Vec::new();
     let mut append = |insole, message: &ToHost| client::append(&mut file, 0, insole, message).expect("it fits");
@@ -66,7 +67,7 @@ fn write_stream(path: &Path, has_times: bool) {
         for number in 0..10 {
             append(insole, &ToHost::Step(step(side, number, ahead_us)));
         }
-        // The insole repeats a step.
+        // The insole sends the last step again.
         append(insole, &ToHost::Step(step(side, 9, ahead_us)));
     }
     std::fs::write(path, file).expect("written");
@@ -104,7 +105,7 @@ fn a_stream_without_a_common_clock_has_the_measures_of_each_foot() {
 }
 
 #[test]
-fn recordings_of_both_feet_have_their_true_times() {
+fn recordings_of_both_feet_have_their_true_stride_and_step_times() {
     let folder = tempfile::tempdir().expect("a folder");
     for (side, lag_s) in [(Side::Left, 0.0), (Side::Right, 0.4)] {
         let mut recording =
@@ -117,7 +118,7 @@ fn recordings_of_both_feet_have_their_true_times() {
     assert!((mean(&gait, "stride_time_s", "left") - (stance_s + swing_s)).abs() < 1e-6, "{gait:#}");
     assert!((mean(&gait, "step_time_s", "right") - 0.4).abs() < 1e-6, "{gait:#}");
     assert!((mean(&gait, "step_time_s", "left") - (stance_s + swing_s - 0.4)).abs() < 1e-6, "{gait:#}");
-    // The folder of the parts of a recording, as `plantar record --cells` writes it.
+    // A recording can also be a folder with its parts, as `plantar record --cells` writes it.
     std::fs::create_dir(folder.path().join("cells")).expect("made");
     std::fs::copy(folder.path().join("left.parquet"), folder.path().join("cells/0.parquet")).expect("copied");
     assert_eq!(measures(folder.path(), "cells right.parquet").0, gait);
@@ -127,7 +128,7 @@ fn recordings_of_both_feet_have_their_true_times() {
 }
 
 #[test]
-fn a_truncated_stream_is_noted_and_another_file_is_named_with_the_remedy() {
+fn a_truncated_stream_is_noted_and_a_file_without_a_stream_is_refused_with_the_remedy() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("walk.plantar");
     write_stream(&path, true);

@@ -25,8 +25,8 @@ use std::sync::{Arc, mpsc};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
-/// These tests run one after the other: with several emulated insoles and a simulated radio at once, a connection can exceed
-/// its time.
+/// Each test holds this lock, so that they run one after the other: with several emulated insoles and a simulated radio at
+/// once, a connection can exceed its timeout.
 static ALONE: Mutex<()> = Mutex::new(());
 
 /// The values of [`Wearer::does`].
@@ -34,23 +34,25 @@ const LIFTED: u8 = 0;
 const STANDING: u8 = 1;
 const WALKING: u8 = 2;
 
-/// Steps that the session needs.
+/// Number of steps that the session needs.
 const STEPS: usize = 12;
-/// A session that takes longer is ended.
-const PATIENCE: Duration = Duration::from_secs(180);
+/// Longest time of a session. After it, the program is killed.
+const SESSION_TIMEOUT: Duration = Duration::from_secs(180);
 /// The first session is interrupted after this number of steps.
 const INTERRUPTED_AFTER: usize = 4;
 
-/// A wearer who does what the last instruction says. Each cell reads its own offset without load.
+/// An emulated insole's wearer, who follows the last instruction. Each unloaded cell reads its own offset.
 struct Wearer {
     /// The present action: [`LIFTED`], [`STANDING`] or [`WALKING`].
     does: Arc<AtomicU8>,
     insole: VirtualInsole,
+    /// The pressure of each cell while the wearer stands, kPa.
     standing: Vec<f32>,
+    /// The recording that is played while the wearer walks.
     walk: Recording,
-    /// Number of scans since the wearer walks.
+    /// Number of scans in which the wearer has walked.
     walked: usize,
-    /// Factor of [`offset`].
+    /// Factor of the cells' [`offset`]: 0 for cells that read 0 without load.
     offsets: u16,
 }
 
@@ -75,12 +77,12 @@ impl Walk for Wearer {
     }
 }
 
-/// Code of an unloaded cell.
+/// Code of an unloaded cell, if [`Wearer::offsets`] is 1.
 fn offset(cell: usize) -> u16 {
     1600 + 16 * (cell as u16 % 50)
 }
 
-/// Checks that the offsets in this file are the codes of the unloaded cells.
+/// Asserts that the offsets in this calibration file are the codes of the unloaded cells, and that all gains are 1.
 fn assert_offsets(calibration: &Path) {
     let text = std::fs::read_to_string(calibration).expect("a calibration");
     assert!(text.lines().count() > 1);
@@ -90,8 +92,8 @@ fn assert_offsets(calibration: &Path) {
 }
 
 /// Runs the command with these environment variables in a terminal of 100 by 40 characters until it ends. `see` receives each
-/// screen, and returns the keys to press. Returns the exit status and all screens that differ from the one before; the last one
-/// has the text after the session.
+/// screen that differs from the one before, and returns the keys to press. Returns the exit status and these screens; the last
+/// one has the text that the program prints after the session.
 fn run(
     arguments: &[&str],
     environment: &[(&str, &str)],
@@ -108,8 +110,8 @@ fn run(
     let (end, ended) = mpsc::channel::<()>();
     let mut killer = child.clone_killer();
     let guard = std::thread::spawn(move || {
-        // A session without progress would not end.
-        if ended.recv_timeout(PATIENCE) == Err(mpsc::RecvTimeoutError::Timeout) {
+        // A session without progress would never end.
+        if ended.recv_timeout(SESSION_TIMEOUT) == Err(mpsc::RecvTimeoutError::Timeout) {
             let _ = killer.kill();
         }
     });
@@ -118,7 +120,7 @@ fn run(
     let mut parser = vt100::Parser::new(40, 100, 200);
     let mut screens: Vec<String> = Vec::new();
     let mut bytes = [0; 4096];
-    // Reading fails at the end of the program.
+    // The program has ended when reading fails or returns no bytes.
     while let Ok(count @ 1..) = output.read(&mut bytes) {
         parser.process(&bytes[..count]);
         let screen = parser.screen().contents();
@@ -132,7 +134,7 @@ fn run(
     (child.wait().expect("the program ends").exit_code(), screens)
 }
 
-/// Does what the instruction on the screen says.
+/// Makes the wearer follow the instruction on the screen.
 fn obey(screen: &str, does: &AtomicU8) {
     for (words, action) in [("lift both feet", LIFTED), ("stand still", STANDING), ("Walk", WALKING)] {
         if screen.contains(words) {
@@ -141,8 +143,8 @@ fn obey(screen: &str, does: &AtomicU8) {
     }
 }
 
-/// An emulated insole of this foot, whose wearer does what `does` says; its codes without load are those of [`offset`] times
-/// `offsets`. `hardware` includes the address of the insole's radio, if it has one.
+/// Starts an emulated insole of this foot. `does` is the wearer's present action; the code of an unloaded cell is [`offset`]
+/// times `offsets`. `hardware` includes the address of the insole's radio controller, if there is one.
 fn board(side: Side, does: &Arc<AtomicU8>, offsets: u16, hardware: &Hardware) -> Board {
     let firmware = std::env::var_os("PLANTAR_FIRMWARE").expect("PLANTAR_FIRMWARE names the emulated board's firmware");
     let walk = synthetic::walk(&SyntheticWalk { side, steps: 40, ..Default::default() }).recording;
@@ -155,7 +157,7 @@ fn board(side: Side, does: &Arc<AtomicU8>, offsets: u16, hardware: &Hardware) ->
     Board::start_with(Path::new(&firmware), &config, &cells, Time::Real, wearer, hardware).expect("the board boots")
 }
 
-/// The same insole, with its link at a network address.
+/// Starts such an insole without a radio. Also returns the network address of its link, and the connection of the current host.
 fn insole(side: Side, does: &Arc<AtomicU8>, offsets: u16) -> (Board, String, Cable) {
     let board = board(side, does, offsets, &Hardware::default());
     let (address, cable) = forward(&board);
@@ -183,7 +185,7 @@ fn a_wearer_is_identified_although_the_session_is_interrupted() {
     assert!(status == 1 && text.contains("give the same command again"), "{text}");
     assert!(screens.iter().any(|screen| screen.contains("Stand up")), "the session begins with a standing trial");
 
-    // The connection is cut once in the walk; the steps before count once.
+    // The connection is cut once during the walk. The steps that were received before are not counted twice.
     let cut_after = format!("{} of {STEPS}", INTERRUPTED_AFTER + 3);
     let mut is_cut = false;
     let (status, screens) = run(&arguments, &[], |screen| {
@@ -193,7 +195,7 @@ fn a_wearer_is_identified_although_the_session_is_interrupted() {
             && let Some(host) = cable.lock().expect("no panic").take()
         {
             is_cut = true;
-            // It may have ended already.
+            // This fails if the connection has already ended.
             let _ = host.shutdown(Shutdown::Both);
         }
         b""
@@ -220,7 +222,7 @@ fn a_wearer_is_identified_although_the_session_is_interrupted() {
         assert!(side.join(file).is_file(), "no {file}");
     }
     assert_offsets(&side.join("calibration.csv"));
-    // The cells were recorded, too, above the new baseline.
+    // The pressures of the cells were recorded, too.
     assert!(Recording::read(side.join("cells-000/000")).is_ok_and(|cells| cells.frames() > 100));
 }
 
@@ -229,7 +231,7 @@ fn a_wearer_is_identified_although_the_session_is_interrupted() {
 fn both_feet_are_identified_without_a_terminal() {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let folder = tempfile::tempdir().expect("a folder");
-    // The thickness is out of range, so the results are not whole, as with `plantar fit`.
+    // The thickness of the heel is out of range, so its result is reported as incomplete, as by `plantar fit`.
     let tissue = folder.path().join("tissue.toml");
     std::fs::write(&tissue, "heel = 99\n").expect("written");
     let does = Arc::new(AtomicU8::new(WALKING));
@@ -260,8 +262,8 @@ fn both_feet_are_identified_without_a_terminal() {
     }
 }
 
-/// The computer is a central, by simulations of Linux's Bluetooth service and of both controllers; the firmware is the real one.
-/// The insole restarts within the session, which ends the connection.
+/// The computer is the central. Linux's Bluetooth service and both controllers are simulated; the firmware is the real one. The
+/// insole restarts within the session, which ends the connection.
 #[test]
 #[cfg(all(target_os = "linux", feature = "ble"))]
 #[ignore = "needs the emulated board's firmware, Python with bumble and a D-Bus daemon: cargo xtask test"]

@@ -32,14 +32,14 @@ struct Insole {
 }
 
 impl Insole {
-    /// An insole with these unacknowledged steps.
+    /// An insole with unacknowledged steps of these numbers.
     fn with_steps(steps: impl IntoIterator<Item = u32>) -> Self {
         let mut session = Session::new();
         steps.into_iter().for_each(|number| session.push_record(step(number)));
         Self { session, is_silent: false, scan: 0 }
     }
 
-    /// The insole can send its cells: one scan after each read of the carrier.
+    /// Makes the insole able to send its cells: while their stream is on, one scan after each read of the carrier.
     fn with_cells(mut self) -> Self {
         let walk = SyntheticWalk { side: Side::Left, cells: CELLS, steps: 1, ..Default::default() };
         let walk = synthetic::walk(&walk);
@@ -48,8 +48,8 @@ impl Insole {
         self
     }
 
-    /// Serves the host until a message arrives for which `is_last` is true. This message is not processed. Returns false if the
-    /// host disconnected before.
+    /// Serves the host until a message arrives for which `is_last` is true. Returns true without processing this message, or
+    /// false if the host disconnected before.
     fn serve(&mut self, mut carrier: impl Read + Write, is_last: impl Fn(&ToDevice) -> bool) -> bool {
         let mut decoder = Decoder::new();
         let mut received = [0; 256];
@@ -218,12 +218,12 @@ fn the_steps_that_a_killed_recorder_acknowledged_are_readable() {
     let files: Vec<_> = std::fs::read_dir(out.join("steps")).expect("a table").flatten().collect();
     let complete: Vec<_> = files.iter().filter(|file| !file.file_name().to_string_lossy().starts_with('.')).collect();
     assert!(!complete.is_empty());
-    // The file has the steps that fit into the insole's RAM, with one row for each of the eight regions.
+    // The file has as many steps as fit into the insole's RAM, with one row for each of the eight regions.
     assert_eq!(rows(&complete[0].path()), 8 * RECORD_QUEUE as i64);
 }
 
-/// True for each request for the time after the first `count`; a host sends four of them in a second.
-fn after_times(count: u32) -> impl Fn(&ToDevice) -> bool {
+/// True for each request for the insole's time after the first `count` such requests. A host sends four of them per second.
+fn after_time_requests(count: u32) -> impl Fn(&ToDevice) -> bool {
     let left = Cell::new(count);
     move |message| {
         let is_time = matches!(message, ToDevice::GetTime { .. });
@@ -241,19 +241,20 @@ fn a_recorder_requests_the_cells_until_their_stream_is_on_again() {
     let (listener, address) = listen();
     let program = plantar(&["record", "--cells", "--tcp", &address, "--steps", "1", "--out"]).arg(&out).spawn();
     let mut insole = Insole::with_steps([]).with_cells();
-    assert!(insole.serve(listener.accept().expect("it connects").0, after_times(3)));
+    assert!(insole.serve(listener.accept().expect("it connects").0, after_time_requests(3)));
     let is_cells = |message: &ToDevice| matches!(message, ToDevice::StreamCells(_));
     assert!(insole.serve(listener.accept().expect("it connects again").0, is_cells));
-    let mut late = listener.accept().expect("it connects again").0;
-    assert!(insole.serve(&mut late, |message| matches!(message, ToDevice::GetSetup)));
-    assert!(!insole.serve(&mut late, |_| false));
+    // This time the insole does not answer `GetSetup`, so the program closes the connection.
+    let mut unanswered = listener.accept().expect("it connects again").0;
+    assert!(insole.serve(&mut unanswered, |message| matches!(message, ToDevice::GetSetup)));
+    assert!(!insole.serve(&mut unanswered, |_| false));
     let mut last = listener.accept().expect("it connects again").0;
-    assert!(insole.serve(&mut last, after_times(3)));
+    assert!(insole.serve(&mut last, after_time_requests(3)));
     insole.session.push_record(step(0));
     insole.serve(&mut last, |_| false);
     let (output, text) = wait_for_end(program.expect("it runs"));
     assert!(output.status.success(), "{text}");
-    // Each recording has a row for each frame. The sessions without a stream of cells have no recording.
+    // Each recording has a row for each frame. The connections without a stream of cells have no recording.
     let frames = [0, 1].map(|recording| rows(&out.join(format!("cells/00{recording}/part-00000.parquet"))));
     assert!(frames.iter().all(|&frames| frames > 1), "{frames:?}");
     let expected = format!("{} frames in 2 recordings; 0 frames lost", frames.iter().sum::<i64>());
@@ -261,7 +262,7 @@ fn a_recorder_requests_the_cells_until_their_stream_is_on_again() {
     assert!(text.contains(&expected), "{text}");
 }
 
-/// The wearer follows the clock of the instructions, so a recording that begins later would not fit them.
+/// The instructions have fixed times, so a recording that begins later would not match them.
 #[test]
 fn a_standing_trial_in_which_the_link_was_lost_begins_again_with_its_instructions() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -272,7 +273,7 @@ fn a_standing_trial_in_which_the_link_was_lost_begins_again_with_its_instruction
         .expect("it runs");
     let serving = std::thread::spawn(move || {
         let mut insole = Insole::with_steps([]).with_cells();
-        assert!(insole.serve(listener.accept().expect("it connects").0, after_times(3)));
+        assert!(insole.serve(listener.accept().expect("it connects").0, after_time_requests(3)));
         insole.serve(listener.accept().expect("it connects again").0, |_| false);
     });
     let lines = BufReader::new(program.stdout.take().expect("it is piped")).lines().map_while(Result::ok);
@@ -284,7 +285,7 @@ fn a_standing_trial_in_which_the_link_was_lost_begins_again_with_its_instruction
 }
 
 #[test]
-fn a_guided_session_names_a_file_of_an_earlier_one_that_it_cannot_use() {
+fn a_guided_session_names_a_file_of_an_earlier_session_that_it_cannot_use() {
     let folder = tempfile::tempdir().expect("a folder");
     let earlier = folder.path().join("left/walk-000.plantar");
     std::fs::create_dir(folder.path().join("left")).expect("a folder");

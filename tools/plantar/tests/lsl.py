@@ -1,10 +1,10 @@
 """Receives all streams of the Lab Streaming Layer whose names begin with plantar_.
 
 Reads one JSON object from each line of the standard input, and answers with one. {"streams": N} resolves N streams, opens them
-and answers with their descriptions. {"first": S} receives until each stream has a sample or none of it arrives within S seconds,
-and answers with the number of streams without one. {"last": {NAME: VALUE}} receives until the first value of the last sample of
-each named stream is VALUE, and all events of the last steps; it answers with all samples so far of each stream as
-[[time, [values]], ...], and with the times of LSL and of the computer at one moment.
+and answers with their descriptions. {"first": S} waits for the first sample of each stream, up to S seconds for each, and
+answers with the number of streams that have none. {"last": {NAME: VALUE}} receives until the first value of the last sample of
+each named stream is VALUE, and then the events up to the toe off of the last step of each foot. It answers with all samples so
+far of each stream as [[time, [values]], ...], and with the times of LSL and of the computer at one moment.
 """
 
 import json
@@ -14,10 +14,11 @@ from collections.abc import Callable
 
 import pylsl
 
+# Timeout for finding and opening the streams, and for each further sample.
 LIMIT_S = 30.0
 
 
-def described(info: pylsl.StreamInfo) -> dict:
+def description(info: pylsl.StreamInfo) -> dict:
     channels, channel = [], info.desc().child("channels").child("channel")
     while not channel.empty():
         channels.append({name: channel.child_value(name) for name in ("label", "unit", "type", "meaning", "region")})
@@ -51,6 +52,7 @@ def pull(name: str, limit_s: float) -> bool:
     """Receives a sample; false if none arrives within the limit."""
     values, t_s = inlets[name].pull_sample(limit_s)
     if values is not None:
+        # NaN, which is not equal to itself, becomes null.
         samples[name].append([t_s, [None if value != value else value for value in values]])
     return values is not None
 
@@ -66,7 +68,7 @@ for line in sys.stdin:
         found = pylsl.resolve_bypred("starts-with(name, 'plantar_')", request["streams"], LIMIT_S)
         inlets = {info.name(): pylsl.StreamInlet(info) for info in found}
         samples = {name: [] for name in inlets}
-        answer = {name: described(inlet.info(LIMIT_S)) for name, inlet in inlets.items()}
+        answer = {name: description(inlet.info(LIMIT_S)) for name, inlet in inlets.items()}
         for inlet in inlets.values():
             inlet.open_stream(LIMIT_S)
     elif "first" in request:

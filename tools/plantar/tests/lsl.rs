@@ -36,14 +36,19 @@ struct Insole {
     side: Side,
     /// This computer's time when the insole's clock began, us since 1970.
     begin_us: u64,
+    /// The link to the host; `None` before a host connects.
     host: Option<TcpStream>,
+    /// Number of the last load record that the host acknowledged.
     acknowledged: u32,
     /// Number of the next load record.
     next_record: u32,
+    /// All live frames that were sent.
     frames: Vec<Live>,
+    /// All load records that were sent.
     records: Vec<LoadRecord>,
 }
 
+/// An insole that the test and the thread of its link share. The condition variable reports each change.
 #[derive(Clone)]
 struct Shared(Arc<(Mutex<Insole>, Condvar)>);
 
@@ -63,6 +68,7 @@ impl Shared {
         (shared, address)
     }
 
+    /// Calls `act` with the insole, sends the messages that are then pending, and reports the change.
     fn act<T>(&self, act: impl FnOnce(&mut Insole) -> T) -> T {
         let mut insole = self.0.0.lock().expect("no test panics here");
         let done = act(&mut insole);
@@ -71,6 +77,7 @@ impl Shared {
         done
     }
 
+    /// Serves a host until it disconnects.
     fn serve(&self, mut host: TcpStream) {
         self.act(|insole| insole.host = Some(host.try_clone().expect("a socket")));
         let (mut decoder, mut received) = (Decoder::new(), [0; 256]);
@@ -97,7 +104,7 @@ impl Shared {
 
 impl Insole {
     fn receive(&mut self, message: ToDevice) {
-        // The clock has no error: a request for its time arrives at the moment at which it was sent.
+        // The requests for the insole's time have no delay: each arrives at the moment at which it was sent.
         let device_us = match message {
             ToDevice::GetTime { host_us } => host_us - self.begin_us,
             _ => 0,
@@ -108,18 +115,19 @@ impl Insole {
         self.session.receive(message, device_us);
     }
 
+    /// Sends the pending messages of the session.
     fn send(&mut self) {
         let Some(host) = &mut self.host else { return };
         let hello = hello(self.side);
         let (mut buffer, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
         while let Some(message) = self.session.next(&hello, Status::default, &mut buffer) {
             let len = frame(message, &mut framed);
-            // A host that has ended does not receive it.
+            // This fails once the host has ended.
             let _ = host.write_all(&framed[..len]);
         }
     }
 
-    /// Sends the next frame, with other values in each one. Every third one has no centre of pressure.
+    /// Sends the next live frame. Each frame has other values, and every third one has no centre of pressure.
     fn frame(&mut self) {
         let Some(sequence) = self.session.next_live() else { return };
         let k = sequence as u16;
@@ -142,7 +150,7 @@ impl Insole {
         };
         self.frames.push(live);
         self.session.push_live(live);
-        // The session holds few frames for a slow link.
+        // Each frame is sent at once, because the session can queue only a few.
         self.send();
     }
 
@@ -156,7 +164,7 @@ impl Insole {
         let bout = Bout { side, kind, start_us: start_us(number + 1), ..testkit::bout(number + 1) };
         let alert = Alert { side, start_us: start_us(number + 2), ..testkit::alert(number + 2) };
         for record in [LoadRecord::from(step), bout.into(), alert.into()] {
-            // They are of the present boot.
+            // The records are from the current boot.
             let record = record.with_boots_since(0);
             self.records.push(record);
             self.session.push_record(record);
@@ -166,11 +174,12 @@ impl Insole {
 }
 
 impl Insole {
+    /// The name of a stream of this insole.
     fn stream(&self, name: &str) -> String {
         format!("plantar_{}_{name}", self.side.name())
     }
 
-    /// The first value of the last sample of each stream: the number of the message.
+    /// The first value of the last sample of each stream, except the stream of events: the number of the frame or load record.
     fn last(&self) -> [(String, Value); 4] {
         let frame = self.frames.last().expect("a frame").sequence;
         let number = self.next_record;
@@ -189,7 +198,7 @@ fn unix_us_of(sequence: u32) -> u64 {
     *BEGIN_US + 10_000 * u64::from(sequence)
 }
 
-/// The independent reader.
+/// The receiver of the streams: a Python process that runs `lsl.py` with pylsl, which is independent of this project.
 struct Reader {
     python: Child,
     input: ChildStdin,
@@ -197,6 +206,7 @@ struct Reader {
 }
 
 impl Reader {
+    /// Starts the process with this configuration file of LSL.
     fn start(configuration: &Path) -> Self {
         let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/lsl.py");
         let mut command = Command::new(python());
@@ -207,6 +217,7 @@ impl Reader {
         Self { python, input, output }
     }
 
+    /// Sends a request of `lsl.py`, and returns its answer.
     fn request(&mut self, request: Value) -> Value {
         writeln!(self.input, "{request}").expect("Python runs");
         let mut line = String::new();
@@ -291,7 +302,8 @@ fn frame_values(live: &Live) -> Vec<(String, Option<f64>)> {
     values
 }
 
-/// The channels of a step, from the table of `plantar record`.
+/// The channels of a step, from the table of `plantar record`: its columns without the side, the region and the contact rule,
+/// which are no channels.
 fn step_values(step: &Step) -> Vec<(String, Option<f64>)> {
     let number = |value: &table::Value| match value {
         table::Value::Integer(value) => value.map(f64::from),
@@ -360,7 +372,7 @@ fn alert_values(alert: &Alert) -> Vec<(String, Option<f64>)> {
 #[ignore = "needs pylsl: cargo xtask test"]
 fn pylsl_receives_every_sample_of_both_feet_on_one_clock() {
     let folder = tempfile::tempdir().expect("a folder");
-    // Without multicast, which many networks lack, and apart from other streams on this computer.
+    // The streams are found without multicast, which many networks lack, and are separate from other streams on this computer.
     let configuration = folder.path().join("lsl_api.cfg");
     let session = format!("plantar-{}", std::process::id());
     let text = format!(
@@ -409,7 +421,8 @@ fn pylsl_receives_every_sample_of_both_feet_on_one_clock() {
     }
 }
 
-/// Asserts that the samples are the last ones of `sent`, at least `least`, with these values and times on LSL's clock, s.
+/// Asserts that the samples are those of the last messages of `sent`, at least `least` of them, with these values and these
+/// times on LSL's clock, s.
 fn assert_samples<T>(
     found: &[Sample],
     sent: &[T],
@@ -427,7 +440,8 @@ fn assert_time(found_s: f64, expected_s: f64) {
     assert!((found_s - expected_s).abs() < TIME_ERROR_S, "{found_s} s for {expected_s} s");
 }
 
-/// Asserts that the reader received all that the insole sent since the stream was open, at the right times.
+/// Asserts that the samples of each stream are the last messages that the insole sent, at least those of the last [`ROUNDS`]
+/// rounds, with the right values and times. `time` converts this computer's time, us since 1970, to LSL's clock, s.
 fn assert_received(insole: &Insole, answer: &Value, streams: &Value, time: &impl Fn(u64) -> f64) {
     let time_s = |device_us: u64| time(device_us + insole.begin_us);
     let samples = |name: &str| samples(answer, streams, &insole.stream(name));
@@ -448,7 +462,7 @@ fn assert_received(insole: &Insole, answer: &Value, streams: &Value, time: &impl
     }
 }
 
-/// Pairs what was received with the end of what was sent, which has at least this length.
+/// Pairs each received sample with the message that it is from: they are the last messages of `sent`, at least `least` of them.
 fn tail<'a, R, S>(received: &'a [R], sent: &'a [S], least: usize) -> impl Iterator<Item = (&'a R, &'a S)> {
     assert!((least..=sent.len()).contains(&received.len()), "{} of {}", received.len(), sent.len());
     received.iter().zip(&sent[sent.len() - received.len()..])
@@ -476,7 +490,7 @@ fn assert_description(streams: &Value) {
             assert_eq!(properties["side"], side);
             assert_eq!(properties["frame_rate_hz"], "100");
             assert_eq!(properties["cells"], "200");
-            // Receivers find the stream of a known insole again.
+            // The source id of an insole with a serial number lets receivers find its streams again after an interruption.
             let source_id = stream["source_id"].as_str().expect("a text");
             assert_eq!(source_id.contains(SERIAL), side == "right", "{source_id}");
         }
@@ -492,7 +506,7 @@ fn assert_description(streams: &Value) {
     }
 }
 
-/// Asks a program to end, as the system does.
+/// Sends SIGTERM to a program, with which the system asks a program to end.
 fn terminate(program: &Child) {
     let killed = Command::new("kill").args(["-s", "TERM", &program.id().to_string()]).status().expect("kill");
     assert!(killed.success());

@@ -90,7 +90,7 @@ fn monitor_shows_and_stores_the_steps_of_an_insole_on_the_network() {
     assert_eq!(numbers, [Some(0), Some(1), Some(2)]);
 }
 
-/// Returns the rows of all files in the folder of a table.
+/// The rows of all files in the folder of a table, in the order of the files' names.
 fn rows(folder: &Path) -> Vec<Row> {
     let files = std::fs::read_dir(folder).expect("a table").map(|entry| entry.expect("a file").path());
     let mut files: Vec<_> = files.collect();
@@ -108,7 +108,7 @@ fn value<'r>(row: &'r Row, name: &str) -> &'r Field {
     column.unwrap_or_else(|| panic!("no column {name}")).1
 }
 
-/// The recorded values equal the values that a host computes from the same walk.
+/// The recorded values equal the values that the library computes on this host from the same walk.
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn record_stores_the_session_as_tables() {

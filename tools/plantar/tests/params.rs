@@ -18,7 +18,7 @@ use std::path::Path;
 use std::process::{self, Output};
 use std::sync::{Arc, Mutex};
 
-/// The baselines that the insole measures on request.
+/// The result of the measurement of baselines that a host requests.
 const ZERO_RESULT: ZeroResult =
     ZeroResult { changed: 17, without_baseline: [0, 2, 0, 0, 0, 0, 0, 0], residual_dn: [31, 0, 0, 0, 0, 0, 0, 0] };
 
@@ -57,7 +57,7 @@ fn insole() -> (SocketAddr, Arc<Mutex<Session>>) {
                             session.set_daily_load(DailyLoad { snoozed_s, ..testkit::daily_load() }, true);
                         }
                         if let ToDevice::SetSettings(settings) = message {
-                            // A real insole adopts its settings when it restarts, which always follows.
+                            // A real insole adopts new settings at a restart, which the command always requests next.
                             let setup = settings.map_or(testkit::SETUP, |settings| settings.apply_to(testkit::SETUP));
                             session.set_layout(setup, &[], settings);
                         }
@@ -164,8 +164,8 @@ fn parameters_and_their_contact_rule_are_set_together() {
     parameters.personal = true;
     parameters.identified =
         Some(Identified { filter: DIRECT.into(), contact: ContactRule::COVERED, side: "right".into(), steps: 31 });
-    // In files of version 0.2, the filter "step" is the smoothing of the paper, which the insoles of that version evaluated.
-    // Present insoles do not, so such parameters must be identified again.
+    // In files of version 0.2, the filter "step" is the smoothing of the paper, which the insoles of that version applied.
+    // Present insoles do not apply it, so such parameters must be identified again.
     parameters.write(&path.join("params.toml")).expect("written");
     let text = std::fs::read_to_string(path.join("params.toml")).expect("a file");
     std::fs::write(path.join("old.toml"), text.replace("\"direct\"", "\"step\"")).expect("written");
@@ -182,7 +182,7 @@ fn parameters_and_their_contact_rule_are_set_together() {
         assert_eq!(session.setup().map(|setup| setup.contact), Some(ContactRule::COVERED));
         assert_eq!(*session.tissue(), parameters.tissue());
     }
-    // The insole stores the conditions, which are read back with the parameters.
+    // The insole stores the conditions of the identification, which are read back with the parameters.
     let shown = succeed(path, &format!("show --tcp {address}"));
     assert!(shown.contains("identified from 31 steps (right)"), "{shown}");
     succeed(path, &format!("pull --out pulled.toml --tcp {address}"));

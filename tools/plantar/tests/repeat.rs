@@ -1,4 +1,4 @@
-//! Tests `plantar repeat`: the values of trials, and people and recordings that cannot be used.
+//! Tests `plantar repeat`: its results, and its messages about people and recordings that cannot be used.
 
 use plantar::Side;
 use recording::jiku;
@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use tempfile::TempDir;
 
-/// The exit status, and the text on stdout and stderr.
+/// Runs the program. Returns the exit status, and the text on stdout and stderr.
 fn plantar(folder: &Path, arguments: &str) -> (Option<i32>, String) {
     let output = Command::new(env!("CARGO_BIN_EXE_plantar"))
         .args(arguments.split_whitespace())
@@ -20,6 +20,7 @@ fn plantar(folder: &Path, arguments: &str) -> (Option<i32>, String) {
     (output.status.code(), text.concat())
 }
 
+/// Writes a computed walk of three steps.
 fn walk(path: &Path, side: Side, seed: u64, peak_n: f64) {
     fs::create_dir_all(path.parent().expect("a folder")).expect("made");
     let walk = SyntheticWalk { side, steps: 3, seed, peak_n, ..Default::default() };
@@ -53,7 +54,7 @@ fn json(path: &Path) -> serde_json::Value {
 }
 
 #[test]
-fn people_are_told_apart_by_what_their_trials_have_in_common() {
+fn a_quantity_that_differs_more_between_people_than_between_trials_has_a_high_icc() {
     let (_folder, path) = study();
     let (status, text) = plantar(&path, "repeat people --csv r.csv --json r.json");
     assert_eq!(status, Some(0), "{text}");
@@ -66,7 +67,8 @@ fn people_are_told_apart_by_what_their_trials_have_in_common() {
 
     let rows = csv_rows(&path.join("r.csv"));
     let of = |variable: &'static str| rows.iter().filter(move |row| row["variable"] == variable);
-    // The steps of a trial vary by at most 3 %, and people by 150 of 750 N: the force at a fixed share of the area repeats.
+    // The steps of a trial vary by at most 3 %, and the peak forces of the people are 600, 750 and 900 N, so the force at a
+    // fixed share of the area has a high ICC.
     let heel = of("force_at_70_percent_area_n").find(|row| row["region"] == "heel").expect("the heel");
     assert_eq!((heel["people"].as_str(), heel["trials"].as_str(), heel["side"].as_str()), ("3", "2", "left"));
     assert!(number(heel, "icc_2_1") > 0.9, "{heel:?}");
@@ -120,7 +122,7 @@ fn single_trials_are_left_out_with_the_remedy_and_extra_trials_are_not_used() {
 }
 
 #[test]
-fn the_recordings_of_one_person_are_compared_without_a_coefficient() {
+fn the_recordings_of_one_person_are_compared_without_an_icc() {
     let (_folder, path) = study();
     let (status, text) = plantar(&path, "repeat people/ann/a.parquet people/ann/b.parquet --csv r.csv");
     assert_eq!(status, Some(0), "{text}");
@@ -147,15 +149,15 @@ fn the_recordings_of_one_person_are_compared_without_a_coefficient() {
 }
 
 #[test]
-#[ignore = "needs the data set SpeedPP2DS, whose folder PLANTAR_JIKU contains: cargo xtask test"]
+#[ignore = "needs the data set SpeedPP2DS, the folder that PLANTAR_JIKU names: cargo xtask test"]
 fn quantities_of_walkers_repeat_better_than_parameters() {
-    let data = std::env::var_os("PLANTAR_JIKU").expect("PLANTAR_JIKU contains the folder of the data set");
+    let data = std::env::var_os("PLANTAR_JIKU").expect("PLANTAR_JIKU names the folder of the data set");
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
     for walker in 0..jiku::WALKERS {
         let person = path.join(format!("people/walker-{walker}"));
         fs::create_dir_all(&person).expect("made");
-        // Every second trial each, so that a trend over the session affects both recordings alike.
+        // Each of the two recordings has every second trial, so that a trend over the session affects both alike.
         for first in 0..2 {
             let trials = (first..40).step_by(2);
             let recording = jiku::import(&data, walker, trials, &mut |_, _| ()).expect("a recording");

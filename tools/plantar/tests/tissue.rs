@@ -1,4 +1,4 @@
-//! Tests `plantar fit --tissue`, and the results that are not whole.
+//! Tests `plantar fit --tissue`, and results that are not whole (docs/identification.md).
 
 use recording::Recording;
 use serde_json::Value;
@@ -24,7 +24,8 @@ fn json(path: &Path) -> Value {
     serde_json::from_str(&std::fs::read_to_string(path).expect("a file")).expect("JSON")
 }
 
-/// Asserts that the exit status is 3, and that the named regions, and no others, are not whole for a reason with these words.
+/// Asserts that the exit status is 3, and that the results of the `expected` regions, and of no others, are not whole, for a
+/// reason that contains the given words. Returns the text on stdout, and the JSON results.
 fn assert_not_whole(folder: &Path, arguments: &str, expected: &[(&str, &str)]) -> (String, Value) {
     let (status, out, err) = run(folder, &format!("{arguments} --json p.json"));
     assert_eq!(status, 3, "{out}{err}");
@@ -41,7 +42,7 @@ fn assert_not_whole(folder: &Path, arguments: &str, expected: &[(&str, &str)]) -
 }
 
 #[test]
-fn measurements_of_the_tissue_pin_c_and_are_named_everywhere() {
+fn measurements_of_the_tissue_determine_c_and_are_named_in_every_output() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
     succeed(path, "import synthetic --steps 6 --out walk.parquet");
@@ -88,22 +89,23 @@ fn measurements_of_the_tissue_pin_c_and_are_named_everywhere() {
     assert!(replayed.contains("deformation (scaled by assumption) mm"), "{replayed}");
     assert!(replayed.contains("heel 0 %") && replayed.contains("toe_2 50 %"), "{replayed}");
     assert!(succeed(path, "replay walk.parquet").contains("100 % in all regions"));
-    // Everything was measured.
+    // A parameter file in which the scale of every region was measured.
     let text = text.replace("\n[regions", "\ndeformation_scale = \"measured\"\n[regions");
     let text: String = text.split_inclusive('\n').filter(|line| !line.contains("share of assumption")).collect();
     let text = text.replacen("\ndeformation_scale = \"measured\"\n[regions.heel", "\n[regions.heel", 1);
     std::fs::write(path.join("all.toml"), text + "deformation_scale = \"measured\"\n").expect("written");
     let replayed = succeed(path, "replay walk.parquet --params all.toml");
     assert!(replayed.contains("deformation mm") && !replayed.contains("assumption"), "{replayed}");
-    // The areas are named by their rule.
+    // The title of the areas depends on the contact rule.
     assert!(replayed.contains("effective area mm2"), "{replayed}");
     assert!(succeed(path, "replay walk.parquet --contact-full 0").contains("contact area mm2"));
-    // Six steps suffice for other contact rules and filters, but not for leaving out quarters.
+    // Six steps suffice for the fits with two other thresholds, three other scales of the area and two other filters, but not
+    // for the fits that each leave out a quarter of the steps.
     let sensitivity = &results["sensitivity"];
     assert_eq!(sensitivity["variants"].as_array().expect("variants").len(), 2 + 3 + 2);
     assert!(sensitivity["skipped"][0].as_str().expect("a sentence").contains("at least 8 steps"));
 
-    // The curvature that the heel would have with a C of half the size.
+    // The radius of curvature that the heel would have if C were half as large.
     let heel = &results["regions"]["heel"]["ellipsoid"];
     let mm = |name: &str| heel[name].as_f64().expect("a number");
     let radius_mm = mm("a_mm") * mm("a_mm") / mm("c_mm") * 2.0;
@@ -123,7 +125,7 @@ fn measurements_of_the_tissue_pin_c_and_are_named_everywhere() {
 }
 
 #[test]
-fn a_single_step_and_a_shifted_insole_are_named_by_region() {
+fn a_single_step_and_a_shifted_insole_are_reported_for_each_affected_region() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
     succeed(path, "import synthetic --steps 12 --out walk.parquet");

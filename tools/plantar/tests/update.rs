@@ -44,7 +44,8 @@ enum Trial {
     Crashes,
 }
 
-/// An insole that serves one host after the other. An update ends a session; the image that then runs serves the next session.
+/// An insole that serves one host after the other. An accepted update ends the session, and the image that runs after the
+/// restart serves the next host.
 struct Insole {
     chip: NorFlashChip,
     trial: Trial,
@@ -89,7 +90,7 @@ impl Insole {
         let mut received = [0; 64];
         let (running, key) = (self.running(), secret().verifying_key().to_bytes());
         let hello = Hello { firmware: running.version().try_into().expect("it is short"), ..testkit::hello() };
-        // Until the update, the status names the development key, of which `plantar update` warns.
+        // Until the update, the status reports the development key, about which `plantar update` warns.
         let update_key = if running.version() == OLD { DEVELOPMENT_KEY_ID } else { 0 };
         let status = Status { update_key, ..Status::default() };
         let mut accepted = false;

@@ -1,4 +1,4 @@
-//! The last steps of every import of a vendor's export.
+//! The last stage of every import of a vendor's export: fills short gaps between frames, and checks the recording.
 
 use crate::check::{self, At};
 use crate::footprint::capitalised;
@@ -6,11 +6,11 @@ use crate::{Cell, Layout, Recording, Result, gaps, rate};
 use plantar::Side;
 use std::path::Path;
 
-/// The parts of a recording. Frames may be missing.
+/// The contents of a recording that are not yet checked. Frames may be missing.
 pub struct Parts {
     pub side: Side,
     pub cells: Vec<Cell>,
-    /// Increasing times, s.
+    /// Time of each frame, increasing, s.
     pub t_s: Vec<f64>,
     /// All cells of the first frame, then those of the second one, and so on.
     pub pressure_kpa: Vec<f32>,
@@ -21,7 +21,8 @@ pub struct Parts {
 }
 
 impl Parts {
-    /// The recording, in which missing frames are filled. A sentence about them is added to `remarks`.
+    /// The recording, in which short gaps are filled; if there are longer gaps, only the longest part without one remains. A
+    /// sentence about filled and omitted frames is added to `remarks`.
     ///
     /// # Errors
     /// Fails if the frames or the cells violate a rule of recordings. Messages name `path`, and the time of the frame.
@@ -35,7 +36,7 @@ impl Parts {
                 format!("{source} {note}")
             }
         };
-        // Lost frames were filled, or frames left out: only the time identifies a frame of the export.
+        // After frames were filled or left out, only the time identifies a frame of the export.
         let place = |at: At| match at {
             At::Whole => file.clone(),
             At::Frame(frame) => format!("{file}, at {} s", t_s[frame]),

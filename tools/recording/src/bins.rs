@@ -4,7 +4,7 @@ use crate::{Cell, Error, Layout, Recording, Result};
 use plantar::Region;
 use std::collections::BTreeMap;
 
-/// Difference between the pitches that the search tries, mm. The pitch is the side of the squares of the grid.
+/// Step between the grid pitches that the search tries, mm. The pitch is the side of the grid's squares.
 const PITCH_STEP_MM: f64 = 0.1;
 
 /// See [`Recording::binned`].

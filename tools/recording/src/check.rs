@@ -15,7 +15,7 @@ pub enum At {
     Value { frame: usize, cell: usize },
 }
 
-/// Checks all rules. `place` describes the part of the recording that violates a rule.
+/// Checks all rules. `place` converts the part of the recording that violates a rule to text for the message.
 pub fn recording(recording: &Recording, place: &dyn Fn(At) -> String) -> Result<()> {
     layout(&recording.layout, &place(At::Whole))?;
     let (frames, cells) = (recording.frames(), recording.cells());
@@ -150,7 +150,7 @@ impl Clock {
     }
 }
 
-/// Checks that all times are finite and in seconds.
+/// Checks that all times are finite, and at most [`MAX_TIME_S`] in magnitude.
 pub fn times(t_s: &[f64], place: &dyn Fn(At) -> String) -> Result<()> {
     let Some(i) = t_s.iter().position(|t| !(-MAX_TIME_S..=MAX_TIME_S).contains(t)) else { return Ok(()) };
     Err(Error::content(

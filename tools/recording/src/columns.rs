@@ -19,8 +19,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
-/// The threads that decode files. They are not rayon's global threads, because a task on those may wait for the scans of a file:
-/// if all of them did, nothing would be decoded.
+/// The threads that decode files. They are not rayon's global threads, because a task on a global thread may wait until a file
+/// is decoded: if all global threads waited, nothing would be decoded.
 pub static DECODERS: LazyLock<ThreadPool> =
     LazyLock::new(|| ThreadPoolBuilder::new().build().expect("the system can start threads"));
 
@@ -136,7 +136,7 @@ impl ColumnFile {
                     At::Value { cell: frame, .. } => place(frame),
                     other => self.place(other),
                 })?;
-                // The scale of a virtual sensor follows from the statistics.
+                // The full scale of a virtual sensor follows from the statistics, so no pressure may exceed them.
                 if let Some(stated_kpa) = stated_kpa(group.metadata(), cell)
                     && pressure_kpa.iter().fold(false, |any, &kpa| any | (kpa > stated_kpa))
                     && let Some(frame) = pressure_kpa.iter().position(|&kpa| kpa > stated_kpa)
@@ -200,9 +200,9 @@ impl ColumnFile {
     }
 }
 
-/// Calls `read`. The Parquet library panics on some damaged files; this becomes an error.
+/// Calls `read`. The Parquet library panics on some damaged files; such a panic becomes an error.
 fn caught<T>(file: &str, read: impl FnOnce() -> Result<T>) -> Result<T> {
-    // After a panic, nothing that `read` may have left inconsistent is used.
+    // After a panic, no value that `read` may have left inconsistent is used.
     catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| {
         Err(Error::content(file, "the file is damaged", "copy it again, or import the measurement again"))
     })

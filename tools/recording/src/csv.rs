@@ -1,8 +1,8 @@
 //! Import from two CSV files: one describes the layout of the cells, the other contains the frames.
 //!
-//! The layout has the header `cell,x_mm,y_mm,area_mm2` and optionally `region`. Cells are numbered from 0 without gaps, in foot
-//! coordinates ([`Cell`]). If the layout has no regions, [`template`] assigns them. The frames have the header
-//! `t_s,c0,c1,...`: time in seconds and the pressure of each cell in kPa.
+//! The layout has the header `cell,x_mm,y_mm,area_mm2` and optionally `region`. Cells are numbered from 0 without gaps. Their
+//! positions are in foot coordinates ([`Cell`]). If the layout has no regions, [`template`] assigns them. The frames have the
+//! header `t_s,c0,c1,...`: time in seconds and the pressure of each cell in kPa.
 
 use crate::check::{self, At};
 use crate::table::{self, at_line, check_later, check_width, file_name, number, unreadable};
@@ -16,8 +16,8 @@ use std::path::Path;
 /// Largest overlap of two cells, as a fraction of the smaller cell. Some overlap is allowed, because drawn layouts are not
 /// exact.
 const MAX_OVERLAP: f64 = 0.25;
-/// The ratios of medial-lateral width to heel-toe length that all cells of a layout may have, squares first. With the allowed
-/// overlap, ratios up to 7 fit.
+/// The ratios of medial-lateral width to heel-toe length that are tried for the cells of a layout, squares first. Because some
+/// overlap is allowed, layouts of cells with any ratio from 1/7 to 7 pass.
 const ASPECTS: [f64; 5] = [1.0, 2.0, 0.5, 4.0, 0.25];
 /// The number of rows that are read between two calls of `progress`.
 const ROWS_PER_REPORT: usize = 1000;
@@ -185,7 +185,7 @@ fn check_numbering(rows: &[(usize, u64, Cell)], path: &Path) -> Result<()> {
     Ok(())
 }
 
-/// The inadmissible overlaps of cells as rectangles of one ratio.
+/// The inadmissible overlaps of the cells of a layout, if all cells are rectangles with the same ratio of width to length.
 struct Overlaps {
     /// Number of pairs of cells.
     pairs: usize,
@@ -197,13 +197,14 @@ struct Overlaps {
     aspect: f64,
 }
 
-/// Checks that cells do not overlap by more than [`MAX_OVERLAP`]. A layout states no widths, so the cells are rectangles of one of
-/// the [`ASPECTS`], parallel to the axes.
+/// Checks that cells do not overlap by more than [`MAX_OVERLAP`]. A layout states no widths, so it is accepted if this is the
+/// case for rectangles with one of the [`ASPECTS`], parallel to the axes.
 fn check_overlap(rows: &[(usize, u64, Cell)], path: &Path) -> Result<()> {
     let mut least: Option<Overlaps> = None;
     for aspect in ASPECTS {
         let Some(overlaps) = overlaps(rows, aspect) else { return Ok(()) };
-        // With the ratio of the layout, only the cells with a wrong position or area overlap.
+        // With the true ratio, only cells with a wrong position or area overlap, so the ratio with the fewest overlaps is
+        // reported.
         if least.as_ref().is_none_or(|least| overlaps.pairs < least.pairs) {
             least = Some(overlaps);
         }
@@ -220,7 +221,7 @@ fn check_overlap(rows: &[(usize, u64, Cell)], path: &Path) -> Result<()> {
     ))
 }
 
-/// The inadmissible overlaps of cells as rectangles of this ratio of width to length; `None` without any.
+/// The inadmissible overlaps of cells that are rectangles with this ratio of width to length; `None` if there are none.
 fn overlaps(rows: &[(usize, u64, Cell)], aspect: f64) -> Option<Overlaps> {
     let half_extent_mm = |cell: &Cell| (cell.half_side_mm() * aspect.sqrt(), cell.half_side_mm() / aspect.sqrt());
     let mut by_x: Vec<_> = rows.iter().collect();
@@ -251,10 +252,13 @@ fn shared_mm((a, half_a): (f64, f64), (b, half_b): (f64, f64)) -> f64 {
     ((a + half_a).min(b + half_b) - (a - half_a).max(b - half_b)).max(0.0)
 }
 
-/// The frames of a file. Each value has been checked; whether the intervals between the times are equal has not.
+/// The frames of a file. Each value has been checked, but not whether the intervals between the times are equal.
 struct Frames {
+    /// Time of each frame, s.
     t_s: Vec<f64>,
+    /// The line of each frame in the file.
     lines: Vec<u64>,
+    /// All cells of the first frame, then those of the second one, and so on.
     pressure_kpa: Vec<f32>,
 }
 

@@ -14,10 +14,10 @@ use std::path::Path;
 
 /// Name of the column and of the line with forces.
 const FORCE: &str = "Force";
-/// Largest relative difference between the force of a frame and that in the file. The file rounds forces to 0.01 N.
+/// Largest accepted difference between the force that the cells carry and the force in the file, as a fraction of the latter.
 const FORCE_TOLERANCE: f64 = 0.005;
 
-/// Whether a text is such an export.
+/// True for the text of an emed export.
 pub fn recognise(text: &str) -> bool {
     let has = |word: &str| text.lines().take(60).any(|line| line.contains(word));
     has("Pict-No") && (has("Sensor size") || has("Sensor area"))
@@ -72,18 +72,19 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     Ok(Export { feet: vec![foot.recording(path, &mut remarks)?], remarks })
 }
 
-/// What was read from the pages.
+/// The values that were read from the pages so far.
 struct Pages<'a> {
     path: &'a Path,
     /// Width and height of a cell, mm.
     size_mm: Option<[f64; 2]>,
+    /// Time between two successive pictures, s.
     period_s: Option<f64>,
     /// Numbers of the first and of the last picture.
     pictures: Option<(f64, f64)>,
     frames: Frames,
     /// Number of pages without a frame.
     summaries: usize,
-    /// Relative differences between the force of a frame and that in the file.
+    /// For each frame with a stated force of more than 1 N: the relative difference between its force and the stated one.
     differences: Vec<f64>,
 }
 
@@ -95,7 +96,7 @@ impl Pages<'_> {
         }
         let mut lines = (first_line..).zip(page.lines());
         let (mut size_mm, mut area_mm2, mut period_s, mut picture, mut is_frame) = (None, None, None, None, false);
-        // The line of the columns is the first one with a number in its first field that is not empty.
+        // The line with the numbers of the columns is the first line of which the first field that is not empty is a number.
         let columns = loop {
             let Some((line, row)) = lines.next() else {
                 self.summaries += 1;
@@ -147,8 +148,8 @@ impl Pages<'_> {
         self.table(columns, lines, t_s)
     }
 
-    /// Time of a picture since the first one, s, by its number: pictures may be missing. A picture without a number follows the
-    /// one before.
+    /// Time of a picture since the first one, s. It follows from the picture's number, because pictures may be missing. A
+    /// picture without a number is taken as the one after the picture before.
     fn time_s(&mut self, number: Option<f64>, period_s: f64, place: &dyn Fn() -> String) -> Result<f64> {
         let number = number.unwrap_or_else(|| self.pictures.map_or(0.0, |(_, last)| last + 1.0));
         if self.pictures.is_some_and(|(_, last)| number <= last) {
@@ -160,7 +161,7 @@ impl Pages<'_> {
         Ok((number - first) * period_s)
     }
 
-    /// Reads the table of the frame at this time.
+    /// Reads the table of the frame at this time. `columns` is the number and the text of the line with the columns' numbers.
     fn table<'a>(&mut self, columns: (u64, &str), lines: impl Iterator<Item = (u64, &'a str)>, t_s: f64) -> Result<()> {
         let place = || at_line(self.path, columns.0);
         let names: Vec<&str> = columns.1.split('\t').map(str::trim).filter(|name| !name.is_empty()).collect();
@@ -221,10 +222,10 @@ fn check_force(force_n: f64, stated_n: f64, place: &dyn Fn() -> String) -> Resul
     ))
 }
 
-/// The number of a row or a column.
+/// Reads the number of a row or a column; `what` is `row` or `column`.
 fn index(field: &str, what: &str, place: &dyn Fn() -> String) -> Result<usize> {
     field.parse().ok().filter(|index| *index < MAX_LINES).ok_or_else(|| {
-        let problem = format!("`{}` is not the number of a {what}, up to {MAX_LINES}", shortened(field));
+        let problem = format!("`{}` is not the number of a {what}, below {MAX_LINES}", shortened(field));
         Error::content(place(), problem, "the export is cut off or damaged: export or copy it again")
     })
 }

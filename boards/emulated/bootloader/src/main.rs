@@ -1,7 +1,8 @@
 //! The bootloader of the emulated board: swaps the images if a swap is due, and starts the active image.
 //!
-//! The emulator's flash is read-only: the active image is in the file of the flash chip, from which the host loads it when it
-//! starts the emulator. So the emulator exits after a swap, and the host starts it again.
+//! The emulated controller's own flash is read-only. The active image is therefore stored in the file of the flash chip, and
+//! the host loads it from there when it starts the emulator. After a swap the emulator exits, and the host starts it again with
+//! the image that is active now.
 #![no_std]
 #![no_main]
 
@@ -23,7 +24,7 @@ const APPLICATION: u32 = STM32_FLASH + ACTIVE.start;
 fn main() -> ! {
     // The file exists if the host started the emulator again after a swap.
     let is_continued = fs::remove_file(SWAPPED_FILE).is_ok();
-    // Without a chip the swap fails, because there is no image to swap.
+    // If the swap fails, for example because there is no chip, the active image starts.
     if !is_continued && swap() == Ok(State::Swap) {
         semihosting::process::exit(SWAPPED);
     }
@@ -34,6 +35,7 @@ fn main() -> ! {
     }
 }
 
+/// Swaps the images if a swap is due. Returns [`State::Swap`] if they were swapped or swapped back.
 fn swap() -> Result<State, BootError> {
     let power_cut = emulation::configuration().and_then(|(config, _)| config.power_cut);
     let chip = Mutex::new(FlashFile::open(power_cut));

@@ -26,7 +26,7 @@ const APPLICATION: u32 = NRF52_FLASH + ACTIVE.start;
 /// The core's clock, kHz.
 const CORE_KHZ: u32 = 64_000;
 
-/// Waits in loops. Each wait for the chip is limited, so it may feed the watchdog.
+/// Waits in loops. Each wait for the chip is limited, so each may feed the watchdog.
 struct Busy;
 
 impl Wait for Busy {
@@ -49,7 +49,7 @@ impl Wait for Busy {
 struct Active(Nvmc<'static>);
 
 impl Active {
-    /// The address of the `len` bytes at `offset`.
+    /// Returns the address of the `len` bytes at `offset` of the application, and feeds the watchdog.
     ///
     /// # Errors
     /// If they are not within the application.
@@ -97,7 +97,7 @@ fn main() -> ! {
     // SAFETY: `main` runs once, and nothing else of this program uses peripherals. `embassy_nrf::init` is not called, because it
     // would start the low-frequency clock, of which the application chooses the source, and wait for it without a limit.
     let p = unsafe { Peripherals::steal() };
-    // The waits above never yield, so one poll completes the operation.
+    // A wait of `Busy` never yields, so one poll completes the operation.
     if let Some(Some(chip)) = poll_at_most(1, Chip::<_, CHIP_BYTES>::open(Qspi::new(p.QSPI, Busy))) {
         let chip = Mutex::new(chip);
         if BootLoader::<BUFFER>::try_prepare(config(&chip, Active(Nvmc::new(p.NVMC)))).is_err() {

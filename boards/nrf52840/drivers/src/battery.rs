@@ -20,7 +20,7 @@ pub fn millivolts(code: i16) -> u32 {
 
 /// The controller's supply, mV, for a code of the converter's own input VDD with a gain of 1/6: full scale is 3.6 V.
 pub fn supply_millivolts(code: i16) -> u16 {
-    // At most 3600.
+    // The result is at most 3600, because a code has 12 bits.
     ((u32::from(code.max(0).unsigned_abs()) * 2 * FULL_SCALE_MV) >> BITS) as u16
 }
 
@@ -44,7 +44,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_divider_and_the_reference_give_the_voltage_of_the_battery() {
+    fn codes_give_the_voltages_of_the_battery_and_of_the_supply() {
         // 4.2 V * 510 / 1510 = 1.4185 V = 3228 / 4096 of 1.8 V.
         assert!(millivolts(3228).abs_diff(4200) <= 3);
         // 3.7 V * 510 / 1510 = 1.2497 V = 2844 / 4096 of 1.8 V.

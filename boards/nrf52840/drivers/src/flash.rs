@@ -91,7 +91,7 @@ pub enum Error {
     NoAnswer,
     /// The addresses are not in the chip.
     OutOfBounds,
-    /// The addresses of an erase operation are no multiples of a sector.
+    /// The addresses of an erase operation are not multiples of [`SECTOR`].
     NotAligned,
 }
 
@@ -127,9 +127,9 @@ fn place(page: &Page, at: usize) -> (&AtomicU32, u32) {
 }
 
 impl<B: Bus, const BYTES: u32> Chip<B, BYTES> {
-    /// Opens the chip once it is not busy. Returns `None` if it does not answer in time, is smaller than `BYTES`, or has no valid
-    /// identity, or not the same one each time. A missing chip reads 0, which is not valid, and so does one that does not work
-    /// yet.
+    /// Opens the chip once it is not busy. Returns `None` if it does not answer in time, is smaller than `BYTES`, or does not
+    /// return the same valid identity each time. The bytes read from a missing chip are 0, which is not a valid identity; the
+    /// same applies to a chip that does not work yet.
     pub async fn open(bus: B) -> Option<Self> {
         let mut chip = Self(bus);
         let result = chip.identify().await;
@@ -137,6 +137,7 @@ impl<B: Bus, const BYTES: u32> Chip<B, BYTES> {
         result.ok().filter(|is_valid| *is_valid).map(|_| chip)
     }
 
+    /// Returns true if the chip is large enough and returns the same valid identity each time.
     async fn identify(&mut self) -> Result<bool, NoAnswer> {
         self.0.activate().await?;
         self.0.command(RELEASE).await?;

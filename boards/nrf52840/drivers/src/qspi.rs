@@ -35,11 +35,11 @@ const TRANSFER_LIMIT_MS: u32 = 20;
 /// The buffer of the transfers. A cancelled transfer may still change it, which does no harm.
 static PAGE: Page = [const { AtomicU32::new(0) }; PAGE_WORDS];
 
-/// How a program waits.
+/// The way in which a program waits: the bootloader in loops, the firmware while other tasks run.
 #[allow(async_fn_in_trait, reason = "executors of this board do not move tasks between threads")]
 pub trait Wait {
-    /// Waits until `is_ready` returns true; returns false if it does not within `limit_ms`. The interrupt `QSPI` is requested
-    /// when the result of `is_ready` changes to true.
+    /// Waits until `is_ready` returns true; returns false if it does not within `limit_ms`. The peripheral requests the
+    /// interrupt `QSPI` when the result of `is_ready` changes to true.
     async fn until(&mut self, limit_ms: u32, is_ready: impl Fn() -> bool) -> bool;
 
     /// Waits for `ms` milliseconds.
@@ -107,7 +107,7 @@ impl<W: Wait> Qspi<W> {
     }
 }
 
-/// The number of bytes of a transfer.
+/// The length of a transfer of this many words, bytes; at most a page.
 const fn bytes(words: usize) -> u32 {
     let words = if words < PAGE_WORDS { words } else { PAGE_WORDS };
     4 * words as u32

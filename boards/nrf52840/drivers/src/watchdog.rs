@@ -1,12 +1,14 @@
 //! The hardware watchdog. It counts the low-frequency clock, for which it starts the internal RC oscillator if no other source
-//! runs. Nothing can stop it once it runs, and its timeout cannot be changed, so the bootloader and the application use the same.
+//! runs. Nothing can stop it once it runs, and its timeout cannot be changed, so the bootloader and the application use the
+//! same timeout.
 
 use embassy_nrf::pac::WDT;
 use embassy_nrf::pac::wdt::regs::Rren;
 use embassy_nrf::pac::wdt::vals::{Halt, Rr, Sleep};
 
 /// The watchdog resets the board after this time, ms. The longest times without feeding it are 0.1 s between two checks of the
-/// supervision, 0.1 s for an operation of the controller's own flash, and at most 0.5 s until the crystal oscillates.
+/// supervision, 0.1 s for an operation of the controller's own flash, and at most 0.5 s in `embassy_nrf::init`, which waits
+/// until the crystal oscillates.
 const TIMEOUT_MS: u32 = 1_000;
 /// The rate of the watchdog's counter, ticks per s.
 const TICKS_PER_S: u32 = 32_768;

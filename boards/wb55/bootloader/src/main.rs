@@ -35,7 +35,7 @@ use w25::{Q, W25};
 /// the started image does not feed the watchdog. An image on trial is then swapped back.
 const WATCHDOG_US: u32 = 20_000_000;
 
-/// The level of the voltage detector: 2.8 V. The flash chip works from 2.7 V on.
+/// The setting of the voltage detector for 2.8 V. The flash chip works from 2.7 V on.
 const SUPPLY_LEVEL: u8 = 5;
 /// The detector needs some microseconds after its start. At 32 MHz, this is 100 us.
 const DETECTOR_START_CYCLES: u32 = 3_200;
@@ -52,16 +52,16 @@ fn is_supplied() -> bool {
 }
 
 /// The controller's own flash. It feeds the watchdog before each erase operation; a swap erases one sector at a time.
-struct Fed<F> {
+struct WatchedFlash<F> {
     flash: F,
     watchdog: IndependentWatchdog<'static, IWDG>,
 }
 
-impl<F: ErrorType> ErrorType for Fed<F> {
+impl<F: ErrorType> ErrorType for WatchedFlash<F> {
     type Error = F::Error;
 }
 
-impl<F: ReadNorFlash> ReadNorFlash for Fed<F> {
+impl<F: ReadNorFlash> ReadNorFlash for WatchedFlash<F> {
     const READ_SIZE: usize = F::READ_SIZE;
 
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), F::Error> {
@@ -73,7 +73,7 @@ impl<F: ReadNorFlash> ReadNorFlash for Fed<F> {
     }
 }
 
-impl<F: NorFlash> NorFlash for Fed<F> {
+impl<F: NorFlash> NorFlash for WatchedFlash<F> {
     const WRITE_SIZE: usize = F::WRITE_SIZE;
     const ERASE_SIZE: usize = F::ERASE_SIZE;
 
@@ -99,11 +99,11 @@ fn main() -> ! {
     let mut watchdog = IndependentWatchdog::new(p.IWDG, WATCHDOG_US);
     watchdog.unleash();
 
-    let mut pins = spi::Config::default();
-    pins.frequency = Hertz(16_000_000);
+    let mut spi_config = spi::Config::default();
+    spi_config.frequency = Hertz(16_000_000);
     // A missing chip reads 0, which means that it is not busy and that no swap is due.
-    pins.miso_pull = Pull::Down;
-    let bus = Spi::new_blocking(p.SPI2, p.PB13, p.PB15, p.PB14, pins);
+    spi_config.miso_pull = Pull::Down;
+    let bus = Spi::new_blocking(p.SPI2, p.PB13, p.PB15, p.PB14, spi_config);
     let select = Output::new(p.PB12, Level::High, Speed::VeryHigh);
     let Ok(device) = ExclusiveDevice::new_no_delay(BlockingAsync::new(bus), select);
     // Opening waits only while the chip is busy. A chip that stays busy does not prevent the start.
@@ -115,7 +115,7 @@ fn main() -> ! {
         cortex_m::asm::delay(DETECTOR_START_CYCLES);
         let chip = Mutex::new(Supplied::new(chip, SMALLEST_CHIP, is_supplied));
         let flash = Flash::new_blocking(p.FLASH).into_blocking_regions().bank1_region;
-        let own = BlockingMutex::<NoopRawMutex, _>::new(RefCell::new(Fed { flash, watchdog }));
+        let own = BlockingMutex::<NoopRawMutex, _>::new(RefCell::new(WatchedFlash { flash, watchdog }));
         let active = BlockingPartition::new(&own, ACTIVE.start, MAX_IMAGE);
         if BootLoader::try_prepare::<_, _, _, BUFFER>(config(&chip, active)).is_err() {
             // The swap may have failed half-way, and then no image would run. It continues after the reset. With a low supply,

@@ -22,13 +22,13 @@ struct Arguments {
     jiku: PathBuf,
 }
 
-/// The scales of the effective area, kPa; 0 counts whole cells.
+/// The scales of the effective area ([`ContactRule::full_kpa`]), kPa; 0 for counted cells.
 const SCALES_KPA: [f32; 7] = [0.0, 75.0, 100.0, 150.0, 200.0, 300.0, 600.0];
 /// Distances between the centres of square cells, mm.
 const PITCHES_MM: [f64; 4] = [5.0, 7.0, 10.0, 14.0];
 /// Pressures at the centre of the contact, kPa.
 const PRESSURES_KPA: [f64; 4] = [60.0, 120.0, 240.0, 480.0];
-/// The heel and the second toe: a large and a small region, by the middle of their typical contact areas.
+/// The regions of the tables of the bias: the heel, which is large, and the second toe, which is small.
 const PRESSED: [Region; 2] = [Region::Heel, Region::Toe2];
 /// In each direction, number of positions of the ellipsoid relative to the cells.
 const POSITIONS: usize = 5;
@@ -86,7 +86,7 @@ struct Pressed {
 }
 
 impl Pressed {
-    /// The ellipsoid of a region, pressed to the middle of its typical areas.
+    /// The typical ellipsoid of a region, with a contact area in the middle of the typical range.
     fn of(region: Region) -> Self {
         let ellipsoid = Parameters::typical(InsoleSize::default()).regions[region as usize];
         let [least, most] = TypicalRange::of(InsoleSize::default())[region as usize].area_mm2;

@@ -53,9 +53,9 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-/// Prints the minimal detectable change of the K that an insole tracks. K is identified from one half of a walker's steps and
-/// tracked through the other half, in both orders; the wearer does not change, so every change that the insole reports is an
-/// error.
+/// Prints the minimal detectable change of the stiffness K that an insole tracks. K is identified from one half of a walker's
+/// steps and tracked through the other half, in both orders; the wearer does not change, so every change that the insole
+/// reports is an error.
 fn stiffness_mdc(walkers: &[Study], options: &Options) {
     let mdc = |region: usize| {
         let of_walker = |study: &Study| {
@@ -74,7 +74,7 @@ fn stiffness_mdc(walkers: &[Study], options: &Options) {
     println!("\npub const STIFFNESS_MDC: [f64; 8] = {mdcs:.2?};");
 }
 
-/// The changes of K that the insole reports in the steps `walked`, with parameters that were identified from other steps.
+/// The changes of K that the insole reports in the steps `walked`, with parameters identified from the steps `identified`.
 fn changes(identified: &[Step], walked: &[Step], region: usize, options: &Options) -> Vec<f64> {
     let Ok(mut law) = fit::fit_one(identified, region, options) else { return Vec::new() };
     let mut laws = [ForceLaw::NONE; 8];
@@ -90,7 +90,8 @@ fn changes(identified: &[Step], walked: &[Step], region: usize, options: &Option
     changes.filter(|change| *change != 0.0).collect()
 }
 
-/// Prints the parameters of all walkers together, and the range within which they were determined.
+/// Prints the parameters that are fitted to the steps of all walkers together, and two ranges of these steps, from the 1 % to
+/// the 99 % quantile: of the largest area, and of the largest force divided by the largest area.
 fn typical(walkers: &[Study], options: &Options) {
     let pooled: Vec<Step> = walkers.iter().flat_map(|study| study.steps.iter().step_by(3).cloned()).collect();
     println!("const SIZE_42: [Typical; 8] = [");
@@ -138,7 +139,8 @@ fn typical(walkers: &[Study], options: &Options) {
     println!("];");
 }
 
-/// The factor by which the elastic forces of the walkers differ from the pooled law at the same area, one standard deviation.
+/// The factor by which the elastic forces of the walkers differ from the pooled law at half of the largest area, one standard
+/// deviation.
 fn spread(walkers: &[Study], region: usize, pooled: &ForceLaw<f64>, area_max_m2: f64) -> f64 {
     let force_n = |law: &ForceLaw<f64>| law.force_n(law.area_ratio(0.5 * area_max_m2).normalised_deformation(), 0.0);
     let ratios: Vec<f64> = walkers

@@ -1,4 +1,4 @@
-//! Lets one program of this computer use an insole at a time.
+//! Ensures that only one program of this computer uses an insole at a time.
 //!
 //! The system's Bluetooth service shares a connection between all programs: a second one would receive the messages of the first
 //! one, and end the connection of both when it ends.

@@ -61,7 +61,7 @@ pub enum Error {
     )]
     NotFound(Selector),
     /// Another program of this computer uses the insole.
-    #[error("{0} is in use: another program on this computer is connected to it: close that program")]
+    #[error("{0} is in use: close the other program on this computer that is connected to it")]
     InUse(Selector),
     /// The insole was found, but the connection or the pairing failed.
     #[error(

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-/// A value, and whether it belongs to the stride directly after that of the value before it.
+/// A value, and whether its stride begins where the stride of the previous value ends.
 pub(super) type Consecutive = (f64, bool);
 
 /// Mean of a measure over strides. Successive strides of a person are correlated, which the interval takes into account.
@@ -86,7 +86,7 @@ mod tests {
     fn an_interval_needs_independent_values() {
         assert_eq!(Estimate::new(&[]), None);
         assert_eq!(Estimate::new(&[(3.0, false)]), Some(Estimate { count: 1, mean: 3.0, sd: None, interval: None }));
-        // A slow drift has no more than a few independent values.
+        // A slow drift has fewer than three effectively independent values.
         let drift: Vec<_> = (0..30).map(|i| (f64::from(i), i > 0)).collect();
         assert_eq!(Estimate::new(&drift).and_then(|drift| drift.interval), None);
         // The same values from separate walks are independent.

@@ -55,7 +55,8 @@ impl Session {
         false
     }
 
-    /// For each insole, its foot, the number of usable steps, and the number of excluded contacts by reason.
+    /// For each insole: its foot, its frame rate, the number of usable steps, whether it seems to lie under the other foot, and
+    /// the number of excluded contacts by reason.
     pub fn collected(&self) -> Value {
         self.insoles.iter().map(Insole::collected).collect()
     }

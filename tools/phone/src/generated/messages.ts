@@ -95,7 +95,7 @@ export type Facts = {
 major: number,
 /** Minor protocol version of the page. */
 minor: number,
-/** Unacknowledged records that an insole holds in RAM. */
+/** Largest number of unacknowledged records that an insole holds in RAM. */
 record_queue: number, gatt: Gatt,
 /** The regions, in the order of the messages. */
 regions: Array<RegionFacts>,

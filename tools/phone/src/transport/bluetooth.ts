@@ -64,7 +64,7 @@ export class BluetoothTransport implements Transport {
     }
   }
 
-  /** Disconnects an insole, so that another program can connect it. */
+  /** Disconnects an insole, so that another program can connect to it. */
   private remove(insole: Insole, { device, reconnect }: Connected): void {
     this.insoles.delete(insole);
     reconnect.stop();

@@ -3,7 +3,7 @@
 import { readFileSync } from "node:fs";
 import { expect, test } from "vitest";
 import { entries, entry } from "../../src/stream_file";
-import { PHONE, folder, servedBrowser } from "./browser";
+import { PHONE, phonePath, servedBrowser } from "./browser";
 import { FakeInsoles, varint } from "./fake_insoles";
 
 /** First bytes of messages and requests. */
@@ -16,7 +16,7 @@ const served = servedBrowser();
 
 const f32 = (value: number) => [...new Uint8Array(Float32Array.of(value).buffer)];
 
-/** Heel and big toe of the left foot under sustained load, 15 minutes after the start. */
+/** An alert 0.3 s after the first scan: heel and big toe of the left foot carried load for most of a window of 15 minutes. */
 const ALERT_BYTES = [ALERT, ...varint(NUMBER), 0, ...varint(300_000), 0b10_0001, 0, ...varint(900), 1, 0, 0];
 /** The recommended rules, with this number of alerts in a day. */
 const rules = (per_day: number) =>
@@ -29,7 +29,7 @@ const DAILY_BYTES = [
 ];
 
 test("an alert is shown in plain words, signalled, stored, acknowledged and snoozed", async () => {
-  const walk = entries(new Uint8Array(readFileSync(folder("public/walk.plantar"))));
+  const walk = entries(new Uint8Array(readFileSync(phonePath("public/walk.plantar"))));
   // The times of the recording are not those of today: without them, the alert has no time and counts as new.
   const timeless = [...walk].filter(({ message }) => message[0] !== TIME);
   const alert = { t_ms: 400, insole: 0, message: Uint8Array.from(ALERT_BYTES) } as const;
@@ -57,7 +57,7 @@ test("an alert is shown in plain words, signalled, stored, acknowledged and snoo
   );
   expect(await page.evaluate(() => (window as unknown as { counts: object }).counts)).toEqual({ vibrations: 1, tones: 2 });
   await expect.poll(() => insoles.acknowledged.map(([, bytes]) => bytes[0])).toContain(NUMBER);
-  await page.screenshot({ path: folder("tests/screenshots/alert.png") });
+  await page.screenshot({ path: phonePath("tests/screenshots/alert.png") });
 
   await page.locator("#alert-snooze").click();
   expect(await banner.isHidden()).toBe(true);
@@ -81,13 +81,13 @@ test("an alert is shown in plain words, signalled, stored, acknowledged and snoo
   expect(heel).toEqual(["Heel ●", "20", "–", "500", "–"]);
   expect(await page.locator("#today-note").textContent()).toBe("Alerts today: 2. None for another 10 minutes.");
   await page.locator("#today").scrollIntoViewIfNeeded();
-  await page.screenshot({ path: folder("tests/screenshots/daily-load.png") });
+  await page.screenshot({ path: phonePath("tests/screenshots/daily-load.png") });
   insoles.stop();
   await context.close();
 });
 
 test("the wearer turns the alerts of both insoles on and off", async () => {
-  const insoles = new FakeInsoles(new Uint8Array(readFileSync(folder("public/walk.plantar"))), 1);
+  const insoles = new FakeInsoles(new Uint8Array(readFileSync(phonePath("public/walk.plantar"))), 1);
   const context = await served.browser.newContext({ viewport: PHONE, timezoneId: "Asia/Kolkata" });
   const page = await context.newPage();
   await insoles.serve(page);
@@ -105,7 +105,7 @@ test("the wearer turns the alerts of both insoles on and off", async () => {
   const expected = [SET_ALERT_RULES, ...rules(20).slice(1, -1), ...varint(1110)];
   await expect.poll(sets).toEqual([expected, expected]);
   await box.scrollIntoViewIfNeeded();
-  await page.screenshot({ path: folder("tests/screenshots/alert-settings.png") });
+  await page.screenshot({ path: phonePath("tests/screenshots/alert-settings.png") });
   insoles.stop();
   await context.close();
 });

@@ -1,7 +1,7 @@
 /**
  * Web Bluetooth with an insole that Chromium emulates: the page lets the wearer choose it, connects it, subscribes to its
- * characteristics, and sends a connect request. The emulation cannot send notifications, so the received messages are tested with
- * the other transports.
+ * characteristics, and sends a connect request. The emulation cannot send notifications, so the receipt of messages is tested
+ * with the other transports.
  */
 
 import type { CDPSession } from "playwright-core";

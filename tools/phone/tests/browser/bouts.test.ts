@@ -3,7 +3,7 @@
 import { readFileSync } from "node:fs";
 import { expect, test } from "vitest";
 import { entry } from "../../src/stream_file";
-import { PHONE, folder, servedBrowser } from "./browser";
+import { PHONE, phonePath, servedBrowser } from "./browser";
 import { FakeInsoles, varint } from "./fake_insoles";
 
 /** First byte of a message with a load bout. */
@@ -21,7 +21,7 @@ function bout(number: number, kind: number, duration_s: number): Uint8Array {
 }
 
 test("load outside steps is listed, stored, exported and acknowledged", async () => {
-  const walk = new Uint8Array(readFileSync(folder("public/walk.plantar")));
+  const walk = new Uint8Array(readFileSync(phonePath("public/walk.plantar")));
   const bouts = [1, 2, 3].map((kind, i) => entry({ t_ms: 300, insole: 0, message: bout(FIRST + i, kind, 60 - 20 * i) }));
   const insoles = new FakeInsoles(new Uint8Array(Buffer.concat([walk, ...bouts])), 1);
   const context = await served.browser.newContext({ viewport: PHONE });
@@ -39,14 +39,14 @@ test("load outside steps is listed, stored, exported and acknowledged", async ()
   ]);
   await expect.poll(() => insoles.acknowledged.map(([, bytes]) => bytes[0])).toEqual(expect.arrayContaining([FIRST, FIRST + 1, FIRST + 2]));
   await page.locator("#bouts").scrollIntoViewIfNeeded();
-  await page.screenshot({ path: folder("tests/screenshots/bouts.png") });
+  await page.screenshot({ path: phonePath("tests/screenshots/bouts.png") });
   await page.locator("nav [data-to=settings]").click();
   const [download] = await Promise.all([page.waitForEvent("download"), page.locator("#export-bouts").click()]);
   const rows = readFileSync(await download.path(), "utf8").trimEnd().split("\n");
   expect(rows[0]).toBe("start_unix_s,side,number,kind,start_s,duration_s,region,measured_force_integral_n_s,pressure_integral_kpa_s,peak_pressure_kpa");
   expect(rows).toHaveLength(1 + 3 * 8);
   expect(rows[1]).toMatch(/,left,90,standing,1,60,heel,100,500,51.2$/);
-  // The bouts are stored on the phone.
+  // The bouts are stored on the phone, so they are shown after a reload.
   insoles.stop();
   await page.reload();
   await page.locator("nav [data-to=steps]").click();

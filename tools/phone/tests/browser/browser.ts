@@ -11,8 +11,8 @@ import { type Browser, type BrowserContextOptions, type Page, chromium } from "p
 import { afterAll, beforeAll } from "vitest";
 
 /** The absolute path of a file or folder in tools/phone. */
-export const folder = (path: string) => fileURLToPath(new URL(`../../${path}`, import.meta.url));
-export const DIST = folder("dist");
+export const phonePath = (path: string) => fileURLToPath(new URL(`../../${path}`, import.meta.url));
+export const DIST = phonePath("dist");
 
 /** The path of Chromium: `PLANTAR_CHROMIUM`, or the first that `PATH` contains. */
 function browserPath(): string | undefined {
@@ -100,7 +100,7 @@ export async function firstLoad_ms(page: Page): Promise<number> {
 /** The size of a phone's screen, CSS pixels. */
 export const PHONE = { width: 390, height: 844 };
 
-/** Starts a browser and serves the built page for the tests of a file. Both are available from the first test on. */
+/** Starts a browser and serves the built page for the tests of a test file. Both are available from the first test on. */
 export function servedBrowser(): { browser: Browser; url: string } {
   const served = {} as { browser: Browser; url: string };
   let close = (): void => undefined;

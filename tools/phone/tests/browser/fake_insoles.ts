@@ -1,4 +1,4 @@
-/** Two insoles behind the WebSocket of `plantar serve`, which play a recorded walk faster than in real time. */
+/** Two simulated insoles behind a WebSocket such as that of `plantar serve`. They play a recorded walk at a chosen speed. */
 
 import type { Page, WebSocketRoute } from "playwright-core";
 import { type Entry, entries } from "../../src/stream_file";
@@ -6,10 +6,11 @@ import { type Entry, entries } from "../../src/stream_file";
 /** First bytes of the requests and answers that the insoles use. */
 const [CONNECT, STREAM, ACKNOWLEDGE, SET_IDENTIFIED_TISSUE] = [0, 1, 2, 20];
 const TISSUE = 4;
-/** Length of the force laws in a message, which follow the identifier: six numbers of 32 bits for each of eight regions. */
+/** Number of bytes of the force laws, which follow the identifier in a message: six f32 for each of eight regions. */
 const FORCE_LAWS_BYTES = 8 * 6 * 4;
+/** Longest real time that one tick of the timer counts. */
 const MOST_TICK_MS = 20;
-/** The speed of a walk that waits: the page still receives frames, so the connection does not count as lost. */
+/** The speed of a walk that waits: 1 % of real time. The page still receives frames, so the connection is not lost. */
 export const WAITING = 0.01;
 
 /** An integer of variable length, as messages contain it. */
@@ -17,16 +18,17 @@ export const varint = (value: number): number[] => (value < 128 ? [value] : [(va
 
 /** The insoles of a recording. */
 export class FakeInsoles {
-  /** The parameters that each insole received. */
+  /** The requests with parameters, each with the index of the insole that received it. */
   readonly received: [number, Uint8Array][] = [];
-  /** The acknowledgements that each insole received, as the bytes of the number. */
+  /** The acknowledgements, each as the index of the insole that received it and the bytes of the number. */
   readonly acknowledged: [number, Uint8Array][] = [];
-  /** The requests that each insole received. */
+  /** All requests, each with the index of the insole that received it. */
   readonly requests: [number, number[]][] = [];
   /** False: the link is open, but no messages arrive. */
   is_connected = true;
   /** Time of the walk at which the insoles wait, ms. */
   wait_at_ms = Infinity;
+  /** The messages of the walk, without the hello messages. */
   private readonly all: Entry[];
   private readonly hellos: Entry[];
   private next = 0;
@@ -64,7 +66,7 @@ export class FakeInsoles {
     if (request[0] === ACKNOWLEDGE) this.acknowledged.push([insole!, Uint8Array.from(request.slice(1))]);
     if (request[0] === SET_IDENTIFIED_TISSUE) {
       this.received.push([insole!, Uint8Array.from(request)]);
-      // The last byte of the identifier, an integer of variable length, has no highest bit.
+      // In the last byte of the identifier, an integer of variable length, the highest bit is 0.
       const last = request.findIndex((byte, index) => index > 0 && byte < 0x80);
       this.send(socket, { ...hello, message: Uint8Array.of(TISSUE, ...request.slice(1, last + 1 + FORCE_LAWS_BYTES)) });
     }

@@ -3,7 +3,7 @@
  * the emulated insole.
  *
  * The environment variable `PLANTAR_WALK` is the path of a computed walk of 60 steps of each foot, `PLANTAR` that of the command
- * line, and `PLANTAR_FIRMWARE` that of the firmware of the emulated board. `cargo xtask test` sets all.
+ * line, and `PLANTAR_FIRMWARE` that of the firmware of the emulated board. `cargo xtask test` sets all three.
  */
 
 import { spawnSync } from "node:child_process";
@@ -14,7 +14,7 @@ import { join } from "node:path";
 import type { Page } from "playwright-core";
 import { afterAll, expect, test } from "vitest";
 import { entries } from "../../src/stream_file";
-import { PHONE, folder, servePlantar, servedBrowser } from "./browser";
+import { PHONE, phonePath, servePlantar, servedBrowser } from "./browser";
 import { FakeInsoles, WAITING } from "./fake_insoles";
 
 const { PLANTAR: plantar, PLANTAR_FIRMWARE: firmware, PLANTAR_WALK: walk } = process.env;
@@ -42,6 +42,7 @@ async function openSession(page: Page): Promise<void> {
   await page.locator("#identify-open").click();
 }
 
+/** The button for an action of the session. */
 const act = (page: Page, action: string) => page.locator(`[data-action=${action}]`);
 /** Clicks a button that downloads a file, and returns the path of the file. */
 async function save(page: Page, action: string, name: string): Promise<string> {
@@ -71,9 +72,9 @@ const storedParts = (page: Page) =>
       }),
   );
 
-/** Asserts that axe finds no serious violation, and stores a screenshot. */
+/** Stores a screenshot, and asserts that axe finds no serious violation and that the page does not scroll sideways. */
 async function inspect(page: Page, name: string): Promise<void> {
-  await page.screenshot({ path: folder(`tests/screenshots/identify-${name}.png`) });
+  await page.screenshot({ path: phonePath(`tests/screenshots/identify-${name}.png`) });
   await page.evaluate(readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8"));
   const findings = await page.evaluate(async () => {
     const { axe } = window as unknown as { axe: typeof import("axe-core") };
@@ -83,9 +84,9 @@ async function inspect(page: Page, name: string): Promise<void> {
   expect(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), "no sideways scrolling").toBe(true);
 }
 
-test.skipIf(!walk)("both feet are identified, also over a reload, and the parameters are sent, checked and saved", async () => {
+test.skipIf(!walk)("both feet are identified, despite a reload, and the parameters are sent, checked and saved", async () => {
   const insoles = new FakeInsoles(new Uint8Array(readFileSync(walk!)), 0.1);
-  // However long the page takes, the session is interrupted before it has enough steps.
+  // The walk waits at 25 s, so that the session is interrupted before it has enough steps, however long the page takes.
   insoles.wait_at_ms = 25_000;
   const page = await newPage();
   await insoles.serve(page);
@@ -99,7 +100,7 @@ test.skipIf(!walk)("both feet are identified, also over a reload, and the parame
   await page.getByText("before you had stood still").waitFor();
   await expect.poll(() => good(page, "left"), { timeout: 30_000 }).toBeGreaterThanOrEqual(5);
   await inspect(page, "walk");
-  // The insoles do not walk on before the session continues.
+  // The walk waits until the session continues.
   insoles.speed = WAITING;
   // The messages of the session are stored in their order, so those of all steps so far are stored once a later part is.
   const parts = await storedParts(page);
@@ -113,7 +114,7 @@ test.skipIf(!walk)("both feet are identified, also over a reload, and the parame
   await page.waitForFunction(() => document.querySelector(".rings .left svg"));
   await expect.poll(() => good(page, "left")).toBeGreaterThanOrEqual(before);
   expect(await good(page, "left")).toBeLessThanOrEqual(before + 1);
-  // The steps that the check needs must not be walked before the check.
+  // The walk waits at 42 s, so that enough steps remain for the check.
   insoles.wait_at_ms = 42_000;
   insoles.speed = FAST;
 
@@ -132,7 +133,7 @@ test.skipIf(!walk)("both feet are identified, also over a reload, and the parame
     expect(run.status, run.stderr.toString()).toBe(0);
     const steps = (JSON.parse(readFileSync(json, "utf8")) as { steps: unknown[] }).steps.length;
     expect(steps).toBeGreaterThanOrEqual(60);
-    // Both feet walk until the insoles wait.
+    // Until the walk waits at 42 s, each foot takes at most 40 steps.
     expect(steps).toBeLessThanOrEqual(80);
   }
   await act(page, "push").click();
@@ -153,7 +154,7 @@ test.skipIf(!walk)("both feet are identified, also over a reload, and the parame
   await page.context().close();
 }, 180_000);
 
-test.skipIf(!walk)("a lost link and a foot without an insole are said in words", async () => {
+test.skipIf(!walk)("a lost link, a foot without an insole and a small number of steps are reported in words", async () => {
   const insoles = new FakeInsoles(new Uint8Array(readFileSync(walk!)), 0.5, 0);
   const page = await newPage();
   await insoles.serve(page);
@@ -174,7 +175,7 @@ test.skipIf(!walk)("a lost link and a foot without an insole are said in words",
   await page.context().close();
 }, 120_000);
 
-test.skipIf(!plantar || !firmware)("the emulated insole predicts further steps as the fit promises", async () => {
+test.skipIf(!plantar || !firmware)("the emulated insole confirms the predicted error on further steps", async () => {
   const recording = join(temporary, "walk.parquet");
   const made = spawnSync(plantar!, ["import", "synthetic", "--side", "left", "--steps", "40", "--out", recording]);
   expect(made.status, made.stderr.toString()).toBe(0);

@@ -12,7 +12,7 @@ import { tmpdir } from "node:os";
 import { join } from "node:path";
 import type { Browser, Page } from "playwright-core";
 import { afterAll, beforeAll, expect, test } from "vitest";
-import { folder, launch, servePlantar } from "./browser";
+import { launch, phonePath, servePlantar } from "./browser";
 
 const { PLANTAR: plantar, PLANTAR_FIRMWARE: firmware, PLANTAR_RECORDINGS: recordings } = process.env;
 if (!plantar || !firmware) console.log("skipped: set PLANTAR and PLANTAR_FIRMWARE (`cargo xtask test` does)");
@@ -28,7 +28,7 @@ afterAll(async () => {
   rmSync(temporary, { recursive: true });
 });
 
-/** What the page draws on its canvas, in foot coordinates. */
+/** The shapes that the page has drawn on its canvas, in foot coordinates. */
 interface Drawn {
   /** The outlines of soles, each once. */
   outlines: Path2D[];
@@ -70,8 +70,11 @@ const outside = (page: Page, points: readonly (readonly [number, number])[]) =>
     return points.filter(([x, y]) => !context.isPointInPath(outline, x, y)).length;
   }, points);
 
-/** Serves the recording, and waits until the page has drawn ellipses within the outline of the insole's cells. */
-async function shown(recording: string, picture: string, cells: readonly (readonly [number, number])[]): Promise<void> {
+/**
+ * Serves the recording, and asserts that the page draws ellipses within the outline of the insole's cells, and that this
+ * outline contains the points `cells`. Stores a screenshot with the file name `picture`.
+ */
+async function expectDrawn(recording: string, picture: string, cells: readonly (readonly [number, number])[]): Promise<void> {
   const { url, end } = await servePlantar(plantar!, ["--emulate", recording, "--firmware", firmware!]);
   try {
     const context = await browser.newContext({ viewport: { width: 390, height: 844 } });
@@ -90,7 +93,7 @@ async function shown(recording: string, picture: string, cells: readonly (readon
     expect(ellipses.every(({ is_clipped }) => is_clipped)).toBe(true);
     expect(await outside(page, ellipses.map(({ at }) => at))).toBe(0);
     expect(new Set(ellipses.map(({ at }) => at.join())).size).toBeGreaterThan(50);
-    await page.locator("#soles").screenshot({ path: folder(`tests/screenshots/${picture}`) });
+    await page.locator("#soles").screenshot({ path: phonePath(`tests/screenshots/${picture}`) });
     await context.close();
   } finally {
     await end();
@@ -114,12 +117,12 @@ test.skipIf(is_skipped || !recordings)("a pedar insole is drawn with an outline 
   const files = [join(pedar, "pedar_example.asc"), "--geometry", geometry];
   const made = spawnSync(plantar!, ["import", "pedar", ...files, "--side", "right", "--out", walk]);
   expect(made.status, made.stderr.toString()).toBe(0);
-  await shown(walk, "pedar.png", pedarCentres(geometry, "right"));
+  await expectDrawn(walk, "pedar.png", pedarCentres(geometry, "right"));
 }, 120_000);
 
 test.skipIf(is_skipped)("a computed insole is drawn with its ellipses", async () => {
   const walk = join(temporary, "walk.parquet");
   const made = spawnSync(plantar!, ["import", "synthetic", "--side", "left", "--steps", "3", "--out", walk]);
   expect(made.status, made.stderr.toString()).toBe(0);
-  await shown(walk, "computed.png", []);
+  await expectDrawn(walk, "computed.png", []);
 }, 120_000);

@@ -6,7 +6,7 @@ import { join } from "node:path";
 import { gzipSync } from "node:zlib";
 import type { Page } from "playwright-core";
 import { beforeAll, describe, expect, test } from "vitest";
-import { DIST, PHONE, firstLoad_ms, folder, open, servedBrowser } from "./browser";
+import { DIST, PHONE, firstLoad_ms, open, phonePath, servedBrowser } from "./browser";
 
 const DESKTOP = { width: 1280, height: 900 };
 const MOST_BYTES = 400 * 1024;
@@ -136,7 +136,7 @@ test("the table of regions shows the chosen quantity", async () => {
     }, unit);
   }
   const select = page.locator("#quantity");
-  // The computed walk has counted cells.
+  // By the contact rule of the computed walk, each cell in contact counts with its whole area.
   expect(await select.locator("option:checked").innerText()).toBe("Contact area");
   await select.selectOption("deformation");
   expect(await select.locator("option:checked").innerText()).toBe("Tissue deformation (scaled by assumption)");
@@ -225,7 +225,7 @@ test("an insole of another major version is reported, and its values are not sho
 });
 
 describe("without insoles", () => {
-  test("without Bluetooth in the browser, the page recommends another one", async () => {
+  test("in a browser without Bluetooth, the page recommends another browser, and plays the computed walk", async () => {
     const context = await served.browser.newContext({ viewport: PHONE });
     await context.addInitScript(() => Reflect.deleteProperty(Navigator.prototype, "bluetooth"));
     const page = await context.newPage();
@@ -263,7 +263,7 @@ describe.each([["phone", PHONE], ["desktop", DESKTOP]] as const)("%s", (size, vi
     await page.evaluate(axe);
     for (const view of ["live", "steps", "settings"].filter((view) => size === "phone" || view !== "steps")) {
       await show(page, view);
-      await page.screenshot({ path: folder(`tests/screenshots/${size}-${colorScheme}-${view}.png`) });
+      await page.screenshot({ path: phonePath(`tests/screenshots/${size}-${colorScheme}-${view}.png`) });
       const findings = await page.evaluate(async () => {
         const { axe } = window as unknown as { axe: typeof import("axe-core") };
         const { violations } = await axe.run();

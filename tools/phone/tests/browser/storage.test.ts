@@ -5,11 +5,11 @@ import { join } from "node:path";
 import type { Page } from "playwright-core";
 import { expect, test } from "vitest";
 import { loadWire, messagesOf } from "../wire";
-import { PHONE, folder, servedBrowser } from "./browser";
+import { PHONE, phonePath, servedBrowser } from "./browser";
 
-/** Number of records of a year or two of walking with both feet. */
+/** Number of records: two weeks with 5,000 steps of each foot on every day. */
 const MANY = 140_000;
-/** Time in which the browser must have stored them and shown the page; a slow computer needs half a minute. */
+/** Time in which the browser must have stored these records and shown the page; a slow computer needs half a minute. */
 const TIMEOUT_MS = 180_000;
 /** Time of the first record: noon of 1 January 2026. */
 const START_UNIX_S = new Date(2026, 0, 1, 12).getTime() / 1000;
@@ -64,7 +64,7 @@ test("the records of version 1 of the database are moved, counted by day and exp
   expect(day?.[0]).toMatch(/Jan/);
   expect(Number(day?.[1]) + Number(day?.[2])).toBe(messages.length);
   await page.locator("#days").scrollIntoViewIfNeeded();
-  await page.screenshot({ path: folder("tests/screenshots/days.png") });
+  await page.screenshot({ path: phonePath("tests/screenshots/days.png") });
   const stored = await page.evaluate(async () => {
     const database = await new Promise<IDBDatabase>((resolve) => {
       const request = indexedDB.open("plantar");

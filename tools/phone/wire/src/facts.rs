@@ -17,7 +17,7 @@ pub struct Facts {
     major: u8,
     /// Minor protocol version of the page.
     minor: u8,
-    /// Unacknowledged records that an insole holds in RAM.
+    /// Largest number of unacknowledged records that an insole holds in RAM.
     record_queue: usize,
     gatt: Gatt,
     /// The regions, in the order of the messages.

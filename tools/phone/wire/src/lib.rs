@@ -1,5 +1,6 @@
 //! The core of the page for a phone, as WebAssembly. It decodes messages to JSON in physical units, encodes requests, computes the
-//! keys of steps, converts the times of insoles, counts lost frames, and provides the constants of the protocol.
+//! keys of records and the measures of walking, converts the times of insoles, counts lost frames, and provides the constants
+//! of the protocol.
 //!
 //! The page calls plain WebAssembly exports and shares one buffer with them. A binding generator such as wasm-bindgen is not used,
 //! because its command-line program would have to be installed in exactly the version of its crate. Messages are passed as JSON.
@@ -80,8 +81,8 @@ pub extern "C" fn get_setup_cells(first: u16) -> usize {
 
 /// Encodes [`ToDevice::Acknowledge`]; returns the length of the message.
 #[unsafe(no_mangle)]
-pub extern "C" fn acknowledge(step: u32) -> usize {
-    request(ToDevice::Acknowledge { step })
+pub extern "C" fn acknowledge(number: u32) -> usize {
+    request(ToDevice::Acknowledge { step: number })
 }
 
 /// Encodes [`ToDevice::GetStatus`]; returns the length of the message.
@@ -211,8 +212,9 @@ pub extern "C" fn counter_lost(index: usize) -> f64 {
 /// The steps of the left and of the right foot for [`gait_measures`].
 static GAIT_STEPS: Mutex<[Vec<FootStep>; 2]> = Mutex::new([Vec::new(), Vec::new()]);
 
-/// Adds a step for [`gait_measures`]. `foot` is 0 for the left and 1 for the right foot; the step has its number, its heel
-/// strike, its stance time, its peak force and its force-time integral.
+/// Adds a step for [`gait_measures`]. `foot` is 0 for the left and 1 for the right foot. `number` numbers the steps of the foot
+/// without other records, `start_s` is the time of the heel strike, `duration_s` is the stance time, `peak_n` is the peak of
+/// the total force, and `integral_n_s` is its time integral.
 #[unsafe(no_mangle)]
 pub extern "C" fn gait_step(foot: usize, number: u32, start_s: f64, duration_s: f64, peak_n: f64, integral_n_s: f64) {
     with(&GAIT_STEPS, foot, |steps| steps.push(FootStep { number, start_s, duration_s, peak_n, integral_n_s }));

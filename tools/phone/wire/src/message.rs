@@ -198,8 +198,8 @@ impl Message {
     }
 }
 
-/// The key of a step, load bout or alert: `content`, all of it that does not change if an insole sends it again after a restart,
-/// encoded in hexadecimal digits.
+/// The key of a step, load bout or alert: the encoded `content` in hexadecimal digits. The number of boots since the record,
+/// which changes if the insole sends the record again after a restart, must be 0 in `content`.
 fn key(content: &impl Serialize) -> String {
     let mut buffer = [0; MAX_MESSAGE];
     // Every message fits into the buffer, so the key is never empty.
@@ -261,8 +261,8 @@ impl From<faults::Faults> for Faults {
     }
 }
 
-/// A live frame. Its JSON contains the quantities and flags that the protocol declares. A hundred frames arrive each second, so
-/// they are serialised without an intermediate object.
+/// A live frame. Its JSON contains the quantities and flags that the protocol declares. An insole sends about a hundred frames
+/// per second, so they are serialised without an intermediate object.
 pub(crate) struct LiveFrame(pub protocol::Live);
 
 impl Serialize for LiveFrame {

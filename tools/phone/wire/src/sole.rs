@@ -11,10 +11,11 @@ const REGION_COUNT: usize = Region::ALL.len();
 /// Length of the generic sole, which has EU size 42.
 const LENGTH_MM: f32 = GENERIC_SOLE.length_mm() as f32;
 
-/// y, and x of the medial and of the lateral edge, of the heel and of the forefoot of the generic sole, mm: at 15 and 69 % of its
-/// length. The template takes the width of the foot from straight lines between both, not from the narrower edges of the midfoot.
+/// The heel of the generic sole, mm: y, at 15 % of its length, and x of the medial and of the lateral limit of the width.
+/// The width of the foot for the template follows straight lines from the limits of the heel to those of the forefoot, not the
+/// narrower edges of the midfoot.
 const HEEL_MM: [f32; 3] = [40.2, 7.0, 71.7];
-/// See [`HEEL_MM`].
+/// The forefoot of the generic sole, at 69 % of its length. See [`HEEL_MM`].
 const FOREFOOT_MM: [f32; 3] = [184.9, 0.0, 96.0];
 /// Number of points on each arc of the generic outline.
 const ARC_POINTS: usize = 4;
@@ -32,7 +33,7 @@ const TOLERANCE_MM: f32 = 0.1;
 const RIM_MM: f32 = 7.0;
 /// Largest radius of the notches between cells that the outline bridges.
 const NOTCH_MM: f32 = 80.0;
-/// Cells farther than this from a row do not contain a point of the row, and no other cell of a foot is nearer to it.
+/// Cells whose edge is farther than this from a row are ignored for the points of the row: a foot always has nearer cells.
 const REACH_MM: f32 = 40.0;
 
 /// A sole in foot coordinates, mm: x to the lateral side, y from heel to toes.
@@ -137,8 +138,8 @@ impl Sole {
     }
 }
 
-/// The outline of an insole: all points that are at most [`RIM_MM`] from its cells. Notches are filled that a disc of [`NOTCH_MM`] does
-/// not fit into: the cells are widened by this radius, and the result is narrowed by it except for the rim.
+/// The outline of an insole: all points that are at most [`RIM_MM`] from its cells. Notches into which a disc with the radius
+/// [`NOTCH_MM`] does not fit are filled: the cells are widened by this radius, and the result is narrowed by it minus the rim.
 fn outline_mm(cells: &[LayoutCell]) -> Vec<[f32; 2]> {
     let end = |of: fn(f32, f32) -> f32, sign: f32| {
         let ends = cells.iter().map(|cell| cell.y_mm + sign * cell.half_mm());
@@ -252,6 +253,7 @@ fn generic_region(x_mm: f32, y_mm: f32) -> Region {
     let along = (y_mm - HEEL_MM[0]) / (FOREFOOT_MM[0] - HEEL_MM[0]);
     let edge = |i: usize, along: f32| HEEL_MM[i] + (FOREFOOT_MM[i] - HEEL_MM[i]) * along;
     let centre_mm = (edge(1, along) + edge(2, along)) / 2.0;
+    // Behind the y of the heel and beyond that of the forefoot, the width is constant.
     let wide = along.clamp(0.0, 1.0);
     let width_mm = edge(2, wide) - edge(1, wide);
     region_at((x_mm - centre_mm) / width_mm + 0.5, y_mm / LENGTH_MM)

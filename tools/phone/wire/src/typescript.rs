@@ -32,6 +32,7 @@ fn the_types_of_the_page_are_up_to_date() {
 
 #[test]
 fn the_interfaces_have_the_keys_of_the_objects() {
+    // With a radius above 0, the ellipse is an object. Without contact, it is null.
     let region = StepRegion { ellipse_r_a_cmm: 1, ..StepRegion::default() };
     let step = Step {
         step: 0,
@@ -97,7 +98,7 @@ fn the_interfaces_have_the_keys_of_the_objects() {
         let fields = interface.lines().filter(|line| !line.contains("/**")).filter_map(|line| line.split_once(':'));
         let mut fields: Vec<_> = fields.map(|(name, _)| name.trim()).collect();
         let keys = object.as_object().expect("an object").keys().map(String::as_str);
-        // The message of a live frame also has the key `kind`.
+        // The message of a live frame also has the key `kind`, which its interface does not declare.
         let mut keys: Vec<_> = keys.filter(|key| *key != "kind" || name == "Bout").collect();
         fields.sort_unstable();
         keys.sort_unstable();
@@ -128,7 +129,7 @@ fn messages() -> String {
 /// Adds the TypeScript declaration of `T` to `text`.
 fn declare<T: TS>(text: &mut String, config: &Config) {
     let declaration = format!("{}export {}", T::docs().unwrap_or_default(), T::decl(config));
-    // Every description fits on one line.
+    // Every doc comment is one line, so it is written as a comment of one line.
     let declaration = declaration.replace("/**\n * ", "/** ").replace("\n */", " */");
     text.push('\n');
     declaration.lines().for_each(|line| writeln!(text, "{}", line.trim_end()).expect("a string grows"));
@@ -300,7 +301,7 @@ fn interface(text: &mut String, meaning: &str, name: &str, fields: impl FnOnce(&
 
 fn quantity_field<T>(text: &mut String, quantity: &Quantity<T>) {
     let Quantity { meaning, unit, is_optional, .. } = quantity;
-    // If the quantities of a nested object are absent, the whole object is null, so its fields never are.
+    // If the quantities of a nested object are absent, the whole object is null, so none of its fields is ever null.
     let (nested, key) = quantity.path();
     let of_type = if *is_optional && nested.is_none() { "number | null" } else { "number" };
     field(text, &format!("{meaning} Unit: {unit}."), key, of_type);

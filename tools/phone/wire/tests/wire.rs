@@ -95,23 +95,23 @@ fn bytes_that_are_not_a_message_are_not_decoded() {
 }
 
 #[test]
-fn cells_of_the_computed_walk_lie_in_the_regions_of_the_generic_sole() {
+fn cells_of_the_computed_insole_lie_in_the_regions_of_the_generic_sole() {
     let Sole { regions, outline_mm, .. } = Sole::generic();
     let cells = synthetic::insole(240).cells;
     let outside = cells.iter().filter(|cell| {
         let at = [cell.x_mm as f32, cell.y_mm as f32];
         !inside(&regions[cell.region as usize].outline_mm, at) || !inside(&outline_mm, at)
     });
-    // Cells on a boundary may be on either side of it.
+    // The centres of cells on a boundary may be on either side of it, so a few of the 240 cells may be outside.
     assert!(outside.count() <= 8);
     for (region, shape) in Region::ALL.iter().zip(&regions) {
         assert!(inside(&shape.outline_mm, shape.centre_mm), "{}: {:?}", region.name(), shape.centre_mm);
     }
 }
 
-/// Asserts that the sole of an insole contains the squares of all cells and the centres of the contact ellipses in each frame of the
-/// recording, and that the centre of each cell is in the shape of its region. Returns the number of ellipses, and of those that
-/// extend beyond the sole.
+/// Asserts that the sole of an insole contains the squares of all cells, and the centres of the contact ellipses in each frame
+/// of the recording, and that the centre of each cell is within the outline of its region. Returns the number of ellipses, and
+/// the number of those that extend beyond the sole.
 fn assert_sole_fits(recording: &Recording) -> (u32, u32) {
     let virtual_insole = VirtualInsole::new(recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
     let layout: Vec<_> = virtual_insole.cells.iter().map(LayoutCell::from).collect();
@@ -172,7 +172,8 @@ mod unpublished {
             let (asc, geometry) = (folder.join("pedar_example.asc"), folder.join("geometry.csv"));
             let recording = pedar::import(&asc, &geometry, side, &mut |_, _| {}).expect("the recording is valid");
             let (ellipses, beyond) = assert_sole_fits(&recording);
-            // The ellipse of a hollow contact is larger than the contact.
+            // An ellipse has the second moments of its contact, so it is larger than a contact with a hole or with separate
+            // parts.
             println!("{beyond} of {ellipses} ellipses extend beyond the sole");
         }
     }

@@ -9,7 +9,8 @@ use parameters::Participant;
 use plantar::Region;
 use std::path::Path;
 
-/// Prints each participant, and Table 1: mean and standard deviation by groups of two adjacent insole sizes ([`SizeGroup`]).
+/// Prints each participant, and Table 1 of the paper: mean and standard deviation of age, mass and height for each group of two
+/// adjacent insole sizes ([`SizeGroup`]).
 pub fn print_participants(people: &[Person]) {
     let known = |value: Option<f64>| value.map_or("-".into(), |value| value.to_string());
     let mut table = summary::table();
@@ -43,7 +44,7 @@ pub fn print_participants(people: &[Person]) {
         ]);
     }
     summary::align(&mut table);
-    println!("Table 1, mean ± standard deviation by insole size:\n{table}");
+    println!("Participants by insole size (Table 1 of the paper), mean ± standard deviation:\n{table}");
 }
 
 /// Height in m, rounded to 1 mm.
@@ -51,7 +52,7 @@ fn height_m(settings: &Participant) -> Option<f64> {
     settings.height_cm.map(|cm| (cm * 10.0).round() / 1000.0)
 }
 
-/// Mean ± standard deviation; only the mean of a single value.
+/// Mean ± standard deviation; only the mean if there is a single value.
 fn plus_minus(moments: &Moments, digits: usize) -> String {
     let deviation = moments.deviation.map_or(String::new(), |sd| format!(" ± {sd:.digits$}"));
     format!("{:.digits$}{deviation}", moments.mean)
@@ -73,14 +74,17 @@ pub fn print(people: &[Person]) {
         table.add_row(std::iter::once(region.name().to_string()).chain(sizes.iter().map(cell)));
     }
     summary::align(&mut table);
-    println!("NRMSE %, mean ± standard deviation over participants (number), by region and insole size:\n{table}");
     println!(
-        "Each step is fitted separately to the measured force (NRMSE: Eq. 20). The means are taken over the steps of a"
+        "NRMSE %, mean ± standard deviation over participants (in parentheses: their number), by region and insole size:\n\
+         {table}"
     );
     println!(
-        "recording, then over recordings, then over participants. As in the paper, all means are arithmetic, also\n\
-         those of the stiffness and damping coefficients (k, K, c, G) in the file of --summary and in the report, in\n\
-         which a few stiff steps can dominate."
+        "Each step is fitted separately to the measured force (NRMSE: Eq. 20 of the paper). The means are taken over the steps"
+    );
+    println!(
+        "of a recording, then over recordings, then over participants. As in the paper, all means are arithmetic. A few\n\
+         stiff steps can dominate those of the stiffness and damping coefficients (k, K, c, G), which are in the file of\n\
+         --summary and in the report."
     );
 }
 

@@ -19,8 +19,8 @@ pub struct Identification {
     cells: StreamedCells,
     /// Number of steps that are still needed.
     needed: usize,
-    /// Time of the frame in which the insole received the parameters, us, on the clock of the steps; `None` before. Where the
-    /// plant paces the scans, this clock differs from the time since the start of the board.
+    /// Time of the frame in which the insole received the parameters, us, on the clock of the steps, which counts frames;
+    /// `None` before. With `--speed max`, this clock differs from the time since the start of the board.
     sent_us: Option<u64>,
 }
 

@@ -18,7 +18,7 @@ use std::path::Path;
 const EXTENSION: &str = "plantar";
 /// First bytes of a Parquet file, which is a recording of all cells whatever its name.
 const PARQUET: &[u8; 4] = b"PAR1";
-/// The second part of the message about a damaged entry: the file can also be another one.
+/// Second part of the error message about a damaged entry. It states that the file may not be a stream file at all.
 pub const NO_STREAM: &str = "or not a recorded stream: give a file that `plantar serve --record` or the page recorded, or a \
                              recording that `plantar import` wrote";
 
@@ -38,7 +38,7 @@ impl LiveSource {
     /// The contact rule by which all steps were measured; `None` without steps.
     ///
     /// # Errors
-    /// If there are steps of different rules.
+    /// If steps were measured by different rules.
     pub fn contact_rule(&self) -> Result<Option<ContactRule>> {
         match self.steps.contact_rules() {
             [first, second, ..] => bail!(
@@ -91,7 +91,8 @@ pub fn read_stream(path: &Path) -> Result<Vec<LiveSource>> {
     from_stream(&path.display().to_string(), &bytes)
 }
 
-/// Prints a note on stderr if a stream file has a rest without entries. `name` is its name for display.
+/// Prints a note on stderr if `rest`, the bytes after the last complete entry of a stream file, is not empty. `name` is the
+/// name of the file for display.
 pub fn note_truncated(name: &str, rest: &[u8]) {
     if !rest.is_empty() {
         eprintln!("note: {name} is truncated: its last {} bytes are not used", rest.len());
@@ -107,7 +108,7 @@ struct Messages {
     count: usize,
 }
 
-/// Reads the content of a stream file. `name` is its name for display.
+/// Reads the content of a stream file. `name` is the name of the file for display.
 fn from_stream(name: &str, bytes: &[u8]) -> Result<Vec<LiveSource>> {
     let mut insoles: [Messages; STREAM_INSOLES] = Default::default();
     let (mut entries, mut unknown) = (Entries::new(bytes), 0);

@@ -58,8 +58,8 @@ pub fn print(study: &Study) {
         "Error: NRMSE of the model against the measured force (Eq. 20), mean over the steps. Predicted: the same\n\
          error if each step is predicted from the others. Counted: the predicted error if each cell counts with its\n\
          whole area, which only recordings of all cells show. Floor: the least error of any force law without damping\n\
-         for the measured areas. In parentheses: 95 % intervals. A value with ! is at a bound of the search, and one with * is mostly the usual value\n\
-         of other people, because the force does not determine it."
+         for the measured areas. In parentheses: 95 % intervals. A value with ! is at a bound of the search. A value\n\
+         with * is mostly the usual value of other people, because the force does not determine it."
     );
     for (region, fit) in Region::ALL.iter().zip(&study.fits) {
         match fit {
@@ -99,7 +99,7 @@ fn print_measures(study: &Study) {
     );
 }
 
-/// Prints the sources of d0 and C of each region, and how the results follow them.
+/// Prints the sources of d0 and C of each region, and how much the results depend on the source of C.
 fn print_sources(study: &Study) {
     let fitted: Vec<_> =
         Region::ALL.iter().zip(&study.fits).filter_map(|(region, fit)| Some((region, fit.as_ref().ok()?))).collect();
@@ -139,7 +139,7 @@ fn print_sources(study: &Study) {
         "The force determines neither d0 nor C. Assumed: 0 if C rests on measurements only, 50 % if either thickness or\n\
          compression is assumed, 100 % if both are, or if C results from the search of the paper; unless this is 0, the\n\
          results are those of a deformation (scaled by assumption). The last three columns: change of C and of the secant\n\
-         stiffness and modulus at 20 % strain if the source value were {0:.0} % smaller / larger.",
+         stiffness and modulus at 20 % strain if the value of the source of C were {0:.0} % smaller / larger.",
         SCALE_CHANGE * 100.0
     );
 }
@@ -159,8 +159,9 @@ fn measure_in_words(fit: &RegionFit, quantity: Quantity) -> String {
     }
 }
 
-/// Formats the five identified parameters A B (mm2), K (kPa), G (kPa s), n and m, each with the wider of its two intervals. With
-/// a prior, every parameter has a value; without one, a parameter on which the force does not depend has none.
+/// Formats the five identified parameters A B (mm2), K (kPa), G (kPa s), n and m, each with the wider of its two intervals
+/// ([`widest`]). With a prior, every parameter has a value; without one, a parameter on which the force does not depend has
+/// none.
 fn five_in_words(fit: &RegionFit, has_prior: bool) -> Vec<String> {
     let law = &fit.law;
     let units = [1e6, 1e-3, 1e-3, 1.0, 1.0];

@@ -1,4 +1,4 @@
-//! Repeats a fit with counted cells and, for the report, with other contact rules, filters and steps.
+//! Repeats a fit with cells that count with their whole area and, for the report, with other contact rules, filters and steps.
 
 use super::Fit;
 use crate::replay::progress;
@@ -23,8 +23,8 @@ impl Fit {
         Ok(all)
     }
 
-    /// See [`Study::counted_nrmse`]. `recordings` are those sources of the study that contain all cells. Unless all sources do,
-    /// the result is empty.
+    /// Computes [`Study::counted_nrmse`]. `recordings` are the sources of the study that contain all cells. If another source
+    /// exists, all results are `None`.
     pub(super) fn counted_nrmse(&self, study: &Study, recordings: &[Recording]) -> [Option<f64>; 8] {
         // The method of the paper is too slow to be repeated.
         if recordings.len() != study.sources.len() || study.options.method != Method::Projection {
@@ -34,8 +34,8 @@ impl Fit {
         steps.map_or([None; 8], |steps| predicted_nrmse(&steps, &study.options))
     }
 
-    /// Sensitivity analysis: the main results with other contact rules, filters and steps. `recordings` are those sources of the
-    /// study that contain all cells. Unless all sources do, the contact rule is not varied.
+    /// Sensitivity analysis: the main results with other contact rules, filters and steps. `recordings` are the sources of the
+    /// study that contain all cells. If another source exists, the contact rule is not varied.
     pub(super) fn sensitivity(&self, study: &Study, recordings: &[Recording]) -> Sensitivity {
         let steps_by = |rule: &ContactRule| self.steps_by(recordings, rule);
         let has_cells = recordings.len() == study.sources.len();

@@ -29,10 +29,13 @@ const NO_STEP: Duration = Duration::from_secs(6);
 
 /// One insole and its files.
 pub struct Foot {
+    /// The connection to the insole.
     pub link: Insole,
+    /// The foot that the insole is for.
     pub side: Side,
     /// The folder of this foot.
     pub folder: PathBuf,
+    /// The state that the screen shows, which another thread draws.
     pub progress: Arc<Mutex<Progress>>,
 }
 
@@ -43,7 +46,7 @@ enum Item {
     Started,
 }
 
-/// The standing trial of one foot.
+/// The result of the standing trial of one foot.
 pub struct Standing {
     /// The calibration with the offsets of this trial.
     pub cells: Vec<CellCalibration>,
@@ -95,7 +98,7 @@ impl Foot {
 
     /// Passes each item from the insole to `process` until it returns true or `stop` is set. Reconnects when the link is lost.
     fn follow(&mut self, stop: &AtomicBool, mut process: impl FnMut(&mut Self, Item) -> Result<bool>) -> Result<()> {
-        // The insole may have restarted, which ends its live stream. If the link is lost, the first event reports it.
+        // The insole may have restarted, which ends its live stream. If the link is lost, the first event reports the loss.
         let _ = self.link.start();
         while !stop.load(Ordering::Relaxed) {
             let item = match self.link.next_event()? {
@@ -143,6 +146,7 @@ impl Foot {
                 None
             }
         };
+        // The insole also sends load records during the trial.
         let mut file = self.new_stream_file(STAND)?;
         let start = Instant::now();
         self.update(|progress| progress.needed = 0);
@@ -154,7 +158,7 @@ impl Foot {
             }
             Ok(is_lost.load(Ordering::Relaxed) || start.elapsed() >= time)
         })?;
-        // It has ended already if the link is lost.
+        // If the link is lost, the stream has ended already, and the error is ignored.
         let _ = self.link.client().stream_cells(None);
         Ok(trial.filter(|_| !is_lost.load(Ordering::Relaxed)))
     }
@@ -181,7 +185,7 @@ impl Foot {
         let lines: String = std::iter::once("cell,offset,gain\n".to_string())
             .chain(cells.iter().enumerate().map(|(i, cell)| format!("{i},{},{}\n", cell.offset, cell.gain)))
             .collect();
-        // The file is complete or missing: a part of it would be sent to the insole when the session continues.
+        // The file is renamed once it is complete: an incomplete one would be sent to the insole when the session continues.
         let path = self.calibration_file();
         let part = path.with_extension("csv.part");
         let written = std::fs::write(&part, lines).and_then(|()| std::fs::rename(&part, &path));
@@ -210,7 +214,7 @@ impl Foot {
         Ok(file)
     }
 
-    /// The first path in the folder of the form NAME-NNN and `end` that does not exist.
+    /// The first path in the folder that does not exist, of the form `name`, hyphen, number of three digits, `end`.
     fn next_path(&self, name: &str, end: &str) -> PathBuf {
         let mut paths = (0..).map(|number| self.folder.join(format!("{name}-{number:03}{end}")));
         // The numbers are unlimited, so there is such a path.
@@ -232,7 +236,7 @@ impl Foot {
         Ok(files)
     }
 
-    /// Records live frames, steps and, if the carrier is fast enough, all cells, until there are `needed` good steps in addition to
+    /// Records live frames, steps and, if the carrier is fast enough, all cells, until there are `needed` good steps, including
     /// the `earlier` ones in the stream files.
     pub fn walk(&mut self, stop: &AtomicBool, earlier: usize, needed: usize) -> Result<()> {
         let mut file = self.new_stream_file(WALK)?;
@@ -249,17 +253,17 @@ impl Foot {
             part_start: Instant::now(),
             last_step: Instant::now(),
         };
-        let followed = self.follow(stop, |foot, item| walk.take(foot, item, &mut file));
+        let followed = self.follow(stop, |foot, item| walk.process(foot, item, &mut file));
         if let Some(cells) = &mut walk.cells {
             cells.complete_part()?;
         }
-        // It has ended already if the link is lost.
+        // If the link is lost, the stream has ended already, and the error is ignored.
         let _ = self.link.client().stream_cells(None);
         followed
     }
 
-    /// Receives and stores steps until `count` of them began after this call, and returns these. The insole evaluates them with the
-    /// parameters in force.
+    /// Receives and stores steps until `count` of them began after this call, and returns these. The insole evaluates them with
+    /// the parameters in force.
     pub fn verify(&mut self, stop: &AtomicBool, count: usize) -> Result<Vec<Step>> {
         let mut begin_us = self.link.client().status()?.uptime_us;
         let mut steps: Vec<Step> = Vec::new();
@@ -296,7 +300,8 @@ fn or_too_slow<T>(started: Result<T>) -> Result<Option<T>> {
     }
 }
 
-/// Refuses an insole that would store neither steps nor results. `supply_mv` is `None` if the insole does not measure it.
+/// Refuses an insole that would store neither steps nor results, because its supply is too low. `supply_mv` is `None` if the
+/// insole does not measure it.
 fn ensure_supply(side: Side, supply_mv: Option<u16>) -> Result<()> {
     let Some(low_mv) = supply_mv.filter(|&supply_mv| supply_mv < SUFFICIENT_SUPPLY_MV) else { return Ok(()) };
     bail!(
@@ -309,7 +314,7 @@ fn ensure_supply(side: Side, supply_mv: Option<u16>) -> Result<()> {
 
 /// The remark if the insole seems to lie under the other foot.
 const OTHER_FOOT: &str = "the small toes carry more than the big toe: is this insole in the other shoe?";
-/// First part of the names of the stream files of the standing trial, with the steps and load bouts before it.
+/// First part of the names of the stream files with the load records that the insole sends during the standing trial.
 const STAND: &str = "stand";
 /// First part of the names of the stream files of the walk.
 const WALK: &str = "walk";
@@ -321,8 +326,9 @@ struct Walk {
     steps: LiveSteps,
     /// Number of good steps in earlier stream files.
     earlier: usize,
-    /// Number of good steps in all.
+    /// Number of good steps so far, including the earlier ones.
     done: usize,
+    /// Number of good steps at which the walk ends.
     needed: usize,
     /// The value of [`LiveSteps::evaluated`] for which `done` and `unused` were determined.
     evaluated: usize,
@@ -334,7 +340,8 @@ struct Walk {
 }
 
 impl Walk {
-    fn take(&mut self, foot: &mut Foot, item: Item, file: &mut StreamFile) -> Result<bool> {
+    /// Processes an item, and stores its message in the file. Returns true once there are enough good steps.
+    fn process(&mut self, foot: &mut Foot, item: Item, file: &mut StreamFile) -> Result<bool> {
         match item {
             Item::Started => {
                 file.write(0, &ToHost::Hello(foot.link.client().hello().clone()))?;
@@ -390,8 +397,8 @@ impl Walk {
     }
 }
 
-/// Frames of cells per second of a standing trial. The trial needs means over seconds only, and a connection that loses frames at
-/// the rate of the scans can carry this rate.
+/// Frames of cells per second of a standing trial. The trial needs only means over seconds, and a connection that is too slow
+/// for the rate of the scans can carry this rate.
 const TRIAL_HZ: f64 = 20.0;
 /// Longest time between two frames of a standing trial, s. The trial's means are over several seconds.
 const TRIAL_GAP_S: f64 = 1.0;
@@ -401,7 +408,7 @@ pub struct Trial {
     started: StartedCells,
     /// The insole sends one of this number of scans.
     every: u8,
-    /// Number and codes of each scan that arrived.
+    /// The scan number and the codes of each frame that arrived.
     frames: Vec<(u32, Vec<u16>)>,
 }
 
@@ -427,8 +434,8 @@ impl Trial {
         }
     }
 
-    /// Number and codes of every [`Self::every`]th scan from the first one on. A missing frame has the codes of the frame before
-    /// it.
+    /// The number and the codes of every [`Self::every`]th scan, from the first received scan to the last one. A missing frame
+    /// has the codes of the frame before it.
     fn regular_frames(&self, name: &str) -> Result<Vec<(u32, &[u16])>> {
         let period_s = f64::from(self.started.setup.period_us) * 1e-6;
         let max_scans = ((TRIAL_GAP_S / period_s) as u32).max(self.every.into());
@@ -447,7 +454,7 @@ impl Trial {
         Ok(regular.collect())
     }
 
-    /// The trial as a recording, with other calibrations if they are given.
+    /// The trial as a recording. If calibrations are given, they replace those of the insole.
     fn recording(&self, name: &str, calibrations: Option<&[CellCalibration]>) -> Result<Recording> {
         let mut cells = self.started.cells.clone();
         for (cell, calibration) in cells.iter_mut().zip(calibrations.unwrap_or_default()) {
@@ -466,7 +473,7 @@ impl Trial {
         let lifted = || trial.lifted.iter().flat_map(|lifted| &frames[lifted.clone()]);
         let mut calibrations = Vec::new();
         for (i, cell) in self.started.cells.iter().enumerate() {
-            // A trial has lifted frames.
+            // A standing trial always has frames with a lifted foot, so the offset 0 is never used.
             let offset = zero_offset(lifted().map(|(_, codes)| codes[i])).unwrap_or(0);
             let calibration = CellCalibration { offset, ..cell.calibration };
             if !calibration.is_valid() {

@@ -34,11 +34,11 @@ pub struct Progress {
     pub side: Side,
     /// The newest live frame.
     pub live: Live,
-    /// Number of usable steps that this part of the session has recorded so far.
+    /// Number of good steps so far in this part of the session.
     pub done: usize,
-    /// Number of steps that it needs; 0 if it counts no steps.
+    /// Number of good steps at which this part of the session ends; 0 if it counts no steps.
     pub needed: usize,
-    /// The latest remark: why a step was not good, or that the link is lost.
+    /// The latest remark, such as the reason why a step is not used, or that the link is lost; empty without one.
     pub remark: String,
 }
 
@@ -63,13 +63,14 @@ pub struct Screen {
 }
 
 impl Screen {
-    /// Switches the terminal to the screen.
+    /// Switches the terminal to the screen, if stdout is a terminal.
     pub fn open() -> Result<Self> {
         let terminal = if std::io::stdout().is_terminal() { Some(ratatui::try_init()?) } else { None };
         Ok(Self { terminal, printed: Vec::new() })
     }
 
-    /// Shows the instruction and the feet. Waits for a key until the next picture is due; true if it ends the session.
+    /// Shows the instruction and the feet, and waits until a key is pressed or the next picture is due. Returns true if the key
+    /// ends the session.
     pub fn show(&mut self, instruction: &str, feet: &[Progress]) -> Result<bool> {
         let Some(terminal) = &mut self.terminal else {
             self.print(instruction, feet);
@@ -80,7 +81,7 @@ impl Screen {
         Ok(event::poll(REDRAW)? && ends_session(&event::read()?))
     }
 
-    /// Prints what has changed.
+    /// Prints the lines that have changed.
     fn print(&mut self, instruction: &str, feet: &[Progress]) {
         let counts = feet
             .iter()
@@ -156,7 +157,7 @@ fn draw_sole(frame: &mut Frame, foot: &Progress, area: Rect) {
             by_colour[colour.min(COLOURS.len() - 1)].push((x_mm, y_mm));
         }
     }
-    // A character is about twice as high as wide. The picture keeps the shape of the foot.
+    // A character is about twice as high as wide. The scale is the same in both directions, so the foot is not distorted.
     let shown_mm = length_mm.max(width_mm * f64::from(area.height) * 2.0 / f64::from(area.width.max(1)));
     let middle_mm = width_mm / 2.0;
     let half_mm = shown_mm * f64::from(area.width) / f64::from(area.height.max(1)) / 4.0;

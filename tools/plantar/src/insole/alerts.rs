@@ -10,7 +10,7 @@ use plantar::pipeline::alert::{AlertRules, DailyLoad};
 
 #[derive(Args)]
 pub struct AlertArgs {
-    /// Raise alerts, by the recommended rules where no rules were set.
+    /// Raise alerts. Rules that were never set have their recommended values.
     #[arg(long, conflicts_with_all = ["off", "per_day"])]
     on: bool,
     /// Raise no alerts. The load is still counted.
@@ -34,7 +34,7 @@ pub struct AlertArgs {
     /// Raise an alert when the dose of a region in a day reaches this value, kPa s; 0 for no such alert.
     #[arg(long, value_name = "KPA_S")]
     dose: Option<f32>,
-    /// Raise alerts for this region only. May be repeated; `all` stands for all regions.
+    /// Raise alerts for this region only. Repeat the option for several regions; `all` stands for all regions.
     #[arg(long, value_name = "REGION", value_parser = region)]
     region: Vec<u8>,
     /// Raise no alert for this time after another one, minutes, 1 to 720.
@@ -46,7 +46,7 @@ pub struct AlertArgs {
     /// Time at which the wearer's day begins, minutes after midnight UTC, below 1440.
     #[arg(long, value_name = "MIN", value_parser = clap::value_parser!(u16).range(..1440))]
     day_start: Option<u16>,
-    /// Raise no alerts for this time from now, minutes, up to 720; 0 ends a pause.
+    /// Raise no alerts for this time from now, minutes, up to 720; with 0, alerts can be raised again at once.
     #[arg(long, value_name = "MIN", value_parser = clap::value_parser!(u16).range(0..=720))]
     snooze: Option<u16>,
 }
@@ -62,7 +62,8 @@ fn region(name: &str) -> Result<u8, String> {
 }
 
 impl AlertArgs {
-    /// Changes the rules by the options and starts a pause, then prints rules and load of the day.
+    /// Changes the rules by the options and suspends alerts if --snooze is given, then prints the rules and the load of the
+    /// day.
     pub fn run(&self, client: &mut AnyClient) -> Result<()> {
         let before = client.alert_rules()?;
         let rules = self.changed(before);
@@ -115,7 +116,7 @@ fn print_rules(rules: &AlertRules) {
         println!("alerts: off; --on raises them");
     } else {
         let regions = SHORT.iter().enumerate().filter(|(i, _)| rules.regions >> i & 1 == 1).map(|(_, name)| *name);
-        println!("alerts: at most {} in a day, {} minutes apart", rules.per_day, rules.pause_s / 60);
+        println!("alerts: at most {} in a day, at least {} minutes apart", rules.per_day, rules.pause_s / 60);
         println!(
             "  regions: {}",
             if rules.regions == 0xff { "all".into() } else { regions.collect::<Vec<_>>().join(", ") }

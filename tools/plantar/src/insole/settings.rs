@@ -7,10 +7,10 @@ use clap::{Args, ValueEnum};
 use parameters::InsoleSize;
 use plantar::protocol::Settings;
 
-/// The size of the reference layout, to which [`Settings::scale`] is relative.
+/// The European shoe size of the reference layout, to which [`Settings::scale`] is relative.
 const REFERENCE_SIZE: f32 = 42.0;
 
-/// What the thresholds of heel strike and toe off depend on.
+/// The kinds of thresholds of heel strike and toe off; see the option --thresholds.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Thresholds {
     Adaptive,
@@ -32,19 +32,20 @@ pub struct SettingsArgs {
     /// Toe off is the frame in which the total force falls below this value, N; for the same peak if thresholds are adaptive.
     #[arg(long, value_name = "N")]
     release: Option<f32>,
-    /// Shorter contacts are not steps, ms.
+    /// A contact that is shorter than this time, ms, is not a step.
     #[arg(long, value_name = "MS")]
     min_stance: Option<u16>,
-    /// Shorter gaps do not end a stance, ms.
+    /// A gap that is shorter than this time, ms, does not end a stance.
     #[arg(long, value_name = "MS")]
     min_swing: Option<u16>,
-    /// Longer contacts are standing, ms.
+    /// A contact that is longer than this time, ms, is not a step.
     #[arg(long, value_name = "MS")]
     max_stance: Option<u16>,
     /// Frames per second, 50 to 400.
     #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u32).range(50..=400))]
     rate: Option<u32>,
-    /// European shoe size, 35 to 46, of an insole whose cells are arranged as those of size 42.
+    /// European shoe size, 35 to 46. The positions and areas of the cells are those of the layout of size 42, scaled to this
+    /// size.
     #[arg(long, value_name = "SIZE")]
     size: Option<InsoleSize>,
     /// Remove all settings: the configuration in the insole's firmware is in force again.

@@ -12,7 +12,7 @@ use std::path::Path;
 /// Placeholder for a value that does not exist.
 const NONE: &str = "-";
 
-/// Prints, for each foot, the medians over the regions and then the regions.
+/// Prints, for each foot, the medians over the regions and then the values of each region.
 pub fn print(feet: &[FootRepeatability]) {
     for foot in feet {
         print_medians(foot);
@@ -21,7 +21,7 @@ pub fn print(feet: &[FootRepeatability]) {
     println!(
         "ICC(2,1): 1 if the trials of each person agree, 0 if they differ as much as people do. SEM: standard error of\n\
          measurement. MDC: minimal detectable change, 95 %: two trials that differ by less may be of an unchanged person.\n\
-         A number in brackets is that of the people who have a value in all compared trials, if it is not that of all.\n\
+         A number in parentheses is the number of people with a value in all compared trials, if some have none.\n\
          The thickness d0 is assumed or measured, and does not follow from the trials."
     );
 }
@@ -78,7 +78,7 @@ fn coefficient(icc: f64) -> String {
     format!("{icc:.2}")
 }
 
-/// Three significant digits, with a power of ten for large values.
+/// Formats a value with three significant digits, and with a power of ten from 1e5 on.
 fn short(value: f64) -> String {
     if value.abs() < 1e5 { significant(value) } else { format!("{value:.2e}") }
 }

@@ -38,7 +38,7 @@ pub trait Peripheral: Send + Sync + 'static {
     /// The name that it advertises.
     fn name(&self) -> &str;
 
-    /// Connects, encrypts the link with the key of the bond, and discovers the characteristics.
+    /// Connects to the insole, and encrypts the link.
     fn connect(&self) -> Result<(), String>;
 
     /// Ends the connection.
@@ -205,7 +205,7 @@ impl Characteristic {
     }
 }
 
-/// A private D-Bus with the Bluetooth service, which runs until this is dropped.
+/// A private D-Bus with the Bluetooth service. Both run until the value is dropped.
 pub struct Bus {
     daemon: Child,
     address: String,
@@ -223,7 +223,7 @@ impl Drop for Bus {
 }
 
 impl Bus {
-    /// A bus with this insole, or none, in range, and with the values that it sends.
+    /// Starts a bus with this insole in range, or with none. The bus passes on the `values` that the insole sends.
     pub fn start(insole: Option<Arc<dyn Peripheral>>, values: Values) -> Self {
         let arguments = ["--session", "--nofork", "--print-address"];
         let daemon = Command::new("dbus-daemon").args(arguments).stdout(Stdio::piped()).stderr(Stdio::null()).spawn();
@@ -237,7 +237,7 @@ impl Bus {
                 let changed = HashMap::from([("Value", Value::from(value))]);
                 let body = ("org.bluez.GattCharacteristic1", changed, Vec::<&str>::new());
                 let interface = "org.freedesktop.DBus.Properties";
-                // This fails once the bus has ended.
+                // This fails once the D-Bus daemon has ended.
                 let _ = signals.emit_signal(None::<&str>, path(number), interface, "PropertiesChanged", &body);
             }
         });

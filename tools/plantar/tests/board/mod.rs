@@ -6,31 +6,32 @@ use std::net::{TcpListener, TcpStream};
 use std::sync::{Arc, Mutex};
 use std::thread::{JoinHandle, spawn};
 
-/// The connection of the present host, which a test can cut.
+/// The connection of the current host, which a test can cut.
 pub type Cable = Arc<Mutex<Option<TcpStream>>>;
 
-/// Connects the link of a board to one host after the other, at the address that is returned.
+/// Connects the link of a board to one host after the other. Returns the address at which hosts connect, and the connection of
+/// the current host.
 pub fn forward(board: &Board) -> (String, Cable) {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = listener.local_addr().expect("an address").to_string();
     let link = board.link().expect("the board has a link");
     let cable = Cable::default();
-    let present = cable.clone();
+    let current = cable.clone();
     spawn(move || {
         for host in listener.incoming() {
             let host = host.expect("a host");
-            *present.lock().expect("no panic") = host.try_clone().ok();
+            *current.lock().expect("no panic") = host.try_clone().ok();
             let clone = |stream: &TcpStream| stream.try_clone().expect("a socket");
             let to_host = copy(clone(&link), clone(&host));
             let _ = copy(host, clone(&link)).join();
-            // It ends with the next byte of the live stream, which cannot be written any more.
+            // This thread ends when it cannot write the next byte of the live stream to the closed connection.
             let _ = to_host.join();
         }
     });
     (address, cable)
 }
 
-/// Copies bytes until one of the two connections is closed.
+/// Copies bytes in a thread of its own until one of the two connections is closed.
 fn copy(mut from: TcpStream, mut to: TcpStream) -> JoinHandle<io::Result<u64>> {
     spawn(move || io::copy(&mut from, &mut to))
 }

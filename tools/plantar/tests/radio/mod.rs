@@ -27,8 +27,8 @@ pub struct Radio {
 }
 
 impl Radio {
-    /// Starts the simulation. Returns the radio, the address at which its controller waits for the insole, and the values that
-    /// the insole sends.
+    /// Starts the simulation. Returns the radio, the address at which the simulated controller of the insole waits for the
+    /// firmware's HCI, and the values that the insole sends.
     pub fn start(insole: &'static str) -> (Arc<Self>, SocketAddr, Values) {
         let interpreter = std::env::var_os("PLANTAR_PYTHON").expect("PLANTAR_PYTHON names a Python with bumble");
         let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../virtual-phone/phone.py");
@@ -73,7 +73,7 @@ impl Radio {
 
 /// Passes a line of the simulation on: the result of a request, a value of the insole, or the end of the connection.
 fn pass(line: Value, results: &Sender<Value>, values: &Sender<(u8, Vec<u8>)>, is_connected: &AtomicBool) {
-    // The receivers are dropped at the end of the test.
+    // Sending fails only at the end of the test, when the receivers are dropped.
     if line.get("did").is_some() {
         let _ = results.send(line);
     } else if let (Some(of), Some(value)) = (line["of"].as_str(), line["value"].as_str()) {

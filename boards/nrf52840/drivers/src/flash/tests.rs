@@ -9,7 +9,8 @@ use std::vec::Vec;
 
 const BYTES: u32 = 2 << 20;
 
-/// A chip with its bus: it is busy for some polls after each operation, and refuses what a real one cannot do.
+/// A chip with its bus. It is busy for some polls after each operation. An operation that a real chip cannot execute fails the
+/// test.
 struct Simulated {
     page: Page,
     bytes: Vec<u8>,
@@ -17,6 +18,7 @@ struct Simulated {
     is_active: bool,
     /// Number of reads of the status after an operation until the chip is ready; all but the last report a busy chip.
     busy_polls: u32,
+    /// Number of these reads until the chip is ready.
     busy: u32,
 }
 
@@ -27,7 +29,7 @@ impl Simulated {
     }
 
     fn check(&self, address: u32, words: usize) {
-        assert!(self.is_active && self.busy == 0, "the bus is on, and the chip is not busy");
+        assert!(self.is_active && self.busy == 0, "the bus must be on, and the chip must not be busy");
         assert!(address.is_multiple_of(4) && (1..=PAGE_WORDS).contains(&words));
     }
 }
@@ -57,7 +59,7 @@ impl Bus for Simulated {
 
     async fn write(&mut self, address: u32, words: usize) -> Result<(), NoAnswer> {
         self.check(address, words);
-        assert!(address % PAGE + 4 * words as u32 <= PAGE, "all words are in one page");
+        assert!(address % PAGE + 4 * words as u32 <= PAGE, "all words must be in one page");
         for (word, at) in self.page.iter().zip((address as usize..).step_by(4)).take(words) {
             for (byte, new) in self.bytes[at..at + 4].iter_mut().zip(word.load(Ordering::Relaxed).to_le_bytes()) {
                 *byte &= new;
@@ -123,7 +125,7 @@ fn bytes_at_any_address_are_written_and_read_and_their_neighbours_stay() {
         }
     }
     assert_eq!(chip.0.bytes[..expected.len()], expected);
-    assert!(!chip.0.is_active, "the bus is off between operations");
+    assert!(!chip.0.is_active, "the bus must be off between operations");
     block_on(chip.erase(SECTOR, 2 * SECTOR)).expect("the chip answers");
     expected[SECTOR as usize..2 * SECTOR as usize].fill(0xff);
     assert_eq!(chip.0.bytes[..expected.len()], expected);
@@ -146,8 +148,8 @@ fn a_missing_a_small_and_a_stuck_chip_are_not_opened() {
     for identity in [[0; 3], [0xff; 3], [0x85, 0x60, 0x14], [0x00, 0x60, 0x15]] {
         assert!(open(Simulated::new(identity, 0)).is_none(), "{identity:?}");
     }
-    assert!(open(Simulated::new([0xef, 0x40, 0x16], 0)).is_some(), "a larger chip has room");
-    assert!(open(Simulated::new(P25Q16H, ERASE_LIMIT_MS + 1)).is_none(), "it stays busy");
+    assert!(open(Simulated::new([0xef, 0x40, 0x16], 0)).is_some(), "a larger chip must be opened");
+    assert!(open(Simulated::new(P25Q16H, ERASE_LIMIT_MS + 1)).is_none(), "a chip that stays busy must not be opened");
 }
 
 #[test]
@@ -155,5 +157,5 @@ fn a_chip_that_stays_busy_fails_a_write_within_a_limited_time() {
     let mut chip = open(Simulated::new(P25Q16H, 0)).expect("the chip answers");
     chip.0.busy_polls = WRITE_LIMIT_MS + 2;
     assert_eq!(block_on(chip.write(0, &[0])), Err(Error::NoAnswer));
-    assert!(!chip.0.is_active, "the bus is off after an error, too");
+    assert!(!chip.0.is_active, "the bus must be off after an error, too");
 }

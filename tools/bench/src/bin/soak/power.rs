@@ -12,7 +12,7 @@ use testkit::store_script::Script;
 pub fn test_store(short: bool, figures: &mut Figures) -> Result<()> {
     let stride = if short { 11 } else { 1 };
     let (mut cuts, mut operations, mut erasures) = (0u64, 0, 0);
-    // The first sequence starts with a new chip, the second one with a chip of which the sectors are reused.
+    // The first sequence starts with a new chip, the second one with one after 12,000 storage calls, which reuses its sectors.
     for (seed, used) in [(1, 0), (2, 12_000)] {
         let script = Script::new(seed, used, 400);
         operations += script.operations;
@@ -29,7 +29,7 @@ pub fn test_store(short: bool, figures: &mut Figures) -> Result<()> {
         operations,
         "write and erase operations of two sequences of storage calls on a simulated chip",
     );
-    figures.add("power.script_erasures", erasures, "erase operations of these");
+    figures.add("power.script_erasures", erasures, "erase operations among these");
     figures.add(
         "power.cuts",
         cuts,

@@ -67,7 +67,7 @@ struct Walked {
     stack_bytes: (u32, u32),
 }
 
-/// Walks with both feet in parallel, each on a board of its own; `short` takes [`SHORT_STEPS`].
+/// Walks [`STEPS`] steps, or [`SHORT_STEPS`] if `short` is true, with both feet in parallel, each on a board of its own.
 pub fn soak(firmware: &Path, short: bool, figures: &mut Figures) -> Result<()> {
     let steps = if short { SHORT_STEPS } else { STEPS } / 2;
     let begin = Instant::now();
@@ -150,7 +150,7 @@ fn walk(firmware: &Path, side: Side, steps: u32) -> Result<Walked> {
     let walked = receive(&mut client, side, steps, expected)?;
     ensure!(
         board.plant().scans().wrapping_sub(first_scan) - walked.scans <= 10,
-        "the plant played over 10 scans more than the insole counted: {:?}",
+        "the plant played at least 11 scans more than the insole counted: {:?}",
         walked.status
     );
     Ok(walked)

@@ -4,11 +4,11 @@ use addr2line::Loader;
 use anyhow::{Result, anyhow, ensure};
 use std::path::Path;
 
-/// Hex digits of an address.
+/// Number of hex digits of an address.
 const DIGITS: usize = 8;
 
-/// Prints each address in `report` with its function and source location, and those of the functions inlined there. All words of
-/// eight hex digits are addresses, also with `0x` before and punctuation after them; other words are skipped.
+/// Prints each address in `report` with its function and source location, and those of the functions inlined there. A word of
+/// eight hex digits is an address, also after `0x` and next to punctuation; other words are skipped.
 pub fn run(firmware: &Path, report: &str) -> Result<()> {
     let in_file = |error: Box<dyn std::error::Error>| anyhow!("{}: {error}", firmware.display());
     let loader = Loader::new(firmware)

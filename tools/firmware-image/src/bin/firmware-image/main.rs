@@ -40,7 +40,7 @@ enum Command {
         /// The firmware, an ELF file from the linker.
         firmware: PathBuf,
     },
-    /// Write what firmware loads into flash to a file, to compare two builds.
+    /// Write the loaded segments of firmware to a file, to compare two builds.
     Segments {
         /// The firmware, an ELF file from the linker.
         firmware: PathBuf,

@@ -1,4 +1,4 @@
-//! Extracts what a firmware file loads into flash, without symbols and debug information.
+//! Extracts the loaded segments of a firmware file, without symbols and debug information.
 
 use anyhow::{Context, Result};
 use object::{Object, ObjectSegment};

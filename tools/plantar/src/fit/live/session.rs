@@ -1,4 +1,5 @@
-//! The folder of `plantar record`: tables of live frames and of steps, with one row for each region.
+//! The folder of `plantar record`: tables of live frames, steps, load bouts and alerts, with one row per frame or record and
+//! region.
 
 use super::LiveSource;
 use anyhow::{Context, Result, anyhow, bail};
@@ -12,9 +13,9 @@ use std::collections::{BTreeMap, HashMap};
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
-/// The name of a region's column in both tables.
+/// The column with the name of the region, in all tables.
 const REGION: &str = "region";
-/// The columns of a step that are read for every use.
+/// The columns of the table of steps from which [`record`] makes a step, and the columns that identify the row.
 const STEP_COLUMNS: [&str; 11] = [
     "session",
     "side",
@@ -29,7 +30,7 @@ const STEP_COLUMNS: [&str; 11] = [
     "contact_full_kpa",
 ];
 
-/// Reads the folder; `None` if it has neither a table of live frames nor one of steps. Fails if only one of them is missing.
+/// Reads the live frames and the steps in the folder; `None` if it has neither table. Fails if only one of the two is missing.
 pub fn read(folder: &Path) -> Result<Option<Vec<LiveSource>>> {
     let (live, steps) = (folder.join("live"), folder.join("steps"));
     if !live.is_dir() && !steps.is_dir() {
@@ -146,7 +147,7 @@ pub fn other_records(folder: &Path) -> Result<Vec<(Side, u32)>> {
     Ok(records)
 }
 
-/// The quantities of a step that all of its rows contain, from the columns [`STEP_COLUMNS`].
+/// Makes a step from the columns [`STEP_COLUMNS`] of one of its rows. The other quantities have default values.
 fn record(row: &Row, number: u32) -> Result<Step> {
     let us = |name| anyhow::Ok((row.real(name)? * 1e6).round());
     let kpa = |name| anyhow::Ok(row.real(name)? as f32);
@@ -172,7 +173,7 @@ fn record(row: &Row, number: u32) -> Result<Step> {
     })
 }
 
-/// The quantities of a region in a step. The columns of the ellipse are empty without contact.
+/// The quantities of a region in a step that a fit uses. The columns of the ellipse are empty without contact.
 fn region_of(row: &Row) -> Result<StepRegion> {
     let scaled = |name, per_unit: f64| anyhow::Ok((row.optional(name)?.unwrap_or(0.0) * per_unit).round());
     Ok(StepRegion {
