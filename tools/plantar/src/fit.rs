@@ -65,7 +65,7 @@ pub struct Fit {
     zero: ZeroArgs,
 }
 
-/// Filter, method and bounds of the identification.
+/// The options of the identification: filter, method, bounds, and the thickness and compression of the tissue.
 #[derive(Clone, Args)]
 pub struct Search {
     /// The filter of the contact area: that of the step records of an insole (direct), that of its live stream (live) or, for

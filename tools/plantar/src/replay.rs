@@ -20,7 +20,7 @@ use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Computes the steps, load bouts and alerts of a recording as the insole would, with the same code.
+/// Computes the steps and load bouts of a recording as the insole would, with the same code.
 ///
 /// Recorded pressures are first converted to the codes of a virtual sensor, exactly as in `plantar emulate`. In f32, the steps
 /// are therefore equal to those of the emulated insole, to the last digit. A replay in f64 shows the error of single precision.
@@ -86,7 +86,8 @@ impl Replay {
         Ok(())
     }
 
-    /// Computes the steps, load bouts and alerts in the arithmetic `R`, and writes the files of --load, --frames and --picture.
+    /// Computes the steps, the load bouts and, with --load, the alerts in the arithmetic `R`, and writes the files of --load,
+    /// --frames and --picture.
     fn replay<R: Real>(&self, source: FrameSource, virtual_insole: &VirtualInsole, tissue: &Tissue) -> Result<Records> {
         let mut insole = Box::new(Insole::<R, MAX_CELLS>::new());
         let accepted = insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied());

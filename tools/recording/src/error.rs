@@ -3,7 +3,8 @@ use std::path::{Path, PathBuf};
 /// The result of reading, writing or converting a recording.
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// The reason why a recording could not be read, written or converted. Every message names the file and a remedy.
+/// The reason why a recording could not be read, written or converted. Every message names the file or the operation, and a
+/// remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The operating system refused to open, read or write a file.
@@ -14,10 +15,10 @@ pub enum Error {
         /// The operating system's reason.
         reason: std::io::Error,
     },
-    /// The content violates a rule.
+    /// The content of a file or a recording violates a rule.
     #[error("{place}: {problem}; {remedy}")]
     Content {
-        /// The file, with the line, row or column if it is known.
+        /// The file, with the line, row or column if it is known; the operation, such as resampling, if there is no file.
         place: String,
         /// The violation of a rule.
         problem: String,

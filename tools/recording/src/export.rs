@@ -11,11 +11,11 @@ use std::path::Path;
 pub struct Export {
     /// One recording for each foot, on a common clock.
     pub feet: Vec<Recording>,
-    /// What the import decided, and how the result compares with totals in the export; sentences for the user.
+    /// Sentences for the user: decisions of the import, and the comparison of its result with totals in the export.
     pub remarks: Vec<String>,
 }
 
-/// A vendor's format that needs no other file.
+/// A format of exports from which one file suffices for an import, without a separate layout or geometry.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Format {
     /// See [`xsensor`].
@@ -49,7 +49,7 @@ impl Format {
         Self::Pliance,
     ];
 
-    /// The name, which is also the name of the command that imports it.
+    /// The name of the format, and of the subcommand of `plantar import` for it.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Xsensor => "xsensor",
@@ -69,12 +69,12 @@ impl Format {
     /// Fails if no importer reads the file. The message names the command for a format that needs further arguments.
     pub fn recognise(bytes: &[u8], path: &Path) -> Result<Self> {
         let file = || path.display().to_string();
-        let other = |what: &str, remedy: &str| Err(Error::content(file(), what, remedy));
+        let refuse = |problem: &str, remedy: &str| Err(Error::content(file(), problem, remedy));
         if bytes.starts_with(b"PAR1") {
-            return other("already a recording", "use it directly, for example with plantar info");
+            return refuse("already a recording", "use it directly, for example with plantar info");
         }
         if bytes.starts_with(b"\x89HDF\r\n") {
-            return other("an HDF5 file", "import a walker of jiku-data with plantar import jiku");
+            return refuse("an HDF5 file", "import a walker of jiku-data with plantar import jiku");
         }
         if footscan::is_xls(bytes) {
             return Ok(Self::Footscan);
@@ -95,19 +95,20 @@ impl Format {
         }
         let first_line = text.lines().next().unwrap_or_default();
         if text.lines().take(40).any(|line| line.starts_with("time[secs]")) {
-            return other("a pedar export", "use plantar import pedar with --geometry, the geometry of its insole");
+            return refuse("a pedar export", "use plantar import pedar with --geometry, the geometry of its insole");
         }
         if first_line.starts_with("t_s,") || first_line.starts_with("cell,") {
-            return other("frames or a layout in CSV", "use plantar import csv with --layout, --frames and --side");
+            return refuse("frames or a layout in CSV", "use plantar import csv with --layout, --frames and --side");
         }
         let names: Vec<_> = Self::ALL.iter().map(|format| format.name()).collect();
-        other(
+        refuse(
             "the format is not recognised",
             &format!("export the measurement as text in a format of plantar import: {}, pedar, csv", names.join(", ")),
         )
     }
 
-    /// Imports a file of this format. `side` states the foot, if the export does not or is wrong.
+    /// Imports a file of this format. `side` selects a foot of an export that names its feet, or states the foot of an
+    /// export of one foot.
     ///
     /// # Errors
     /// Fails if the file cannot be read or violates its format. The message names file, line and remedy.

@@ -36,13 +36,14 @@ pub struct Metadata<'a> {
     layout: Cow<'a, Layout>,
 }
 
-/// The version, which the JSON of every version of the format contains.
+/// The field `version`, which the JSON of every version of the format has.
 #[derive(Deserialize)]
 struct Version {
     version: u32,
 }
 
-/// See [`Recording::write`]. The file has its name once it is complete, so that an interruption leaves an existing one as it is.
+/// See [`Recording::write`]. The file is written under a temporary name and renamed when it is complete, so that an
+/// interruption does not damage an existing file.
 pub fn write(recording: &Recording, path: &Path) -> Result<()> {
     check::recording(recording, &|at| match at {
         At::Whole => path.display().to_string(),
@@ -57,7 +58,7 @@ pub fn write(recording: &Recording, path: &Path) -> Result<()> {
         layout: Cow::Borrowed(&recording.layout),
     };
     let json = serde_json::to_string(&metadata).expect("numbers and strings can be written as JSON");
-    // The file that a link names is replaced, and not the link.
+    // If the path is a symbolic link, its target is replaced, and not the link itself.
     let path = &fs::canonicalize(path).unwrap_or_else(|_| path.into());
     if path.exists() && !path.is_file() {
         return Err(Error::content(path.display().to_string(), "this is no regular file", "name another file"));
@@ -70,7 +71,8 @@ pub fn write(recording: &Recording, path: &Path) -> Result<()> {
 
 /// Writes the columns, and `json` to the metadata.
 fn write_columns(recording: &Recording, json: String, file: File) -> std::result::Result<(), ParquetError> {
-    // The largest value of each column of a row group: a reader needs the largest pressure before the first frame.
+    // The statistics state the largest value of each column in a row group, because a reader needs the largest pressure before
+    // it reads the first frame.
     let properties = WriterProperties::builder()
         .set_compression(Compression::SNAPPY)
         .set_statistics_enabled(EnabledStatistics::Chunk)

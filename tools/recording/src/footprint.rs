@@ -11,31 +11,32 @@ use plantar::{Region, Side};
 const IN_STANCE: f64 = 0.1;
 /// Least movement of the centre of pressure in a step, as a fraction of the length of the foot.
 const LEAST_MOVEMENT: f64 = 0.1;
-/// Bands of the length of the foot, as fractions from the back of the heel.
+/// Bands across the foot: each lies between two fractions of the foot's length, measured from the back of the heel.
 const HEEL: [f64; 2] = [0.05, 0.25];
 const MIDFOOT: [f64; 2] = [0.32, 0.52];
 const FOREFOOT: [f64; 2] = [0.60, 0.78];
 const TOES: [f64; 2] = [0.84, 1.0];
-/// Least asymmetry of a footprint, as a fraction of the width of the forefoot, that shows a mirrored layout.
+/// Least asymmetry towards the wrong side that indicates a mirrored layout, as a fraction of the width of the forefoot.
 const LEAST_ASYMMETRY: f64 = 0.05;
 
-/// The pressures on the cells of a sensor. The cells lie in any plane that is seen from above.
+/// The pressures on the cells of a sensor. The origin of the cells' coordinates is arbitrary; the methods state the
+/// directions of x and y that they require.
 pub(crate) struct Footprint<'a> {
     pub cells: &'a [Cell],
-    /// For each cell, whether it is under the foot. Other cells respond to noise.
+    /// For each cell, whether it is under the foot. The other cells are ignored, because they may respond to noise.
     pub under_foot: &'a [bool],
     /// All cells of the first frame, then those of the second one, and so on.
     pub pressure_kpa: &'a [f32],
 }
 
 impl Footprint<'_> {
-    /// The foot, if y points to the toes and x to the right.
+    /// Determines the foot from the shape of its footprint. y must point to the toes, and x to the right as seen from above.
     pub fn side(&self) -> Side {
         if self.lateral_asymmetry().unwrap_or(0.0) < 0.0 { Side::Left } else { Side::Right }
     }
 
-    /// The direction from heel to toes: a unit vector along the longer extent of the foot. `None` if the pressure does not move
-    /// along it.
+    /// The direction from heel to toes: a unit vector along the longer extent of the foot. `None` if the centre of pressure
+    /// does not clearly move along this extent.
     pub fn walking_direction(&self) -> Option<[f64; 2]> {
         let [width_mm, height_mm] = [|c: &Cell| c.x_mm, |c: &Cell| c.y_mm].map(|along| {
             let [low_mm, high_mm] = self.extent_mm(along);
@@ -49,7 +50,7 @@ impl Footprint<'_> {
         is_clear.then_some(if axis == 0 { [sign, 0.0] } else { [0.0, sign] })
     }
 
-    /// The movement of the centre of pressure, mm, in each stance: from its first to its last third.
+    /// The movement of the mean centre of pressure, mm, from the first to the last third of each stance.
     fn movements_mm(&self) -> Vec<[f64; 2]> {
         let centres: Vec<_> =
             self.pressure_kpa.chunks_exact(self.cells.len()).map(|frame| self.centre(frame)).collect();
@@ -70,7 +71,7 @@ impl Footprint<'_> {
             .collect()
     }
 
-    /// The centre of pressure of a frame, mm, and its force in any unit.
+    /// The centre of pressure of a frame, mm, and the force on the foot in this frame, mN.
     fn centre(&self, frame: &[f32]) -> (f64, f64, f64) {
         let mut sum = (0.0, 0.0, 0.0);
         for ((cell, &kpa), _) in self.cells.iter().zip(frame).zip(self.under_foot).filter(|(_, is_under)| **is_under) {
@@ -88,9 +89,10 @@ impl Footprint<'_> {
         })
     }
 
-    /// How far the load of the midfoot lies towards +x from the line between heel and forefoot, and that of the toes towards -x
-    /// from its extension, as a fraction of the width of the forefoot: positive if +x is lateral. y points to the toes. `None` if heel
-    /// or forefoot is never loaded.
+    /// The sum of two distances along x, as a fraction of the width of the forefoot: from the line between the loads of heel
+    /// and forefoot to the load of the midfoot, and from the load of the toes to the extension of this line. It is positive
+    /// if +x is lateral. y must point to the toes. `None` if the heel or the forefoot is never loaded, or the forefoot has
+    /// no width.
     fn lateral_asymmetry(&self) -> Option<f64> {
         let mut pressure_sum_kpa = vec![0.0f64; self.cells.len()];
         for frame in self.pressure_kpa.chunks_exact(self.cells.len()) {
@@ -136,16 +138,17 @@ pub fn warnings(recording: &Recording) -> Vec<String> {
     if backwards > 0 && backwards == movements_mm.len() {
         warnings.push(format!(
             "The {} foot looks upside down: the forefoot is loaded before the heel in every step. \
-             If the person did not walk backwards, turn the layout round in the vendor's program, or correct y_mm in a layout file.",
+             If the person did not walk backwards, turn the layout by 180 degrees in the vendor's program, or correct \
+             y_mm in a layout file.",
             recording.side.name()
         ));
     } else if footprint.lateral_asymmetry().is_some_and(|asymmetry| asymmetry < -LEAST_ASYMMETRY)
         && lesser_toes_exceed_hallux(recording)
     {
         warnings.push(format!(
-            "The {} foot looks mirrored: the lesser toes carry more than the hallux, and the midfoot its load on \
-             the medial side. If it is the other foot, state it with --side; else mirror the layout in the vendor's \
-             program, or correct x_mm in a layout file.",
+            "The {} foot looks mirrored: the lesser toes carry more than the hallux, and the midfoot is loaded on \
+             its medial side. If it is the other foot, state it with --side; otherwise mirror the layout in the \
+             vendor's program, or correct x_mm in a layout file.",
             recording.side.name()
         ));
     }
@@ -165,7 +168,7 @@ fn lesser_toes_exceed_hallux(recording: &Recording) -> bool {
     integrals[Region::Toes35 as usize] > integrals[Region::Hallux as usize]
 }
 
-/// The foot's name at the beginning of a sentence.
+/// The name of the foot with a capital letter, for the beginning of a sentence.
 pub(crate) fn capitalised(side: Side) -> &'static str {
     match side {
         Side::Left => "Left",

@@ -1,8 +1,8 @@
-//! Import of measurements on a plate of the footscan system (RSscan), from the export "Dynamic Roll off": a file of Excel
-//! (`.xls`) or its text, in which tabs separate the fields.
+//! Import of measurements on a plate of the footscan system (RSscan), from the export "Dynamic Roll off": an Excel file
+//! (`.xls`) or its text, in which tabs or semicolons separate the fields.
 //!
 //! `Left foot data` or `Right foot data` begins a foot. Each frame begins with `Frame`, its number and its time in ms, and
-//! contains the force on each cell in N. The first row is that at the lower edge of the plate, as seen from above.
+//! contains the force on each cell in N. The first row is at the lower edge of the plate, as seen from above.
 
 use crate::grid::{Foot, Frames, Grid, MAX_LINES, SWING_S, Toes};
 use crate::table::file_name;
@@ -15,15 +15,15 @@ use std::path::Path;
 const CELL_LENGTH_MM: f64 = 7.62;
 /// Extent of a cell across the plate, mm.
 const CELL_WIDTH_MM: f64 = 5.08;
-/// The first bytes of a file of Excel 97 to 2003.
+/// The first bytes of an Excel file, version 97 to 2003.
 const XLS: &[u8] = &[0xd0, 0xcf, 0x11, 0xe0, 0xa1, 0xb1, 0x1a, 0xe1];
 
-/// Whether a file is a file of Excel, which of all vendors only footscan exports.
+/// True for an Excel file, version 97 to 2003. Of all formats of [`crate::Format`], only footscan's export can be such a file.
 pub fn is_xls(bytes: &[u8]) -> bool {
     bytes.starts_with(XLS)
 }
 
-/// Whether a text is such an export.
+/// True for the text of a footscan export.
 pub fn recognise(text: &str) -> bool {
     text.lines().take(100).any(|line| frame_s(line).is_some())
 }
@@ -43,7 +43,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     let text;
     let rows: Vec<Vec<String>> = if is_xls(bytes) {
         xls::rows(bytes).map_err(|reason| {
-            let problem = format!("not a readable file of Excel ({reason})");
+            let problem = format!("not a readable Excel file ({reason})");
             Error::content(path.display().to_string(), problem, "export or copy the measurement again")
         })?
     } else {
@@ -52,7 +52,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     };
     let mut feet: Vec<(Option<Side>, Frames)> = Vec::new();
     let mut stated = None;
-    // The row of the current frame, and the number of its columns.
+    // Number of rows of the current frame that were read, and number of its columns.
     let (mut at, mut columns): (usize, Option<usize>) = (0, None);
     for (line, fields) in (1..).zip(&rows) {
         let place = || format!("{}:{line}", path.display());
@@ -94,7 +94,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         }
         for (column, field) in fields.iter().enumerate() {
             let force_n = number(field, &format!("the force in column {}", column + 1), &place)?;
-            // Rows of a picture are numbered from the top.
+            // `Grid` numbers rows from the top, and the first row of the export is at the lower edge.
             frames.add(MAX_LINES - 1 - at, column, (force_n / (CELL_LENGTH_MM * CELL_WIDTH_MM) * 1e3) as f32);
         }
         at += 1;

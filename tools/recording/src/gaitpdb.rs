@@ -19,8 +19,8 @@ const SENSORS: usize = 8;
 /// Number of columns: the time, the sensors of both feet, and the total forces.
 const COLUMNS: usize = 1 + 2 * SENSORS + 2;
 /// Positions of the sensors in the order of their columns, in the unit of the database. The first coordinate increases from the
-/// medial to the lateral side, the second from heel to toes. Source: the file `format.txt` of the database; the walker stands
-/// with parallel feet, of which the medial sides are at 300 units from the middle.
+/// medial to the lateral side, the second from heel to toes. Source: the file `format.txt` of the database, in which the first
+/// coordinate is the distance from the middle between the feet of a person who stands with parallel feet.
 const POSITIONS: [[f64; 2]; SENSORS] = [
     [500.0, -800.0],
     [700.0, -400.0],
@@ -31,9 +31,9 @@ const POSITIONS: [[f64; 2]; SENSORS] = [
     [300.0, 400.0],
     [500.0, 800.0],
 ];
-/// Size of the unit of the positions, mm, for a foot of 260 mm, in which the first and the last sensor are 208 mm apart.
+/// Length of one unit of [`POSITIONS`], mm, for a foot of 260 mm: the first and the last sensor are then 208 mm apart.
 const UNIT_MM: f64 = 0.13;
-/// Area of the sole for one sensor, mm2.
+/// Nominal area of a sensor, mm2: an eighth of the sole.
 const AREA_MM2: f64 = 2_500.0;
 
 /// The numbers of a line; `None` if a field is not a number.
@@ -41,7 +41,8 @@ fn numbers(line: &str) -> Option<Vec<f64>> {
     line.split_whitespace().map(parse_number).collect()
 }
 
-/// Whether a text is such a file: lines of 19 numbers, of which the total forces are the sums of the sensors.
+/// True for the text of a walk: lines of 19 numbers, in which each total force is the sum of the forces on the sensors of its
+/// foot.
 pub fn recognise(text: &str) -> bool {
     let mut lines = text.lines().filter(|line| !line.trim().is_empty()).take(20).peekable();
     let is_walk = |line: &str| {

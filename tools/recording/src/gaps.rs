@@ -1,19 +1,21 @@
-//! Frames that a system lost on the way. A recording has none: short gaps are filled, and of a recording with longer gaps only the
-//! longest part between them remains.
+//! Gaps in an export, where the measuring system lost frames. An imported recording has no gaps: short ones are filled, and if
+//! there are longer ones, only the longest part between them is imported.
 
 /// Longest gap that is filled by interpolation, s. A heel strike takes about this time, so that a longer gap may hide the
 /// beginning of a step.
 const LONGEST_FILLED_S: f64 = 0.1;
-/// An interval of more than this number of median intervals has lost frames.
+/// If the time between two frames is longer than this number of median intervals, frames between them were lost.
 pub const LOST: f64 = 1.5;
-/// Shortest period in which gaps are filled, s: a shorter one is no plausible frame rate, and would fill a gap with any number of
-/// frames.
+/// Shortest median interval with which gaps are filled, s. A shorter one is not plausible, and the number of frames in a gap
+/// would have no limit.
 const SHORTEST_PERIOD_S: f64 = 1e-3;
 
-/// Fills gaps of up to [`LONGEST_FILLED_S`] linearly. After a longer gap, the load is unknown: only the longest part without one
-/// remains. `kpa` has the same number of cells for each time. Returns a sentence about what was filled or left out.
+/// Fills gaps of up to [`LONGEST_FILLED_S`] linearly. In a longer gap the load is unknown: only the longest part without one
+/// remains. `kpa` contains `cells` pressures for each time. Returns sentences with the number of frames that were filled and
+/// left out; `None` without a gap.
 ///
-/// Times that do not increase, or are closer than [`SHORTEST_PERIOD_S`], are left as they are; [`crate::rate::of`] refuses them.
+/// Nothing is changed if the median interval is below [`SHORTEST_PERIOD_S`]. Times that do not increase are left as they are;
+/// [`crate::rate::of`] rejects them.
 pub fn fill(t_s: &mut Vec<f64>, kpa: &mut Vec<f32>, cells: usize) -> Option<String> {
     let period_s = median_interval_s(t_s)?;
     let is_gap = |before_s: f64, after_s: f64| after_s - before_s > LOST * period_s;
@@ -52,7 +54,8 @@ pub fn fill(t_s: &mut Vec<f64>, kpa: &mut Vec<f32>, cells: usize) -> Option<Stri
     Some(filled.into_iter().chain(left_out).collect::<Vec<_>>().join(" "))
 }
 
-/// The median interval of these times, s, the lower one of an even number; `None` for fewer than two times.
+/// The median interval between these times, s; of an even number of intervals, the lower of the two in the middle. `None` for
+/// fewer than two times.
 pub fn median_interval_s(t_s: &[f64]) -> Option<f64> {
     let mut intervals_s: Vec<f64> = t_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
     let middle = intervals_s.len().checked_sub(1)? / 2;
@@ -98,7 +101,7 @@ mod tests {
         assert_eq!((t_s.len(), t_s[0], kpa[0], kpa.len()), (20, 1.0, 20.0, 40));
     }
 
-    /// The gap would be filled with 1e71 frames.
+    /// Without the limit, the gap would be filled with 1e71 frames.
     #[test]
     fn gaps_between_implausibly_close_times_are_not_filled() {
         let mut t_s = vec![0.0, 1e-73, 2e-73, 0.01];

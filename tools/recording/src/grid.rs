@@ -8,19 +8,20 @@ use plantar::{Region, Side};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Largest number of rows and of columns. The largest plates have some hundred.
+/// Largest number of rows and of columns. The largest plates have a few hundred of each.
 pub const MAX_LINES: usize = 4096;
 
 /// Unloaded time that [`Frames::with_swing`] adds before and after a step, s.
 pub const SWING_S: f64 = crate::jiku::SWING_S;
-/// Shortest plausible time between pictures, s: no plate records faster, and a shorter one would add any number of frames.
+/// Shortest plausible time between frames, s. No plate records faster, and with a shorter time the number of frames that
+/// [`Frames::with_swing`] adds would have no limit.
 const SHORTEST_PERIOD_S: f64 = 1e-4;
 
-/// The picture of a matrix sensor. It is seen from above; rows are numbered from the top, columns from the left.
+/// The geometry of a matrix sensor as a picture: seen from above, with rows numbered from the top and columns from the left.
 pub struct Grid {
-    /// Distance of neighbouring rows, mm.
+    /// Distance between neighbouring rows, mm.
     pub row_mm: f64,
-    /// Distance of neighbouring columns, mm.
+    /// Distance between neighbouring columns, mm.
     pub column_mm: f64,
     /// The direction of the toes in the picture.
     pub toes: Toes,
@@ -31,13 +32,15 @@ pub struct Grid {
 pub enum Toes {
     /// At the top, as in an insole.
     Top,
-    /// The foot walks over a plate, from heel to toes along its longer extent.
+    /// In any direction, as on a plate. It is determined from the movement of the centre of pressure along the longer extent of
+    /// the footprint.
     Walked,
 }
 
 /// The frames of one matrix sensor. Only loaded cells take memory.
 #[derive(Default)]
 pub struct Frames {
+    /// Time of each frame, s.
     pub t_s: Vec<f64>,
     loads: Vec<Load>,
 }
@@ -45,6 +48,7 @@ pub struct Frames {
 /// The pressure of one loaded cell in one frame.
 struct Load {
     frame: usize,
+    /// Row and column.
     cell: (usize, usize),
     kpa: f32,
 }
@@ -55,31 +59,32 @@ impl Frames {
         self.t_s.push(t_s);
     }
 
-    /// Adds the pressure of the cell at this row and column to the last frame that began.
+    /// Adds the pressure of the cell at this row and column to the last frame that began. Pressures of 0 and below are ignored.
     pub fn add(&mut self, row: usize, column: usize, kpa: f32) {
         if kpa > 0.0 {
             self.loads.push(Load { frame: self.t_s.len().saturating_sub(1), cell: (row, column), kpa });
         }
     }
 
-    /// The same frames with [`SWING_S`] without load before and after them, at the mean interval of frames that follow each
-    /// other. The times of the frames increase by [`SWING_S`], so that several feet remain on one clock.
+    /// The same frames with unloaded frames for [`SWING_S`] before and after them. The interval between unloaded frames is the
+    /// mean interval between frames without a gap. The times of all frames are shifted by [`SWING_S`], so that several feet
+    /// remain on a common clock.
     ///
-    /// A plate records from the first contact on, so that its first picture may carry load. Without an unloaded frame before it,
+    /// A plate records from the first contact on, so that its first frame may carry load. Without an unloaded frame before it,
     /// the analysis ignores the step, because a contact in the first frame of a recording may have begun earlier.
     ///
-    /// This precedes the filling of gaps: an end of the recording that a long gap leaves has no such frames, and is not taken for
-    /// a heel strike or toe off.
+    /// This method must be called before gaps are filled. If the recording is then cut at a long gap, there are no unloaded
+    /// frames at the cut, so that the cut is not mistaken for a heel strike or toe off.
     ///
     /// # Errors
-    /// Fails if the frames are closer than any plate records. The message names `path`.
+    /// Fails if the frames are closer together than those of any plate. The message names `path`.
     pub fn with_swing(mut self, path: &Path) -> Result<Self> {
         let (Some(&first_s), Some(&last_s)) = (self.t_s.first(), self.t_s.last()) else { return Ok(self) };
-        // A single frame has no rate, which the next check of the recording reports.
+        // A single frame has no rate. The check of the rate in `Foot::recording` reports this.
         let Some(median_s) = median_interval_s(&self.t_s) else { return Ok(self) };
         let mut intervals_s: Vec<f64> = self.t_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
         intervals_s.retain(|interval_s| *interval_s <= LOST * median_s);
-        // Of rounded times the mean interval is exact; the median is not.
+        // If the times are rounded, the mean interval is still exact; the median is not.
         let period_s = intervals_s.iter().sum::<f64>() / intervals_s.len() as f64;
         if period_s < SHORTEST_PERIOD_S {
             let problem = format!("a frame every {period_s:e} s");
@@ -110,8 +115,8 @@ pub struct Foot {
 }
 
 impl Foot {
-    /// The recording of this foot. Its cells are those that carry load in some frame. If these are more than [`MAX_CELLS`],
-    /// neighbouring ones are merged. Sentences about what the import decided are added to `remarks`.
+    /// The recording of this foot. Its cells are those that carry load in at least one frame. If there are more than
+    /// [`MAX_CELLS`], neighbouring cells are merged. Sentences about decisions of the import are added to `remarks`.
     ///
     /// # Errors
     /// Fails if no cell is ever loaded, or the frames violate a rule of recordings. Messages name `path`.
@@ -161,7 +166,8 @@ impl Foot {
         let side = side.unwrap_or_else(|| {
             let side = footprint.side();
             remarks.push(format!(
-                "The export does not name the foot. By the shape of the footprint it is the {} one; --side states another.",
+                "The export does not name the foot. By the shape of the footprint, it is the {} foot; if it is not, \
+                 use --side.",
                 side.name()
             ));
             side
@@ -205,28 +211,28 @@ fn under_foot(indices: &BTreeMap<(usize, usize), usize>, pressure_kpa: &[f32]) -
 
 /// Checks that a plate has no more than one footprint.
 fn check_one_foot(cells: &[Cell], under_foot: &[bool], file: &str) -> Result<()> {
-    /// Longest foot, mm: a size of about 60.
+    /// Length of the longest plausible foot, mm: about EU size 60.
     const LONGEST_MM: f64 = 400.0;
-    let most_mm = [|c: &Cell| c.x_mm, |c: &Cell| c.y_mm].map(|along| {
+    let extents_mm = [|c: &Cell| c.x_mm, |c: &Cell| c.y_mm].map(|along| {
         let foot = || cells.iter().zip(under_foot).filter(|(_, is_under)| **is_under).map(|(cell, _)| along(cell));
         foot().fold(f64::NEG_INFINITY, f64::max) - foot().fold(f64::INFINITY, f64::min)
     });
-    let length_mm = most_mm[0].max(most_mm[1]);
+    let length_mm = extents_mm[0].max(extents_mm[1]);
     if length_mm <= LONGEST_MM {
         return Ok(());
     }
-    let problem = format!("loads over {length_mm:.0} mm, which is more than one foot");
+    let problem = format!("the loaded cells extend over {length_mm:.0} mm, which is more than one foot");
     Err(Error::content(file, problem, "select one step in the vendor's program, and export it alone"))
 }
 
-/// Turns the picture, so that the foot walks towards its top. Returns true for a quarter turn, which exchanges the sides of the
-/// cells.
+/// Turns the picture, so that the toes point to its top. Returns true for a quarter turn, which exchanges the width and the
+/// length of the cells. If the direction cannot be determined, adds a sentence to `remarks` and changes nothing.
 fn turn_toes_to_top(cells: &mut [Cell], under_foot: &[bool], pressure_kpa: &[f32], remarks: &mut Vec<String>) -> bool {
     let footprint = Footprint { cells, under_foot, pressure_kpa };
     let Some([x, y]) = footprint.walking_direction() else {
         remarks.push(
             "The direction of walking cannot be determined, because the pressure does not move along the foot: the toes are \
-             assumed at the upper edge of the plate, as seen from above."
+             assumed to point to the upper edge of the plate, as seen from above."
                 .to_owned(),
         );
         return false;
@@ -238,7 +244,8 @@ fn turn_toes_to_top(cells: &mut [Cell], under_foot: &[bool], pressure_kpa: &[f32
     x != 0.0
 }
 
-/// Moves the cells, so that the cells under the foot begin at the axes. `half_mm` is half the size of a cell along x and y.
+/// Moves the cells, so that the edges of the cells under the foot touch both axes. `half_mm` is half the size of a cell along x
+/// and y.
 fn place_at_origin(cells: &mut [Cell], under_foot: &[bool], half_mm: [f64; 2]) {
     let least = |along: fn(&Cell) -> f64| {
         let foot = cells.iter().zip(under_foot).filter(|(_, is_under)| **is_under);

@@ -101,8 +101,8 @@ impl VirtualInsole {
                     },
                     calibration: CellCalibration::IDEAL,
                     // In the emulated matrix, cells are wired in their order, 16 to a row. From cell 256 on the number wraps,
-                    // which has no effect: an insole with more cells (`plantar::faults::MATRIX_CELLS`) has no known rows and
-                    // columns, so it is not searched for their faults.
+                    // which has no effect: an insole with more than 256 cells (`plantar::faults::MATRIX_CELLS`) is not searched
+                    // for faults of rows and columns.
                     row_column: index as u8,
                 }
             })
@@ -161,7 +161,7 @@ impl VirtualInsole {
         order
     }
 
-    /// The codes of a cell without an offset under these pressures.
+    /// The code of one cell without an offset for each of its pressures, kPa.
     pub(crate) fn codes_of_cell(&self, pressure_kpa: &[f32]) -> Vec<u16> {
         let mut codes = vec![0; pressure_kpa.len()];
         // As in `codes`, unloaded frames are skipped eight at a time.

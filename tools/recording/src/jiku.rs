@@ -2,9 +2,9 @@
 //! a pressure plate at 500 Hz, one HDF5 file for each walker.
 //!
 //! Each trial is one step. The rows of its images were resampled before they were stored; the import recovers the native rows
-//! of the plate. The data set does not state the unit of force. If one stored unit is 0.1 N, the body masses are plausible. In
-//! the stored images the hallux is at small columns, as in a right foot seen from above, so all steps are imported as right
-//! feet.
+//! of the plate. The data set does not state the unit of force. The import assumes 0.1 N for one stored unit, with which the
+//! body masses are plausible. In the stored images the hallux is at small columns, as in a right foot seen from above, so all
+//! steps are imported as right feet.
 
 mod native;
 mod registration;
@@ -34,15 +34,16 @@ const CELL_WIDTH_MM: f64 = 5.08;
 /// The force that one stored unit is assumed to mean, N.
 const UNIT_N: f64 = 0.1;
 
-/// Concatenates the trials of one walker to one recording. It is not a continuous walk: each trial is a separate step over the
-/// plate, and [`SWING_S`] without load is inserted between steps.
+/// Concatenates trials of one walker to one recording. The recording is not a continuous walk: each trial is a separate step
+/// over the plate, and unloaded frames for [`SWING_S`] are inserted before and after each step.
 ///
 /// Each step is shifted by whole native cells to the best overlap with the previous steps, so that no reading is interpolated.
 /// It is not rotated. The layout contains all cells that are loaded in at least one frame. A trial that is empty, or still
 /// loaded in its last frame, is left out; [`Recording::source`] lists these trials.
 ///
-/// `dir` is the folder of the data set, or its subfolder `data_y`. Trials are numbered from 0 and imported in the given order.
-/// `progress` receives the number of bytes of the file that have been processed, and the size of the file.
+/// `dir` is the folder of the data set, or its subfolder `data_y`. Walkers and trials are numbered from 0; the trials are
+/// imported in the given order. `progress` receives the number of bytes of the file that have been processed, and the size
+/// of the file.
 ///
 /// # Errors
 /// Fails if the walker or a trial does not exist, a file cannot be read, the rows of a trial were not resampled as expected, or

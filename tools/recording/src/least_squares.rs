@@ -1,4 +1,4 @@
-//! The solution of symmetric positive definite equations.
+//! The solution of systems of linear equations with a symmetric positive definite matrix, such as those of least squares.
 
 /// Solves `matrix * x = right` by the Cholesky decomposition; `None` if the matrix is not positive definite. Only the lower
 /// triangle of the matrix is used.
@@ -30,7 +30,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_solution_satisfies_the_equations() {
+    fn the_solution_satisfies_the_equations_and_an_indefinite_matrix_has_none() {
         let matrix = [[4.0, 1.0, 0.5], [1.0, 3.0, -1.0], [0.5, -1.0, 2.0]];
         let x = solve(matrix, [1.0, -2.0, 3.0]).expect("positive definite");
         for (row, right) in matrix.iter().zip([1.0, -2.0, 3.0]) {

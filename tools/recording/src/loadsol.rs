@@ -2,10 +2,11 @@
 //!
 //! Below a description, a line names the columns, and the next one has their units; tabs separate the fields. Each insole has a
 //! column with its time in s and one with the force in N for each zone, with heel, medial or lateral in its name. The name also
-//! contains the foot, such as `-L`. Columns of totals and of motion are not needed. `-` means that a frame was lost.
+//! contains the foot, such as `-L`. Columns of totals and of motion are not read. `-` or an empty field means that a frame was
+//! lost.
 //!
-//! This importer follows published programs that read such exports. It was not tried on a real export. The positions and areas
-//! of the zones are nominal: forces are measured, and pressures, areas and ellipses are not.
+//! This importer follows published programs that read such exports. It was not tested with a real export. The positions and
+//! areas of the zones are nominal: forces are measured, and pressures, areas and ellipses are not.
 
 use crate::assembly::Parts;
 use crate::table::{at_line, check_later, file_name};
@@ -16,16 +17,19 @@ use std::path::Path;
 
 /// Nominal area of a zone, mm2: the largest area that a cell may have.
 const AREA_MM2: f64 = 4_000.0;
-/// The zones: the word in the name of the column, the centre from the medial edge and from the heel in mm, and the region.
+/// The zones: the word in the name of the column, the nominal distance of the centre from the medial edge and from the back of
+/// the heel in mm, and the region.
 const ZONES: [(&str, [f64; 2], Region); 3] = [
     ("heel", [45.0, 40.0], Region::Heel),
     ("medial", [30.0, 180.0], Region::Metatarsals12),
     ("lateral", [65.0, 165.0], Region::Metatarsals35),
 ];
 
-/// The columns of an insole: its time and its zones, each with the index in [`ZONES`].
+/// The columns of an insole.
 struct Insole {
+    /// Column of the time.
     time: usize,
+    /// Column and index in [`ZONES`] of each zone.
     zones: Vec<(usize, usize)>,
 }
 
@@ -37,7 +41,7 @@ fn units_line(text: &str) -> Option<usize> {
     })
 }
 
-/// A unit without brackets and capital letters.
+/// The unit in a field, without brackets and in lower case.
 fn unit(field: &str) -> String {
     field.trim().trim_matches(['[', ']', '(', ')']).to_lowercase()
 }
@@ -46,7 +50,7 @@ fn is_time(unit: &str) -> bool {
     ["s", "sec", "secs"].contains(&unit)
 }
 
-/// Whether a text is such an export.
+/// True for the text of a loadsol export.
 pub fn recognise(text: &str) -> bool {
     let Some(units) = units_line(text) else { return false };
     let names = units.checked_sub(1).and_then(|line| text.lines().nth(line)).unwrap_or_default().to_lowercase();

@@ -19,8 +19,8 @@ use std::path::Path;
 
 /// Number of cells of an insole.
 const CELLS: usize = 16;
-/// Centres of the cells, in the order of their numbers: from the middle of the insole to the toes in lengths of the insole, and
-/// to the medial side in widths.
+/// Centres of the cells, in the order of their numbers, relative to the middle of the insole: the distance towards the toes
+/// as a fraction of the insole's length, and the distance towards the medial side as a fraction of its width.
 const CENTRES: [[f64; 2]; CELLS] = [
     [-0.404, 0.109],
     [-0.417, -0.166],
@@ -51,7 +51,7 @@ const WIDTH: f64 = 0.345;
 /// Assumed total area of the cells of an insole that is never loaded, mm2: about size 42.
 const TYPICAL_MM2: f64 = 18_000.0;
 
-/// Whether a text is such an export.
+/// True for the text of a Moticon OpenGo export.
 pub fn recognise(text: &str) -> bool {
     text.lines()
         .take(60)
@@ -108,7 +108,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     Ok(export)
 }
 
-/// The columns of a foot; `None` if the export has none of it.
+/// The columns of a foot; `None` if the export has no pressures of this foot.
 fn columns(names: &[&str], side: Side, place: &str) -> Result<Option<Columns>> {
     let find = |what: &str| {
         let name = format!("{} {what}", side.name());
@@ -181,10 +181,10 @@ fn read_foot(side: Side, columns: &Columns, rows: &[(u64, Vec<&str>)], path: &Pa
     Ok(())
 }
 
-/// The areas with which the pressures, kPa, reproduce the total forces, N, best.
+/// The areas with which the pressures, kPa, best reproduce the total forces, N.
 fn areas_mm2(pressure_kpa: &[f32], totals_n: &[f64]) -> [f64; CELLS] {
-    /// Weight of the typical areas relative to the mean square of the pressures. It decides only about cells that are hardly
-    /// loaded.
+    /// Weight of the deviations from the typical areas in the sum of squares, relative to the mean square of the pressures. It
+    /// affects only cells that are hardly loaded.
     const TYPICAL: f64 = 1e-6;
     let frames = || pressure_kpa.as_chunks::<CELLS>().0.iter().map(|frame| frame.map(f64::from)).zip(totals_n);
     let (mut product, mut square) = (0.0, 0.0);
@@ -209,7 +209,7 @@ fn areas_mm2(pressure_kpa: &[f32], totals_n: &[f64]) -> [f64; CELLS] {
     let mean = (0..CELLS).map(|i| matrix[i][i]).sum::<f64>() / CELLS as f64;
     (0..CELLS).for_each(|i| matrix[i][i] += TYPICAL * mean.max(f64::MIN_POSITIVE));
     let Some(deviation_mm2) = least_squares::solve(matrix, right) else { return typical_mm2 };
-    // A deviation by more than half is no property of an insole.
+    // An area that differs from the typical one by more than half is not plausible.
     std::array::from_fn(|i| (typical_mm2[i] + deviation_mm2[i]).clamp(0.5 * typical_mm2[i], 1.5 * typical_mm2[i]))
 }
 

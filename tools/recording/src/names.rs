@@ -10,7 +10,7 @@ pub fn area_title(rule: &ContactRule) -> &'static str {
     if rule.full_kpa > 0.0 { "effective area" } else { "contact area" }
 }
 
-/// `#[serde(with = "names::region")]`: [`plantar::Region::name`].
+/// `#[serde(with = "names::region")]`: a region as its [`plantar::Region::name`].
 pub mod region {
     use plantar::Region;
     use serde::{Deserialize, Deserializer, Serializer, de::Error};
@@ -25,7 +25,7 @@ pub mod region {
     }
 }
 
-/// `#[serde(with = "names::side")]`: `left` or `right`.
+/// `#[serde(with = "names::side")]`: a side as `left` or `right`.
 pub mod side {
     use plantar::Side;
     use serde::{Deserialize, Deserializer, Serializer, de::Error};

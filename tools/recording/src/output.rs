@@ -1,4 +1,4 @@
-//! Files and folders that have their names only once they are complete.
+//! Writes files and folders under a temporary name, and renames them when they are complete.
 
 use crate::{Error, Result};
 use std::ffi::OsString;
@@ -6,7 +6,7 @@ use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-/// Writes a file. If this fails, an existing file with this name remains as it is.
+/// Writes a file. If this fails, an existing file with this name is unchanged.
 pub fn file(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> Result<()> {
     at(path, |incomplete| {
         let mut to = BufWriter::new(File::create(incomplete)?);
@@ -17,14 +17,15 @@ pub fn file(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<
     })
 }
 
-/// Writes a file or a folder, at the path that `write` receives.
+/// Writes a file or a folder: `write` receives a temporary path, which is then renamed to `path`. After a failure, the
+/// temporary file or folder is removed.
 pub fn at(path: &Path, write: impl FnOnce(&Path) -> io::Result<()>) -> Result<()> {
     let mut name = OsString::from(path);
     name.push(".incomplete");
     let incomplete = PathBuf::from(name);
     let written = write(&incomplete).and_then(|()| fs::rename(&incomplete, path));
     written.map_err(|reason| {
-        // This fails only if nothing was written.
+        // If nothing was written, there is nothing to remove.
         let _ = fs::remove_file(&incomplete).or_else(|_| fs::remove_dir_all(&incomplete));
         Error::Io { file: path.into(), reason }
     })

@@ -6,7 +6,7 @@ use parquet::errors::{ParquetError, Result};
 
 /// Reads the pages of a column and rejects pages that claim more values than they can hold.
 pub struct CheckedPages {
-    /// The unchecked pages of the file.
+    /// The unchecked pages of the column.
     pub pages: Box<dyn PageReader>,
     /// Number of rows in the row group.
     pub rows: usize,

@@ -4,8 +4,8 @@ use crate::columns::ColumnFile;
 use crate::{Error, Recording, Result};
 use std::path::{Path, PathBuf};
 
-/// True for the names of Parquet files that are read from a folder. Hidden files are incomplete, or such as `._walk.parquet`, which
-/// macOS writes beside others.
+/// True for the name of a Parquet file that is read from a folder. Hidden files are not read: for example, macOS may write
+/// `._walk.parquet` beside `walk.parquet`, with other content.
 pub fn is_parquet(path: &Path) -> bool {
     let is_hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
     !is_hidden && path.extension().is_some_and(|end| end == "parquet")
@@ -20,7 +20,7 @@ pub fn open(folder: &Path) -> Result<(Recording, Vec<ColumnFile>)> {
     let entries = std::fs::read_dir(folder).map_err(Error::io(folder))?;
     let mut paths: Vec<PathBuf> = entries
         .map(|entry| entry.map(|entry| entry.path()).map_err(Error::io(folder)))
-        // Errors remain, and end the collection.
+        // Errors pass this filter, and end the collection.
         .filter(|path| !path.as_ref().is_ok_and(|path| !is_parquet(path)))
         .collect::<Result<_>>()?;
     paths.sort();

@@ -173,15 +173,19 @@ fn centroid_and_area(polygon: &[[f64; 2]; 4]) -> ([f64; 2], f64) {
     ([x / (3.0 * doubled_mm2), y / (3.0 * doubled_mm2)], doubled_mm2.abs() / 2.0)
 }
 
-/// The frames of a file. Each value has been checked; whether the intervals between the times are equal has not.
+/// The frames of a file. Each value has been checked, but not whether the intervals between the times are equal.
 struct Frames {
+    /// Time of each frame, s.
     t_s: Vec<f64>,
+    /// The line of each frame in the file.
     lines: Vec<u64>,
+    /// All cells of the first frame, then those of the second one, and so on.
     pressure_kpa: Vec<f32>,
 }
 
-/// The line that names the columns, and the unit.
+/// The header of an export.
 struct Header {
+    /// Number of the line that names the columns.
     line: u64,
     /// The unit of the pressures.
     unit: String,
@@ -191,7 +195,8 @@ struct Header {
 }
 
 impl Header {
-    /// The columns of a foot, each with the number of its sensor. An export with one foot is that of `side`.
+    /// The columns of a foot, each with the number of its sensor. An export of one foot is taken as that of `side`. `most`
+    /// is the number of sensors in the geometry.
     fn sensors_of(&self, side: Side, most: usize, path: &Path, geometry_path: &Path) -> Result<Vec<(usize, usize)>> {
         let is_known = |sensor: &usize| (1..=most).contains(sensor);
         let (first_column, sensors) = match (&self.feet[..], side) {
@@ -244,7 +249,7 @@ fn read_header<'a>(lines: &mut impl Iterator<Item = (u64, &'a str)>, path: &Path
                 let problem = format!("`{label}` is not the number of a sensor");
                 return Err(Error::content(place(), problem, "export the pressures of the sensors"));
             };
-            // The numbers of a foot increase.
+            // The sensor numbers of a foot increase, so a number that does not increase begins the second foot.
             if feet.last().and_then(|foot| foot.last()).is_some_and(|&before| sensor <= before) {
                 feet.push(Vec::new());
             }

@@ -17,7 +17,7 @@ const TIME_COLUMN: &str = "time[secs]";
 /// The lines with the corners.
 const CORNERS: [&str; 8] = ["x[1]", "y[1]", "x[2]", "y[2]", "x[3]", "y[3]", "x[4]", "y[4]"];
 
-/// Whether a text is such an export.
+/// True for the text of a pliance export with the corners of the sensors.
 pub fn recognise(text: &str) -> bool {
     // Only the first 40 lines are searched for the table, because its header is short, and the text of another format may be
     // long. The corners are below the table, at any line.
@@ -53,9 +53,9 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         // Some programs write decimal commas.
         let row_with_points = row.replace(',', ".");
         let fields: Vec<&str> = row_with_points.split_whitespace().collect();
-        // The table ends with an empty line, the title of another table, or the mean and the maximum of all frames. Any other
-        // first field is a time, also if it is damaged, and so is a title that a frame follows: to end there would silently leave
-        // out the frames below.
+        // The table ends with an empty line, the title of another table, or the mean and the maximum of all frames. Any
+        // other first field is read as a time, even if it is damaged, and so is a title that a frame follows: if the table
+        // ended there, the frames below would be left out without a message.
         let Some(first) = fields.first() else { break };
         if is_title(first) && !lines.clone().next().is_some_and(|(_, next)| is_frame(next, sensors)) {
             break;
@@ -81,8 +81,8 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     Ok(Export { feet: vec![foot.recording(path, &mut remarks)?], remarks })
 }
 
-/// Whether the first field of a line begins a title and not a frame. Rust parses `NaN` and `inf` as numbers, and as a time they
-/// are damaged.
+/// Whether the first field of a line begins a title and not a frame. `NaN` and `inf`, which Rust parses as numbers, are damaged
+/// times and not titles.
 fn is_title(first: &str) -> bool {
     first.starts_with(char::is_alphabetic) && first.parse::<f64>().is_err()
 }
@@ -152,7 +152,7 @@ fn places(text: &str, sensors: usize, path: &Path) -> Result<Places> {
     };
     let cells = (0..sensors)
         .map(|sensor| {
-            // Rows of a picture are numbered from the top.
+            // `Grid` numbers rows from the top, and y increases to the top.
             (MAX_LINES - 1 - index(1, sensor, row_mm, lower_mm), index(0, sensor, column_mm, left_mm))
         })
         .collect();

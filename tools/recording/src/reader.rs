@@ -17,6 +17,7 @@ pub struct RecordingReader {
     pub head: Recording,
     /// The files in the order of time; at least one.
     files: Vec<ColumnFile>,
+    /// The check of the times, before the first frame.
     clock: Clock,
 }
 
@@ -62,7 +63,7 @@ impl RecordingReader {
         self.files.iter().map(ColumnFile::frames).fold(0, usize::saturating_add)
     }
 
-    /// The largest pressure, kPa, from the statistics of the columns. Row groups without them are read.
+    /// The largest pressure, kPa, from the statistics of the columns. Row groups without statistics are read.
     ///
     /// # Errors
     /// Fails if pressures that are read violate a rule of recordings.
@@ -94,7 +95,7 @@ impl RecordingReader {
         Ok(recording)
     }
 
-    /// The row groups with their files, and the number of rows before them in the file.
+    /// For each row group: its file, its index in the file, and the number of rows before it in the file.
     fn groups(&self) -> impl Iterator<Item = (&ColumnFile, usize, usize)> {
         self.files.iter().flat_map(|file| {
             (0..file.groups()).scan(0, move |row, group| {
@@ -105,7 +106,8 @@ impl RecordingReader {
         })
     }
 
-    /// The frames of each row group. A frame has the cells in this order, each with its pressure, kPa, converted by `convert`.
+    /// The frames of each row group. `order` contains the index in the recording of each value of a frame. `convert`
+    /// converts the pressures of one cell in all frames of the row group, kPa, to values.
     pub(crate) fn blocks<T: Copy + Default + Send + Sync>(
         &self,
         order: &[usize],
@@ -134,7 +136,7 @@ impl RecordingReader {
     }
 }
 
-/// Transposes columns to `frames` frames, which have the columns in this order.
+/// Transposes columns to `frames` frames. `order` contains the index of the column of each value of a frame.
 fn frames_of<T: Copy + Default + Send + Sync>(columns: &[Vec<T>], order: &[usize], frames: usize) -> Vec<T> {
     let mut values = vec![T::default(); frames * order.len()];
     let transpose = |(block, rows): (usize, &mut [T])| {

@@ -2,8 +2,9 @@
 
 use crate::reader::Block;
 use crate::{Recording, RecordingReader, Result, VirtualInsole};
+use std::panic::resume_unwind;
 use std::sync::mpsc::{Receiver, sync_channel};
-use std::thread;
+use std::thread::{self, JoinHandle};
 
 /// A recording in memory, or a stored one.
 pub enum FrameSource<'a> {
@@ -79,9 +80,11 @@ pub struct Scan<'a> {
 /// The source of the frames.
 enum Frames<'a> {
     Memory(&'a Recording),
-    /// Blocks of a file that another thread decodes, and the frames of the current block that were returned.
+    /// Blocks of a file that another thread decodes, the current block, and the index of the next frame in this block.
     File {
         blocks: Receiver<Result<Block<u16>>>,
+        /// The thread that decodes; `None` after the last block.
+        decoder: Option<JoinHandle<()>>,
         block: Block<u16>,
         next: usize,
     },
@@ -96,7 +99,7 @@ impl VirtualInsole {
         };
         let (sender, blocks) = sync_channel(1);
         let insole = self.clone();
-        thread::spawn(move || {
+        let decoder = Some(thread::spawn(move || {
             let order = insole.order();
             for block in reader.blocks(&order, &|pressure_kpa| insole.codes_of_cell(&pressure_kpa)) {
                 let is_last = block.is_err();
@@ -105,9 +108,9 @@ impl VirtualInsole {
                     break;
                 }
             }
-        });
+        }));
         let block = Block { t_s: Vec::new(), values: Vec::new() };
-        Scans::new(self, Frames::File { blocks, block, next: 0 })
+        Scans::new(self, Frames::File { blocks, decoder, block, next: 0 })
     }
 }
 
@@ -131,10 +134,15 @@ impl<'a> Scans<'a> {
                 }
                 t_s
             }
-            Frames::File { blocks, block, next } => {
-                while *next >= block.t_s.len()
-                    && let Ok(received) = blocks.recv()
-                {
+            Frames::File { blocks, decoder, block, next } => {
+                while *next >= block.t_s.len() {
+                    let Ok(received) = blocks.recv() else {
+                        // A panic of the decoder is not the end of the recording.
+                        if let Some(Err(panic)) = decoder.take().map(JoinHandle::join) {
+                            resume_unwind(panic);
+                        }
+                        break;
+                    };
                     (*block, *next) = (received?, 0);
                 }
                 let t_s = block.t_s.get(*next).copied();

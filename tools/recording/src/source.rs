@@ -1,5 +1,5 @@
-//! The bytes of a Parquet file, in memory or on disk. Threads can read columns of one file at the same time, because each reader
-//! has a position of its own; clones of a `std::fs::File` share one position.
+//! The bytes of a Parquet file, in memory or on disk. Several threads can read columns of one file at the same time, because
+//! each reader has its own position. Clones of a `std::fs::File` would share one position.
 
 use bytes::Bytes;
 use parquet::errors::{ParquetError, Result};
@@ -43,10 +43,10 @@ impl ChunkReader for Source {
 
     fn get_read(&self, start: u64) -> Result<Self::T> {
         match self {
-            Self::Memory(bytes) => Ok(Box::new(Ending { reader: bytes.get_read(start)?, empty_reads: 0 })),
+            Self::Memory(bytes) => Ok(Box::new(EndGuard { reader: bytes.get_read(start)?, empty_reads: 0 })),
             Self::Disk { file, .. } => {
                 let reader = BufReader::new(Position { file: file.clone(), at: start });
-                Ok(Box::new(Ending { reader, empty_reads: 0 }))
+                Ok(Box::new(EndGuard { reader, empty_reads: 0 }))
             }
         }
     }
@@ -67,17 +67,17 @@ impl ChunkReader for Source {
     }
 }
 
-/// Largest number of reads at the end of a file.
+/// Largest number of reads at the end of a file without an error.
 const MAX_EMPTY_READS: u32 = 1_000;
 
-/// A reader that fails if it is read again and again at its end. The Parquet library skips the elements of a list without an error
-/// at the end of the file, and a damaged file may claim a list of any length.
-struct Ending<R> {
+/// A reader that fails after more than [`MAX_EMPTY_READS`] reads at its end. A damaged file may claim a list of any length,
+/// and the Parquet library does not stop at the end of the file when it skips the elements of a list.
+struct EndGuard<R> {
     reader: R,
     empty_reads: u32,
 }
 
-impl<R: Read> Read for Ending<R> {
+impl<R: Read> Read for EndGuard<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let read = self.reader.read(buffer)?;
         if read == 0 && !buffer.is_empty() {
@@ -90,7 +90,7 @@ impl<R: Read> Read for Ending<R> {
     }
 }
 
-/// A reader with a position of its own.
+/// A reader of a shared file with its own position.
 struct Position {
     file: Arc<Mutex<File>>,
     at: u64,
@@ -111,9 +111,9 @@ impl Read for Position {
 mod tests {
     use super::*;
 
-    /// A file that claims a list of two thousand million elements is read in two thousand million empty reads otherwise.
+    /// Without this error, a damaged file that claims a list of two billion elements would cause two billion empty reads.
     #[test]
-    fn reading_on_at_the_end_of_a_file_fails() {
+    fn repeated_reads_at_the_end_of_a_file_fail() {
         let file = tempfile::NamedTempFile::new().expect("a file");
         std::fs::write(file.path(), [7; 10]).expect("the file is written");
         for source in [Source::Memory(vec![7; 10].into()), Source::open(file.path()).expect("the file is readable")] {

@@ -14,11 +14,13 @@ pub struct StreamedCells {
     cells: Vec<SetupCell>,
     /// Number of scans from one frame of the stream to the next.
     every: u32,
-    /// Number and pressures of the last scan, also after [`StreamedCells::take`].
+    /// Number and pressures, kPa, of the last scan. [`StreamedCells::take`] does not clear them.
     last: Option<(u32, Vec<f32>)>,
-    /// Numbers of the scans since [`StreamedCells::take`], increasing.
+    /// Numbers of the scans since [`StreamedCells::take`], in the order of time. The numbers wrap.
     scans: Vec<u32>,
+    /// The pressures of these scans.
     pressure_kpa: Vec<f32>,
+    /// The number of interpolated scans among them.
     bridged: u32,
 }
 
@@ -37,7 +39,7 @@ impl StreamedCells {
         })
     }
 
-    /// Ends the sequence of scans, so that the next recording begins with any scan.
+    /// Ends the sequence of scans, so that the next scan may have any number.
     pub fn restart(&mut self) {
         self.last = None;
     }

@@ -1,8 +1,8 @@
 //! Import of measurements by Tekscan's F-Scan, I-Scan and plates, from the ASCII export (`.asf`, `.csv`).
 //!
-//! A header with a name and a value in each line states the numbers and the spacing of rows and columns, the time between frames
-//! and the unit. Below `ASCII_DATA`, each frame begins with `Frame` and its number, and has a line for each row. `B` stands for a
-//! cell outside of the sensor. Insoles are exported with the toes in the first row, as seen from above.
+//! A header with a name and a value in each line states the numbers and the spacing of rows and columns, the time between
+//! frames and the unit. Below `ASCII_DATA`, each frame begins with `Frame` and its number, and has a line for each row. `B`
+//! stands for a cell outside of the sensor. Insoles are exported with the toes in the first row, as seen from above.
 
 use crate::grid::{Foot, Frames, Grid, MAX_LINES, Toes};
 use crate::table::{at_line, file_name};
@@ -11,7 +11,7 @@ use crate::{Error, Export, Result, units};
 use plantar::Side;
 use std::path::Path;
 
-/// Whether a text is such an export.
+/// True for the text of a Tekscan export.
 pub fn recognise(text: &str) -> bool {
     let has = |name: &str| text.lines().take(100).any(|line| property(line).is_some_and(|(found, _)| found == name));
     has("ROW_SPACING") && (has("ROWS") || has("ASCII_DATA"))
@@ -40,8 +40,9 @@ struct Header<'a> {
     sensor: &'a str,
 }
 
-/// Imports one foot. `side` states the foot; without it, the end of the name in the header or of the file does: L, R, left or
-/// right.
+/// Imports one foot. `side` states the foot. Without it, the end of the file's name, as in the header or as in `path`, does:
+/// L, R, left or right. If neither states the foot, the shape of the footprint on a plate decides, and an insole is an
+/// error.
 ///
 /// # Errors
 /// Fails if a line violates the format. The message names file, line and remedy.
@@ -129,7 +130,7 @@ fn header<'a>(lines: &mut impl Iterator<Item = (u64, &'a str)>, path: &Path) -> 
     ))
 }
 
-/// A number of rows or columns.
+/// Reads the number of rows or columns.
 fn count(value: &str, name: &str, place: &dyn Fn() -> String) -> Result<usize> {
     value.parse().ok().filter(|count| (1..=MAX_LINES).contains(count)).ok_or_else(|| {
         let problem = format!("{name} is `{}`, expected 1 to {MAX_LINES}", shortened(value));
@@ -137,7 +138,7 @@ fn count(value: &str, name: &str, place: &dyn Fn() -> String) -> Result<usize> {
     })
 }
 
-/// A distance with its unit, mm.
+/// Reads a distance with its unit, and converts it to mm.
 fn spacing_mm(value: &str, name: &str, place: &dyn Fn() -> String) -> Result<f64> {
     let unit = value.trim_start_matches(|c: char| c.is_ascii_digit() || ".,-+ \t".contains(c));
     let mm = number(&value[..value.len() - unit.len()], name, place)?
@@ -152,7 +153,8 @@ fn spacing_mm(value: &str, name: &str, place: &dyn Fn() -> String) -> Result<f64
     ))
 }
 
-/// The force, N, and the sum of the raw values of a calibration such as `75.0 (Kgs) 4798 (Raw Sum) 240 (Number of Loaded Cells)`.
+/// The force, N, and the sum of the raw values of a calibration such as `75.0 (Kgs) 4798 (Raw Sum) 240 (Number of Loaded
+/// Cells)`.
 fn calibration(value: &str) -> Option<(f64, f64)> {
     let (force, rest) = value.split_once('(')?;
     let (unit, rest) = rest.split_once(')')?;
@@ -161,8 +163,8 @@ fn calibration(value: &str) -> Option<(f64, f64)> {
     (kind.to_lowercase().starts_with("raw") && force_n > 0.0 && sum > 0.0).then_some((force_n, sum))
 }
 
-/// The foot that the end of a file's name states: L, R, left or right, as a word of its own. In `walkL` a word begins with the
-/// capital letter, in `normal` none does.
+/// The foot that the end of a file's name states: L, R, left or right, as a word of its own. In `walkL`, the capital letter
+/// is a word of its own; in `normal`, the last letter is not.
 fn side_of(name: &str) -> Option<Side> {
     let stem = name.rsplit(['\\', '/']).next()?;
     let stem = stem.rsplit_once('.').map_or(stem, |(stem, _)| stem);

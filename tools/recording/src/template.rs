@@ -11,7 +11,7 @@ const FOREFOOT_BAND: [f64; 2] = [0.60, 0.78];
 
 /// Assigns each cell its region by [`region_at`]. The length of the foot is the extent of the cells. The edges of the foot are
 /// straight lines from the edges of the heel to the edges of the forefoot, so that a foot may lie obliquely on its sensor
-/// sheet. In front of the forefoot the width is constant.
+/// sheet. Behind the heel and in front of the forefoot the width is constant.
 ///
 /// `cells` must be the cells under the foot, in foot coordinates; their regions are replaced. An empty slice is allowed.
 pub fn assign(cells: &mut [Cell]) {
@@ -19,8 +19,8 @@ pub fn assign(cells: &mut [Cell]) {
     assign_within(cells, &under_foot);
 }
 
-/// As [`assign`], for cells that are not all under the foot: the foot is the extent of those that `under_foot` marks. Another
-/// cell has the region of the nearest position under the foot.
+/// As [`assign`], for cells that are not all under the foot: the extent of the foot is that of the cells for which
+/// `under_foot` is true. A cell outside of this extent has the region of the nearest position within it.
 pub(crate) fn assign_within(cells: &mut [Cell], under_foot: &[bool]) {
     let foot: Vec<Cell> =
         cells.iter().zip(under_foot).filter(|(_, is_under)| **is_under).map(|(cell, _)| *cell).collect();

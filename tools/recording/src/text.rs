@@ -4,8 +4,8 @@ use crate::table::at_line;
 use crate::{Error, Result};
 use std::path::Path;
 
-/// The text of a file in UTF-8, in UTF-16 with a byte-order mark, or else in Latin-1, without the byte-order mark. All lines end
-/// with `\n`.
+/// Decodes a file in UTF-8, in UTF-16 with a byte-order mark, or else in Latin-1. The text has no byte-order mark, and its
+/// lines end with `\n`.
 ///
 /// # Errors
 /// Fails if the file is empty or is not text.
@@ -66,7 +66,7 @@ pub fn number(field: &str, what: &str, place: &dyn Fn() -> String) -> Result<f64
     })
 }
 
-/// The beginning of a text for a message.
+/// A text for a message, cut off after 60 characters.
 pub fn shortened(text: &str) -> String {
     const LONGEST: usize = 60;
     match text.char_indices().nth(LONGEST) {
@@ -75,7 +75,7 @@ pub fn shortened(text: &str) -> String {
     }
 }
 
-/// The first number in a text.
+/// The first number in a text. A sign before it is ignored.
 pub fn first_number(text: &str) -> Option<f64> {
     let start = text.find(|c: char| c.is_ascii_digit())?;
     let rest = &text[start..];

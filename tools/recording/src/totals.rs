@@ -3,12 +3,12 @@
 use crate::footprint::capitalised;
 use plantar::Side;
 
-/// Frames with at least this fraction of the largest force are compared: in the others, rounding dominates.
+/// Frames with more than this fraction of the largest total are compared: in the others, rounding dominates.
 const COMPARED: f64 = 0.1;
-/// Relative difference up to which the totals agree. It covers the rounding of the size of a cell.
+/// Largest relative difference between totals that agree. It covers the rounding of the size of a cell.
 const AGREEMENT: f64 = 0.005;
 
-/// The totals of each frame, from the imported cells and as the vendor states them.
+/// The totals of each frame: first that of the imported cells, then that which the vendor states.
 #[derive(Default)]
 pub struct Totals {
     force_n: Vec<(f64, f64)>,
@@ -21,12 +21,12 @@ impl Totals {
         self.force_n.extend(stated_n.map(|stated_n| (imported_n, stated_n)));
     }
 
-    /// Adds the contact area of a frame, mm2.
+    /// Adds the contact area of a frame, mm2. A frame without the vendor's value is not compared.
     pub fn push_area(&mut self, imported_mm2: f64, stated_mm2: Option<f64>) {
         self.area_mm2.extend(stated_mm2.map(|stated_mm2| (imported_mm2, stated_mm2)));
     }
 
-    /// A sentence about the differences; `None` without any value of the vendor.
+    /// A sentence about the differences; `None` if there is no value of the vendor.
     pub fn remark(&self, side: Side) -> Option<String> {
         let parts = [("force", &self.force_n), ("contact area", &self.area_mm2)].map(|(what, totals)| {
             let (mean, largest, frames) = differences(totals)?;
@@ -38,16 +38,16 @@ impl Totals {
             Some((text, largest > AGREEMENT))
         });
         let parts: Vec<_> = parts.into_iter().flatten().collect();
-        let doubt = match parts.iter().any(|(_, differs)| *differs) {
+        let advice = match parts.iter().any(|(_, differs)| *differs) {
             true => " Check the unit and the size of the cells in the export.",
             false => "",
         };
         let texts: Vec<_> = parts.into_iter().map(|(text, _)| text).collect();
-        (!texts.is_empty()).then(|| format!("{} foot: {}.{doubt}", capitalised(side), texts.join("; ")))
+        (!texts.is_empty()).then(|| format!("{} foot: {}.{advice}", capitalised(side), texts.join("; ")))
     }
 }
 
-/// The mean and the largest relative difference, and the number of compared frames.
+/// The mean and the largest relative difference, and the number of compared frames; `None` if no frame is compared.
 fn differences(totals: &[(f64, f64)]) -> Option<(f64, f64, usize)> {
     let most = totals.iter().map(|(_, stated)| *stated).fold(0.0, f64::max);
     let relative: Vec<f64> = totals

@@ -2,7 +2,7 @@
 
 use crate::{Error, Result};
 
-/// The kPa of one unit of pressure; `None` for an unknown unit. Upper and lower case are not distinguished.
+/// The value of one unit of pressure in kPa; `None` for an unknown unit. Upper and lower case are not distinguished.
 ///
 /// Source: The International System of Units, 9th edition, and NIST Special Publication 811, appendix B.8.
 pub fn kpa_of(unit: &str) -> Option<f64> {
@@ -33,7 +33,7 @@ pub fn kpa(unit: &str, place: &dyn Fn() -> String) -> Result<f64> {
     })
 }
 
-/// The mm of one unit of length.
+/// The value of one unit of length in mm.
 ///
 /// # Errors
 /// Fails for an unknown unit.
@@ -50,7 +50,7 @@ pub fn mm(unit: &str, place: &dyn Fn() -> String) -> Result<f64> {
     })
 }
 
-/// The N of one unit of force; `None` for an unknown unit.
+/// The value of one unit of force in N; `None` for an unknown unit.
 pub fn newtons_of(unit: &str) -> Option<f64> {
     Some(match normalised(unit).as_str() {
         "n" | "newton" | "newtons" => 1.0,
@@ -61,7 +61,7 @@ pub fn newtons_of(unit: &str) -> Option<f64> {
     })
 }
 
-/// A unit without capital letters, blanks, brackets and superscripts.
+/// A unit in lower case, without blanks, brackets and `^`, and with 2 instead of a superscript 2.
 fn normalised(unit: &str) -> String {
     let kept = unit.trim().chars().filter(|c| !c.is_whitespace() && !"()[]^".contains(*c));
     kept.map(|c| if c == '²' { '2' } else { c.to_ascii_lowercase() }).collect()

@@ -1,6 +1,6 @@
-//! The cells of the first sheet of a file of Excel 97 to 2003 (BIFF8 in a compound file), with numbers and texts.
+//! Reads the numbers and texts in the first sheet of an Excel file, version 97 to 2003 (BIFF8 in a compound file).
 //!
-//! The library for compound files checks the container. The records are read here, because the libraries for files of Excel
+//! The library for compound files checks the container. The records are read here, because the libraries for Excel files
 //! allocate memory for all rows and columns up to the largest ones that a file claims, which may be more than the memory of a
 //! computer.
 //!
@@ -10,7 +10,7 @@ use cfb::CompoundFile;
 use std::collections::BTreeMap;
 use std::io::{Cursor, Read};
 
-/// Types of records.
+/// Types of records. Their names are those of [MS-XLS].
 const BOF: u16 = 0x0809;
 const EOF: u16 = 0x000a;
 const SST: u16 = 0x00fc;
@@ -24,7 +24,8 @@ const WORKSHEET: u16 = 0x0010;
 /// Number of columns of a sheet.
 const MAX_COLUMNS: usize = 256;
 
-/// The rows of the first sheet, each with the texts of its cells, and empty texts for empty cells. A row without cells is empty.
+/// The rows of the first sheet, each with the contents of its cells as text. The text of an empty cell is empty. A row without
+/// cells is empty.
 ///
 /// # Errors
 /// Fails with the reason if the file is damaged.
@@ -32,7 +33,7 @@ pub fn rows(bytes: &[u8]) -> Result<Vec<Vec<String>>, String> {
     let mut file = CompoundFile::open(Cursor::new(bytes)).map_err(|error| error.to_string())?;
     let stream = file.open_stream("/Workbook").map_err(|error| error.to_string())?;
     let mut workbook = Vec::new();
-    // A damaged file may claim a stream that is longer than itself.
+    // A damaged file may claim a stream that is longer than the file.
     stream.take(bytes.len() as u64).read_to_end(&mut workbook).map_err(|error| error.to_string())?;
     let records = records(&workbook);
     let start =
@@ -59,7 +60,7 @@ pub fn rows(bytes: &[u8]) -> Result<Vec<Vec<String>>, String> {
                     set(column.into(), rk_value(rk).to_string());
                 }
             }
-            // A list of formats and numbers.
+            // The numbers of successive columns, each after the index of its format.
             MULRK => {
                 let list = data.get(4..data.len().saturating_sub(2)).unwrap_or_default();
                 for (i, entry) in list.as_chunks::<6>().0.iter().enumerate() {
@@ -88,7 +89,8 @@ fn records(stream: &[u8]) -> Vec<(u16, &[u8])> {
     records
 }
 
-/// A number of 30 bits: an integer or the leading bits of a double, divided by 100 or not.
+/// The value of a record's RK number. Its upper 30 bits are an integer if bit 1 is set, and otherwise the leading bits of a
+/// double. The value is divided by 100 if bit 0 is set.
 fn rk_value(rk: u32) -> f64 {
     let value = match rk & 2 {
         0 => f64::from_bits(u64::from(rk & !3) << 32),
@@ -97,13 +99,13 @@ fn rk_value(rk: u32) -> f64 {
     if rk & 1 == 0 { value } else { value / 100.0 }
 }
 
-/// The table of texts, which other records continue.
+/// The table of texts to which cells refer. It begins in a record SST, which records CONTINUE may follow.
 fn texts(records: &[(u16, &[u8])]) -> Vec<String> {
     let Some(start) = records.iter().position(|(id, _)| *id == SST) else { return Vec::new() };
     let continued = records[start + 1..].iter().take_while(|(id, _)| *id == CONTINUE).map(|(_, data)| *data);
     let mut parts = Parts { parts: std::iter::once(records[start].1).chain(continued).collect(), part: 0, at: 0 };
     let mut texts = Vec::new();
-    // The number of texts, and that of different texts, are not needed.
+    // The first 8 bytes, the number of references to texts and the number of texts, are not needed.
     parts.bytes(8);
     while let Some(text) = parts.text() {
         texts.push(text);
@@ -111,10 +113,13 @@ fn texts(records: &[(u16, &[u8])]) -> Vec<String> {
     texts
 }
 
-/// Data in a record and those that continue it.
+/// Reads the data of a record and of the records that continue it.
 struct Parts<'a> {
+    /// The data of each record.
     parts: Vec<&'a [u8]>,
+    /// Index of the record with the next byte.
     part: usize,
+    /// Position of the next byte in this record.
     at: usize,
 }
 
@@ -129,7 +134,7 @@ impl Parts<'_> {
         Some(byte)
     }
 
-    /// The next bytes as a number; the first one is the lowest.
+    /// The next `count` bytes as a little-endian number.
     fn bytes(&mut self, count: usize) -> Option<usize> {
         let mut value = 0;
         for i in 0..count {
@@ -146,7 +151,7 @@ impl Parts<'_> {
         let extension = if flags & 4 != 0 { self.bytes(4)? } else { 0 };
         let mut units = Vec::new();
         for _ in 0..length {
-            // A record that continues the characters begins with their width.
+            // A record that continues the characters begins with flags, of which bit 0 states their width.
             if self.at >= self.parts.get(self.part)?.len() {
                 flags = self.byte()?;
             }
@@ -174,7 +179,7 @@ mod tests {
 
     #[test]
     fn numbers_of_30_bits_are_decoded() {
-        // The four codings: a double, an integer in hundredths, an integer, and a double in hundredths.
+        // The four encodings: a double, an integer in hundredths, an integer, and a double in hundredths.
         assert_eq!(rk_value(1.0f64.to_bits().wrapping_shr(32) as u32), 1.0);
         assert_eq!(rk_value(123 << 2 | 3), 1.23);
         assert_eq!(rk_value((-7i32 << 2) as u32 | 2), -7.0);

@@ -1,10 +1,10 @@
 //! Import of in-shoe measurements by XSENSOR, from the CSV export of all frames.
 //!
-//! The header states the unit of pressure (`Units:`). Each frame begins with `FRAME` and its number, `Date` and `Time`. For
-//! each insole follows `SENSOR`, with LF or RF in its name, the numbers of rows and columns, the size of a cell, the vendor's
-//! contact area and load, and below `SENSELS` the pressures, from the toes to the heel and as seen from above. Sections `GROUP`
-//! repeat cells and are skipped, as are blank lines, which the program writes after each line. Pressures of cells outside of
-//! the insole are empty, negative or 0.
+//! The header states the unit of pressure (`Units:`). Each frame begins with `FRAME` and its number, `Date` and `Time`. The
+//! section of each insole begins with `SENSOR` and a name that contains LF or RF. It states the numbers of rows and columns,
+//! the size of a cell, the vendor's contact area and load, and below `SENSELS` the pressures, from the toes to the heel and
+//! as seen from above. Sections that begin with `GROUP` repeat cells and are skipped, as are the blank lines that XSENSOR's
+//! program writes after each line. Pressures of cells outside of the insole are empty, negative or 0.
 
 mod insole;
 
@@ -19,7 +19,7 @@ use std::path::Path;
 /// Largest plausible size of a cell, mm.
 const MAX_CELL_MM: f64 = 60.0;
 
-/// Whether a text is such an export.
+/// True for the text of an XSENSOR export.
 pub fn recognise(text: &str) -> bool {
     let has = |word: &str| {
         text.lines().take(200).any(|line| label(line.split([',', ';', '\t']).next().unwrap_or("")) == word)
@@ -43,20 +43,21 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         .from_reader(text.as_bytes());
     let mut row = StringRecord::new();
     while rows.read_record(&mut row).map_err(|error| unreadable(path, error))? {
-        // The reader is at the beginning of the next line; blank lines before a record do not count as part of it.
+        // `rows` is at the beginning of the line after the record. The position of the record itself cannot be used, because it
+        // is that of the first blank line before the record.
         reader.line = rows.position().line() - 1;
         reader.row(&row)?;
     }
-    reader.finish_table("the end of the file")?;
+    reader.check_no_open_table("the end of the file")?;
     reader.export(side)
 }
 
-/// A label without its colon and capital letters.
+/// A label in lower case, without quotation marks and colon.
 fn label(field: &str) -> String {
     field.trim().trim_matches('"').trim_end_matches(':').trim().to_lowercase()
 }
 
-/// The delimiter of the fields: that of the line with the unit or the first frame.
+/// The delimiter of the fields: that of the first line that begins with `Units`, `FRAME` or `SENSOR`.
 fn delimiter(text: &str) -> u8 {
     let labelled = text.lines().find(|line| {
         let line = line.trim_start_matches('"').to_lowercase();
@@ -71,7 +72,7 @@ fn delimiter(text: &str) -> u8 {
 enum State {
     /// Before the first frame.
     Header,
-    /// In a frame, before a sensor, or in a section that is skipped.
+    /// In a frame, but outside of the sections of insoles.
     Skipped,
     /// In the description of the insole of this foot.
     Sensor(Side),
@@ -79,15 +80,19 @@ enum State {
     Sensels(Side, usize),
 }
 
-/// A frame: its number and its time of day, s.
+/// The description of a frame.
 struct Frame {
     number: Option<u64>,
+    /// Time of day, s.
     time_s: Option<f64>,
+    /// Number of the line with `FRAME`.
     line: u64,
 }
 
+/// Reads an export line by line.
 struct Reader<'a> {
     path: &'a Path,
+    /// Number of the current line.
     line: u64,
     kpa_per_unit: Option<f64>,
     state: State,
@@ -96,6 +101,7 @@ struct Reader<'a> {
     insoles: [Option<Insole>; 2],
 }
 
+/// The index of a foot in [`Reader::insoles`].
 fn index(side: Side) -> usize {
     match side {
         Side::Left => 0,
@@ -125,7 +131,7 @@ impl Reader<'_> {
             return self.pressures(row, side, next);
         }
         if is_section {
-            self.finish_table(&format!("`{}`", shortened(&row[0])))?;
+            self.check_no_open_table(&format!("`{}`", shortened(&row[0])))?;
         }
         match name.as_str() {
             "units" | "unit" => self.unit(value),
@@ -249,7 +255,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// A row of pressures.
+    /// Reads row `at` of the pressures of an insole.
     fn pressures(&mut self, row: &StringRecord, side: Side, at: usize) -> Result<()> {
         let (place, kpa_per_unit) = (self.place(), self.kpa_per_unit.unwrap_or(1.0));
         let insole = self.insole(side);
@@ -288,7 +294,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// Compares a complete frame with the vendor's totals.
+    /// Ends a complete table of pressures, and adds its totals and those of the vendor to the comparison.
     fn end_table(&mut self, side: Side) {
         let insole = self.insole(side);
         let area_mm2 = insole.cell_width_mm.unwrap_or(0.0) * insole.cell_height_mm.unwrap_or(0.0);
@@ -297,13 +303,13 @@ impl Reader<'_> {
         self.state = State::Skipped;
     }
 
-    /// Checks that no table of pressures ends too early.
-    fn finish_table(&mut self, before: &str) -> Result<()> {
+    /// Fails if the current table of pressures lacks rows. `found` describes the line that follows instead of the next row.
+    fn check_no_open_table(&mut self, found: &str) -> Result<()> {
         let State::Sensels(side, at) = self.state else { return Ok(()) };
         let rows = self.insole(side).rows.unwrap_or(0);
         Err(Error::content(
             self.place(),
-            format!("{before} after {at} of {rows} rows of pressures of the {} foot", side.name()),
+            format!("{found} after {at} of {rows} rows of pressures of the {} foot", side.name()),
             "the export is cut off or damaged: export or copy it again",
         ))
     }

@@ -1,13 +1,14 @@
 //! The zero of an insole: the readings of its cells without load. It is stored as a commented TOML file.
 
 use crate::table::at_line;
-use crate::{Error, Recording, Result, StandingTrial, VirtualInsole};
+use crate::{Error, Recording, Result, StandingTrial, VirtualInsole, output};
 use plantar::Side;
 use plantar::pipeline::calibrate::zero_offset;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
 use serde::Deserialize;
-use std::fmt::Write;
+use std::fmt::Write as _;
+use std::io::Write as _;
 use std::path::Path;
 use toml::Spanned;
 
@@ -31,7 +32,7 @@ pub struct Zero {
 /// The zero of one insole.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FootZero {
-    /// Identifies the cells: the [`plantar::pipeline::setup::Setup::layout_id`] of the insole.
+    /// The [`plantar::pipeline::setup::Setup::layout_id`] of the insole, which identifies its cells.
     pub layout_id: u32,
     /// Reading of each unloaded cell, kPa, not negative, in the order of [`VirtualInsole::cells`].
     ///
@@ -93,12 +94,12 @@ impl Zero {
         Ok(Self { left: file.left.map(foot).transpose()?, right: file.right.map(foot).transpose()? })
     }
 
-    /// Writes the commented file.
+    /// Writes the commented file. If this fails, an existing file with this name is unchanged.
     ///
     /// # Errors
     /// Fails if the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<()> {
-        std::fs::write(path, self.to_toml()).map_err(Error::io(path))
+        output::file(path, |to| to.write_all(self.to_toml().as_bytes()))
     }
 
     /// The text of the commented file.

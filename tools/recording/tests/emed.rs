@@ -1,8 +1,8 @@
-//! The emed import of computed files in its format.
+//! The import of computed files in the format of emed.
 
 mod common;
 
-use common::{COLUMNS, ROWS, STANCE, assert_message, assert_step, force_n, pictures, pressure_kpa};
+use common::{COLUMNS, ROWS, STANCE, assert_message, assert_step, exported_frames, force_n, pressure_kpa};
 use plantar::Side;
 use recording::{Export, Format, Result};
 
@@ -11,7 +11,7 @@ const CELL_MM2: f64 = 100.0;
 /// The number of the first row and column in the table.
 const FIRST: usize = 20;
 
-/// A page with a frame. The picture is turned, if the person walks to its lower edge.
+/// A page with a frame. If `is_turned`, the picture is turned by 180 degrees: the person walks towards its lower edge.
 fn page(side: Side, frame: usize, title: &str, is_turned: bool) -> String {
     let kpa = |row: usize, column: usize| match is_turned {
         true => pressure_kpa(side, frame, ROWS - 1 - row, COLUMNS - 1 - column),
@@ -36,7 +36,7 @@ fn page(side: Side, frame: usize, title: &str, is_turned: bool) -> String {
     text + &format!("Force\t{}\t{:.2}\n\x0c", fields.join("\t"), force_n(side, frame, CELL_MM2))
 }
 
-/// A file with a step, in the encoding of the vendor's program.
+/// A file with a step and a page without a frame, in Latin-1 as the vendor's program writes it.
 fn file(side: Side, is_turned: bool) -> Vec<u8> {
     let mut text = String::new();
     for frame in 0..STANCE {
@@ -50,7 +50,7 @@ fn parse(bytes: &[u8]) -> Result<Export> {
     common::parse(Format::Emed, "step.lst", bytes, None)
 }
 
-/// Frames without load that are added before and after the pictures: 0.4 s.
+/// Number of unloaded frames that the import adds before and after those of the file: 0.4 s.
 const ADDED: usize = 40;
 
 #[test]
@@ -70,7 +70,7 @@ fn a_step_is_imported_in_both_directions_of_walking_and_its_foot_is_recognised()
         for is_turned in [false, true] {
             let export = parse(&file(side, is_turned)).unwrap();
             assert!((export.feet[0].rate_hz - 100.0).abs() < 1e-6);
-            assert_step(&pictures(&export.feet[0], ADDED), side, CELL_MM2, 1e-6);
+            assert_step(&exported_frames(&export.feet[0], ADDED), side, CELL_MM2, 1e-6);
             let remarks = export.remarks.join(" ");
             assert!(remarks.contains("60 frames") && remarks.contains("1 pages without a frame"), "{remarks}");
             assert!(remarks.contains(side.name()), "{remarks}");
@@ -79,7 +79,7 @@ fn a_step_is_imported_in_both_directions_of_walking_and_its_foot_is_recognised()
 }
 
 #[test]
-fn missing_pictures_are_interpolated() {
+fn missing_pictures_are_interpolated_and_exchanged_ones_are_refused() {
     let whole = parse(&file(Side::Right, false)).unwrap();
     let mut pages =
         file(Side::Right, false).split_inclusive(|&byte| byte == 0x0c).map(<[u8]>::to_vec).collect::<Vec<_>>();

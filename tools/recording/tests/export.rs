@@ -1,4 +1,4 @@
-//! Recognition of the formats of exports.
+//! Recognition of the formats of exports, and the import of real exports.
 
 mod common;
 
@@ -12,7 +12,7 @@ fn recognised(text: &str) -> Result<Format, String> {
 }
 
 #[test]
-fn each_format_is_recognised_by_its_content() {
+fn formats_are_recognised_by_the_content_of_a_file() {
     let xsensor = "\u{feff}File:,a.XSN\nUnits:,mmHg\nFRAME,1\nTime,08:00:00\nSENSOR,X-LF\nRows,31\nSENSELS\n0,0\n";
     let quoted = "\"Units:\";\"kPa\"\n\"Frame:\";\"1\"\n\"Sensor:\";\"X-RF\"\n\"Sensels:\"\n";
     let tekscan = "DATA_TYPE MOVIE\nROWS 60\nCOLS 21\nROW_SPACING 5.08 mm\nASCII_DATA @@\n";
@@ -43,6 +43,7 @@ fn other_files_are_refused_with_the_command_that_reads_them() {
     assert!(refused("file name: a\npressure values in kPa\ntime[secs] 1 2\n").contains("import pedar with --geometry"));
     assert!(refused("t_s,c0,c1\n").contains("import csv"));
     assert!(refused("PAR1").contains("plantar info"));
+    // In UTF-8, the first character has two bytes, so this text does not begin as an HDF5 file.
     assert!(refused("\u{89}HDF").contains("not recognised"));
     assert!(refused("Dear reader,\n").contains("xsensor"));
     assert!(refused("").contains("empty"));
@@ -51,7 +52,8 @@ fn other_files_are_refused_with_the_command_that_reads_them() {
     }
 }
 
-/// Checks that each step begins at the heel and ends at the forefoot, and that the largest force is that of a person.
+/// Checks that the largest force is within `least_n..most_n`, that the import has no warning of an upside down or mirrored
+/// foot, and that each region has a cell.
 fn check_walk(recording: &Recording, least_n: f64, most_n: f64) {
     let largest_n = (0..recording.frames()).map(|i| recording.force_n(i)).fold(0.0, f64::max);
     assert!((least_n..most_n).contains(&largest_n), "{largest_n} N");
@@ -88,7 +90,7 @@ fn moticon_walks_agree_with_the_vendors_total_force_within_half_a_newton() {
     }
 }
 
-/// The root mean square of the differences between the forces and the total forces in the export.
+/// The root mean square, N, of the differences between the forces of a recording and the total forces in its export.
 fn difference_n(foot: &Recording, text: &str) -> f64 {
     let head: Vec<&str> = text.lines().find(|line| line.starts_with("# time")).expect("a header").split('\t').collect();
     let column =
@@ -139,7 +141,7 @@ mod unpublished {
 
     #[test]
     #[ignore = "needs recordings of people, which are not public: PLANTAR_RECORDINGS"]
-    fn a_step_on_a_footscan_plate_is_imported_from_a_file_of_excel() {
+    fn a_step_on_a_footscan_plate_is_imported_from_an_excel_file() {
         let export = import("footscan/footscan_test.xls");
         assert_eq!((export.feet[0].side, export.feet[0].frames()), (Side::Right, 200 + 329 + 200));
         assert!((export.feet[0].rate_hz - 500.0).abs() < 1e-6);
@@ -148,7 +150,7 @@ mod unpublished {
 
     #[test]
     #[ignore = "needs recordings of people, which are not public: PLANTAR_RECORDINGS"]
-    fn a_recording_as_the_other_foot_looks_mirrored() {
+    fn a_recording_with_a_mirrored_layout_has_a_warning() {
         for name in ["fscan/FrasP01L.asf", "fscan/FrasP01R.asf", "emed/emed_test.lst", "footscan/footscan_test.xls"] {
             let mut foot = import(name).feet.remove(0);
             let width_mm = foot.layout.cells.iter().map(|cell| cell.x_mm).fold(0.0, f64::max);

@@ -1,15 +1,16 @@
-//! The footscan import of computed files in its text format.
+//! The import of computed files in the formats of footscan: text, and one Excel file.
 
 mod common;
 
-use common::{COLUMNS, ROWS, STANCE, assert_message, assert_step, pictures, pressure_kpa};
+use common::{COLUMNS, ROWS, STANCE, assert_message, assert_step, exported_frames, pressure_kpa};
 use plantar::Side;
 use recording::{Export, Format, Result};
 
 /// Area of a cell, mm2.
 const CELL_MM2: f64 = 7.62 * 5.08;
 
-/// The text of a step of a foot. Rows are written from the lower edge of the plate.
+/// The text of a step of a foot. Rows are written from the lower edge of the plate. If `is_turned`, the person walks towards
+/// this edge.
 fn foot(side: Side, is_turned: bool) -> String {
     let name = if side == Side::Left { "Left" } else { "Right" };
     let mut text = format!("\n{name} foot data\n\n{name} rectangle position\nRectangle height\n{ROWS}\n\n");
@@ -38,7 +39,7 @@ fn parse(text: &str) -> Result<Export> {
     common::parse(Format::Footscan, "step.txt", text.as_bytes(), None)
 }
 
-/// Frames without load that are added before and after the pictures: 0.4 s.
+/// Number of unloaded frames that the import adds before and after those of the file: 0.4 s.
 const ADDED: usize = 200;
 
 #[test]
@@ -54,7 +55,7 @@ fn a_step_that_is_loaded_in_the_first_picture_begins_after_frames_without_load()
 
 /// Times in whole ms at 300 Hz: their median interval is 3 ms.
 #[test]
-fn the_frames_without_load_follow_at_the_mean_interval() {
+fn the_added_frames_without_load_have_the_mean_interval() {
     let mut text = file(&foot(Side::Right, false));
     for frame in (0..STANCE).rev() {
         let rounded_ms = (frame as f64 / 0.3).round();
@@ -78,13 +79,13 @@ fn a_step_is_imported_in_both_directions_of_walking() {
             let export = parse(&file(&foot(side, is_turned))).unwrap();
             assert_eq!(export.feet.len(), 1);
             assert!((export.feet[0].rate_hz - 500.0).abs() < 1e-6);
-            assert_step(&pictures(&export.feet[0], ADDED), side, CELL_MM2, 1e-3);
+            assert_step(&exported_frames(&export.feet[0], ADDED), side, CELL_MM2, 1e-3);
             assert!(recording::footprint::warnings(&export.feet[0]).is_empty());
         }
     }
 }
 
-/// The picture of a right foot that walks across the plate: its rows are the columns of [`foot`].
+/// The text of a step of a right foot that walks across the plate: the rows of the plate are the columns of [`foot`].
 fn foot_across() -> String {
     let mut text = format!("\nRight foot data\n\nRight rectangle position\nRectangle height\n{COLUMNS}\n\n");
     for frame in 0..STANCE {
@@ -103,10 +104,10 @@ fn foot_across() -> String {
     text
 }
 
-/// Across the plate, a cell is 7.62 mm wide and 5.08 mm long in the coordinates of the foot, and the cells under the foot begin at
-/// the axes.
+/// In the coordinates of a foot across the plate, a cell is 7.62 mm wide and 5.08 mm long. The edges of the first cells are
+/// on the axes.
 #[test]
-fn a_foot_across_the_plate_begins_at_the_axes() {
+fn the_cells_of_a_foot_across_the_plate_touch_the_axes() {
     let export = parse(&file(&foot_across())).unwrap();
     let cells = &export.feet[0].layout.cells;
     let least = |along: fn(&recording::Cell) -> f64| cells.iter().map(along).fold(f64::INFINITY, f64::min);
@@ -115,7 +116,7 @@ fn a_foot_across_the_plate_begins_at_the_axes() {
 }
 
 #[test]
-fn a_file_of_excel_is_imported() {
+fn an_excel_file_is_imported() {
     // A seed of the fuzz targets: a computed step on eight rows and five columns. Its first byte selects the format.
     let seed = include_bytes!("../../../fuzz/corpus/vendor/footscan-xls");
     let export = common::parse(Format::Footscan, "step.xls", &seed[1..], None).unwrap();
@@ -127,9 +128,9 @@ fn a_file_of_excel_is_imported() {
             let late = (7 - row) as f64 / 8.0 - frame as f64 / 30.0;
             (200.0 * (1.0 - 9.0 * late * late).max(0.0) * (1.0 - 0.1 * column as f64)).round()
         };
-        // A tenth of a newton for a kilopascal of the computed step.
+        // The computed step has 0.1 N for each kPa of a cell.
         let true_n: f64 = (0..40).map(|cell| 0.1 * kpa(cell / 5, cell % 5)).sum();
-        // At 50 Hz, 20 frames without load precede the pictures.
+        // At 50 Hz, the import adds 20 unloaded frames before those of the file.
         assert!((foot.force_n(20 + frame) - true_n).abs() < 1e-3 * true_n + 1e-6, "frame {frame}");
     }
 }
@@ -138,7 +139,7 @@ fn a_file_of_excel_is_imported() {
 fn both_feet_of_a_file_are_imported() {
     let export = parse(&file(&(foot(Side::Left, false) + &foot(Side::Right, false)))).unwrap();
     for (recording, side) in export.feet.iter().zip([Side::Left, Side::Right]) {
-        assert_step(&pictures(recording, ADDED), side, CELL_MM2, 1e-3);
+        assert_step(&exported_frames(recording, ADDED), side, CELL_MM2, 1e-3);
     }
     assert_eq!(export.feet.len(), 2);
 }
@@ -154,6 +155,7 @@ fn damaged_files_are_refused_with_the_line_and_a_remedy() {
     assert_message(changed("Frame 1 (2.00 ms)", "Frame 1 (0.00 ms)"), &at(first_row + 31), &["not later"]);
     assert_message(changed("Frame 1 (2.00 ms)", "Frame one"), &at(first_row + 31), &["Frame one"]);
     assert_message(parse("Right foot data\n"), "step.txt: ", &["no frame"]);
+    // With zeros instead of all digits, all frames have the same time.
     assert_message(parse(&text.replace(|c: char| c.is_ascii_digit() && c != '0', "0")), "step.txt", &[]);
     let other_foot = common::parse(Format::Footscan, "step.txt", text.as_bytes(), Some(Side::Left));
     assert_message(other_foot, "step.txt: ", &["left foot"]);

@@ -22,7 +22,8 @@ fn gaitpdb_file() -> String {
     (0..200).map(line).collect()
 }
 
-/// The zones of the right foot are in another order.
+/// A loadsol export of both feet. The zones of the right foot are in another order than those of the left foot, and frame 40
+/// of the right foot is lost.
 fn loadsol_file() -> String {
     let mut text = "walk_2024_05_01_10_00_00_000.txt\n\n\tA1-L:heel\tA1-L:medial\tA1-L:lateral\tA1-L\tA1-L:xAcc\t\
                     \tA1-R:lateral\tA1-R:medial\tA1-R:heel\tA1-R\tNotes\n\
@@ -45,6 +46,7 @@ fn parse(format: Format, text: &str) -> Result<Export> {
     common::parse(format, "walk.txt", text.as_bytes(), None)
 }
 
+/// Checks feet, times and forces. Frame 40 is not compared, because it is lost in the loadsol file.
 fn check(export: &Export, sensors: usize) {
     assert_eq!(export.feet.iter().map(|foot| foot.side).collect::<Vec<_>>(), [Side::Left, Side::Right]);
     assert_eq!(export.feet[0].t_s, export.feet[1].t_s);

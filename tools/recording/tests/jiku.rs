@@ -1,4 +1,4 @@
-//! The import of SpeedPP2DS.
+//! The import of the data set SpeedPP2DS from the package jiku-data.
 
 use plantar::Region;
 use recording::{Recording, jiku};
@@ -7,7 +7,7 @@ use std::path::PathBuf;
 /// The folder of the installed data set.
 ///
 /// # Panics
-/// If `PLANTAR_JIKU` does not contain its path.
+/// Panics if the environment variable `PLANTAR_JIKU`, which contains its path, is not set.
 fn folder() -> PathBuf {
     std::env::var_os("PLANTAR_JIKU").expect("PLANTAR_JIKU names the folder SpeedPP2DS of jiku-data").into()
 }
@@ -16,7 +16,7 @@ fn import(folder: &PathBuf, walker: usize, trials: impl IntoIterator<Item = usiz
     jiku::import(folder, walker, trials, &mut |_, _| {}).unwrap()
 }
 
-/// The peak force of each step, N. A tenth of a second without load, 50 frames, separates two steps.
+/// The peak force of each step, N. At least 50 frames without load, a tenth of a second, separate two steps.
 fn step_peaks_n(recording: &Recording) -> Vec<f64> {
     let mut peaks_n = Vec::new();
     let mut unloaded = usize::MAX;

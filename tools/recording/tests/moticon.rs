@@ -1,4 +1,4 @@
-//! The Moticon import of computed files in its format.
+//! The import of computed files in the format of Moticon OpenGo.
 
 mod common;
 
@@ -10,13 +10,14 @@ use recording::{Export, Format, Result};
 const AREAS_CM2: [f64; 16] =
     [12.4, 11.1, 13.4, 13.1, 13.1, 13.0, 18.0, 18.2, 15.7, 12.4, 12.5, 12.7, 10.2, 10.1, 12.5, 6.4];
 
-/// Pressure of a cell in a frame, N/cm². Each cell is loaded at another time.
+/// Pressure of a cell in a frame, N/cm². The peaks of the cells are at different times.
 fn pressure(frame: usize, cell: usize) -> f64 {
     let distance = (frame as f64 - 6.0 * cell as f64 - 10.0) / 20.0;
     // The export has a resolution of 0.25 N/cm².
     (30.0 * (1.0 - distance * distance).max(0.0) * 4.0).round() / 4.0
 }
 
+/// The force on all cells in a frame, N.
 fn total_n(frame: usize) -> f64 {
     (0..16).map(|cell| pressure(frame, cell) * AREAS_CM2[cell]).sum::<f64>()
 }
@@ -73,11 +74,11 @@ fn the_areas_and_the_total_force_are_recovered() {
 }
 
 #[test]
-fn lost_frames_are_interpolated_and_those_at_the_ends_are_left_out() {
+fn lost_frames_are_interpolated_and_those_at_the_beginning_are_left_out() {
     let export = parse(&text(&[0, 1, 2, 60, 61])).unwrap();
     let [left, right] = &export.feet[..] else { panic!("two feet") };
     assert_eq!((left.frames(), right.frames()), (150, 147));
-    // The clock is common.
+    // Both feet have the same clock.
     assert!((right.t_s[0] - 0.03).abs() < 1e-9 && left.t_s[0] == 0.0);
     let expected = |share: f64| total_n(59) * (1.0 - share) + total_n(62) * share;
     assert!((right.force_n(57) - expected(1.0 / 3.0)).abs() < 1.0);

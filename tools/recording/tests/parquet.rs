@@ -107,13 +107,14 @@ fn a_failed_write_leaves_an_existing_recording_as_it_is() {
     walk.write(&path).unwrap();
     let incomplete = path.with_extension("parquet.incomplete");
     assert!(!incomplete.exists());
+    // A folder with the temporary name makes the write fail.
     std::fs::create_dir(&incomplete).unwrap();
     let error = walk.write(&path).unwrap_err().to_string();
     assert!(error.starts_with(path.to_str().unwrap()), "{error}");
     assert!(walk == Recording::read(&path).unwrap());
 }
 
-/// macOS writes such files beside others.
+/// macOS writes hidden files such as `._foot.parquet` beside other files.
 #[test]
 fn hidden_files_are_not_parts_of_a_recording() {
     let (folder, path) = in_folder();

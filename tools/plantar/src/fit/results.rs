@@ -41,7 +41,7 @@ pub fn print(study: &Study) {
         match fit {
             Ok(fit) => {
                 row.push(fit.steps.len().to_string());
-                row.extend(five_in_words(fit, study.options.prior.is_some()));
+                row.extend(format_parameters(fit, study.options.prior.is_some()));
                 let percent = |share: f64| format!("{:.1}", share * 100.0);
                 let predicted = [fit.quality.predicted, counted].map(|error| error.map_or(NONE.into(), percent));
                 row.push(percent(fit.quality.fitted));
@@ -84,7 +84,7 @@ fn print_measures(study: &Study) {
     let names = fitted.iter().map(|(region, _)| region.name().to_string());
     table.set_header(std::iter::once(String::new()).chain(names));
     for quantity in Quantity::all() {
-        let cells: Vec<String> = fitted.iter().map(|(_, fit)| measure_in_words(fit, quantity)).collect();
+        let cells: Vec<String> = fitted.iter().map(|(_, fit)| format_measure(fit, quantity)).collect();
         if cells.iter().all(|cell| cell == NONE) {
             continue;
         }
@@ -148,7 +148,7 @@ fn print_sources(study: &Study) {
 const NONE: &str = "-";
 
 /// Formats a quantity of a region with its interval.
-fn measure_in_words(fit: &RegionFit, quantity: Quantity) -> String {
+fn format_measure(fit: &RegionFit, quantity: Quantity) -> String {
     let Some(measure) = fit.measure(quantity) else { return NONE.into() };
     match measure.interval {
         None => significant(measure.value),
@@ -162,7 +162,7 @@ fn measure_in_words(fit: &RegionFit, quantity: Quantity) -> String {
 /// Formats the five identified parameters A B (mm2), K (kPa), G (kPa s), n and m, each with the wider of its two intervals
 /// ([`widest`]). With a prior, every parameter has a value; without one, a parameter on which the force does not depend has
 /// none.
-fn five_in_words(fit: &RegionFit, has_prior: bool) -> Vec<String> {
+fn format_parameters(fit: &RegionFit, has_prior: bool) -> Vec<String> {
     let law = &fit.law;
     let units = [1e6, 1e-3, 1e-3, 1.0, 1.0];
     match &fit.uncertainty {

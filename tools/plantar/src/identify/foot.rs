@@ -340,7 +340,7 @@ struct Walk {
 }
 
 impl Walk {
-    /// Processes an item, and stores its message in the file. Returns true once there are enough good steps.
+    /// Stores the message of an item, and counts the good steps. Returns true once there are enough.
     fn process(&mut self, foot: &mut Foot, item: Item, file: &mut StreamFile) -> Result<bool> {
         match item {
             Item::Started => {

@@ -34,9 +34,10 @@ pub struct Progress {
     pub side: Side,
     /// The newest live frame.
     pub live: Live,
-    /// Number of good steps so far in this part of the session.
+    /// Number of steps so far that count in this part of the session; for the walk, the good steps, including those of earlier
+    /// sessions.
     pub done: usize,
-    /// Number of good steps at which this part of the session ends; 0 if it counts no steps.
+    /// Number of such steps at which this part of the session ends; 0 if it counts no steps.
     pub needed: usize,
     /// The latest remark, such as the reason why a step is not used, or that the link is lost; empty without one.
     pub remark: String,

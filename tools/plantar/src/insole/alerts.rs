@@ -22,10 +22,10 @@ pub struct AlertArgs {
     /// Length of the time over which sustained load is determined, minutes, 1 to 60.
     #[arg(long, value_name = "MIN", value_parser = clap::value_parser!(u16).range(1..=60))]
     window: Option<u16>,
-    /// Sustained load begins with this share of the window at or above the pressure, percent.
+    /// Sustained load begins when the pressure is at or above --sustained-pressure for this share of the window, percent.
     #[arg(long, value_name = "PERCENT")]
     begins: Option<u8>,
-    /// Sustained load ends below this share, percent.
+    /// Sustained load ends when this share is below PERCENT.
     #[arg(long, value_name = "PERCENT")]
     ends: Option<u8>,
     /// Pressure above which the dose counts, kPa, 1 to 2000.

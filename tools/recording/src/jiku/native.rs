@@ -4,7 +4,7 @@
 //! rows, n0 and n1, result in three stored rows, r0, r1 and r2. In the next group, n0' and r0' correspond to n0 and r0:
 //!
 //! ```text
-//! r0 = n0    r1 = n0/3 + n1 2/3    r2 = n1 2/3 + n0'/3    r0' = n0'
+//! r0 = n0    r1 = n0/3 + 2 n1/3    r2 = 2 n1/3 + n0'/3    r0' = n0'
 //! ```
 //!
 //! Hence n0 = r0, and n1 has two estimates: (3 r1 - r0)/2 and (3 r2 - r0')/2. The number of rows before the first full group of
@@ -135,7 +135,8 @@ pub fn read(file: &Hdf5File, path: &Path, trial: usize) -> Result<Step> {
 /// Recovers the native rows.
 ///
 /// # Errors
-/// If the estimates do not agree for any number of rows before the first full group, their smallest difference, units.
+/// Fails if the estimates do not agree for any number of rows before the first full group. The error is the largest difference
+/// between two estimates, in units, for the number of rows with the best agreement.
 fn native_rows(values: &[u16], rows: usize, row_length: usize) -> std::result::Result<Vec<u16>, f64> {
     let aligned = [0, 1, 2].map(|phase| Aligned::new(values, rows, row_length, phase));
     let mut best = (i32::MAX, &aligned[0]);
@@ -202,8 +203,8 @@ impl Aligned {
     }
 }
 
-/// True if a group has a loaded row. Only these groups are compared: the images were trimmed to the foot and padded after
-/// resampling, so in the row before the foot the contribution of r0' may be missing.
+/// True if a group has a loaded row. Only these groups are compared: the images were trimmed to the foot before they were
+/// resampled, and padded afterwards, so in the group before the foot r2 may lack the contribution of r0'.
 fn is_within_foot(rows: &[&[u16]; 4]) -> bool {
     rows[..3].iter().any(|row| row.iter().any(|&u| u > 0))
 }
@@ -240,6 +241,7 @@ mod tests {
             .collect()
     }
 
+    /// Twenty rows, as many as [`native`] has loaded ones, from the first loaded row on.
     fn loaded(rows: &[u16]) -> Vec<&[u16]> {
         rows.chunks_exact(4).skip_while(|row| row.iter().all(|&u| u == 0)).take(20).collect()
     }

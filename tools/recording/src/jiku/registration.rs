@@ -46,8 +46,8 @@ fn footprint(step: &Step) -> Vec<(NativeCell, f64)> {
         .collect()
 }
 
-/// The shift with which the footprint `print` has the largest overlap with the previous steps. `common` contains the sums of
-/// their weights.
+/// The shift with which the footprint `print` has the largest overlap with the previous steps. `common` contains, for each
+/// cell, the sum of its weights in the previous steps.
 fn best_shift(print: &[(NativeCell, f64)], common: &BTreeMap<(isize, isize), f64>) -> Shift {
     let overlap = |shift: Shift| -> f64 {
         print.iter().filter_map(|&(cell, weight)| Some(weight * common.get(&shift.apply(cell))?)).sum()

@@ -77,7 +77,7 @@ impl EllipseCell {
     }
 }
 
-/// One frame in which every cell carries load, kPa.
+/// The pressures of one frame in which every cell carries load, kPa.
 pub fn loaded_frame(layout: &Layout) -> Vec<f32> {
     let ellipses = Region::ALL.map(|region| LoadEllipse::of(layout, region));
     layout

@@ -1,6 +1,7 @@
-//! A computed walk. Each region is loaded over an ellipse, which grows and shrinks while the load passes over the region, from
-//! the heel to the toes. The pressure has the shape of a smooth dome. A cell reads the pressure of the dome at its centre times
-//! the share of the cell that the ellipse covers. The force on the whole foot has the two humps of walking.
+//! A computed walk. In each step, the load moves from the heel to the toes. Each region is loaded over an ellipse, which
+//! grows and then shrinks. The pressure over the ellipse has the shape of a smooth dome. A cell reads the pressure of the
+//! dome at its centre times the share of the cell that the ellipse covers. The force on the whole foot has two peaks in each
+//! step, as in walking.
 
 use super::ellipse::{EllipseCell, LoadEllipse};
 use super::{Random, insole};
@@ -21,7 +22,7 @@ pub struct SyntheticWalk {
     pub rate_hz: f64,
     /// Stance time, s.
     pub stance_s: f64,
-    /// Swing time before and after each step, s.
+    /// Swing time before the first step, between steps, and after the last step, s.
     pub swing_s: f64,
     /// Peak force on the whole foot, N.
     pub peak_n: f64,
@@ -198,7 +199,7 @@ fn shares(elapsed_stance: f64) -> [f64; 8] {
     if sum == 0.0 {
         return weights;
     }
-    // The total is sin(x) + 0.3 sin(3 x), scaled to a peak of 1. It has two humps; between them it falls to 76 % of the peak.
+    // The total is sin(x) + 0.3 sin(3 x), scaled to a peak of 1. It has two peaks; between them it falls to 76 % of the peak.
     let sine = (PI * elapsed_stance).sin();
     let total = (1.9 * sine - 1.2 * sine.powi(3)) / 0.920_2;
     weights.map(|weight| total * weight / sum)

@@ -24,11 +24,11 @@ pub struct Insole {
     pub frames: Frames,
     /// The vendor's load, N, and contact area, mm2, of the last frame.
     pub stated: [Option<f64>; 2],
-    /// For each frame, the vendor's load and contact area, and those of the cells.
+    /// The comparison of load and contact area in each frame with the vendor's values.
     pub totals: Totals,
     /// The sum of the pressures of the last frame, kPa, and the number of its loaded cells.
     pub sums: (f64, usize),
-    /// Number of pressures, of all frames, that are negative or no number. They are read as 0.
+    /// Number of pressures, of all frames, that are negative, empty or a placeholder such as `-`. They are read as 0.
     pub invalid: usize,
 }
 
@@ -66,7 +66,7 @@ pub fn check_equal<T: PartialEq + Copy>(property: &mut Option<T>, value: T, name
     Ok(())
 }
 
-/// A number of rows or columns.
+/// Reads the number of rows or columns; `name` is the label of the value.
 pub fn count(value: &str, name: &str, place: &str) -> Result<usize> {
     let count = value.parse().ok().filter(|count| (1..=MAX_LINES).contains(count));
     count.ok_or_else(|| {
@@ -75,7 +75,7 @@ pub fn count(value: &str, name: &str, place: &str) -> Result<usize> {
     })
 }
 
-/// The size of a cell, mm.
+/// Converts the size of a cell to mm; without a unit, it is in cm.
 pub fn size_mm(value: f64, unit: &str, place: &str) -> Result<f64> {
     let mm = value * units::mm(if unit.is_empty() { "cm" } else { unit }, &|| place.to_owned())?;
     if mm > 0.0 && mm <= MAX_CELL_MM {

@@ -22,7 +22,8 @@ pub fn pressure_kpa(side: Side, frame: usize, row: usize, column: usize) -> f64 
     let forward = 1.0 - (row as f64 + 0.5) / ROWS as f64;
     let right = (column as f64 + 0.5) / COLUMNS as f64;
     let lateral = if side == Side::Right { right } else { 1.0 - right };
-    // Position forward and lateral, radius, largest pressure, and the time of it.
+    // For each loaded part of the foot: its position forward and lateral as fractions of length and width, its radius as a
+    // fraction of the length, its largest pressure, kPa, and the time of this pressure as a fraction of stance.
     let parts = [
         (0.14, 0.5, 0.16, 250.0, 0.2),
         (0.42, 0.75, 0.13, 60.0, 0.45),
@@ -37,7 +38,7 @@ pub fn pressure_kpa(side: Side, frame: usize, row: usize, column: usize) -> f64 
             most * (1.0 - distance).max(0.0) * (1.0 - ((time - at) / 0.28).powi(2)).max(0.0)
         })
         .sum();
-    // Vendors' systems have a threshold.
+    // Vendors' systems read pressures below a threshold as 0.
     if kpa < 5.0 { 0.0 } else { (kpa * 100.0).round() / 100.0 }
 }
 
@@ -52,7 +53,7 @@ pub fn parse(format: Format, name: &str, text: &[u8], side: Option<Side>) -> rec
     format.parse(text, Path::new(name), side)
 }
 
-/// Checks that a message names the file, this place in it, and these words.
+/// Checks that an import fails with a message that begins with `place`, the file and perhaps the line, and contains `words`.
 pub fn assert_message(result: recording::Result<Export>, place: &str, words: &[&str]) {
     let error = result.expect_err("the file is refused");
     assert!(matches!(error, Error::Content { .. }));
@@ -63,7 +64,8 @@ pub fn assert_message(result: recording::Result<Export>, place: &str, words: &[&
     }
 }
 
-/// Checks that the computed step was imported: its forces, and heel, midfoot, forefoot and toes in this order and on their sides.
+/// Checks that the computed step was imported: its forces, to within the fraction `tolerance`, the order in which heel and
+/// forefoot are loaded, and that midfoot and hallux are loaded on the correct side.
 pub fn assert_step(recording: &Recording, side: Side, area_mm2: f64, tolerance: f64) {
     assert_eq!(recording.side, side);
     for frame in 0..recording.frames().min(STANCE) {
@@ -96,19 +98,19 @@ fn region_of_largest(recording: &Recording, frame: usize) -> Region {
 /// The folder with recordings of people.
 ///
 /// # Panics
-/// If `PLANTAR_RECORDINGS` does not contain its path.
+/// Panics if the environment variable `PLANTAR_RECORDINGS`, which contains its path, is not set.
 pub fn recordings() -> PathBuf {
     PathBuf::from(
         std::env::var_os("PLANTAR_RECORDINGS").expect("PLANTAR_RECORDINGS names a folder with recordings of people"),
     )
 }
 
-/// The pictures of an export alone, without the number `added` of frames that the import adds before and after them.
-pub fn pictures(recording: &Recording, added: usize) -> Recording {
-    let mut pictures = recording.clone();
+/// The frames of an import that are in the export, without the `added` unloaded frames before and after them.
+pub fn exported_frames(recording: &Recording, added: usize) -> Recording {
+    let mut exported = recording.clone();
     let range = added..recording.frames() - added;
-    pictures.t_s = recording.t_s[range.clone()].to_vec();
-    pictures.pressure_kpa =
+    exported.t_s = recording.t_s[range.clone()].to_vec();
+    exported.pressure_kpa =
         recording.pressure_kpa[range.start * recording.cells()..range.end * recording.cells()].to_vec();
-    pictures
+    exported
 }
