@@ -3,6 +3,7 @@
 
 mod alerts;
 mod records;
+mod set_up;
 mod zero;
 
 pub use zero::NotLifted;
@@ -10,8 +11,7 @@ pub use zero::NotLifted;
 use crate::faults::{FaultDetector, Faults, FrameContext, MatrixRows};
 use crate::num::Real;
 use crate::pipeline::alert::{AlertRules, Alerts, DailyLoad};
-use crate::pipeline::baseline::MAX_RESIDUAL_KPA;
-use crate::pipeline::calibrate::{CellCalibration, Curve};
+use crate::pipeline::calibrate::Curve;
 use crate::pipeline::cell::{InsoleCell, Residual, area_moments, area_units, find_peak, sum_region};
 use crate::pipeline::cumulative::{CumulativeLoad, LOADED_KPA};
 use crate::pipeline::ellipse::Ellipse;
@@ -19,10 +19,9 @@ use crate::pipeline::lift::is_unloaded;
 use crate::pipeline::live::{LiveModel, RegionLoad};
 use crate::pipeline::measures::Extent;
 use crate::pipeline::model::ForceLaw;
-use crate::pipeline::setup::{Division, Setup, SetupCell, SetupError, check_setup};
+use crate::pipeline::setup::{Division, Setup};
 use crate::pipeline::stance::{BRIDGED_FRAMES, Rejected, Stance};
 use crate::pipeline::stance_rule::StanceLimits;
-use crate::pipeline::tissue::{Tissue, TissueError};
 use crate::pipeline::track::Tracker;
 use heapless::Vec;
 
@@ -125,95 +124,6 @@ impl<R: Real, const N: usize> Insole<R, N> {
         }
     }
 
-    /// Replaces geometry, calibration and rules, and resets the state of measurement. The tissue parameters and their tracking,
-    /// the rules and the state of the alerts, and the number of the next record remain. Iterates over `cells` twice.
-    ///
-    /// # Errors
-    /// If the configuration is invalid; the previous configuration then remains in force.
-    pub fn set_up<I>(&mut self, setup: Setup, cells: I) -> Result<(), SetupError>
-    where
-        I: Iterator<Item = SetupCell> + Clone,
-    {
-        let division = check_setup(&setup, cells.clone(), N)?;
-
-        self.extent = division.extent();
-        self.division = division;
-        self.curve.set(&setup.sensor);
-        self.cells.clear();
-        for cell in cells {
-            // `check_setup` has checked that all cells fit.
-            let _ = self.cells.push(InsoleCell::new(&cell, &setup.contact, &self.curve, &division));
-        }
-        self.rows.set(&self.cells);
-        self.most_residual = self.curve.first_code_at(MAX_RESIDUAL_KPA);
-        self.residuals = [const { Residual::NONE }; 8];
-        self.detector.set_up(&self.cells, setup.period_us);
-        self.frame_rate_hz = R::of(1e6 / f64::from(setup.period_us));
-        self.limits = StanceLimits::new(&setup.stance, setup.period_us);
-        self.live = [LiveModel::NEW; 8];
-        self.stance.reset(setup.period_us);
-        self.cumulative.set_up(setup.period_us);
-        if self.alert_rules == AlertRules::UNSET {
-            self.alert_rules = AlertRules::OFF;
-        }
-        self.loads = [RegionLoad::NONE; 8];
-        (self.last_seq, self.wraps) = (None, 0);
-        self.setup = setup;
-        Ok(())
-    }
-
-    /// Replaces the calibrations from cell `first` on, in an insole that was set up with `cells`. To be called before the first
-    /// frame only, because it resets the contact of these cells. Invalid calibrations are skipped.
-    pub fn recalibrate(
-        &mut self,
-        cells: impl Iterator<Item = SetupCell>,
-        first: usize,
-        calibrations: &[CellCalibration],
-    ) {
-        let places = self.cells.iter_mut().zip(cells).skip(first);
-        for ((place, cell), &calibration) in places.zip(calibrations).filter(|(_, new)| new.is_valid()) {
-            let cell = SetupCell { calibration, ..cell };
-            *place = InsoleCell::new(&cell, &self.setup.contact, &self.curve, &self.division);
-        }
-    }
-
-    /// Replaces the tissue parameters of the wearer from the next frame on. A stance that is in progress is evaluated with the
-    /// new parameters. They are not tracked until [`Insole::track`].
-    ///
-    /// # Errors
-    /// If the parameters are damaged or out of range; the previous parameters then remain in force.
-    pub fn set_tissue(&mut self, tissue: &Tissue) -> Result<(), TissueError> {
-        tissue.check()?;
-        self.tissue_id = tissue.id;
-        for ((law, live), new) in self.force_laws.iter_mut().zip(&mut self.live).zip(&tissue.force_laws) {
-            *law = ForceLaw::of(new);
-            live.rebase(law);
-        }
-        self.tracker.stop();
-        Ok(())
-    }
-
-    /// Lets K and G follow the wearer from step to step; see [`crate::pipeline::track`]. To be called for parameters that were
-    /// identified from steps of the wearer.
-    pub fn track(&mut self) {
-        self.tracker.start(&self.force_laws);
-    }
-
-    /// The configuration; `None` before [`Insole::set_up`].
-    pub fn setup(&self) -> Option<&Setup> {
-        (self.setup.period_us > 0).then_some(&self.setup)
-    }
-
-    /// Number of cells.
-    pub fn cells(&self) -> usize {
-        self.cells.len()
-    }
-
-    /// Identifies the tissue parameters; 0 without parameters.
-    pub fn tissue_id(&self) -> u32 {
-        self.tissue_id
-    }
-
     /// Processes frame number `seq` with one raw code for each cell. True if the frame confirms toe off: then
     /// [`Insole::step_region`] and [`Insole::step`] return the step, until the next frame is processed. The call has no effect
     /// before [`Insole::set_up`], or if there are fewer codes than cells. Sequence numbers wrap; a difference of more than 1
@@ -251,7 +161,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         }
         if self.stance.is_lifted() {
             self.review_cells(seq, codes);
-        } else if self.detector.pause(self.stance.has_loaded()) {
+        } else if self.detector.pause(self.stance.carries_load()) {
             self.sum_residuals();
         }
         is_toe_off

@@ -1,4 +1,4 @@
-//! Wrapping sequence numbers: the one comparison that firmware, host and page share.
+//! Wrapping sequence numbers: the one comparison that the firmware, the host programs and the web page for a phone share.
 //!
 //! Numbers count modulo 2^32. Number `a` is later than number `b` if the difference `a - b` modulo 2^32 is from 1 to
 //! 2^31 - 1, as in RFC 1982 (serial number arithmetic).
@@ -19,7 +19,7 @@ mod tests {
     use super::{is_after, skipped};
 
     #[test]
-    fn the_later_number_is_the_nearer_one_ahead() {
+    fn a_number_is_later_if_it_is_ahead_by_less_than_half_of_the_range() {
         assert!(is_after(1, 0) && !is_after(0, 1) && !is_after(7, 7));
         assert!(is_after(0, u32::MAX) && !is_after(u32::MAX, 0));
         assert!(is_after(1 << 31, 1) && !is_after((1 << 31) + 1, 1));

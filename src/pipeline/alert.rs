@@ -83,7 +83,7 @@ pub struct AlertRecord {
     pub start_us: u64,
     /// Bit i: region i is under sustained load.
     pub sustained: u8,
-    /// Bit i: the dose of region i has reached the limit of the day, which no earlier alert of the day has reported.
+    /// Bit i: the dose of region i has reached the limit of the day, and no earlier alert of this day has reported it.
     pub dose: u8,
     /// Length of the window of sustained load, s.
     pub window_s: u16,

@@ -2,8 +2,9 @@
 //! their rows.
 //!
 //! The two outlines differ deliberately: [`REFERENCE_INSOLE`] is the sheet that is cut for the device, and [`GENERIC_SOLE`] is
-//! the sole of the computed walk and of drawings on screens. At the toes their widths differ by up to 12 mm at the same fraction
-//! of the length. The positions of cells are computed from the outlines, so a change of an outline changes the layout.
+//! the sole of the computed recordings of `tools/recording` and of drawings on screens. At the toes their widths differ by up
+//! to 12 mm at the same fraction of the length. The positions of cells are computed from the outlines, so a change of an
+//! outline changes the layout.
 
 /// The outline of a sole.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,7 +32,7 @@ pub const REFERENCE_INSOLE: Outline = Outline {
     ],
 };
 
-/// A generic sole, for the computed walk, and for drawings of a foot if the positions of the cells are not known.
+/// A generic sole, for computed recordings, and for drawings of a foot if the positions of the cells are not known.
 pub const GENERIC_SOLE: Outline = Outline {
     rows_mm: &[
         [0.0, 24.0, 52.0],

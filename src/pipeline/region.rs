@@ -97,7 +97,7 @@ pub struct Cell {
 const PER_MM2: f32 = 16.0;
 /// Number of units of a cell's coordinates in 1 mm.
 pub(crate) const PER_MM: f32 = 64.0;
-/// Number of units of the area in [`AreaMoments`] in 1 mm2 that is entirely in contact.
+/// Number of units of a [`ContactArea`] in 1 mm2 that is entirely in contact.
 const SHARES_PER_MM2: f32 = PER_MM2 * WHOLE as f32;
 
 /// Smallest area of a cell, mm2: one unit.
@@ -178,7 +178,7 @@ impl ContactArea {
         self.0 += share * i32::from(cell.area);
     }
 
-    /// Adds another change.
+    /// Adds `other`, an area or the change of an area.
     #[inline(always)]
     pub(crate) fn add(&mut self, other: Self) {
         self.0 += other.0;
@@ -256,8 +256,8 @@ impl AreaMoments {
             return None;
         }
         // The moments are first shifted, in integers, to the mean, truncated to whole coordinate units. Without this shift, the
-        // variance of a contact far from the reference point would be a small difference of large squares, which single precision
-        // loses.
+        // variance of a contact far from the reference point would be a small difference of large squares, which is inaccurate
+        // in single precision.
         let area = i64::from(units);
         let (centre_x, centre_y) = (self.x / area, self.y / area);
         let (x, y) = (self.x - centre_x * area, self.y - centre_y * area);
@@ -342,11 +342,13 @@ pub struct RegionFrame<R> {
     pub force: ForceMoments<R>,
     /// Largest cell pressure, kPa. Masked cells are not considered.
     pub peak_kpa: R,
-    /// Code of the cell with this pressure, above its code at zero pressure, minus the highest code of a baseline of the region.
+    /// Code of the cell with this pressure minus its code at zero pressure, minus the largest such difference among the
+    /// baselines of the region's cells. In the next frame, only cells above seven eighths of this value are compared.
     pub peak_code: i32,
     /// A cell is saturated: the area is valid, the force is a lower bound.
     pub saturated: bool,
-    /// Area of all cells in contact, each with its whole area, and its maximum since the last heel strike, in units of 1/16 mm2.
+    /// Area of all cells in contact, each with its whole area, and the maximum of this sum since the last heel strike, in units
+    /// of 1/16 mm2.
     pub counted: (i32, i32),
 }
 
@@ -361,7 +363,7 @@ impl<R: Real> RegionFrame<R> {
         counted: (0, 0),
     };
 
-    /// Passes a code to the contact of a cell, as [`ContactCell::update`], and updates the areas of the region.
+    /// Passes the code of a cell to [`ContactCell::update`], and updates the areas of the region.
     #[inline(always)]
     pub(crate) fn update_contact(
         &mut self,

@@ -74,16 +74,16 @@ pub enum SetupError {
     Period,
     /// The sensor law is out of range.
     Sensor,
-    /// The contact rule is out of range or order.
+    /// The pressures of the contact rule are out of range or not in order.
     Contact,
-    /// The stance rule is out of range or order.
+    /// The forces and times of the stance rule are out of range or not in order.
     Stance,
     /// The configuration has more cells than this device can hold.
     TooManyCells,
     /// The configuration has no cells.
     NoCells,
-    /// The cell with this index has coordinates that are not finite or are metres away, an area out of range, or an invalid
-    /// calibration; or its region is too large, in extent or in area, from this cell on.
+    /// The cell with this index has a coordinate that is not finite or above 10 m, an area out of range, or an invalid
+    /// calibration; or with this cell the extent or the area of its region is too large.
     Cell(u16),
     /// The cell with this index belongs to a region before that of the previous cell.
     RegionOrder(u16),
@@ -97,7 +97,7 @@ impl fmt::Display for SetupError {
             Self::Contact => f.write_str(
                 "contact: needs 0 < off_kpa <= on_kpa <= 1000, and full_kpa = 0 or on_kpa <= full_kpa <= 2000",
             ),
-            // At most 96 bytes, as in a hello.
+            // The text fits into a hello: at most `MAX_FAULT_TEXT` bytes.
             Self::Stance => f.write_str(
                 "stance: needs 0 < strike_n, release_n <= 1000, min_stance_ms < max_stance_ms, min_swing_ms > 0",
             ),
@@ -116,7 +116,7 @@ impl core::error::Error for SetupError {}
 /// The division of the cells into regions.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Division {
-    /// One past the last cell of each region.
+    /// Index of the last cell of each region, plus 1.
     pub(crate) ends: [usize; 8],
     /// Reference point of each region, foot coordinates, mm: the middle of its extent.
     pub(crate) origins_mm: [(f32, f32); 8],
@@ -145,12 +145,12 @@ impl Division {
         Extent { heel_mm, toe_mm, forefoot_width_mm: lateral_mm - medial_mm }
     }
 
-    /// The region of a cell, by its index.
+    /// Index of the region of the cell with index `cell`.
     pub(crate) fn region(&self, cell: usize) -> usize {
         self.ends.partition_point(|&end| end <= cell)
     }
 
-    /// The cells of a region.
+    /// Indices of the cells of a region.
     #[inline]
     pub(crate) fn cells(&self, region: usize) -> Range<usize> {
         let start = region.checked_sub(1).map_or(0, |before| self.ends[before]);

@@ -67,9 +67,10 @@ pub struct Stance<R> {
     start_seq: u32,
     /// Number of the last frame.
     last_seq: u32,
-    /// Number of frames of a contact that will not become a step.
+    /// Number of frames since the contact was ignored, in [`Phase::Ignored`].
     ignored: u32,
-    /// Number of frames since heel strike, including bridged frames, up to the last frame with the foot on the ground.
+    /// Number of frames since heel strike, including bridged frames, up to the last frame with the foot on the ground. In
+    /// [`Phase::Ignored`], the frames are counted since the contact was ignored.
     loaded: u32,
     /// Number of bridged frames since heel strike.
     bridged_so_far: u32,
@@ -81,6 +82,7 @@ pub struct Stance<R> {
     region_peaks_n: [R; 8],
     /// Bit i: the last frame was stored, and has the largest measured force of region i so far.
     at_peak: u8,
+    /// Bit i: a cell of region i was saturated since heel strike.
     saturated: u8,
     rejected: Rejected,
     /// Largest total force since heel strike, N.
@@ -163,11 +165,12 @@ impl<R: Real> Stance<R> {
         let has_changed = self.constancy.frames() == 0;
         self.has_moved |= has_changed && self.phase != Phase::Unknown;
         self.is_lifted &= !has_changed;
-        // Without the foot, there is only the force of the shoe.
+        // The shoe presses in each frame, so the force of the lifted foot is at most the present total force.
         self.lifted_n = self.lifted_n.min(total_n);
         let release_n = self.lifted_n + limits.release_n * scale;
         let mut strike_n = self.lifted_n + limits.strike_n * scale;
-        // The force that fades after toe off is no heel strike.
+        // After toe off the force may still fade. Until it has fallen below the threshold of heel strike, only a force that
+        // reaches both thresholds is a heel strike.
         self.is_unloaded |= total_n < strike_n;
         if !self.is_unloaded {
             strike_n = strike_n.max(release_n);
@@ -226,7 +229,7 @@ impl<R: Real> Stance<R> {
                     self.ignore();
                     return false;
                 }
-                // The frame is part of the curves.
+                // The frame is stored in the curves, from which the bouts receive it if it is not part of a step.
                 return self.curves.frames() - self.loaded >= limits.min_swing_frames && self.end(limits);
             }
         };
@@ -234,13 +237,14 @@ impl<R: Real> Stance<R> {
         is_toe_off
     }
 
-    /// True in the frame with which the total force has been constant long enough for a lifted foot. Then [`Stance::lift`] must
-    /// be called if the foot is lifted.
+    /// True in the one frame in which the total force has been constant for exactly the settling time of `limits`. If the cells
+    /// show a lifted foot, [`Stance::lift`] must then be called.
     pub(crate) fn has_settled(&self, limits: &StanceLimits<R>) -> bool {
         self.constancy.frames() == limits.settle_frames
     }
 
-    /// The foot is lifted, and the present force is that of the shoe. True if this ends a stance; see [`Stance::push`].
+    /// Records that the foot is lifted: the present force is that of the shoe. True if this confirms toe off, as
+    /// [`Stance::push`].
     #[cold]
     pub(crate) fn lift(&mut self, limits: &StanceLimits<R>) -> bool {
         self.is_lifted = true;
@@ -255,7 +259,7 @@ impl<R: Real> Stance<R> {
                 false
             }
             Phase::Stance => {
-                // The shoe presses more than before this stance, so its end was not recognised.
+                // The shoe presses more than before this stance, so the end of the stance was not recognised.
                 let release_n = self.lifted_n + limits.release_n * limits.scale(self.recent_peak_n);
                 self.loaded = self.curves.frames_above(release_n);
                 self.end(limits)
@@ -268,12 +272,13 @@ impl<R: Real> Stance<R> {
         self.is_lifted
     }
 
-    /// True if the foot has carried load since the first frame. A constant force since the first frame may be that of the shoe.
-    pub(crate) fn has_loaded(&self) -> bool {
+    /// True if the foot is on the ground and the total force has changed since the first frame. A force that has been constant
+    /// since the first frame may be that of the shoe.
+    pub(crate) fn carries_load(&self) -> bool {
         self.has_moved && self.on_ground()
     }
 
-    /// Ends the stance. True if it is a step.
+    /// Ends the stance. True if the stance is a step.
     fn end(&mut self, limits: &StanceLimits<R>) -> bool {
         if self.loaded < limits.min_stance_frames {
             self.rejected.short += 1;
@@ -291,7 +296,7 @@ impl<R: Real> Stance<R> {
         true
     }
 
-    /// The bout that was completed by the last frame, as the record of a foot with this number.
+    /// Takes the bout that the last frame has completed, as a record with this side and number.
     pub(crate) fn take_bout(&mut self, side: Side, number: u32) -> Option<BoutRecord<R>> {
         self.bouts.take(side, number)
     }
@@ -323,7 +328,7 @@ impl<R: Real> Stance<R> {
         (self.ignored, self.loaded) = (0, 0);
     }
 
-    /// Adds a measured frame.
+    /// Adds a measured frame to the curves, and updates the largest forces and the saturated regions.
     fn store(&mut self, regions: &[&RegionFrame<R>; 8], centre_mm: (R, R)) {
         let is_stored = self.curves.push(regions, centre_mm);
         let (mut at_peak, mut saturated) = (0, 0);

@@ -5,14 +5,14 @@ use serde::{Deserialize, Serialize};
 
 /// Peak of the total force in a step to which the thresholds of an adaptive [`StanceRule`] refer, N: an adult of 65 kg who walks.
 pub const REFERENCE_PEAK_N: f64 = 700.0;
-/// Range of the peaks to which thresholds are proportional, relative to [`REFERENCE_PEAK_N`]: from a child of 14 kg who walks to
-/// a person of 70 kg who runs, or of 130 kg who walks.
+/// Range of the peaks to which thresholds are proportional, relative to [`REFERENCE_PEAK_N`]: from a child of 13 kg who walks
+/// to a person of 70 kg who runs, or of 130 kg who walks.
 const SCALE: (f64, f64) = (0.2, 2.0);
 /// A step of walking has at least this peak, relative to the usual one.
 const WALKING: f64 = 0.5;
 
-/// Time for which the total force must be constant before the foot counts as lifted, ms. The toes are then unloaded. The review
-/// of all cells that follows takes as long again; a swing lasts about 300 ms or longer, so both fit.
+/// Time for which the total force must be constant before the foot counts as lifted, ms. After this time the toes are unloaded.
+/// The review of all cells that follows takes the same time; a swing lasts about 300 ms or longer, so both fit into it.
 pub(crate) const SETTLE_MS: u32 = 100;
 
 /// The rule that determines stance from the total force.
@@ -20,8 +20,9 @@ pub(crate) const SETTLE_MS: u32 = 100;
 pub struct StanceRule {
     /// Heel strike: the total force reaches this value, N, at most 1000.
     pub strike_n: f32,
-    /// Toe off: the total force falls below this value, N, at most 1000. If `release_n` is above `strike_n`, a force that fades
-    /// after toe off is no heel strike.
+    /// Toe off: the total force falls below this value, N, at most 1000. If `release_n` is above `strike_n`, the next heel
+    /// strike needs `release_n` until the force has fallen below `strike_n`, so a force that fades after toe off is no heel
+    /// strike.
     pub release_n: f32,
     /// Shorter contacts are not steps, ms; below `max_stance_ms`.
     pub min_stance_ms: u16,
@@ -35,9 +36,9 @@ pub struct StanceRule {
 }
 
 impl StanceRule {
-    /// For children and adults who walk or run, barefoot or in a shoe. Heel strike and toe off are those that the reports of
-    /// another vendor's insoles state for walks in shoes (docs/baseline.md): sensors in a shoe still read some load when the toes
-    /// have left the ground.
+    /// For children and adults who walk or run, barefoot or in a shoe. Heel strike and toe off agree with those in the reports
+    /// of another vendor's insoles for walks in shoes (docs/baseline.md). The threshold of toe off is the higher one, because
+    /// sensors in a shoe still read some load when the toes have left the ground.
     pub const ADAPTIVE: Self = Self {
         strike_n: 35.0,
         release_n: 70.0,
@@ -46,8 +47,8 @@ impl StanceRule {
         max_stance_ms: 2500,
         is_adaptive: true,
     };
-    /// As [`StanceRule::ADAPTIVE`], with fixed thresholds, as in the paper. A force seldom falls below the lower threshold of toe
-    /// off within a stance, so a shorter gap ends it.
+    /// As [`StanceRule::ADAPTIVE`], with fixed thresholds, as in the paper. The threshold of toe off is lower, and the force
+    /// seldom falls below it within a stance, so a shorter gap ends the stance.
     pub const ABSOLUTE: Self =
         Self { strike_n: 30.0, release_n: 20.0, min_swing_ms: 40, is_adaptive: false, ..Self::ADAPTIVE };
 
@@ -100,8 +101,8 @@ impl<R: Real> StanceLimits<R> {
         }
     }
 
-    /// Load of the wearer relative to [`REFERENCE_PEAK_N`]. `recent_peak_n` is the mean peak of the recent steps, N; 0 before the
-    /// first step.
+    /// Factor of the thresholds: the mean peak of the recent steps, `recent_peak_n`, relative to [`REFERENCE_PEAK_N`], within
+    /// [`SCALE`]; 1 before the first step, when `recent_peak_n` is 0, and for a rule that is not adaptive.
     pub(super) fn scale(&self, recent_peak_n: R) -> R {
         if self.is_adaptive && recent_peak_n > R::ZERO {
             (recent_peak_n * R::of(1.0 / REFERENCE_PEAK_N)).max(R::of(SCALE.0)).min(R::of(SCALE.1))

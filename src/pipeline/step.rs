@@ -77,16 +77,16 @@ impl<R: Real> RegionStep<R> {
     }
 }
 
-/// Largest number of samples of a curve that contribute to [`StepSums`]. Neighbouring samples differ little, and the cost is
-/// proportional.
+/// Largest number of samples of a curve that contribute to [`StepSums`]. Neighbouring samples differ little, and the number of
+/// instructions is proportional to the number of samples.
 const SUMMED: usize = 8;
 /// The minimal detectable change (95 %) of the tracked K in the order of [`crate::Region::ALL`], relative to K. It was computed
 /// by `cargo run --release -p bench --bin typical` for the ten barefoot walkers of docs/identification.md: K was identified from
 /// one half of a session and tracked through the other half.
 pub const STIFFNESS_MDC: [f64; 8] = [0.11, 0.07, 0.08, 0.15, 0.07, 0.20, 0.14, 0.11];
-/// Change of K beyond which the wearer should be identified again, relative to [`STIFFNESS_MDC`]: with it, one in twenty steps of
-/// an unchanged wearer exceeds the limit in any of its eight regions by chance (Sidak's correction, 2.73 instead of 1.96 standard
-/// deviations).
+/// Change of K beyond which the wearer's parameters should be identified again, relative to [`STIFFNESS_MDC`]. With this limit,
+/// one in twenty steps of an unchanged wearer exceeds the limit in any of its eight regions by chance (Sidak's correction, 2.73
+/// instead of 1.96 standard deviations).
 pub const REFIT_PER_MDC: f64 = 1.4;
 
 /// The sums of one step over the samples of a region: products of the elastic force e, the viscous force v and the measured force
@@ -141,7 +141,8 @@ pub struct StepRecord<R> {
 }
 
 impl<R: Real> StepRecord<R> {
-    /// Bit i: K of region i has changed by so much since the identification that the wearer should be identified again.
+    /// Bit i: K of region i has changed by so much since the identification that the wearer's parameters should be identified
+    /// again.
     pub fn refit(&self) -> u8 {
         let is_due = |(i, limit): (usize, f64)| {
             let change = self.regions[i].stiffness_change;
@@ -156,8 +157,8 @@ impl<R: Real> RegionStep<R> {
     /// [`STANCE_SAMPLES`], and the time `sample_s` between samples. `at_peak` are the area moments at the largest measured force,
     /// about the reference point of the region; so the centre of [`RegionStep::ellipse_at_peak`] is relative to this point.
     ///
-    /// The deformation follows from Eq. 14, its rate is the difference over [`rate_span`] samples to both sides, and the force
-    /// follows from Eq. 13. A tensile force is replaced by 0.
+    /// The deformation follows from Eq. 14, its rate from the difference between the samples that [`rate_samples`] returns, and
+    /// the force from Eq. 13. A tensile force is replaced by 0.
     ///
     /// # Panics
     /// If `force_n` is shorter than the contact, or a curve is longer than [`STANCE_SAMPLES`].
@@ -171,6 +172,7 @@ impl<R: Real> RegionStep<R> {
         };
         let (raw_area_mm2, measured_n) = (&area_mm2[first..=last], &force_n[first..=last]);
 
+        // The normalised deformation, deformation over C, of each sample.
         let mut scratch = [R::ZERO; STANCE_SAMPLES];
         let g = &mut scratch[..raw_area_mm2.len()];
         let mut step = Self { clamped: false, measured_integral_n_s, ..Self::default() };
@@ -217,19 +219,19 @@ impl<R: Real> RegionStep<R> {
     }
 }
 
-/// Half of the time over which the deformation rate is the difference, us.
+/// Half of the time between the two samples from which the deformation rate is computed, us.
 const RATE_HALF_US: u32 = 10_000;
 
-/// The number of samples to each side over which the deformation rate is the difference: 10 ms, and at least one sample.
-/// `sample_s` is the time between samples, s.
+/// Number of samples before and after a sample between which the deformation rate of this sample is computed: 10 ms, and at
+/// least one sample. `sample_s` is the time between samples, s.
 pub fn rate_span(sample_s: f64) -> usize {
     // Whole microseconds, so that single and double precision have the same span. A time between samples is positive.
     let sample_us = ((sample_s * 1e6 + 0.5) as u32).max(1);
     ((RATE_HALF_US + sample_us / 2) / sample_us).max(1) as usize
 }
 
-/// The earlier and the later sample whose difference is the deformation rate of sample `i` of a contact of `samples` samples. The
-/// span is shorter at both ends of the contact.
+/// Indices of the earlier and the later sample from which the deformation rate of sample `i` is computed, in a contact of
+/// `samples` samples. `span` is the result of [`rate_span`]; the span is shorter at both ends of the contact.
 pub fn rate_samples(i: usize, samples: usize, span: usize) -> (usize, usize) {
     (i.saturating_sub(span), (i + span).min(samples.saturating_sub(1)))
 }

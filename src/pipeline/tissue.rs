@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub struct Tissue {
-    /// Identifies the set in each hello: the CRC-32 of the force laws; 0 for no parameters.
+    /// Identifies the parameters in each hello: the CRC-32 of the force laws; 0 for no parameters.
     pub id: u32,
     /// The force laws in the order of [`Region::ALL`].
     pub force_laws: [ForceLaw<f32>; 8],
@@ -31,7 +31,7 @@ impl Tissue {
     /// No parameters: areas and measured forces remain valid; deformation and model force are 0.
     pub const NONE: Self = Self { id: 0, force_laws: [ForceLaw::NONE; 8] };
 
-    /// The set of these force laws, with its identifier.
+    /// The parameters with these force laws, and their identifier.
     pub fn new(force_laws: [ForceLaw<f32>; 8]) -> Self {
         let mut bytes = [0; 8 * 6 * size_of::<f32>()];
         let numbers =
@@ -43,10 +43,11 @@ impl Tissue {
         Self { id: crc32(&bytes).max(1), force_laws }
     }
 
-    /// Checks a set that was received or loaded.
+    /// Checks parameters that were received or loaded.
     ///
     /// # Errors
-    /// [`TissueError::Id`] if the set is damaged or is [`Tissue::NONE`]; [`TissueError::Region`] if a value is out of range.
+    /// [`TissueError::Id`] if the parameters are damaged or are [`Tissue::NONE`]; [`TissueError::Region`] if a value is out of
+    /// range.
     pub fn check(&self) -> Result<(), TissueError> {
         if self.id != Self::new(self.force_laws).id {
             return Err(TissueError::Id);
@@ -65,7 +66,7 @@ pub enum AreaFilter {
     Live,
 }
 
-/// The conditions of the identification of parameters. The parameters hold for areas by the same contact rule only.
+/// The conditions of the identification of parameters. The parameters are valid only for areas with the same contact rule.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Identified {
     /// The contact rule of the areas.
@@ -74,7 +75,7 @@ pub struct Identified {
     pub filter: AreaFilter,
     /// The foot; `None` for both feet.
     pub side: Option<Side>,
-    /// Number of steps.
+    /// Number of steps from which the parameters were identified.
     pub steps: u32,
 }
 

@@ -2,28 +2,29 @@
 //!
 //! The force law (Eq. 13) is linear in K and G. After each step, both are the least-squares solution over the recent steps, in
 //! which a step counts less the longer ago it was: recursive least squares with exponential forgetting, in the form that stores
-//! the sums of the normal equations of the two unknowns. A B, n and m remain those of the identification. A step is weighted by
-//! its peak force, as in the identification.
+//! the sums of the normal equations of the two unknowns. A B, n and m remain those of the identification. The forces of a step
+//! are divided by its peak force, as in the identification, so steps with high and low forces have the same weight.
 
 use super::model::ForceLaw;
 use super::step::{RegionStep, StepSums};
 use crate::num::Real;
 
-/// Factor by which the weight of a step decreases with each further step: the memory is about 30 steps.
+/// Factor by which the weight of a step decreases with each further step: the sums represent about 30 steps.
 const FORGETTING: f64 = 1.0 - 1.0 / 30.0;
-/// Number of steps of a region from which on its law is changed. With fewer, the law would follow the variation of single steps.
+/// Number of steps of a region from which on its force law is adapted. With fewer steps, the law would follow the variation of
+/// single steps.
 const FIRST_STEPS: u8 = 10;
-/// The tracked K is within half and twice the identified one.
+/// Range of the tracked K, relative to the identified K.
 const STIFFNESS_RANGE: [f64; 2] = [0.5, 2.0];
-/// The tracked G is within a quarter and four times the identified one, which is less certain than K.
+/// Range of the tracked G, relative to the identified G. It is wider than that of K, because the identified G is less certain.
 const DAMPING_RANGE: [f64; 2] = [0.25, 4.0];
 /// Elastic and viscous force are distinguished only if the determinant of their normal equations exceeds this fraction of the
-/// product of their squares.
+/// product of their sums of squares. Otherwise G remains as identified.
 const INDEPENDENT: f64 = 0.01;
 
 impl<R: Real> StepSums<R> {
-    /// The older sums, which are forgotten in part, and the sums of a new step, divided by the square of `peak_n`. The forces of
-    /// the new step were computed with K and G scaled by `scale`.
+    /// The sum of the older sums, reduced by [`FORGETTING`], and those of a new step, divided by the square of its peak force
+    /// `peak_n`. The forces of the new step were computed with the identified K and G times `scale`.
     fn with(self, new: &Self, scale: [R; 2], peak_n: R) -> Self {
         let forgetting = R::of(FORGETTING);
         let [e, v] = scale.map(|scale| R::ONE / (scale * peak_n));
@@ -37,7 +38,7 @@ impl<R: Real> StepSums<R> {
         }
     }
 
-    /// The factors of K and G that fit best, within their ranges.
+    /// The factors of the identified K and G that fit best, within their ranges.
     fn solve(&self) -> [R; 2] {
         let clamp = |value: R, [least, most]: [f64; 2]| value.max(R::of(least)).min(R::of(most));
         // The best factor of one coefficient if the other one is given.
@@ -73,7 +74,7 @@ impl<R: Real> Tracker<R> {
     pub const OFF: Self =
         Self { is_on: false, regions: [Tracked { identified: [R::ZERO; 2], sums: StepSums::NONE, steps: 0 }; 8] };
 
-    /// Tracks from these identified force laws on.
+    /// Starts the tracking from these identified force laws.
     pub fn start(&mut self, laws: &[ForceLaw<R>; 8]) {
         *self = Self::OFF;
         self.is_on = true;

@@ -22,7 +22,7 @@ quantities! {
         /// The region is under sustained load.
         sustained: u8 = record.sustained,
             flags "The largest cell pressure of the region reached the limit for the set share of the window.";
-        /// The dose of the region has reached the limit of the day, which no earlier alert of the day has reported.
+        /// The dose of the region has reached the limit of the day, and no earlier alert of this day has reported it.
         dose: u8 = record.dose,
             flags "Time integral of the excess of the largest cell pressure over the pressure limit of the dose.";
         /// Length of the window of sustained load.

@@ -17,7 +17,7 @@ quantities! {
             "Steps, load bouts and alerts are numbered together; the number continues after a restart.";
         /// Foot.
         side: Side = record.side;
-        /// What the wearer did.
+        /// The kind of the bout.
         kind: BoutKind = record.kind;
         /// Time of the first frame, since the first scan.
         start_us: u64 = record.start_us
@@ -66,7 +66,8 @@ quantities! {
     fn new<R: Real>(region: &Region<R>);
 }
 
-/// Nearest integer. In `f32`, values from 2^23 on are already integers, and the sum may be rounded to the next one.
+/// Nearest integer of a value that is not negative. In `f32`, values from 2^23 on are already integers, and the result may be
+/// the next integer, because the sum is rounded.
 fn round_u32<R: Real>(value: R) -> u32 {
     (value + R::of(0.5)).to_f64() as u32
 }

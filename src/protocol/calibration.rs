@@ -7,7 +7,7 @@ use crate::pipeline::setup::DEVICE_CELLS;
 /// Number of cells in a [`CalibrationBlock`].
 pub const BLOCK_CELLS: usize = 16;
 
-/// Number of blocks of the largest calibration.
+/// Number of blocks of the largest calibration, one with [`DEVICE_CELLS`] cells.
 pub const CALIBRATION_BLOCKS: usize = DEVICE_CELLS / BLOCK_CELLS;
 
 /// Calibrations of [`BLOCK_CELLS`] successive cells. In the last block, those beyond the last cell of the insole are ignored.

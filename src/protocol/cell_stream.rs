@@ -6,7 +6,7 @@ use super::{ToHost, encode};
 /// Largest length of a message before the packed codes, bytes: tag, three numbers of 32 bits, the sum, and the length of the
 /// codes.
 const MAX_HEAD: usize = 1 + 3 * 5 + 3 + 2;
-/// Packed frames that can wait for the carrier.
+/// Number of packed frames that can wait for the carrier.
 const QUEUE: usize = 3;
 
 /// The state of a running stream.
@@ -14,8 +14,9 @@ const QUEUE: usize = 3;
 struct Running {
     stream: CellStream,
     coder: CellCoder,
-    /// Scans until the next one that is sent.
+    /// Number of scans before the next one that is sent.
     skip: u8,
+    /// Number of scans that were dropped because the queue was full.
     dropped: u32,
 }
 
@@ -29,14 +30,15 @@ struct Message {
     packed_len: usize,
 }
 
-/// Packs and queues the frames of a stream of cells. Frames are packed in their place in the queue, because copies of them would
-/// take a fifth of the instructions.
+/// Packs and queues the frames of a stream of cells. Frames are packed in their place in the queue, because copying them would
+/// take a fifth of the instructions for the stream.
 #[derive(Debug)]
 pub(super) struct CellSender {
     running: Option<Running>,
     messages: [Message; QUEUE],
-    /// Index of the oldest message, and number of messages.
+    /// Index of the oldest message.
     first: usize,
+    /// Number of messages in the queue.
     len: usize,
 }
 
@@ -46,7 +48,7 @@ impl CellSender {
         Self { running: None, messages: [EMPTY; QUEUE], first: 0, len: 0 }
     }
 
-    /// Begins another stream, or none.
+    /// Empties the queue, and starts `stream`; `None` stops the running stream.
     pub fn start(&mut self, stream: Option<CellStream>) {
         self.len = 0;
         self.running =
@@ -58,8 +60,8 @@ impl CellSender {
         self.running.is_some()
     }
 
-    /// Packs the codes of a scan, if it is due. If the queue is full, the scan is dropped before it is packed, because a packed
-    /// frame is needed to unpack the next one.
+    /// Packs and queues the codes of a scan if the scan is due. If the queue is full, the scan is dropped before it is packed,
+    /// because a host needs each packed frame to unpack the next one.
     // Not inlined, so that all registers are available.
     #[inline(never)]
     pub fn push(&mut self, scan: u32, codes: &[u16]) {
@@ -82,7 +84,7 @@ impl CellSender {
         self.len += 1;
     }
 
-    /// Copies the next message to `buffer`, and returns it; `None` without one.
+    /// Moves the oldest message to `buffer`, and returns it; `None` if the queue is empty.
     pub fn pop<'b>(&mut self, buffer: &'b mut [u8]) -> Option<&'b mut [u8]> {
         self.len = self.len.checked_sub(1)?;
         let message = &self.messages[self.first];

@@ -2,8 +2,9 @@
 //!
 //! The codes of a frame are coded in groups of [`GROUP`] cells, as differences from the frame before. A group begins with four
 //! bits: the width of its differences, 0 for a group without change and [`PLAIN`] for plain codes. Then follows one number for
-//! each cell of the group, differences with alternating sign (0, -1, 1, -2, ...). Numbers begin at the least significant bit. So
-//! unloaded cells take half a bit each, and loaded ones about as many bits as their codes change by.
+//! each cell of the group: the numbers 0, 1, 2, 3, ... stand for the differences 0, -1, 1, -2, ... Bits are stored from the
+//! least significant bit of a byte on. So cells without change take half a bit each, and loaded cells take about as many bits
+//! as their differences need.
 //!
 //! A frame can only be unpacked after the frame that was packed before it. Every [`KEY_INTERVAL`]th frame is a key frame, which
 //! is coded as differences from zero, so that a receiver can begin there, also after a loss.
@@ -14,27 +15,27 @@ use serde::{Deserialize, Serialize};
 
 /// Number of cells that share a width.
 const GROUP: usize = 8;
-/// Instead of a width: the codes follow as they are.
+/// Stands in the place of a width: the codes of the group follow as they are.
 const PLAIN: u32 = 15;
 /// Number of bits of a width.
 const WIDTH_BITS: u32 = 4;
-/// Distance of two key frames.
+/// Number of frames from one key frame to the next one.
 pub const KEY_INTERVAL: u32 = 64;
-/// Longest packed frame, bytes: plain codes of 16 bits, a width for each group, and the rest of a 16-bit unit.
+/// Longest packed frame, bytes: plain codes of 16 bits, a width for each group, and the rest of the last unit of 16 bits.
 pub const MAX_PACKED: usize = 2 * DEVICE_CELLS + DEVICE_CELLS.div_ceil(GROUP) / 2 + 2;
 const _: () = assert!(MAX_PACKED.is_multiple_of(2), "whole units of 16 bits");
 
 /// The resolution of the codes in a stream of cells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Resolution {
-    /// The upper 12 bits: a code of the converter.
+    /// The upper 12 bits: the resolution of a single conversion.
     Converter,
     /// All 16 bits: the sum of 16 conversions.
     Oversampled,
 }
 
 impl Resolution {
-    /// Bits of a code.
+    /// Number of bits of a code.
     pub const fn bits(self) -> u32 {
         match self {
             Self::Converter => 12,
@@ -42,14 +43,15 @@ impl Resolution {
         }
     }
 
+    /// Number of low bits of a 16-bit code that are not sent.
     const fn shift(self) -> u32 {
         16 - self.bits()
     }
 }
 
-/// Bytes of a message that are not codes, with its frame on a byte carrier: tag, numbers, CRC and COBS.
+/// Usual number of bytes of a message with cells, beside the packed codes, on a byte carrier: tag, numbers, CRC and COBS.
 const OVERHEAD_BYTES: u32 = 22;
-/// Bytes of a live frame, which is sent as well, with its frame on a byte carrier.
+/// Number of bytes of a live frame on a byte carrier, with CRC and COBS; live frames are sent in addition to frames of cells.
 const LIVE_BYTES: u32 = 92;
 
 /// A stream of cells.
@@ -57,7 +59,7 @@ const LIVE_BYTES: u32 = 92;
 pub struct CellStream {
     /// The resolution of the codes.
     pub resolution: Resolution,
-    /// One of so many frames is sent; 0 and 1 for all.
+    /// One of every `every` frames is sent; 0 and 1 stand for all frames.
     pub every: u8,
 }
 
@@ -67,8 +69,8 @@ impl CellStream {
         self.every.max(1)
     }
 
-    /// Bytes of a frame of `cells` cells in a stance. A packed frame is at most 60 % as long as its plain codes there; longer
-    /// ones are rare, and dropped if the carrier cannot send them in time.
+    /// Estimated length of a message with a frame of `cells` cells during a stance, bytes. The packed codes are assumed to take
+    /// 60 % of the length of plain codes. Longer frames are rare; if the carrier cannot send them in time, scans are dropped.
     const fn frame_bytes(self, cells: u32) -> u32 {
         OVERHEAD_BYTES + cells * self.resolution.bits() * 6 / 10 / 8
     }
@@ -88,21 +90,23 @@ impl CellStream {
 /// All cells of one frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CellFrame {
-    /// Number of the frame in its stream. A gap is a frame that was lost on the way; the next key frame ends the loss.
+    /// Number of the frame in its stream. A gap means that frames were lost on the way; frames can be unpacked again from the
+    /// next key frame on.
     pub sequence: u32,
-    /// Number of the scan since the start of the insole. A gap without a gap in `sequence` is a scan that was missed, or dropped
-    /// because the carrier was too slow.
+    /// Number of the scan since the start of the insole. If the number increases by more than [`CellStream::stride`] without a
+    /// gap in `sequence`, scans were missed, or dropped because the carrier was too slow.
     pub scan: u32,
     /// Number of scans since the start of the stream that were dropped because the carrier was too slow.
     pub dropped: u32,
-    /// Sum of the codes in the resolution of the stream, modulo 2^16: a check that the frame was unpacked against the right one.
+    /// Sum of the codes in the resolution of the stream, modulo 2^16: a check that the frame was unpacked correctly, with the
+    /// codes of the right previous frame.
     pub sum: u16,
     /// The packed codes.
     #[serde(with = "packed_bytes")]
     pub packed: Vec<u8, MAX_PACKED>,
 }
 
-/// Serialises the packed codes as one block of bytes. The encoding is the same as byte by byte, with fewer instructions.
+/// Serialises the packed codes as one block of bytes: the same encoding as that of single bytes, with fewer instructions.
 mod packed_bytes {
     use super::MAX_PACKED;
     use core::fmt;
@@ -133,7 +137,7 @@ mod packed_bytes {
     }
 }
 
-/// Writes numbers of up to 16 bits.
+/// Writes numbers of up to 16 bits. The low `bits` bits of `pending` are not written yet.
 struct BitWriter<'b> {
     units: core::slice::IterMut<'b, [u8; 2]>,
     pending: u32,
@@ -141,9 +145,10 @@ struct BitWriter<'b> {
 }
 
 impl BitWriter<'_> {
+    /// Adds a number of `width` bits.
     #[inline(always)]
     fn push(&mut self, value: u32, width: u32) {
-        // Fewer than 16 bits are pending, so 32 bits hold both.
+        // Fewer than 16 bits are pending, so 32 bits can hold the pending bits and the number.
         self.pending |= value << self.bits;
         self.bits += width;
         if self.bits >= 16 {
@@ -153,7 +158,7 @@ impl BitWriter<'_> {
         }
     }
 
-    /// Writes a unit of 16 bits. There is one left, because MAX_PACKED bytes hold the longest frame.
+    /// Writes a unit of 16 bits. A unit is left, because the longest frame fits into MAX_PACKED bytes.
     #[inline(always)]
     fn flush(&mut self) {
         if let Some(unit) = self.units.next() {
@@ -161,14 +166,14 @@ impl BitWriter<'_> {
         }
     }
 
-    /// Writes the pending bits; returns the number of bytes in all.
+    /// Writes the pending bits; returns the length of the frame, bytes.
     fn finish(mut self) -> usize {
         self.flush();
         MAX_PACKED - 2 * self.units.len() - (2 - self.bits.div_ceil(8) as usize)
     }
 }
 
-/// Reads what a [`BitWriter`] wrote.
+/// Reads the numbers that a [`BitWriter`] wrote. The low `bits` bits of `pending` were read from `bytes` and not returned yet.
 struct BitReader<'b> {
     bytes: &'b [u8],
     pending: u32,
@@ -176,7 +181,7 @@ struct BitReader<'b> {
 }
 
 impl BitReader<'_> {
-    /// `None` at the end of the bytes.
+    /// Returns the next number, which has `width` bits; `None` if fewer bits are left.
     fn pull(&mut self, width: u32) -> Option<u32> {
         while self.bits < width {
             let (&byte, rest) = self.bytes.split_first()?;
@@ -190,17 +195,18 @@ impl BitReader<'_> {
     }
 }
 
-/// Differences with alternating sign: 0, -1, 1, -2, ... are 0, 1, 2, 3, ...
+/// The number that stands for a difference: 0, 1, 2, 3, ... stand for 0, -1, 1, -2, ...
 #[inline(always)]
 fn zigzag(difference: i32) -> u32 {
     ((difference << 1) ^ (difference >> 31)) as u32
 }
 
+/// The difference for which a number stands; the inverse of [`zigzag`].
 fn unzigzag(number: u32) -> i32 {
     (number >> 1) as i32 ^ -((number & 1) as i32)
 }
 
-/// The codes of the frame before, from which the next one is packed or unpacked.
+/// Packs or unpacks the frames of a stream. `codes` are those of the previous frame, from which the next frame differs.
 #[derive(Debug)]
 pub struct CellCoder {
     resolution: Resolution,
@@ -231,7 +237,7 @@ impl CellCoder {
             self.codes = [0; DEVICE_CELLS];
         }
         self.sequence = sequence.wrapping_add(1);
-        // Each resolution has code of its own, in which shifts and widths are constants.
+        // The function is compiled separately for each resolution, so that shifts and widths are constants.
         match self.resolution {
             Resolution::Converter => self.pack_groups::<{ Resolution::Converter.bits() }>(sequence, codes, packed),
             Resolution::Oversampled => self.pack_groups::<{ Resolution::Oversampled.bits() }>(sequence, codes, packed),
@@ -264,7 +270,7 @@ impl CellCoder {
         } else if frame.sequence != self.sequence {
             return None;
         }
-        // Until this frame is unpacked, no other one than a key frame can follow.
+        // If this frame cannot be unpacked, only a key frame can be unpacked next.
         self.sequence = 0;
         let mut reader = BitReader { bytes: &frame.packed, pending: 0, bits: 0 };
         let (bits, shift) = (self.resolution.bits(), self.resolution.shift());
@@ -288,13 +294,13 @@ impl CellCoder {
     }
 }
 
-/// A packed frame without its codes.
+/// The fields of a packed frame that describe its packed codes.
 pub(super) struct Packed {
-    /// Its number in the stream.
+    /// Number of the frame in its stream.
     pub sequence: u32,
     /// See [`CellFrame::sum`].
     pub sum: u16,
-    /// Bytes of its packed codes.
+    /// Length of the packed codes, bytes.
     pub len: usize,
 }
 
@@ -325,7 +331,7 @@ fn pack_group<const BITS: u32>(
     }
     match width {
         0 => writer.push(0, WIDTH_BITS),
-        // Up to 16 bits at once, which takes fewer instructions than single numbers.
+        // The numbers of a group are pushed in two parts of up to 16 bits, which takes fewer instructions than single numbers.
         1..=3 if count == GROUP => {
             let [a, b, c, d, e, f, g, h] = numbers;
             let four = |[a, b, c, d]: [u32; 4]| (a | b << width) | (c | d << width) << (2 * width);
@@ -345,7 +351,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn packed_codes_unpack_to_the_same() {
+    fn unpacked_codes_equal_the_packed_codes() {
         let mut random = 1u32;
         for resolution in [Resolution::Converter, Resolution::Oversampled] {
             for cells in [1, 7, 8, 240, DEVICE_CELLS] {
@@ -387,7 +393,7 @@ mod tests {
     fn a_serial_port_sends_240_cells_at_100_hz_and_offers_less_at_400_hz() {
         let stream = CellStream { resolution: Resolution::Converter, every: 1 };
         assert_eq!(stream.fitting(240, 10_000, SERIAL), Some(1));
-        // 36.8 kB/s of live frames leave 9.28 kB/s: 39 frames of 238 bytes.
+        // 36.8 kB/s of live frames leave 9.28 kB/s: 39 messages of 238 bytes a second.
         assert_eq!(stream.fitting(240, 2_500, SERIAL), Some(11));
         assert_eq!(stream.fitting(240, 10_000, 960), None, "9,600 bit/s are too slow for live frames");
     }

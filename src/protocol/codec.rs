@@ -1,4 +1,4 @@
-//! Messages to bytes and back.
+//! The encoding of messages as bytes, and the frames of messages on a byte carrier.
 
 use crate::checksum::crc32;
 use heapless::Vec;
@@ -11,7 +11,7 @@ pub const MAX_MESSAGE: usize = 560;
 /// Longest frame on a byte carrier: message, CRC, COBS overhead and the final zero, bytes.
 pub const MAX_FRAME: usize = MAX_MESSAGE + 4 + (MAX_MESSAGE + 4) / 254 + 1 + 1;
 
-// The lines of a management tool fit, too.
+// The buffers for messages and frames can also hold the longest message of a management tool and its lines.
 const _: () = assert!(line::MAX_LINES <= MAX_FRAME && line::MAX_WRAPPED <= MAX_MESSAGE);
 
 /// The message does not fit its buffer, which cannot happen with [`MAX_MESSAGE`] bytes.
@@ -66,8 +66,8 @@ pub fn decode<'b, T: Deserialize<'b>>(bytes: &'b [u8]) -> Option<T> {
 /// Frames an encoded message of at most [`MAX_MESSAGE`] bytes for a byte carrier; returns the number of bytes used.
 pub fn frame(message: &[u8], out: &mut [u8; MAX_FRAME]) -> usize {
     let mut encoder = cobs::CobsEncoder::new(out);
-    // Neither push nor finish can fail: MAX_FRAME has room for MAX_MESSAGE. A longer message is cut here, so that the receiver
-    // finds a bad CRC instead of this device panicking.
+    // Neither push nor finalize can fail: MAX_FRAME has room for MAX_MESSAGE. A longer message is truncated here, so that this
+    // device does not panic; the receiver cannot decode it.
     let message = &message[..message.len().min(MAX_MESSAGE)];
     let _ = encoder.push(message);
     let _ = encoder.push(&crc32(message).to_le_bytes());
@@ -91,7 +91,7 @@ pub fn frame(message: &[u8], out: &mut [u8; MAX_FRAME]) -> usize {
 pub struct Decoder {
     buffer: [u8; MAX_FRAME],
     len: usize,
-    /// Frames that were too long or had a wrong COBS encoding or CRC.
+    /// Number of frames, and of messages of a management tool, that were too long or damaged.
     pub bad_frames: u32,
 }
 
@@ -126,15 +126,16 @@ impl Decoder {
     /// [`Decoder::push`] of a line feed, on an insole.
     pub fn management_message(&mut self) -> Option<&[u8]> {
         let len = core::mem::take(&mut self.len);
-        // Management tools send no zero, which would end a frame that is too long. If the bytes of such a
-        // frame were not discarded here, no message of a tool would be found any more.
+        // Management tools send no zero, which would end a frame that is too long. If the bytes of such a frame were not
+        // discarded here, no message of a tool would be found any more.
         let Some(bytes) = self.buffer.get_mut(..len) else {
             self.bad_frames = self.bad_frames.wrapping_add(1);
             return None;
         };
         match line::unwrap(bytes) {
             Lines::Message(message) => return Some(message),
-            // The bytes remain, because they may be a part of a frame. Otherwise the beginning of the next message replaces them.
+            // The bytes remain, because they may be a part of a frame. The next message of a tool is found nevertheless,
+            // because bytes before its first line are ignored.
             Lines::Damaged => self.bad_frames = self.bad_frames.wrapping_add(1),
             Lines::Incomplete => {}
         }

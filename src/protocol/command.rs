@@ -25,12 +25,12 @@ pub enum Command {
         layout_id: u32,
         /// Number of cells.
         cells: u16,
-        /// Its checksum.
+        /// Checksum of the calibration; see [`super::CalibrationId`].
         id: u32,
     },
-    /// Restart.
+    /// Restart the insole.
     Restart,
-    /// Execute a step of a firmware update.
+    /// Execute a request of a firmware update.
     Update(update::Request),
     /// Store settings; with `None`, the board's own configuration is in force from the next start on.
     Settings(Option<Settings>),
@@ -42,7 +42,7 @@ pub enum Command {
 
 impl Command {
     /// The command of a request, or the reason why it is refused; `None` for a message that needs no storage. `contact` is the
-    /// contact rule in force.
+    /// contact rule in force; `None` without a valid layout.
     pub(super) fn of(request: &ToDevice, contact: Option<ContactRule>) -> Option<Result<Self, Refusal>> {
         let accept = |is_accepted: bool, refusal, command| Some(if is_accepted { Ok(command) } else { Err(refusal) });
         match *request {
@@ -96,7 +96,7 @@ pub(super) struct Configured {
 }
 
 impl Configured {
-    /// Before the start has restored anything.
+    /// The state before the start has restored anything.
     pub const NONE: Self = Self {
         tissue: Tissue::NONE,
         identified: None,

@@ -1,9 +1,11 @@
 //! The wall clock as the Bluetooth characteristic Current Time. Its ten bytes are: year (two bytes, little endian), month, day,
 //! hour, minute, second, day of the week (Monday is 1), fraction of the second in 1/256 s, and reason for the last adjustment.
 
+/// Length of a day, us.
 const DAY_US: u64 = 86_400_000_000;
 
-/// Number of days of a month, which is 1 to 12. Not inlined: this code is compiled for speed, and would contain several copies.
+/// Number of days of a month; `month` is 1 to 12. Not inlined: this code is compiled for speed, and would contain several
+/// copies.
 #[inline(never)]
 const fn month_days(year: u16, month: u8) -> u64 {
     match month {
@@ -14,6 +16,7 @@ const fn month_days(year: u16, month: u8) -> u64 {
     }
 }
 
+/// Number of days of a year: 337 outside of February.
 const fn year_days(year: u16) -> u64 {
     337 + month_days(year, 2)
 }

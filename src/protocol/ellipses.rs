@@ -12,7 +12,8 @@ const ELLIPSES_PERIOD_US: u32 = 40_000;
 /// The contact ellipses of one frame: 8 regions in the order of [`crate::Region::ALL`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Ellipses {
-    /// Number in its stream; a gap is a message that the insole replaced by a newer one, or that was lost on the way.
+    /// Number of the message in its stream. A gap means that messages were replaced by a newer one in the insole, or lost on
+    /// the way.
     pub sequence: u32,
     /// Time of the scan since the first scan, as in [`super::Live::t_us`], us.
     pub t_us: u64,
@@ -22,7 +23,8 @@ pub struct Ellipses {
 }
 
 quantities! {
-    /// The contact ellipse of a region in [`Ellipses`], in the units of that in a step. Without contact all numbers are 0.
+    /// The contact ellipse of a region in [`Ellipses`], in the same units as the ellipse of a region in a step. Without contact
+    /// all numbers are 0.
     #[derive(Clone, Copy, Debug, PartialEq, Default)]
     pub struct ContactEllipse {
         /// Centre of the contact ellipse, to the lateral side in foot coordinates.
@@ -55,13 +57,13 @@ quantities! {
 // Serialising all numbers as one sequence of bytes takes a fifth of the code that serialising each number would take.
 region_bytes!(ellipse_regions, ContactEllipse, i16);
 
-/// The insole's side of the stream: which frames are due, and the newest message that was not sent yet. It replaces an older one,
-/// because an ellipse is soon out of date.
+/// The insole's side of the stream: determines which frames are due, and holds the newest message that was not sent yet. A
+/// newer message replaces an older one, because an ellipse is soon out of date.
 #[derive(Debug)]
 pub struct EllipseSender {
-    /// One of so many frames is sent; 0 for none.
+    /// One of every `every` frames is sent; 0 without a stream.
     every: u8,
-    /// Frames until the next one that is sent.
+    /// Number of frames before the next one that is sent.
     skip: u8,
     /// Number of the next message.
     sequence: u32,
@@ -85,12 +87,13 @@ impl EllipseSender {
         Ok(())
     }
 
-    /// One of so many frames is due; 0 without a stream.
+    /// Number of frames from one that is due to the next one; 0 without a stream.
     pub fn every(&self) -> u8 {
         self.every
     }
 
-    /// To be called once for each frame: the number of the message that is due with it.
+    /// To be called once for each frame. Returns the number of the message to be pushed with this frame; `None` if no message
+    /// is due.
     #[inline(always)]
     pub fn due(&mut self) -> Option<u32> {
         if self.every == 0 { None } else { self.count_frame() }

@@ -126,11 +126,11 @@ impl Joiner {
         joined.map(|()| self.whole.then_some(self.message.as_slice()))
     }
 
-    /// Adds a part without a header. `message_bytes` returns the length of a message from its beginning, once this suffices;
-    /// returns the message if this was its last part.
+    /// Adds a part without a header; returns the message if this was its last part. `message_bytes` computes the length of a
+    /// message from its first bytes; it returns `None` as long as these are too few.
     ///
     /// # Errors
-    /// [`FragmentError::TooLong`], if the message is too long or the part exceeds it.
+    /// [`FragmentError::TooLong`], if the message is too long, or the part extends beyond the end of the message.
     pub fn push_plain(
         &mut self,
         part: &[u8],

@@ -12,13 +12,13 @@ const fn uuid(number: u128) -> u128 {
 
 /// The insole service.
 pub const SERVICE: u128 = uuid(0);
-/// Requests and their answers.
+/// Requests and their answers, except those of [`PARAMETERS`].
 pub const CONTROL: u128 = uuid(1);
 /// Live frames, frames of all cells, and ellipses.
 pub const LIVE: u128 = uuid(2);
 /// Steps, load bouts and alerts.
 pub const STEPS: u128 = uuid(3);
-/// The wearer's parameters.
+/// The wearer's parameters, and the refusals of all requests.
 pub const PARAMETERS: u128 = uuid(4);
 
 /// The service of management tools ([`mcumgr`]).
@@ -82,12 +82,12 @@ impl GattChannel {
 /// Why a written value was not accepted; the central receives it as an attribute error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WriteError {
-    /// Too long, or empty.
+    /// The value is too long or empty.
     Length,
-    /// A fragment of a message out of order.
+    /// The value is a fragment of a message out of order.
     OutOfOrder,
-    /// No message, or not one that this characteristic takes.
+    /// The value is not a message, or not a message for this characteristic.
     NotUnderstood,
-    /// Not a valid time.
+    /// The value is not a valid time.
     Value,
 }

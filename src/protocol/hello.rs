@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 /// Longest text of [`Hello::fault`], bytes.
 pub const MAX_FAULT_TEXT: usize = 96;
 
-/// Identifies the insole. This message never changes, nor do [`ContactRule`] and [`Reset`] within it.
+/// Identifies the insole. The encoding of this message never changes, nor do those of [`ContactRule`] and [`Reset`] within it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Hello {
     /// Major protocol version of the insole.

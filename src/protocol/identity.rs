@@ -27,7 +27,8 @@ impl Serial {
         self.0.iter().skip(self.as_str().len()).all(|byte| *byte == 0)
     }
 
-    /// The serial number `text`; `None` if `text` is longer than 16 characters or contains other characters.
+    /// The serial number `text`; `None` if `text` is longer than 16 characters, or contains a space or a character that is not
+    /// printable ASCII.
     pub fn new(text: &str) -> Option<Self> {
         let mut serial = Self::default();
         let is_printable = text.bytes().all(|byte| byte.is_ascii_graphic());

@@ -6,7 +6,7 @@ use crate::pipeline::live::RegionLoad;
 use postcard::fixint::le;
 use serde::{Deserialize, Serialize};
 
-/// Longest live frame as a message, bytes.
+/// Length of the longest encoded [`super::ToHost::Live`], bytes.
 pub const MAX_LIVE: usize = 88;
 
 quantities! {

@@ -41,7 +41,7 @@ impl LiveCounter {
     /// sequence numbers, this number also reveals losses before the first and after the last received frame.
     pub fn due(&mut self, live_due: u32) {
         self.add_lost(live_due.saturating_sub(self.session_received).saturating_sub(self.session_lost));
-        // The next frame does not reveal these losses once more.
+        // The gap before the next frame must not count these losses again.
         if self.expected.is_none_or(|expected| sequence::is_after(live_due, expected)) {
             self.expected = Some(live_due);
         }

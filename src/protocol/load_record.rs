@@ -1,6 +1,6 @@
 //! A load record: a step, a load bout or an alert. The insole stores it until a host has acknowledged it. Load records are
-//! numbered in the order in which the insole completes them: a step once its toe off is confirmed, a load
-//! bout some seconds after its end, an alert when it is raised.
+//! numbered in the order in which the insole completes them: a step once its toe off is confirmed, a load bout some seconds
+//! after its end, an alert when it is raised.
 
 use super::{Alert, Bout, Step, ToHost};
 use serde::{Deserialize, Serialize};
@@ -61,8 +61,8 @@ impl LoadRecord {
         }
     }
 
-    /// Its start: the number of boots since the one that recorded it, the time since the first scan of that boot, us, and the
-    /// time on the wall clock, us since 1970, if the clock was set.
+    /// Start of the record: the number of boots since the one that recorded it, the time since the first scan of that boot, us,
+    /// and the time on the wall clock, us since 1970, if the clock was set.
     pub fn start(&self) -> (u32, u64, Option<u64>) {
         match self {
             Self::Step(step) => (step.boots_since, step.start_us, step.start_unix_us),

@@ -40,7 +40,8 @@ pub fn front(header: &Header, image_bytes: u32) -> [u8; FRONT] {
     front
 }
 
-/// The header and the length of the image, from the first bytes of a file; `None` if they are not the ones of such a file.
+/// The header and the length of the image, bytes, from the first bytes of a file; `None` if `file` does not begin with a result
+/// of [`front`].
 pub fn read_front(file: &[u8]) -> Option<(Header, u32)> {
     let bytes: &[u8; FRONT] = file.first_chunk()?;
     let header = Header::read(bytes.last_chunk()?)?;

@@ -19,7 +19,7 @@ pub const MAJOR: u8 = 3;
 /// Minor protocol version of this build.
 pub const MINOR: u8 = 0;
 
-/// Number of cells in a [`ToHost::SetupCells`].
+/// Largest number of cells in a [`ToHost::SetupCells`].
 pub const SETUP_CELLS: usize = 16;
 
 /// A message from the insole.
@@ -32,7 +32,7 @@ pub enum ToHost {
     Live(Live),
     /// A step that is not acknowledged yet.
     Step(Step),
-    /// Counters, on request.
+    /// The answer to [`ToDevice::GetStatus`].
     Status(Status),
     /// The wearer's parameters in force: on request, and when new ones are accepted. Live frames after this message use them.
     Tissue(Tissue),
@@ -72,7 +72,7 @@ pub enum ToHost {
     /// The stored settings, which are in force from the next start on: on request, and when new ones are stored. `None` if the
     /// board's own configuration is in force.
     Settings(Option<Settings>),
-    /// How the parameters in force were identified; `None` if the host that set them did not say so.
+    /// How the parameters in force were identified; `None` if the host that set them did not send this information.
     Identified(Option<Identified>),
     /// A load bout that is not acknowledged yet.
     Bout(Bout),
@@ -124,7 +124,7 @@ pub enum ToDevice {
         /// True for on.
         live: bool,
     },
-    /// All steps, load bouts and alerts up to and including this number arrived and are stored.
+    /// The host has received and stored all steps, load bouts and alerts up to and including this number.
     Acknowledge {
         /// Number of the record.
         step: u32,
@@ -159,23 +159,23 @@ pub enum ToDevice {
     },
     /// A block of a calibration, to be stored but not used yet; answered by [`ToHost::CalibrationBlock`].
     SetCalibrationBlock {
-        /// Its number: it begins with cell `block` times [`super::BLOCK_CELLS`].
+        /// Number of the block, of which the first cell has the index `block` times [`super::BLOCK_CELLS`].
         block: u8,
-        /// Calibrations of its cells; those beyond the last cell are ignored.
+        /// Calibrations of the cells of the block; those beyond the last cell of the insole are ignored.
         cells: CalibrationBlock,
     },
     /// Puts the calibration made of the stored blocks in force from the next start on; answered by [`ToHost::Identity`].
     SetCalibration {
-        /// The layout that it was measured on, as in [`Hello::layout_id`].
+        /// The layout that the calibration was measured on, as in [`Hello::layout_id`].
         layout_id: u32,
         /// Number of cells.
         cells: u16,
-        /// Its checksum; see [`super::CalibrationId`].
+        /// Checksum of the calibration; see [`super::CalibrationId`].
         id: u32,
     },
     /// Restarts the insole; there is no answer.
     Restart,
-    /// A step of a firmware update; answered by [`ToHost::Update`] or [`ToHost::Refused`].
+    /// A request of a firmware update; answered by [`ToHost::Update`] or [`ToHost::Refused`].
     Update(update::Request),
     /// Turns the stream of cells on or off; answered by [`ToHost::CellStream`], or by [`ToHost::Refused`] if the carrier is
     /// too slow.
@@ -213,9 +213,10 @@ pub enum ToDevice {
         /// The time, s; 0 ends a snooze. A time above [`MAX_SNOOZE_S`](crate::pipeline::alert::MAX_SNOOZE_S) is limited to it.
         snoozed_s: u16,
     },
-    /// Turns the stream of ellipses on or off; answered by [`ToHost::Refused`] if the rate is above 25 Hz.
+    /// Turns the stream of ellipses on or off; answered only by [`ToHost::Refused`], if the rate is above 25 Hz or the insole
+    /// has no valid layout.
     StreamEllipses {
-        /// One of so many frames is sent; 0 for none.
+        /// One of every `every` frames is sent; 0 turns the stream off.
         every: u8,
     },
     /// Measures the baselines of all cells under the lifted foot; answered by [`ToHost::Zero`], or by [`ToHost::Refused`] if the

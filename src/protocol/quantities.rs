@@ -1,5 +1,6 @@
 //! Quantities of steps, load bouts, alerts, live frames and ellipses: the description from which the message structures, the
-//! columns of files, the page's types and `docs/quantities.md` are derived. The modules of these messages hold the declarations.
+//! columns of files, the types of the web page for a phone and `docs/quantities.md` are derived. The modules of these messages
+//! hold the declarations.
 
 /// A quantity of a `T`: its encoding in messages, and its names in files.
 #[derive(Debug)]
@@ -46,7 +47,7 @@ impl<T> Quantity<T> {
     }
 }
 
-/// A property that each region of a `T` has or has not.
+/// A property that some regions of a `T` can have.
 #[derive(Debug)]
 pub struct Flag<T: 'static> {
     /// Column in files, key in JSON objects, and field of `T`.
@@ -204,7 +205,7 @@ macro_rules! region_bytes {
                 for (place, region) in bytes.chunks_exact_mut(REGION).zip(regions) {
                     let numbers = region.numbers();
                     let ((words, rest), (pairs, last)) = (place.as_chunks_mut(), numbers.as_chunks());
-                    // Two numbers at once, which takes a third of the instructions.
+                    // Two numbers are written at once, which takes a third of the instructions that single numbers would take.
                     for (word, &[low, high]) in words.iter_mut().zip(pairs) {
                         *word = (u32::from(low as u16) | u32::from(high as u16) << 16).to_le_bytes();
                     }

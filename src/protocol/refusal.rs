@@ -17,15 +17,16 @@ pub enum Refusal {
     TissueId,
     /// The parameters of this region are out of range; see [`crate::pipeline::model::ForceLaw::is_valid`].
     Tissue(Region),
-    /// The flash chip failed: the value is in force until the next start only.
+    /// The flash chip failed to store the value. New parameters and rules of alerts are in force until the next start only;
+    /// other values are not in force.
     NotStored,
     /// The previous command is still being executed.
     Busy,
-    /// A serial number with characters other than printable ASCII.
+    /// The serial number contains a space or a character that is not printable ASCII.
     Serial,
-    /// A calibration that is out of range, of another layout, or incomplete.
+    /// The calibration is out of range, of another layout, or incomplete.
     Calibration,
-    /// The image is not accepted.
+    /// A request of a firmware update was refused for this reason.
     Update(update::Refusal),
     /// The carrier is too slow for this stream of cells.
     CellRate {
@@ -35,13 +36,13 @@ pub enum Refusal {
     },
     /// The insole has no valid layout.
     NoLayout,
-    /// Settings that are out of range.
+    /// The settings are out of range.
     Settings,
     /// The parameters were identified with another contact rule than the one in force.
     ContactRule,
-    /// Rules of alerts that are out of range.
+    /// The rules of alerts are out of range.
     AlertRules,
-    /// The stream of ellipses has at most 25 messages a second.
+    /// The requested stream of ellipses has more than 25 messages a second.
     EllipseRate {
         /// The smallest accepted value of `every`, other than 0, in
         /// [`ToDevice::StreamEllipses`](super::ToDevice::StreamEllipses).
@@ -49,10 +50,10 @@ pub enum Refusal {
     },
     /// The foot was not lifted, so the baselines were not measured.
     NotLifted,
-    /// A wall clock outside of [`CLOCK_US`](super::session::CLOCK_US).
+    /// The time for the wall clock is outside of [`CLOCK_US`](super::session::CLOCK_US).
     Clock,
-    /// The session belongs to a host on the insole's other carrier, which has connected later. The insole answers every message
-    /// with this refusal, except a connect request, until that host ends its session or remains silent.
+    /// Another host has connected later over the insole's other carrier, and has the session. The insole answers every message
+    /// of this host, except a connect request, with this refusal until the other host ends its session or remains silent.
     OtherHost,
 }
 

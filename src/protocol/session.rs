@@ -20,9 +20,9 @@ use crate::sequence;
 pub use configuration::{CLOCK_US, ToInsole};
 use heapless::{Deque, Vec};
 
-/// Live frames that can wait for the carrier.
+/// Number of live frames that can wait for the carrier.
 pub const LIVE_QUEUE: usize = 8;
-/// Records that are held in RAM until they are acknowledged.
+/// Number of load records that are held in RAM until they are acknowledged.
 pub const RECORD_QUEUE: usize = 6;
 /// Answers that can wait for the carrier: more than the requests in one read of the carrier. Further requests are not answered.
 const ANSWER_QUEUE: usize = 16;
@@ -46,7 +46,7 @@ pub struct Session {
     /// Number of `records`, from the front, that were sent in this session.
     records_sent: usize,
     records_dropped: u32,
-    /// The last acknowledged record that the log has not removed yet.
+    /// Number of the last acknowledged record, until [`Session::take_acknowledged`].
     acknowledged: Option<u32>,
     command: Option<Command>,
     configured: Configured,
@@ -58,9 +58,9 @@ pub struct Session {
     faults: Faults,
     daily: DailyLoad,
     to_insole: ToInsole,
-    /// A host of this session has requested that the baselines are measured.
+    /// The host of this session has requested that the baselines are measured.
     is_zero_awaited: bool,
-    /// The wall clock, us since 1970, minus the device's time.
+    /// The wall clock, us since 1970, minus the device's time, us; `None` until the clock is set.
     unix_offset_us: Option<u64>,
     clock_sets: u32,
 }
@@ -159,6 +159,7 @@ impl Session {
         }
     }
 
+    /// Makes a command the pending one; refuses it if another command is pending.
     fn begin(&mut self, command: Command) {
         match self.command {
             None => self.command = Some(command),
@@ -209,12 +210,12 @@ impl Session {
         self.answer(Answer::Refused(refusal));
     }
 
-    /// The last record that was acknowledged since the last call.
+    /// Number of the last record that was acknowledged since the last call.
     pub fn take_acknowledged(&mut self) -> Option<u32> {
         self.acknowledged.take()
     }
 
-    /// The last record that was acknowledged, if [`Session::take_acknowledged`] has not returned it yet.
+    /// Number of the last record that was acknowledged, if [`Session::take_acknowledged`] has not returned it yet.
     pub fn acknowledged(&self) -> Option<u32> {
         self.acknowledged
     }
@@ -240,7 +241,7 @@ impl Session {
     }
 
     fn answer(&mut self, answer: Answer) {
-        // A host that has gone must not receive an answer, and no parameters may wait for their announcement to it.
+        // Without a session no host receives an answer, and new parameters must not wait for their announcement.
         if !self.is_open {
             return;
         }
@@ -265,7 +266,7 @@ impl Session {
         self.is_open
     }
 
-    /// Ends the session after the carrier lost its host: the live stream ends; records, parameters and the clock remain.
+    /// Ends the session, as after the loss of the carrier: all streams end; records, parameters and the clock remain.
     pub fn close(&mut self) {
         // Field by field, because a whole new session would be composed on the stack.
         (self.is_open, self.is_hello_due, self.is_streaming) = (false, false, false);
@@ -321,9 +322,9 @@ impl Session {
         let _ = self.records.push_back(record.into());
     }
 
-    /// The next message to send, encoded into `buffer`; `None` when there is nothing to send. The hello comes first, then
-    /// records, then live frames, then answers in the order of their requests, then frames of cells, then ellipses. On a carrier
-    /// that is too slow for the live stream, at most [`LIVE_QUEUE`] live frames go before an answer.
+    /// The next message to send, encoded into `buffer` of at least [`MAX_MESSAGE`](super::MAX_MESSAGE) bytes; `None` if there
+    /// is none. The hello comes first, then records, live frames, answers in the order of their requests, frames of cells, and
+    /// ellipses. On a carrier that is too slow for the live stream, at most [`LIVE_QUEUE`] live frames precede an answer.
     pub fn next<'b>(
         &mut self,
         hello: &Hello,
@@ -387,7 +388,7 @@ impl Session {
                 Answer::Zero(result) => ToHost::Zero(result),
             }
         };
-        // Every message fits MAX_MESSAGE, the least size of `buffer`.
+        // Every message fits into MAX_MESSAGE bytes.
         encode(&message, buffer).ok().map(|used| &*used)
     }
 }

@@ -45,7 +45,7 @@ impl Settings {
         Setup { contact: self.contact, stance: self.stance, period_us: self.period_us, ..setup }
     }
 
-    /// The cell of a board's layout, scaled.
+    /// A cell of the board's layout, scaled by [`Settings::scale`].
     pub fn scaled(&self, mut cell: SetupCell) -> SetupCell {
         cell.cell.x_mm *= self.scale;
         cell.cell.y_mm *= self.scale;

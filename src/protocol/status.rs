@@ -3,11 +3,11 @@
 use crate::pipeline::stance::Rejected;
 use serde::{Deserialize, Serialize};
 
-/// Supply from which on an insole writes to its flash chip, mV; with less, it stores nothing. The chips of all boards work from
-/// 2.7 V on.
+/// Smallest supply with which an insole writes to its flash chip, mV; with less, it stores nothing. The flash chips of all
+/// boards work at 2.7 V and above.
 pub const SUFFICIENT_SUPPLY_MV: u16 = 2_800;
 
-/// Counters and state of an insole. Counters begin at the start unless stated otherwise, and wrap.
+/// Counters and state of an insole. Unless stated otherwise, counters begin with 0 when the insole starts, and wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Status {
     /// Time since the start, us.
@@ -40,16 +40,16 @@ pub struct Status {
     pub faults: u32,
     /// Number of baseline corrections of unloaded cells.
     pub rezeroed: u32,
-    /// Number of records, steps and acknowledgements that could not be stored.
+    /// Number of records, load records and acknowledgements that could not be stored.
     pub not_stored: u32,
     /// Contents of the flash chip.
     pub contents: Contents,
-    /// The wall clock is set: it is lost at each start.
+    /// The wall clock is set. A restart loses it.
     pub is_clock_set: bool,
     /// Identifies the key with which updates must be signed, by its first four bytes.
     pub update_key: u32,
-    /// The insole is worn: every frame is scanned. An insole that was not loaded for a minute is not worn, and scans one frame a
-    /// second until it is loaded.
+    /// The insole is worn: every frame is scanned. An insole that was not loaded for a minute counts as not worn, and scans one
+    /// frame a second until it is loaded.
     pub is_worn: bool,
     /// Number of frames that were not scanned because the insole was not worn.
     pub frames_skipped: u32,

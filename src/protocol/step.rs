@@ -41,7 +41,7 @@ quantities! {
         /// The contact exceeded the ellipsoid, so deformation and model force are lower bounds.
         clamped: u8 = bits(&record.regions, |region| region.clamped),
             flags "The contact area exceeded pi A B.";
-        /// The rule that areas were counted by.
+        /// The contact rule of the areas.
         contact_rule: ContactRule = record.contact_rule;
         /// The foot.
         foot: StepFoot = StepFoot::new(&record.foot);
@@ -53,7 +53,7 @@ quantities! {
             "Counted by the insole.";
         /// `start_us` on the wall clock, us since 1970, UTC; `None` if the clock was not set.
         start_unix_us: Option<u64> = None;
-        /// K has changed by so much since the identification that the wearer should be identified again.
+        /// K has changed by so much since the identification that the wearer's parameters should be identified again.
         refit: u8 = record.refit(),
             flags "The tracked K differs from the identified one by more than 1.4 times the minimal detectable change of the region.";
     }

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 pub const CHUNK: usize = 256;
 /// A chunk of an image; a nested array, because serde supports arrays of up to 32 elements.
 pub type Chunk = [[u8; 32]; CHUNK / 32];
-/// An ed25519 signature of an image's SHA-512; a nested array, as above.
+/// An ed25519 signature of an image's SHA-512; a nested array for the same reason as [`Chunk`].
 pub type Signature = [[u8; 32]; 2];
 
 /// The first bytes of every header.
@@ -100,7 +100,7 @@ pub struct Offer {
 
 /// A request of a host during a firmware update.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[allow(clippy::large_enum_variant, reason = "requests live one at a time, in place")]
+#[allow(clippy::large_enum_variant, reason = "requests exist one at a time, in place")]
 pub enum Request {
     /// Asks whether the insole accepts this image. The transfer of the same image continues where it was interrupted.
     Begin(Offer),
@@ -113,8 +113,9 @@ pub enum Request {
     },
     /// Ends the transfer: the insole checks the signature and restarts with the new image.
     Finish,
-    /// States that the running image serves this host; answered by [`Progress::Confirmed`], or by [`Refusal::OnTrial`] while the
-    /// insole still checks the image. The insole then confirms the image without another request.
+    /// States that this host can use the insole with the running image; answered by [`Progress::Confirmed`], or by
+    /// [`Refusal::OnTrial`] while the insole still checks the image. After [`Refusal::OnTrial`], the insole confirms the image
+    /// without another request once its checks are complete.
     Confirm,
 }
 
@@ -129,7 +130,7 @@ pub enum Progress {
     Confirmed,
 }
 
-/// Why an image was not accepted; the running image remains in use.
+/// Why a request was refused; the running image remains in use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Refusal {
     /// The image is for another board.

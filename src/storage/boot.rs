@@ -15,7 +15,7 @@ use embedded_storage_async::nor_flash as asynchronous;
 /// Size of the largest block that is copied at once, bytes.
 pub const BUFFER: usize = SECTOR as usize;
 
-/// Polls a future, which need not wake anything, until it is ready; `None` if it is not after this number of polls.
+/// Polls a future until it is ready, with a waker that does nothing; `None` if it is not ready after `polls` polls.
 pub fn poll_at_most<T>(polls: u32, future: impl Future<Output = T>) -> Option<T> {
     let mut future = pin!(future);
     (0..polls).find_map(|_| match future.as_mut().poll(&mut Context::from_waker(Waker::noop())) {
@@ -59,7 +59,7 @@ impl<F: asynchronous::NorFlash> NorFlash for Blocking<F> {
 /// A partition of the chip, with blocking operations.
 pub type BlockingPartition<'a, F, const WRITE: usize> = Blocking<Partition<'a, F, WRITE>>;
 
-/// The configuration of the bootloader: it swaps `active` with the other image in the chip.
+/// The configuration of the bootloader: it swaps the image in `active` with the one in [`OTHER`].
 pub fn config<F, A>(
     chip: &Mutex<NoopRawMutex, F>,
     active: A,

@@ -2,12 +2,12 @@
 
 use core::ops::Range;
 
-/// Size of a sector, bytes: the flash chip erases whole sectors, and so does the own flash of the controllers.
+/// Size of a sector, bytes: the flash chip erases whole sectors of this size, and so does the controllers' own flash.
 pub const SECTOR: u32 = 4096;
 
-/// Address of the own flash of an STM32.
+/// Address of the controller's own flash in an STM32.
 pub const STM32_FLASH: u32 = 0x0800_0000;
-/// Address of the own flash of an nRF52.
+/// Address of the controller's own flash in an nRF52.
 pub const NRF52_FLASH: u32 = 0;
 /// The bootloader, as offsets in the controller's own flash.
 pub const BOOTLOADER: Range<u32> = 0..8 * SECTOR;
@@ -22,13 +22,13 @@ pub const SMALLEST_CHIP: u32 = 2 << 20;
 pub const LARGEST_CHIP: u32 = 16 << 20;
 /// Records, in the flash chip.
 pub const RECORDS: Range<u32> = 0..16 * SECTOR;
-/// The step log, in a flash chip of up to 4 MiB: about 3,000 usual steps, and at least 2,000 of the longest form, 8 in each
-/// sector.
+/// The step log, in a flash chip of up to 4 MiB: at least 2,000 steps, because each of its 256 sectors has room for 8 steps of
+/// the longest form.
 pub const SMALL_LOG: Range<u32> = RECORDS.end..RECORDS.end + 256 * SECTOR;
-/// The largest flash chip with [`SMALL_LOG`], bytes. Version 0.2 used that log in larger chips, too.
+/// Size of the largest flash chip with [`SMALL_LOG`], bytes. Version 0.2 used that log in larger chips, too.
 const SMALL_LOG_CHIP: u32 = 4 << 20;
-/// Beginning of the step log in a larger flash chip, in which the log takes the rest: at least 27,000 steps in 16 MiB. The
-/// emulated board has its running image below.
+/// Beginning of the step log in a larger flash chip, in which the log occupies the rest: at least 27,000 steps in 16 MiB. The
+/// emulated board has its running image between [`OTHER`] and this address.
 const LARGE_LOG_START: u32 = 0x28_0000;
 /// The state of the bootloader, in the flash chip.
 pub const STATE: Range<u32> = 0x12_0000..0x12_0000 + SECTOR;

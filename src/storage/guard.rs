@@ -9,10 +9,11 @@ use embedded_storage_async::nor_flash::{
 pub(super) struct Guard {
     /// Write and erase operations fail.
     pub is_read_only: bool,
-    /// An operation has failed for this reason.
+    /// An operation has failed because `is_read_only` was set.
     pub has_refused: bool,
-    /// An erase operation that fails or must not happen is postponed: while `sequential-storage` reads the log, it erases sectors
-    /// of which all entries were deleted. Neither a supply that is too low for this nor a survey must prevent reading.
+    /// An erase operation that fails, or is refused because `is_read_only` is set, is postponed: it reports success.
+    /// `sequential-storage` erases sectors of which all entries were deleted while it reads the log. Reading must be possible
+    /// even with a supply that is too low for erase operations, and during a survey, which must not change the chip.
     pub postpones_erasure: bool,
     /// An erase operation has been postponed, so the cached state of its sector is wrong.
     pub has_postponed: bool,

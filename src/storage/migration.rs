@@ -12,25 +12,25 @@ pub(super) fn record<R>(_version: u8, _bytes: &[u8]) -> Option<R> {
 
 /// Number of bytes of a [`StepRegion`] in version 1, which lacks the fields after the model error.
 const REGION_V1_BYTES: usize = 30;
-/// Number of bytes of a [`StepRegion`] in version 2, which lacks the change of K.
+/// Number of bytes of a [`StepRegion`] in version 2, which lacks the fields after the number of masked cells.
 const REGION_V2_BYTES: usize = 31;
 
 /// An older version of the entries of the step log.
 #[derive(Deserialize)]
-#[allow(clippy::large_enum_variant, reason = "it exists for a moment")]
+#[allow(clippy::large_enum_variant, reason = "a value exists only while an entry is decoded")]
 pub(super) enum OldEntry<S> {
     Step { boot: u32, step: S },
     Acknowledged { next: u32 },
 }
 
-/// Version 1 of a step, without the wall clock and masked cells.
+/// Version 1 of a step, which lacks the number of boots, the wall clock, the masked cells, and the fields that version 2 lacks.
 #[derive(Deserialize)]
 pub(super) struct StepV1 {
     head: StepHead,
     regions: [[u8; REGION_V1_BYTES]; 8],
 }
 
-/// Version 2 of a step, without tracking.
+/// Version 2 of a step, which lacks tracking, the measures of the foot and those of the regions.
 #[derive(Deserialize)]
 pub(super) struct StepV2 {
     head: StepHead,
@@ -79,7 +79,7 @@ impl StepHead {
 fn region_of(bytes: &[u8]) -> StepRegion {
     let mut padded = [0; 64];
     padded[..bytes.len()].copy_from_slice(bytes);
-    // All numbers have a fixed length, so any bytes are a region. Those of later versions are 0.
+    // All numbers have a fixed length, so any bytes are a region. The numbers that the older version lacks are 0.
     postcard::take_from_bytes(&padded).map(|(region, _)| region).unwrap_or_default()
 }
 

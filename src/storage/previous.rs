@@ -41,14 +41,14 @@ async fn stored<F: NorFlash>(flash: &mut F) -> Result<[u8; NOTE], NorFlashErrorK
     Ok(note)
 }
 
-/// Notes the previous image. To be called while the running image is on trial.
+/// Stores the note about the previous image. To be called while the running image is on trial.
 pub(super) async fn remember<F: NorFlash>(flash: &mut F, running: &Header) -> Result<(), NorFlashErrorKind> {
     let note = note(flash, running).await?;
     forget(flash).await?;
     flash.write(PREVIOUS.start, &note).await.map_err(|error| error.kind())
 }
 
-/// Erases the note: the previous image does not return any more.
+/// Erases the note, so that the previous image is not swapped back any more.
 ///
 /// # Errors
 /// If the chip fails.
@@ -78,7 +78,7 @@ pub async fn swap_back<F: NorFlash>(flash: &mut F, running: &Header) -> Result<b
     for at in (progress..end).step_by(STATE_WORD) {
         flash.write(at, &[0; STATE_WORD]).await.map_err(|error| error.kind())?;
     }
-    // This word comes last: without it, a loss of power leaves the running image.
+    // This word is written last: after a loss of power before it, the running image remains.
     flash.write(STATE.start, &[SWAP; STATE_WORD]).await.map_err(|error| error.kind())?;
     Ok(true)
 }

@@ -1,5 +1,5 @@
-//! The records of the map, such as settings, calibration and bonds, each with the number of its kind and the version of its
-//! format. Load records are in the step log.
+//! The records, such as settings, calibration and bonds, each with the number of its kind and the version of its format. They
+//! are stored in a map of `sequential-storage`; load records are in the step log instead.
 
 use super::migration;
 use crate::pipeline::alert::{AlertRules, DailyLoad};
@@ -38,13 +38,13 @@ pub struct IdentityRecord {
 /// The calibration that is in force from the next start on; its cells are in [`CellsRecord`]s.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CalibrationRecord {
-    /// The layout that it was measured on.
+    /// The layout that the calibration was measured on.
     pub layout_id: u32,
     /// Number of cells.
     pub cells: u16,
     /// Checksum of the cells' calibrations, from [`crate::protocol::CalibrationId`].
     pub id: u32,
-    /// The slot that contains its blocks, 0 or 0x80. The next calibration is written to the other slot.
+    /// The slot that contains the blocks of the calibration, 0 or 0x80. The next calibration is written to the other slot.
     pub slot: u8,
 }
 
@@ -70,16 +70,16 @@ pub struct IdentifiedRecord {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Bonds(pub Vec<u8, MAX_BONDS_BYTES>);
 
-/// Whether the radio has ever answered on this board. If it has, an updated image confirms itself only if the radio answers with
-/// it, too.
+/// Whether the radio has ever answered on this board. If it has, an updated image confirms itself only if the radio also
+/// answers while this image runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RadioRecord {
     /// True if the radio has answered.
     pub has_answered: bool,
 }
 
-/// The number of the next load record when the erasure of the wearer's data began. If a loss of power interrupts it, the log may
-/// not contain this number any more.
+/// The number of the next load record when the erasure of the wearer's data began. If a loss of power interrupts the erasure,
+/// the log may not contain this number any more.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct NumberingRecord(pub u32);
 
@@ -109,7 +109,7 @@ macro_rules! records {
             const VERSION: u8 = $version;
         })*
 
-        /// The version of every kind, to recognise records of a newer firmware.
+        /// Number and version of every kind, to recognise records of a newer firmware.
         pub(super) const VERSIONS: &[(u8, u8)] = &[$(($kind, $version)),*];
     };
 }

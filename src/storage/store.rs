@@ -31,7 +31,7 @@ enum Use {
     All,
     /// It reads the bonds only.
     Bonds,
-    /// Nothing.
+    /// It reads and writes nothing.
     None,
 }
 
@@ -65,7 +65,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         }
     }
 
-    /// Lets a store that has not begun return the bonds, for the recovery mode.
+    /// Lets the store return the bonds without [`Store::begin`], for the recovery mode.
     pub fn use_bonds(&mut self) {
         self.used_for = Use::Bonds;
     }
@@ -99,7 +99,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
             && self.records(None, |_| false).await.is_ok()
     }
 
-    /// Counts this boot, unless it is counted. A supply that was too low at the start may be sufficient by now.
+    /// Counts this boot, unless this was done before. An attempt at the start may have failed because of a low supply.
     async fn count_boot(&mut self) -> Result<(), StorageError> {
         if let Some(reset) = self.boot_due {
             let mut boots: BootCounters = self.get(0).await?.unwrap_or_default();
@@ -111,7 +111,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
         Ok(())
     }
 
-    /// Reads part `part` of the record `R`; `None` if there is none that this firmware can read.
+    /// Reads part `part` of the record `R`; `None` if there is none that this firmware can read. Only a calibration has several
+    /// parts; otherwise `part` is 0.
     ///
     /// # Errors
     /// See [`StorageError`].
@@ -127,7 +128,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         Ok(None)
     }
 
-    /// Replaces part `part` of the record `R`. A loss of power leaves either the old or the new part.
+    /// Replaces part `part` of the record `R`, as in [`Store::get`]. A loss of power leaves either the old or the new part.
     ///
     /// # Errors
     /// See [`StorageError`].
@@ -282,8 +283,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
     pub async fn acknowledge(&mut self, number: u32) -> Result<(), StorageError> {
         self.check_use()?;
         let next = number.wrapping_add(1);
-        // All stored records are acknowledged, so the log would become empty and lose the number of the next one; this entry
-        // preserves it. The acknowledged record can be later than all stored ones, if it could not be stored.
+        // If all stored records are acknowledged, the log would become empty and lose the number of the next record; a mark
+        // preserves it. The acknowledged record is later than all stored ones if it could not be stored.
         if !is_after(self.contents.next_record, next) {
             self.push_mark(next).await?;
             self.contents.next_record = next;
@@ -309,7 +310,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
     }
 
     /// Passes the stored load records after number `after`, or all of them for `None`, to `take`, the oldest first, until
-    /// `take` returns false. Each has the number of boots since it was recorded. True if some remain.
+    /// `take` returns false. Each has the number of boots since it was recorded. True if `take` has returned false, so that
+    /// this record and those after it remain to be taken.
     ///
     /// # Errors
     /// See [`StorageError`].

@@ -4,12 +4,13 @@ use embedded_storage_async::nor_flash::{
     ErrorType, MultiwriteNorFlash, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
 };
 
-/// A chip whose write and erase operations are refused while `is_sufficient` returns false: below its lowest supply, a chip may
-/// change other bytes than the addressed ones. A refused write operation has changed nothing; a refused erase operation may have
-/// erased the first of its sectors. So data are lost at most as by a loss of power at that moment: the stored data remain, and
-/// the items that could not be stored are counted.
+/// A chip that refuses write and erase operations while `is_sufficient` returns false: below its lowest supply, a chip may
+/// change other bytes than the addressed ones. A refused write operation has changed nothing; a refused erase operation may
+/// have erased the first of its sectors. So a refusal has no worse effect than a loss of power at that moment: the stored data
+/// remain, and the items that could not be stored are counted.
 pub struct Supplied<F, S> {
     chip: F,
+    /// Number of bytes that are used, from the beginning of the chip.
     bytes: u32,
     is_sufficient: S,
 }
@@ -42,7 +43,8 @@ impl<F, S: Fn() -> bool> Supplied<F, S> {
         Self { chip, bytes, is_sufficient }
     }
 
-    /// Fails if a change that ends before `end` must not happen.
+    /// Fails if the bytes before `end` must not be changed: they are beyond the used part of the chip, or the supply is too
+    /// low.
     fn check<E>(&self, end: u32) -> Result<(), SuppliedError<E>> {
         if end > self.bytes {
             return Err(SuppliedError::OutOfBounds);

@@ -57,7 +57,7 @@ pub struct Update {
     pub(super) offer: Option<Offer>,
     /// Number of bytes of the image that were received.
     pub(super) received: u32,
-    /// The name of the image, once it was received as a file.
+    /// The SHA-256 that names the image, once all of its file was received.
     pub(super) file: Option<Sha256>,
     /// The image is marked for the bootloader.
     pub(super) is_pending: bool,
@@ -129,7 +129,7 @@ impl Update {
         Ok(self.next())
     }
 
-    /// Writes the next bytes of the image, which must not extend beyond the current page of the chip.
+    /// Writes the next bytes of the image, which must not extend beyond the present page ([`CHUNK`] bytes) of the chip.
     pub(super) async fn write<F: NorFlash>(&mut self, flash: &mut F, bytes: &[u8]) -> Result<(), Refusal> {
         let at = OTHER.start + self.received;
         if self.received == 0 {

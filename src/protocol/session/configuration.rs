@@ -16,7 +16,7 @@ pub const CLOCK_US: RangeInclusive<u64> = 1_577_836_800_000_000..=4_102_444_799_
 pub struct ToInsole {
     /// New rules of alerts.
     pub rules: Option<AlertRules>,
-    /// Raise no alerts for this time, s.
+    /// Raise no alerts for this time, s; 0 ends a snooze.
     pub snooze_s: Option<u16>,
     /// Measure the baselines.
     pub zero: bool,
@@ -55,7 +55,7 @@ impl Session {
         &self.configured.alert_rules
     }
 
-    /// Answers a request of this session to measure the baselines, with the result or the refusal.
+    /// Answers the request of this session to measure the baselines, if there is one, with the result or the refusal.
     pub fn answer_zero(&mut self, result: Result<ZeroResult, Refusal>) {
         if core::mem::take(&mut self.is_zero_awaited) {
             self.answer(result.map_or_else(Answer::Refused, Answer::Zero));
@@ -111,7 +111,8 @@ impl Session {
         self.configured.identified.is_some()
     }
 
-    /// Sets the wall clock. Returns false, and changes nothing, for a time outside of [`CLOCK_US`].
+    /// Sets the wall clock to `unix_us` at `now_us` of the device's time. Returns false, and changes nothing, for a time
+    /// outside of [`CLOCK_US`].
     pub fn set_clock(&mut self, unix_us: u64, now_us: u64) -> bool {
         if !CLOCK_US.contains(&unix_us) {
             return false;
@@ -126,7 +127,7 @@ impl Session {
         self.clock_sets
     }
 
-    /// The wall clock, us since 1970; `None` until it is set.
+    /// The wall clock at `now_us` of the device's time, us since 1970; `None` until the clock is set.
     pub fn unix_us(&self, now_us: u64) -> Option<u64> {
         self.unix_offset_us.map(|offset_us| offset_us.wrapping_add(now_us))
     }

@@ -11,8 +11,10 @@ use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 /// The kinds of records about the wearer.
 const OF_WEARER: [u8; 5] = [Tissue::KIND, IdentifiedRecord::KIND, Bonds::KIND, AlertRules::KIND, DailyLoad::KIND];
 
-/// Key of a record without meaning. Writing it again and again reuses all sectors of the records.
+/// Key of a filler, a record without meaning. Writing it repeatedly makes `sequential-storage` reuse all sectors of the
+/// records.
 pub(super) const FILLER: Key = [0xff, 0, 1];
+/// Length of a filler, bytes.
 const FILLER_BYTES: usize = 400;
 /// Number of fillers that occupy more than all sectors.
 const FILLERS: u32 = (RECORDS.end - RECORDS.start + 2 * SECTOR) / FILLER_BYTES as u32;
@@ -39,7 +41,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         }
         records(&mut self.flash, &mut self.guard)?.remove_item(&mut self.buffer, &FILLER).await?;
         if self.log.range() != SMALL_LOG {
-            // Firmware that did not use the whole chip had its log there.
+            // Version 0.2 had its log there in a chip of any size.
             self.erase_used(SMALL_LOG, &progressed).await?;
         }
         // The oldest sectors are erased first, so that the rest is a valid log if power fails.

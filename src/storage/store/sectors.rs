@@ -16,10 +16,10 @@ type StateCache = Cache<CalculatedPageStates, Uncached, Uncached>;
 /// The log, or a part of it, as a queue.
 pub(super) type Queue<'f, F> = QueueStorage<Guarded<'f, F>, StateCache>;
 
-/// Number of zero bits from which `sequential-storage` takes a byte for a mark.
+/// Smallest number of zero bits with which `sequential-storage` accepts a byte as a mark.
 const MARK_BITS: u32 = 4;
 
-/// Sectors of the log, and what is known about their states.
+/// Sectors of the log, and the cache of their states.
 pub(super) struct Sectors {
     range: Range<u32>,
     states: StateCache,
@@ -31,12 +31,12 @@ impl Sectors {
         Self { range, states: Cache::new(CalculatedPageStates::new(sectors), Uncached, Uncached) }
     }
 
-    /// The addresses.
+    /// The addresses of the sectors in the chip.
     pub(super) fn range(&self) -> Range<u32> {
         self.range.clone()
     }
 
-    /// Forgets the states, after a change of the chip that they do not contain.
+    /// Discards the cached states, after a change of the chip that they do not include.
     pub(super) fn forget(&mut self) {
         *self = Self::new(self.range());
     }
@@ -59,8 +59,9 @@ impl Sectors {
         Ok(done?)
     }
 
-    /// The addresses of the sector that is being filled and of the one before it: they contain the newest entry. `None` if their
-    /// place is not obvious. A sector of which the erasure was interrupted is none of them.
+    /// The addresses of the sector that is being filled and of the one before it, which contain the newest entry. `None` if the
+    /// marks of the sectors do not show the sector that is being filled. A sector of which the erasure was interrupted is not
+    /// included.
     pub(super) async fn newest<F: MultiwriteNorFlash>(&self, flash: &mut Option<F>) -> Option<Range<u32>> {
         const { assert!(F::READ_SIZE == 1, "a mark has the size of a read operation") };
         let flash = flash.as_mut()?;

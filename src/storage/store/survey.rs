@@ -46,7 +46,7 @@ impl Survey {
     }
 }
 
-/// Numbers of entries of the log.
+/// Numbers of entries in the log.
 #[derive(Clone, Copy, Default)]
 struct Count {
     /// In a format that this firmware knows.
@@ -60,7 +60,8 @@ struct Count {
 struct Area {
     checksum: u32,
     is_blank: bool,
-    /// Not blank after the first entry, which an interrupted first boot may have written.
+    /// The area is not blank after its first [`BUFFER`](crate::storage::BUFFER) bytes, to which an interrupted first boot may
+    /// have written an entry.
     has_data_after_first_entry: bool,
 }
 
@@ -121,8 +122,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// Erases the areas that have contents but cannot be used. A chip that fails here fails again at the next write, which is
     /// reported.
     async fn clear(&mut self, survey: &Survey, [records, log]: [Area; 2]) {
-        // This firmware has used the chip before if boots are counted in the chip, or its log has the number of a
-        // record.
+        // This firmware has used the chip before if boots are counted in the chip, or its log has the number of a record.
         let is_in_use = matches!(survey.boots, Ok(Some(_))) || self.contents.next_record != 0;
         if survey.has_no_records() {
             let _ = self.clear_area(RECORDS, records, is_in_use).await;
@@ -135,7 +135,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         }
     }
 
-    /// Erases an area unless it is blank. It is counted in [`Contents::erased`] if anything may be lost.
+    /// Erases an area unless it is blank. The erasure is counted in [`Contents::erased`] if data may be lost.
     async fn clear_area(&mut self, range: Range<u32>, area: Area, is_in_use: bool) -> Result<(), StorageError> {
         if area.is_blank {
             return Ok(());
@@ -176,7 +176,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         Ok(())
     }
 
-    /// Reads all bytes of an area. What cannot be read is not blank.
+    /// Reads all bytes of an area. Bytes that cannot be read do not count as blank.
     async fn read_area(&mut self, range: Range<u32>) -> Area {
         let Self { flash, buffer, .. } = self;
         let mut area = Area { checksum: 0, is_blank: true, has_data_after_first_entry: false };
@@ -246,7 +246,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         self.guard.postpones_erasure = false;
         if core::mem::take(&mut self.guard.has_postponed) {
             self.log.forget();
-            // What was to be erased has prevented reading, so it was no sector of deleted entries, but a damaged one.
+            // If reading has failed nevertheless, the sector to be erased was a damaged one, not one of deleted entries.
             self.guard.has_refused |= count.is_err();
         }
         self.contents.newer_records = count.map_or(0, |count| count.newer);

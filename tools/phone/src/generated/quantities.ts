@@ -130,7 +130,7 @@ export interface StepRegion {
   saturated: boolean;
   /** The contact exceeded the ellipsoid, so deformation and model force are lower bounds. */
   clamped: boolean;
-  /** K has changed by so much since the identification that the wearer should be identified again. */
+  /** K has changed by so much since the identification that the wearer's parameters should be identified again. */
   refit: boolean;
   /** Number of masked cells at toe off; 255 for more. Unit: count. */
   masked_cells: number;
@@ -152,7 +152,7 @@ export interface Ellipse {
 
 /** A load bout, the same object as in the files of the command line. */
 export interface Bout {
-  /** What the wearer did. */
+  /** The kind of the bout. */
   kind: "unclassified" | "standing" | "shuffling" | "sitting";
   /** Foot. */
   side: Side;
@@ -198,7 +198,7 @@ export interface Alert {
   start_unix_s: number | null;
   /** Regions to which this applies: The region is under sustained load. */
   sustained: string[];
-  /** Regions to which this applies: The dose of the region has reached the limit of the day, which no earlier alert of the day has reported. */
+  /** Regions to which this applies: The dose of the region has reached the limit of the day, and no earlier alert of this day has reported it. */
   dose: string[];
   /** What the wearer should do, and why. */
   advice: string;

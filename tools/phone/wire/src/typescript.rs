@@ -177,7 +177,7 @@ fn quantities() -> String {
     });
     interface(&mut text, "A load bout, the same object as in the files of the command line.", "Bout", |text| {
         let kinds = BoutKind::ALL.map(|kind| format!("\"{}\"", kind.name())).join(" | ");
-        field(text, "What the wearer did.", "kind", &kinds);
+        field(text, "The kind of the bout.", "kind", &kinds);
         field(text, "Foot.", "side", "Side");
         Bout::QUANTITIES.iter().for_each(|quantity| quantity_field(text, quantity));
         let meaning = "Start on the insole's own clock, s since 1970; null if it was not set, or no restart has followed since the bout.";
