@@ -234,7 +234,8 @@ pub const CAPACITOR_330P: PartType = capacitor(
     &["CL10C331JB8NNNC", "CC0603JRNPO9BN331"],
     "filter at the converter's input",
 );
-/// Capacitor that filters the virtual ground. A larger one would not be charged within [`START_US`](plantar::firmware::front_end::START_US).
+/// Capacitor that filters the virtual ground. A larger one would not be charged within
+/// [`START_US`](plantar::firmware::front_end::START_US).
 pub const FILTER: PartType = capacitor(
     1e-9,
     "1 nF C0G 5 %",

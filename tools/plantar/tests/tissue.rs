@@ -1,4 +1,4 @@
-//! Tests `plantar fit --tissue`, and results that are not whole (docs/identification.md).
+//! Tests `plantar fit --tissue`, and incomplete results (docs/identification.md).
 
 use recording::Recording;
 use serde_json::Value;
@@ -24,8 +24,8 @@ fn json(path: &Path) -> Value {
     serde_json::from_str(&std::fs::read_to_string(path).expect("a file")).expect("JSON")
 }
 
-/// Asserts that the exit status is 3, and that the results of the `expected` regions, and of no others, are not whole, for a
-/// reason that contains the given words. Returns the text on stdout, and the JSON results.
+/// Asserts that the exit status is 3, and that the results of the `expected` regions, and of no others, are incomplete, for
+/// a reason that contains the given words. Returns the text on stdout, and the JSON results.
 fn assert_not_whole(folder: &Path, arguments: &str, expected: &[(&str, &str)]) -> (String, Value) {
     let (status, out, err) = run(folder, &format!("{arguments} --json p.json"));
     assert_eq!(status, 3, "{out}{err}");

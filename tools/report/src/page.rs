@@ -55,7 +55,9 @@ fn summary(study: &Study) -> Markup {
                                     td.figure { (fit.quality.predicted.map_or(NONE.into(), percent)) }
                                     td.prose {
                                         (fit.verdict) "."
-                                        @for defect in &fit.defects { div.reason { strong { "Not whole: " } (defect) "." } }
+                                        @for defect in &fit.defects {
+                                            div.reason { strong { "Incomplete: " } (defect) "." }
+                                        }
                                     }
                                 }
                                 Err(reason) => {

@@ -155,7 +155,7 @@ fn the_table_of_quantities_has_the_numbers_of_the_study() {
 #[test]
 fn undetermined_parameters_and_defects_are_marked() {
     let mut study = STUDY.clone();
-    assert!(!report::html(&study).contains("Not whole"));
+    assert!(!report::html(&study).contains("Incomplete"));
     for fit in study.fits.iter_mut().flatten() {
         fit.defects = vec!["the insole shifted".into()];
         for interval in fit.uncertainty.iter_mut().flat_map(|uncertainty| &mut uncertainty.intervals) {
@@ -163,7 +163,7 @@ fn undetermined_parameters_and_defects_are_marked() {
         }
     }
     let identified = report::html(&study);
-    assert_eq!(identified.matches("Not whole: ").count(), 6);
+    assert_eq!(identified.matches("Incomplete: ").count(), 6);
     let marks = |html: &str| html.matches('†').count();
     if let Some(Ok(fit)) = study.fits.get_mut(0) {
         fit.uncertainty.as_mut().expect("intervals").intervals[4].is_identifiable = false;
