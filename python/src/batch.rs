@@ -11,7 +11,7 @@ use study::table::{Row, Value};
 /// A table for Python.
 pub type Table = PyArrowType<RecordBatch>;
 
-/// The types of the columns of these rows; every column can have nulls.
+/// The schema of a table with the columns of this row; every column can have nulls.
 fn schema<Name: AsRef<str>>(columns: &Row<Name>) -> Schema {
     let field = |(name, value): &(Name, Value)| {
         let data_type = match value {
@@ -53,7 +53,7 @@ pub fn table<Name: AsRef<str>>(columns: &Row<Name>, rows: &[Row<Name>]) -> PyRes
     RecordBatch::try_new(Arc::new(schema(columns)), arrays).map_err(exception)
 }
 
-/// A table of columns of numbers.
+/// A table of numbers with these columns and their names.
 pub fn numbers(names: &[String], columns: Vec<Vec<Option<f64>>>) -> PyResult<RecordBatch> {
     let fields: Vec<_> = names.iter().map(|name| Field::new(name, DataType::Float64, true)).collect();
     let arrays = columns.into_iter().map(|values| Arc::new(Float64Array::from(values)) as ArrayRef).collect();

@@ -19,7 +19,7 @@ use std::sync::Arc;
 use study::table::{Row, Value};
 use study::virtual_insole;
 
-/// An identification.
+/// The result of an identification.
 #[pyclass(frozen, module = "plantar._core")]
 pub struct Fitted {
     study: Study,
@@ -37,7 +37,7 @@ pub fn identify(
     let recordings: Vec<(Arc<recording::Recording>, PathBuf)> =
         recordings.iter().map(|recording| (recording.inner.clone(), recording.path.clone())).collect();
     for (i, (recording, path)) in recordings.iter().enumerate() {
-        // Steps would be predicted from copies of themselves.
+        // If a recording were given twice, its steps would be predicted from copies of themselves.
         if let Some((_, same)) =
             recordings[..i].iter().find(|(before, _)| before.pressure_kpa == recording.pressure_kpa)
         {
@@ -112,7 +112,7 @@ impl Fitted {
     }
 }
 
-/// A sample of the curves of a region.
+/// A row with one sample of the curves of a region.
 fn row(step: &fit::Step, region: Region, t_s: f64, area_mm2: f64, measured_n: f64, model_n: f64) -> Row {
     // A recording has fewer steps than an i32 can count.
     let count = |count: usize| Value::Integer(i32::try_from(count).ok());

@@ -59,8 +59,8 @@ impl Insole {
     }
 
     /// The next event: its kind, its values as JSON, and the time of its frame or of the start of its record on this computer's
-    /// clock, s since 1970. `None` if none arrived within a moment; after the link was lost, the call makes one attempt to open
-    /// it again.
+    /// clock, s since 1970. `None` if none arrived within [`READ_TIMEOUT`]. After the link was lost, each call waits and makes
+    /// one attempt to open it again.
     fn next_event(&self, py: Python) -> PyResult<Option<(&'static str, String, Option<f64>)>> {
         let (event, axis) = self.with_link(py, |link| Ok((link.next_event()?, link.client().axis().clone())))?;
         let seconds = |us: Option<u64>| us.map(|us| us as f64 / 1e6);
@@ -85,7 +85,7 @@ impl Insole {
         })
     }
 
-    /// Lets the insole delete its records up to this number.
+    /// Lets the insole delete its records up to the number `step`: steps, load bouts and alerts are numbered together.
     fn acknowledge(&self, py: Python, step: u32) -> PyResult<()> {
         self.with_link(py, |link| {
             link.send(ToDevice::Acknowledge { step });
@@ -113,11 +113,12 @@ impl Insole {
 }
 
 impl Insole {
-    /// A thread that panicked cannot have left the link half changed: the next call at worst finds it lost.
+    /// Locks the link, even if a thread panicked while it held the lock: at worst, the next call finds that the link is lost.
     fn locked(&self) -> MutexGuard<'_, Option<AnyLink>> {
         self.link.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// Calls `of` with the link while the global interpreter lock is released. Returns an error after `close`.
     fn with_link<T: Send>(&self, py: Python, of: impl FnOnce(&mut AnyLink) -> Result<T, Error> + Send) -> PyResult<T> {
         let result = py.detach(|| self.locked().as_mut().map(of));
         match result {
@@ -134,7 +135,7 @@ fn failure(name: &str, error: Error) -> PyErr {
     if is_link_failure { PyConnectionError::new_err(message) } else { PyRuntimeError::new_err(message) }
 }
 
-/// Opens the serial port with this bit rate, or a network connection without one.
+/// Opens the serial port `address` with the bit rate `baud`, or a network connection to `address` if `baud` is `None`.
 fn carrier(address: &str, baud: Option<u32>) -> anyhow::Result<Box<dyn Carrier + Send>> {
     if let Some(baud) = baud {
         let port = serialport::new(address, baud).timeout(READ_TIMEOUT).open();

@@ -25,7 +25,7 @@ pub struct Options {
     pub zero: Option<PathBuf>,
 }
 
-/// The value with this name.
+/// The value in `all` with this name. `option` is the name of the option, for the message of the exception.
 fn named<T>(option: &str, name: &str, all: &[(&str, T)]) -> PyResult<T>
 where
     T: Copy,
@@ -37,7 +37,7 @@ where
 }
 
 impl Options {
-    /// The size.
+    /// The shoe size.
     pub fn size(&self) -> PyResult<InsoleSize> {
         InsoleSize::try_from(self.size).map_err(PyValueError::new_err)
     }

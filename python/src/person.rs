@@ -26,7 +26,7 @@ pub struct Trial(trials::Trial);
 
 #[pymethods]
 impl Person {
-    /// A participant without a folder.
+    /// A participant without a folder, with the zero file of the options.
     #[new]
     fn new(py: Python, options: Options) -> PyResult<Self> {
         let settings = Participant { zero: options.zero.clone(), ..Participant::default() };
@@ -46,7 +46,7 @@ impl Person {
         study::Person::open(&folder, &options.search()?, options.contact(None)?, &read).map(Self).map_err(exception)
     }
 
-    /// Values that were not used, in sentences.
+    /// A note on each value of the tissue measurements that is out of range and therefore not used.
     #[getter]
     fn notes(&self) -> Vec<String> {
         self.0.notes.clone()

@@ -12,7 +12,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use study::table::{Row, Value};
 
-/// A recording. It never changes, so that all Python objects that are made of it use the same memory.
+/// A recording. It never changes, so the Python arrays of its times and pressures can share its memory.
 #[pyclass(frozen, module = "plantar._core")]
 pub struct Recording {
     pub inner: Arc<recording::Recording>,
@@ -37,7 +37,7 @@ impl Recording {
         Ok(Self { inner: Arc::new(inner), path })
     }
 
-    /// As `read`, from the content of a file.
+    /// As `read`, from the content of a file. Messages name `path`.
     #[staticmethod]
     fn parse(py: Python, content: &[u8], path: PathBuf) -> PyResult<Self> {
         let inner = py.detach(|| recording::Recording::parse(content.to_vec(), &path)).map_err(exception)?;
@@ -71,7 +71,7 @@ impl Recording {
         PyArrowType(Float64Array::new(values, None).into_data())
     }
 
-    /// The pressures, kPa, frame by frame.
+    /// The pressures, kPa: all cells of the first frame, then those of the next one.
     fn pressure_kpa(&self) -> PyArrowType<ArrayData> {
         let shared = Shared(self.inner.clone(), |recording| bytemuck::cast_slice(&recording.pressure_kpa));
         let values = ScalarBuffer::new(Buffer::from(Bytes::from_owner(shared)), 0, self.inner.pressure_kpa.len());

@@ -1,4 +1,4 @@
-//! The insole's own code on the steps of a recording, as in `plantar replay`.
+//! Evaluates a recording with the insole's own code, as `plantar replay` does.
 
 use crate::batch::{Table, numbers, table};
 use crate::exception;
@@ -18,15 +18,16 @@ use std::path::PathBuf;
 use study::records::step_row;
 use study::{frames, virtual_insole};
 
-/// The steps and, if `has_frames`, the live values of every frame.
+/// The result of a replay.
 struct Replayed {
     steps: Vec<Step>,
+    /// The live values: one vector for each of the columns [`frames::column_names`], empty if they were not requested.
     frames: Vec<Vec<Option<f64>>>,
 }
 
-/// Computes the steps of a recording as an insole would, and the live values of every frame if `has_frames`. Without `params`, a
-/// file, the parameters are typical ones. `precision` is `f32` or `f64`. Returns no steps if there are none. Also returns notes
-/// for the user.
+/// Computes the steps of a recording as an insole would and, if `has_frames` is true, the live values of every frame. `params`
+/// is a parameter file; without one, typical parameters are used. `precision` is `f32` or `f64`. Returns the table of the steps
+/// (`None` if there are none), the table of the frames, and notes for the user.
 #[pyfunction]
 pub fn replay(
     py: Python,
@@ -78,7 +79,7 @@ pub fn replay(
     })
 }
 
-/// Runs an insole with the arithmetic `R`.
+/// Runs an insole with the arithmetic `R` on a recording. The live values are computed only if `has_frames` is true.
 fn run<R: Real>(
     recording: &recording::Recording,
     virtual_insole: &VirtualInsole,
@@ -95,7 +96,8 @@ fn run<R: Real>(
         if toe_off && let Some(step) = insole.whole_step() {
             steps.push(Step::new(&step));
         }
-        // The insole numbers steps and load bouts together, also load bouts that are not used.
+        // As on the insole, steps and load bouts are numbered in one sequence. Taking a bout advances the number of the next
+        // step.
         insole.take_bout();
         if has_frames && let Some(t_s) = t_s {
             row.clear();

@@ -95,7 +95,7 @@ def test_two_worker_processes_of_a_scheduler_have_equal_rows(
     pd.testing.assert_frame_equal(table(tmp_path / "table"), expected)
 
 
-def test_a_worker_that_is_killed_midway_changes_nothing(
+def test_the_rows_are_complete_although_a_worker_is_killed(
     study_folder: pathlib.Path, expected: pd.DataFrame, tmp_path: pathlib.Path
 ) -> None:
     with scheduler(2) as (address, processes):

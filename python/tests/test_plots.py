@@ -1,4 +1,4 @@
-"""The figures show what the tables have."""
+"""The figures show the values of the tables."""
 
 import pathlib
 

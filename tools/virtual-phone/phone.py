@@ -72,8 +72,9 @@ def write(**message):
 class InsoleParser(PacketParser):
     """Parses the packets of an insole. A restart of the insole may cut a packet.
 
-    On a board, the restart also resets the controller. Here the parser would take the first command after the restart, which
-    resets the controller, for the rest of the packet. It discards the packet if nothing follows this command.
+    On a board, the restart also resets the controller. Here the first command after the restart, which resets the controller,
+    would be taken for a part of the incomplete packet. If nothing follows this command, the parser discards the incomplete
+    packet and executes the command.
     """
 
     RESET = bytes(HCI_Reset_Command())
@@ -117,7 +118,7 @@ def drop_connections(controller):
 class Radio(Controller):
     """The Bluetooth controller of an insole. It generates private addresses, which bumble's controller does not."""
 
-    # The address with which bonded phones know the insole.
+    # The insole's permanent address, by which bonded phones identify the insole.
     identity_address = None
     # The insole's present private address. A real controller replaces it every 15 minutes, this one after each restart.
     private_address = None
@@ -127,7 +128,7 @@ class Radio(Controller):
         return address in (self.random_address, self.identity_address)
 
     def on_hci_le_set_random_address_command(self, command):
-        """Notes the identity address."""
+        """Stores the identity address."""
         self.identity_address = command.random_address
         return super().on_hci_le_set_random_address_command(command)
 
@@ -138,7 +139,10 @@ class Radio(Controller):
         return super().on_hci_le_add_device_to_resolving_list_command(command)
 
     def on_hci_le_set_advertising_enable_command(self, command):
-        """Advertises with the private address if the insole asks for one and has given its key, and otherwise as itself."""
+        """Advertises with the private address if the insole requests it and has set its key.
+
+        Otherwise, the controller advertises with the identity address.
+        """
         wants_private = self.le_legacy_advertiser.own_address_type in (
             OwnAddressType.RESOLVABLE_OR_PUBLIC,
             OwnAddressType.RESOLVABLE_OR_RANDOM,
@@ -148,7 +152,7 @@ class Radio(Controller):
         return super().on_hci_le_set_advertising_enable_command(command)
 
     def send_hci_packet(self, packet):
-        """Reports the private address of a connection."""
+        """Adds the insole's private address to the event of a new connection."""
         if isinstance(packet, HCI_LE_Connection_Complete_Event) and self.random_address == self.private_address:
             packet = HCI_LE_Enhanced_Connection_Complete_Event(
                 status=packet.status,

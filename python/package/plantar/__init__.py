@@ -1,7 +1,8 @@
 """Pressure recordings of feet: regional loads, contact ellipses and tissue parameters.
 
 The computations are those of Plantar's insoles and of the command line ``plantar``. Names of columns end with their units.
-``plantar.cohort`` evaluates a whole study; it is a module of its own, because it needs Dask.
+``plantar.cohort`` evaluates a whole study; it is a module of its own, because it needs Dask. The documentation calls the source
+of the tissue model "the paper": DeBerardinis, Dufek, Trabia, J. Biomech. 92, 2019, 137-145.
 """
 
 from plantar._core import version as __version__

@@ -1,7 +1,8 @@
-"""Evaluation of a whole study on Dask, with the table of ``plantar cohort``.
+"""Evaluates a whole study with Dask, and writes the same table as ``plantar cohort``.
 
-``python -m plantar.cohort STUDY --out TABLE`` evaluates the participants in parallel: in threads or processes of this computer, or on
-the workers of a Dask scheduler. ``STUDY`` and ``TABLE`` are folders or addresses that fsspec knows, such as ``s3://bucket/study``.
+``python -m plantar.cohort STUDY --out TABLE`` evaluates the participants in parallel: in threads or processes of this computer,
+or on the workers of a Dask scheduler. ``STUDY`` and ``TABLE`` are folders or addresses that fsspec supports, such as
+``s3://bucket/study``.
 """
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ from plantar.options import Options
 from plantar.recording import REGIONS
 
 _MADE_FROM = b"plantar.made_from"
-"""The metadata key of the description of a file's inputs: the file is up to date if these are the present inputs."""
+"""The metadata key in a file of the table for a description of the inputs from which the file was made. The file is up to date
+if the description is that of the present inputs."""
 _STAMPS = ("size", "mtime", "created", "LastModified", "ETag", "etag", "md5Hash")
 """Properties that file systems report for a file. At least one of them differs after a change of the file."""
 _CONNECT_TIMEOUT = "5s"
@@ -41,12 +43,13 @@ class Outcome:
 
     participant: str
     steps: int
+    """The number of steps in the table."""
     is_cached: bool
-    """The rows in the table were already up to date."""
+    """True if the rows in the table were already up to date."""
     left_out: tuple[str, ...] = ()
     """The reasons why recordings or the participant could not be used."""
     notes: tuple[str, ...] = ()
-    """Values of the participant that were not used."""
+    """A note on each value of the tissue measurements that is out of range and therefore not used."""
 
 
 def participants(study: str, out: str) -> list[str]:
@@ -91,7 +94,7 @@ def _evaluate(participant: str, files: Any, folder: str, table_files: Any, targe
     tissue = None if options.tissue is None else os.fspath(options.tissue)
 
     def read(path: str) -> bytes:
-        # The tissue measurements are a file of the worker, all else is in the study.
+        # The file of `options.tissue` is on the worker, all others are in the study.
         return pathlib.Path(path).read_bytes() if path == tissue else bytes(files.cat_file(path))
 
     person = _core.Person.open(folder, options, read)
@@ -179,9 +182,10 @@ def run(
     """Evaluates all participants of a study, and returns their outcomes in the order of their names.
 
     ``scheduler`` is ``threads``, ``processes``, or the address of a Dask scheduler, whose workers need access to ``study`` and
-    ``out``. ``progress`` receives the number of finished participants and of all. After an interruption, the same call evaluates
-    only the remaining participants. Raises a ``ConnectionError`` if the scheduler cannot be reached or is lost, and a ``ValueError``
-    or an ``OSError``, before anything is changed, for options that no participant could be evaluated with.
+    ``out``. ``progress`` receives the number of finished participants and the number of all participants. After an
+    interruption, the same call evaluates only the remaining participants. Raises a ``ConnectionError`` if the scheduler cannot
+    be reached or is lost, and a ``ValueError`` or an ``OSError``, before anything is changed, for options that are invalid for
+    every participant.
     """
     study, out = _address(study), _address(out)
     names = participants(study, out)
@@ -193,7 +197,7 @@ def run(
         if not client.nthreads():
             problem = f"the scheduler {scheduler} has no worker yet: start one with `dask worker {scheduler}`"
             warnings.warn(problem, stacklevel=2)
-        # With `pure`, Dask would take the results of an earlier run with the same arguments, although the files may have changed.
+        # With `pure`, Dask would reuse the results of an earlier run with the same arguments, although files may have changed.
         futures = client.map(evaluate, names, study=study, out=out, options=options, pure=False)
         name_of = {future.key: name for future, name in zip(futures, names, strict=True)}
         for future in distributed.as_completed(futures):
@@ -233,14 +237,16 @@ def _address(path: str | os.PathLike[str]) -> str:
 
 
 def _options(parser: argparse.ArgumentParser) -> None:
-    """The options of the evaluation, as those of ``plantar cohort``."""
+    """Adds the options of the evaluation, which are those of ``plantar cohort``."""
     parser.add_argument("--size", type=int, default=42, help="European shoe size of participants without a size [42]")
-    parser.add_argument("--filter", choices=["direct", "live", "smoothed"], help="filter of the contact area")
+    filters = "filter of the contact area [direct, or smoothed with --method paper]"
+    parser.add_argument("--filter", choices=["direct", "live", "smoothed"], help=filters)
     method = "method of the identification [projection]"
     parser.add_argument("--method", choices=["projection", "paper"], default="projection", help=method)
     parser.add_argument("--bounds", choices=["free", "paper"], default="free", help="bounds of the exponents [free]")
     parser.add_argument("--tissue", metavar="FILE", help="tissue measurements, at the same path on each worker")
-    parser.add_argument("--compression", type=float, metavar="FRACTION", help="assumed compression of the tissue")
+    compression = "assumed largest compression of the tissue, as a fraction of its thickness [0.457]"
+    parser.add_argument("--compression", type=float, metavar="FRACTION", help=compression)
     for name, text in (
         ("on", "a cell comes into contact at this pressure [10]"),
         ("off", "a cell loses contact below this pressure [3/4 of --contact-on]"),

@@ -35,9 +35,10 @@ def _warn(notes: list[str]) -> None:
 
 
 def fit(recordings: Recordings, *, participant: str | None = None, options: Options = Options()) -> Fit:
-    """Identifies the tissue parameters of one person from recordings of walking, as ``plantar fit``.
+    """Identifies the tissue parameters of one person from recordings of walking, like ``plantar fit``.
 
-    Several trials and both feet may be given. ``participant`` is the name of the person, by default that of the first file.
+    Several trials and both feet may be given. ``participant`` is the name of the person; the default is the name of the first
+    file without its extension.
     """
     every = _recordings(recordings)
     if not every:
@@ -49,7 +50,7 @@ def fit(recordings: Recordings, *, participant: str | None = None, options: Opti
 
 
 def fit_steps(recording: Recording | Path, *, options: Options = Options()) -> pyarrow.Table:
-    """Fits each region of each step of a recording separately, as ``plantar cohort``.
+    """Fits each region of each step of a recording separately, like ``plantar cohort``.
 
     The table has one row for each region of each step. The function needs no other recording and has no state, so that any engine
     can call it for the recordings of a study.
@@ -63,10 +64,11 @@ def fit_steps(recording: Recording | Path, *, options: Options = Options()) -> p
 
 
 def repeat(people: Recordings | dict[str, Recordings], *, options: Options = Options()) -> pd.DataFrame:
-    """Repeatability between trials: ICC(2,1), standard error of measurement and minimal detectable change, as ``plantar repeat``.
+    """Repeatability between trials, like ``plantar repeat``: ICC(2,1), standard error of measurement and minimal detectable
+    change.
 
-    ``people`` has the recordings of each person by the person's name. The recordings of one person alone are possible, too; there
-    is no ICC then. The table has one row for each foot, variable and region.
+    ``people`` has the recordings of each person by the person's name. It can also be the recordings of one person; the table
+    then has no ICC. The table has one row for each foot, variable and region.
     """
     person = _core.Person(options)
     _warn(person.notes)
@@ -95,8 +97,8 @@ class Fit:
         return results
 
     def table(self) -> pd.DataFrame:
-        """One row for each region: the paper's eight parameters, the identified ones with their 95 % intervals, the errors in
-        percent of the peak force, and for a region that was not fitted the reason."""
+        """One row for each region: the paper's eight parameters, the identified parameters with their 95 % intervals, the
+        errors in percent of the peak force, and for a region that was not fitted the reason."""
         rows = []
         for region, of in self.results["regions"].items():
             row: dict[str, Any] = {"region": region, "fitted": of["fitted"], "reason": of.get("reason")}
@@ -104,11 +106,11 @@ class Fit:
                 row |= {"steps": len(of["steps"]), "area_max_mm2": of["area_max_mm2"], **of["ellipsoid"]}
                 intervals = (of["uncertainty"] or {}).get("intervals_95", {})
                 for name, value in of["identified"].items():
-                    name, unit = ("ab_mm2", 1e6) if name == "ab_m2" else (name, 1.0)
+                    name, factor = ("ab_mm2", 1e6) if name == "ab_m2" else (name, 1.0)
                     interval = intervals.get("ab_m2" if name == "ab_mm2" else name, {})
                     ends = _widest(interval.get("jacobian"), interval.get("bootstrap"))
-                    row[name] = value * unit
-                    row[f"{name}_low"], row[f"{name}_high"] = (end * unit for end in ends)
+                    row[name] = value * factor
+                    row[f"{name}_low"], row[f"{name}_high"] = (end * factor for end in ends)
                 row |= {f"nrmse_{name}_percent": value for name, value in of["nrmse_percent"].items()}
                 row["verdict"] = of["verdict"]
             rows.append(row)

@@ -23,14 +23,14 @@ class Event:
     values: dict[str, Any]
     """The values; docs/quantities.md describes the names."""
     unix_s: float | None
-    """Time of the frame, or of the start of the record, on this computer's clock, s since 1970, UTC: one clock for several insoles.
-    ``None`` for a change of the link, and where the time is unknown."""
+    """Time of the frame, or of the start of the record, on this computer's clock, s since 1970, UTC, so several insoles share
+    one time axis. ``None`` for a change of the link, and if the time is unknown."""
 
 
 class Insole:
     """A connected insole: a context manager, an iterator of events, and an asynchronous iterator of events.
 
-    A lost link is opened again. The insole deletes a record once the next event after it is requested: a record whose processing
+    A lost link is opened again. The insole deletes a record once the next event is requested, so a record whose processing
     raised an exception arrives again in the next session.
     """
 
@@ -38,14 +38,14 @@ class Insole:
         self._core = core
         self._pending: int | None = None
         self._executor = ThreadPoolExecutor(1)
-        # A call in the thread whose event was not delivered, because the task that waited for it was cancelled.
+        # A call of `_receive` in the thread. It remains until its event is delivered, even if the waiting task is cancelled.
         self._call: Future[Event | None] | None = None
 
     @classmethod
     def connect(cls, *, tcp: str | None = None, serial: str | None = None, baud: int = 460_800) -> Insole:
         """Opens a session with the insole at a network address, ``HOST:PORT``, or on a serial port such as ``/dev/ttyACM0``.
 
-        Raises a ``ConnectionError`` if no insole answers.
+        ``baud`` is the bit rate of the serial port. Raises a ``ConnectionError`` if no insole answers.
         """
         if (tcp is None) == (serial is None):
             raise ValueError("give either tcp or serial")
@@ -56,7 +56,7 @@ class Insole:
 
     @property
     def hello(self) -> dict[str, Any]:
-        """Side, firmware, cells, frame rate and contact rule of the insole."""
+        """Side, firmware, number of cells, frame rate and contact rule of the insole, among others."""
         hello: dict[str, Any] = json.loads(self._core.hello())
         return hello
 
@@ -68,7 +68,7 @@ class Insole:
         self._core.push(params)
 
     def next_event(self) -> Event | None:
-        """The next event; ``None`` if none arrived within a moment."""
+        """The next event, or ``None`` if none arrived. Waits for about 50 ms, and longer while it opens a lost link again."""
         call, self._call = self._call, None
         return self._receive() if call is None or call.cancelled() else call.result()
 

@@ -16,7 +16,9 @@ from plantar.fitting import Fit
 from plantar.recording import REGIONS, Recording, Replay
 
 _MEASURED = "0.35"
+"""Colour of the measured force: dark grey."""
 _MODEL = "tab:red"
+"""Colour of the model force."""
 _MARGIN_MM = 70.0
 """Width of the names of the regions beside a foot."""
 
@@ -79,8 +81,8 @@ def step(replay: Replay, number: int | None = None) -> Figure:
 
 
 def fit(fitted: Fit) -> Figure:
-    """The measured force and the model force of each region over all steps, with K, n and the predicted error, or the
-    error of the fit without a prediction."""
+    """The measured force and the model force of each region over all steps, with K, n and the predicted error. A region without
+    a prediction has the error of the fit instead."""
     table, curves = fitted.table(), fitted.curves
     figure, panels = _panels("time since contact, s")
     for region, axes in panels:
@@ -97,7 +99,7 @@ def fit(fitted: Fit) -> Figure:
         error_percent = row[f"nrmse_{kind}_percent"]
         text = f"K {row['stiffness_pa'] / 1e3:.3g} kPa, n {row['n']:.2f}\nNRMSE, {kind}: {error_percent:.1f} %"
         axes.text(0.02, 0.97, text, transform=axes.transAxes, va="top", fontsize=7)
-        # The text is above the curves.
+        # Leaves space for the text above the curves.
         axes.set_ylim(0, axes.get_ylim()[1] * 1.35)
     name = fitted.results["participant"]
     figure.suptitle(f"Tissue of {name}: measured force, and model force with one set of parameters")

@@ -56,7 +56,7 @@ def replay(
 
 
 class Recording:
-    """The pressure under one foot over time. Arrays share the memory of the recording, and cannot be changed."""
+    """The pressure under one foot over time. ``t_s`` and ``pressure_kpa`` share the memory of the recording, read-only."""
 
     def __init__(self, core: _core.Recording) -> None:
         self._core = core
@@ -197,8 +197,8 @@ class Replay:
 
     @property
     def _period_s(self) -> float:
-        """The time between two frames by which an insole counts: whole microseconds, so that the times of steps deviate from those
-        of the recording more and more."""
+        """The frame period of the insole, s. It is a whole number of microseconds, unlike that of the recording, so the times
+        of steps drift from the times of the recording."""
         return round(1e6 / self.recording.rate_hz) / 1e6
 
     def plot(self, step: int | None = None) -> Figure:

@@ -1,4 +1,4 @@
-//! The rows of a recording: each region of each step, fitted separately, as the paper does.
+//! The rows of a recording: each region of each step, fitted separately, as in the paper (DeBerardinis et al. 2019).
 
 use crate::Person;
 use crate::table::{Row, Value};
@@ -24,7 +24,8 @@ const PARAMETER_COLUMNS: [[&str; 4]; 5] = [
     ["m", "m_low", "m_high", "m_at_bound"],
 ];
 
-/// The rows of a recording of a person: eight for each complete step. `path` is the file of the recording; its name is a column.
+/// The rows of a recording of a person: one for each region of each complete step. `path` is the file of the recording; its
+/// name is a column.
 ///
 /// # Errors
 /// If the recording cannot be evaluated. The message names `path`.
@@ -39,7 +40,8 @@ pub fn rows<'a>(person: &Person, recording: impl Into<FrameSource<'a>>, path: &P
     Ok(regions.map(row).collect())
 }
 
-/// The values of a recording of a person: each region fitted to all of its steps. `path` is the file of the recording.
+/// The values of a recording of a person. Each region is fitted to all steps of the recording. `path` is the file of the
+/// recording.
 ///
 /// # Errors
 /// If the recording cannot be evaluated, has no complete step, or no region could be fitted. The message names `path`.
@@ -58,7 +60,7 @@ pub fn trial<'a>(person: &Person, recording: impl Into<FrameSource<'a>>, path: &
     Ok(Trial::of(name.into_owned(), side, &fits))
 }
 
-/// A row without any values of a step, which shows the columns and their types.
+/// A placeholder row, for the names and types of the columns of a table that may have no rows.
 pub fn columns(person: &Person) -> FitRow {
     let step = Step {
         recording: 0,
@@ -107,11 +109,12 @@ fn row(person: &Person, recording: &str, step: &Step, region: Region, fit: Resul
     let value = |variable: Variable| (variable.name(), real(fit.and_then(|fit| variable.of(fit))));
     row.extend(Variable::quantities().map(value));
     for (i, [name, low, high, at_bound]) in PARAMETER_COLUMNS.into_iter().enumerate() {
-        let unit = if i == 0 { 1e6 } else { 1.0 };
+        // The interval of A B is in m2, and its columns are in mm2.
+        let factor = if i == 0 { 1e6 } else { 1.0 };
         let interval = fit.and_then(|fit| fit.uncertainty.as_ref()).map(|u| &u.intervals[i]);
         row.extend(Variable::all().filter(|variable| variable.name() == name).map(value));
-        row.push((low.into(), real(interval.map(|i| i.jacobian[0] * unit))));
-        row.push((high.into(), real(interval.map(|i| i.jacobian[1] * unit))));
+        row.push((low.into(), real(interval.map(|i| i.jacobian[0] * factor))));
+        row.push((high.into(), real(interval.map(|i| i.jacobian[1] * factor))));
         row.push((at_bound.into(), Value::Flag(interval.map(|i| i.at_bound))));
     }
     let rest: Vec<_> =

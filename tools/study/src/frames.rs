@@ -4,7 +4,7 @@ use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
 use plantar::{Real, Region};
 
-/// The columns of each region. Their names in the file have the prefix `<region>_`.
+/// The columns of each region. In a table, their names have the prefix `<region>_`.
 const REGION_COLUMNS: [&str; 14] = [
     "area_mm2",
     "measured_force_n",
@@ -22,7 +22,7 @@ const REGION_COLUMNS: [&str; 14] = [
     "masked_cells",
 ];
 
-/// The columns of the contact rule, the same in every row.
+/// The columns of the contact rule. Their values are the same in every row.
 const RULE_COLUMNS: [&str; 3] = ["contact_on_kpa", "contact_off_kpa", "contact_full_kpa"];
 
 /// The names of all columns, in the order of the values in a row.
@@ -33,7 +33,8 @@ pub fn column_names() -> Vec<String> {
     ["t_s".into(), "total_force_n".into()].into_iter().chain(regions).chain(rule).collect()
 }
 
-/// Appends the values of the insole's last frame, at time `t_s`, to `row`, in the order of [`column_names`].
+/// Appends the values of the insole's last frame, at time `t_s`, to `row`, in the order of [`column_names`]. `rule` is the
+/// contact rule of the insole.
 pub fn push_row<R: Real, const N: usize>(
     row: &mut Vec<Option<f64>>,
     t_s: f64,

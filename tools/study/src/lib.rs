@@ -1,10 +1,11 @@
 //! Evaluation of the recordings of a study, one recording at a time, as rows of a table.
 //!
-//! [`fits::rows`] fits each step of one recording of a [`Person`]. It has no state, so that any program can distribute the
-//! recordings of a study: the threads of the command line, or an engine such as Dask or Spark, which receives the rows through
-//! the Python package. [`records`] and [`frames`] have the columns of steps and of frames, and [`table`] writes rows as Parquet.
-//! [`Search`] and [`ContactOptions`] are the options. The settings of a participant, zeros and tissue measurements are read
-//! through a [`ReadFile`], because the files of a study may be in object storage.
+//! [`fits::rows`] fits each step of one recording of a [`Person`]. It has no state, so any program can distribute the
+//! recordings of a study: the command line over threads, or an engine such as Dask or Spark, which receives the rows through
+//! the Python package. [`records`] and [`frames`] have the columns of steps and of frames, and [`table`] writes rows as
+//! Parquet. [`Search`] and [`ContactOptions`] are the options. The settings of a participant, zero files (readings of the
+//! unloaded cells) and tissue measurements are read through a [`ReadFile`], because the files of a study may be in object
+//! storage.
 
 pub mod fits;
 pub mod frames;
@@ -20,5 +21,5 @@ pub use person::Person;
 use std::io;
 use std::path::Path;
 
-/// Returns the content of a file.
+/// A function that returns the content of a file.
 pub type ReadFile<'a> = &'a dyn Fn(&Path) -> io::Result<Vec<u8>>;

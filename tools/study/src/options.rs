@@ -16,15 +16,16 @@ use std::path::{Path, PathBuf};
 /// Filter, method and bounds of an identification, and the tissue.
 #[derive(Clone, Debug)]
 pub struct Search {
-    /// The filter of the contact area; `None` for the usual one of the method.
+    /// The filter of the contact area. `None` for the default of the method: direct for projection, smoothed for that of the
+    /// paper.
     pub filter: Option<Filter>,
-    /// The search.
+    /// The method of search.
     pub method: Method,
     /// True for the bounds of the paper and least squares, false for the usual bounds and the prior.
     pub has_paper_bounds: bool,
-    /// The file of tissue measurements.
+    /// The file of tissue measurements, if there is one.
     pub tissue: Option<PathBuf>,
-    /// The size, which determines the thickness of regions without a measurement.
+    /// The shoe size, which determines the thickness of the tissue in regions without a measurement.
     pub size: InsoleSize,
     /// Assumed largest compression of the tissue, as a fraction of its thickness, 0.05 to 0.95.
     pub compression: f64,
@@ -81,7 +82,7 @@ impl Search {
         })
     }
 
-    /// Reads the file of tissue measurements. Also returns a note for each value that is out of range.
+    /// Reads the file of tissue measurements. Also returns a note for each value that is out of range and therefore not used.
     ///
     /// # Errors
     /// If the file cannot be read, or has another form.
@@ -96,13 +97,13 @@ impl Search {
     }
 }
 
-/// The content of the file `path` as text.
+/// Converts `content`, which was read from the file `path`, to text. Messages name `path`.
 pub(crate) fn text(path: &Path, content: io::Result<Vec<u8>>) -> Result<String> {
     let bytes = content.with_context(|| format!("cannot read {}", path.display()))?;
-    String::from_utf8(bytes).with_context(|| format!("{} is not text in UTF-8: save it as such", path.display()))
+    String::from_utf8(bytes).with_context(|| format!("{} is not text in UTF-8: save it in UTF-8", path.display()))
 }
 
-/// Values that replace those of a contact rule, kPa.
+/// Values that replace those of a contact rule, kPa; `None` leaves the value of the rule.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ContactOptions {
     /// A cell comes into contact at this pressure.
@@ -114,7 +115,7 @@ pub struct ContactOptions {
 }
 
 impl ContactOptions {
-    /// This rule, with the values that are given.
+    /// Returns `rule` with the values of these options that are given.
     pub fn changed(&self, rule: ContactRule) -> ContactRule {
         ContactRule {
             on_kpa: self.on_kpa.unwrap_or(rule.on_kpa),
@@ -123,8 +124,8 @@ impl ContactOptions {
         }
     }
 
-    /// This rule with the values that are given. If only the contact threshold is given, the release threshold changes in
-    /// proportion.
+    /// Returns `default` with the values of these options that are given. If `on_kpa` is given without `off_kpa`, the latter
+    /// changes in proportion.
     ///
     /// # Errors
     /// If the result is no valid rule.
@@ -145,10 +146,10 @@ impl ContactOptions {
     }
 }
 
-/// Makes a virtual insole for a recording.
+/// Makes a virtual insole with this contact rule for a recording.
 ///
 /// # Errors
-/// If an insole cannot have the recording's frame rate, or the recording cannot be read.
+/// If no insole supports the recording's frame rate, or the recording cannot be read.
 pub fn virtual_insole(source: &FrameSource, rule: ContactRule) -> Result<VirtualInsole> {
     let recording = source.head();
     let insole = VirtualInsole::up_to(source.largest_kpa()?, recording, rule, StanceRule::ADAPTIVE);

@@ -22,7 +22,7 @@ pub struct Person {
     pub options: Options,
     /// The contact rule.
     pub contact: ContactRule,
-    /// Values that were not used, in sentences.
+    /// A note on each value of the tissue measurements that is out of range and therefore not used.
     pub notes: Vec<String>,
     /// The file with the readings of the unloaded cells, and its content.
     zero: Option<(PathBuf, Zero)>,
@@ -57,16 +57,16 @@ impl Person {
         Ok(Self { size, options: search.options(&tissue, no_resamples)?, contact, notes, zero, settings })
     }
 
-    /// Everything besides the recordings that determines the rows of this person, as text.
+    /// Everything that determines the rows of this person, except the recordings and the version of the program, as text.
     pub fn description(&self) -> String {
         let Self { settings, size, options, contact, zero, .. } = self;
         format!("{size} {settings:?} {options:?} {contact:?} {zero:?}")
     }
 
-    /// The virtual insole of a recording, with the zero of this person.
+    /// The virtual insole of a recording, with the zeros of this person's zero file, if there is one.
     ///
     /// # Errors
-    /// If an insole cannot have the recording's frame rate, or the zero is of other cells.
+    /// If no insole supports the recording's frame rate, the recording cannot be read, or the zero file is for other cells.
     pub fn insole(&self, source: &FrameSource) -> Result<VirtualInsole> {
         let mut insole = virtual_insole(source, self.contact)?;
         if let Some((path, zero)) = &self.zero {

@@ -1,4 +1,4 @@
-//! The columns of steps and of their quantities, as an insole reports them.
+//! Table columns of the quantities and flags that an insole reports.
 
 use crate::table::{Row, Value};
 use plantar::Region;

@@ -70,7 +70,7 @@ impl From<i32> for Value {
 }
 
 /// Writes rows as a Parquet file. There must be at least one row, and all rows must have the same columns. An existing file is
-/// replaced only when the new one is complete. `metadata` is a key of the file's metadata with its value.
+/// replaced only when the new one is complete. `metadata` is a key and its value for the metadata of the file.
 ///
 /// # Errors
 /// If the file cannot be written.
@@ -145,5 +145,5 @@ pub fn partition(participant: &str) -> String {
     format!("participant={}", participant.chars().map(encode).collect::<String>())
 }
 
-/// The name of the file in such a folder.
+/// The name of the file in each participant's folder of the table.
 pub const STEPS_FILE: &str = "steps.parquet";

@@ -17,8 +17,8 @@ pub struct Arguments {
 
 #[derive(Subcommand)]
 pub enum Task {
-    /// Install missing programs and data: Rust targets, QEMU, ngspice, Node.js, Chromium, a C++ compiler, D-Bus, private
-    /// copies of cargo-fuzz and cargo-deny, a private Python with NumPy, SciPy and bumble, and recorded walks.
+    /// Install missing programs and data: Rust targets, QEMU, ngspice, Node.js, Chromium, a C++ compiler, D-Bus, GNU Octave,
+    /// private copies of cargo-fuzz, cargo-deny and libclang, private Python environments, and recorded walks.
     Setup,
     /// Build the firmware of all boards and the command line.
     Build,
@@ -44,15 +44,15 @@ pub enum Task {
     /// Test the endurance: power cuts in every write, bit errors on the cable, and a day of walking. The test takes about an
     /// hour.
     Soak(Soak),
-    /// Assess how thorough the tests are: check properties of the core for all inputs within larger bounds than `test`, try the
-    /// orders in which the firmware's loops interrupt each other, skip instructions while a wrong signature is verified, look for
-    /// undefined behaviour, and measure the lines of the core that tests execute and the share of changes to the core that tests
-    /// notice. The task takes hours, and installs the programs that it needs.
+    /// Assess how thorough the tests are: check properties of the core (the library in src) for all inputs within larger bounds
+    /// than `test`, try the orders in which the firmware's loops interrupt each other, skip instructions while a wrong
+    /// signature is verified, look for undefined behaviour, and measure the share of the core's lines that tests execute and
+    /// the share of changes to the core that tests notice. The task takes hours, and installs the programs that it needs.
     Assure(Assure),
     /// Compare the dependencies with RustSec's database of known vulnerabilities, which is downloaded.
     Advisories,
-    /// Build the firmware of all boards twice, in two copies of the last commit in different folders, and compare what they load
-    /// into flash byte for byte. The task compiles everything twice.
+    /// Build the firmware of all boards twice, in two copies of the last commit in different folders, and compare the bytes
+    /// that both builds load into flash. The task compiles everything twice.
     Reproduce,
     /// Write software bills of materials in CycloneDX's JSON format, for the firmware of each board and for the command line.
     Sbom {

@@ -1,4 +1,5 @@
-//! Measures the tests themselves: their number, the code that they execute, and the changes and attacks that they notice.
+//! Measures the tests themselves: their number, the code that they execute, and the changes and attacks that they notice. The
+//! core is the library in `src`.
 
 use crate::arguments::Assure;
 use crate::build::{cargo_firmware, firmware};
@@ -16,7 +17,8 @@ const LEAST_MUTATION_SCORE: f64 = 0.85;
 /// Least number of tests of properties and of interleavings.
 const LEAST_PROOFS: usize = 10;
 
-/// The tests of other packages that cover the core and need no firmware. They run if the fast tests have not noticed a change.
+/// The tests of the package `host-tests` that cover the core and need no firmware. They run for the changes that the fast tests
+/// have not noticed.
 const SLOWER_TESTS: [&str; 14] = [
     "admission",
     "cells",
@@ -43,7 +45,10 @@ impl Assure {
         undefined_behaviour()?;
         let coverage = coverage()?;
         let score = mutation_score(self.every)?;
-        println!("{:<20} {proofs:>8}  properties, checked for all inputs within their bounds", "proofs");
+        println!(
+            "{:<20} {proofs:>8}  tests of properties for all inputs within bounds, and of interleavings",
+            "proofs"
+        );
         println!(
             "{:<20} {skips:>8}  images with a wrong signature that were accepted because instructions were skipped",
             "instruction_skips"
@@ -91,7 +96,7 @@ fn proofs() -> Result<usize> {
     let interleavings = ["test", "--locked", "--package", "proofs", "--test", "interleavings"];
     let folder = built("shuttle");
     let with_shuttle = |command: &mut Command| {
-        // The flag changes all packages, so they have a folder of their own.
+        // All packages are compiled again with this flag, so these builds have a target folder of their own.
         command.env("RUSTFLAGS", "--cfg shuttle").env("CARGO_TARGET_DIR", &folder);
     };
     let mut command = cargo(&interleavings);
@@ -102,15 +107,16 @@ fn proofs() -> Result<usize> {
     Ok(tests(list)? + tests(cargo(&[&exhaustive[..], &["--", "--list"]].concat()))?)
 }
 
-/// The number of tests in a list.
+/// The number of tests that the command `list` lists.
 fn tests(mut list: Command) -> Result<usize> {
     let output = list.current_dir(root()).stderr(Stdio::inherit()).output()?;
     ensure!(output.status.success(), "the tests of the package proofs cannot be listed");
     Ok(String::from_utf8_lossy(&output.stdout).lines().filter(|line| line.ends_with(": test")).count())
 }
 
-/// Makes the emulated core skip 2 to 10 bytes at one in `every` instructions of the check of a wrong signature; returns the
-/// number of accepted images. The same attack must succeed against a single check, otherwise it shows nothing.
+/// Makes the emulated processor skip 2 to 10 bytes at one in `every` instructions of the check of a wrong signature; returns
+/// the number of accepted images. The same attack must succeed if the signature is checked only once, otherwise it shows
+/// nothing.
 fn instruction_skips(every: u32) -> Result<u64> {
     setup::qemu()?;
     const PROGRAM: &str = "signature-check";
@@ -122,7 +128,7 @@ fn instruction_skips(every: u32) -> Result<u64> {
         .env("PLANTAR_PROGRAM", std::path::absolute(firmware(PROGRAM))?)
         .env("PLANTAR_EVERY", every.to_string())
         .env("PLANTAR_SKIPS", std::path::absolute(&json)?)
-        // GDB reports every stop there.
+        // GDB reports every stop on its standard output.
         .stdout(Stdio::null());
     run_command(&mut command)?;
     let results = read(&json)?;
@@ -204,11 +210,11 @@ fn mutation_score(every: u32) -> Result<f64> {
     if missed_count == 0 {
         return Ok(1.0);
     }
-    println!("Testing the {missed_count} changes that they did not notice with slower tests");
+    println!("Testing, with the slower tests, the {missed_count} changes that the fast tests did not notice");
     let names: Vec<String> = missed.lines().map(escaped).collect();
     let names = format!("^({})$", names.join("|"));
     let slower = SLOWER_TESTS.iter().flat_map(|test| ["--test", test]);
-    // Without the changes, cargo-mutants would look for these tests in the changed package.
+    // There is no baseline, the run without changes: cargo-mutants would look for these tests in the changed package.
     let tested = ["--test-package", "host-tests", "--baseline", "skip", "--timeout", SLOWER_TESTS_TIMEOUT_S, "--"];
     let arguments = ["--re", &names].into_iter().chain(tested).chain(slower);
     let (_, never) = mutants("slow", &arguments.collect::<Vec<_>>())?;

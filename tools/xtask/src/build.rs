@@ -42,8 +42,8 @@ pub fn build_firmware(board: &str) -> Result<()> {
 /// The boards that are made for users: their packages refuse the public development key unless a feature allows it.
 const PRODUCTS: [&str; 2] = [WB55, NRF52840];
 
-/// Runs a cargo command such as `build` for a board's package, with the profile and the target of firmware. Without a key of its
-/// own, the build accepts the development key, with a warning.
+/// Runs a cargo command such as `build` for a board's package, with the profile and the target of firmware. If
+/// `PLANTAR_UPDATE_KEY` is not set, a product accepts updates signed with the public development key, and a warning is printed.
 pub fn cargo_firmware(command: &str, package: &str, arguments: &[&str]) -> Result<()> {
     run_command(firmware_command(command, package)?.args(arguments))
 }

@@ -1,4 +1,5 @@
-//! The demonstration: an emulated insole identifies its wearer and evaluates further steps; then the page is served.
+//! The demonstration: the wearer's parameters are identified from steps of an emulated insole, which then evaluates further
+//! steps with them; at the end the page is served.
 
 use crate::arguments::Demo;
 use crate::build::{build_firmware, firmware};
@@ -12,8 +13,8 @@ use std::process::Command;
 
 /// Number of trials of the sample walk; each is one step.
 const SAMPLE_TRIALS: &str = "37";
-/// The insole identifies its wearer from this number of steps. The last of them and the first step after them are evaluated while
-/// the parameters are on their way, so 12 steps remain.
+/// The wearer's parameters are identified from this number of steps. The next step begins before the insole has received the
+/// parameters, so 12 steps remain.
 const IDENTIFIED_STEPS: &str = "24";
 
 impl Demo {

@@ -36,9 +36,9 @@ pub fn build() -> Result<()> {
 /// Number of steps of each foot in the walk on which the identification on the page is compared with `plantar fit`.
 const WALK_STEPS: &str = "60";
 
-/// Checks the types of the page and runs its tests: unit tests, and tests in Chromium with the computed walk and with an emulated
-/// insole, also with recordings of people if this machine has some. `plantar` is the command line, `firmware` the firmware of the
-/// emulated board. Returns the same figures as [`measure`].
+/// Checks the types of the page and runs its tests: unit tests, and tests in Chromium with a computed walk, with an emulated
+/// insole and, if this machine has some, with recordings of people. `plantar` is the command line, `firmware` the firmware of
+/// the emulated board. Returns the same figures as [`measure`].
 pub fn test(plantar: &Path, firmware: &Path) -> Result<Figures> {
     npm(&["run", "check"])?;
     let mut command = tests(plantar)?;
@@ -71,7 +71,7 @@ fn figures() -> Result<Figures> {
     Ok(figures)
 }
 
-/// The command that runs the page's tests.
+/// Prepares the inputs of the page's tests, and returns the command that runs the tests.
 fn tests(plantar: &Path) -> Result<Command> {
     setup::chromium()?;
     let walk = std::path::absolute(built("walk.plantar"))?;

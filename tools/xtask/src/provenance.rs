@@ -11,7 +11,7 @@ use tempfile::TempDir;
 struct Copy(TempDir);
 
 impl Copy {
-    /// The name of the folder begins with `prefix`.
+    /// Copies the last commit. The name of the folder begins with `prefix`.
     fn of_last_commit(prefix: &str) -> Result<Self> {
         let folder = tempfile::Builder::new().prefix(prefix).tempdir()?;
         run("git", &["clone", "--quiet", ".", &folder.path().to_string_lossy()])?;
@@ -40,7 +40,7 @@ pub fn reproduce() -> Result<()> {
     let (first, second) = (build("plantar")?, build("plantar-another-folder")?);
     for ((package, first), second) in packages.iter().zip(&first).zip(&second) {
         if first != second {
-            // Without a different byte, the longer one differs from the end of the shorter one on.
+            // If all common bytes are equal, one build is longer: they differ from the end of the shorter one on.
             let at = first.iter().zip(second).position(|(first, second)| first != second);
             let at = at.unwrap_or(first.len().min(second.len()));
             bail!("{package} differs between two builds of the same commit, from byte {at} on");
@@ -55,7 +55,7 @@ pub fn write_sboms(out: &Path) -> Result<()> {
     let tool = setup::cargo_cyclonedx()?;
     std::fs::create_dir_all(out).with_context(|| format!("cannot create {}", out.display()))?;
     let out = std::path::absolute(out)?;
-    // The tool writes beside each manifest, so it runs in a copy.
+    // The tool writes its files beside each Cargo.toml, so it runs in a copy.
     let copy = Copy::of_last_commit("plantar-sbom")?;
     let describe = |target: &[&str], packages: &[(&str, &str)]| -> Result<()> {
         let arguments = ["cyclonedx", "--format", "json", "--spec-version", "1.5", "--quiet"];

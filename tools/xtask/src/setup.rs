@@ -7,11 +7,11 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// The package with the sample walk. It is licensed under GPLv3, so it is stored only in the private cache, and never in the
-/// repository. Its dependencies are not installed, because the importer only reads its data files.
+/// The Python package with the sample walk. It is licensed under GPLv3, so it is stored only in the private cache, and never in
+/// the repository. Its dependencies are not installed, because the importer only reads its data files.
 const SAMPLE_PACKAGE: &str = "jiku-data==0.1.16";
-/// The package with walks of another vendor's insoles, which are only in its source archive. It is stored in the private cache,
-/// too.
+/// The Python package with walks of another vendor's insoles, which are only in its source archive. It is stored in the private
+/// cache, too.
 const WALKS_PACKAGE: &str = "moticon-opengo";
 const WALKS_VERSION: &str = "1.0.3";
 const NUMPY: &str = "numpy>=1.26,<3";
@@ -37,9 +37,9 @@ const PACKAGE_TOOLS: [&str; 14] = [
     "xarray==2026.9.0",
 ];
 
-/// Programs that read exported files and live streams, for tests: C3D, OpenSim's storage files, MATLAB files, BIDS, CSV, MCAP and
-/// the Lab Streaming Layer, whose library liblsl is part of pylsl. One environment has all of them, without their optional
-/// dependencies.
+/// Packages that read exported files and live streams, for tests: C3D, OpenSim's storage files, MATLAB files, BIDS, CSV, MCAP
+/// and the Lab Streaming Layer, whose library liblsl is part of pylsl. One environment has all of them. The list contains the
+/// dependencies that the tests need; no others are installed.
 const FORMAT_READERS: [&str; 14] = [
     "ezc3d==1.7.2",
     "c3d==0.6.0",
@@ -74,7 +74,7 @@ pub struct Python {
     pub moticon: PathBuf,
 }
 
-/// Installs all programs and data.
+/// Installs all programs and data that the builds, the demonstration, the tests and the benchmarks need.
 pub fn all() -> Result<Python> {
     rust()?;
     qemu()?;
@@ -213,7 +213,8 @@ pub fn cargo_llvm_cov() -> Result<PathBuf> {
     cargo_tool("cargo-llvm-cov", "0.9.1")
 }
 
-/// Installs cargo-mutants, which changes the library at random places. Returns its path.
+/// Installs cargo-mutants, which makes small changes to the library, one at a time, and runs the tests with each of them.
+/// Returns its path.
 pub fn cargo_mutants() -> Result<PathBuf> {
     cargo_tool("cargo-mutants", "27.1.0")
 }
@@ -243,9 +244,9 @@ fn cargo_tool(name: &str, version: &str) -> Result<PathBuf> {
     Ok(tool)
 }
 
-/// Installs libclang in the private cache. Returns the environment variables with which `bindgen` finds libclang, and the headers
-/// that every C compiler has, such as `stdint.h`. The package lacks these headers, so they are those of the system's compiler,
-/// which Rust needs anyway.
+/// Installs libclang in the private cache. Returns two environment variables, by which `bindgen` finds libclang and the headers
+/// that every C compiler has, such as `stdint.h`. The package of libclang lacks these headers, so those of the system's C
+/// compiler are used, which Rust needs anyway.
 pub fn libclang() -> Result<[(&'static str, OsString); 2]> {
     let environment = cache().join("libclang");
     environment_with(&environment, LIBCLANG, || {
@@ -336,7 +337,8 @@ fn environment_of(name: &str, packages: &[&str], options: &[&str], needs: &'stat
     Ok(environment)
 }
 
-/// Creates a Python environment in this folder, unless it was completed with the same list of packages. `fill` installs them.
+/// Creates a Python environment in this folder, unless it is complete and has the same list of packages. `fill` installs the
+/// packages.
 fn environment_with(environment: &Path, packages: &str, fill: impl FnOnce() -> Result<()>) -> Result<()> {
     let stamp = environment.join(PYTHON_STAMP);
     if std::fs::read_to_string(&stamp).ok().as_deref() != Some(packages) {

@@ -1,4 +1,4 @@
-//! A client of the bridge that behaves like a page, over a real WebSocket.
+//! A client for the tests of the bridge. It exchanges messages with the bridge over a real WebSocket, as the web page does.
 
 use futures_util::{SinkExt, StreamExt};
 use plantar::protocol::{Hello, Live, MAJOR, MAX_MESSAGE, MINOR, Status, Step, ToDevice, ToHost, decode, encode};
@@ -11,12 +11,14 @@ pub const TIMEOUT: Duration = Duration::from_secs(30);
 
 type Socket = tokio_tungstenite::WebSocketStream<tokio_tungstenite::MaybeTlsStream<tokio::net::TcpStream>>;
 
-/// A connected page.
+/// A connection to the bridge, as that of a page. Insoles are numbered 0 and 1.
 pub struct Page(Socket);
 
 impl Page {
+    /// Opens a WebSocket, and requests a session and the live stream of both insoles.
     pub async fn open(address: SocketAddr) -> Self {
-        let (socket, _) = tokio_tungstenite::connect_async(format!("ws://{address}/insoles")).await.expect("it opens");
+        let url = format!("ws://{address}/insoles");
+        let (socket, _) = tokio_tungstenite::connect_async(url).await.expect("the WebSocket opens");
         let mut page = Self(socket);
         for insole in [0, 1] {
             page.send(insole, ToDevice::Connect { major: MAJOR, minor: MINOR }).await;
@@ -25,19 +27,22 @@ impl Page {
         page
     }
 
+    /// Sends a message to an insole.
     pub async fn send(&mut self, insole: u8, message: ToDevice) {
         let mut buffer = [0; MAX_MESSAGE];
-        let message = encode(&message, &mut buffer).expect("it fits");
-        self.0.send(Message::Binary([&[insole], &*message].concat().into())).await.expect("it is sent");
+        let message = encode(&message, &mut buffer).expect("the message fits");
+        let message = Message::Binary([&[insole], &*message].concat().into());
+        self.0.send(message).await.expect("the message is sent");
     }
 
+    /// Returns the next message of any insole, after the number of the insole that sent it.
     pub async fn next(&mut self) -> (u8, ToHost) {
-        let message = tokio::time::timeout(TIMEOUT, self.0.next()).await.expect("it comes in time");
+        let message = tokio::time::timeout(TIMEOUT, self.0.next()).await.expect("a message arrives in time");
         let bytes = message.expect("the socket is open").expect("a message").into_data();
         (bytes[0], decode(&bytes[1..]).expect("a valid message"))
     }
 
-    /// Returns the next message of an insole for which `of` returns a value; skips all others.
+    /// Returns the first value that `of` returns for a message of this insole; skips all messages before it.
     pub async fn find<T>(&mut self, insole: u8, of: impl Fn(ToHost) -> Option<T>) -> T {
         loop {
             let (from, message) = self.next().await;
@@ -61,6 +66,7 @@ impl Page {
         self.find(insole, |m| if let ToHost::Step(step) = m { Some(step) } else { None }).await
     }
 
+    /// Requests the status of an insole, and returns the answer.
     pub async fn status(&mut self, insole: u8) -> Status {
         self.send(insole, ToDevice::GetStatus).await;
         self.find(insole, |m| if let ToHost::Status(status) = m { Some(status) } else { None }).await
