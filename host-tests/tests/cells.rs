@@ -1,5 +1,6 @@
-//! The stream of all cells through the emulated board and its link: the received codes equal those of the walk, and a rate that
-//! the port cannot carry is refused.
+//! The stream of all cells. Through the emulated board and its link, the received codes equal those of the walk, and a rate
+//! that the port cannot carry is refused. From a host board in virtual time, a stream with `every` 0 has the cells of all
+//! frames.
 
 mod common;
 
@@ -37,8 +38,8 @@ fn every_cell_of_every_frame_arrives_in_either_resolution() {
         .expect("the board boots");
         let mut client = connect(&board);
         client.set_tissue(&tissue()).expect("typical parameters are valid");
+        client.stream().expect("the live stream starts");
         let stream = CellStream { resolution, every: 1 };
-        client.stream().expect("the stream starts");
         let StartedCells { setup, cells, mut receiver } = client.start_cells(stream).expect("the port is fast enough");
         assert_eq!((setup, &cells), (insole.setup, &insole.cells));
         let mut streamed = StreamedCells::new(setup, cells, stream.every);

@@ -34,12 +34,14 @@ impl embassy_time_driver::Driver for Clock {
     fn schedule_wake(&self, _: u64, _: &Waker) {}
 }
 
-/// The names of the threads. The first character is the urgency of the thread: a thread with a higher digit is more urgent. The
-/// main thread, which prepares the others and checks the result, is the most urgent one.
+/// The names of the threads. The first character is the urgency of the thread: a thread with a higher character is more urgent.
+/// The main thread, which prepares the others and checks the result, is the most urgent one: Shuttle names it `main-thread`,
+/// and letters are above digits.
 const PROCESSING: &str = "1 processing";
 const SCAN: &str = "2 scan";
 const WATCHDOG: &str = "3 watchdog";
-const MAIN: char = '9';
+/// The urgency of a thread without a name, above those of the named ones.
+const UNNAMED: char = '9';
 
 /// A scheduler for all orders that are possible on one core with priorities: a thread, which is one activation of a loop, is
 /// interrupted only by more urgent ones, and continues once these have ended. Threads of the same urgency run one after the
@@ -57,7 +59,7 @@ impl Scheduler for Priorities {
     }
 
     fn next_task(&mut self, runnable: &[&Task], current: Option<TaskId>, is_yielding: bool) -> Option<TaskId> {
-        let urgency = |task: &Task| task.name().and_then(|name| name.chars().next()).unwrap_or(MAIN);
+        let urgency = |task: &Task| task.name().and_then(|name| name.chars().next()).unwrap_or(UNNAMED);
         let has_begun = |task: &Task| self.begun.contains(&task.id());
         let most_urgent = runnable.iter().filter(|task| has_begun(task)).map(|task| urgency(task)).max();
         let is_first = |task: &Task| {
@@ -89,7 +91,7 @@ fn in_all_orders(test: impl Fn() + Send + Sync + 'static) -> usize {
 }
 
 fn start(name: &str, work: impl FnOnce() + Send + 'static) -> thread::JoinHandle<()> {
-    thread::Builder::new().name(name.into()).spawn(work).expect("a thread of the model")
+    thread::Builder::new().name(name.into()).spawn(work).expect("Shuttle starts the thread")
 }
 
 /// A frame clock that returns each frame number once, after a test has set it.
@@ -140,8 +142,8 @@ fn status(shared: &Shared) -> Status {
 }
 
 /// Frames 0, 1, 3 and 4 become due while processing evaluates frames and a host reads the counters. Frame 2 is missed, the
-/// matrix does not answer in frame 3, and the queue has room for one frame. Whenever the scan interrupts the other loops, every
-/// frame is counted once.
+/// matrix does not answer in frame 3, and the queue has room for one frame. No matter when the scan interrupts the other loops,
+/// every frame is counted once.
 #[test]
 fn every_frame_is_counted_once_in_all_orders() {
     const NUMBERS: [u32; 4] = [0, 1, 3, 4];

@@ -1,4 +1,4 @@
-"""Computed walks, and the command line as an independent program."""
+"""Computed walks, and the command line `plantar` as a separate process."""
 
 import os
 import pathlib
@@ -13,7 +13,7 @@ PROGRAM = os.environ.get("PLANTAR", "plantar")
 
 
 def plantar(*arguments: object, cwd: pathlib.Path | None = None, status: int = 0) -> str:
-    """Runs the command line, and returns its output."""
+    """Runs the command line, asserts that it ends with this exit status, and returns its output."""
     words = [PROGRAM, *map(str, arguments)]
     done = subprocess.run(words, cwd=cwd, capture_output=True, text=True, check=False)
     assert done.returncode == status, done.stderr

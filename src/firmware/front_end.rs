@@ -11,7 +11,8 @@
 //! use plantar::pipeline::calibrate::FULL_CODE;
 //!
 //! assert_eq!(code(f64::INFINITY) as u16, UNLOADED_CODE);
-//! // At the full-scale pressure of the sensor law, a cell reads `FULL_CODE` more than an unloaded cell.
+//! // By the sensor law, a cell at the full-scale pressure is `FULL_CODE` above an unloaded cell. This is beyond the range of
+//! // the converter: a cell saturates at a lower pressure (docs/hardware.md).
 //! assert!((code(f64::from(FULL_SCALE_OHM)) - f64::from(FULL_CODE) * 12.0 / 11.0).abs() < 0.01);
 //! assert_eq!(FEEDBACK_OHM, 11 * FULL_SCALE_OHM);
 //! ```
@@ -32,7 +33,8 @@ pub const CLIPPED_CODE: u16 = FULL_CODE - FULL_CODE / 100;
 /// Time from switching on the supply of the front end to the first row, us: longer than the simulated start
 /// (docs/hardware.md).
 pub const START_US: u32 = 500;
-/// Time from the selection of a row to the first conversion, us: longer than the simulated settling (docs/hardware.md).
+/// Time from the selection of a row to the first conversion, us: longer than the simulated settling of a sheet at 300 kPa, but
+/// not of a sheet at full load everywhere (docs/hardware.md).
 pub const SETTLE_US: u32 = 37;
 /// Clock of the converter, kHz.
 pub const ADC_KHZ: u32 = 64_000;
@@ -45,8 +47,9 @@ pub const CONVERSIONS: u32 = 16;
 /// Allowance for set-up, interrupts and wake-ups of a row, us, which was not measured.
 pub const ALLOWANCE_US: u32 = 15;
 
-/// Largest noise of the simulated sensors of the tests, codes. It exceeds three standard deviations of the simulated front end's
-/// noise.
+/// Largest noise of the simulated sensors of the tests, codes. It exceeds three standard deviations of the noise that the
+/// simulated front end has at an unloaded cell; with the whole sheet at 300 kPa, the standard deviation is larger
+/// (docs/hardware.md).
 pub const NOISE_CODES: f64 = 12.0;
 
 /// The code of a cell with this resistance, ohm, before it is rounded and limited to [`FULL_CODE`].

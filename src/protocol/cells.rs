@@ -51,7 +51,8 @@ impl Resolution {
 
 /// Usual number of bytes of a message with cells, beside the packed codes, on a byte carrier: tag, numbers, CRC and COBS.
 const OVERHEAD_BYTES: u32 = 22;
-/// Number of bytes of a live frame on a byte carrier, with CRC and COBS; live frames are sent in addition to frames of cells.
+/// Length of the longest live frame on a byte carrier, bytes, with CRC and COBS; live frames are sent in addition to frames of
+/// cells.
 const LIVE_BYTES: u32 = 92;
 
 /// A stream of cells.
@@ -206,7 +207,8 @@ fn unzigzag(number: u32) -> i32 {
     (number >> 1) as i32 ^ -((number & 1) as i32)
 }
 
-/// Packs or unpacks the frames of a stream. `codes` are those of the previous frame, from which the next frame differs.
+/// Packs or unpacks the frames of a stream. `codes` are those of the previous frame, in the resolution of the stream; the next
+/// frame contains the differences from them.
 #[derive(Debug)]
 pub struct CellCoder {
     resolution: Resolution,

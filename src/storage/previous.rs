@@ -60,7 +60,7 @@ pub async fn forget<F: NorFlash>(flash: &mut F) -> Result<(), NorFlashErrorKind>
 }
 
 /// Marks the previous image for the bootloader, which swaps it back at the next start. Returns false, and changes nothing, if the
-/// chip does not contain the image that `running` replaced.
+/// running image is on trial, or the chip does not contain the image that `running` replaced.
 ///
 /// # Errors
 /// [`Refusal::Chip`] if the chip fails.
@@ -71,7 +71,9 @@ pub async fn swap_back<F: NorFlash>(flash: &mut F, running: &Header) -> Result<b
     if !is_of_board || is_on_trial(flash).await? || stored(flash).await? != note(flash, running).await? {
         return Ok(false);
     }
-    // The bootloader finds a swap of which all sectors are complete and that nobody has confirmed, so it swaps back.
+    // The bootloader finds a swap of which all sectors are complete and that nobody has confirmed, so it swaps back. The first
+    // word of [`STATE`] is the operation, and the second one remains erased, which means that the progress is valid. Two words
+    // for each sector follow.
     let progress = STATE.start + 2 * STATE_WORD as u32;
     let end = progress + 2 * (MAX_IMAGE / SECTOR) * STATE_WORD as u32;
     flash.erase(STATE.start, STATE.end).await.map_err(|error| error.kind())?;

@@ -1,5 +1,5 @@
-"""Reads the walks in the source archive of the package moticon-opengo: the text of its raw exports, and the steps in the vendor's
-reports of the same walks.
+"""Reads the walks in the source archive of the Python package moticon-opengo: the text of its raw exports, and the steps in the
+vendor's reports of the same walks.
 
 The argument is the path of the archive. Prints a JSON list with an object for each walk: its "export", and "steps" with a list
 for each foot, left before right. Each step is an object with the keys of COLUMNS. A value that the report lacks is null.
@@ -45,7 +45,7 @@ def table(book, number):
 
 
 def steps(book, number):
-    """Yields the steps in a sheet, with the values of COLUMNS."""
+    """Yields the steps in a sheet that have an initial contact, with the values of COLUMNS."""
     rows = list(table(book, number))
     column = {title: letter for letter, title in rows[0].items()}
     for row in rows[1:]:

@@ -1,4 +1,4 @@
-//! Sets the version of the build.
+//! Sets the environment variable `PLANTAR_VERSION` for the compiler: the version of the package and the commit.
 
 fn main() {
     build_support::version();

@@ -1,4 +1,5 @@
-//! Measures the processor time that the emulator needs while the emulated board processes a walk in real time.
+//! Measures the processor time of QEMU while the emulated board processes a walk in real time: it is small as long as the
+//! emulated processor is idle between its interrupts.
 
 use anyhow::{Context, Result};
 use bench::Figures;
@@ -18,7 +19,8 @@ const ANSWER_TIMEOUT: Duration = Duration::from_secs(20);
 /// Number of clock ticks per second; times in `/proc` are numbers of these ticks.
 const USER_HZ: f64 = 100.0;
 
-/// Measures the share of a core that the emulator uses at 100 Hz with a live stream. On a host without `/proc`, adds no figure.
+/// Measures the share of a core that QEMU uses at 100 Hz with a live stream, without the sensor plant, which runs in this
+/// process. On a host without `/proc`, adds no figure.
 pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
     if !Path::new("/proc/self/stat").exists() {
         return Ok(());
@@ -40,7 +42,7 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
     figures.add(
         "emulator_cpu_share",
         (share * 100.0).round() / 100.0,
-        "at most 0.25: share of a core that an emulated foot uses at 100 Hz in real time",
+        "at most 0.25: share of a core that QEMU uses for one foot at 100 Hz in real time",
     );
     Ok(())
 }

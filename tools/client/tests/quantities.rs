@@ -16,10 +16,16 @@ This file is generated from the declarations in `src/protocol/{step,bout,alert,l
 `UPDATE_DOCS=1 cargo test --release --package client --test quantities`. A test checks that it is up to date.
 
 *Column* is the name in Parquet and CSV files, *key* the one in JSON objects, where `a.b` is the key `b` in the object
-`a`. The CSV file of live frames that the web page for a phone saves has one column for each region and key, such as
-`heel_area_mm2`. A value is an integer on the wire, so it has a resolution and a largest value. Quantities of the contact
-ellipse are null without contact; the valley and the second peak of the total force are null in a step with one hump.
-Equations are those of [model.md](model.md).
+`a`. Two CSV files that the web page for a phone saves differ. That of live frames has one column for each region and
+each key of a region, such as `heel_area_mm2`; its `t_s` is the time of arrival, and its `device_t_s` the time of the
+scan. In that of steps, `duration_s` is named `contact_time_foot_s`.
+
+In tables an alert has one row for each region, with `sustained` and `dose` of this region. In the JSON object of an
+alert these two keys have lists of the names of the regions to which they apply.
+
+A value is an integer on the wire, so it has a resolution and a largest value. Quantities of the contact ellipse are
+null without contact; the valley and the second peak of the total force are null in a step with one hump. Equations are
+those of [model.md](model.md).
 ";
 
 #[test]
@@ -79,6 +85,7 @@ fn largest(wire_type: &str, per_unit: u32) -> String {
 
 #[test]
 fn json_has_every_quantity_once() {
+    // With a radius above 0 the region had contact, so its ellipse is not null.
     let region = StepRegion { ellipse_r_a_cmm: 1, ..StepRegion::default() };
     let step = Step {
         step: 0,

@@ -8,7 +8,8 @@ use std::fmt;
 use std::str::FromStr;
 use thiserror::Error;
 
-/// Factor by which the reading of a cell with the fault `saturate` is amplified, so that the loaded cell reaches full scale.
+/// Factor by which the fault `saturate` amplifies the load of a cell, its code above that of the unloaded cell, so that the
+/// loaded cell reaches full scale.
 const SATURATING_GAIN: f64 = 100.0;
 
 /// An electrical fault of the sensor matrix, which begins at a certain time.
@@ -16,10 +17,10 @@ const SATURATING_GAIN: f64 = 100.0;
 pub struct SensorFault {
     /// Its kind.
     pub kind: FaultKind,
-    /// Its place, in a matrix with rows of [`COLUMNS`] cells.
+    /// Its place. The cells are wired in the order of a frame, [`COLUMNS`] to a row.
     pub place: Place,
-    /// The parameter of the fault. Stuck: the code. Drift: codes per second. Crosstalk: the fraction of the row's largest reading
-    /// that is added to the readings of its other cells. Other kinds: 0.
+    /// The parameter of the fault. Stuck: the code. Drift: codes per second. Crosstalk: the fraction of the load of the row's
+    /// most loaded other cell that each cell of the row reads in addition to its own load. Other kinds: 0.
     pub value: f64,
     /// Time at which the fault begins, s.
     pub from_s: f64,

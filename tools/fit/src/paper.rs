@@ -105,8 +105,8 @@ fn squares(samples: &Samples, ellipsoid: &Ellipsoid<f64>) -> f64 {
     sum
 }
 
-/// The values of A/B, C and d0 of an ellipsoid of which all eight parameters were searched. `g_max` is its largest normalised
-/// deformation.
+/// The values of A/B, C and d0 of an ellipsoid of which all eight parameters were searched. `law` is its force law, and `g_max`
+/// its largest normalised deformation.
 pub(crate) fn fixed_parameters(ellipsoid: &Ellipsoid<f64>, law: &ForceLaw<f64>, g_max: f64) -> FixedParameters {
     FixedParameters {
         aspect: ellipsoid.a_m / ellipsoid.b_m,

@@ -80,7 +80,7 @@ const TRANSFER_PERCENT: f64 = 0.5;
 
 /// Largest allowed supply current of the front end while a row is connected, mA.
 const SCANNING_MA: f64 = 9.0;
-/// Largest allowed supply current of the front end between scans, mA.
+/// Largest allowed supply current of the front end while it is supplied and no row is connected, mA.
 const BETWEEN_MA: f64 = 6.5;
 /// Largest allowed supply current of the front end while it is switched off, uA.
 const OFF_UA: f64 = 10.0;
@@ -145,7 +145,7 @@ fn simulate_transfer(board: &Netlist, figures: &mut Figures) -> Result<Vec<(f64,
         "transfer_error_percent",
         error_percent,
         TRANSFER_PERCENT,
-        "largest deviation of the reading of a cell from that of its conductance, %",
+        "largest deviation of a cell's reading from the firmware's formula, up to full load, %",
     );
     figures.at_least(
         "saturated_code",
@@ -226,20 +226,31 @@ fn simulate_crosstalk(board: &Netlist, figures: &mut Figures) -> Result<Vec<(f64
         "crosstalk_diagonal_percent",
         diagonal,
         limit,
-        "one neighbour at full load in the next column, beside a loaded cell of the column, largest offsets, %",
+        "a cell at full load in the next column and another row, beside a cell at full load of the measured column, \
+         largest offsets, % of a reading at full load",
     );
     let mut sheet = |key, cell_ohm, offset_v, meaning| -> Result<()> {
         figures.add(key, sheet_crosstalk(board, cell_ohm, offset_v)?, meaning);
         Ok(())
     };
     let offset_v = AMPLIFIER_OFFSET_V.value;
-    sheet("crosstalk_sheet_percent", WALKING_OHM, offset_v, "all other rows at 300 kPa, largest offsets, %")?;
-    sheet("crosstalk_sheet_full_percent", FULL_LOAD_OHM, offset_v, "all other rows at full load, largest offsets, %")?;
+    sheet(
+        "crosstalk_sheet_percent",
+        WALKING_OHM,
+        offset_v,
+        "all other rows at 300 kPa, largest offsets, % of a reading at full load",
+    )?;
+    sheet(
+        "crosstalk_sheet_full_percent",
+        FULL_LOAD_OHM,
+        offset_v,
+        "all other rows at full load, largest offsets, % of a reading at full load",
+    )?;
     sheet(
         "crosstalk_sheet_precise_percent",
         WALKING_OHM,
         PRECISE_OFFSET_V.value,
-        "all other rows at 300 kPa, offsets of the OPA4376, %",
+        "all other rows at 300 kPa, offsets of the OPA4376, % of a reading at full load",
     )?;
     figures.add(
         "crosstalk_saturated_percent",
@@ -277,7 +288,7 @@ fn simulate_stability(board: &Netlist, figures: &mut Figures) -> Result<Vec<Loop
         "phase_margin_column_deg",
         smallest_deg("column"),
         limit,
-        "smallest phase margin of a column amplifier, degrees",
+        "smallest phase margin of a column amplifier with the typical output impedance, degrees",
     );
     figures.at_least(
         "phase_margin_reference_deg",
@@ -299,7 +310,8 @@ fn simulate_noise(board: &Netlist, figures: &mut Figures) -> Result<Vec<Noise>> 
         "noise_codes",
         noise[0].code_rms,
         NOISE_CODES / 3.0,
-        "noise of an unloaded cell, codes, standard deviation; the limit is a third of the noise of simulated sensors",
+        "noise of an unloaded cell, codes, standard deviation; the limit is a third of the largest noise of the \
+         sensors that the firmware's tests simulate",
     );
     let loaded_codes = noise[noise.len() - 1].code_rms;
     figures.add("noise_loaded_codes", loaded_codes, "noise with the whole sheet at 300 kPa, codes, standard deviation");
@@ -318,8 +330,12 @@ fn simulate_supply(board: &Netlist, figures: &mut Figures) -> Result<()> {
         SCANNING_MA,
         "front end while a row with 16 cells at 300 kPa is connected, mA",
     );
-    figures.at_most("supply_between_ma", between_a * 1e3, BETWEEN_MA, "front end between scans, mA");
-    figures.add("supply_mean_ma", mean_a * 1e3, "front end, mean at 100 Hz with rows of 16 cells at 300 kPa, mA");
+    figures.at_most("supply_between_ma", between_a * 1e3, BETWEEN_MA, "front end supplied, no row connected, mA");
+    figures.add(
+        "supply_mean_ma",
+        mean_a * 1e3,
+        "front end, mean at 100 Hz with rows of 16 cells at 300 kPa if it were not switched off between scans, mA",
+    );
     figures.at_most("supply_off_ua", off_a * 1e6, OFF_UA, "front end switched off, uA");
     Ok(())
 }

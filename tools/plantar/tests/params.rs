@@ -18,7 +18,7 @@ use std::path::Path;
 use std::process::{self, Output};
 use std::sync::{Arc, Mutex};
 
-/// The result of the measurement of baselines that a host requests.
+/// The result with which the simulated insole answers a request to measure its baselines (`plantar insole zero`).
 const ZERO_RESULT: ZeroResult =
     ZeroResult { changed: 17, without_baseline: [0, 2, 0, 0, 0, 0, 0, 0], residual_dn: [31, 0, 0, 0, 0, 0, 0, 0] };
 
@@ -57,7 +57,7 @@ fn insole() -> (SocketAddr, Arc<Mutex<Session>>) {
                             session.set_daily_load(DailyLoad { snoozed_s, ..testkit::daily_load() }, true);
                         }
                         if let ToDevice::SetSettings(settings) = message {
-                            // A real insole adopts new settings at a restart, which the command always requests next.
+                            // A real insole adopts new settings at a restart, which `plantar` always requests next.
                             let setup = settings.map_or(testkit::SETUP, |settings| settings.apply_to(testkit::SETUP));
                             session.set_layout(setup, &[], settings);
                         }
@@ -304,10 +304,10 @@ fn an_insole_is_named_calibrated_and_shown() {
     write(&good[..10]);
     assert!(run("calibrate cells.csv").2.contains("10 cells, but the insole has 200"));
     write(&good);
-    let (done, text, failed) = run("calibrate cells.csv");
+    let (done, text, stderr) = run("calibrate cells.csv");
     let mut id = CalibrationId::new();
     id.add(&(0..cells).map(|cell| CellCalibration { offset: 100 + cell, gain: 1.5 }).collect::<Vec<_>>());
-    assert!(done && text.contains(&format!("calibration {:08x}", id.id())), "{text} {failed}");
+    assert!(done && text.contains(&format!("calibration {:08x}", id.id())), "{text} {stderr}");
     assert_eq!(session.lock().expect("no panic").identity().calibration_id, id.id());
     let (done, text, _) = run("show");
     assert!(done && text.contains("P-0001") && text.contains("steps, load bouts and alerts so far"), "{text}");

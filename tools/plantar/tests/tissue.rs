@@ -42,7 +42,7 @@ fn assert_not_whole(folder: &Path, arguments: &str, expected: &[(&str, &str)]) -
 }
 
 #[test]
-fn measurements_of_the_tissue_determine_c_and_are_named_in_every_output() {
+fn measurements_of_the_tissue_determine_the_vertical_radius_and_are_named_in_every_output() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
     succeed(path, "import synthetic --steps 6 --out walk.parquet");
@@ -89,7 +89,8 @@ fn measurements_of_the_tissue_determine_c_and_are_named_in_every_output() {
     assert!(replayed.contains("deformation (scaled by assumption) mm"), "{replayed}");
     assert!(replayed.contains("heel 0 %") && replayed.contains("toe_2 50 %"), "{replayed}");
     assert!(succeed(path, "replay walk.parquet").contains("100 % in all regions"));
-    // A parameter file in which the scale of every region was measured.
+    // A parameter file in which the scale of every region was measured: the line is added at the end of each region's table,
+    // that is before the header of the next region, and at the end of the file. The lines that `fit` wrote are removed.
     let text = text.replace("\n[regions", "\ndeformation_scale = \"measured\"\n[regions");
     let text: String = text.split_inclusive('\n').filter(|line| !line.contains("share of assumption")).collect();
     let text = text.replacen("\ndeformation_scale = \"measured\"\n[regions.heel", "\n[regions.heel", 1);
@@ -115,9 +116,10 @@ fn measurements_of_the_tissue_determine_c_and_are_named_in_every_output() {
     std::fs::write(path.join("t.toml"), tissue).expect("written");
     let expected = [("heel", "contradict each other"), ("hallux", "thickness_mm = 41 is out of range")];
     let (_, results) = assert_not_whole(path, "fit walk.parquet --tissue t.toml", &expected);
+    // Instead of the measurements, the compression is used that is assumed without any: 45.7 %.
     let pinned = &results["regions"]["heel"]["pinned"];
     assert_eq!(
-        (&pinned["by"], &pinned["compression"].as_f64().map(|c| (c * 1e9).round())),
+        (&pinned["by"], &pinned["compression"].as_f64().map(|compression| (compression * 1e9).round())),
         (&"assumed_compression".into(), &Some(0.457e9))
     );
     let hallux_mm = results["regions"]["hallux"]["pinned"]["d0_mm"].as_f64().expect("a number");
@@ -131,11 +133,12 @@ fn a_single_step_and_a_shifted_insole_are_reported_for_each_affected_region() {
     succeed(path, "import synthetic --steps 12 --out walk.parquet");
     succeed(path, "fit walk.parquet");
     let all = plantar::Region::ALL;
+    // `fit --steps 3` uses only the step with the number 3.
     let (status, out, _) = run(path, "fit walk.parquet --steps 3 --json one.json");
     assert_eq!(status, 3);
     assert_eq!(out.matches("only one step").count(), all.len(), "{out}");
 
-    // From the middle of the recording on, the cells of the heel measure half of the pressure.
+    // From the middle of the recording on, the cells of the heel measure half of the pressure, as if the insole had shifted.
     let mut recording = Recording::read(path.join("walk.parquet")).expect("a recording");
     let regions: Vec<_> = recording.layout.cells.iter().map(|cell| cell.region).collect();
     let middle = recording.pressure_kpa.len() / 2;

@@ -166,7 +166,7 @@ impl ColumnFile {
         })
     }
 
-    /// Column `index` of a row group. Messages count rows from `first_row`.
+    /// Column `index` of a row group. `first_row`, the number of rows in the groups before it, is for messages only.
     fn column<T: DataType>(&self, group: &dyn RowGroupReader, index: usize, first_row: usize) -> Result<Vec<T::T>> {
         let place = || format!("{}: column {}", self.path.display(), column_name(index));
         let rows = rows(group.metadata());

@@ -51,7 +51,6 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         text.lines().map(|line| line.split(['\t', ';']).map(|field| field.trim().to_owned()).collect()).collect()
     };
     let mut feet: Vec<(Option<Side>, Frames)> = Vec::new();
-    let mut stated = None;
     // Number of rows of the current frame that were read, and number of its columns.
     let (mut at, mut columns): (usize, Option<usize>) = (0, None);
     for (line, fields) in (1..).zip(&rows) {
@@ -61,8 +60,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         let Some(first) = fields.first() else { continue };
         let named = [("Left foot data", Side::Left), ("Right foot data", Side::Right)];
         if let Some((_, side)) = named.iter().find(|(name, _)| first.eq_ignore_ascii_case(name)) {
-            stated = Some(*side);
-            feet.push((stated, Frames::default()));
+            feet.push((Some(*side), Frames::default()));
             continue;
         }
         if first.starts_with("Frame") {
@@ -71,7 +69,8 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
                 return Err(Error::content(place(), problem, "export the measurement again, and do not edit the file"));
             };
             if feet.is_empty() {
-                feet.push((stated, Frames::default()));
+                // The export does not state the foot.
+                feet.push((None, Frames::default()));
             }
             let Some((_, frames)) = feet.last_mut() else { continue };
             if frames.t_s.last().is_some_and(|&before_s| t_s <= before_s) {

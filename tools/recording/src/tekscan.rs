@@ -2,7 +2,8 @@
 //!
 //! A header with a name and a value in each line states the numbers and the spacing of rows and columns, the time between
 //! frames and the unit. Below `ASCII_DATA`, each frame begins with `Frame` and its number, and has a line for each row. `B`
-//! stands for a cell outside of the sensor. Insoles are exported with the toes in the first row, as seen from above.
+//! stands for a cell outside of the sensor. Lines that begin with `@@`, such as the last one, have no values. Insoles are
+//! exported with the toes in the first row, as seen from above.
 
 use crate::grid::{Foot, Frames, Grid, MAX_LINES, Toes};
 use crate::table::{at_line, file_name};
@@ -63,7 +64,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     let kpa_per_unit = if unit.to_lowercase().starts_with("raw") {
         let (force_n, sum) = header.calibration.ok_or_else(|| {
             let remedy = "calibrate the measurement in the vendor's program, and export it in kPa";
-            Error::content(at_line(path, unit_line), "raw values without a CALIBRATION_POINT_1", remedy)
+            Error::content(at_line(path, unit_line), "raw values without a valid CALIBRATION_POINT_1", remedy)
         })?;
         remarks.push(
             "The values are raw: they were converted in proportion to the load of CALIBRATION_POINT_1.".to_owned(),
@@ -221,7 +222,7 @@ fn read_frames<'a>(
         }
         let fields = row.split([',', ';', '\t']).map(str::trim);
         if found == rows {
-            let problem = format!("`{}` after the last row of a frame", shortened(row));
+            let problem = format!("`{}`, expected the beginning of a frame", shortened(row));
             return Err(Error::content(place(), problem, "export the measurement again, and do not edit the file"));
         }
         let width = fields.clone().count();

@@ -1,4 +1,4 @@
-//! The pedar import of small files in its format, and of a real measurement, which is not part of this repository.
+//! The import of small files in the format of pedar, and of a real measurement, which is not part of this repository.
 
 mod common;
 
@@ -162,7 +162,7 @@ mod unpublished {
 
     #[test]
     #[ignore = "needs recordings of people, which are not public: PLANTAR_RECORDINGS"]
-    fn while_standing_the_heel_carries_most_and_the_medial_arch_little() {
+    fn while_standing_the_heel_carries_most_and_the_medial_midfoot_less_than_the_lateral() {
         for foot in &both_feet() {
             let standing_n = region_forces_n(foot, 0..100);
             let most = standing_n.iter().copied().fold(0.0, f64::max);
@@ -187,7 +187,8 @@ mod unpublished {
         for foot in [&left, &right] {
             // A shoe presses on the foot during swing, too. The threshold is above the force of this pressure.
             let is_in_stance = |i: usize| foot.force_n(i) > 200.0;
-            // For each step, whether the heel carries most of the load at its start, and the forefoot at its end.
+            // For each step, whether forefoot and toes carry less than 30 % of the load at its start, and more than 60 % at its
+            // end.
             let mut lands_on_heel = Vec::new();
             let mut leaves_from_front = Vec::new();
             for i in 1..foot.frames() {

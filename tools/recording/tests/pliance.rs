@@ -1,4 +1,4 @@
-//! The pliance import of computed files in its format.
+//! The import of computed files in the format of pliance.
 
 mod common;
 
@@ -6,11 +6,11 @@ use common::{COLUMNS, ROWS, STANCE, assert_message, assert_step, pressure_kpa};
 use plantar::Side;
 use recording::{Export, Format, Result};
 
-/// Size of a sensor, cm.
+/// Width and height of a sensor, cm.
 const WIDTH_CM: f64 = 0.8;
 const HEIGHT_CM: f64 = 0.9;
 
-/// A file with a step. The sensors are numbered by columns, from the top.
+/// A file with a step. The sensors have the numbers 2, 4, 6 and so on, column by column, from the top.
 fn text(side: Side) -> String {
     let sensors: Vec<(usize, usize)> =
         (0..COLUMNS).flat_map(|column| (0..ROWS).map(move |row| (row, column))).collect();
@@ -56,7 +56,7 @@ fn decimal_commas_yield_the_same_recording() {
     assert_eq!(with_commas.feet, with_points.feet);
 }
 
-/// A row with a damaged time is not taken for the end of the table: the frames below it would be left out without a message.
+/// If a row with a damaged time counted as the end of the table, the frames below it would be left out without a message.
 #[test]
 fn a_damaged_time_is_refused_with_its_line() {
     let text = text(Side::Right);
@@ -74,7 +74,7 @@ fn damaged_files_are_refused_with_the_line_and_a_remedy() {
     assert_message(changed("time[secs]", "time"), "step.asc: ", &["x[1]", "corners"]);
     assert_message(changed("y[3]", "z[3]"), "step.asc: ", &["y[3]", "corners"]);
     assert_message(changed("x[2] 0.8000", "x[2] 1.6000"), "step.asc: ", &["rectangles"]);
-    // An index of 4095.9 rounds to 4096, one more than the largest.
+    // A sensor that is 4095.9 rows above the lowest one: the index of its row is rounded to 4096, one more than the largest.
     let raised = text.replacen("y[1] 26.1000", "y[1] 3686.3100", 1).replacen("y[2] 26.1000", "y[2] 3686.3100", 1);
     let raised = raised.replacen("y[3] 27.0000", "y[3] 3687.2100", 1).replacen("y[4] 27.0000", "y[4] 3687.2100", 1);
     assert_message(parse(&raised), "step.asc: ", &["rectangles"]);

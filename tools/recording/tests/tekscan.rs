@@ -1,4 +1,4 @@
-//! The Tekscan import of computed files in its format.
+//! The import of computed files in the format of Tekscan.
 
 mod common;
 
@@ -6,10 +6,10 @@ use common::{COLUMNS, ROWS, STANCE, SWING, assert_message, assert_step, pressure
 use plantar::Side;
 use recording::{Export, Format, Result};
 
-/// Area of a cell, mm2: a fifth of an inch in both directions.
+/// Area of a cell, mm2: a square with a side of 0.4 inches, 10.16 mm.
 const CELL_MM2: f64 = 5.08 * 5.08 * 4.0;
 
-/// A file of one step with this unit and spacing.
+/// A file of one step in this unit, with this spacing of rows and columns. A pressure of 1 kPa is `per_kpa` units.
 fn text(side: Side, unit: &str, per_kpa: f64, spacing: &str) -> String {
     let mut text = format!(
         "DATA_TYPE MOVIE\r\nFILENAME C:\\walks\\step{}.fsx\r\nSENSOR_TYPE F-SCAN\r\nROWS {ROWS}\r\nCOLS {COLUMNS}\r\n\
@@ -53,7 +53,7 @@ fn a_step_is_imported_from_all_units() {
 
 #[test]
 fn raw_values_are_converted_with_the_calibration_or_refused() {
-    // 50 kg on cells with a raw sum of 5000.
+    // In the calibration of the file, a mass of 50 kg results in a sum of 5000 raw values.
     let n_per_raw = 50.0 * 9.806_65 / 5000.0;
     let raw = text(Side::Right, "Raw", CELL_MM2 * 1e-3 / n_per_raw, "10.16 mm");
     let export = parse(&raw).unwrap();
@@ -65,7 +65,7 @@ fn raw_values_are_converted_with_the_calibration_or_refused() {
 }
 
 #[test]
-fn the_name_of_the_file_states_the_foot_and_an_argument_corrects_it() {
+fn the_name_of_the_file_or_an_argument_states_the_foot() {
     let unnamed = text(Side::Right, "KPa", 1.0, "10.16 mm").replace("stepR", "step");
     assert_message(common::parse(Format::Tekscan, "walk.asf", unnamed.as_bytes(), None), "walk.asf: ", &["--side"]);
     for name in ["normal.asf", "walker.asf", "upright.asf", "HEEL.asf"] {
@@ -79,7 +79,7 @@ fn the_name_of_the_file_states_the_foot_and_an_argument_corrects_it() {
     assert_eq!(by_name.feet[0].side, Side::Right);
     let stated = common::parse(Format::Tekscan, "walk.asf", unnamed.as_bytes(), Some(Side::Right)).unwrap();
     assert_eq!(stated.feet[0], by_name.feet[0].clone_with_source(&stated.feet[0].source));
-    // The same file as a left foot is mirrored.
+    // If the file is imported as a left foot, its footprint is mirrored, which leads to a warning.
     let wrong = common::parse(Format::Tekscan, "walk.asf", unnamed.as_bytes(), Some(Side::Left)).unwrap();
     assert!(recording::footprint::warnings(&wrong.feet[0])[0].contains("mirrored"));
     assert!(recording::footprint::warnings(&stated.feet[0]).is_empty());
@@ -114,6 +114,7 @@ fn damaged_files_are_refused_with_the_line_and_a_remedy() {
     assert_message(changed("B,0.000,", "X,0.000,"), "walk.asf:14: ", &["column 1", "`X`"]);
     assert_message(changed("Frame 2", "Frame 1"), "walk.asf:45: ", &["frame 1 follows", "order"]);
     assert_message(parse(&text[..text.len() / 2]), "walk.asf", &["cut off"]);
+    // All digits are 0, except those of the number of rows.
     assert_message(
         parse(&text.replace(|c: char| c.is_ascii_digit() && c != '0', "0").replace("ROWS 00", "ROWS 30")),
         "walk.asf",

@@ -7,6 +7,7 @@ use recording::{Cell, synthetic};
 
 #[test]
 fn landmarks_lie_in_their_regions() {
+    // Positions as fractions of the width from the medial side, and of the length from the heel.
     for (x, y, region) in [
         (0.5, 0.05, Region::Heel),
         (0.5, 0.20, Region::Heel),
@@ -44,7 +45,7 @@ fn regions_hardly_depend_on_the_position_or_the_angle_of_the_foot() {
 }
 
 #[test]
-fn a_layout_without_a_forefoot_has_regions() {
+fn a_layout_with_cells_only_at_both_ends_has_regions_and_an_empty_one_is_allowed() {
     let cell = |y_mm| Cell { x_mm: 10.0, y_mm, area_mm2: 100.0, region: Region::Toe2 };
     let mut cells = [cell(5.0), cell(255.0)];
     assign(&mut cells);

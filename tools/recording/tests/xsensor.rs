@@ -1,4 +1,4 @@
-//! The XSENSOR import of computed files in its format.
+//! The import of computed files in the format of XSENSOR.
 
 mod common;
 
@@ -6,7 +6,7 @@ use common::{COLUMNS, ROWS, STANCE, SWING, assert_message, assert_step, force_n,
 use plantar::Side;
 use recording::{Export, Format, Result};
 
-/// Size of a cell, cm.
+/// Side length of a cell, cm.
 const CELL_CM: f64 = 0.86;
 const CELL_MM2: f64 = CELL_CM * CELL_CM * 100.0;
 
@@ -14,13 +14,15 @@ const CELL_MM2: f64 = CELL_CM * CELL_CM * 100.0;
 #[derive(Clone, Copy)]
 struct Style {
     unit: &'static str,
-    /// Units in a kPa.
+    /// Number of units in 1 kPa.
     per_kpa: f64,
     separator: &'static str,
     line_end: &'static str,
+    /// The byte order mark at the start of the file, or no text.
     mark: &'static str,
     /// Whether all fields are in quotes.
     is_quoted: bool,
+    /// Whether a row of empty fields follows each line.
     blank_rows: bool,
 }
 
@@ -34,7 +36,7 @@ const USUAL: Style = Style {
     blank_rows: true,
 };
 
-/// The lines of a file with two steps of each foot, each with its fields.
+/// The lines of a file with two steps of each foot. Each line is a list of fields.
 fn lines(style: Style) -> Vec<Vec<String>> {
     let line = |fields: &[&str]| fields.iter().map(|field| field.to_string()).collect::<Vec<_>>();
     let mut lines = vec![line(&["File:", "C:\\walks\\first, second.XSN"]), line(&["Units:", style.unit])];
@@ -133,7 +135,7 @@ fn files_in_all_styles_yield_the_same_recordings() {
 }
 
 #[test]
-fn a_load_in_another_unit_than_stated_is_noticed() {
+fn pressures_in_another_unit_than_stated_lead_to_a_remark() {
     let mut lines = lines(USUAL);
     lines[1][1] = "kPa".to_owned();
     let export = parse(&text(USUAL, &lines)).unwrap();
@@ -150,7 +152,7 @@ fn whole_seconds_in_a_short_walk_are_refused() {
     assert_message(parse(&text(USUAL, &lines)), "walk.csv:", &["not later"]);
 }
 
-/// The index of the line that begins the `n`th section of this name.
+/// The index of the line that begins the section of this name with the number `n`, counted from 0.
 fn section(lines: &[Vec<String>], name: &str, n: usize) -> usize {
     (0..lines.len()).filter(|&i| lines[i][0] == name).nth(n).expect("a section")
 }

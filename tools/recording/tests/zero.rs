@@ -8,7 +8,7 @@ use recording::synthetic::{self, SyntheticStanding, SyntheticWalk};
 use recording::{FootZero, MAX_CELLS, Recording, StandingTrial, VirtualInsole, Zero};
 use std::path::Path;
 
-/// The law of the virtual sensor at its default full scale, implemented independently.
+/// The code of a pressure by the law of the virtual sensor at its default full scale, implemented independently.
 fn code(kpa: f32) -> f64 {
     f64::from(FULL_CODE) * (f64::from(kpa) / 1000.0).powf(0.8)
 }
@@ -36,7 +36,7 @@ fn measured(recording: &Recording) -> (StandingTrial, FootZero) {
     (found, zero)
 }
 
-/// The frames between two times.
+/// The frames between two times, s.
 fn cut(recording: &Recording, s: std::ops::Range<f64>) -> Recording {
     let frames = (s.start * recording.rate_hz) as usize..((s.end * recording.rate_hz) as usize).min(recording.frames());
     let cells = recording.cells();
@@ -123,7 +123,8 @@ fn a_zero_is_exact_at_its_own_full_scale_and_accurate_to_one_code_at_others() {
         let mut unloaded = vec![0; insole.cells.len()];
         insole.codes(walk.frame(0), &mut unloaded);
         for (cell, &code) in insole.cells.iter().zip(&unloaded) {
-            // The zero was measured in whole codes at 1000 kPa, which are fractions of a code at 8000 kPa.
+            // The zero was measured in whole codes at a full scale of 1000 kPa. At a larger full scale, such a code is a
+            // fraction of a code.
             assert!(cell.calibration.offset.abs_diff(code) <= u16::from(largest_kpa > 0.0));
             assert_eq!(zero_offset([code]), Some(code));
         }
@@ -178,8 +179,8 @@ fn a_walk_with_offsets_and_its_zero_equals_a_walk_without_offsets() {
     for (expected, found) in expected.iter().flatten().zip(found.iter().flatten()) {
         // The offsets are accurate to two codes. A code is about 0.01 kPa at 10 to 200 kPa, or 1 mN on a cell.
         assert!((expected.1 - found.1).abs() <= 0.05, "{} N, not {}", found.1, expected.1);
-        // A cell within two codes of the contact threshold may be in contact in only one of the two walks. Two cells may be
-        // affected at once, because the ellipses of the computed walk are symmetric.
+        // A cell within two codes of the contact threshold may be in contact in only one of the two walks. This may concern two
+        // cells at once, because the ellipses of the computed walk are symmetric.
         assert!((expected.0 - found.0).abs() <= 2.001 * cell_mm2, "{} mm2, not {}", found.0, expected.0);
         different_areas += usize::from((expected.0 - found.0).abs() > 1.0);
     }

@@ -12,19 +12,20 @@ const LEFT: f64 = 104.0;
 const RIGHT: f64 = 30.0;
 /// Height of a bar.
 const BAR: f64 = 9.0;
-/// Height of a region.
+/// Height of the row of a region.
 const ROW: f64 = 4.0 * BAR + 15.0;
 const TOP: f64 = 4.0;
 
-/// The four errors and the CSS classes of their bars.
+/// The four errors in the chart, which are fields of [`Quality`], and the CSS classes of their bars.
 const ERRORS: [(&str, &str); 4] =
     [("fitted", "fill"), ("own", "fill own"), ("predicted", "fill predicted"), ("floor", "fill floor")];
 
+/// The errors as fractions, in the order of [`ERRORS`].
 fn errors(quality: &Quality) -> [Option<f64>; 4] {
     [Some(quality.fitted), Some(quality.own), quality.predicted, Some(quality.floor)]
 }
 
-/// The chart with four bars for each region, and the value in Table 2 of the paper as a mark.
+/// The chart with up to four bars for each region, and the value in Table 2 of the paper as a mark.
 pub fn bars(study: &Study) -> Drawing {
     let all = fitted(study).flat_map(|(_, fit)| errors(&fit.quality)).flatten().map(|share| share * 100.0);
     let largest = all.chain(PAPER_NRMSE).filter(|percent| percent.is_finite()).fold(0.0, f64::max);
@@ -66,9 +67,9 @@ fn bar(class: &str, y: f64, end: f64) -> Markup {
     html! { rect class=(class) x=(LEFT) y=(y + 0.5) width=(width) height=(BAR - 1.0) {} }
 }
 
-/// The mark for the value of the paper: a triangle above the bars.
-fn mark(x: f64, bars: f64) -> Markup {
-    html! { path.fill d=(format!("M{x:.1} {:.1}l-4 -7h8z", bars - 0.5)) {} }
+/// The mark for the value of the paper: a triangle above the bars, the upper edge of which is at `bars_top`.
+fn mark(x: f64, bars_top: f64) -> Markup {
+    html! { path.fill d=(format!("M{x:.1} {:.1}l-4 -7h8z", bars_top - 0.5)) {} }
 }
 
 /// The legend of the bars and the mark.

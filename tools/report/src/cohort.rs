@@ -21,7 +21,8 @@ use plantar::pipeline::contact::ContactRule;
 pub struct Cohort<'c> {
     /// The people.
     pub people: &'c [Person],
-    /// The repeatability of each foot of which people have several trials.
+    /// The repeatability for the left and for the right foot, each only if enough people have two or more trials of it; see
+    /// [`fit::agreement::repeatability`].
     pub feet: &'c [FootRepeatability],
     /// The contact rule by which the areas were measured.
     pub contact: ContactRule,

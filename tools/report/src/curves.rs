@@ -120,7 +120,7 @@ fn largest<'v>(curves: impl IntoIterator<Item = &'v Vec<f64>>) -> f64 {
     curves.into_iter().flatten().copied().fold(0.0, f64::max)
 }
 
-/// Length of the time axis of all charts: the longest stance time, s.
+/// Length of the time axis of all charts, s: the longest stance time, at least 0.1 s.
 pub fn duration_s(study: &Study) -> f64 {
     study.steps.iter().map(|step| step.duration_s).fold(0.1, f64::max)
 }
@@ -205,7 +205,7 @@ pub fn legend() -> Vec<Drawing> {
         (html! { path.line d="M0 9h24" {} }, "measured force, smoothed"),
         (
             html! { @for region in 0..4 { path.model.(colour(region)) d={ "M" (6 * region) " 9h6" } {} } },
-            "area, filtered; model force",
+            "filtered area; model force",
         ),
         (html! { path.line.dashed d="M0 9h24" {} }, "whole foot, if regions are not fitted"),
     ])

@@ -106,8 +106,8 @@ impl Scale {
         Self { values, positions, kind: Kind::Linear }
     }
 
-    /// A logarithmic scale; both values are positive. With `zero`, the scale also has a position for 0, which is
-    /// the first one.
+    /// A logarithmic scale from the range of values, which are positive, to the range of positions. With `zero`, the scale also
+    /// has a position for 0, which is the first position.
     pub fn logarithmic(values: [f64; 2], [first, last]: [f64; 2], zero: bool) -> Self {
         match zero {
             true => Self { values, positions: [first + ZERO_GAP, last], kind: Kind::LogarithmicAndZero },
@@ -207,7 +207,7 @@ impl Curves {
         self.path(start, every, values, |i| if i == 0 { "M" } else { "L" }, "")
     }
 
-    /// As [`Curves::line`], with a point for each sample.
+    /// As [`Curves::line`], but with a separate point for each sample instead of a line through them.
     pub fn points(&self, start: f64, every: f64, values: &[f64]) -> String {
         self.path(start, every, values, |_| "M", "h0")
     }

@@ -26,12 +26,12 @@ const LEGEND_ROW: f64 = 52.0;
 /// Fraction of its length and width with which a cell is drawn, so that gaps separate neighbouring cells.
 const CELL_SHARE: f64 = 0.85;
 
-/// The first recording of a foot that has cells.
+/// The first recording of this foot with a layout of cells; a live stream has none.
 pub fn source(study: &Study, side: Side) -> Option<&Source> {
     study.sources.iter().find(|source| source.side == side && !source.layout.cells.is_empty())
 }
 
-/// Both feet, or the foot that was recorded; `None` if there is no recording.
+/// Both feet, or the foot that was recorded; `None` if there is no recording with a layout of cells.
 pub fn foot(study: &Study) -> Option<Drawing> {
     let feet: Vec<&Source> = [Side::Left, Side::Right].into_iter().filter_map(|side| source(study, side)).collect();
     let cells = || feet.iter().flat_map(|foot| &foot.layout.cells);

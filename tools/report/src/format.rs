@@ -28,7 +28,7 @@ fn superscript(exponent: &str) -> String {
 }
 
 /// A round number for an axis: with a power of ten from 10 000 on and below 0.001.
-pub fn round(value: f64) -> String {
+pub fn round_number(value: f64) -> String {
     // Ticks are multiples of a step, and thus have rounding errors.
     let trimmed = |value: f64| format!("{value:.4}").trim_end_matches('0').trim_end_matches('.').replace('-', "−");
     let exponent = value.abs().log10().floor() as i32;
@@ -53,8 +53,8 @@ pub fn signed_percent(share: f64) -> String {
 }
 
 /// A count with its noun in singular or plural: `1 step`, `2 steps`.
-pub fn count(count: usize, of: &str) -> String {
-    format!("{count} {of}{}", if count == 1 { "" } else { "s" })
+pub fn count(count: usize, noun: &str) -> String {
+    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
 }
 
 /// Breaks text between words into lines of at most `most` characters; a longer word has a line of its own.
@@ -107,7 +107,7 @@ mod tests {
             (1e-4, "10⁻⁴"),
         ];
         for (value, text) in cases {
-            assert_eq!(round(value), text);
+            assert_eq!(round_number(value), text);
         }
     }
 

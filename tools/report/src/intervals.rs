@@ -19,7 +19,7 @@ pub struct IntervalChart {
     pub title: String,
     /// True if the axis is logarithmic.
     pub logarithmic: bool,
-    /// True if a value may be 0.
+    /// True if a logarithmic axis also has a position for the value 0; without effect on a linear axis.
     pub zero: bool,
     /// The rows, in the order of the regions.
     pub rows: [Row; 8],
@@ -27,7 +27,7 @@ pub struct IntervalChart {
 
 /// The row of a region.
 pub enum Row {
-    /// A value with its intervals.
+    /// A value with its intervals, all in the unit of the chart.
     Value {
         value: f64,
         mark: Mark,
@@ -52,7 +52,7 @@ pub enum Mark {
 }
 
 impl Mark {
-    /// Draws the mark.
+    /// Draws the mark with its centre at `(x, y)`.
     pub fn at(self, x: f64, y: f64) -> Markup {
         html! {
             @match self {
@@ -147,7 +147,8 @@ fn bar(scale: &Scale, [low, high]: [f64; 2], y: f64, class: &str) -> Markup {
     }
 }
 
-/// The row of a region that was not fitted. The tables contain the complete reason.
+/// The row of a region that was not fitted. It contains the reason up to the first colon or bracket; the tables contain the
+/// complete reason.
 pub fn unfitted(reason: &str) -> Row {
     Row::Text(format!("not fitted: {}", reason.split([':', '(']).next().unwrap_or_default()))
 }

@@ -15,7 +15,7 @@ struct Published {
     value: &'static str,
     conditions: &'static str,
     source: &'static str,
-    /// The value of this person with its origin; `None` if the fit has no such value.
+    /// The value of this person, with its origin if it may be an assumption; `None` if the fit has no such value.
     own: fn(&RegionFit) -> Option<String>,
 }
 
@@ -137,13 +137,16 @@ pub fn literature(study: &Study) -> Markup {
 const UNIFORM: f64 = 2.0;
 /// A and B count as close if they differ by at most this factor.
 const CLOSE: f64 = 1.25;
-/// The smallest number of regions for statements on all regions.
+/// The smallest number of fitted regions for a comparison with the findings of the paper.
 const COMPARED_REGIONS: usize = 3;
 
 /// A finding of the paper, and that of this fit.
 struct Finding {
+    /// The finding of the paper.
     paper: &'static str,
+    /// The finding of this fit.
     here: String,
+    /// True if the two agree.
     agrees: bool,
 }
 
@@ -185,6 +188,7 @@ fn names(fits: &[(usize, &RegionFit)], of: impl Fn(&RegionFit) -> bool) -> Strin
     if names.is_empty() { "none".into() } else { names.join(", ") }
 }
 
+/// The finding on C relative to A and B.
 fn vertical(fits: &[(usize, &RegionFit)]) -> Finding {
     let ratio = |fit: &RegionFit| fit.ellipsoid.c_m / fit.ellipsoid.a_m.min(fit.ellipsoid.b_m);
     let ratios = fits.iter().map(|(_, fit)| ratio(fit)).fold([f64::MAX, f64::MIN], |[l, h], r| [l.min(r), h.max(r)]);
@@ -200,6 +204,7 @@ fn vertical(fits: &[(usize, &RegionFit)]) -> Finding {
     }
 }
 
+/// The finding on the ratio of A and B.
 fn round(fits: &[(usize, &RegionFit)]) -> Finding {
     let is_long = |fit: &RegionFit| fit.fixed.aspect.ln().abs() > CLOSE.ln();
     let aspects =
@@ -216,6 +221,7 @@ fn round(fits: &[(usize, &RegionFit)]) -> Finding {
     }
 }
 
+/// The finding on the differences of k between regions.
 fn uniform(fits: &[(usize, &RegionFit)]) -> Finding {
     let k = spread(fits.iter().map(|(_, fit)| fit.ellipsoid.k));
     let stiffness = spread(fits.iter().map(|(_, fit)| fit.law.stiffness_pa));
@@ -231,6 +237,7 @@ fn uniform(fits: &[(usize, &RegionFit)]) -> Finding {
     }
 }
 
+/// The finding on the region with the highest n.
 fn exponent(fits: &[(usize, &RegionFit)]) -> Finding {
     let largest = fits.iter().max_by(|a, b| a.1.law.n.total_cmp(&b.1.law.n)).map_or(0, |(region, _)| *region);
     Finding {
@@ -240,6 +247,7 @@ fn exponent(fits: &[(usize, &RegionFit)]) -> Finding {
     }
 }
 
+/// The finding on the sign of n.
 fn positive(fits: &[(usize, &RegionFit)]) -> Finding {
     Finding {
         paper: "n is positive.",

@@ -172,9 +172,9 @@ fn error_figure(study: &Study) -> Markup {
         figure.beside {
             (bars::bars(study).svg())
             figcaption {
-                "NRMSE by region against the measured force, mean over the steps: parameters fitted to all steps, to each step \
-                 alone (own), to the other steps (predicted), and the smallest error of any elastic law (floor). Triangles: \
-                 Table 2 of the paper, one participant; a reference, not a norm."
+                "NRMSE by region against the measured force, mean over the steps: with parameters fitted to all steps \
+                 (fitted), to each step alone (own) and to the other steps (predicted), and the smallest error of any \
+                 elastic law (floor). Triangles: Table 2 of the paper, one participant; a reference, not a norm."
             }
         }
     }
@@ -183,8 +183,8 @@ fn error_figure(study: &Study) -> Markup {
 fn quantity_figures(study: &Study) -> Markup {
     html! {
         p {
-            "Single parameters of the model compensate each other; these quantities do not, so that they can be compared between \
-             recordings and people."
+            "Single parameters of the model can compensate each other. These quantities cannot, so they can be compared \
+             between recordings and people."
         }
         (legend(&quantities::legend()))
         figure { div.panels { @for chart in quantities::charts(study) { (chart.svg()) } } }

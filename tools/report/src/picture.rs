@@ -30,12 +30,13 @@ pub type Result<T> = std::result::Result<T, Error>;
 
 /// Pixels per unit of the drawing.
 const PIXELS: f32 = 2.0;
-// The following are in units of the drawing.
+// The following lengths are in units of the drawing.
 const MARGIN: f64 = 24.0;
 const GAP: f64 = 18.0;
 const HEADER: f64 = 70.0;
 /// Height of the title above a panel.
 const TITLE: f64 = 22.0;
+/// Height of a row of a legend.
 const LEGEND: f64 = 28.0;
 
 /// The picture as PNG, with text in a font of the operating system.

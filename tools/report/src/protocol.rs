@@ -1,4 +1,4 @@
-//! The protocol: participant, recordings, excluded contacts and the options of the fit.
+//! The protocol of the identification: participant, recordings, excluded contacts and the options of the fit.
 
 use crate::drawing::tick;
 use crate::format::{count, number};
@@ -26,7 +26,7 @@ pub fn protocol(study: &Study) -> Markup {
             dt { "Software" } dd { "Plantar " (env!("PLANTAR_VERSION")) }
         }
         (sources(study))
-        (left_out(study))
+        (excluded_contacts(study))
     }
 }
 
@@ -64,7 +64,7 @@ fn filter(filter: Filter) -> &'static str {
 
 fn method(method: Method) -> &'static str {
     match method {
-        Method::Projection => "five parameters by variable projection from a grid of starts; deterministic",
+        Method::Projection => "five parameters by variable projection from a grid of starting points; deterministic",
         Method::Paper => "the method of the paper: eight variables by a general solver from ten random starts",
     }
 }
@@ -119,7 +119,7 @@ fn sources(study: &Study) -> Markup {
     }
 }
 
-fn left_out(study: &Study) -> Markup {
+fn excluded_contacts(study: &Study) -> Markup {
     html! {
         @if study.excluded_contacts.is_empty() { p { "No contact was excluded." } } @else {
             table.words {

@@ -36,8 +36,8 @@ pub fn reading(method: Method) -> Markup {
                      of A, B, C, d₀, k and c are valid only for these fixed values. ",
                 Method::Paper => "The search determines these three arbitrarily. ",
             }
-            "Compare people by the mechanical quantities. Parameters with the mark † are mostly those of other people: the force \
-             of this person hardly changes the usual value."
+            "Compare people by the mechanical quantities. The value of a parameter with the mark † is mostly the usual value \
+             of other people, because the force of this person does not determine it."
         }
         p {
             strong { "Intervals. " }
@@ -52,16 +52,18 @@ pub fn reading(method: Method) -> Markup {
             em { "Fitted" } ": one set of parameters for all steps. "
             em { "Own" } ": parameters fitted to each step alone, as in the paper. "
             em { "Predicted" } ": parameters fitted to the other steps (cross-validation); the error to expect for a new step. "
-            em { "Floor" } ": the best non-decreasing function of contact area in each step. No elastic law of this area has a \
-             smaller error; a law with damping can have a smaller error. "
+            em { "Floor" } ": the error of the best non-decreasing function of contact area in each step. No elastic law \
+             of this area has a smaller error; a law with damping can have a smaller error. "
             em { "Raw" } ": against the force as measured. "
-            em { "Smoothed" } ": against the force smoothed by a polynomial of fifth order."
+            em { "Smoothed" } ": against the force smoothed by a polynomial of fifth order. "
+            em { "Bias at peak" } ": the largest model force divided by the largest measured force, minus 1."
         }
         p {
             strong { "Limits. " }
             "Contact area depends on the contact threshold and on the size of the cells: parameters that were identified with \
-             another contact rule or sensor are not comparable. With covered shares, it is an effective area, which also depends on \
-             the pressure. The measured force is the sum of the sensors: shear, and load beside the sensors, are not part of it. \
+             another contact rule or sensor are not comparable. If a cell counts with a fraction of its area, the sum is an \
+             effective area, which also depends on the pressure. The measured force is the sum of the sensors: shear, and load \
+             beside the sensors, are not part of it. \
              Deformations, and with them stiffness, moduli and energies, are scaled by assumption unless thickness and strain of the \
              tissue, or a curvature of the sole, were measured. The eight regions are a convention for comparing feet, not \
              anatomical structures. This is not a medical device; it must not be used for diagnosis."

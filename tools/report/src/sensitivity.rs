@@ -1,4 +1,4 @@
-//! How the main results follow the choices of the method.
+//! How the main results depend on the choices of the method.
 
 use crate::format::{NONE, number, percent};
 use crate::region::{TITLES, fit_of};
@@ -10,7 +10,7 @@ use maud::{Markup, html};
 struct Shown {
     title: &'static str,
     value: fn(&MainResults) -> Option<f64>,
-    /// True for an error, whose change is a difference; the change of the others is relative.
+    /// True for an error (NRMSE), whose change is a difference. The change of the other results is relative.
     is_error: bool,
 }
 
@@ -22,7 +22,7 @@ const SHOWN: [Shown; 4] = [
 ];
 
 impl Shown {
-    /// The change of a variant relative to the fit.
+    /// The change from the fit, with the value `from`, to a variant, as a fraction.
     fn change(&self, from: Option<f64>, variant: &Variant, region: usize) -> Option<f64> {
         let to = (self.value)(variant.regions[region].as_ref()?)?;
         Some(if self.is_error { to - from? } else { to / from? - 1.0 })
@@ -57,7 +57,7 @@ impl Shown {
     }
 }
 
-/// Changes above these are printed in bold: a relative change, and the difference of an error, as fractions.
+/// Larger changes are printed in bold. The limits are fractions: of a relative change, and of the difference of an error.
 const LARGE: [f64; 2] = [0.2, 0.02];
 
 fn cell(change: Option<f64>, is_error: bool) -> Markup {

@@ -1,4 +1,5 @@
-//! What determines d0 and C of each region, how the results follow it, and how well an ellipse describes the contact.
+//! The sources of d0 and C of each region, the dependence of the results on these sources, and the misfit of an ellipse to the
+//! contact.
 
 use crate::format::{NONE, number, signed_percent};
 use crate::region::{TITLES, fit_of};
@@ -17,9 +18,9 @@ pub fn table(study: &Study) -> Markup {
                  their source, and by how much C and the results at 20 % strain change if the source value is " (change) " \
                  smaller / larger. Share of assumption: 0 if C rests on measurements only, 50 % if either thickness or \
                  compression is assumed, 100 % if both are, or if C results from the search of the paper. Unless it is 0, \
-                 stiffness, moduli and energies are those of a deformation (scaled by assumption). Ellipse misfit: area of \
+                 stiffness, moduli and energies follow from a deformation (scaled by assumption). Ellipse misfit: area of \
                  the ellipse with the second moments of the contact, relative to the contact area, minus 1; it is large for \
-                 a contact of separate parts, and for light contact if edge cells count by a share."
+                 a contact of separate parts, and for light contact if edge cells count with a fraction of their area."
             }
             thead {
                 tr {

@@ -7,7 +7,8 @@ use plantar::Side;
 use plantar::protocol::{Step, StepRegion};
 use recording::{Cell, Recording};
 
-// These lengths are in units of the drawing.
+// The following lengths are in units of the drawing. `FOOT` and `PANEL` are the width and height of the foot and of the panel
+// of a region; `TITLE` is the height of the title of a panel.
 const MARGIN: f64 = 14.0;
 const HEADER: f64 = 58.0;
 const FOOT: [f64; 2] = [300.0, 590.0];
@@ -25,13 +26,13 @@ pub type Forces = [(f64, f64); 8];
 /// A step of a recording, with the data that its picture shows.
 #[derive(Clone, Copy, Debug)]
 pub struct StepPicture<'a> {
-    /// The recording; its frames are not needed.
+    /// The recording; only its side, layout and rate are used, not its frames.
     pub recording: &'a Recording,
     /// The step.
     pub step: &'a Step,
     /// The largest measured pressure of each cell of the recording in the step, kPa.
     pub peak_kpa: &'a [f32],
-    /// Forces of the frames of the step.
+    /// The forces in each frame of the step, from heel strike on.
     pub forces: &'a [Forces],
     /// The contact rule in words.
     pub contact: &'a str,
@@ -49,7 +50,7 @@ impl StepPicture<'_> {
                 text.title x=(MARGIN) y="22" { "Peak pressure, contact ellipse at peak force" }
                 text x=(MARGIN) y="40" { "contact: " (self.contact) }
                 (self.foot())
-                // Beside the contact rule, which is longer than the foot is wide.
+                // The legend is at the right, because the text of the contact rule is wider than the foot.
                 (legend_row(&legend(), MARGIN + FOOT[0] + PANEL[0] + 2.0 * GAP, 26.0))
                 @for region in 0..8 {
                     @let (column, row) = ((region % 3) as f64, (region / 3) as f64);

@@ -1,4 +1,5 @@
-//! The page in Chromium: the program that `PLANTAR_CHROMIUM` names, or the one on the path.
+//! The page in Chromium. The browser is the program that the environment variable `PLANTAR_CHROMIUM` names, or the one that is
+//! found in the folders of `PATH`.
 
 mod common;
 

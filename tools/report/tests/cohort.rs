@@ -40,8 +40,8 @@ fn table_1_and_the_errors_have_means_and_deviations_by_size() {
     // The standard deviation of 20 and 30 is sqrt(50) = 7.07.
     assert!(html.contains(&format!("<th scope=\"row\">37–38</th>{}", cells(&["2", "1/1", "25.0 ± 7.1", "–", "–"]))));
     assert!(html.contains(&format!("<th scope=\"row\">43–44</th>{}", cells(&["1", "0/0/1", "40.0", "–", "–"]))));
-    // The means of the two people are 2 and 11: the mean over them is 6.5 and the standard deviation 6.4, plus the variable's
-    // index.
+    // The means of the two people are 2 and 11, each plus the index of the variable. The mean over the people is therefore 6.5
+    // plus the index, and the standard deviation is 6.4.
     let i = Variable::nrmse().index() as f64;
     assert!(html.contains(&format!("<td>{:.1} ± 6.4</td><td>{:.1}</td>", 6.5 + i, 20.0 + i)));
     assert!(

@@ -88,7 +88,7 @@ fn excluded_contacts_and_regions_are_listed_with_their_reasons() {
     let unfit: Vec<_> = STUDY.fits.iter().filter_map(|fit| fit.as_ref().err()).collect();
     assert_eq!(unfit.len(), 2, "{unfit:?}");
     for reason in unfit {
-        // The reason is in the summary, in three tables, and in the label of the drawing.
+        // The reason is in the summary, in four tables, and in the label of the drawing.
         assert!(html.matches(&escaped(&reason.to_string())).count() >= 5, "{reason}");
     }
     assert!(!STUDY.excluded_contacts.is_empty());
@@ -169,7 +169,8 @@ fn undetermined_parameters_and_defects_are_marked() {
         fit.uncertainty.as_mut().expect("intervals").intervals[4].is_identifiable = false;
     }
     let without_m = report::html(&study);
-    // The interval from the Jacobian, and the row of the eight parameters. So few steps are not resampled.
+    // One mark is in the table of the five parameters, at the interval from the Jacobian, and one in the table of the eight
+    // parameters. There is no interval from resampled steps, because the steps are too few.
     assert_eq!(marks(&without_m), marks(&identified) + 2);
 }
 
@@ -198,7 +199,7 @@ fn the_sensitivity_is_the_change_of_the_results() {
     assert_eq!(rows[3].iter().filter(|text| *text == "−1.1").count(), 6);
 }
 
-/// Which findings of the paper a fit contradicts follows from its numbers.
+/// The report states that a finding of the paper agrees with the fit only if the parameters of the fit have this property.
 #[test]
 fn findings_of_the_paper_are_compared_with_the_results() {
     let finding = |study: &Study, words: &str| {

@@ -37,7 +37,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(out.flush()?)
 }
 
-/// The messages of an insole during a walk that starts `lag_s` later, with the time in ms.
+/// The messages of an insole, each with its time in ms, during a walk that starts `lag_s` after time 0. `peak_n` is the peak
+/// force on the foot, N.
 fn messages(
     side: Side,
     steps: usize,

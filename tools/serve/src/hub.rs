@@ -64,10 +64,11 @@ struct Insole {
     outlets: Option<Outlets>,
 }
 
-/// Rules and cells of an insole. The cells are never freed, because the firmware's [`Session`] refers to static ones; a program
-/// reads few layouts.
+/// Configuration and cells of an insole. The cells are never freed, because the firmware's [`Session`] requires static ones.
+/// This takes little memory, because a server reads few layouts.
 pub(crate) type Layout = (Setup, &'static [SetupCell]);
 
+/// A record that no page has acknowledged.
 struct Pending {
     record: LoadRecord,
     /// The session with the insole in which the record arrived last.
@@ -191,11 +192,11 @@ impl Hub {
         // Only one page waits for an answer at a time. The insole may also announce what another host has set.
         let waiting = match answer {
             Ok(tissue) => {
-                insole.takes_waiting(|command| matches!(command, Command::Tissue(sent, _) if sent.id == tissue.id))
+                insole.take_waiting(|command| matches!(command, Command::Tissue(sent, _) if sent.id == tissue.id))
             }
-            Err(_) => insole.takes_waiting(|_| true),
+            Err(_) => insole.take_waiting(|_| true),
         };
-        // What could not be stored is in force until the insole restarts.
+        // Parameters and rules that could not be stored are in force until the insole restarts.
         let (mut tissue, mut rules) = (answer.ok(), None);
         match waiting {
             Some((_, Command::Tissue(sent, _))) if answer == Err(Refusal::NotStored) => tissue = Some(sent),
@@ -224,7 +225,7 @@ impl Hub {
         let mut insole = self.insole(index);
         let insole = &mut *insole;
         insole.alert_rules = Some(rules);
-        let waiting = insole.takes_waiting(|command| matches!(command, Command::AlertRules(sent) if *sent == rules));
+        let waiting = insole.take_waiting(|command| matches!(command, Command::AlertRules(sent) if *sent == rules));
         for (id, link) in &mut insole.pages {
             if waiting.is_some_and(|(waiting, _)| waiting == *id) {
                 link.complete(Ok(CommandResult::Stored));
@@ -497,7 +498,7 @@ impl Insole {
     }
 
     /// Returns the page that waits for an answer and its command, and ends its wait, if `is_answered` is true for the command.
-    fn takes_waiting(&mut self, is_answered: impl Fn(&Command) -> bool) -> Option<(u64, Command)> {
+    fn take_waiting(&mut self, is_answered: impl Fn(&Command) -> bool) -> Option<(u64, Command)> {
         let (waiting, _) = self.waiting?;
         let command = self.pages.iter().find(|(id, _)| *id == waiting).and_then(|(_, link)| link.command());
         // A page that has closed its session or its connection no longer waits either.

@@ -1,10 +1,11 @@
 //! Serves the page for a phone and bridges one or two insoles to it.
 //!
 //! To a page, the bridge behaves like an insole: it answers a connect request with the insole's hello, streams live frames, and
-//! queues steps until they are acknowledged. Each page has a session of its own with each insole, which uses the firmware's
-//! [`plantar::protocol::session::Session`]. A slow page loses live frames without an effect on other pages; its status counts
-//! them. The bridge acknowledges a step to the insole once a page has acknowledged the step or, if the messages are recorded,
-//! once the step is in the recording. What is published over the Lab Streaming Layer is not acknowledged.
+//! queues records (steps, load bouts and alerts) until they are acknowledged. Each page has a session of its own with each
+//! insole, which uses the firmware's [`plantar::protocol::session::Session`]. A slow page loses live frames without an effect
+//! on other pages; the status that it receives counts them. The bridge acknowledges a record to the insole once a page has
+//! acknowledged the record or, if the messages are recorded, once the record is in the recording. Publishing a record over the
+//! Lab Streaming Layer does not acknowledge it.
 //!
 //! A binary WebSocket message is the index of the insole, one byte, followed by one unframed message.
 
@@ -16,7 +17,7 @@ mod origin;
 mod web;
 
 pub use bridge::Source;
-pub use liblsl::Missing;
+pub use liblsl::MissingLiblsl;
 
 use bridge::Session;
 use client::{Error as LinkError, StreamFile};
@@ -43,7 +44,8 @@ pub struct Options {
     pub origins: Vec<String>,
     /// True if pages may replace the wearer's parameters on the insoles.
     pub accepts_parameters: bool,
-    /// A file for all messages of the insoles, which must be new or empty.
+    /// The file to which hellos, live frames, steps, load bouts, alerts and counters of the insoles are written. It must be new
+    /// or empty. `None` for no recording.
     pub record: Option<PathBuf>,
     /// The file of liblsl, which publishes the messages of the insoles over the Lab Streaming Layer; `Some(None)` for the file that
     /// the system finds, and `None` to publish nothing.
@@ -70,9 +72,9 @@ pub enum Error {
     Record(PathBuf, io::Error),
     /// liblsl cannot be loaded.
     #[error(transparent)]
-    Lsl(#[from] Missing),
+    Lsl(#[from] MissingLiblsl),
     /// liblsl does not publish the stream with this name.
-    #[error("liblsl cannot publish the stream {0}: check the network, and its configuration file lsl_api.cfg")]
+    #[error("liblsl cannot publish the stream {0}: check the network, and liblsl's configuration file lsl_api.cfg")]
     Stream(String),
     /// The server failed.
     #[error("the server ended: {0}")]

@@ -57,7 +57,7 @@ const BUFFER: i32 = 360;
      conda-forge liblsl` or from https://github.com/sccn/liblsl/releases, or name its file with --lsl=LIBRARY (the Python \
      package pylsl contains it in its folder pylsl/lib)"
 )]
-pub struct Missing {
+pub struct MissingLiblsl {
     library: String,
     reason: String,
 }
@@ -75,7 +75,7 @@ pub(crate) struct Now {
     pub unix_us: u64,
 }
 
-/// What describes a stream or a channel: names and values.
+/// The names and values of the properties that describe a stream or a channel.
 pub(crate) type Properties = Vec<(&'static str, String)>;
 
 /// A stream before it is published.
@@ -83,7 +83,8 @@ pub(crate) struct Stream {
     pub name: String,
     /// The type of its content.
     pub content: &'static str,
-    /// Unique and permanent, so that receivers find the stream again after this program was restarted; empty without such a name.
+    /// A unique and permanent name, by which receivers find the stream again after this program was restarted; empty if there
+    /// is none.
     pub source_id: String,
     pub properties: Properties,
     pub channels: Vec<Properties>,
@@ -93,9 +94,9 @@ pub(crate) struct Stream {
 
 impl Liblsl {
     /// Loads this file, or the library where the system finds it.
-    pub fn load(file: Option<&Path>) -> Result<Self, Missing> {
+    pub fn load(file: Option<&Path>) -> Result<Self, MissingLiblsl> {
         let file = file.map_or_else(|| libloading::library_filename("lsl"), OsString::from);
-        let missing = |error: libloading::Error| Missing {
+        let missing = |error: libloading::Error| MissingLiblsl {
             library: file.display().to_string(),
             // The source is the system's own message.
             reason: error.source().map_or_else(|| error.to_string(), ToString::to_string),
@@ -126,8 +127,8 @@ impl Liblsl {
         let format = if stream.is_text { STRING } else { DOUBLE };
         let channels = stream.channels.len();
         let lsl = &self.0;
-        // SAFETY: the strings end with a zero and outlive the calls, which copy them. The information is used until it is
-        // destroyed, its description only before; the outlet has a copy of both.
+        // SAFETY: the strings end with a zero and outlive the calls, which copy them. Neither the stream's information nor the
+        // description in it is used after the information is destroyed; the outlet has a copy of both.
         let outlet = unsafe {
             let (name, content, source_id) = (name.as_ptr(), content.as_ptr(), source_id.as_ptr());
             let info = (lsl.lsl_create_streaminfo)(name, content, channels as i32, IRREGULAR, format, source_id);

@@ -12,7 +12,7 @@ use plantar::{Region, Side};
 
 /// The last parts of the names of the streams.
 const NAMES: [&str; 5] = ["frames", "steps", "bouts", "alerts", "events"];
-/// The unit of a property that a region has or has not: 1 or 0.
+/// The unit of a channel that is 1 if a property is present, and 0 if not.
 const FLAG: &str = "boolean";
 
 /// The streams of one insole, until this value is dropped.
@@ -48,7 +48,7 @@ impl Outlets {
         })
     }
 
-    /// The names of the streams, for messages.
+    /// The names of the streams, separated by commas.
     pub fn names(&self) -> String {
         NAMES.map(|name| stream_name(self.side, name)).join(", ")
     }
@@ -88,7 +88,7 @@ fn lsl_s(now: Now, unix_us: u64) -> Option<f64> {
     Some(now.lsl_s - ago_us as f64 / 1e6).filter(|t_s| *t_s > 0.0)
 }
 
-/// The description of all streams of an insole.
+/// The properties that describe the insole, which are the same for all of its streams.
 fn properties(hello: &Hello, serial: &str) -> Properties {
     let rule = &hello.contact_rule;
     vec![
@@ -211,7 +211,7 @@ fn of_regions<M: 'static, R: 'static>(
     Region::ALL.into_iter().flat_map(of_region)
 }
 
-/// The channels of properties that regions have or have not.
+/// The channels of flags: 1 for a region that has the property of the flag, and 0 for another region.
 fn flags<M: 'static>(flags: &'static [Flag<M>]) -> impl Iterator<Item = Channel<M>> {
     let of_region = move |region: Region| {
         flags.iter().map(move |flag| Channel {

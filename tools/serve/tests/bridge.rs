@@ -24,6 +24,7 @@ use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 
 /// An insole in memory, with its end of the cable.
 struct Insole {
+    /// The insole's side of the session.
     link: Session,
     from_host: Decoder,
     /// Bytes that the host has not read yet.
@@ -211,8 +212,8 @@ async fn two_pages_receive_both_feet_and_a_step_is_acknowledged_once_one_page_ac
     left.act(|insole| assert_eq!(insole.acknowledged, [0; 0]));
 }
 
-/// Waits until the insole streams ellipses at this rate, or none for 0. The bridge requests a changed rate after its next
-/// message.
+/// Waits until the insole streams the ellipses of one of `every` frames, or none for 0. The bridge requests a changed rate only
+/// after the next message from the insole, or after a timeout.
 async fn wait_for_ellipses(cable: &Cable, page: &mut Page, every: u8) {
     let end = std::time::Instant::now() + TIMEOUT;
     while cable.act(|insole| insole.link.ellipses.every()) != every {
@@ -369,7 +370,7 @@ async fn a_page_receives_nothing_while_the_insole_is_unplugged() {
     page.send(0, ToDevice::GetTime { host_us: 5 }).await;
     cable.act(|insole| insole.is_unplugged = false);
     let mut next = page.next().await.1;
-    // The bridge requests it every second, so it may have arrived before.
+    // The bridge requests the load of the day every second, so a page may receive it before the link is lost.
     while matches!(next, ToHost::DailyLoad(_)) {
         next = page.next().await.1;
     }
@@ -462,7 +463,8 @@ async fn a_page_replaces_the_parameters_if_the_server_accepts_them() {
     other.find(0, |m| (m == ToHost::Refused(Refusal::NotUnderstood)).then_some(())).await;
 }
 
-/// The server itself sends parameters to an emulated insole, which has none before.
+/// The server sends the parameters of the source in the first session, as `plantar serve` does with an emulated insole. It does
+/// not send them again after the reconnection.
 #[tokio::test]
 async fn parameters_of_a_page_remain_in_force_after_a_reconnection() {
     let cable = Cable::new(Side::Left);
@@ -509,7 +511,7 @@ async fn a_request_that_was_lost_with_the_link_does_not_block_later_ones() {
 }
 
 #[tokio::test]
-async fn parameters_that_could_not_be_stored_are_those_of_later_pages() {
+async fn a_later_page_receives_parameters_that_the_insole_could_not_store() {
     let cable = Cable::new(Side::Left);
     let address = serve_sources(vec![cable.source()], None, true);
     let mut page = Page::open(address).await;

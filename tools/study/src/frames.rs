@@ -1,4 +1,5 @@
-//! The live values of a frame as a row of numbers. An absent value is `None`.
+//! The live values of a frame as a row of numbers. An absent value is `None`. `cop` is the centre of pressure;
+//! `docs/quantities.md` defines the quantities of the ellipse and most of the others.
 
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;

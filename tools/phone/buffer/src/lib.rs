@@ -20,7 +20,8 @@ pub fn put(bytes: &[u8]) -> usize {
     })
 }
 
-/// Resizes the buffer to `len` bytes and returns its address. The page writes a message there.
+/// Resizes the buffer to `len` bytes and returns its address. The page writes the input of the next call there: a message, or
+/// text in JSON.
 #[unsafe(no_mangle)]
 pub extern "C" fn resize_buffer(len: usize) -> *mut u8 {
     with(|buffer| {

@@ -7,11 +7,17 @@ export type Insole = (typeof INSOLES)[number];
 
 /** Events of a transport. */
 export interface TransportEvents {
-  /** The link to an insole is open. The insole has not sent a message yet. */
+  /**
+   * The link is open over which an insole sends its messages; the insole has not sent one yet. `plantar serve` and a recording
+   * have one link for both indices, so both are reported, even if there is only one insole.
+   */
   opened(insole: Insole): void;
   /** A message arrived. `bytes` is the encoded message. */
   message(insole: Insole, bytes: Uint8Array): void;
-  /** The link broke. `reason` is a phrase for the wearer. The transport tries to open the link again. */
+  /**
+   * The link broke, or `plantar serve` could not be reached. `reason` is a phrase for the wearer. The transport tries to open
+   * the link again.
+   */
   closed(insole: Insole, reason: string): void;
   /** A message could not be received, because one of its fragments is missing or damaged. */
   damaged(insole: Insole): void;

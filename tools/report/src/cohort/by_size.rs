@@ -1,10 +1,10 @@
-//! Values by region and insole size, with mean and standard deviation over people: charts as Figs. 7 and 8 of the paper, and the
-//! table of the errors.
+//! Values by region and insole size, with mean and standard deviation over people: charts in the form of Figs. 7 and 8 of the
+//! paper, and the table of the errors.
 
 use crate::cohort::participants::plus_minus;
 use crate::cohort::title;
 use crate::drawing::{self, Drawing, Scale};
-use crate::format::{NONE, round};
+use crate::format::{NONE, round_number};
 use crate::region::TITLES;
 use fit::cohort::SizeGroup;
 use fit::trials::Moments;
@@ -21,7 +21,7 @@ const TOP: f64 = 26.0;
 const BOTTOM: f64 = 22.0;
 /// Distance between the regions.
 const GAP: f64 = 8.0;
-/// Values whose largest mean exceeds the smallest by this factor have a logarithmic axis.
+/// The axis of a variable is logarithmic if its largest mean is more than this factor times its smallest mean.
 const LOGARITHMIC_FROM: f64 = 30.0;
 
 /// The CSS class that sets the colour of a size group. There are six colours, for the groups from 35-36 to 45-46; smaller and
@@ -50,7 +50,7 @@ pub fn charts(groups: &[SizeGroup], variables: impl Iterator<Item = Variable>) -
     variables.filter(has_values).map(|v| chart(groups, v, &Form { width: WIDTH, step: 5.0, bars: false })).collect()
 }
 
-/// The height of the charts of one kind.
+/// The height of each of the [`charts`].
 #[cfg(feature = "png")]
 pub fn height(groups: &[SizeGroup]) -> f64 {
     chart_height(groups, 5.0)
@@ -60,7 +60,7 @@ fn chart_height(groups: &[SizeGroup], step: f64) -> f64 {
     TOP + 8.0 * row(groups, step) + BOTTOM
 }
 
-/// Height of a region.
+/// Height of the row of a region, with the gap to the next one.
 fn row(groups: &[SizeGroup], step: f64) -> f64 {
     (groups.len() as f64 * step).max(9.0) + GAP
 }
@@ -85,7 +85,7 @@ fn chart(groups: &[SizeGroup], variable: Variable, form: &Form) -> Drawing {
             @for value in scale.ticks(if form.width > WIDTH { 6 } else { 4 }) {
                 @let x = format!("{:.1}", scale.at(value));
                 path.grid d={ "M" (x) " " (TOP) "V" (bottom) } {}
-                text.middle x=(x) y=(bottom + 14.0) { (round(value)) }
+                text.middle x=(x) y=(bottom + 14.0) { (round_number(value)) }
             }
             path.axis d={ "M" (LEFT) " " (bottom) "H" (form.width - RIGHT) } {}
             @for region in 0..8 {
@@ -102,8 +102,8 @@ fn chart(groups: &[SizeGroup], variable: Variable, form: &Form) -> Drawing {
     }
 }
 
-/// The scale from 0 on, or a logarithmic one. It covers the standard deviations, but a logarithmic scale extends at most a factor
-/// of 3 below the smallest mean.
+/// The scale of a chart. It ends above the ranges of the standard deviations. A linear scale begins at 0 or, if a mean is
+/// negative, below these ranges. A logarithmic scale begins below these ranges, but not far below a third of the smallest mean.
 fn scale(groups: &[SizeGroup], variable: Variable, width: f64) -> Scale {
     let positions = [LEFT, width - RIGHT];
     let (mut means, mut ends) = ([f64::MAX, f64::MIN], [f64::MAX, f64::MIN]);
@@ -123,7 +123,7 @@ fn scale(groups: &[SizeGroup], variable: Variable, width: f64) -> Scale {
     Scale::linear([if low < 0.0 { low - margin } else { low }, ends[1] + margin], positions)
 }
 
-/// The mean, as a bar or a point, and the range of the standard deviation, with an arrow at an end beyond the scale.
+/// The mean, as a bar or a point, and the range of the standard deviation, with an arrow if the range begins below the scale.
 fn mark(scale: &Scale, Moments { mean, deviation, .. }: &Moments, y: f64, form: &Form) -> Markup {
     let x = scale.at(*mean);
     html! {
@@ -152,8 +152,8 @@ pub fn table(groups: &[SizeGroup]) -> Markup {
     html! {
         table #errors-by-size {
             caption {
-                "NRMSE (Eq. 20) in % of the peak force of the region: mean ± standard deviation over participants (their number, if it \
-                 is not that of all)"
+                "NRMSE (Eq. 20) in % of the peak force of the region: mean ± standard deviation over participants. If not all \
+                 participants of a column have a value, the number of those who have one follows in brackets"
             }
             thead {
                 tr {

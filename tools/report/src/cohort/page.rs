@@ -50,7 +50,7 @@ fn quantities(groups: &[SizeGroup]) -> Markup {
     html! {
         p {
             "Values of the force law, which can be compared between people. Mean and standard deviation over participants; a quantity \
-             is missing where a region does not reach its reference."
+             is missing for a region that does not reach the force or strain at which the quantity is defined."
         }
         (charts(groups, Variable::quantities()))
     }
@@ -60,7 +60,7 @@ fn parameters(groups: &[SizeGroup]) -> Markup {
     html! {
         p {
             "As Fig. 8 of the paper. Of the eight parameters, the force determines only five combinations: d₀, C and A/B are \
-             fixed or measured, and single parameters compensate each other. Compare people by the quantities above."
+             fixed or measured, and single parameters can compensate each other. Compare people by the quantities above."
         }
         (charts(groups, Variable::parameters()))
     }

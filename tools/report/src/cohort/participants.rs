@@ -1,4 +1,4 @@
-//! The participants: Table 1 of the paper, and a table of the people.
+//! The participants: a table in the form of Table 1 of the paper, by insole size, and a table with a row for each person.
 
 use crate::format::NONE;
 use fit::cohort::{Person, SizeGroup};
@@ -6,30 +6,31 @@ use fit::trials::Moments;
 use maud::{Markup, html};
 use parameters::Participant;
 
-/// The titles of the columns of Table 1.
+/// The titles of the columns of the table by insole size (Table 1 of the paper).
 pub const TITLES: [&str; 6] =
     ["Insole size (EU)", "Participants", "Female/male", "Age, years", "Mass, kg", "Height, m"];
 
-/// The rows of Table 1 by insole size, with mean ± standard deviation.
+/// The rows of the table by insole size, with mean ± standard deviation.
 pub fn rows(people: &[Person]) -> Vec<[String; 6]> {
     let row = |group: SizeGroup| {
         [
             group.name().replace('-', "–"),
             group.people.len().to_string(),
             group.sexes(),
-            of(group.of_settings(|settings| settings.age_years), 1),
-            of(group.of_settings(|settings| settings.mass_kg), 1),
-            of(group.of_settings(height_m), 2),
+            text(group.of_settings(|settings| settings.age_years), 1),
+            text(group.of_settings(|settings| settings.mass_kg), 1),
+            text(group.of_settings(height_m), 2),
         ]
     };
     SizeGroup::all(people).into_iter().map(row).collect()
 }
 
-fn of(moments: Option<Moments>, digits: usize) -> String {
+/// Mean ± standard deviation with this number of decimals.
+fn text(moments: Option<Moments>, digits: usize) -> String {
     moments.map_or(NONE.into(), |moments| plus_minus(&moments, |value| format!("{value:.digits$}")))
 }
 
-/// Mean ± standard deviation; only the mean of a single value.
+/// Mean ± standard deviation; only the mean if there is a single value.
 pub fn plus_minus(moments: &Moments, number: impl Fn(f64) -> String) -> String {
     let deviation = moments.deviation.map_or(String::new(), |sd| format!(" ± {}", number(sd)));
     number(moments.mean) + &deviation
@@ -39,7 +40,7 @@ fn height_m(settings: &Participant) -> Option<f64> {
     settings.height_cm.map(|cm| cm / 100.0)
 }
 
-/// Table 1.
+/// The table by insole size.
 pub fn by_size(people: &[Person]) -> Markup {
     html! {
         table #sizes {
@@ -54,7 +55,7 @@ pub fn by_size(people: &[Person]) -> Markup {
     }
 }
 
-/// The table of the people.
+/// The table with a row for each person.
 pub fn each(people: &[Person]) -> Markup {
     let known = |value: Option<f64>, digits: usize| value.map_or(NONE.into(), |value| format!("{value:.digits$}"));
     html! {

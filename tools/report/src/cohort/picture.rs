@@ -8,18 +8,19 @@ use fit::cohort::SizeGroup;
 use fit::variable::Variable;
 use maud::{Markup, PreEscaped, html};
 
-// These lengths are in units of the drawing.
+// The following lengths are in units of the drawing. `HEADER`, `TITLE` and `LEGEND` are the heights of the header, of a title
+// and of a row of a legend.
 const MARGIN: f64 = 24.0;
 const GAP: f64 = 18.0;
 const HEADER: f64 = 70.0;
 const TITLE: f64 = 26.0;
 const LEGEND: f64 = 24.0;
-/// Height of a row of Table 1.
+/// Height of a row of the table of participants.
 const ROW: f64 = 18.0;
-/// Positions of the columns of Table 1.
+/// Positions of the columns of the table of participants.
 const COLUMNS: [f64; 6] = [0.0, 120.0, 210.0, 310.0, 420.0, 530.0];
 /// Number of rows of the legend of the repeatability.
-const LEGENDS: usize = 3;
+const LEGEND_ROWS: usize = 3;
 /// Number of charts in a row.
 const ACROSS: usize = 4;
 const WIDTH: f64 = 2.0 * MARGIN + ACROSS as f64 * (by_size::WIDTH + GAP) - GAP;
@@ -40,7 +41,7 @@ fn svg(cohort: &Cohort) -> Markup {
     let errors_y = table_y + (rows.len() + 1) as f64 * ROW + GAP;
     let errors = by_size::errors(&groups);
     let feet: Vec<Drawing> = cohort.feet.iter().map(repeatability::chart).collect();
-    let feet_height: f64 = feet.iter().map(|foot| foot.height + GAP).sum::<f64>() + LEGENDS as f64 * LEGEND;
+    let feet_height: f64 = feet.iter().map(|foot| foot.height + GAP).sum::<f64>() + LEGEND_ROWS as f64 * LEGEND;
     let beside_height = (2.0 * LEGEND + errors.height + GAP).max(if feet.is_empty() { 0.0 } else { feet_height });
     let quantities =
         Grid { y: errors_y + TITLE + beside_height, charts: by_size::charts(&groups, Variable::quantities()) };
@@ -59,7 +60,7 @@ fn svg(cohort: &Cohort) -> Markup {
             (title("Participants by insole size, mean ± standard deviation", MARGIN, HEADER))
             (table_row(&participants::TITLES, "strong", table_y))
             @for (i, row) in rows.iter().enumerate() { (table_row(row, "", table_y + (i + 1) as f64 * ROW)) }
-            (title("Errors by region and insole size (participants)", MARGIN, errors_y))
+            (title("Errors by region and insole size (number of participants)", MARGIN, errors_y))
             @for (i, entries) in by_size::legend(&groups).chunks(3).enumerate() {
                 (legend_row(entries, MARGIN, errors_y + TITLE + i as f64 * LEGEND))
             }
@@ -75,10 +76,10 @@ fn svg(cohort: &Cohort) -> Markup {
 fn repeated(feet: &[Drawing], y: f64) -> Markup {
     let x = WIDTH - MARGIN - repeatability::WIDTH;
     let entries = repeatability::legend();
-    let mut top = y + TITLE + LEGENDS as f64 * LEGEND;
+    let mut top = y + TITLE + LEGEND_ROWS as f64 * LEGEND;
     html! {
         (title("Repeatability between trials", x, y))
-        @for (i, entries) in entries.chunks(entries.len().div_ceil(LEGENDS)).enumerate() {
+        @for (i, entries) in entries.chunks(entries.len().div_ceil(LEGEND_ROWS)).enumerate() {
             (legend_row(entries, x, y + TITLE + i as f64 * LEGEND))
         }
         @for foot in feet {

@@ -2,7 +2,7 @@
 
 use crate::cohort::title;
 use crate::drawing::{self, Drawing, Scale};
-use crate::format::{NONE, number, round};
+use crate::format::{NONE, number, round_number};
 use crate::region::{TITLES, colour};
 use fit::agreement::{Agreement, FootRepeatability, VariableRow};
 use maud::{Markup, html};
@@ -14,7 +14,7 @@ const RIGHT: f64 = 14.0;
 const TOP: f64 = 26.0;
 const ROW: f64 = 15.0;
 const BOTTOM: f64 = 34.0;
-/// The smallest ICC of the scale. Smaller values have an arrow.
+/// The smallest ICC of the scale. Smaller values are drawn as arrows.
 const LEAST: f64 = -0.2;
 
 /// The rows that have a value in at least one region.
@@ -35,7 +35,7 @@ pub fn chart(foot: &FootRepeatability) -> Drawing {
             text.strong x="2" y="13" { (heading) }
             @for value in [LEAST, 0.0, 0.25, 0.5, 0.75, 0.9, 1.0] {
                 path.grid d={ "M" (format!("{:.1}", scale.at(value))) " " (TOP) "V" (bottom) } {}
-                text.middle x=(format!("{:.1}", scale.at(value))) y=(bottom + 14.0) { (round(value)) }
+                text.middle x=(format!("{:.1}", scale.at(value))) y=(bottom + 14.0) { (round_number(value)) }
             }
             path.axis d={ "M" (LEFT) " " (bottom) "H" (WIDTH - RIGHT) } {}
             text.soft.end x=(WIDTH - RIGHT) y=(bottom + 28.0) { "ICC(2,1)" }
@@ -56,7 +56,7 @@ pub fn chart(foot: &FootRepeatability) -> Drawing {
     }
 }
 
-/// A point, or an arrow for a value beyond the scale.
+/// A point, or an arrow for a value below the scale.
 fn point(scale: &Scale, icc: f64, y: f64) -> Markup {
     let x = scale.at(icc);
     html! {
