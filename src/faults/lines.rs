@@ -1,4 +1,7 @@
 //! Faults of whole rows and columns, concluded from their cells.
+//!
+//! Here, cells that *did not respond* are those of which a response was expected in this step ([`NO_RESPONSE`]): they carried
+//! load in recent steps ([`Count::Loaded`]), or lie between loaded cells. Other cells without a response are no evidence.
 
 use super::neighbourhood::FrameContext;
 use super::{FaultKind, MIN_LINE_CELLS};
@@ -19,7 +22,7 @@ impl LineSearch {
         Self { open_steps: [0; 2 * LINES] }
     }
 
-    /// Number of cells of each line that did not respond or have a diagnosis.
+    /// Number of unmasked cells of each line that did not respond or have a diagnosis.
     pub(super) fn suspect_cells<R>(frame: &FrameContext<'_, R>) -> [u32; 2 * LINES] {
         let mut counts = [0; 2 * LINES];
         for marks in frame.cells.iter().map(|cell| &cell.marks) {
@@ -36,20 +39,20 @@ impl LineSearch {
     }
 
     /// Returns the fault of a line after all cells were reviewed. `line` is its number: the rows come first, then the columns.
-    /// `unresponsive` is the number of cells on all lines that carried load before and did not respond in this step; the cells
-    /// of an open line are subtracted from it.
+    /// `unresponsive_loaded` is the number of cells on all lines that carried load in recent steps and did not respond in this
+    /// one; the cells of an open line are subtracted from it.
     pub(super) fn conclude<R>(
         &mut self,
         frame: &mut FrameContext<'_, R>,
         line: usize,
-        unresponsive: &mut u32,
+        unresponsive_loaded: &mut u32,
     ) -> Option<FaultKind> {
         let evidence = LineEvidence::new(frame, line);
-        let is_open = evidence.is_open(*unresponsive);
+        let is_open = evidence.is_open(*unresponsive_loaded);
         let open_steps = &mut self.open_steps[line];
         *open_steps = if is_open { *open_steps + 1 } else { 0 };
         if *open_steps >= STEPS {
-            *unresponsive = unresponsive.saturating_sub(evidence.unresponsive_loaded);
+            *unresponsive_loaded = unresponsive_loaded.saturating_sub(evidence.unresponsive_loaded);
             return Some(FaultKind::Open);
         }
         if is_open {
@@ -72,14 +75,14 @@ struct LineEvidence {
     cells: u32,
     /// Number of cells that did not respond.
     unresponsive: u32,
-    /// Number of cells that did not respond and carried load before.
+    /// Number of cells that did not respond and carried load in recent steps.
     unresponsive_loaded: u32,
-    /// Number of cells that responded and carried load before.
+    /// Number of cells that responded and carried load in recent steps, this one included.
     responsive_loaded: u32,
     /// Number of cells with each diagnosis, in the order of [`FaultKind::ALL`].
     diagnosed: [u32; FaultKind::ALL.len()],
-    /// Number of cells without a diagnosis.
-    healthy: u32,
+    /// Number of cells without a diagnosis, whether or not they responded.
+    undiagnosed: u32,
 }
 
 impl LineEvidence {
@@ -95,27 +98,28 @@ impl LineEvidence {
             evidence.responsive_loaded += u32::from(!is_unresponsive && carried_load);
             match marks.diagnosis() {
                 Some(kind) => evidence.diagnosed[kind as usize] += 1,
-                None => evidence.healthy += 1,
+                None => evidence.undiagnosed += 1,
             }
         }
         evidence
     }
 
-    /// True if the line did not respond. `unresponsive` is the number of cells on all lines that carried load before and did not
-    /// respond.
-    fn is_open(&self, unresponsive: u32) -> bool {
-        let others = unresponsive.saturating_sub(self.unresponsive_loaded);
+    /// True if the line did not respond. `unresponsive_loaded` is the number of cells on all lines that carried load in recent
+    /// steps and did not respond.
+    fn is_open(&self, unresponsive_loaded: u32) -> bool {
+        let others = unresponsive_loaded.saturating_sub(self.unresponsive_loaded);
         let is_only_here = self.unresponsive_loaded >= MIN_LINE_CELLS && 4 * others <= self.unresponsive_loaded;
-        // If more cells elsewhere did not respond, this part of the foot was not loaded, as in steps on the forefoot.
+        // If more cells outside of the line did not respond although they carried load in recent steps, this part of the foot
+        // was not loaded, as in steps on the forefoot.
         let is_most = self.unresponsive > MIN_LINE_CELLS
             && 4 * self.unresponsive >= 3 * self.cells
             && others <= self.unresponsive;
         self.responsive_loaded == 0 && (is_only_here || is_most)
     }
 
-    /// The fault that at least four in five unmasked cells of the line show.
+    /// The fault that at least four in five unmasked cells of the line show, and at least [`MIN_LINE_CELLS`] cells.
     fn common_diagnosis(&self) -> Option<FaultKind> {
-        let all = self.healthy + self.diagnosed.iter().sum::<u32>();
+        let all = self.undiagnosed + self.diagnosed.iter().sum::<u32>();
         [FaultKind::Short, FaultKind::Stuck, FaultKind::Saturated, FaultKind::Drift].into_iter().find(|&kind| {
             let count = self.diagnosed[kind as usize];
             count >= MIN_LINE_CELLS && 4 * (all - count) <= count

@@ -24,14 +24,14 @@ use heapless::{String, Vec};
 use static_cell::{ConstStaticCell, StaticCell};
 
 /// Number of successive failed starts after which the insole starts in recovery mode. A start has failed if a crash or a stall
-/// ends the run within [`HEALTHY_CHECKS`](super::supervise::HEALTHY_CHECKS) checks.
+/// ends the run before the supervision has counted [`HEALTHY_CHECKS`](super::supervise::HEALTHY_CHECKS) healthy checks.
 pub const MAX_FAILED_STARTS: u32 = 3;
 
 /// The circumstances of a start.
 pub struct BootReport {
     /// Why the board started.
     pub reset: Reset,
-    /// The failure that ended the previous run; `None` if there was none.
+    /// The failure that ended the previous run, after the words that state a start in recovery mode; `None` if there was none.
     pub fault: Option<String<MAX_FAULT_TEXT>>,
     /// Number of successive starts that failed before this one.
     pub failed_starts: u32,
@@ -45,9 +45,10 @@ impl BootReport {
     }
 }
 
-/// A board's configuration: the rules and cells of its insole.
+/// A board's configuration: that of its insole, and what the start must know of the board.
 pub struct Configuration<C> {
-    /// The rules. If an identity is stored in the chip, the foot of that identity replaces [`Setup::side`].
+    /// The configuration of the insole, except its cells. Stored settings change it, and the foot of a stored identity replaces
+    /// [`Setup::side`].
     pub setup: Setup,
     /// The cells.
     pub cells: C,
@@ -110,16 +111,16 @@ pub struct Started<F: 'static> {
     pub period_us: u32,
 }
 
-/// Longest time in which the flash chip must answer.
+/// Time within which the flash chip must answer.
 const CHIP_TIMEOUT: Duration = Duration::from_secs(2);
-/// Longest time in which the store must be opened. Erasing a chip with foreign contents may take that long; a chip of 16 MiB
+/// Time within which the store must be opened. Erasing a chip with foreign contents may take that long; a chip of 16 MiB
 /// needs a second start, which continues the erasure. This time is shorter than the one in which the supervision expects the
 /// parts to start ([`super::supervise::START_CHECKS`]).
 const STORE_TIMEOUT: Duration = Duration::from_secs(110);
 /// The text of [`Hello::fault`] after a start without the chip.
 const NO_CHIP: &str = "the flash chip does not answer: nothing is stored, check the chip and its supply";
 /// The text of [`Hello::fault`] if the store was not opened in [`STORE_TIMEOUT`].
-const NO_STORE: &str = "the flash chip was not opened in 110 s: nothing is stored; restart to continue, or replace it";
+const NO_STORE: &str = "the flash chip was not opened in 110 s: nothing is stored; restart to try again, or replace it";
 /// The text of [`Hello::fault`] if the stored settings cannot be used.
 const OTHER_SETTINGS: &str = "the stored settings do not fit this board, which uses its own: send the settings again";
 /// The text of [`Hello::fault`] if the stored parameters cannot be used.
@@ -145,7 +146,7 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
 ) -> Started<F> {
     log::info!("start: firmware {}, reset: {}", image.version(), boot.reset.name());
     if let Some(fault) = &boot.fault {
-        log::error!("start: the previous run ended by: {}", fault.as_str());
+        log::error!("start: after a failure: {}", fault.as_str());
     }
     let Configuration { mut setup, cells, serial_bytes_per_s, fault, restart } = configuration;
     // Whatever the chip does, the insole starts.
@@ -233,7 +234,8 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     Started { insole, store, shared, to_process, scanned, period_us: setup.period_us }
 }
 
-/// Opens the store. In recovery mode, swaps the previous image back if possible; otherwise the store only returns the bonds.
+/// Opens the store completely, unless the insole starts in recovery mode. In the first such start, swaps the previous image
+/// back and restarts if possible, or else lets the store return the bonds only; in the following ones, does nothing.
 async fn open_store<F: MultiwriteNorFlash>(
     store: &mut Store<F>,
     boot: &BootReport,
@@ -340,8 +342,8 @@ fn hello(
     }
 }
 
-/// Applies the stored calibration to the insole and to the copy of its cells. Returns its identifier, or 0 if no calibration is
-/// stored.
+/// Applies the stored calibration to the insole and to the copy of its cells. Returns its identifier, or 0 if there is none
+/// that is complete, readable and for this layout.
 async fn restore_calibration(
     store: &mut Store<impl MultiwriteNorFlash>,
     insole: &mut DeviceInsole,

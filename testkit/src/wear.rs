@@ -31,7 +31,7 @@ impl Residual {
     /// All kinds.
     pub const ALL: [Self; 5] = [Self::Everywhere, Self::Patches, Self::Appearing, Self::Creeping, Self::Released];
 
-    /// Share of the residual pressure that acts on a cell at this place, mm, at this share of the duration of the walk.
+    /// Fraction of the residual pressure that acts on a cell at this place, mm, when this fraction of the walk is over.
     fn share(self, (x_mm, y_mm): (f64, f64), elapsed: f64) -> f32 {
         match self {
             Self::Everywhere => 1.0,
@@ -59,7 +59,7 @@ pub fn with_residual(mut recording: Recording, residual: Residual, level_kpa: f3
 /// A step that an insole found.
 #[derive(Clone, Copy, Debug)]
 pub struct FoundStep {
-    /// Number of its first frame.
+    /// Index of its first frame in the recording.
     pub start: usize,
     /// Number of its frames.
     pub frames: usize,
@@ -71,7 +71,7 @@ pub struct FoundStep {
 pub struct Found {
     /// The steps.
     pub steps: Vec<FoundStep>,
-    /// The load bouts, the last one to the end of the recording.
+    /// The load bouts. One that is in progress at the end of the recording ends there.
     pub bouts: Vec<BoutRecord<f32>>,
     /// Force-time integral of all steps and bouts, N s.
     pub integral_n_s: f64,
@@ -120,19 +120,20 @@ pub fn find(recording: &Recording, contact: ContactRule, stance: StanceRule) -> 
 /// How an insole with a residual pressure compares with the same walk without it.
 #[derive(Clone, Copy, Debug)]
 pub struct WearResult {
-    /// Number of steps that were walked.
+    /// Number of steps that the insole finds without the residual pressure. They count as the steps that were walked.
     pub walked: usize,
-    /// Number of them that were found: heel strike and toe off within 40 ms of the walk without residual pressure.
+    /// Number of them that it also finds with the residual pressure, with heel strike and toe off at most 40 ms earlier or
+    /// later.
     pub found: usize,
-    /// Number of steps that were found but not walked.
+    /// Number of other steps that it finds with the residual pressure.
     pub extra: usize,
     /// Number of reported sensor faults.
     pub faults: u32,
-    /// Mean deviation of the peak force of the found steps, relative to the peak.
+    /// Mean absolute deviation of the peak force of the found steps, relative to the peak without the residual pressure.
     pub force_error: f64,
 }
 
-/// Compares the steps of `walk` with a residual pressure with those without it.
+/// Compares the steps that an insole finds in `walk` with a residual pressure added to it, and in `walk` itself.
 pub fn compare(walk: &Recording, contact: ContactRule, residual: Residual, level_kpa: f32) -> WearResult {
     let truth = find(walk, contact, StanceRule::ADAPTIVE);
     let worn = find(&with_residual(walk.clone(), residual, level_kpa), contact, StanceRule::ADAPTIVE);

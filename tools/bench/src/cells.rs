@@ -23,8 +23,8 @@ const WALKERS: usize = 10;
 /// Number of steps of each walker.
 const TRIALS: usize = 12;
 
-/// Measures walkers on a plate and, if `recordings` is the folder with recordings of people, its in-shoe recording, both with
-/// the device's usual number of cells.
+/// Measures walkers on a plate and, if there is a folder `recordings` with recordings of people, the in-shoe recording in it,
+/// both with the device's usual number of cells. `data` is the folder of the walkers' data set, SpeedPP2DS.
 pub fn measure(data: &Path, recordings: Option<&Path>, figures: &mut Figures) -> Result<()> {
     let import = |walker| jiku::import(data, walker, 0..TRIALS, &mut |_, _| ());
     let on_plate = (0..WALKERS).map(|walker| Ok(import(walker)?.at_rate(RATE_HZ)?.binned(CELLS)?));
@@ -77,6 +77,7 @@ fn add(suffix: &str, walks: &[Recording], figures: &mut Figures) -> Result<()> {
     let mut random = fastrand::Rng::with_seed(1);
     let mut bytes = [0; 2];
     let mut frames = [0; 2];
+    // Length of a frame in plain codes, mean of the walks.
     let mut plain_bytes = 0.0;
     for walk in walks {
         let insole = VirtualInsole::new(walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);

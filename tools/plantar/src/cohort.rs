@@ -44,8 +44,10 @@ use study::{Person, fits};
 /// recording could not be used before. A new version of the program processes
 /// all participants again.
 ///
-/// If participants have two or more recordings of a foot, the repeatability of
-/// the values between these recordings is printed, too, as by `plantar repeat`.
+/// If two or more participants have two or more recordings of the same foot, the
+/// repeatability between these recordings is printed, too. Here the values of a
+/// recording are means of the fits of its steps; `plantar repeat` compares fits
+/// to all steps of a recording together.
 ///
 /// Exit status: 0 if all participants and recordings were used, 3 if some could
 /// not be used, 1 if no step of any participant was found.
@@ -58,7 +60,8 @@ pub struct Cohort {
     /// The folder of the table to write.
     #[arg(long, value_name = "TABLE")]
     out: PathBuf,
-    /// Also write the means and standard deviations over the participants of each insole size to this CSV file.
+    /// Also write the means and standard deviations over the participants of each pair of insole sizes, such as 37-38, to this
+    /// CSV file.
     #[arg(long, value_name = "FILE")]
     summary: Option<PathBuf>,
     /// Write a report with pictures to this HTML file, which can be read without a network.
@@ -182,7 +185,7 @@ impl Cohort {
         }
         if rows.is_empty() {
             let count = recordings.len();
-            bail!("{}: {count} recordings (*.parquet), {}", folder.display(), NotFitted::NoSteps);
+            bail!("{}: {count} recordings (*.parquet), but no whole step", folder.display());
         }
         // Without a description of its inputs the file is out of date, so the next run tries the unusable recordings again.
         let made_from = if left_out.is_empty() { made_from } else { String::new() };

@@ -78,7 +78,7 @@ fn coefficient(icc: f64) -> String {
     format!("{icc:.2}")
 }
 
-/// Formats a value with three significant digits, and with a power of ten from 1e5 on.
+/// Formats a value as [`significant`] does, but with a power of ten from 1e5 on.
 fn short(value: f64) -> String {
     if value.abs() < 1e5 { significant(value) } else { format!("{value:.2e}") }
 }
