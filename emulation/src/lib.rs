@@ -2,8 +2,8 @@
 //!
 //! The host creates three files in the emulator's working directory: [`SETUP_FILE`], an [`EmulatorConfig`] followed by the
 //! cells as [`SetupCell`], all encoded by `postcard`; [`MATRIX_FILE`], to which the plant writes the codes of each scan, little
-//! endian, in the order of the cells; and [`FLASH_FILE`], the flash chip, to which the board writes. After a swap it also
-//! creates [`SWAPPED_FILE`]. The board writes its log, encoded by `defmt`, to the standard output.
+//! endian, in the order of the cells; and [`FLASH_FILE`], the flash chip, to which the board writes. After a swap the host
+//! also creates [`SWAPPED_FILE`]. The board writes its log, encoded by `defmt`, to the standard output.
 //!
 //! Over USART3 the board sends requests of five bytes: [`SCAN`] and the number of the scan, or [`TICK`] and the number of the
 //! tick, which counts from 0 regardless of [`EmulatorConfig::first_scan`] (both little endian). The plant answers with two

@@ -32,7 +32,7 @@ use recording::{FootZero, Format, Recording, VirtualInsole, Zero};
 use std::fs;
 use std::path::Path;
 
-/// A stream of cells with every frame.
+/// A stream with the cells of every frame.
 const CELLS: CellStream = CellStream { resolution: Resolution::Converter, every: 1 };
 /// A contact ellipse under the heel.
 const ELLIPSE: ContactEllipse =

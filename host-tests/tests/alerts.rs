@@ -127,7 +127,8 @@ fn totals_and_alerts_equal_those_of_numpy() {
                 |found: f64, expected: f64, unit: f64| (found - expected).abs() <= 0.005 * expected + 100.0 * unit;
             assert!(near(f64::from(region.dose_dkpa_s) / 10.0, value("dose_kpa_s"), 0.1), "{i}: {region:?}");
             assert!(near(region.squared_kpa2_s.into(), value("squared_kpa2_s"), 1.0), "{i}: {region:?}");
-            // The insole divides the window into parts of 4 s. The oldest part counts in proportion to its share of the window.
+            // The insole divides the window into parts of 4 s. The oldest part counts in proportion to the share of it that is
+            // within the window.
             assert!((f64::from(region.sustained_s) - value("sustained_s")).abs() <= 8.0, "{i}: {region:?} {expected}");
         }
     }

@@ -84,7 +84,7 @@ impl Session {
         Self::start_walk(&virtual_insole, IncompleteWalk { walk, fault })
     }
 
-    /// Starts a board with the configuration of `virtual_insole`, which scans `walk`.
+    /// Starts a board that has the configuration of `virtual_insole` and scans `walk`.
     fn start_walk(virtual_insole: &VirtualInsole, walk: impl Walk + 'static) -> Self {
         let firmware = firmware();
         let scans = walk.scans();

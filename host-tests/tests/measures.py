@@ -77,7 +77,8 @@ def of_foot(pressure_kpa, area):
     inner = [path[i] for i in range(count) if 0.1 <= i / (count - 1) <= 0.9]
     inner = np.array([line[0], *inner, line[-1]])
     length_mm = np.linalg.norm(np.diff(inner, axis=0), axis=1).sum()
-    # The excursion at two thirds of the foot's length, perpendicular to the line between the ends of the path.
+    # The excursion of the path at two thirds of the foot's length, perpendicular to the line between its points at 10 and
+    # 90 % of stance.
     level_mm = y_mm.min() + (y_mm.max() - y_mm.min()) * 2 / 3
     along = (line[-1] - line[0]) / np.linalg.norm(line[-1] - line[0])
     excursion = 0.0

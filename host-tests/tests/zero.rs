@@ -89,3 +89,16 @@ fn a_foot_that_is_lifted_after_the_request_is_measured() {
     let (result, duration_s, _) = request_after(&recording, lifted_s - 2);
     assert!(result.is_ok() && (2..=usize::from(ZERO_S)).contains(&duration_s), "{result:?} after {duration_s} s");
 }
+
+#[test]
+fn a_new_set_up_ends_a_requested_measurement_without_an_outcome() {
+    let recording = wearer(Activity::Lift);
+    let virtual_insole = VirtualInsole::new(&recording, ContactRule::COVERED, StanceRule::ADAPTIVE);
+    let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
+    for _ in 0..2 {
+        insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("the set-up is valid");
+        assert!(!insole.is_zero_requested() && insole.take_zero().is_none());
+        insole.request_zero();
+        assert!(insole.is_zero_requested());
+    }
+}

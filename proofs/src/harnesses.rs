@@ -13,7 +13,7 @@ fn order_of_all_numbers() {
     numbers::order(kani::any(), kani::any());
 }
 
-/// Six frames, of which any are lost.
+/// Six frames, any of which may be lost.
 #[kani::proof]
 #[kani::unwind(8)]
 fn live_losses() {

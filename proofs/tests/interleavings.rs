@@ -40,7 +40,7 @@ impl embassy_time_driver::Driver for Clock {
 const PROCESSING: &str = "1 processing";
 const SCAN: &str = "2 scan";
 const WATCHDOG: &str = "3 watchdog";
-/// The urgency of a thread without a name, above those of the named ones.
+/// The urgency of a thread without a name, above those of the three threads with these names.
 const UNNAMED: char = '9';
 
 /// A scheduler for all orders that are possible on one core with priorities: a thread, which is one activation of a loop, is

@@ -109,8 +109,8 @@ impl<'a, B> GattSession<'a, B> {
         Ok(())
     }
 
-    /// The next value of a standard characteristic: the cadence is notified after each step and when it changes, the time when
-    /// the clock was set.
+    /// The next value of a standard characteristic. The cadence is notified after each step and when it changes; the time is
+    /// notified after the clock was set.
     fn next_standard(&self, value: &mut [u8]) -> Option<(GattChannel, usize)> {
         let (cadence, clock_sets) = self.notified.get();
         let now = self.shared.cadence();

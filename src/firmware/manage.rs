@@ -1,4 +1,4 @@
-//! Requests of management tools ([`mcumgr`]), over any carrier and without a session.
+//! Requests of management tools ([`mcumgr`]), over any carrier. They need no session.
 
 use super::shared::{Carrier, Exchange, Shared};
 use crate::log;

@@ -31,7 +31,8 @@ pub const MAX_FAILED_STARTS: u32 = 3;
 pub struct BootReport {
     /// Why the board started.
     pub reset: Reset,
-    /// The failure that ended the previous run, after the words that state a start in recovery mode; `None` if there was none.
+    /// The failure that ended the previous run; `None` if there was none. In recovery mode, the text begins with words that
+    /// state this.
     pub fault: Option<String<MAX_FAULT_TEXT>>,
     /// Number of successive starts that failed before this one.
     pub failed_starts: u32,

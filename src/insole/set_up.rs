@@ -14,8 +14,8 @@ use crate::pipeline::tissue::{Tissue, TissueError};
 
 impl<R: Real, const N: usize> Insole<R, N> {
     /// Replaces geometry, calibration and rules, and resets the state of measurement; a requested measurement of the baselines
-    /// ends without an outcome. The tissue parameters and their tracking, the rules and the state of the alerts, and the number of
-    /// the next record remain. Iterates over `cells` twice.
+    /// ends without an outcome. The tissue parameters and their tracking, the rules and the state of the alerts, and the number
+    /// of the next record remain. Iterates over `cells` twice.
     ///
     /// # Errors
     /// If the configuration is invalid; the previous configuration then remains in force.

@@ -82,7 +82,7 @@ pub enum SetupError {
     TooManyCells,
     /// The configuration has no cells.
     NoCells,
-    /// The cell with this index has a coordinate that is not finite or above 10 m, an area out of range, or an invalid
+    /// The cell with this index has a coordinate that exceeds 10 m or is not finite, an area out of range, or an invalid
     /// calibration; or with this cell the extent or the area of its region is too large.
     Cell(u16),
     /// The cell with this index belongs to a region before that of the previous cell.

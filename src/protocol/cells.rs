@@ -51,8 +51,8 @@ impl Resolution {
 
 /// Usual number of bytes of a message with cells, beside the packed codes, on a byte carrier: tag, numbers, CRC and COBS.
 const OVERHEAD_BYTES: u32 = 22;
-/// Length of the longest live frame on a byte carrier, bytes, with CRC and COBS; live frames are sent in addition to frames of
-/// cells.
+/// Length of the longest live frame with a time below 2^56 us on a byte carrier, bytes, with CRC and COBS. Live frames are sent
+/// in addition to frames of cells.
 const LIVE_BYTES: u32 = 92;
 
 /// A stream of cells.

@@ -115,7 +115,7 @@ pub enum Request {
     Finish,
     /// States that this host can use the insole with the running image; answered by [`Progress::Confirmed`], or by
     /// [`Refusal::OnTrial`] while the insole still checks the image. After [`Refusal::OnTrial`], the insole confirms the image
-    /// without another request once its checks are complete.
+    /// without another request once the image has passed the checks.
     Confirm,
 }
 

@@ -27,8 +27,8 @@ bind_interrupts!(struct Irqs {
 /// Settling time after a change of the row, which `cargo xtask hardware` compares with the simulated front end.
 const SETTLE: Duration = Duration::from_micros(front_end::SETTLE_US as u64);
 
-/// Time from switching on the supply of the front end to the first row, which `cargo xtask hardware` compares with the simulated
-/// front end.
+/// Time from switching on the supply of the front end to the first row, which `cargo xtask hardware` compares with the
+/// simulated front end.
 const FRONT_END_START: Duration = Duration::from_micros(front_end::START_US as u64);
 /// Shortest time between frames at which the front end is switched off between scans, us. A scan with the start of the front end
 /// takes 2.95 ms.

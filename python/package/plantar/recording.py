@@ -197,8 +197,8 @@ class Replay:
 
     @property
     def _period_s(self) -> float:
-        """The frame period of the insole, s. It is a whole number of microseconds, unlike that of the recording, so the times
-        of steps drift from the times of the recording."""
+        """The frame period of the insole, s. It is rounded to whole microseconds, so the times of steps drift from those of a
+        recording whose period is not a whole number of microseconds."""
         return round(1e6 / self.recording.rate_hz) / 1e6
 
     def plot(self, step: int | None = None) -> Figure:

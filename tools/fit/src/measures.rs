@@ -2,8 +2,8 @@
 //! within the measured range.
 //!
 //! Single parameters of the force law compensate each other, so that they vary between two recordings of the same person
-//! although the law does not. These quantities are values of the law itself, and vary only as much as the law does. The two
-//! energies are those of the measured force over the deformation of the law.
+//! although the law does not. These quantities, except for the two energies, are values of the law itself, and vary only as
+//! much as the law does. The energies are those of the measured force over the deformation of the law.
 
 use crate::fixed::FixedParameters;
 use crate::interval::{self, Noise};

@@ -94,7 +94,7 @@ pub fn fit_step(step: &Step, region: usize, options: &Options) -> Result<(Region
 }
 
 /// The force law of one region, fitted to all steps that pass the screening, without quality and intervals. Its C is a
-/// placeholder.
+/// placeholder, or that of the search with the paper's method.
 ///
 /// # Errors
 /// Returns the reason if no step passes the screening.
@@ -231,7 +231,8 @@ pub(crate) fn search<'c>(
     }
 }
 
-/// The force law fitted to some of the steps. The search starts from `near`, the fit to all steps. C is a placeholder.
+/// The force law fitted to some of the steps. The search starts from `near`, the fit to all steps, and C is a placeholder. The
+/// paper's method searches all parameters from its random starts.
 pub(crate) fn refit<'c>(
     curves: impl IntoIterator<Item = &'c RegionCurves>,
     near: &SearchResult,

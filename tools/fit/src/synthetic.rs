@@ -48,13 +48,13 @@ impl Noise {
         Self { random: fastrand::Rng::with_seed(seed), autocorrelation, last: 0.0 }
     }
 
-    /// A number that is independent of all others, also if the source is autocorrelated.
+    /// A number that is independent of all others, even if the source is autocorrelated.
     pub fn independent(&mut self) -> f64 {
         // The sum of twelve uniformly distributed numbers has variance 1 and is nearly normally distributed (Irwin-Hall).
         (0..12).map(|_| self.random.f64()).sum::<f64>() - 6.0
     }
 
-    /// The next number, with the autocorrelation of the source to the number before.
+    /// The next number. Its correlation with the number before is the autocorrelation of the source.
     pub fn normal(&mut self) -> f64 {
         let fresh = self.independent();
         let correlation = self.autocorrelation;

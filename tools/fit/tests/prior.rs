@@ -148,7 +148,8 @@ fn the_distribution_of_a_cohort_is_learnt_from_its_steps() {
     let people: Vec<&[fit::Step]> = cohort.iter().map(Vec::as_slice).collect();
     for learnt in prior::learn(&people, &Options::usual([0.012; 8])) {
         for i in 0..4 {
-            // The tolerances are four standard errors of a mean of 24 people, and a factor of 1.6 of the standard deviation.
+            // The mean may differ by four standard errors of a mean of 24 people, and the standard deviation by a factor of
+            // 0.6 to 1.6.
             let error = (learnt.mean[i] - truth.mean[i]).abs();
             assert!(error < 4.0 * truth.deviation[i] / 24f64.sqrt(), "{i}: {learnt:?}");
             let ratio = learnt.deviation[i] / truth.deviation[i];

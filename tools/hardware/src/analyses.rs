@@ -149,7 +149,7 @@ pub fn settling(board: &Netlist, name: &'static str, mut conditions: Conditions)
 const SLOW_RISE_F: f64 = 1e-9;
 /// The part of the supply's voltage at the end of the turn-on time.
 const TURNED_ON: f64 = 0.9;
-/// Time after the supply has risen, for which the start is simulated, s.
+/// Time for which the simulation of the start continues after the supply has risen, s.
 const STARTED_S: f64 = 1e-3;
 
 /// The rise of the front end's supply after the load switch was enabled at 0 s. The turn-on time and the time per volt are

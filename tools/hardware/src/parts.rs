@@ -218,7 +218,7 @@ pub const ON_PULL_UP: PartType = resistor(
 /// Resistor that selects the side of the insole. Its model has 0.01 ohm, because the simulation divides by resistances.
 pub const SIDE: PartType =
     resistor(0.01, "0 ohm", "RC0603JR-070RL", &["ERJ-3GEY0R00V"], "fitted on the board of a right insole only");
-/// Feedback capacitor of a column amplifier, or for the rise time of the load switch.
+/// Feedback capacitor of a column amplifier, or capacitor that determines the rise time of the load switch.
 pub const CAPACITOR_47P: PartType = capacitor(
     47e-12,
     "47 pF C0G 5 %",
@@ -234,7 +234,7 @@ pub const CAPACITOR_330P: PartType = capacitor(
     &["CL10C331JB8NNNC", "CC0603JRNPO9BN331"],
     "filter at the converter's input",
 );
-/// Capacitor that filters the virtual ground. A larger one would not be charged within
+/// Capacitor that filters the virtual ground. A capacitor of 10 nF would not be charged within
 /// [`START_US`](plantar::firmware::front_end::START_US).
 pub const FILTER: PartType = capacitor(
     1e-9,

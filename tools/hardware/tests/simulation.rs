@@ -89,7 +89,8 @@ fn a_row_returns_to_the_virtual_ground_with_its_time_constant() {
     assert_near(early_v / late_v, ((late_s - early_s) / tau_s).exp(), 0.02, "decay");
 }
 
-/// A filter with the time constant tau follows a ramp with a delay of tau, which decays exponentially after the end of the ramp.
+/// A filter with the time constant tau approaches a ramp that is delayed by tau. After the end of the ramp, the distance from
+/// the final voltage decays exponentially.
 #[test]
 #[ignore = "needs ngspice: cargo xtask test"]
 fn the_virtual_ground_follows_a_rising_supply_with_its_time_constant() {

@@ -84,7 +84,7 @@ export interface Foot {
   is_lost: boolean;
   /** Steps with the new parameters, by key. */
   checked: Map<string, Step>;
-  /** The result of the check; `undefined` before its end. */
+  /** The result of the check; `undefined` before its end, and if the check was skipped or no fitted region was loaded. */
   check: Check | undefined;
 }
 

@@ -11,7 +11,7 @@ export class DatabaseIdentifyStorage implements IdentifyStorage {
   private constructor(private readonly database: IDBDatabase) {}
 
   static async open(): Promise<DatabaseIdentifyStorage> {
-    // `open` throws if the browser stores nothing for this site. In an async function, the error rejects the promise.
+    // `indexedDB.open` throws if the browser stores nothing for this site. In an async function, the error rejects the promise.
     const request = indexedDB.open(DATABASE, 1);
     request.onupgradeneeded = () => request.result.createObjectStore(STORE, { autoIncrement: true });
     return done(request).then((database) => new DatabaseIdentifyStorage(database));

@@ -87,7 +87,7 @@ export class DatabaseStorage implements StepStorage {
    * remains stored, but is not counted.
    */
   static async open(keyed: (record: StepRecord) => NewRecord | undefined): Promise<DatabaseStorage> {
-    // `open` throws if the browser stores nothing for this site. In an async function, the error rejects the promise.
+    // `indexedDB.open` throws if the browser stores nothing for this site. In an async function, the error rejects the promise.
     const request = indexedDB.open(NAME, 2);
     request.onupgradeneeded = () => {
       const { result: database, transaction } = request;

@@ -184,8 +184,11 @@ impl Cohort {
             }
         }
         if rows.is_empty() {
-            let count = recordings.len();
-            bail!("{}: {count} recordings (*.parquet), but no whole step", folder.display());
+            bail!(
+                "{}: {} recordings (*.parquet), none with a whole step: record a walk of several steps",
+                folder.display(),
+                recordings.len()
+            );
         }
         // Without a description of its inputs the file is out of date, so the next run tries the unusable recordings again.
         let made_from = if left_out.is_empty() { made_from } else { String::new() };

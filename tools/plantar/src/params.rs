@@ -128,8 +128,8 @@ pub fn set_rule(insole: &mut Insole, contact: ContactRule) -> Result<()> {
     Ok(())
 }
 
-/// Refuses to replace a file with personal parameters, because neither typical parameters nor those on an insole contain all of
-/// its information.
+/// Refuses to overwrite a file that contains personal parameters, because neither typical parameters nor those on an insole
+/// have all of its information.
 fn check_not_personal(out: &Path) -> Result<()> {
     ensure!(
         !Parameters::read(out).is_ok_and(|parameters| parameters.personal),

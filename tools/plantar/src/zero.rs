@@ -22,8 +22,8 @@ const GOOD_PERCENT: f64 = 10.0;
 /// 5 s. The command finds the exact times of these phases in the recording, and excludes half a second at each end of a phase.
 /// Make sure that the feet are off the floor while the person sits: the command cannot detect this in a recording.
 ///
-/// The option --zero of `plantar fit`, `plantar replay`, `plantar export`, `plantar repeat` and `plantar emulate` accepts the
-/// file.
+/// The option --zero of `plantar fit`, `plantar replay`, `plantar export`, `plantar repeat`, `plantar emulate` and
+/// `plantar serve` accepts the file.
 #[derive(Args)]
 pub struct Zero {
     /// The standing trial: the recording of one foot, or the recordings of both feet in the same trial.

@@ -249,7 +249,10 @@ fn a_second_program_on_this_computer_is_refused_and_the_first_one_loses_nothing(
     let second = simulated.plantar(&["monitor", "--ble", "C0:00:00:00:00:01"]);
     assert!(!second.status.success());
     let refusal = text(&second.stderr);
-    assert!(refusal.contains("C0:00:00:00:00:01 is in use") && refusal.contains("close that program"), "{refusal}");
+    assert!(
+        refusal.contains("C0:00:00:00:00:01 is in use") && refusal.contains("close the other program"),
+        "{refusal}"
+    );
     {
         let session = &mut simulated.insole.session.lock().expect("no panic").0;
         session.push_record(step(8));

@@ -225,7 +225,7 @@ fn check_force(force_n: f64, stated_n: f64, place: &dyn Fn() -> String) -> Resul
 /// Reads the number of a row or a column; `what` is `row` or `column`.
 fn index(field: &str, what: &str, place: &dyn Fn() -> String) -> Result<usize> {
     field.parse().ok().filter(|index| *index < MAX_LINES).ok_or_else(|| {
-        let problem = format!("`{}` is not the number of a {what}, below {MAX_LINES}", shortened(field));
+        let problem = format!("`{}` is not a {what} number from 0 to {}", shortened(field), MAX_LINES - 1);
         Error::content(place(), problem, "the export is cut off or damaged: export or copy it again")
     })
 }

@@ -15,7 +15,7 @@ pub struct Export {
     pub remarks: Vec<String>,
 }
 
-/// A format of exports from which one file suffices for an import, without a separate layout or geometry.
+/// A format of which the exported file suffices for an import, without a separate layout or geometry.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Format {
     /// See [`xsensor`].

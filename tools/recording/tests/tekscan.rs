@@ -53,7 +53,7 @@ fn a_step_is_imported_from_all_units() {
 
 #[test]
 fn raw_values_are_converted_with_the_calibration_or_refused() {
-    // In the calibration of the file, a mass of 50 kg results in a sum of 5000 raw values.
+    // In the calibration of the file, the raw values under a mass of 50 kg have the sum 5000.
     let n_per_raw = 50.0 * 9.806_65 / 5000.0;
     let raw = text(Side::Right, "Raw", CELL_MM2 * 1e-3 / n_per_raw, "10.16 mm");
     let export = parse(&raw).unwrap();

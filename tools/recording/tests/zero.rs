@@ -123,8 +123,8 @@ fn a_zero_is_exact_at_its_own_full_scale_and_accurate_to_one_code_at_others() {
         let mut unloaded = vec![0; insole.cells.len()];
         insole.codes(walk.frame(0), &mut unloaded);
         for (cell, &code) in insole.cells.iter().zip(&unloaded) {
-            // The zero was measured in whole codes at a full scale of 1000 kPa. At a larger full scale, such a code is a
-            // fraction of a code.
+            // The zero was measured in whole codes at a full scale of 1000 kPa. At a larger full scale, the same pressure need
+            // not be a whole number of codes.
             assert!(cell.calibration.offset.abs_diff(code) <= u16::from(largest_kpa > 0.0));
             assert_eq!(zero_offset([code]), Some(code));
         }

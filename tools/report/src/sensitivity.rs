@@ -57,7 +57,8 @@ impl Shown {
     }
 }
 
-/// Larger changes are printed in bold. The limits are fractions: of a relative change, and of the difference of an error.
+/// Larger changes are printed in bold. The limits are fractions: the first for a relative change, the second for the difference
+/// of an error.
 const LARGE: [f64; 2] = [0.2, 0.02];
 
 fn cell(change: Option<f64>, is_error: bool) -> Markup {

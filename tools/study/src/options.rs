@@ -103,7 +103,8 @@ pub(crate) fn text(path: &Path, content: io::Result<Vec<u8>>) -> Result<String> 
     String::from_utf8(bytes).with_context(|| format!("{} is not text in UTF-8: save it in UTF-8", path.display()))
 }
 
-/// Values that replace those of a contact rule, kPa; `None` leaves the value of the rule.
+/// Values that replace those of a contact rule, kPa; `None` leaves the value of the rule. The exception is `off_kpa` in
+/// [`ContactOptions::rule`].
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ContactOptions {
     /// A cell comes into contact at this pressure.

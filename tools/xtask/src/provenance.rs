@@ -40,7 +40,7 @@ pub fn reproduce() -> Result<()> {
     let (first, second) = (build("plantar")?, build("plantar-another-folder")?);
     for ((package, first), second) in packages.iter().zip(&first).zip(&second) {
         if first != second {
-            // If all common bytes are equal, one build is longer: they differ from the end of the shorter one on.
+            // If all common bytes are equal, one build is longer: the builds differ from the end of the shorter one on.
             let at = first.iter().zip(second).position(|(first, second)| first != second);
             let at = at.unwrap_or(first.len().min(second.len()));
             bail!("{package} differs between two builds of the same commit, from byte {at} on");

@@ -90,8 +90,8 @@ fn changes(identified: &[Step], walked: &[Step], region: usize, options: &Option
     changes.filter(|change| *change != 0.0).collect()
 }
 
-/// Prints the parameters that are fitted to the steps of all walkers together, and two ranges of these steps, from the 1 % to
-/// the 99 % quantile: of the largest area, and of the largest force divided by the largest area.
+/// Prints the parameters that are fitted to every third step of all walkers together, and two ranges of these steps, from the
+/// 1 % to the 99 % quantile: of the largest area, and of the largest force divided by the largest area.
 fn typical(walkers: &[Study], options: &Options) {
     let pooled: Vec<Step> = walkers.iter().flat_map(|study| study.steps.iter().step_by(3).cloned()).collect();
     println!("const SIZE_42: [Typical; 8] = [");

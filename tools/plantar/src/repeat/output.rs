@@ -21,7 +21,7 @@ pub fn print(feet: &[FootRepeatability]) {
     println!(
         "ICC(2,1): 1 if the trials of each person agree, 0 if they differ as much as people do. SEM: standard error of\n\
          measurement. MDC: minimal detectable change, 95 %: two trials that differ by less may be of an unchanged person.\n\
-         A number in parentheses is the number of people with a value in all compared trials, if some have none.\n\
+         A number in parentheses: only this number of people have a value in all compared trials.\n\
          The thickness d0 is assumed or measured, and does not follow from the trials."
     );
 }

@@ -24,7 +24,7 @@ pub fn forward(board: &Board) -> (String, Cable) {
             let clone = |stream: &TcpStream| stream.try_clone().expect("a socket");
             let to_host = copy(clone(&link), clone(&host));
             let _ = copy(host, clone(&link)).join();
-            // This thread ends when it cannot write the next byte of the live stream to the closed connection.
+            // The thread `to_host` ends when it cannot write the next byte of the live stream to the closed connection.
             let _ = to_host.join();
         }
     });

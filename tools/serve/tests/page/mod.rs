@@ -11,7 +11,7 @@ pub const TIMEOUT: Duration = Duration::from_secs(30);
 
 type Socket = tokio_tungstenite::WebSocketStream<tokio_tungstenite::MaybeTlsStream<tokio::net::TcpStream>>;
 
-/// A connection to the bridge, as that of a page. Insoles are numbered 0 and 1.
+/// A connection to the bridge, like that of a page. Insoles are numbered 0 and 1.
 pub struct Page(Socket);
 
 impl Page {

@@ -18,7 +18,7 @@ struct Simulated {
     is_active: bool,
     /// Number of reads of the status after an operation until the chip is ready; all but the last report a busy chip.
     busy_polls: u32,
-    /// Number of these reads until the chip is ready.
+    /// Number of these reads that remain until the chip is ready.
     busy: u32,
 }
 
