@@ -200,12 +200,17 @@ def run(
         # With `pure`, Dask would reuse the results of an earlier run with the same arguments, although files may have changed.
         futures = client.map(evaluate, names, study=study, out=out, options=options, pure=False)
         name_of = {future.key: name for future, name in zip(futures, names, strict=True)}
-        for future in distributed.as_completed(futures):
+        completed = distributed.as_completed(futures)
+        for future in completed:
             name = name_of[future.key]
             if future.status == "finished":
                 outcomes[name] = future.result()
             elif future.status == "error":
                 outcomes[name] = Outcome(name, 0, False, (f"{name}: {future.exception()!r}",))
+            elif future.status in ("pending", "lost"):
+                # Its result was lost with a worker, so another worker evaluates the participant again.
+                completed.add(future)
+                continue
             else:
                 raise ConnectionError(
                     f"the scheduler {scheduler} was lost: run the same command again; what was finished is in {out}"
