@@ -36,7 +36,7 @@ fn next(session: &mut Session) -> Option<Sent> {
 
 /// These events, with at most six records, happen to a session with a full queue of live frames and with room for one more
 /// answer. The session sends records first, then live frames, then answers. While answers wait, it sends at most eight live
-/// frames. A full queue of live frames drops the oldest one. A request for whose answer there is no room is not answered.
+/// frames. A full queue of live frames drops the oldest one. A request is not answered if there is no room for the answer.
 pub fn of_messages(events: &[Event]) {
     let mut session = Session::new();
     session.receive(ToDevice::Connect { major: MAJOR, minor: MINOR }, 0);

@@ -61,7 +61,7 @@ fn collect<'m>(messages: impl IntoIterator<Item = &'m ToHost>) -> LiveSteps {
     live
 }
 
-/// Collects `messages` without the live frames for whose time, us, `is_lost` returns true.
+/// Collects `messages`, except the live frames that are lost: `is_lost` returns true for their time, us.
 fn without(messages: &[ToHost], is_lost: impl Fn(u64) -> bool) -> LiveSteps {
     collect(messages.iter().filter(|message| !matches!(message, ToHost::Live(live) if is_lost(live.t_us))))
 }

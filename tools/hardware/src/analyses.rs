@@ -8,7 +8,7 @@ use crate::netlist::{Netlist, REFERENCE, amplifier, column_net, input_net};
 use crate::ngspice::Run;
 use crate::parts::Model;
 use crate::spice::{Conditions, Gate, Power, SAMPLED, SUPPLY_SOURCE, circuit, probed_node};
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use plantar::firmware::front_end::{
     self, ADC_KHZ, ALLOWANCE_US, CONVERSIONS, CONVERT_HALF_CYCLES, SAMPLE_HALF_CYCLES, SETTLE_US,
 };
@@ -131,18 +131,26 @@ pub fn settling(board: &Netlist, name: &'static str, mut conditions: Conditions)
     let selected_s = DESELECTED_S + BREAK_S;
     conditions.gates[ROW - 1] = Gate::OnUntil(DESELECTED_S);
     conditions.gates[ROW] = Gate::OnFrom(selected_s);
-    let analysis = format!("tran 50n {SETTLING_S:e} 0 50n");
+    let (error_lsb, settled_s) = approach(board, &conditions, "50n", selected_s, SETTLING_S)?;
+    Ok(Settling { name, error_lsb, settled_s })
+}
+
+/// Simulates the measured cell's input of the converter until `end_s` in steps of the time `step`. Returns the times after
+/// `from_s`, s, with the distances from the final voltage, LSB of 12 bits, and the time after `from_s` from which the distance
+/// remains below half an LSB, s.
+fn approach(board: &Netlist, conditions: &Conditions, step: &str, from_s: f64, end_s: f64) -> Result<(Points, f64)> {
+    let analysis = format!("tran {step} {end_s:e} 0 {step}");
     let vector = format!("v({})", input_net(COLUMN));
-    let table = Run::of(circuit(board, &conditions)).table(&analysis, &vector).tables()?.remove(0);
+    let table = Run::of(circuit(board, conditions)).table(&analysis, &vector).tables()?.remove(0);
     let final_v = table[table.len() - 1][1];
     let error_lsb: Points = table
         .iter()
-        .filter(|row| row[0] >= selected_s)
-        .map(|row| (row[0] - selected_s, (code(row[1]) - code(final_v)) / CODES_PER_LSB))
+        .filter(|row| row[0] >= from_s)
+        .map(|row| (row[0] - from_s, (code(row[1]) - code(final_v)) / CODES_PER_LSB))
         .collect();
     let last = error_lsb.iter().rposition(|(_, lsb)| lsb.abs() > 0.5);
     let settled_s = last.map_or(0.0, |i| error_lsb[(i + 1).min(error_lsb.len() - 1)].0);
-    Ok(Settling { name, error_lsb, settled_s })
+    Ok((error_lsb, settled_s))
 }
 
 /// Capacitance at the load switch's pin CT for which the data sheet states the slow turn-on, farad.
@@ -152,30 +160,30 @@ const TURNED_ON: f64 = 0.9;
 /// Time for which the simulation of the start continues after the supply has risen, s.
 const STARTED_S: f64 = 1e-3;
 
-/// The rise of the front end's supply after the load switch was enabled at 0 s. The turn-on time and the time per volt are
-/// interpolated between those of the data sheet, linearly in the capacitance at CT.
-fn rising(board: &Netlist) -> Power {
-    let Model::Capacitor(rise_f) = board.part("C2").kind.model else { unreachable!("C2 is a capacitor") };
+/// The times at which the output of the load switch begins and ends to rise after the load switch was enabled at 0 s. The
+/// turn-on time and the time per volt are interpolated between those of the data sheet, linearly in the capacitance at CT.
+///
+/// # Errors
+/// If no capacitor is at CT.
+fn rise_s(board: &Netlist) -> Result<(f64, f64)> {
+    let Model::Capacitor(rise_f) = board.part("C2").kind.model else { bail!("C2, at CT, must be a capacitor") };
     let between = |open: f64, slow: f64| open + (slow - open) * rise_f / SLOW_RISE_F;
     let turn_on_s = between(LOAD_SWITCH_OPEN_ON_S.value, LOAD_SWITCH_SLOW_ON_S.value);
     let s_per_v = between(1.0 / LOAD_SWITCH_OPEN_V_PER_S.value, 1.0 / LOAD_SWITCH_SLOW_V_PER_S.value);
     let rise_s = SUPPLY_V.value * s_per_v;
-    Power::Rising { from_s: turn_on_s - TURNED_ON * rise_s, until_s: turn_on_s + (1.0 - TURNED_ON) * rise_s }
+    Ok((turn_on_s - TURNED_ON * rise_s, turn_on_s + (1.0 - TURNED_ON) * rise_s))
 }
 
 /// Time from enabling the load switch until the converter's input of the measured cell remains within half an LSB of its final
 /// voltage, s: the longer one of those of an open cell and of a cell at full load.
 pub fn start_s(board: &Netlist) -> Result<f64> {
-    let power = rising(board);
-    let Power::Rising { until_s, .. } = power else { unreachable!("the supply rises") };
+    let (from_s, until_s) = rise_s(board)?;
     let settled_s = |cell_ohm| -> Result<f64> {
-        let conditions = Conditions { power, ..Conditions::selected(ROW).with_cell(ROW, COLUMN, cell_ohm) };
-        let analysis = format!("tran 1u {:e} 0 1u", until_s + STARTED_S);
-        let vector = format!("v({})", input_net(COLUMN));
-        let table = Run::of(circuit(board, &conditions)).table(&analysis, &vector).tables()?.remove(0);
-        let final_v = table[table.len() - 1][1];
-        let last = table.iter().rposition(|row| ((code(row[1]) - code(final_v)) / CODES_PER_LSB).abs() > 0.5);
-        Ok(last.map_or(0.0, |i| table[(i + 1).min(table.len() - 1)][0]))
+        let conditions = Conditions {
+            power: Power::Rising { from_s, until_s },
+            ..Conditions::selected(ROW).with_cell(ROW, COLUMN, cell_ohm)
+        };
+        Ok(approach(board, &conditions, "1u", 0.0, until_s + STARTED_S)?.1)
     };
     Ok(settled_s(f64::INFINITY)?.max(settled_s(FULL_LOAD_OHM)?))
 }

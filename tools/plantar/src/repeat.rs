@@ -150,7 +150,7 @@ impl Repeat {
         Ok(all)
     }
 
-    /// The trials of one person, whose recordings were given.
+    /// The trials of one person, given as recordings.
     fn one_person(&self) -> Result<Trials> {
         let mut known = BTreeSet::new();
         for path in &self.inputs {

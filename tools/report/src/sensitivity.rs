@@ -10,7 +10,7 @@ use maud::{Markup, html};
 struct Shown {
     title: &'static str,
     value: fn(&MainResults) -> Option<f64>,
-    /// True for an error (NRMSE), whose change is a difference. The change of the other results is relative.
+    /// True for an error (NRMSE): its change is a difference, and that of the other results is relative.
     is_error: bool,
 }
 
