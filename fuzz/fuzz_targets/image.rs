@@ -1,18 +1,3 @@
-//! A firmware image, as `plantar update` reads it, and its header, as an insole reads it: each is refused, or has the same bytes
-//! when it is written again.
 #![no_main]
 
-use firmware_image::Image;
-use libfuzzer_sys::fuzz_target;
-use plantar::protocol::update::Header;
-use std::path::Path;
-
-fuzz_target!(|data: &[u8]| {
-    if let Some(header) = data.first_chunk().and_then(Header::read) {
-        assert_eq!(header.bytes(), data[..Header::BYTES]);
-        assert!(header.number().is_some() && header.board().len() <= 16);
-    }
-    if let Ok(image) = Image::parse(data, Path::new("fuzzed")) {
-        assert_eq!(image.file(), data);
-    }
-});
+libfuzzer_sys::fuzz_target!(|data: &[u8]| fuzz_checks::image::check(data));

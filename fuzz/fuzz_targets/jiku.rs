@@ -1,13 +1,3 @@
-//! The HDF5 file of one walker of the data set SpeedPP2DS, from the package `jiku-data`: the recording is consistent, or the
-//! file is refused.
 #![no_main]
 
-use libfuzzer_sys::fuzz_target;
-use plantar_fuzz::check_recording;
-use recording::jiku;
-
-fuzz_target!(|data: &[u8]| {
-    if let Ok(recording) = jiku::parse(data, &[0, 1]) {
-        check_recording(&recording);
-    }
-});
+libfuzzer_sys::fuzz_target!(|data: &[u8]| fuzz_checks::jiku::check(data));

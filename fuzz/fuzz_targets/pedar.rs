@@ -1,18 +1,3 @@
-//! The geometry of pedar insoles and an export, separated by a zero byte: the recordings of both feet are consistent, or the
-//! files are refused.
 #![no_main]
 
-use libfuzzer_sys::fuzz_target;
-use plantar::Side;
-use plantar_fuzz::check_recording;
-use recording::pedar;
-
-fuzz_target!(|data: &[u8]| {
-    let mut parts = data.splitn(2, |&byte| byte == 0);
-    let (Some(geometry), Some(asc)) = (parts.next(), parts.next()) else { return };
-    for side in [Side::Left, Side::Right] {
-        if let Ok(recording) = pedar::parse(asc, geometry, side) {
-            check_recording(&recording);
-        }
-    }
-});
+libfuzzer_sys::fuzz_target!(|data: &[u8]| fuzz_checks::pedar::check(data));

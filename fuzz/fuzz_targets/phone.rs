@@ -1,12 +1,3 @@
-//! Messages, as the web page for a phone (`tools/phone`) decodes them: the result is valid JSON with the kind of the message.
 #![no_main]
 
-use libfuzzer_sys::fuzz_target;
-use phone_wire::decode_to_json;
-
-fuzz_target!(|data: &[u8]| {
-    if let Some(value) = decode_to_json(data) {
-        let read: serde_json::Value = serde_json::from_str(&value.to_string()).expect("the text is valid JSON");
-        assert!(read["kind"].is_string());
-    }
-});
+libfuzzer_sys::fuzz_target!(|data: &[u8]| fuzz_checks::phone::check(data));

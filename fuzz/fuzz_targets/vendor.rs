@@ -1,28 +1,3 @@
-//! The export of a vendor's program: the recordings are consistent, or the file is refused. The first byte of an input selects
-//! the format (or its recognition from the content) and the foot; the export follows.
 #![no_main]
 
-use libfuzzer_sys::fuzz_target;
-use plantar::Side;
-use plantar_fuzz::check_recording;
-use recording::{Format, footprint};
-use std::path::Path;
-
-fuzz_target!(|data: &[u8]| {
-    let Some((&selector, bytes)) = data.split_first() else { return };
-    let path = Path::new("export");
-    let choices = Format::ALL.len() + 1;
-    let format = match Format::ALL.get(usize::from(selector) % choices) {
-        Some(format) => *format,
-        None => match Format::recognise(bytes, path) {
-            Ok(format) => format,
-            Err(_) => return,
-        },
-    };
-    let side = [None, Some(Side::Left), Some(Side::Right)][usize::from(selector) / choices % 3];
-    let Ok(export) = format.parse(bytes, path, side) else { return };
-    for recording in &export.feet {
-        check_recording(recording);
-        footprint::warnings(recording);
-    }
-});
+libfuzzer_sys::fuzz_target!(|data: &[u8]| fuzz_checks::vendor::check(data));

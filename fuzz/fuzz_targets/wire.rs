@@ -1,24 +1,3 @@
-//! Messages without framing: a decoded message can be encoded in at most as many bytes, and is the same after decoding again.
 #![no_main]
 
-use libfuzzer_sys::fuzz_target;
-use plantar::protocol::{MAX_MESSAGE, ToDevice, ToHost, decode, encode};
-use serde::Serialize;
-use serde::de::DeserializeOwned;
-
-fuzz_target!(|data: &[u8]| {
-    read_and_write::<ToDevice>(data);
-    read_and_write::<ToHost>(data);
-});
-
-fn read_and_write<T: Serialize + DeserializeOwned>(data: &[u8]) {
-    let Some(message) = decode::<T>(data) else { return };
-    let mut buffers = [[0; MAX_MESSAGE]; 2];
-    let [once, twice] = &mut buffers;
-    let once = encode(&message, once).expect("every message fits");
-    // A sender may encode numbers with more bytes than necessary.
-    assert!(once.len() <= data.len());
-    let again: T = decode(once).expect("an encoded message can be decoded");
-    // Compared as bytes, because a NaN is not equal to itself.
-    assert_eq!(once, encode(&again, twice).expect("every message fits"));
-}
+libfuzzer_sys::fuzz_target!(|data: &[u8]| fuzz_checks::wire::check(data));

@@ -107,6 +107,11 @@ impl Session {
     /// Receives one message; returns true if it is an answer.
     fn receive(&mut self, received: &mut Received) -> bool {
         let message = self.next();
+        self.keep(message, received)
+    }
+
+    /// Keeps a message; returns true if it is an answer.
+    fn keep(&mut self, message: ToHost, received: &mut Received) -> bool {
         let is_answer = !matches!(message, ToHost::Live(_) | ToHost::Step(_) | ToHost::Bout(_) | ToHost::Alert(_));
         match message {
             ToHost::Live(live) => received.live.push(live),
@@ -141,6 +146,15 @@ impl Session {
 
     /// The same as [`Self::finish`], after messages that were received before.
     fn finish_into(&mut self, received: &mut Received) {
+        // While the board scans, requests would only slow it down.
+        let mut silent = 0;
+        while self.board.plant().scans() < self.scans && silent < SILENT_READS {
+            silent += 1;
+            if let Some(message) = self.client.receive().expect("the link works") {
+                self.keep(message, received);
+                silent = 0;
+            }
+        }
         loop {
             self.ask(ToDevice::GetStatus, received);
             let status = &received.status;

@@ -33,6 +33,27 @@ proptest! {
         prop_assert_eq!(joiner.push(last), Ok(Some(&message[..])));
     }
 
+    /// A message that contains its length is split without headers, and the message after it has them again.
+    #[test]
+    fn a_plain_message_is_split_without_headers(
+        message in prop::collection::vec(any::<u8>(), 1..=MAX_MESSAGE),
+        max_len in 6..=244_usize,
+    ) {
+        let mut splitter = Splitter::new();
+        splitter.buffer()[..message.len()].copy_from_slice(&message);
+        splitter.start_plain(message.len());
+        let mut fragment = vec![0; max_len];
+        let mut sent = Vec::new();
+        while let Some(len) = splitter.next(&mut fragment) {
+            prop_assert_eq!(len, max_len.min(message.len() - sent.len()));
+            sent.extend_from_slice(&fragment[..len]);
+        }
+        prop_assert_eq!(&sent, &message);
+        splitter.start(1);
+        prop_assert_eq!(splitter.next(&mut fragment), Some(2));
+        prop_assert_eq!(&fragment[..2], &[0x80, message[0]]);
+    }
+
     #[test]
     fn a_joiner_works_after_any_fragments(fragments in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..300), 0..20)) {
         let mut joiner = Joiner::new();

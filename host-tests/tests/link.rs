@@ -6,6 +6,7 @@ use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::cumulative::LoadLimits;
 use plantar::pipeline::setup::Setup;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::pipeline::tissue::{AreaFilter, Identified, Tissue};
 use plantar::protocol::BLOCK_CELLS;
 use plantar::protocol::session::{Command, CommandResult, RECORD_QUEUE, Session};
@@ -766,6 +767,17 @@ fn settings_are_checked_stored_and_read() {
     session.complete(Err(Refusal::NotStored));
     session.receive(ToDevice::GetSettings, 0);
     assert_eq!(all(&mut session), [Sent::Refused(Refusal::NotStored), Sent::Settings(None)]);
+}
+
+/// Settings replace the board's rules and its period, and nothing else.
+#[test]
+fn settings_replace_values_of_the_board() {
+    let settings =
+        Settings { contact: ContactRule::COVERED, stance: StanceRule::ABSOLUTE, period_us: 12_500, scale: 1.0 };
+    let Settings { contact, stance, period_us, .. } = settings;
+    let setup = settings.apply_to(SETUP);
+    assert_eq!(setup, Setup { contact, stance, period_us, ..SETUP });
+    assert!(contact != SETUP.contact && stance != SETUP.stance && period_us != SETUP.period_us);
 }
 
 #[test]

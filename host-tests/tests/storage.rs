@@ -4,7 +4,7 @@ use embedded_storage_async::nor_flash::NorFlash;
 use plantar::Side;
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::tissue::Tissue;
-use plantar::protocol::{BLOCK_CELLS, LoadRecord, Reset, Serial, Step, StepFoot, StepRegion};
+use plantar::protocol::{Alert, BLOCK_CELLS, Bout, LoadRecord, Reset, Serial, Step, StepFoot, StepRegion};
 use plantar::storage::flash_map::{self, RECORDS, SECTOR, SMALL_LOG};
 use plantar::storage::{Bonds, BootCounters, IdentityRecord, Record, StorageError, Store};
 use sequential_storage::cache::Cache;
@@ -12,7 +12,7 @@ use sequential_storage::map::{MapConfig, MapStorage};
 use sequential_storage::queue::{QueueConfig, QueueStorage};
 use testkit::nor_flash::{NorFlashChip, Torn, block_on};
 use testkit::store_script::Script;
-use testkit::{TISSUE, bout, step};
+use testkit::{TISSUE, alert, bout, step};
 
 type ChipStore<'c> = Store<&'c mut NorFlashChip>;
 
@@ -712,23 +712,30 @@ fn serial_numbers_are_short_and_printable() {
     }
 }
 
-/// The records of both kinds are numbered together, continue after a restart, and are removed by one acknowledgement.
+/// The records of all kinds are numbered together, count the restarts since they were stored, and are removed by one
+/// acknowledgement.
 #[test]
-fn load_bouts_are_stored_between_steps() {
+fn load_bouts_and_alerts_are_stored_between_steps() {
     let mut chip = chip();
     let mut store = open(&mut chip);
-    for record in [LoadRecord::from(bout(0)), step(1).into(), bout(2).into(), bout(3).into()] {
+    let records = [LoadRecord::from(bout(0)), step(1).into(), bout(2).into(), bout(3).into(), alert(4).into()];
+    for record in records {
         assert_eq!(block_on(store.push_record(record)), Ok(0));
     }
     let mut store = open(&mut chip);
-    assert_eq!(store.contents().next_record, 4);
+    assert_eq!(store.contents().next_record, 5);
     let mut stored = Vec::new();
     let more = block_on(store.records(Some(0), |record| {
         stored.push(record);
         true
     }));
-    let expected = [LoadRecord::from(step(1)), bout(2).into(), bout(3).into()];
-    assert_eq!((more, stored), (Ok(false), expected.map(|record| record.with_boots_since(1)).to_vec()));
+    let expected = [
+        LoadRecord::from(Step { boots_since: 1, ..step(1) }),
+        Bout { boots_since: 1, ..bout(2) }.into(),
+        Bout { boots_since: 1, ..bout(3) }.into(),
+        Alert { boots_since: 1, ..alert(4) }.into(),
+    ];
+    assert_eq!((more, stored), (Ok(false), expected.to_vec()));
     assert_eq!(block_on(store.acknowledge(2)), Ok(()));
     let mut store = open(&mut chip);
     let mut numbers = Vec::new();
@@ -739,7 +746,7 @@ fn load_bouts_are_stored_between_steps() {
         })),
         Ok(false)
     );
-    assert_eq!((numbers, store.contents().next_record), (vec![3], 4));
+    assert_eq!((numbers, store.contents().next_record), (vec![3, 4], 5));
 }
 
 /// As in the firmware, a few steps are read and acknowledged at a time, while others are recorded.

@@ -16,7 +16,7 @@ use plantar::{Region, Side};
 use recording::{Recording, VirtualInsole, synthetic};
 use std::net::TcpStream;
 use std::path::Path;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Number of cells of the layout.
 const CELLS: usize = 240;
@@ -240,16 +240,20 @@ fn connect(board: &Board) -> Result<Client<Framed<TcpStream>>> {
 fn play(board: &Board, client: &mut Client<Framed<TcpStream>>, scans: u32) -> Result<Status> {
     board.play();
     let mut timeouts = 0;
+    let mut requested = Instant::now();
     loop {
         match client.receive()? {
             Some(ToHost::Status(status)) if status.frames >= scans => return Ok(status),
             Some(ToHost::Hello(hello)) => bail!("the board restarted: {:?}", hello.fault),
             Some(_) => timeouts = 0,
             None if timeouts > MAX_TIMEOUTS => bail!("the board has stopped sending"),
+            // A part of a message has arrived, or the answer to a request has not.
+            None if requested.elapsed() < READ_TIMEOUT => {}
             None => {
                 timeouts += 1;
                 // A request interrupts the evaluation of frames and steps, so it is sent only while the board sends nothing.
                 client.send(ToDevice::GetStatus)?;
+                requested = Instant::now();
             }
         }
     }

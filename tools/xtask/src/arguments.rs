@@ -4,9 +4,6 @@ use crate::{BOARDS, NRF52840, WB55};
 use clap::{Args, Parser, Subcommand};
 use std::path::PathBuf;
 
-/// Duration of fuzzing in `cargo xtask test`, minutes of one core.
-pub const FUZZ_MINUTES: f64 = 2.0;
-
 /// The tasks of this repository.
 #[derive(Parser)]
 #[command(bin_name = "cargo xtask")]
@@ -18,7 +15,7 @@ pub struct Arguments {
 #[derive(Subcommand)]
 pub enum Task {
     /// Install missing programs and data: Rust targets, QEMU, ngspice, Node.js, Chromium, a C++ compiler, D-Bus, GNU Octave,
-    /// private copies of cargo-fuzz, cargo-deny and libclang, private Python environments, and recorded walks.
+    /// private copies of cargo-deny, cargo-nextest and libclang, private Python environments, and recorded walks.
     Setup,
     /// Build the firmware of all boards and the command line.
     Build,
@@ -38,7 +35,7 @@ pub enum Task {
     /// Feed every parser with arbitrary bytes. The task ends at the first input that makes a parser fail.
     Fuzz {
         /// Time for all fuzz targets together, minutes of one core. As many targets run at the same time as there are cores.
-        #[arg(long, value_name = "N", default_value_t = FUZZ_MINUTES)]
+        #[arg(long, value_name = "N", default_value_t = 10.0)]
         minutes: f64,
     },
     /// Test the endurance: power cuts in every write, bit errors on the cable, and a day of walking. The test takes about an

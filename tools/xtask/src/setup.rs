@@ -81,8 +81,8 @@ pub fn all() -> Result<Python> {
     ngspice()?;
     node()?;
     chromium()?;
-    cargo_fuzz()?;
     cargo_deny()?;
+    nextest()?;
     libclang()?;
     bus()?;
     octave()?;
@@ -199,6 +199,15 @@ pub fn cargo_fuzz() -> Result<PathBuf> {
 /// Installs cargo-deny, which checks licences, sources and advisories of the dependencies. Returns its path.
 pub fn cargo_deny() -> Result<PathBuf> {
     cargo_tool("cargo-deny", "0.20.2")
+}
+
+/// Installs cargo-nextest, which runs the tests of all packages at the same time, unless the user has it: its options are the same
+/// in all versions. Returns a command to which its subcommand is to be added.
+pub fn nextest() -> Result<Command> {
+    let user = "cargo-nextest";
+    let mut command = Command::new(if has(user) { user.into() } else { cargo_tool(user, "0.9.143")? });
+    command.arg("nextest");
+    Ok(command)
 }
 
 /// Installs cargo-cyclonedx, which writes software bills of materials. Returns its path.

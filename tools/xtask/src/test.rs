@@ -1,10 +1,10 @@
 //! The test suite: a quick part for use after each change, and the complete suite.
 
-use crate::arguments::{FUZZ_MINUTES, Soak};
+use crate::arguments::Soak;
 use crate::build::{bootloader, build_firmware, build_whole_host, cargo_firmware, firmware};
-use crate::command::{built, root, run, run_command};
+use crate::command::{built, join, root, run, run_command};
 use crate::setup::Python;
-use crate::{BOARDS, EMULATED, bench, fuzz, limits, package, page, setup};
+use crate::{BOARDS, EMULATED, bench, limits, package, page, setup};
 use anyhow::Result;
 use std::path::PathBuf;
 use std::process::Command;
@@ -12,15 +12,22 @@ use std::process::Command;
 /// Arguments of Clippy that make every warning an error.
 pub const DENY_WARNINGS: [&str; 3] = ["--", "--deny", "warnings"];
 
-/// The name of the module with tests that need recordings of people. These recordings are not public.
-const UNPUBLISHED: &str = "unpublished::";
+/// Arguments of cargo-nextest that run all tests of the host programs, but for the examples in the documentation.
+const HOST_TESTS: [&str; 4] = ["run", "--locked", "--release", "--no-fail-fast"];
+
+/// Selects the tests in files with walks that are played in real time: they need a part of a core all the time.
+const IN_REAL_TIME: &str = "binary(both_feet) + binary(cells_bluetooth) + binary(identify) + binary(update_walking)";
+
+/// Excludes the tests that need recordings of people, which are in modules of this name. These recordings are not public.
+const PUBLISHED: &str = "not test(/unpublished::/)";
 
 /// Checks format and lints, and runs the host tests. Tests that need more than a Rust toolchain are reported as ignored.
 pub fn quick() -> Result<()> {
     setup::rust()?;
     format()?;
     lint_host()?;
-    run("cargo", &["test", "--locked", "--release", "--no-fail-fast"])
+    run_command(setup::nextest()?.args(HOST_TESTS))?;
+    documentation_tests()
 }
 
 /// Runs everything that continuous integration runs.
@@ -32,6 +39,7 @@ pub fn all() -> Result<()> {
     // show that the library compiles in both ways.
     BOARDS.into_iter().try_for_each(build_firmware)?;
     lint_host()?;
+    package::lint()?;
     for board in BOARDS {
         cargo_firmware("clippy", board, &DENY_WARNINGS)?;
         cargo_firmware("clippy", &bootloader(board), &DENY_WARNINGS)?;
@@ -41,11 +49,10 @@ pub fn all() -> Result<()> {
     run_command(Command::new("cargo").args(doc).env("RUSTDOCFLAGS", "--deny warnings"))?;
     page::build()?;
     build_whole_host()?;
-    let page_figures = page::test(&built("release/plantar"), &firmware(EMULATED))?;
     host_tests(&python)?;
     package::test()?;
+    let page_figures = page::test(&built("release/plantar"), &firmware(EMULATED))?;
     Soak { short: true, json: None }.run()?;
-    fuzz::run(FUZZ_MINUTES)?;
     let mut figures = bench::bench_without_page()?;
     figures.extend(page_figures);
     limits::check(&figures)
@@ -62,31 +69,55 @@ fn lint_host() -> Result<()> {
     run("cargo", &[&["clippy", "--locked", "--release", "--all-targets"], &DENY_WARNINGS[..]].concat())
 }
 
-/// Runs all tests on the host, including those that need firmware, Python, a browser or data. Tests that need recordings of
-/// people are skipped if there are none on this machine.
+/// Runs all tests on the host: those in real time one after the other, and beside them, with a lower priority, all others.
 fn host_tests(python: &Python) -> Result<()> {
-    // Many tests wait for an emulated board, so more of them run at the same time than there are cores.
-    let threads = 2 * std::thread::available_parallelism().map_or(1, usize::from);
-    let mut command = Command::new("cargo");
+    std::thread::scope(|scope| {
+        let in_real_time = scope.spawn(|| selected_tests(python, IN_REAL_TIME, 1));
+        let others = scope.spawn(|| {
+            #[cfg(unix)]
+            rustix::process::nice(10)?;
+            // Many tests wait for an emulated board, so more of them run at the same time than there are cores.
+            let threads = 2 * std::thread::available_parallelism().map_or(1, usize::from);
+            selected_tests(python, &format!("not ({IN_REAL_TIME})"), threads)
+        });
+        join(in_real_time)?;
+        join(others)
+    })?;
+    documentation_tests()
+}
+
+/// Runs the selected tests on the host, this many at the same time, including those that need firmware, Python, a browser or data.
+/// Tests that need recordings of people are skipped if there are none on this machine.
+fn selected_tests(python: &Python, selected: &str, threads: usize) -> Result<()> {
+    let recordings = recordings();
+    let selected = match &recordings {
+        Some(_) => selected.to_owned(),
+        None => {
+            eprintln!(
+                "note: PLANTAR_RECORDINGS names no folder: tests with recordings that are not public are skipped"
+            );
+            format!("({selected}) and {PUBLISHED}")
+        }
+    };
+    let mut command = setup::nextest()?;
     command
-        .args(["test", "--locked", "--release", "--no-fail-fast", "--", "--include-ignored"])
-        .env("RUST_TEST_THREADS", threads.to_string())
-        .env("PLANTAR_FIRMWARE", firmware(EMULATED))
+        .args(HOST_TESTS)
+        .args(["--run-ignored", "all", "--test-threads", &threads.to_string(), "--filterset", &selected])
+        .env("PLANTAR_FIRMWARE", std::path::absolute(firmware(EMULATED))?)
         .env("PLANTAR_FORMATS", setup::formats()?)
         .env("PLANTAR_JIKU", &python.jiku)
         .env("PLANTAR_MOTICON", &python.moticon)
         .env("PLANTAR_PYTHON", &python.interpreter)
         .env("PLANTAR_SMP", setup::management()?);
-    match recordings() {
-        Some(folder) => command.env("PLANTAR_RECORDINGS", folder),
-        None => {
-            eprintln!(
-                "note: PLANTAR_RECORDINGS names no folder: tests with recordings that are not public are skipped"
-            );
-            command.args(["--skip", UNPUBLISHED])
-        }
-    };
+    if let Some(folder) = recordings {
+        command.env("PLANTAR_RECORDINGS", folder);
+    }
     run_command(&mut command)
+}
+
+/// Runs the examples in the documentation.
+fn documentation_tests() -> Result<()> {
+    run("cargo", &["test", "--locked", "--release", "--no-fail-fast", "--doc"])
 }
 
 /// The folder with recordings of people: the folder that `PLANTAR_RECORDINGS` names, or else `shared/data` beside the repository.

@@ -1,5 +1,5 @@
-//! Writes the seeds of the fuzz targets to `corpus/`, which has one folder for each target. The seeds are made from computed
-//! data. The command is `cargo run --example seeds`, in the folder `fuzz`.
+//! Writes the seeds of the fuzz targets to `fuzz/corpus/`, which has one folder for each target. The seeds are made from computed
+//! data. The command is `cargo run --package fuzz-checks --example seeds`.
 //!
 //! This program does not write the seeds of `jiku` and the seed `footscan-xls` of `vendor`, because nothing in this project
 //! writes HDF5 files or Excel files. Those seeds were written from computed trials with h5py, and from the computed step below
@@ -208,7 +208,7 @@ fn main() {
 
 /// Writes one seed of a target.
 fn seed(target: &str, name: &str, bytes: &[u8]) {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus").join(target);
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../corpus").join(target);
     fs::create_dir_all(&folder).expect("the folder can be created");
     fs::write(folder.join(name), bytes).expect("the seed is written");
 }
@@ -225,7 +225,7 @@ fn framed(message: &[u8]) -> Vec<u8> {
     out[..len].to_vec()
 }
 
-/// Joins pieces in the format that `plantar_fuzz::Pieces` splits.
+/// Joins pieces in the format that `fuzz_checks::Pieces` splits.
 fn pieces<'p>(pieces: impl IntoIterator<Item = &'p [u8]>) -> Vec<u8> {
     // No message is as long as u16::MAX.
     pieces.into_iter().flat_map(|piece| [&(piece.len() as u16).to_le_bytes(), piece].concat()).collect()
