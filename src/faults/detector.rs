@@ -253,7 +253,8 @@ impl FaultDetector {
     /// Counts a fault and adds it to the list, unless the list is full.
     fn report<R: Real>(&mut self, frame: &FrameContext<'_, R>, kind: FaultKind, place: Place) {
         self.faults.found = self.faults.found.wrapping_add(1);
-        let found_ms = (u64::from(frame.seq) * u64::from(frame.period_us) / 1000) as u32;
+        let found_ms = u64::from(frame.seq) * u64::from(frame.period_us) / 1000;
+        let found_ms = u32::try_from(found_ms).unwrap_or(u32::MAX);
         let _ = self.faults.list.push(Fault { kind, place, found_ms });
     }
 

@@ -70,7 +70,7 @@ pub struct Fault {
     pub kind: FaultKind,
     /// The place.
     pub place: Place,
-    /// Time of its detection, ms since the first scan.
+    /// Time of its detection, ms since the first scan; `u32::MAX` for a time that is as long or longer (49.7 days).
     pub found_ms: u32,
 }
 

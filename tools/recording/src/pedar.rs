@@ -81,6 +81,7 @@ fn read(
             file_name(geometry_path),
             match all_cells.len() - sensors.len() {
                 0 => String::new(),
+                1 => " 1 sensor is not in the export.".to_owned(),
                 masked => format!(" {masked} sensors are not in the export."),
             }
         ),
