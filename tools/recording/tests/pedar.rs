@@ -59,7 +59,7 @@ fn sensors_that_a_mask_excluded_are_missing_in_the_layout() {
     let left = import(masked, GEOMETRY, Side::Left).unwrap();
     assert_eq!(left.pressure_kpa, [2.0, 6.0, 10.0]);
     assert_eq!((left.layout.cells[0].x_mm, left.layout.cells[0].y_mm), (15.0, 5.0));
-    assert!(left.source.contains("1 sensors are not in the export"));
+    assert!(left.source.contains("1 sensor is not in the export"));
     assert_eq!(import(masked, GEOMETRY, Side::Right).unwrap().pressure_kpa, [3.0, 4.0, 7.0, 8.0, 11.0, 12.0]);
 }
 
