@@ -41,12 +41,12 @@ impl Masking {
         let cell = &mut frame.cells[index];
         cell.marks.set_masked();
         self.regions |= 1 << region;
-        let mask = Mask { cell: index as u16, zero: cell.zero, neighbours: [index as u16; 4] };
+        let mask = Mask { cell: index as u16, zero: cell.baseline.zero, neighbours: [index as u16; 4] };
         // With this zero, the pass over the cells adds no force of this cell.
-        cell.zero = u16::MAX;
+        cell.baseline.zero = u16::MAX;
         let load = &mut frame.loads[region].frame;
         let before = area_units(&load.area);
-        load.update_contact(&cell.region, &mut cell.contact, 0, cell.zero, 0.0);
+        load.update_contact(&cell.region, &mut cell.contact, 0, cell.baseline.zero, 0.0);
         cell.contact.notify_always();
         let _ = self.masks.push(mask);
         area_units(&load.area) - before
@@ -71,7 +71,7 @@ impl Masking {
             let above_kpa = if count > 0.0 { sum_kpa / count / cell.baseline.gain } else { 0.0 };
             let code = frame.curve.first_code_at(above_kpa + cell.baseline.residual_kpa);
             let code = u32::from(code) + u32::from(mask.zero);
-            load.update_contact(&cell.region, &mut cell.contact, code, cell.zero, above_kpa);
+            load.update_contact(&cell.region, &mut cell.contact, code, cell.baseline.zero, above_kpa);
             cell.contact.notify_always();
             if above_kpa > 0.0 {
                 load.force.add(&cell.region, R::of_f32(above_kpa));

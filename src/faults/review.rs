@@ -60,7 +60,7 @@ impl Review {
             let before = marks.swing_reading;
             let is_risen = reading(&frame.cells[index], code) > before.max(0).saturating_add(MAX_RISE);
             self.risen_rows |= u16::from(is_risen) << marks.row();
-            let is_exceeded = frame.cells[index].baseline.is_exceeded(code, frame.cells[index].zero, frame.curve);
+            let is_exceeded = frame.cells[index].baseline.is_exceeded(code, frame.curve);
             if self.has_stance {
                 let needs_neighbourhood = !marks.has(RESPONDED) || marks.has(UNCHANGED) || is_exceeded;
                 let around = needs_neighbourhood.then(|| Neighbourhood::new(frame, index));

@@ -60,7 +60,7 @@ impl Row {
         let (mut least_kpa, mut most_kpa, mut most) = (f32::MAX, 0.0f32, 0);
         for index in cells.iter().map(|&index| usize::from(index)) {
             let (cell, code) = (&frame.cells[index], frame.codes[index]);
-            let kpa = |code: u16| frame.curve.pressure_kpa::<f32>(code.saturating_sub(cell.zero).into());
+            let kpa = |code: u16| frame.curve.pressure_kpa::<f32>(code.saturating_sub(cell.baseline.zero).into());
             // A residual pressure that is not yet part of the baseline is in all cells of the row, as crosstalk would be.
             let lifted = cell.baseline.code.saturating_add_signed(cell.marks.swing_reading.max(0));
             let above_kpa = kpa(code) - kpa(lifted);

@@ -136,12 +136,29 @@ const OTHER_RULE: &str = "the parameters belong to another contact rule and are 
 ///
 /// # Panics
 /// When called twice with the same memory.
-pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
+pub fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     memory: &'static Memory<F, FRAMES>,
     chip: impl Future<Output = Option<F>>,
-    boot: BootReport,
+    boot: &BootReport,
     image: &Header,
-    configuration: Configuration<impl Iterator<Item = SetupCell> + Clone>,
+    configuration: &Configuration<impl Iterator<Item = SetupCell> + Clone>,
+    counters: &'static ScanCounters,
+    gauges: Gauges,
+) -> impl Future<Output = Started<F>> {
+    // The session takes much stack if it is compiled for size: here this stack is not added to that of the future.
+    let session = init_session(&memory.session);
+    start_with(memory, session, chip, boot, image, configuration, counters, gauges)
+}
+
+/// As [`start`], with a session without host.
+#[expect(clippy::too_many_arguments, reason = "those of `start` and the session")]
+async fn start_with<F: MultiwriteNorFlash, const FRAMES: usize>(
+    memory: &'static Memory<F, FRAMES>,
+    session: &'static RefCell<Session>,
+    chip: impl Future<Output = Option<F>>,
+    boot: &BootReport,
+    image: &Header,
+    configuration: &Configuration<impl Iterator<Item = SetupCell> + Clone>,
     counters: &'static ScanCounters,
     gauges: Gauges,
 ) -> Started<F> {
@@ -149,13 +166,13 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     if let Some(fault) = &boot.fault {
         log::error!("start: after a failure: {}", fault.as_str());
     }
-    let Configuration { mut setup, cells, serial_bytes_per_s, fault, restart } = configuration;
+    let &Configuration { mut setup, ref cells, serial_bytes_per_s, ref fault, restart } = configuration;
     // Whatever the chip does, the insole starts.
     let chip = with_timeout(CHIP_TIMEOUT, pin!(chip)).await.ok().flatten();
     let mut no_chip = chip.is_none().then_some(NO_CHIP);
     let store = memory.store.init_with(|| Store::new(chip));
     // Pinned, because each move of this future would take its size in stack.
-    let is_open = with_timeout(STORE_TIMEOUT, pin!(open_store(store, &boot, image, restart))).await.is_ok();
+    let is_open = with_timeout(STORE_TIMEOUT, pin!(open_store(store, boot, image, restart))).await.is_ok();
     if !is_open {
         store.give_up();
         no_chip = Some(NO_STORE);
@@ -177,7 +194,7 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     // A loop, so that the firmware contains the code of this call only once.
     for attempt in [stored, None] {
         settings = attempt;
-        refused = set_up(insole, &mut setup, &cells, settings).err();
+        refused = set_up(insole, &mut setup, cells, settings).err();
         match refused {
             Some(error) if settings.is_some() => {
                 log::error!("settings: the stored ones do not fit this board: {}", truncated(error).as_str());
@@ -186,7 +203,7 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
             _ => break,
         }
     }
-    let cells = cells.map(|cell| scaled(cell, settings));
+    let cells = cells.clone().map(|cell| scaled(cell, settings));
     let calibrated = memory.cells.take();
     if refused.is_none() {
         // `set_up` has accepted the cells, so there is room for all of them.
@@ -210,14 +227,14 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
         insole,
         boot.reset,
         boot.fault
-            .or(fault)
+            .clone()
+            .or_else(|| fault.clone())
             .or(refused.map(truncated))
             .or_else(|| no_chip.or(other_settings).or(other_rule).map(truncated)),
     );
     hello.layout_id = settings.map_or(setup.layout_id, |settings| settings.id(setup.layout_id));
     let (to_process, scanned) = memory.channel.init(Channel::new(memory.frames.take())).split();
     let exchange = init_exchange(&memory.exchange);
-    let session = init_session(&memory.session);
     let shared = init_shared(&memory.shared, hello, serial_bytes_per_s, counters, gauges, exchange, session);
     shared.restore(store, identity, calibration_id).await;
     {

@@ -43,6 +43,8 @@ pub struct ZeroResult {
 /// The baseline of one cell.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Baseline {
+    /// Code at zero pressure; [`u16::MAX`] for a masked cell.
+    pub(crate) zero: u16,
     /// Code of the unloaded cell, at least the code at zero pressure.
     pub(crate) code: u16,
     /// Pressure of this code on the sensor curve that all cells share, kPa.
@@ -54,21 +56,13 @@ pub(crate) struct Baseline {
 impl Baseline {
     /// The baseline at the calibrated zero, without residual pressure.
     pub(crate) const fn new(calibration: &CellCalibration) -> Self {
-        Self { code: calibration.offset, residual_kpa: 0.0, gain: calibration.gain }
+        Self { zero: calibration.offset, code: calibration.offset, residual_kpa: 0.0, gain: calibration.gain }
     }
 
-    /// The baseline after a code of the lifted foot, and the new `lowered`; `None` if the baseline does not change. `zero` is the
-    /// code of the cell at zero pressure, `lowered` the distance from the calibrated code at zero pressure down to it, in units
-    /// of [`NOISE`] codes, and `before` the reading of the previous swing, codes above the baseline. Changes within the noise are
-    /// ignored.
-    pub(crate) fn follow(
-        &self,
-        code: u16,
-        before: i16,
-        rise: Rise,
-        (zero, lowered): (u16, u8),
-        curve: &Curve,
-    ) -> Option<(u16, u8)> {
+    /// The code of the baseline after a code of the lifted foot, and the new `lowered`; `None` if the baseline does not change.
+    /// `lowered` is the distance from the calibrated code at zero pressure down to the present one, in units of [`NOISE`] codes,
+    /// and `before` the reading of the previous swing, codes above the baseline. Changes within the noise are ignored.
+    pub(crate) fn follow(&self, code: u16, before: i16, rise: Rise, lowered: u8, curve: &Curve) -> Option<(u16, u8)> {
         let reading = i32::from(code) - i32::from(self.code);
         let change = match rise {
             _ if reading < 0 => reading,
@@ -81,13 +75,13 @@ impl Baseline {
         }
         // The new code is between the former one and `code`, so it fits.
         let new = (i32::from(self.code) + change) as u16;
-        let lowered = lowered.saturating_add(((zero.saturating_sub(new) + NOISE / 2) / NOISE).min(255) as u8);
-        (lowered <= MAX_LOWERED && !self.is_exceeded(new, zero, curve)).then_some((new, lowered))
+        let lowered = lowered.saturating_add(((self.zero.saturating_sub(new) + NOISE / 2) / NOISE).min(255) as u8);
+        (lowered <= MAX_LOWERED && !self.is_exceeded(new, curve)).then_some((new, lowered))
     }
 
-    /// True if the cell at `code` has more pressure than a baseline can have. `zero` is its code at zero pressure.
-    pub(crate) fn is_exceeded(&self, code: u16, zero: u16, curve: &Curve) -> bool {
-        curve.pressure_kpa::<f32>(i32::from(code.saturating_sub(zero))) * self.gain > MAX_RESIDUAL_KPA
+    /// True if the cell at `code` has more pressure than a baseline can have.
+    pub(crate) fn is_exceeded(&self, code: u16, curve: &Curve) -> bool {
+        curve.pressure_kpa::<f32>(i32::from(code.saturating_sub(self.zero))) * self.gain > MAX_RESIDUAL_KPA
     }
 }
 

@@ -11,8 +11,6 @@ use crate::num::Real;
 /// The parameters and the state of one cell.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct InsoleCell<R> {
-    /// Code at zero pressure; [`u16::MAX`] for a masked cell.
-    pub(crate) zero: u16,
     pub(crate) baseline: Baseline,
     pub(crate) contact: ContactCell,
     pub(crate) region: RegionCell<R>,
@@ -27,7 +25,6 @@ impl<R: Real> InsoleCell<R> {
         let SetupCell { cell, calibration, row_column } = cell;
         let (x_mm, y_mm) = division.origins_mm[cell.region as usize];
         Self {
-            zero: calibration.offset,
             baseline: Baseline::new(calibration),
             contact: ContactCell::new(contact, curve, calibration, 0.0),
             region: RegionCell::new(cell, calibration.gain, x_mm, y_mm),
@@ -39,7 +36,7 @@ impl<R: Real> InsoleCell<R> {
     /// Processes a code for which [`ContactCell::is_unchanged`] is false. True if the cell has pressure.
     #[inline(always)]
     fn change(&mut self, code: u32, curve: &Curve, frame: &mut RegionFrame<R>) -> bool {
-        let has_pressure = code > self.zero.into();
+        let has_pressure = code > self.baseline.zero.into();
         // A cell without contact remains so at zero pressure.
         if has_pressure || self.contact.is_loaded() {
             self.update(code, curve, frame);
@@ -49,7 +46,7 @@ impl<R: Real> InsoleCell<R> {
 
     /// The pressure of a code above the baseline, on the sensor curve that all cells share, kPa.
     pub(crate) fn above_kpa(&self, code: u32, curve: &Curve) -> f32 {
-        let curve_kpa: f32 = curve.pressure_kpa((code as i32 - i32::from(self.zero)).max(0));
+        let curve_kpa: f32 = curve.pressure_kpa((code as i32 - i32::from(self.baseline.zero)).max(0));
         (curve_kpa - self.baseline.residual_kpa).max(0.0)
     }
 
@@ -62,7 +59,7 @@ impl<R: Real> InsoleCell<R> {
             return;
         }
         let above_kpa = self.above_kpa(code, curve);
-        frame.update_contact(&self.region, &mut self.contact, code, self.zero, above_kpa);
+        frame.update_contact(&self.region, &mut self.contact, code, self.baseline.zero, above_kpa);
         self.marks.note(code, self.baseline.code, &mut self.contact);
         frame.saturated |= is_saturated(code);
     }
@@ -70,14 +67,16 @@ impl<R: Real> InsoleCell<R> {
     /// Lets the baseline follow a code of the lifted foot; see [`Baseline::follow`]. The contact follows with the next frame.
     /// True if the baseline has changed.
     pub(crate) fn follow(&mut self, code: u16, before: i16, rise: Rise, contact: &ContactRule, curve: &Curve) -> bool {
-        let zero = (self.zero, self.marks.lowered);
-        let Some((code, lowered)) = self.baseline.follow(code, before, rise, zero, curve) else { return false };
+        let baseline = &mut self.baseline;
+        let Some((code, lowered)) = baseline.follow(code, before, rise, self.marks.lowered, curve) else {
+            return false;
+        };
         self.marks.lowered = lowered;
-        self.zero = self.zero.min(code);
-        self.baseline.code = code;
-        self.baseline.residual_kpa = curve.pressure_kpa(i32::from(code - self.zero));
-        let calibration = CellCalibration { offset: self.zero, gain: self.baseline.gain };
-        self.contact.rebase(ContactCell::new(contact, curve, &calibration, self.baseline.residual_kpa));
+        baseline.zero = baseline.zero.min(code);
+        baseline.code = code;
+        baseline.residual_kpa = curve.pressure_kpa(i32::from(code - baseline.zero));
+        let calibration = CellCalibration { offset: baseline.zero, gain: baseline.gain };
+        self.contact.rebase(ContactCell::new(contact, curve, &calibration, baseline.residual_kpa));
         true
     }
 }
@@ -144,7 +143,7 @@ pub(crate) fn sum_region<R: Real, const COVERED: bool>(
 }
 
 /// Number of cells that [`sum_region`] processes in each pass of its unrolled loop.
-const UNROLLED: usize = 3;
+const UNROLLED: usize = 2;
 
 /// The sums over the cells of a region, and its highest cell so far.
 struct Sums<R> {
@@ -167,7 +166,7 @@ impl<R: Real> Sums<R> {
     ) {
         let code = u32::from(code);
         if cell.contact.is_unchanged(code) || cell.change(code, curve, frame) {
-            let above_zero = code as i32 - i32::from(cell.zero);
+            let above_zero = code as i32 - i32::from(cell.baseline.zero);
             let curve_kpa = curve.pressure_kpa(above_zero);
             self.force.add(&cell.region, curve_kpa);
             if COVERED {
@@ -215,7 +214,7 @@ pub(crate) fn find_peak<R: Real>(
 ) -> i32 {
     let mut peak = Peak { kpa: R::ZERO, code: 0 };
     for (cell, &code) in cells.iter().zip(codes) {
-        let above_zero = i32::from(code) - i32::from(cell.zero);
+        let above_zero = i32::from(code) - i32::from(cell.baseline.zero);
         if above_zero > 0 {
             peak.consider(cell, above_zero, curve.pressure_kpa(above_zero));
         }
@@ -251,7 +250,7 @@ impl<R: Real> Residual<R> {
         let mut residual = Self::NONE;
         for cell in cells.iter().filter(|cell| cell.baseline.residual_kpa > 0.0 && !cell.marks.is_masked()) {
             residual.force.add(&cell.region, R::of_f32(cell.baseline.residual_kpa));
-            residual.code = residual.code.max(i32::from(cell.baseline.code) - i32::from(cell.zero));
+            residual.code = residual.code.max(i32::from(cell.baseline.code) - i32::from(cell.baseline.zero));
         }
         residual
     }

@@ -51,6 +51,7 @@ impl<R: Real> Constancy<R> {
 
 /// True if at most one in [`EXCEEDED_PART`] cells reads more than `most` codes above its zero.
 pub(crate) fn is_unloaded<R>(cells: &[InsoleCell<R>], codes: &[u16], most: u16) -> bool {
-    let exceeded = cells.iter().zip(codes).filter(|(cell, code)| code.saturating_sub(cell.zero) > most).count();
+    let exceeded =
+        cells.iter().zip(codes).filter(|(cell, code)| code.saturating_sub(cell.baseline.zero) > most).count();
     EXCEEDED_PART * exceeded <= cells.len()
 }

@@ -3,7 +3,6 @@
 use super::cells::CellStream;
 use super::{CALIBRATION_BLOCKS, CalibrationBlock, Identity, Refusal, Serial, Settings, ToDevice, update};
 use crate::pipeline::alert::AlertRules;
-use crate::pipeline::baseline::ZeroResult;
 use crate::pipeline::calibrate::CellCalibration;
 use crate::pipeline::contact::ContactRule;
 use crate::pipeline::region::Side;
@@ -143,7 +142,7 @@ pub(super) enum Answer {
     Identified,
     AlertRules,
     DailyLoad,
-    Zero(ZeroResult),
+    Zero,
 }
 
 impl Answer {

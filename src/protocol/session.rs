@@ -16,6 +16,7 @@ use super::ellipses::EllipseSender;
 use super::{Hello, Live, LoadRecord, MAJOR, MAX_LIVE, Refusal, SETUP_CELLS, Status, ToDevice, ToHost, encode};
 use crate::faults::Faults;
 use crate::pipeline::alert::{DailyLoad, MAX_SNOOZE_S};
+use crate::pipeline::baseline::ZeroResult;
 use crate::sequence;
 pub use configuration::{CLOCK_US, ToInsole};
 use heapless::{Deque, Vec};
@@ -60,6 +61,8 @@ pub struct Session {
     to_insole: ToInsole,
     /// The host of this session has requested that the baselines are measured.
     is_zero_awaited: bool,
+    /// The result of the last such measurement; `None` before the first.
+    zeroed: Option<ZeroResult>,
     /// The wall clock, us since 1970, minus the device's time, us; `None` until the clock is set.
     unix_offset_us: Option<u64>,
     clock_sets: u32,
@@ -90,6 +93,7 @@ impl Session {
             daily: DailyLoad::NONE,
             to_insole: ToInsole::NONE,
             is_zero_awaited: false,
+            zeroed: None,
             unix_offset_us: None,
             clock_sets: 0,
         }
@@ -385,7 +389,7 @@ impl Session {
                 Answer::Identified => ToHost::Identified(self.configured.identified),
                 Answer::AlertRules => ToHost::AlertRules(self.configured.alert_rules),
                 Answer::DailyLoad => ToHost::DailyLoad(self.daily),
-                Answer::Zero(result) => ToHost::Zero(result),
+                Answer::Zero => ToHost::Zero(self.zeroed?),
             }
         };
         // Every message fits into MAX_MESSAGE bytes.

@@ -320,7 +320,7 @@ impl BootResources {
                 Some(chip)
             };
             let gauges = Gauges { stack_bytes: || 0, supply_mv: || None };
-            let started = start(memory, chip, report, image, configuration, counters, gauges).await;
+            let started = start(memory, chip, &report, image, &configuration, counters, gauges).await;
             let Started { insole, store, shared, to_process, scanned, period_us } = started;
             for_scan.replace(Some((Ticker::new(period_us), to_process)));
             for_process.replace(Some((insole, scanned, shared)));

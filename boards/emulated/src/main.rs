@@ -25,7 +25,6 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::{Receiver, Sender};
 use embassy_time::{Duration, Instant};
 use emulation::{EmulatorConfig, FlashFile, InjectedFault};
-use heapless::String;
 use injected_fault::{MayStall, inject};
 use plant::{Clock, FRAME_EVALUATED, PlantMatrix};
 use plantar::Side;
@@ -36,9 +35,8 @@ use plantar::firmware::shared::Shared;
 use plantar::firmware::start::{BootReport, Configuration, Memory, Started, start};
 use plantar::firmware::supervise::CHECK_PERIOD_MS;
 use plantar::firmware::{DeviceInsole, layout, persist, process, scan, serve};
-use plantar::pipeline::setup::{Setup, SetupCell};
+use plantar::protocol::Reset;
 use plantar::protocol::update::Header;
-use plantar::protocol::{MAX_FAULT_TEXT, Reset};
 use plantar::sequence::is_after;
 use plantar::storage::Store;
 use port::{Port, PortHandle};
@@ -160,7 +158,11 @@ async fn run(boot: BootReport, image: &'static Header) {
     let cells = stored.into_iter().flatten().chain(built_in.into_iter().flatten());
     // No other task runs yet, so the start may block. The state of the start is then on the stack and not in the static memory
     // of this task.
-    let started = block_on(start_with(chip, boot, image, config.setup, cells, fault));
+    let restart = cortex_m::peripheral::SCB::sys_reset;
+    let setup = config.setup;
+    let configuration = Configuration { setup, cells, serial_bytes_per_s: SERIAL_BYTES_PER_S, fault, restart };
+    let gauges = Gauges { stack_bytes: cortex_m_platform::stack_bytes, supply_mv: || None };
+    let started = block_on(start(&MEMORY, chip, &boot, image, &configuration, &SCAN_COUNTERS, gauges));
     let Started { insole, store, shared, to_process, scanned, period_us } = started;
     let matrix = PlantMatrix::open(&PLANT, insole.cells());
     let clock = if config.is_paced {
@@ -180,20 +182,6 @@ async fn run(boot: BootReport, image: &'static Header) {
     spawner.spawn(run_persist(store, shared, image).unwrap());
     spawner.spawn(::bluetooth::run(&FROM_RADIO, &TO_RADIO, gatt).unwrap());
     spawner.spawn(pump_radio().unwrap());
-}
-
-async fn start_with(
-    chip: impl Future<Output = Option<FlashFile>>,
-    boot: BootReport,
-    image: &Header,
-    setup: Setup,
-    cells: impl Iterator<Item = SetupCell> + Clone,
-    fault: Option<String<MAX_FAULT_TEXT>>,
-) -> Started<FlashFile> {
-    let restart = cortex_m::peripheral::SCB::sys_reset;
-    let configuration = Configuration { setup, cells, serial_bytes_per_s: SERIAL_BYTES_PER_S, fault, restart };
-    let gauges = Gauges { stack_bytes: cortex_m_platform::stack_bytes, supply_mv: || None };
-    start(&MEMORY, chip, boot, image, configuration, &SCAN_COUNTERS, gauges).await
 }
 
 #[embassy_executor::task]

@@ -239,7 +239,7 @@ async fn run(boot: BootReport, image: &'static Header, p: Peripherals, has_cryst
     }
     let chip = flash::open(p.QSPI);
     let gauges = Gauges { stack_bytes: cortex_m_platform::stack_bytes, supply_mv: matrix::supply_mv };
-    let started = block_on(start(&MEMORY, chip, boot, image, configuration, &SCAN_COUNTERS, gauges));
+    let started = block_on(start(&MEMORY, chip, &boot, image, &configuration, &SCAN_COUNTERS, gauges));
     let Started { insole, store, shared, to_process, scanned, period_us } = started;
     let mut link = uarte::Config::default();
     link.baudrate = LINK_RATE;

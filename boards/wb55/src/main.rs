@@ -237,7 +237,7 @@ async fn main(spawner: Spawner) {
     let gauges = Gauges { stack_bytes: cortex_m_platform::stack_bytes, supply_mv: matrix::supply_mv };
     // No other task runs yet, so the start may block. The state of the start is then on the stack and not in the static memory
     // of this task.
-    let started = block_on(start(&MEMORY, chip, boot, image, configuration, &SCAN_COUNTERS, gauges));
+    let started = block_on(start(&MEMORY, chip, &boot, image, &configuration, &SCAN_COUNTERS, gauges));
     let Started { insole, store, shared, to_process, scanned, period_us } = started;
     let mut link = usart::Config::default();
     link.baudrate = LINK_BIT_HZ;

@@ -165,7 +165,8 @@ async fn main(spawner: Spawner) {
         restart: cortex_m::peripheral::SCB::sys_reset,
     };
     let gauges = Gauges { stack_bytes: cortex_m_platform::stack_bytes, supply_mv: || None };
-    let started = block_on(start(&MEMORY, async { Some(NoChip) }, boot, image, configuration, &SCAN_COUNTERS, gauges));
+    let started =
+        block_on(start(&MEMORY, async { Some(NoChip) }, &boot, image, &configuration, &SCAN_COUNTERS, gauges));
     let Started { insole, store, shared, to_process, scanned, period_us } = started;
     // Each task has static memory of its own and is spawned once, so spawning cannot fail.
     SCAN_EXECUTOR.start(SpareInterrupt).spawn(run_scan(Ticker::new(period_us), to_process).unwrap());

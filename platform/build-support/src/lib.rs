@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::{env, fs};
 
-/// Size of the stack, bytes: twice its deepest measured use, which occurs while pairing.
+/// Size of the stack, bytes: more than twice its deepest measured use, which occurs while pairing.
 const STACK_BYTES: u32 = 20 << 10;
 /// Size of the region that contains the crash record and the stack of the fault handler, bytes.
 const CRASH_RECORD_BYTES: u32 = 1 << 10;

@@ -58,7 +58,8 @@ impl Session {
     /// Answers the request of this session to measure the baselines, if there is one, with the result or the refusal.
     pub fn answer_zero(&mut self, result: Result<ZeroResult, Refusal>) {
         if core::mem::take(&mut self.is_zero_awaited) {
-            self.answer(result.map_or_else(Answer::Refused, Answer::Zero));
+            self.zeroed = result.ok();
+            self.answer(result.map_or_else(Answer::Refused, |_| Answer::Zero));
         }
     }
 

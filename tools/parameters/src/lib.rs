@@ -261,14 +261,6 @@ impl Parameters {
         }
     }
 
-    /// Writes the commented file.
-    ///
-    /// # Errors
-    /// If the file cannot be written.
-    pub fn write(&self, path: &Path) -> Result<(), Error> {
-        std::fs::write(path, self.to_toml()).map_err(|e| Error::Io(path.into(), e))
-    }
-
     /// The text of the commented file.
     pub fn to_toml(&self) -> String {
         self.to_toml_with(&|_, _| None)

@@ -16,8 +16,9 @@ use live::LiveSource;
 use parameters::{InsoleSize, TissueMeasurements};
 use plantar::checksum::crc32;
 use plantar::pipeline::contact::ContactRule;
-use recording::Recording;
+use recording::{Recording, output};
 use std::fs;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -271,7 +272,9 @@ impl Fit {
         results::print(study);
         let fitted = study.fits.iter().flatten().count();
         if fitted > 0 {
-            write(&self.out, fit::results::to_toml(study, self.search.size).as_bytes())?;
+            // An interrupted run leaves the former parameters of the wearer in place.
+            let toml = fit::results::to_toml(study, self.search.size);
+            output::file(&self.out, |to| to.write_all(toml.as_bytes()))?;
         }
         if let Some(path) = &self.json {
             let text = serde_json::to_string_pretty(&fit::results::to_json(study))? + "\n";

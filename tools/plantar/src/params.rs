@@ -4,7 +4,7 @@ use crate::carrier::{Connection, Insole};
 use crate::insole::{restart, settings};
 use crate::setup::{note_unless_personal, rule_in_words};
 use crate::summary;
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Result, bail, ensure};
 use clap::Subcommand;
 use client::ReconnectPolicy;
 use parameters::{AssumedShare, Identified as Conditions, InsoleSize, Parameters};
@@ -12,6 +12,8 @@ use plantar::Region;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::tissue::{Identified, Tissue};
 use plantar::protocol::Settings;
+use recording::output;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 #[derive(Subcommand)]
@@ -57,7 +59,8 @@ impl Params {
         match self {
             Self::Typical { size, out } => {
                 check_not_personal(out)?;
-                Parameters::typical(*size).write(out)?;
+                let toml = Parameters::typical(*size).to_toml();
+                output::file(out, |to| to.write_all(toml.as_bytes()))?;
                 println!("wrote {}: typical values for size {size}, not personal", out.display());
                 Ok(())
             }
@@ -148,7 +151,7 @@ fn pull(out: &Path, connection: &Connection) -> Result<()> {
          # a = b = sqrt(A B), d0 = C, k = K / C and c = G / C, which results in the same force.\n\n{}",
         Parameters::from_tissue(&tissue, identified.as_ref()).to_toml()
     );
-    std::fs::write(out, text).with_context(|| format!("cannot write {}", out.display()))?;
+    output::file(out, |to| to.write_all(text.as_bytes()))?;
     println!("wrote {}: parameters {}", out.display(), name(tissue.id));
     Ok(())
 }

@@ -166,7 +166,7 @@ fn parameters_and_their_contact_rule_are_set_together() {
         Some(Identified { filter: DIRECT.into(), contact: ContactRule::COVERED, side: "right".into(), steps: 31 });
     // In files of version 0.2, the filter "step" is the smoothing of the paper, which the insoles of that version applied.
     // Present insoles do not apply it, so such parameters must be identified again.
-    parameters.write(&path.join("params.toml")).expect("written");
+    std::fs::write(path.join("params.toml"), parameters.to_toml()).expect("written");
     let text = std::fs::read_to_string(path.join("params.toml")).expect("a file");
     std::fs::write(path.join("old.toml"), text.replace("\"direct\"", "\"step\"")).expect("written");
     let output = params(path, &format!("push old.toml --tcp {address}"));

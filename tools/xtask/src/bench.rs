@@ -4,7 +4,7 @@ use crate::arguments::{FiguresFile, Soak};
 use crate::build::{bootloader, build_firmware, build_host, firmware};
 use crate::command::{built, run_command};
 use crate::test::recordings;
-use crate::{BOARDS, EMULATED, NRF52840, image, package, page, setup};
+use crate::{BOARDS, EMULATED, image, package, page, setup};
 use anyhow::{Context, Result};
 use serde_json::{Map, Value};
 use std::path::Path;
@@ -81,11 +81,7 @@ pub fn sizes() -> Result<Figures> {
         add(
             format!("ram_bytes.{board}"),
             size.ram_bytes + stack_bytes,
-            if board == NRF52840 {
-                "limit 102,400, the radio's library included: static memory and deepest stack, bytes"
-            } else {
-                "limit 98,304: static memory and deepest stack, bytes"
-            },
+            "limit 98,304: static memory and deepest stack, bytes",
         );
     }
     for board in BOARDS.map(bootloader) {

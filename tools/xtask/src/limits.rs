@@ -27,7 +27,7 @@ const LIMITS: [(&str, f64, f64); 51] = [
     ("flash_bytes.nrf52840-bootloader", 0.0, 32_768.0),
     ("flash_bytes.wb55-bootloader", 0.0, 32_768.0),
     ("ram_bytes.emulated", 0.0, 98_304.0),
-    ("ram_bytes.nrf52840", 0.0, 102_400.0),
+    ("ram_bytes.nrf52840", 0.0, 98_304.0),
     ("ram_bytes.wb55", 0.0, 98_304.0),
     ("replay_file_peak_mb", 0.0, 300.0),
     ("fit_evaluations", 0.0, 600.0),

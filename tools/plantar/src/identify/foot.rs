@@ -14,7 +14,8 @@ use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::{
     CalibrationId, CellFrame, CellStream, LoadRecord, Refusal, Resolution, SUFFICIENT_SUPPLY_MV, Step, ToDevice, ToHost,
 };
-use recording::{Recording, StandingTrial, StreamedCells};
+use recording::{Recording, StandingTrial, StreamedCells, output};
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -185,11 +186,8 @@ impl Foot {
         let lines: String = std::iter::once("cell,offset,gain\n".to_string())
             .chain(cells.iter().enumerate().map(|(i, cell)| format!("{i},{},{}\n", cell.offset, cell.gain)))
             .collect();
-        // The file is renamed once it is complete: an incomplete one would be sent to the insole when the session continues.
-        let path = self.calibration_file();
-        let part = path.with_extension("csv.part");
-        let written = std::fs::write(&part, lines).and_then(|()| std::fs::rename(&part, &path));
-        written.with_context(|| format!("cannot write {}", path.display()))
+        // An incomplete file would be sent to the insole when the session continues.
+        Ok(output::file(&self.calibration_file(), |to| to.write_all(lines.as_bytes()))?)
     }
 
     /// The file with the calibration of this session, in the format of `plantar insole calibrate`.
