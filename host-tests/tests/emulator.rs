@@ -8,7 +8,7 @@ mod common;
 use client::{Client, Framed};
 use common::{connect, connect_within, firmware, replay, replay_faulty, replay_with, synthetic_walk, tissue};
 use emulation::{EmulatorConfig, FLASH_BYTES};
-use emulator::{Board, Faulty, Hardware, Recorded, Scan, Time, Walk};
+use emulator::{Board, Faulty, Hardware, Link, Recorded, Scan, Time, Walk};
 use fit::quality::Evaluated;
 use fit::{Filter, Options, Study};
 use parameters::{InsoleSize, Parameters};
@@ -30,7 +30,6 @@ use recording::synthetic::SyntheticWalk;
 use recording::{Recording, VirtualInsole, jiku, pedar};
 use rstest::rstest;
 use std::io::Write;
-use std::net::TcpStream;
 use std::time::Duration;
 use testkit::activity::{self, Activity};
 use testkit::faults::one_of_each;
@@ -64,7 +63,7 @@ const SILENT_READS: usize = 2_000;
 /// A session with a board that scans a walk. The walk does not begin before [`Board::play`].
 struct Session {
     board: Board,
-    client: Client<Framed<TcpStream>>,
+    client: Client<Framed<Link>>,
     /// Number of scans of the walk.
     scans: u32,
 }

@@ -17,12 +17,13 @@ use emulator::Board;
 use firmware_image::{Image, SigningKey};
 use mcumgr::{HEAD, line, message_bytes};
 use phones::RadioSimulation;
+use plantar::checksum::crc32;
 use plantar::protocol::gatt::GattChannel;
 use plantar::protocol::mcuboot::{FRONT, TRAILER, read_trailer};
 use plantar::protocol::update::{CHUNK, Header};
-use plantar::storage::flash_map::HEADER;
 use serde_json::{Value as Json, json};
 use std::cell::RefCell;
+use std::net::TcpStream;
 use std::os::fd::OwnedFd;
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -144,9 +145,9 @@ impl Tool {
     fn part(&mut self, file: &[u8], offset: usize, len: usize, upgrade: bool) -> Result<usize, u64> {
         let data = Value::Bytes(file[offset..file.len().min(offset + len)].to_vec());
         let fields = match offset {
-            // The insole only compares this `sha` with that of an interrupted transfer.
+            // The insole only compares this `sha` with that of an interrupted transfer, so any checksum serves.
             0 => cbor!({
-                "image" => 0, "len" => file.len(), "off" => 0, "sha" => Value::Bytes(vec![file[HEADER as usize + 90]; 32]),
+                "image" => 0, "len" => file.len(), "off" => 0, "sha" => Value::Bytes(crc32(file).to_le_bytes().repeat(8)),
                 "data" => data, "upgrade" => upgrade,
             }),
             _ => cbor!({ "off" => offset, "data" => data }),
@@ -348,6 +349,12 @@ fn repeated_and_lost_parts_do_no_harm_and_a_transfer_continues() {
     // A part that overlaps what is stored, then the same file from the beginning on.
     let third = tool.part(&file, second - 20, 100, false).expect("the part is accepted");
     assert_eq!(third, second + 80);
+    // The first part of the same file continues its transfer. That of another file, also of the same length, begins a new one.
+    let other = image(NEW, Defect::Model).file();
+    assert_eq!(other.len(), file.len());
+    for (begun, next) in [(&file, third), (&other, first), (&file, first)] {
+        assert_eq!(tool.part(begun, 0, 180, false), Ok(next));
+    }
     assert_eq!(tool.upload(&file), Ok(()));
     assert_eq!(tool.set(Some(name(&file)), false).map(|states| states.len()), Ok(2));
     // An image that is marked cannot be discarded. A discarded image cannot be marked.
@@ -414,7 +421,8 @@ fn an_answer_is_not_sent_to_another_central() {
 
 /// Runs `smpclient` with these commands on the serial link of a board. Returns the result of each command.
 fn smpclient(board: &Board, commands: &[&str]) -> Vec<Json> {
-    smpclient_over("serial", OwnedFd::from(board.link().expect("the board has a link")).into(), commands)
+    let link = TcpStream::from(board.link().expect("the board has a link"));
+    smpclient_over("serial", OwnedFd::from(link).into(), commands)
 }
 
 /// Runs `smpclient` with these commands over a link; `input` is the standard input of the script.

@@ -7,7 +7,7 @@ use addr2line::Loader;
 use client::{Carrier, Framed};
 use common::{firmware, synthetic_walk};
 use emulation::{EmulatorConfig, InjectedFault, PlannedFault};
-use emulator::{Board, Looped, Recorded, Scan, Time, Walk};
+use emulator::{Board, Link, Looped, Recorded, Scan, Time, Walk};
 use plantar::firmware::supervise::{
     CHECK_PERIOD_MS, HEALTHY_CHECKS, Heartbeats, MOST_CHECKS, Part, STALLED_CHECKS, START_CHECKS, Watchdog,
 };
@@ -15,7 +15,6 @@ use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::{Hello, MAJOR, MINOR, Reset, Status, ToDevice, ToHost};
 use recording::VirtualInsole;
-use std::net::TcpStream;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -42,7 +41,7 @@ impl Walk for NoAnswer {
 /// A board and the link to it.
 struct ConnectedBoard {
     _board: Board,
-    link: Framed<TcpStream>,
+    link: Framed<Link>,
     firmware: PathBuf,
     /// Start of the test.
     began: Instant,

@@ -9,19 +9,18 @@ mod updates;
 use client::{Client, Error, Framed};
 use common::{TIMEOUT, connect};
 use emulation::ACTIVE_IMAGE;
-use emulator::Board;
+use emulator::{Board, Link};
 use firmware_image::{Image, SigningKey};
 use plantar::protocol::update::{CHUNK, Header, Progress, Refusal, Request};
 use plantar::protocol::{self, ToDevice};
 use plantar::storage::flash_map::HEADER;
-use std::net::TcpStream;
 use std::time::Duration;
 use updates::{BOARD, Insole, OLD, development, firmware_with, signed};
 
 /// Version of the image that is sent.
 const NEW: &str = "99.0.1";
 
-type Session = Client<Framed<TcpStream>>;
+type Session = Client<Framed<Link>>;
 
 /// A short image with a valid signature that crashes at its start, because it contains no program.
 fn crashing_image(version: &str) -> Image {

@@ -69,7 +69,7 @@ fn a_transfer_during_a_walk_loses_no_frame_and_no_step() {
 }
 
 /// Receives a message; returns it if it is a status.
-fn receive(session: &mut Client<Framed<std::net::TcpStream>>, steps: &mut Vec<u32>) -> Option<Status> {
+fn receive(session: &mut Client<Framed<emulator::Link>>, steps: &mut Vec<u32>) -> Option<Status> {
     match session.receive().expect("the link works")? {
         ToHost::Step(step) => {
             session.send(ToDevice::Acknowledge { step: step.step }).expect("the link works");

@@ -2,7 +2,7 @@
 
 use client::{Client, Error, Framed};
 use emulation::{EmulatorConfig, FLASH_BYTES};
-use emulator::{Board, Hardware, Recorded, Time};
+use emulator::{Board, Hardware, Link, Recorded, Time};
 use parameters::{InsoleSize, Parameters};
 use plantar::Side;
 use plantar::pipeline::calibrate::CellCalibration;
@@ -12,7 +12,6 @@ use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::{CalibrationId, LoadRecord};
 use plantar::protocol::{Serial, ToDevice, ToHost};
 use recording::{Recording, VirtualInsole, synthetic};
-use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -23,7 +22,7 @@ const STEPS: u32 = 3;
 /// Number of status requests after which steps that have not arrived count as missing.
 const MAX_REQUESTS: u32 = 50;
 
-type Session = Client<Framed<TcpStream>>;
+type Session = Client<Framed<Link>>;
 
 /// A stored value, as far as a host knows it.
 #[derive(Clone, Debug, PartialEq)]

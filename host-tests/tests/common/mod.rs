@@ -2,7 +2,7 @@
 #![allow(dead_code, reason = "each test uses a part of this module")]
 
 use client::{Client, Framed};
-use emulator::{Board, SensorFault};
+use emulator::{Board, Link, SensorFault};
 use parameters::{InsoleSize, Parameters};
 use plantar::Side;
 use plantar::faults::Faults;
@@ -14,7 +14,6 @@ use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::{Live, Step};
 use recording::{Recording, VirtualInsole, synthetic};
 use std::io::Write;
-use std::net::TcpStream;
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
 use std::time::Duration;
@@ -23,12 +22,12 @@ use std::time::Duration;
 pub const TIMEOUT: Duration = Duration::from_secs(20);
 
 /// Opens a session with the insole on the serial link of a board.
-pub fn connect(board: &Board) -> Client<Framed<TcpStream>> {
+pub fn connect(board: &Board) -> Client<Framed<Link>> {
     connect_within(board, TIMEOUT)
 }
 
 /// The same as [`connect`], with `timeout` as the longest wait for the insole's answer.
-pub fn connect_within(board: &Board, timeout: Duration) -> Client<Framed<TcpStream>> {
+pub fn connect_within(board: &Board, timeout: Duration) -> Client<Framed<Link>> {
     let link = board.link().expect("the board has a link");
     link.set_read_timeout(Some(Duration::from_millis(50))).expect("the socket accepts a timeout");
     Client::connect(Framed::new(link), timeout).expect("the insole answers")

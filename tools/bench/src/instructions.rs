@@ -5,7 +5,7 @@ use anyhow::{Context, Result, bail};
 use bench::Figures;
 use client::{Client, Framed, READ_TIMEOUT};
 use emulation::EmulatorConfig;
-use emulator::{Board, Scan, Time, Walk};
+use emulator::{Board, Link, Scan, Time, Walk};
 use parameters::{InsoleSize, Parameters};
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::model::ForceLaw;
@@ -14,7 +14,6 @@ use plantar::pipeline::tissue::{AreaFilter, Identified, Tissue};
 use plantar::protocol::{CellStream, Resolution, Status, ToDevice, ToHost};
 use plantar::{Region, Side};
 use recording::{Recording, VirtualInsole, synthetic};
-use std::net::TcpStream;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -230,14 +229,14 @@ pub fn walk_through(
     play(&board, &mut client, scans)
 }
 
-fn connect(board: &Board) -> Result<Client<Framed<TcpStream>>> {
+fn connect(board: &Board) -> Result<Client<Framed<Link>>> {
     let link = board.link()?;
     link.set_read_timeout(Some(READ_TIMEOUT))?;
     Ok(Client::connect(Framed::new(link), Duration::from_secs(20))?)
 }
 
 /// Plays the walk, which has this number of scans, and returns the board's counters after it.
-fn play(board: &Board, client: &mut Client<Framed<TcpStream>>, scans: u32) -> Result<Status> {
+fn play(board: &Board, client: &mut Client<Framed<Link>>, scans: u32) -> Result<Status> {
     board.play();
     let mut timeouts = 0;
     let mut requested = Instant::now();

@@ -4,12 +4,14 @@
 //! board and the plant.
 
 mod faults;
+mod link;
 #[cfg(feature = "log")]
 mod log;
 mod plant;
 mod recorded;
 
 pub use faults::{FAULT_EXAMPLES, Faulty, ParseFaultError, SensorFault};
+pub use link::Link;
 #[cfg(feature = "log")]
 pub use log::{LogEntry, LogError};
 pub use plant::{Plant, Scan, Walk};
@@ -100,7 +102,7 @@ pub struct Hardware {
 pub struct Board {
     qemu: Qemu,
     plant: Plant,
-    link: TcpStream,
+    link: Link,
     // The last field, so that it is dropped after QEMU and the plant, which use it.
     directory: TempDir,
 }
@@ -206,17 +208,17 @@ impl Board {
             io::ErrorKind::NotFound => Error::NoQemu,
             _ => Error::Io(e),
         })?);
-        let link = link.accept(&mut qemu.0)?;
+        let link = Link(link.accept(&mut qemu.0)?);
         let plant = plant.accept(&mut qemu.0)?;
         let plant = Plant::start(plant, &file(MATRIX_FILE), walk)?;
         Ok(Self { qemu, plant, link, directory })
     }
 
-    /// The board's serial link, a byte stream in both directions.
+    /// The board's serial link.
     ///
     /// # Errors
     /// If the socket cannot be cloned.
-    pub fn link(&self) -> io::Result<TcpStream> {
+    pub fn link(&self) -> io::Result<Link> {
         self.link.try_clone()
     }
 

@@ -11,7 +11,7 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, ValueEnum};
 use client::{Client, Framed, READ_TIMEOUT, ReconnectPolicy, alert_to_json, bout_to_json, step_to_json};
 use emulation::{COLUMNS, EmulatorConfig};
-use emulator::{Board, Faulty, Recorded, SensorFault, Time};
+use emulator::{Board, Faulty, Link, Recorded, SensorFault, Time};
 use identification::Identification;
 use parameters::{DeformationScale, InsoleSize, Parameters};
 use plantar::Region;
@@ -19,7 +19,6 @@ use plantar::insole::Insole;
 use plantar::pipeline::setup::DEVICE_CELLS;
 use plantar::protocol::{Hello, LoadRecord, Status, Step, ToDevice, ToHost};
 use recording::{Recording, VirtualInsole};
-use std::net::TcpStream;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -163,7 +162,7 @@ impl Emulate {
 
     /// Plays the walk, and prints and writes its outcome. With --identify, `parameters` are not used. `seconds` is the duration
     /// of the recording, `scans` the number of scans of the walk.
-    fn walk(&self, board: &Board, link: TcpStream, parameters: &Parameters, seconds: f64, scans: u32) -> Result<()> {
+    fn walk(&self, board: &Board, link: Link, parameters: &Parameters, seconds: f64, scans: u32) -> Result<()> {
         let mut client = Client::connect(Framed::new(link), ReconnectPolicy::STREAM.answer)?;
         let mut identification = match &self.identify {
             Some(folder) => Some(Identification::begin(&mut client, folder, self.identify_steps.get())?),
@@ -250,7 +249,7 @@ impl Emulate {
     fn follow(
         &self,
         board: &Board,
-        client: &mut Client<Framed<TcpStream>>,
+        client: &mut Client<Framed<Link>>,
         view: &mut View,
         identification: &mut Option<Identification>,
         scans: u32,

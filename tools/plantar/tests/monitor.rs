@@ -3,7 +3,7 @@
 //! The firmware is the file that `PLANTAR_FIRMWARE` names.
 
 use emulation::EmulatorConfig;
-use emulator::{Board, Recorded, Time};
+use emulator::{Board, Link, Recorded, Time};
 use parquet::file::reader::SerializedFileReader;
 use parquet::record::{Field, Row};
 use plantar::Region;
@@ -20,13 +20,13 @@ use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
 /// Forwards bytes in one direction, in a thread of its own.
-fn forward(mut from: TcpStream, mut to: TcpStream) {
+fn forward(mut from: impl Read + Send + 'static, mut to: impl Write + Send + 'static) {
     // The thread ends once one of the sockets is closed.
     std::thread::spawn(move || copy(&mut from, &mut to));
 }
 
 /// Forwards the insole's bytes until its first status has passed. The live stream is then on.
-fn wait_for_stream(link: &mut TcpStream, host: &mut TcpStream) {
+fn wait_for_stream(link: &mut Link, host: &mut TcpStream) {
     let mut decoder = Decoder::new();
     let mut bytes = [0; 256];
     loop {

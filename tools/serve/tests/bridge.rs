@@ -478,7 +478,7 @@ async fn parameters_of_a_page_remain_in_force_after_a_reconnection() {
     let address = serve_sources(vec![source], None, true);
     answering.join().expect("no panic");
     let mut page = Page::open(address).await;
-    assert_eq!(page.hello(0).await.tissue_id, at_first.id);
+    assert_eq!(page.first_hello(0).await.tissue_id, at_first.id);
     page.send(0, ToDevice::SetTissue(of_page)).await;
     cable.answer_command(Ok(CommandResult::Stored));
     page.find(0, |m| (m == ToHost::Tissue(of_page)).then_some(())).await;
@@ -494,7 +494,7 @@ async fn a_request_that_was_lost_with_the_link_does_not_block_later_ones() {
     let cable = Cable::new(Side::Left);
     let address = serve_sources(vec![cable.source()], None, true);
     let mut page = Page::open(address).await;
-    page.hello(0).await;
+    page.first_hello(0).await;
     let tissue = Parameters::typical(InsoleSize::default()).tissue();
     cable.unplug();
     page.send(0, ToDevice::SetTissue(tissue)).await;

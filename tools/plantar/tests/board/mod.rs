@@ -1,7 +1,7 @@
 //! Makes the link of an emulated board available at a network port.
 
 use emulator::Board;
-use std::io;
+use std::io::{self, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::sync::{Arc, Mutex};
 use std::thread::{JoinHandle, spawn};
@@ -21,9 +21,9 @@ pub fn forward(board: &Board) -> (String, Cable) {
         for host in listener.incoming() {
             let host = host.expect("a host");
             *current.lock().expect("no panic") = host.try_clone().ok();
-            let clone = |stream: &TcpStream| stream.try_clone().expect("a socket");
-            let to_host = copy(clone(&link), clone(&host));
-            let _ = copy(host, clone(&link)).join();
+            let link = || link.try_clone().expect("a socket");
+            let to_host = copy(link(), host.try_clone().expect("a socket"));
+            let _ = copy(host, link()).join();
             // The thread `to_host` ends when it cannot write the next byte of the live stream to the closed connection.
             let _ = to_host.join();
         }
@@ -32,6 +32,6 @@ pub fn forward(board: &Board) -> (String, Cable) {
 }
 
 /// Copies bytes in a thread of its own until one of the two connections is closed.
-fn copy(mut from: TcpStream, mut to: TcpStream) -> JoinHandle<io::Result<u64>> {
+fn copy(mut from: impl Read + Send + 'static, mut to: impl Write + Send + 'static) -> JoinHandle<io::Result<u64>> {
     spawn(move || io::copy(&mut from, &mut to))
 }

@@ -58,6 +58,14 @@ impl Page {
         self.find(insole, |m| if let ToHost::Hello(hello) = m { Some(hello) } else { None }).await
     }
 
+    /// Returns the first hello, and skips a second one of the same session: the bridge opens the session of a page that has
+    /// not sent its connect request yet, so this request may be answered as well.
+    pub async fn first_hello(&mut self, insole: u8) -> Hello {
+        let hello = self.hello(insole).await;
+        self.status(insole).await;
+        hello
+    }
+
     pub async fn live(&mut self, insole: u8) -> Live {
         self.find(insole, |m| if let ToHost::Live(live) = m { Some(live) } else { None }).await
     }

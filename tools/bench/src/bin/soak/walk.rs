@@ -4,7 +4,7 @@ use anyhow::{Result, anyhow, bail, ensure};
 use bench::Figures;
 use client::{Client, Framed, READ_TIMEOUT};
 use emulation::{EmulatorConfig, FLASH_BYTES};
-use emulator::{Board, Hardware, Recorded, Scan, Time, Walk};
+use emulator::{Board, Hardware, Link, Recorded, Scan, Time, Walk};
 use parameters::{InsoleSize, Parameters};
 use plantar::Side;
 use plantar::insole::Insole;
@@ -14,7 +14,6 @@ use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::{Bout, LoadRecord, Reset, Status, Step, ToDevice, ToHost};
 use plantar::storage::Store;
 use recording::{VirtualInsole, synthetic};
-use std::net::TcpStream;
 use std::path::Path;
 use std::time::{Duration, Instant};
 use testkit::nor_flash::{NorFlashChip, block_on};
@@ -172,7 +171,7 @@ fn used_chip(first_step: u32) -> Result<Vec<u8>> {
 /// Receives and acknowledges steps and load bouts until `steps` steps have arrived, and compares each with the next one of a
 /// replay, which `expected` returns.
 fn receive(
-    client: &mut Client<Framed<TcpStream>>,
+    client: &mut Client<Framed<Link>>,
     side: Side,
     steps: u32,
     mut expected: impl FnMut() -> Option<LoadRecord>,
