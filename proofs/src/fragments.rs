@@ -58,6 +58,30 @@ pub fn joining(fragments: &[Fragment]) {
     }
 }
 
+/// The joiner accepts parts without headers, up to the length that the first two bytes of their message state. If this length or
+/// that of the parts exceeds [`MAX_MESSAGE`], or if more bytes arrive than stated, it refuses the message, and the next part begins
+/// another one. `parts` has the lengths of the parts.
+pub fn joining_plain(stated: u16, parts: &[usize]) {
+    let message_bytes = |message: &[u8]| message.first_chunk().map(|&length| usize::from(u16::from_le_bytes(length)));
+    let mut joiner = Joiner::new();
+    let mut message = Vec::new();
+    for &len in parts {
+        let at = message.len();
+        let length = stated.to_le_bytes();
+        message.extend((at..at + len).map(|at| length.get(at).copied().unwrap_or_else(|| byte(0, at))));
+        let most = if message.len() < length.len() { MAX_MESSAGE } else { stated.into() };
+        let expected = match message.len() {
+            len if len > most || most > MAX_MESSAGE => Err(FragmentError::TooLong),
+            len => Ok((len == most).then(|| message.clone())),
+        };
+        let joined = joiner.push_plain(&message[at..], message_bytes).map(|joined| joined.map(<[u8]>::to_vec));
+        assert_eq!(joined, expected, "{stated}, {parts:?}");
+        if expected != Ok(None) {
+            message.clear();
+        }
+    }
+}
+
 /// Splits a message of `len` bytes, after an interrupted one, into fragments of at most `room` bytes each, with their headers.
 pub fn split(len: usize, room: usize) -> Vec<Vec<u8>> {
     let mut splitter = Splitter::new();

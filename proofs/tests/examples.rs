@@ -21,6 +21,7 @@ fn properties_hold_for_examples() {
     assert!(codec::message_of::<ToDevice>(&[0, 3, 0]) && !codec::message_of::<ToDevice>(&[0xff]));
     let part = |number, is_last| Fragment { number: Some(number), is_last, len: 300 };
     fragments::joining(&[part(0, false), part(1, true), part(1, true), part(0, true)]);
+    fragments::joining_plain(560, &[300, 260, 1, 560]);
     fragments::splitting(560, 6);
     fragments::disorder(&fragments::split(14, 6), &[0, 2, 0, 1, 2]);
     flash::read(4096..5120, 0, 200, &mut [0; 300]);

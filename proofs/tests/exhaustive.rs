@@ -137,6 +137,20 @@ fn the_joiner_accepts_exactly_the_fragments_that_continue_their_message() {
     }
 }
 
+/// Messages of which the stated and the actual length are near each other and near the limits.
+#[test]
+fn the_joiner_accepts_parts_without_headers_up_to_the_stated_length() {
+    let most = MAX_MESSAGE as u16;
+    for stated in [0, 1, 2, 3, 100, most - 1, most, most + 1, u16::MAX] {
+        for first in 0..=MAX_MESSAGE + 1 {
+            let rest = [usize::from(stated), MAX_MESSAGE].map(|end| end.saturating_sub(first));
+            for second in [0, 1, 2, rest[0], rest[0].min(MAX_MESSAGE) + 1, rest[1], rest[1] + 1] {
+                fragments::joining_plain(stated, &[first, second, 1, 2]);
+            }
+        }
+    }
+}
+
 /// The number after 127 is 0, which begins a message.
 #[test]
 fn the_joiner_never_joins_more_fragments_than_it_can_number() {
