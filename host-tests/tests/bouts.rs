@@ -1,7 +1,10 @@
 //! Load bouts: all load that is not part of a step.
 
+use plantar::Side;
+use plantar::pipeline::bout::{BoutKind, BoutRecord, BoutRegion};
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
+use plantar::protocol::{Bout, LoadRecord};
 use testkit::activity::{Activity, recognised, recording, sequences};
 use testkit::wear::{Residual, find, with_residual};
 
@@ -49,5 +52,20 @@ fn load_at_the_end_of_a_recording_is_part_of_one_record() {
             let share = found.unassigned(100.0);
             assert!(share < 0.001, "{count} activities of {seconds} s: {share}");
         }
+    }
+}
+
+/// 12.346 N s are 1,234.6 units of the message, and so on.
+#[test]
+fn the_message_of_a_load_bout_has_the_nearest_integers() {
+    let region = BoutRegion { integral_n_s: 12.346, pressure_integral_kpa_s: 56.74, peak_pressure_kpa: 123.46 };
+    let kind = BoutKind::Standing;
+    let record = BoutRecord { side: Side::Right, number: 7, kind, start_us: 11, duration_us: 12, regions: [region; 8] };
+    let bout = Bout { boots_since: 3, start_unix_us: Some(13), ..Bout::new(&record) };
+    assert_eq!((bout.side, bout.number, bout.kind, bout.duration_us), (Side::Right, 7, kind, 12));
+    assert_eq!(LoadRecord::from(bout).start(), (3, 11, Some(13)));
+    for region in bout.regions {
+        let integers = (region.measured_integral_cns, region.pressure_integral_dkpas, region.peak_pressure_dkpa);
+        assert_eq!(integers, (1_235, 567, 1_235));
     }
 }
