@@ -1,7 +1,7 @@
 //! Updates on a simulated flash chip: which images are accepted and refused, and which image is active after a loss of power at
 //! any moment. The images are swapped by the code that the bootloaders use.
 
-use embassy_boot::{AlignedBuffer, BootError, BootLoader, State};
+use embassy_boot::{BootError, State};
 use embassy_futures::block_on;
 use embassy_sync::mutex::Mutex;
 use embedded_storage_async::nor_flash::{ErrorType, MultiwriteNorFlash, NorFlash, ReadNorFlash};
@@ -9,7 +9,7 @@ use emulation::ACTIVE_IMAGE;
 use emulation::FLASH_BYTES;
 use firmware_image::{Image, SigningKey};
 use plantar::protocol::update::{CHUNK, Header, Offer, Progress, Refusal, Request};
-use plantar::storage::boot::{BUFFER, Blocking, config, poll_at_most};
+use plantar::storage::boot::{Blocking, poll_at_most, swap_if_due};
 use plantar::storage::flash_map::SMALL_LOG;
 use plantar::storage::flash_map::{HEADER, MAX_IMAGE, OTHER, PREVIOUS, SECTOR, STATE};
 use plantar::storage::partition::Partition;
@@ -61,7 +61,7 @@ fn active(chip: &NorFlashChip) -> Option<&'static Image> {
 fn boot(chip: &mut impl MultiwriteNorFlash) -> Result<State, BootError> {
     let chip = Mutex::new(chip);
     let active = Blocking(Partition::<_, CHUNK>::new(&chip, ACTIVE_IMAGE));
-    BootLoader::new(config(&chip, active)).prepare_boot(AlignedBuffer([0; BUFFER]).as_mut())
+    swap_if_due(&chip, active)
 }
 
 /// Passes a request to the insole's update function.
@@ -107,6 +107,21 @@ fn a_wait_for_a_chip_that_stays_busy_ends() {
     });
     assert_eq!(poll_at_most(100, counted), None);
     assert_eq!(polls, 100);
+}
+
+/// A board whose flash chip answers, but whose stored state cannot be read, must start: only a swap that has begun is repeated by
+/// a reset, and without the state no swap begins.
+#[test]
+fn a_state_that_cannot_be_read_leaves_the_active_image() {
+    let accepted = accepted();
+    for (failing_reads, state, image) in
+        [(2, State::Swap, &*NEW), (3, State::Boot, &*OLD), (u64::MAX, State::Boot, &*OLD)]
+    {
+        let mut chip = accepted.clone();
+        chip.failing_reads = failing_reads;
+        assert_eq!((boot(&mut chip), active(&chip)), (Ok(state), Some(image)), "{failing_reads} reads fail");
+        assert_eq!(chip.bytes == accepted.bytes, image == &*OLD, "{failing_reads} reads fail");
+    }
 }
 
 #[test]

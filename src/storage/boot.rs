@@ -1,11 +1,12 @@
-//! Code that the bootloaders share: partitions of the flash chip for `embassy-boot`, which supports blocking chips only.
+//! Code that the bootloaders share: the swap of the images, with partitions of the flash chip for `embassy-boot`, which supports
+//! blocking chips only.
 
 use super::flash_map::{OTHER, SECTOR};
-use super::partition::{Partition, STATE_WORD, state_partition};
+use super::partition::{Partition, state_partition};
 use crate::protocol::update::CHUNK;
 use core::pin::pin;
 use core::task::{Context, Poll, Waker};
-use embassy_boot::BootLoaderConfig;
+use embassy_boot::{AlignedBuffer, BootError, BootLoader, BootLoaderConfig, State};
 use embassy_futures::block_on;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::mutex::Mutex;
@@ -13,7 +14,10 @@ use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use embedded_storage_async::nor_flash as asynchronous;
 
 /// Size of the largest block that is copied at once, bytes.
-pub const BUFFER: usize = SECTOR as usize;
+const BUFFER: usize = SECTOR as usize;
+
+/// Number of attempts to read the state, after which the active image starts without it.
+const STATE_READS: usize = 3;
 
 /// Polls a future until it is ready, with a waker that does nothing; `None` if it is not ready after `polls` polls.
 pub fn poll_at_most<T>(polls: u32, future: impl Future<Output = T>) -> Option<T> {
@@ -56,13 +60,23 @@ impl<F: asynchronous::NorFlash> NorFlash for Blocking<F> {
     }
 }
 
-/// A partition of the chip, with blocking operations.
-pub type BlockingPartition<'a, F, const WRITE: usize> = Blocking<Partition<'a, F, WRITE>>;
-
-/// The configuration of the bootloader: it swaps the image in `active` with the one in [`OTHER`].
-pub fn config<F, A>(
-    chip: &Mutex<NoopRawMutex, F>,
-    active: A,
-) -> BootLoaderConfig<A, BlockingPartition<'_, F, CHUNK>, BlockingPartition<'_, F, STATE_WORD>> {
-    BootLoaderConfig { active, dfu: Blocking(Partition::new(chip, OTHER)), state: Blocking(state_partition(chip)) }
+/// Swaps the image in `active` with the one in [`OTHER`], or swaps them back, if the state of the bootloader in the flash chip
+/// demands it. Returns the state before; [`State::Boot`] if it cannot be read: then nothing has changed, and the active image is
+/// to be started, as without a chip.
+///
+/// # Errors
+/// If a flash fails within the swap. The active image may be a mixture of both images; the next call continues the swap.
+pub fn swap_if_due<F, A>(chip: &Mutex<NoopRawMutex, F>, active: A) -> Result<State, BootError>
+where
+    F: asynchronous::MultiwriteNorFlash,
+    A: NorFlash,
+{
+    let (dfu, state) = (Blocking(Partition::<_, CHUNK>::new(chip, OTHER)), Blocking(state_partition(chip)));
+    let mut bootloader = BootLoader::new(BootLoaderConfig { active, dfu, state });
+    let mut buffer = AlignedBuffer([0; BUFFER]);
+    if (0..STATE_READS).any(|_| bootloader.read_state(buffer.as_mut()).is_ok()) {
+        bootloader.prepare_boot(buffer.as_mut())
+    } else {
+        Ok(State::Boot)
+    }
 }

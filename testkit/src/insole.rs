@@ -7,7 +7,7 @@ use crate::executor::{Executor, ResetCause, reset};
 use crate::nor_flash::{NorFlashChip, Torn};
 use crate::virtual_time::{now_us, with_origin};
 use crate::walk::{Codes, Wearer};
-use embassy_boot::{AlignedBuffer, BootLoader};
+
 use embassy_sync::mutex::Mutex;
 use embassy_time::Timer;
 use emulation::{ACTIVE_IMAGE, FLASH_BYTES};
@@ -20,7 +20,7 @@ use plantar::firmware::supervise::{CHECK_PERIOD_MS, HEALTHY_CHECKS, Watchdog};
 use plantar::firmware::{persist, process, scan, serve};
 use plantar::protocol::update::{CHUNK, Header};
 use plantar::protocol::{Reset, Settings};
-use plantar::storage::boot::{BUFFER, Blocking, config};
+use plantar::storage::boot::{Blocking, swap_if_due};
 use plantar::storage::flash_map::{HEADER, HEADER_BYTES, SMALL_LOG};
 use plantar::storage::partition::Partition;
 use serde::Deserialize;
@@ -228,7 +228,7 @@ impl HostInsole {
             let chip = Mutex::new(&mut *chip);
             let active = Blocking(Partition::<_, CHUNK>::new(&chip, ACTIVE_IMAGE));
             // A chip that fails here fails again in the firmware.
-            let _ = BootLoader::new(config(&chip, active)).prepare_boot(AlignedBuffer([0; BUFFER]).as_mut());
+            let _ = swap_if_due(&chip, active);
         }
         let (header, content, defect) = {
             let chip = self.chip.0.borrow();

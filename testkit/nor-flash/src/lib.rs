@@ -43,6 +43,8 @@ pub struct NorFlashChip {
     pub forgets_writes_below: Option<u32>,
     /// Write and erase operations fail and change nothing, as with a low supply.
     pub refuses_changes: bool,
+    /// Number of read operations from now on that fail.
+    pub failing_reads: u64,
     /// Number of read operations from now on that return something else than the content, as from a chip whose supply rises
     /// slowly.
     pub wrong_reads: u64,
@@ -51,7 +53,7 @@ pub struct NorFlashChip {
     random: fastrand::Rng,
 }
 
-/// The error of every operation while power is off, and of a change while the supply is low.
+/// The error of every operation while power is off, of a change while the supply is low, and of a failing read.
 #[derive(Debug, PartialEq, Eq)]
 pub struct PowerOff;
 
@@ -79,6 +81,7 @@ impl NorFlashChip {
             cut: None,
             forgets_writes_below: None,
             refuses_changes: false,
+            failing_reads: 0,
             wrong_reads: 0,
             wrong_byte: None,
             random: fastrand::Rng::with_seed(1),
@@ -134,6 +137,10 @@ impl ReadNorFlash for NorFlashChip {
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), PowerOff> {
         if self.is_off() {
+            return Err(PowerOff);
+        }
+        if self.failing_reads > 0 {
+            self.failing_reads -= 1;
             return Err(PowerOff);
         }
         self.reads += 1;

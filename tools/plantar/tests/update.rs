@@ -1,7 +1,6 @@
 //! Tests `plantar update` with a simulated insole on the network. It runs the code of the firmware's session and update on a
 //! simulated flash chip, and the code of the bootloader, which swaps the images.
 
-use embassy_boot::{AlignedBuffer, BootLoader};
 use embassy_futures::block_on;
 use embassy_sync::mutex::Mutex as AsyncMutex;
 use emulation::ACTIVE_IMAGE;
@@ -10,7 +9,7 @@ use firmware_image::{Image, SigningKey};
 use plantar::protocol::session::{Command, CommandResult, Session};
 use plantar::protocol::update::{CHUNK, Header, Progress};
 use plantar::protocol::{self, Decoder, Hello, MAX_FRAME, MAX_MESSAGE, Refusal, Status, ToDevice};
-use plantar::storage::boot::{BUFFER, Blocking, config};
+use plantar::storage::boot::{Blocking, swap_if_due};
 use plantar::storage::flash_map::HEADER;
 use plantar::storage::partition::Partition;
 use plantar::storage::update::{DEVELOPMENT_KEY_ID, Update, confirm};
@@ -79,9 +78,7 @@ impl Insole {
     fn boot(&mut self) {
         let chip = AsyncMutex::new(&mut self.chip);
         let active = Blocking(Partition::<_, CHUNK>::new(&chip, ACTIVE_IMAGE));
-        BootLoader::new(config(&chip, active))
-            .prepare_boot(AlignedBuffer([0; BUFFER]).as_mut())
-            .expect("the chip works");
+        swap_if_due(&chip, active).expect("the chip works");
     }
 
     /// Serves a host until it disconnects or the insole restarts.

@@ -8,11 +8,11 @@
 
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::entry;
-use embassy_boot::{AlignedBuffer, BootError, BootLoader, State};
+use embassy_boot::{BootError, State};
 use embassy_sync::mutex::Mutex;
 use emulation::{ACTIVE_IMAGE, FlashFile, SWAPPED, SWAPPED_FILE};
 use plantar::protocol::update::CHUNK;
-use plantar::storage::boot::{BUFFER, Blocking, config};
+use plantar::storage::boot::{Blocking, swap_if_due};
 use plantar::storage::flash_map::{ACTIVE, STM32_FLASH};
 use plantar::storage::partition::Partition;
 use semihosting::fs;
@@ -40,7 +40,7 @@ fn swap() -> Result<State, BootError> {
     let power_cut = emulation::configuration().and_then(|(config, _)| config.power_cut);
     let chip = Mutex::new(FlashFile::open(power_cut));
     let active = Blocking(Partition::<_, CHUNK>::new(&chip, ACTIVE_IMAGE));
-    BootLoader::new(config(&chip, active)).prepare_boot(AlignedBuffer([0; BUFFER]).as_mut())
+    swap_if_due(&chip, active)
 }
 
 #[panic_handler]

@@ -1,7 +1,7 @@
 //! The bootloader of the nRF52840: swaps the images if a swap is due, and starts the active image.
 //!
-//! The watchdog starts first, and no wait is longer than its timeout. If the flash chip does not answer, the active image starts
-//! without a swap.
+//! The watchdog starts first, and no wait is longer than its timeout. If the flash chip does not answer, or if the state in it is
+//! not readable, the active image starts without a swap.
 //!
 //! Only the bootloader writes the controller's own flash; the radio does not run yet.
 #![no_std]
@@ -9,7 +9,6 @@
 
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::entry;
-use embassy_boot_nrf::BootLoader;
 use embassy_nrf::Peripherals;
 use embassy_nrf::nvmc::{Error, Nvmc};
 use embassy_sync::mutex::Mutex;
@@ -17,7 +16,7 @@ use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use nrf52840_drivers::flash::Chip;
 use nrf52840_drivers::qspi::{Qspi, Wait};
 use nrf52840_drivers::{CHIP_BYTES, watchdog};
-use plantar::storage::boot::{BUFFER, config, poll_at_most};
+use plantar::storage::boot::{poll_at_most, swap_if_due};
 use plantar::storage::flash_map::{ACTIVE, MAX_IMAGE, NRF52_FLASH};
 
 /// Address of the application.
@@ -100,7 +99,7 @@ fn main() -> ! {
     // A wait of `Busy` never yields, so one poll completes the operation.
     if let Some(Some(chip)) = poll_at_most(1, Chip::<_, CHIP_BYTES>::open(Qspi::new(p.QSPI, Busy))) {
         let chip = Mutex::new(chip);
-        if BootLoader::<BUFFER>::try_prepare(config(&chip, Active(Nvmc::new(p.NVMC)))).is_err() {
+        if swap_if_due(&chip, Active(Nvmc::new(p.NVMC))).is_err() {
             // The swap may have failed half-way, and then no image would run. It continues after the reset.
             SCB::sys_reset()
         }

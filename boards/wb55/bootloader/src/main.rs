@@ -1,7 +1,7 @@
 //! The bootloader of the STM32WB55: swaps the images if a swap is due, and starts the active image.
 //!
-//! The watchdog starts first, and no wait is longer than its timeout. If the flash chip does not answer, the active image starts
-//! without a swap.
+//! The watchdog starts first, and no wait is longer than its timeout. If the flash chip does not answer, or if the state in it is
+//! not readable, the active image starts without a swap.
 //!
 //! Only the bootloader writes the controller's own flash; the radio's core does not run yet.
 #![no_std]
@@ -10,7 +10,6 @@
 use core::cell::RefCell;
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::entry;
-use embassy_boot_stm32::BootLoader;
 use embassy_embedded_hal::adapter::BlockingAsync;
 use embassy_embedded_hal::flash::partition::BlockingPartition;
 use embassy_stm32::flash::Flash;
@@ -26,7 +25,7 @@ use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::mutex::Mutex;
 use embedded_hal_bus::spi::ExclusiveDevice;
 use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
-use plantar::storage::boot::{BUFFER, config, poll_at_most};
+use plantar::storage::boot::{poll_at_most, swap_if_due};
 use plantar::storage::flash_map::{ACTIVE, MAX_IMAGE, SMALLEST_CHIP, STM32_FLASH};
 use plantar::storage::supplied::Supplied;
 use w25::{Q, W25};
@@ -117,7 +116,7 @@ fn main() -> ! {
         let flash = Flash::new_blocking(p.FLASH).into_blocking_regions().bank1_region;
         let own = BlockingMutex::<NoopRawMutex, _>::new(RefCell::new(WatchedFlash { flash, watchdog }));
         let active = BlockingPartition::new(&own, ACTIVE.start, MAX_IMAGE);
-        if BootLoader::try_prepare::<_, _, _, BUFFER>(config(&chip, active)).is_err() {
+        if swap_if_due(&chip, active).is_err() {
             // The swap may have failed half-way, and then no image would run. It continues after the reset. With a low supply,
             // each start would erase the same sector of the controller's own flash again, so the loop waits for the supply, or
             // for the watchdog.
