@@ -50,9 +50,7 @@ pub fn all() -> Result<()> {
     page::build()?;
     build_whole_host()?;
     host_tests(&python)?;
-    package::test()?;
-    let page_figures = page::test(&built("release/plantar"), &firmware(EMULATED))?;
-    Soak { short: true, json: None }.run()?;
+    let page_figures = page_and_package_tests()?;
     let mut figures = bench::bench_without_page()?;
     figures.extend(page_figures);
     limits::check(&figures)
@@ -74,8 +72,7 @@ fn host_tests(python: &Python) -> Result<()> {
     std::thread::scope(|scope| {
         let in_real_time = scope.spawn(|| selected_tests(python, IN_REAL_TIME, 1));
         let others = scope.spawn(|| {
-            #[cfg(unix)]
-            rustix::process::nice(10)?;
+            lower_priority()?;
             // Many tests wait for an emulated board, so more of them run at the same time than there are cores.
             let threads = 2 * std::thread::available_parallelism().map_or(1, usize::from);
             selected_tests(python, &format!("not ({IN_REAL_TIME})"), threads)
@@ -84,6 +81,29 @@ fn host_tests(python: &Python) -> Result<()> {
         join(others)
     })?;
     documentation_tests()
+}
+
+/// Runs the tests of the page, which wait for real time most of the time, and beside them, with a lower priority, the tests of the
+/// Python package and a short walk on the host loops. Returns the figures that the page's tests measure.
+fn page_and_package_tests() -> Result<bench::Figures> {
+    std::thread::scope(|scope| {
+        let page = scope.spawn(|| page::test(&built("release/plantar"), &firmware(EMULATED)));
+        let package = scope.spawn(|| {
+            lower_priority()?;
+            package::test()?;
+            Soak { short: true, json: None }.run()
+        });
+        let figures = join(page)?;
+        join(package)?;
+        Ok(figures)
+    })
+}
+
+/// Gives this thread, and the programs that it starts, a lower priority than those of the other threads.
+fn lower_priority() -> Result<()> {
+    #[cfg(unix)]
+    rustix::process::nice(10)?;
+    Ok(())
 }
 
 /// Runs the selected tests on the host, this many at the same time, including those that need firmware, Python, a browser or data.
