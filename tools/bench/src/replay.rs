@@ -17,7 +17,7 @@ use std::time::Instant;
 /// Number of steps of the walk.
 const STEPS: usize = 300;
 /// Number of runs. The fastest one is reported, because other processes slow the others down.
-const RUNS: usize = 20;
+const RUNS: usize = 50;
 
 /// Measures both versions; `python` is an interpreter with NumPy.
 pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {

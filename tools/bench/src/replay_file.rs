@@ -18,7 +18,7 @@ const STEPS: usize = 300;
 /// Number of repetitions of the walk in a longer file, so that the start of the threads takes a negligible part of the time.
 const REPETITIONS: usize = 12;
 /// Number of runs. The fastest one is reported, because other processes slow the others down.
-const RUNS: usize = 3;
+const RUNS: usize = 10;
 /// Number of hours in the recording of a day, which has one file for each hour. The wearer walks in every third hour.
 const HOURS: usize = 24;
 const SECONDS_PER_HOUR: usize = 3600;

@@ -147,6 +147,7 @@ fn transfer(results: &Results) -> String {
     chart.marks = html! {
         @for (x, y) in &dots { g.c1 { circle.hollow cx=(x) cy=(y) r="3.5" {} } }
         (chart.horizontal(f64::from(front_end::CLIPPED_CODE), "reported as saturated from here on"))
+        // The entry of the legend for the dots; the legend below the chart has lines only.
         g.c1 { circle.hollow cx="400" cy="250" r="3.5" {} }
         text.small x="410" y="253.5" { "simulated" }
     };
@@ -188,6 +189,7 @@ fn crosstalk(results: &Results) -> String {
         (chart.vertical(SWITCH_ON_OHM.value, "FDG6335N"))
         (chart.vertical(MULTIPLEXER_TYPICAL_OHM.value, "ADG706"))
         (chart.vertical(MULTIPLEXER_ON_OHM.value, "max."))
+        // For comparison: a multiplexer that is common on hobby boards, with its typical resistance.
         (chart.vertical(70.0, "74HC4067"))
     };
     chart.svg()

@@ -254,8 +254,8 @@ fn generic_region(x_mm: f32, y_mm: f32) -> Region {
     let edge = |i: usize, along: f32| HEEL_MM[i] + (FOREFOOT_MM[i] - HEEL_MM[i]) * along;
     let centre_mm = (edge(1, along) + edge(2, along)) / 2.0;
     // Behind the y of the heel and beyond that of the forefoot, the width is constant.
-    let wide = along.clamp(0.0, 1.0);
-    let width_mm = edge(2, wide) - edge(1, wide);
+    let clamped = along.clamp(0.0, 1.0);
+    let width_mm = edge(2, clamped) - edge(1, clamped);
     region_at((x_mm - centre_mm) / width_mm + 0.5, y_mm / LENGTH_MM)
 }
 

@@ -92,6 +92,7 @@ impl Bus for Simulated {
     async fn pause_ms(&mut self, _ms: u32) {}
 }
 
+/// The identity of the chip on the module, a P25Q16H: manufacturer, type, and binary logarithm of the number of bytes.
 const P25Q16H: [u8; 3] = [0x85, 0x60, 0x15];
 
 fn open(bus: Simulated) -> Option<Chip<Simulated, BYTES>> {
