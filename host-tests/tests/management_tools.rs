@@ -23,7 +23,6 @@ use plantar::protocol::mcuboot::{FRONT, TRAILER, read_trailer};
 use plantar::protocol::update::{CHUNK, Header};
 use serde_json::{Value as Json, json};
 use std::cell::RefCell;
-use std::net::TcpStream;
 use std::os::fd::OwnedFd;
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -421,8 +420,8 @@ fn an_answer_is_not_sent_to_another_central() {
 
 /// Runs `smpclient` with these commands on the serial link of a board. Returns the result of each command.
 fn smpclient(board: &Board, commands: &[&str]) -> Vec<Json> {
-    let link = TcpStream::from(board.link().expect("the board has a link"));
-    smpclient_over("serial", OwnedFd::from(link).into(), commands)
+    let link = OwnedFd::from(board.link().expect("the board has a link"));
+    smpclient_over("serial", link.into(), commands)
 }
 
 /// Runs `smpclient` with these commands over a link; `input` is the standard input of the script.

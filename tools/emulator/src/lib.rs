@@ -8,6 +8,7 @@ mod link;
 #[cfg(feature = "log")]
 mod log;
 mod plant;
+mod port;
 mod recorded;
 
 pub use faults::{FAULT_EXAMPLES, Faulty, ParseFaultError, SensorFault};
@@ -22,12 +23,12 @@ use emulation::{
 };
 use plantar::pipeline::setup::{DEVICE_CELLS, SetupCell};
 use plantar::storage::flash_map::{ACTIVE, STM32_FLASH};
+use port::{Port, START};
 use std::fs::File;
-use std::io::{self, Read};
-use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
+use std::io;
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
 use tempfile::TempDir;
 use thiserror::Error;
 
@@ -39,9 +40,6 @@ const BOOTLOADER: &str = "emulated-bootloader";
 const ACTIVE_FILE: &str = "active.bin";
 /// The log, in the emulator's directory.
 const LOG_FILE: &str = "log.defmt";
-/// Time within which QEMU must connect its serial ports.
-const START: Duration = Duration::from_secs(20);
-
 /// How the board's time passes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Time {
@@ -186,14 +184,14 @@ impl Board {
         }
         let hci = hardware.hci.map_or("null".into(), |at| format!("tcp:{at},nodelay=on"));
 
-        let link = Port::listen()?;
-        let plant = Port::listen()?;
+        let link = Port::listen(directory.path(), "link")?;
+        let plant = Port::listen(directory.path(), "plant")?;
         let active_at = STM32_FLASH + ACTIVE.start;
         let mut command = Command::new("qemu-system-arm");
         command
             .args(["-M", MACHINE, "-display", "none", "-monitor", "none"])
             .args(["-semihosting-config", "enable=on,target=native"])
-            .args(["-serial", &link.argument()?, "-serial", &hci, "-serial", &plant.argument()?])
+            .args(["-serial", &link.argument, "-serial", &hci, "-serial", &plant.argument])
             .arg("-kernel")
             .arg(std::path::absolute(bootloader)?)
             .args(["-device", &format!("loader,file={ACTIVE_FILE},addr={active_at:#x},force-raw=on")])
@@ -271,46 +269,5 @@ impl Drop for Qemu {
         // This fails if QEMU has exited by itself.
         let _ = self.0.kill();
         let _ = self.0.wait();
-    }
-}
-
-/// A local TCP port to which QEMU connects one of its serial ports.
-struct Port(TcpListener);
-
-impl Port {
-    fn listen() -> io::Result<Self> {
-        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))?;
-        listener.set_nonblocking(true)?;
-        Ok(Self(listener))
-    }
-
-    fn argument(&self) -> io::Result<String> {
-        Ok(format!("tcp:{},nodelay=on", self.0.local_addr()?))
-    }
-
-    fn accept(&self, qemu: &mut Child) -> Result<TcpStream, Error> {
-        let deadline = Instant::now() + START;
-        loop {
-            match self.0.accept() {
-                Ok((stream, _)) => {
-                    stream.set_nonblocking(false)?;
-                    stream.set_nodelay(true)?;
-                    return Ok(stream);
-                }
-                Err(e) if e.kind() == io::ErrorKind::WouldBlock => {}
-                Err(e) => return Err(e.into()),
-            }
-            if qemu.try_wait()?.is_some() {
-                let mut message = String::new();
-                if let Some(mut stderr) = qemu.stderr.take() {
-                    stderr.read_to_string(&mut message)?;
-                }
-                return Err(Error::Exited(message.trim().into()));
-            }
-            if Instant::now() > deadline {
-                return Err(Error::Timeout);
-            }
-            std::thread::sleep(Duration::from_millis(5));
-        }
     }
 }

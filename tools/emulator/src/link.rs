@@ -1,17 +1,17 @@
 //! The serial link of the emulated board.
 
+use crate::port::Stream;
 use std::io::{self, Read, Write};
-use std::net::TcpStream;
 use std::thread::sleep;
 use std::time::Duration;
 
-/// Time before a read, in which further bytes arrive. QEMU sends each byte of the board by itself. A reader that waits for the next
-/// byte is woken for each of them, and waking it takes more processor time than the board needs to send the byte.
+/// Time before a read, in which further bytes arrive. QEMU sends each byte of the board by itself. A reader that waits for the
+/// next byte is woken for each of them, and waking it takes more processor time than the board needs to send the byte.
 const GATHERING: Duration = Duration::from_millis(1);
 
 /// The board's serial link, a byte stream in both directions.
 #[derive(Debug)]
-pub struct Link(pub(crate) TcpStream);
+pub struct Link(pub(crate) Stream);
 
 impl Link {
     /// A further handle of the same link.
@@ -49,8 +49,9 @@ impl Write for Link {
 }
 
 /// The socket, for another process.
-impl From<Link> for TcpStream {
+#[cfg(unix)]
+impl From<Link> for std::os::fd::OwnedFd {
     fn from(link: Link) -> Self {
-        link.0
+        link.0.into()
     }
 }

@@ -1,9 +1,9 @@
 //! The sensor plant, which simulates the sensor matrix: answers the board's requests for scans, and paces them if required.
 
+use crate::port::Stream;
 use emulation::{COLUMNS, SCAN, TICK};
 use std::fs::OpenOptions;
 use std::io::{self, Read, Seek, SeekFrom, Write};
-use std::net::TcpStream;
 use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::{Sender, channel};
@@ -71,7 +71,7 @@ impl Drop for Plant {
 }
 
 impl Plant {
-    pub(crate) fn start(mut port: TcpStream, matrix: &Path, mut walk: impl Walk) -> io::Result<Self> {
+    pub(crate) fn start(mut port: Stream, matrix: &Path, mut walk: impl Walk) -> io::Result<Self> {
         let mut file = OpenOptions::new().write(true).open(matrix)?;
         let cells = file.metadata()?.len() as usize / 2;
         let requested = Arc::new(AtomicU32::new(0));
