@@ -67,7 +67,7 @@ pub struct Insole<R, const N: usize> {
     /// Number of times that the frame number has wrapped.
     wraps: u32,
     /// Number of the next record.
-    records: u32,
+    next_record: u32,
 }
 
 /// The frame, for the fault detection. It is a macro, because a function would borrow the whole insole, with its detector.
@@ -120,7 +120,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             has_ended_second: false,
             last_seq: None,
             wraps: 0,
-            records: 0,
+            next_record: 0,
         }
     }
 
@@ -133,20 +133,20 @@ impl<R: Real, const N: usize> Insole<R, N> {
         if self.setup().is_none() || codes.len() < self.cells() {
             return false;
         }
-        let (mut per_s, mut elapsed) = (self.frame_rate_hz, 1);
+        let (mut rate_hz, mut elapsed_frames) = (self.frame_rate_hz, 1);
         if let Some(last) = self.last_seq.replace(seq) {
-            elapsed = seq.wrapping_sub(last);
-            self.wraps += u32::from(seq < last && elapsed < 1 << 31);
-            if elapsed > 1 {
-                per_s = per_s / R::of_u32(elapsed);
+            elapsed_frames = seq.wrapping_sub(last);
+            self.wraps += u32::from(seq < last && elapsed_frames < 1 << 31);
+            if elapsed_frames > 1 {
+                rate_hz = rate_hz / R::of_u32(elapsed_frames);
             }
         }
         self.sum_cells(seq, codes);
         for ((load, live), &law) in self.loads.iter_mut().zip(&mut self.live).zip(&self.force_laws) {
-            load.tissue = live.update(&law, load.frame.area.area_mm2(), per_s);
+            load.tissue = live.update(&law, load.frame.area.area_mm2(), rate_hz);
         }
-        self.accumulate(if elapsed > 1 { self.represented_frames(elapsed) } else { 1 });
-        let centre_mm = self.move_centre();
+        self.accumulate(if elapsed_frames > 1 { self.represented_frames(elapsed_frames) } else { 1 });
+        let centre_mm = self.update_centre();
         let regions = self.loads.each_ref().map(|load| &load.frame);
         let mut is_toe_off = self.stance.push(&self.limits, seq, &regions, centre_mm);
         let at_peak = self.stance.at_peak();
@@ -175,10 +175,12 @@ impl<R: Real, const N: usize> Insole<R, N> {
         }
     }
 
-    /// Number of frames that the first frame after missing ones represents in the cumulative load.
+    /// Number of frames that the first frame after missing ones represents in the cumulative load: under load, itself and at most
+    /// as many missing frames as a stance bridges; without load, at most the frames of a second, because an insole that is not
+    /// worn scans once a second.
     #[cold]
-    fn represented_frames(&self, elapsed: u32) -> u32 {
-        elapsed.min(if self.is_loaded() { 1 + BRIDGED_FRAMES } else { self.cumulative.second_frames() })
+    fn represented_frames(&self, elapsed_frames: u32) -> u32 {
+        elapsed_frames.min(if self.is_loaded() { 1 + BRIDGED_FRAMES } else { self.cumulative.second_frames() })
     }
 
     /// True if the pressure of any cell was at least [`LOADED_KPA`] in the last frame.
@@ -199,8 +201,8 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.time_us(time_us.checked_div(u64::from(self.setup.period_us)).unwrap_or(0) as u32)
     }
 
-    /// Computes the centre of pressure of the foot.
-    fn move_centre(&mut self) -> (R, R) {
+    /// Computes and returns the centre of pressure of the foot; without force, the last one remains.
+    fn update_centre(&mut self) -> (R, R) {
         let (mut force_n, mut x_n_mm, mut y_n_mm) = (R::ZERO, R::ZERO, R::ZERO);
         for (load, origin_mm) in self.loads.iter().zip(&self.division.origins_mm) {
             let force = &load.frame.force;
@@ -304,7 +306,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
     /// If `region` is not an index of [`crate::Region::ALL`].
     pub fn ellipse(&self, region: usize) -> Option<Ellipse<R>> {
         let moments = area_moments(&self.cells[self.division.cells(region)]);
-        Ellipse::from_moments(&moments).map(|e| self.to_foot_coordinates(region, e))
+        Ellipse::from_moments(&moments).map(|ellipse| self.to_foot_coordinates(region, ellipse))
     }
 
     /// Centre of pressure of a region in the last frame, foot coordinates, mm; `None` without force.

@@ -157,7 +157,7 @@ impl Real for f32 {
         fpu::sqrt(self)
     }
     /// The logarithm of the significand is computed by a series of the inverse hyperbolic tangent that is accurate to 1e-9, so
-    /// the result is accurate to 1.2e-7, relative to the larger of 1 and itself. It takes half the instructions of the function
+    /// the result is accurate to 1.2e-7, relative to the larger of 1 and itself. This takes half the instructions of the function
     /// of `libm`, which also treats subnormal and infinite numbers: here, numbers below 1.2e-38 count as 0.
     #[inline(always)]
     fn log2(self) -> Self {
@@ -177,7 +177,7 @@ impl Real for f32 {
         let series = SERIES.into_iter().reduce(|sum, next| sum * squared + next).unwrap_or(0.0);
         s * series + exponent as f32
     }
-    /// The fractional part is evaluated by a polynomial that is accurate to 8e-8, so that the result is accurate to 2.5e-7. It
+    /// The fractional part is evaluated by a polynomial that is accurate to 8e-8, so that the result is accurate to 2.5e-7. This
     /// takes half the instructions of the function of `libm`, which also treats subnormal results: here, results below 2^-125 are
     /// 0, and those above 2^125 are infinite. The model computes two powers for each region and frame.
     #[inline(always)]
@@ -192,8 +192,8 @@ impl Real for f32 {
             return if self < 0.0 { 0.0 } else { f32::INFINITY };
         }
         let shifted = self + TO_INTEGER;
-        let rest = self - (shifted - TO_INTEGER);
-        let power = SERIES.into_iter().reduce(|sum, next| sum * rest + next).unwrap_or(1.0);
+        let fraction = self - (shifted - TO_INTEGER);
+        let power = SERIES.into_iter().reduce(|sum, next| sum * fraction + next).unwrap_or(1.0);
         // The integer is added to the exponent. `power` is within 0.7 and 1.5.
         f32::from_bits(power.to_bits().wrapping_add(shifted.to_bits() << 23))
     }

@@ -25,9 +25,13 @@ pub struct Keys {
 /// The stored form of a bond.
 #[derive(Serialize, Deserialize)]
 pub struct StoredBond {
+    /// The type of the central's address (0 public, 1 random).
     address_kind: u8,
+    /// The identity address of the central, little endian.
     address: [u8; 6],
+    /// The identity resolving key of the central; `None` if it has none.
     identity_key: Option<[u8; 16]>,
+    /// The key with which the link is encrypted.
     long_term_key: [u8; 16],
 }
 
@@ -53,8 +57,8 @@ impl StoredBond {
 
 /// Version of the stored form.
 const VERSION: u8 = 2;
-/// The version with the bonds only. It is still written while there is no identity key, so that older firmware, which may be
-/// swapped back, finds its bonds.
+/// Version of the stored form with the bonds only. This form is still written while there is no identity key, so that older
+/// firmware, which may be swapped back, finds its bonds.
 const BONDS_ONLY: u8 = 1;
 
 /// Loads the stored keys and bonds; none if they are damaged or of an unknown version.
@@ -63,8 +67,8 @@ pub fn load(insole: &dyn GattServer) -> Keys {
     let len = insole.load_bonds(&mut bytes);
     let stored = bytes.get(..len).and_then(<[u8]>::split_last_chunk::<4>);
     stored
-        .filter(|(bonds, crc)| CRC.checksum(bonds) == u32::from_le_bytes(**crc))
-        .and_then(|(keys, _)| match keys.split_first()? {
+        .filter(|(content, crc)| CRC.checksum(content) == u32::from_le_bytes(**crc))
+        .and_then(|(content, _)| match content.split_first()? {
             (&VERSION, keys) => postcard::from_bytes(keys).ok(),
             (&BONDS_ONLY, bonds) => Some(Keys { identity_key: None, bonds: postcard::from_bytes(bonds).ok()? }),
             _ => None,

@@ -91,7 +91,7 @@ impl<C> Gate<'_, C> {
         if is_pairing_request(data)
             && let Ok(()) = with_timeout(BONDABLE_TIMEOUT, self.progress.is_bondable.wait()).await
         {
-            // For a further request on this connection.
+            // The wait consumed the signal; a further request on this connection needs it again.
             self.progress.is_bondable.signal(());
         }
     }

@@ -45,7 +45,8 @@ const CONNECTION_CHECK: Duration = Duration::from_millis(200);
 
 /// Time between two advertisements of a worn insole: the default of the Bluetooth host. A phone finds it within a second.
 const ADVERTISING_WORN: Duration = Duration::from_millis(160);
-/// The same for an insole that is not worn. It is longer, to save energy; a phone finds the insole within some seconds.
+/// Time between two advertisements of an insole that is not worn. It is longer, to save energy; a phone finds the insole within
+/// some seconds.
 const ADVERTISING_UNWORN: Duration = Duration::from_millis(1_285);
 
 /// The HCI byte stream (H4) between radio and Bluetooth host, in one direction.
@@ -277,7 +278,7 @@ async fn answer(connection: &Connected<'_, '_>, table: &Table, stack: &Host<'_>,
             GattEvent::Write(event) => {
                 let handle = event.handle();
                 let allowed = if table.is_guarded(handle) { guard(connection) } else { Ok(()) };
-                let channel = table.written(handle);
+                let channel = table.writable_channel(handle);
                 let accepted = allowed.and_then(|()| match channel {
                     Some(channel) => event.with_data(|_, value| insole.write(channel, value)).map_err(att_error),
                     None => Ok(()),
@@ -321,7 +322,7 @@ async fn send(connection: &Connected<'_, '_>, table: &Table, insole: &dyn GattSe
             let value = &value[..len];
             match channel {
                 GattChannel::Time => deliver(connection, &table.time, value).await?,
-                channel => deliver(connection, table.sent(channel), value).await?,
+                channel => deliver(connection, table.stream(channel), value).await?,
             }
         }
     }

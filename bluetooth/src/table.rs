@@ -76,7 +76,7 @@ impl Table {
     }
 
     /// The channel of a value handle that a central may write; `None` for other handles.
-    pub fn written(&self, handle: u16) -> Option<GattChannel> {
+    pub fn writable_channel(&self, handle: u16) -> Option<GattChannel> {
         let channels = [
             (Some(&self.control), GattChannel::Control),
             (Some(&self.parameters), GattChannel::Parameters),
@@ -90,7 +90,7 @@ impl Table {
 
     /// The characteristic on which the values of a channel are sent. Current Time, which has another type, must be sent on
     /// [`Table::time`]; for its channel, the result is a placeholder.
-    pub fn sent(&self, channel: GattChannel) -> &Stream {
+    pub fn stream(&self, channel: GattChannel) -> &Stream {
         match channel {
             GattChannel::Cadence | GattChannel::Time => &self.cadence,
             GattChannel::Control => &self.control,

@@ -38,8 +38,9 @@ pub struct ImageState {
 }
 
 /// Why a request was not executed: the code that all groups share, which is the only one in version 0 of the protocol, and the
-/// code of a group with its group. Both are packed into one number, because many functions return it: the code of the group in
-/// the bits 0 to 5 (0 for none), the group in the bits 6 and 7, and the shared code above them.
+/// code of a group with its group. Both are packed into one number, so that the many functions that return it stay short: the
+/// code of the group in the bits 0 to 5 (0 for none), the group in the bits 6 and 7, and the shared code above them. The codes
+/// of the constants are those of MCUmgr in Zephyr.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Failure(u16);
 
@@ -100,8 +101,10 @@ impl Answer {
         let len = body.len;
         let [len_high, len_low] = (len as u16).to_be_bytes();
         let [group_high, group_low] = request.group.to_be_bytes();
-        let kind = request.version << 3 | if request.is_write { 3 } else { 1 };
-        *head = [kind, 0, len_high, len_low, group_high, group_low, request.sequence, request.command];
+        // Operations of SMP: 1 is the answer to a read request, 3 the answer to a write request.
+        let version_and_operation = request.version << 3 | if request.is_write { 3 } else { 1 };
+        let (sequence, command) = (request.sequence, request.command);
+        *head = [version_and_operation, 0, len_high, len_low, group_high, group_low, sequence, command];
         buffer.get(..HEAD + len)
     }
 

@@ -54,7 +54,7 @@ impl<'b> Item<'b> {
 
     /// Takes the items that belong to this one from `rest`.
     fn skip(self, rest: &mut &'b [u8]) -> Option<()> {
-        let (mut item, mut open) = (self, 0_u32);
+        let (mut item, mut items_left) = (self, 0_u32);
         loop {
             let inner = match item.kind {
                 ARRAY => item.value,
@@ -62,11 +62,11 @@ impl<'b> Item<'b> {
                 TAG => 1,
                 _ => 0,
             };
-            open = open.checked_add(inner)?;
-            if open == 0 {
+            items_left = items_left.checked_add(inner)?;
+            if items_left == 0 {
                 return Some(());
             }
-            open -= 1;
+            items_left -= 1;
             item = Self::take(rest)?;
         }
     }
@@ -90,10 +90,10 @@ impl<'b> Item<'b> {
 
 /// Reads a map from texts to items. Returns the items with these keys; `None` if the map is malformed.
 pub(crate) fn read_map<'b, const N: usize>(mut rest: &'b [u8], keys: &[&str; N]) -> Option<[Option<Item<'b>>; N]> {
-    let mut found = [None; N];
+    let mut items = [None; N];
     let map = Item::take(&mut rest).filter(|map| map.kind == MAP)?;
-    let mut missing = map.value;
-    while missing > 0 {
+    let mut entries_left = map.value;
+    while entries_left > 0 {
         let key = Item::take(&mut rest)?;
         if key.kind == SIMPLE && key.value == OPEN && map.value == OPEN {
             break;
@@ -101,11 +101,11 @@ pub(crate) fn read_map<'b, const N: usize>(mut rest: &'b [u8], keys: &[&str; N])
         let item = Item::take(&mut rest).filter(|_| key.kind == TEXT)?;
         item.skip(&mut rest)?;
         if let Some(place) = keys.iter().position(|known| known.as_bytes() == key.content) {
-            found[place] = Some(item);
+            items[place] = Some(item);
         }
-        missing -= 1;
+        entries_left -= 1;
     }
-    rest.is_empty().then_some(found)
+    rest.is_empty().then_some(items)
 }
 
 /// Writes items into a buffer.

@@ -4,13 +4,13 @@ use heapless::String;
 
 /// Length of a date with a time of day, characters.
 const LEN: usize = 19;
-/// Where the numbers after the year begin in a text.
+/// Positions of month, day, hour, minute and second in a text.
 const NUMBERS: [usize; 5] = [5, 8, 11, 14, 17];
 
 /// Minutes of a day.
 pub const DAY_MIN: i16 = 24 * 60;
 
-/// A date and a time of day. It may be one that does not exist.
+/// A date and a time of day. The date or the time may not exist, for example February 31.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Clock {
     /// The year.
@@ -43,7 +43,7 @@ impl Clock {
     /// Reads a text with an optional fraction of the second, which is ignored, and an optional zone, `Z` or `+01:00`; without a
     /// zone, the time is in UTC. `None` if the text has another form.
     pub(super) fn parse(text: &str) -> Option<Self> {
-        let (time, rest) = text.split_at_checked(LEN)?;
+        let (time, after_time) = text.split_at_checked(LEN)?;
         let separators = [4, 7, 10, 13, 16].map(|at| time.as_bytes()[at]);
         if separators != *b"--T::" {
             return None;
@@ -52,12 +52,12 @@ impl Clock {
         for (number, from) in numbers.iter_mut().zip(NUMBERS) {
             *number = digits(time.get(from..from + 2)?)? as u8;
         }
-        let after_fraction = match rest.strip_prefix('.') {
+        let after_fraction = match after_time.strip_prefix('.') {
             Some(fraction) => {
                 let zone = fraction.trim_start_matches(|digit: char| digit.is_ascii_digit());
                 (zone.len() < fraction.len()).then_some(zone)?
             }
-            None => rest,
+            None => after_time,
         };
         let zone_min = match after_fraction {
             "" | "Z" => 0,

@@ -110,8 +110,10 @@ const EMPTY_MAP: &[u8] = &[0xa0];
 // Not inlined, because the caller may be compiled for speed.
 #[inline(never)]
 pub fn decode(message: &[u8]) -> Option<(Head, Result<Request, Failure>)> {
-    let (&[kind, _, _, _, group_high, group_low, sequence, command], body) = message.split_first_chunk()?;
-    let is_write = match kind & 0b111 {
+    let (&[first, _, _, _, group_high, group_low, sequence, command], body) = message.split_first_chunk()?;
+    // The first byte contains the operation (0 read request, 2 write request) in its three lowest bits, and the version above
+    // them.
+    let is_write = match first & 0b111 {
         0 => false,
         2 => true,
         _ => return None,
@@ -120,7 +122,7 @@ pub fn decode(message: &[u8]) -> Option<(Head, Result<Request, Failure>)> {
         return None;
     }
     let group = u16::from_be_bytes([group_high, group_low]);
-    let head = Head { is_write, version: kind >> 3 & 0b11, group, sequence, command };
+    let head = Head { is_write, version: first >> 3 & 0b11, group, sequence, command };
     Some((head, request(&head, body)))
 }
 

@@ -78,13 +78,13 @@ pub fn unwrap(bytes: &mut [u8]) -> Lines<'_> {
     if !lines.iter().all(|byte| text(byte) || [b'\r', END].contains(byte) || FURTHER.contains(byte)) {
         return Lines::Incomplete;
     }
-    let found = lines.iter().filter(|byte| text(byte)).count();
+    let received_text_bytes = lines.iter().filter(|byte| text(byte)).count();
     let Some(first) = lines.get(..4) else { return Lines::Incomplete };
     let mut number = [0; 3];
     let Ok(&[high, low, _]) = Base64::decode(first, &mut number) else { return Lines::Damaged };
     let len = usize::from(u16::from_be_bytes([high, low]));
     let Some(message_bytes) = len.checked_sub(NUMBER) else { return Lines::Damaged };
-    match found.cmp(&text_bytes(message_bytes)) {
+    match received_text_bytes.cmp(&text_bytes(message_bytes)) {
         Ordering::Less => return Lines::Incomplete,
         Ordering::Greater => return Lines::Damaged,
         Ordering::Equal => {}

@@ -65,14 +65,14 @@ impl Day {
         let mut bytes = self.bytes(86_399, 0);
         bytes[field] = value;
         let is_in_month = value <= self.day + self.days_left();
-        let is_time = match field {
+        let is_valid = match field {
             2 => return self.month_field(value, bytes),
             3 => value > 0 && is_in_month,
             4 => value < 24,
             5 | 6 => value < 60,
             _ => true,
         };
-        assert_eq!(from_current_time(&bytes).is_some(), is_time, "{bytes:?}");
+        assert_eq!(from_current_time(&bytes).is_some(), is_valid, "{bytes:?}");
     }
 
     /// Number of days of the month after this one.
@@ -88,7 +88,7 @@ impl Day {
     /// As [`Day::field`], for the month.
     fn month_field(self, month: u8, bytes: [u8; 10]) {
         let first = Self { month: month.clamp(1, 12), day: 1, ..self };
-        let is_time = (1..=12).contains(&month) && first.days_left() + 1 >= self.day;
-        assert_eq!(from_current_time(&bytes).is_some(), is_time, "{bytes:?}");
+        let is_valid = (1..=12).contains(&month) && first.days_left() + 1 >= self.day;
+        assert_eq!(from_current_time(&bytes).is_some(), is_valid, "{bytes:?}");
     }
 }

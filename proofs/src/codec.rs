@@ -18,14 +18,14 @@ fn crc32_by_bits(bytes: &[u8]) -> u32 {
 /// Decodes a COBS frame, passed without its final zero: joins its blocks, with the zeros between them. `None` if a block is
 /// incomplete.
 fn uncobs(frame: &[u8]) -> Option<Vec<u8>> {
-    let (mut bytes, mut rest) = (Vec::new(), frame);
-    while let Some((&code, after)) = rest.split_first() {
+    let (mut bytes, mut blocks) = (Vec::new(), frame);
+    while let Some((&code, after)) = blocks.split_first() {
         let (block, next) = after.split_at_checked(usize::from(code) - 1)?;
         bytes.extend(block);
         if code < 255 && !next.is_empty() {
             bytes.push(0);
         }
-        rest = next;
+        blocks = next;
     }
     Some(bytes)
 }
@@ -62,7 +62,7 @@ pub fn stream(stream: &[u8]) {
     let mut start = 0;
     let mut bad_frames = 0;
     for (at, &byte) in stream.iter().enumerate() {
-        let found = decoder.push(byte).map(<[u8]>::to_vec);
+        let decoded = decoder.push(byte).map(<[u8]>::to_vec);
         let mut expected = None;
         if byte == 0 {
             if at > start {
@@ -71,7 +71,7 @@ pub fn stream(stream: &[u8]) {
             }
             start = at + 1;
         }
-        assert_eq!(found, expected);
+        assert_eq!(decoded, expected);
         assert_eq!(decoder.bad_frames, bad_frames);
     }
 }
@@ -102,8 +102,8 @@ pub fn damage(message: &[u8], at: [usize; 2], bytes: [u8; 2]) {
     let mut damaged = framed;
     (damaged[at[0]], damaged[at[1]]) = (bytes[0], bytes[1]);
     for &byte in &damaged[..len] {
-        if let Some(found) = decoder.push(byte) {
-            assert_eq!(found, message);
+        if let Some(decoded) = decoder.push(byte) {
+            assert_eq!(decoded, message);
         }
     }
     // If the final zero is damaged, this zero ends the damaged frame, which would otherwise include the next one.

@@ -37,13 +37,15 @@ fn next(session: &mut Session) -> Option<Sent> {
 /// These events, with at most six records, happen to a session with a full queue of live frames and with room for one more
 /// answer. The session sends records first, then live frames, then answers. While answers wait, it sends at most eight live
 /// frames. A full queue of live frames drops the oldest one. A request is not answered if there is no room for the answer.
-pub fn of_messages(events: &[Event]) {
+pub fn message_order(events: &[Event]) {
     let mut session = Session::new();
     session.receive(ToDevice::Connect { major: MAJOR, minor: MINOR }, 0);
     assert!(session.next(&hello(), Status::default, &mut [0; MAX_MESSAGE]).is_some());
     session.receive(ToDevice::Stream { live: true }, 0);
     let [mut live, mut answers, mut records] = [const { VecDeque::new() }; 3];
-    let (mut numbers, mut live_before_answer) = ([0, 0, 0], 0);
+    // The numbers of the next live frame, of the next request of the time, and of the next record.
+    let mut numbers = [0, 0, 0];
+    let mut live_before_answer = 0;
     let prepared = [[Event::Live; LIVE_QUEUE].as_slice(), &[Event::Ask; ANSWERS - 1]].concat();
     for event in prepared.iter().chain(events) {
         match event {

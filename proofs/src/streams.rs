@@ -76,6 +76,7 @@ pub fn cells(every: u8, events: &[bool]) {
 pub fn ellipses(every: u8, period_us: u32, frames: u32, taken: u32) {
     let mut session = session(period_us);
     session.receive(ToDevice::StreamEllipses { every }, 0);
+    // 25 Hz is one frame in 40,000 us.
     let least = (1..=255).find(|&least: &u32| u64::from(least) * u64::from(period_us.max(1)) >= 40_000).unwrap_or(255);
     let is_refused = every > 0 && u32::from(every) < least;
     let answer = is_refused.then_some(ToHost::Refused(Refusal::EllipseRate { every: least as u8 }));

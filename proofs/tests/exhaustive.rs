@@ -18,11 +18,11 @@ fn bound<T>(short: T, long: T) -> T {
     if std::env::var_os("PLANTAR_ASSURE").is_some() { long } else { short }
 }
 
-/// All numbers that are at most `around` away from one of `numbers`, modulo 2^32.
-fn around<const N: usize>(numbers: [u32; N], around: u32) -> impl Iterator<Item = u32> {
-    let offsets = 0..=2 * around;
+/// All numbers that are at most `distance` away from one of `numbers`, modulo 2^32.
+fn around<const N: usize>(numbers: [u32; N], distance: u32) -> impl Iterator<Item = u32> {
+    let offsets = 0..=2 * distance;
     numbers.into_iter().flat_map(move |number| {
-        let first = number.wrapping_sub(around);
+        let first = number.wrapping_sub(distance);
         offsets.clone().map(move |offset| first.wrapping_add(offset))
     })
 }
@@ -107,16 +107,16 @@ fn two_damaged_bytes_never_produce_another_message() {
 
 #[test]
 fn short_byte_sequences_are_refused_or_decoded_as_host_messages_that_can_be_encoded() {
-    let mut found = 0;
-    sequences(&all_bytes(), bound(2, 3), |bytes| found += u32::from(codec::message_of::<ToDevice>(bytes)));
-    assert!(found > 0);
+    let mut decoded = 0;
+    sequences(&all_bytes(), bound(2, 3), |bytes| decoded += u32::from(codec::message_of::<ToDevice>(bytes)));
+    assert!(decoded > 0);
 }
 
 #[test]
 fn short_byte_sequences_are_refused_or_decoded_as_insole_messages_that_can_be_encoded() {
-    let mut found = 0;
-    sequences(&all_bytes(), bound(2, 3), |bytes| found += u32::from(codec::message_of::<ToHost>(bytes)));
-    assert!(found > 0);
+    let mut decoded = 0;
+    sequences(&all_bytes(), bound(2, 3), |bytes| decoded += u32::from(codec::message_of::<ToHost>(bytes)));
+    assert!(decoded > 0);
 }
 
 #[test]
@@ -143,8 +143,8 @@ fn the_joiner_accepts_parts_without_headers_up_to_the_stated_length() {
     let most = MAX_MESSAGE as u16;
     for stated in [0, 1, 2, 3, 100, most - 1, most, most + 1, u16::MAX] {
         for first in 0..=MAX_MESSAGE + 1 {
-            let rest = [usize::from(stated), MAX_MESSAGE].map(|end| end.saturating_sub(first));
-            for second in [0, 1, 2, rest[0], rest[0].min(MAX_MESSAGE) + 1, rest[1], rest[1] + 1] {
+            let left = [usize::from(stated), MAX_MESSAGE].map(|end| end.saturating_sub(first));
+            for second in [0, 1, 2, left[0], left[0].min(MAX_MESSAGE) + 1, left[1], left[1] + 1] {
                 fragments::joining_plain(stated, &[first, second, 1, 2]);
             }
         }
@@ -371,7 +371,7 @@ fn a_session_sends_records_before_live_frames_before_answers() {
     let count = |events: &[Event]| events.iter().filter(|event| **event == Event::Record).count();
     sequences(&alphabet, bound(6, 8), |events| {
         if count(events) <= 6 {
-            order::of_messages(&[events, &[Event::Send; 20]].concat());
+            order::message_order(&[events, &[Event::Send; 20]].concat());
         }
     });
 }
@@ -385,8 +385,8 @@ fn a_serial_number_is_a_short_printable_text() {
     }
     (0..20).for_each(|len| image::serial(&"~".repeat(len)));
     sequences(&[0, b'a', b' ', 0xff], bound(6, 9), |start| {
-        for rest in [0, b'!'] {
-            let mut bytes = [rest; 16];
+        for padding in [0, b'!'] {
+            let mut bytes = [padding; 16];
             bytes[..start.len()].copy_from_slice(start);
             image::serial_bytes(bytes);
         }

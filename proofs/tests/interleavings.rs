@@ -232,7 +232,7 @@ fn the_watchdog_reports_a_scan_only_before_its_next_heartbeat_in_all_orders() {
 #[test]
 fn a_second_writer_would_lose_counts() {
     let fewest = Arc::new(AtomicU32::new(u32::MAX));
-    let found = fewest.clone();
+    let fewest_seen = fewest.clone();
     in_all_orders(move || {
         let heartbeats = Arc::new(Heartbeats::new());
         let writers = [PROCESSING, SCAN].map(|name| {
@@ -240,7 +240,7 @@ fn a_second_writer_would_lose_counts() {
             start(name, move || heartbeats.frame_processed())
         });
         writers.into_iter().for_each(|thread| thread.join().expect("no panic"));
-        found.fetch_min(heartbeats.processed(), Ordering::Relaxed);
+        fewest_seen.fetch_min(heartbeats.processed(), Ordering::Relaxed);
     });
     assert_eq!(fewest.load(Ordering::Relaxed), 1);
 }

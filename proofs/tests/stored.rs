@@ -255,12 +255,12 @@ fn a_log_contains_exactly_the_records_that_were_not_acknowledged() {
             }
         }
         let mut store = block_on(Store::open(Some(&mut chip), Reset::Power));
-        let mut found = Vec::new();
+        let mut read = Vec::new();
         let has_more = block_on(store.records(None, |record| {
-            found.push(record.number());
+            read.push(record.number());
             true
         }));
-        assert_eq!((has_more, found), (Ok(false), stored), "{events:?}");
+        assert_eq!((has_more, read), (Ok(false), stored), "{events:?}");
         assert_eq!(store.contents().next_record, next);
         assert_eq!(store.contents().erased, 0);
     });

@@ -114,20 +114,20 @@ impl FaultDetector {
         self.masking.interpolate(frame);
     }
 
-    /// Processes a frame. It need not be called for a frame with more than half of the insole in contact and without saturation.
-    /// `is_saturated` states whether a cell was saturated in the stance that is in progress or was the last one.
+    /// Processes a frame. This function need not be called for a frame with more than half of the insole in contact and without
+    /// saturation. `is_saturated` states whether a cell was saturated in the present stance or, in swing, in the last one.
     pub(crate) fn frame<R: Real>(&mut self, frame: &mut FrameContext<'_, R>, is_saturated: bool) {
         if is_saturated {
             check_saturation(frame);
         }
-        // The other stages need less time for such a frame, which leaves time for the search for faults.
+        // With at most half of the insole in contact, the other stages need less time, which leaves time to inspect rows.
         if self.has_lines && self.contact_area > 0 && self.contact_area <= self.total_area / 2 {
             self.rows.inspect(frame);
         }
     }
 
-    /// Processes a frame in which the foot is not lifted, or not for long enough. `is_down` states whether it is on the ground.
-    /// True if this interrupts a review that has changed baselines.
+    /// Processes a frame in which the foot is not lifted, or not for long enough. `is_down` states whether the foot is on the
+    /// ground. True if the frame interrupts a review that has changed baselines.
     #[inline(always)]
     pub(crate) fn pause(&mut self, is_down: bool) -> bool {
         let is_changed = is_down && self.next_cell.is_some() && self.review.rezeroed > 0;
@@ -178,7 +178,7 @@ impl FaultDetector {
             let rise = match self.reviewed_seq {
                 _ if self.is_zero_requested => Rise::Whole,
                 None if !has_stance => Rise::Whole,
-                Some(before) if has_walked && frame.seq.wrapping_sub(before) <= self.gait_frames => Rise::Confirmed,
+                Some(last_seq) if has_walked && frame.seq.wrapping_sub(last_seq) <= self.gait_frames => Rise::Confirmed,
                 _ => Rise::None,
             };
             self.review = Review::new(rise, has_stance && has_walked);
@@ -276,18 +276,19 @@ impl FaultDetector {
 fn check_saturation<R: Real>(frame: &mut FrameContext<'_, R>) {
     let (cells, codes) = (&mut *frame.cells, frame.codes);
     let start = frame.seq as usize % cells.len().max(1);
-    let is_new = |&i: &usize| is_saturated(codes[i].into()) && !cells[i].marks.has(IMPLAUSIBLE_SATURATION | MASKED);
-    let new: Vec<usize, SATURATED_PER_FRAME> =
-        (start..cells.len()).chain(0..start).filter(is_new).take(SATURATED_PER_FRAME).collect();
-    for index in new {
-        let region = frame.region_cells(index);
-        let this = frame.cells[index].region;
-        let reach = ADJACENT * this.side();
+    let is_unmarked =
+        |&i: &usize| is_saturated(codes[i].into()) && !cells[i].marks.has(IMPLAUSIBLE_SATURATION | MASKED);
+    let unmarked: Vec<usize, SATURATED_PER_FRAME> =
+        (start..cells.len()).chain(0..start).filter(is_unmarked).take(SATURATED_PER_FRAME).collect();
+    for index in unmarked {
+        let region_cells = frame.region_cells(index);
+        let own = frame.cells[index].region;
+        let reach_tenths = ADJACENT * own.side();
         let (mut sum, mut count) = (0, 0);
-        for i in region.filter(|&i| i != index) {
+        for i in region_cells.filter(|&i| i != index) {
             let cell = &frame.cells[i];
-            let (dx, dy) = cell.region.offset_from(&this);
-            if !cell.marks.is_masked() && dx.abs().max(dy.abs()) * 10 <= reach {
+            let (dx, dy) = cell.region.offset_from(&own);
+            if !cell.marks.is_masked() && dx.abs().max(dy.abs()) * 10 <= reach_tenths {
                 sum += u32::from(codes[i].saturating_sub(cell.baseline.code));
                 count += 1;
             }

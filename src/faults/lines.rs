@@ -40,7 +40,7 @@ impl LineSearch {
 
     /// Returns the fault of a line after all cells were reviewed. `line` is its number: the rows come first, then the columns.
     /// `unresponsive_loaded` is the number of cells on all lines that carried load in recent steps and did not respond in this
-    /// one; the cells of an open line are subtracted from it.
+    /// step; if the line is reported as open, its cells are subtracted from that number.
     pub(super) fn conclude<R>(
         &mut self,
         frame: &mut FrameContext<'_, R>,
@@ -77,7 +77,7 @@ struct LineEvidence {
     unresponsive: u32,
     /// Number of cells that did not respond and carried load in recent steps.
     unresponsive_loaded: u32,
-    /// Number of cells that responded and carried load in recent steps, this one included.
+    /// Number of cells that responded and carried load in recent steps, including this step.
     responsive_loaded: u32,
     /// Number of cells with each diagnosis, in the order of [`FaultKind::ALL`].
     diagnosed: [u32; FaultKind::ALL.len()],
@@ -108,9 +108,10 @@ impl LineEvidence {
     /// steps and did not respond.
     fn is_open(&self, unresponsive_loaded: u32) -> bool {
         let others = unresponsive_loaded.saturating_sub(self.unresponsive_loaded);
+        // At least four in five of the unresponsive cells that carried load are on this line.
         let is_only_here = self.unresponsive_loaded >= MIN_LINE_CELLS && 4 * others <= self.unresponsive_loaded;
-        // If more cells outside of the line did not respond although they carried load in recent steps, this part of the foot
-        // was not loaded, as in steps on the forefoot.
+        // At least three in four cells of the line did not respond. If even more cells outside of the line did not respond
+        // although they carried load in recent steps, this part of the foot was not loaded, as in steps on the forefoot.
         let is_most = self.unresponsive > MIN_LINE_CELLS
             && 4 * self.unresponsive >= 3 * self.cells
             && others <= self.unresponsive;

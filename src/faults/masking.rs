@@ -35,7 +35,8 @@ impl Masking {
         !self.masks.is_empty()
     }
 
-    /// Masks a cell; returns the change of [`area_units`]. Only the first [`MAX_INTERPOLATED`] masked cells are interpolated.
+    /// Masks a cell; returns the change of the region's contact area, in [`area_units`]. Only the first [`MAX_INTERPOLATED`]
+    /// masked cells are interpolated.
     pub(super) fn mask<R: Real>(&mut self, frame: &mut FrameContext<'_, R>, index: usize) -> i32 {
         let region = frame.region(index);
         let cell = &mut frame.cells[index];
@@ -57,7 +58,7 @@ impl Masking {
     #[inline(never)]
     pub(super) fn interpolate<R: Real>(&self, frame: &mut FrameContext<'_, R>) {
         for mask in &self.masks {
-            // In single precision on every machine, so that all machines compute the same area.
+            // These sums have single precision even if `R` is f64, so that device and host compute the same area.
             let (mut sum_kpa, mut count) = (0.0f32, 0.0f32);
             for neighbour in mask.neighbours.into_iter().filter(|&neighbour| neighbour != mask.cell).map(usize::from) {
                 let cell = &frame.cells[neighbour];
@@ -83,20 +84,21 @@ impl Masking {
     pub(super) fn choose_neighbours<R: Real>(&mut self, frame: &FrameContext<'_, R>) {
         for mask in &mut self.masks {
             let index = usize::from(mask.cell);
-            let this = &frame.cells[index].region;
-            let reach = NEARBY * this.side();
+            let own = &frame.cells[index].region;
+            let reach_tenths = NEARBY * own.side();
+            // Squared distance and index of each cell; the masked cell stands for none.
             let mut nearest = [(i64::MAX, mask.cell); 4];
             for i in frame.region_cells(index) {
                 let cell = &frame.cells[i];
-                let (dx, dy) = cell.region.offset_from(this);
-                if cell.marks.is_masked() || dx.abs().max(dy.abs()) * 10 > reach {
+                let (dx, dy) = cell.region.offset_from(own);
+                if cell.marks.is_masked() || dx.abs().max(dy.abs()) * 10 > reach_tenths {
                     continue;
                 }
-                let distance = i64::from(dx) * i64::from(dx) + i64::from(dy) * i64::from(dy);
-                let at = nearest.iter().position(|&(other, _)| distance < other);
-                if let Some(at) = at {
-                    nearest[at..].rotate_right(1);
-                    nearest[at] = (distance, i as u16);
+                let distance_squared = i64::from(dx) * i64::from(dx) + i64::from(dy) * i64::from(dy);
+                let rank = nearest.iter().position(|&(other_squared, _)| distance_squared < other_squared);
+                if let Some(rank) = rank {
+                    nearest[rank..].rotate_right(1);
+                    nearest[rank] = (distance_squared, i as u16);
                 }
             }
             mask.neighbours = nearest.map(|(_, cell)| cell);

@@ -33,7 +33,7 @@ impl MatrixRows {
 
     /// The indices of the cells of a row.
     pub(super) fn cells(&self, row: usize) -> &[u8] {
-        let start = row.checked_sub(1).map_or(0, |before| self.ends[before]);
+        let start = row.checked_sub(1).map_or(0, |previous| self.ends[previous]);
         &self.cells[usize::from(start)..usize::from(self.ends[row])]
     }
 }

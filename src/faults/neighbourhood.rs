@@ -63,7 +63,7 @@ pub(super) struct Neighbourhood {
 
 impl Neighbourhood {
     pub(super) fn new<R: Real>(frame: &FrameContext<'_, R>, index: usize) -> Self {
-        let mut around = Self::default();
+        let mut neighbours = Self::default();
         let this = &frame.cells[index].region;
         let [adjacent, nearby] = [ADJACENT, NEARBY].map(|tenths| tenths * this.side() / 10);
         let (own_x, own_y) = this.position();
@@ -90,18 +90,19 @@ impl Neighbourhood {
                 let (dx, dy) = (origin_x + x, origin_y + y);
                 let distance = dx.abs().max(dy.abs());
                 if distance <= adjacent {
-                    around.adjacent += 1;
-                    around.largest = around.largest.max(cell.region.whole());
-                    around.loaded += u32::from(cell.marks.has(LOADED));
-                    around.highest = around.highest.max(i32::from(frame.codes[i]) - i32::from(cell.baseline.code));
+                    neighbours.adjacent += 1;
+                    neighbours.largest = neighbours.largest.max(cell.region.whole());
+                    neighbours.loaded += u32::from(cell.marks.has(LOADED));
+                    let reading = i32::from(frame.codes[i]) - i32::from(cell.baseline.code);
+                    neighbours.highest = neighbours.highest.max(reading);
                 }
                 if cell.marks.has(LOADED) {
                     let side = if dx.abs() > dy.abs() { usize::from(dx > 0) } else { 2 + usize::from(dy > 0) };
-                    around.loaded_sides[side] = true;
+                    neighbours.loaded_sides[side] = true;
                 }
             }
         }
-        around
+        neighbours
     }
 
     /// True if cells on two opposite sides were loaded.

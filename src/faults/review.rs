@@ -57,19 +57,19 @@ impl Review {
             if marks.is_masked() {
                 continue;
             }
-            let before = marks.swing_reading;
-            let is_risen = reading(&frame.cells[index], code) > before.max(0).saturating_add(MAX_RISE);
+            let last_reading = marks.swing_reading;
+            let is_risen = reading(&frame.cells[index], code) > last_reading.max(0).saturating_add(MAX_RISE);
             self.risen_rows |= u16::from(is_risen) << marks.row();
             let is_exceeded = frame.cells[index].baseline.is_exceeded(code, frame.curve);
             if self.has_stance {
                 let needs_neighbourhood = !marks.has(RESPONDED) || marks.has(UNCHANGED) || is_exceeded;
-                let around = needs_neighbourhood.then(|| Neighbourhood::new(frame, index));
+                let neighbours = needs_neighbourhood.then(|| Neighbourhood::new(frame, index));
                 let cell = &mut frame.cells[index];
-                review_swing(cell, code, around.as_ref(), is_exceeded);
-                self.unresponsive += u32::from(review_stance(cell, around.as_ref()));
+                review_swing(cell, code, neighbours.as_ref(), is_exceeded);
+                self.unresponsive += u32::from(review_stance(cell, neighbours.as_ref()));
             }
             let cell = &mut frame.cells[index];
-            let is_changed = cell.follow(code, before, self.rise, frame.contact, frame.curve);
+            let is_changed = cell.follow(code, last_reading, self.rise, frame.contact, frame.curve);
             cell.marks.swing_reading = reading(cell, code);
             self.rezeroed += u32::from(is_changed);
             if is_exceeded {
@@ -87,10 +87,10 @@ fn reading<R>(cell: &InsoleCell<R>, code: u16) -> i16 {
     above.clamp(i16::MIN.into(), i16::MAX.into()) as i16
 }
 
-/// Reviews the unloaded reading of a cell: it can be at full scale, stuck, or drift farther than the baseline follows. `around`
-/// are the neighbours, if their state was determined; `is_exceeded` states that the cell has more pressure than a baseline can
-/// have.
-fn review_swing<R>(cell: &mut InsoleCell<R>, code: u16, around: Option<&Neighbourhood>, is_exceeded: bool) {
+/// Reviews the unloaded reading of a cell: the reading can be at full scale, stuck, or drift farther than the baseline follows.
+/// `neighbours` is `None` if their state was not determined; `is_exceeded` states that the cell has more pressure than a
+/// baseline can have.
+fn review_swing<R>(cell: &mut InsoleCell<R>, code: u16, neighbours: Option<&Neighbourhood>, is_exceeded: bool) {
     let (reading, reading_before) = (reading(cell, code), cell.marks.swing_reading);
     let (size, size_before) = (reading.unsigned_abs(), reading_before.unsigned_abs());
     let is_far_below = reading < 0 && size > MAX_SLOW;
@@ -99,7 +99,7 @@ fn review_swing<R>(cell: &mut InsoleCell<R>, code: u16, around: Option<&Neighbou
     if cell.contact.is_loaded() && !is_full {
         // A tight shoe presses on cells in swing too, but then their code changes from step to step.
         let is_loaded = u32::from(code) >= cell.contact.load_threshold(cell.baseline.code);
-        if cell.marks.has(UNCHANGED) && (is_loaded || around.is_some_and(Neighbourhood::is_mostly_loaded)) {
+        if cell.marks.has(UNCHANGED) && (is_loaded || neighbours.is_some_and(Neighbourhood::is_mostly_loaded)) {
             cell.marks.add(STUCK);
         }
         cell.marks.add(UNCHANGED);
@@ -108,41 +108,42 @@ fn review_swing<R>(cell: &mut InsoleCell<R>, code: u16, around: Option<&Neighbou
         cell.marks.clear(UNCHANGED);
     }
 
-    // A drift grows from swing to swing. A reading far from the baseline must grow by more than a quarter, because a nearly
-    // constant reading is a residual load.
-    let least = if size > 8 * NOISE { size_before + size_before / 4 } else { size_before };
+    // A drift grows from swing to swing. A reading far from the baseline, by more than 8 times the noise, must grow by more than
+    // a quarter, because a nearly constant reading is a residual load.
+    let least_size = if size > 8 * NOISE { size_before + size_before / 4 } else { size_before };
     let is_drift =
-        (reading < 0) == (reading_before < 0) && size_before > NOISE && size_before <= MAX_SLOW && size > least;
-    let is_beyond = if reading < 0 {
+        (reading < 0) == (reading_before < 0) && size_before > NOISE && size_before <= MAX_SLOW && size > least_size;
+    let is_beyond_baseline = if reading < 0 {
         u16::from(cell.marks.lowered) + size / NOISE > MAX_LOWERED.into()
     } else {
         // A shoe that is laced tighter, and toes that rest on the insole, press on several cells; a sensor drifts alone.
-        is_exceeded && around.is_some_and(|around| around.highest < i32::from(reading) / 4)
+        is_exceeded && neighbours.is_some_and(|neighbours| neighbours.highest < i32::from(reading) / 4)
     };
-    if is_drift && is_beyond {
+    if is_drift && is_beyond_baseline {
         cell.marks.add(DRIFT);
     }
 }
 
 /// Reviews the evidence of the stance. True if the cell carried load before and did not respond in this step.
-fn review_stance<R: Real>(cell: &mut InsoleCell<R>, around: Option<&Neighbourhood>) -> bool {
+fn review_stance<R: Real>(cell: &mut InsoleCell<R>, neighbours: Option<&Neighbourhood>) -> bool {
     let marks = &mut cell.marks;
     let loaded_steps = marks.count(Count::Loaded);
     marks.clear(NO_RESPONSE);
     let (mut is_isolated, mut carried_load) = (false, false);
     if marks.has(LOADED) {
         marks.set_count(Count::Loaded, loaded_steps + 1);
-    } else if let (false, Some(around)) = (marks.has(RESPONDED), around) {
+    } else if let (false, Some(neighbours)) = (marks.has(RESPONDED), neighbours) {
         marks.set_count(Count::Loaded, loaded_steps.saturating_sub(1));
         carried_load = loaded_steps > 1;
-        if carried_load || around.is_between_loaded() {
+        if carried_load || neighbours.is_between_loaded() {
             marks.add(NO_RESPONSE);
         }
-        // An unresponsive cell is evidence of a fault only if all adjacent cells are loaded: at the edge of the contact the foot
-        // may not have touched the cell. The foot may also miss a cell that a region's boundary made much smaller than its
-        // neighbours, so a small cell counts only if it carried load before.
-        let is_full_size = carried_load || 2 * cell.region.whole() >= around.largest;
-        let is_hole = around.is_surrounded() && around.adjacent >= 7 && around.loaded == around.adjacent;
+        // An unresponsive cell is evidence of a fault only if there are at least seven of the eight adjacent cells and all of
+        // them are loaded: at the edge of the contact the foot may not have touched the cell. The foot may also miss a cell that
+        // a region's boundary made much smaller than its neighbours, so a small cell counts only if it carried load before.
+        let is_full_size = carried_load || 2 * cell.region.whole() >= neighbours.largest;
+        let is_hole =
+            neighbours.is_surrounded() && neighbours.adjacent >= 7 && neighbours.loaded == neighbours.adjacent;
         is_isolated = is_full_size && is_hole;
     }
     marks.count_if(Count::NoResponse, is_isolated);

@@ -57,16 +57,17 @@ impl Row {
 
     /// Inspects the row, which has these cells.
     fn inspect<R>(&mut self, frame: &FrameContext<'_, R>, cells: &[u8]) {
-        let (mut least_kpa, mut most_kpa, mut most) = (f32::MAX, 0.0f32, 0);
+        let (mut least_kpa, mut most_kpa, mut highest_code) = (f32::MAX, 0.0f32, 0);
         for index in cells.iter().map(|&index| usize::from(index)) {
             let (cell, code) = (&frame.cells[index], frame.codes[index]);
             let kpa = |code: u16| frame.curve.pressure_kpa::<f32>(code.saturating_sub(cell.baseline.zero).into());
             // A residual pressure that is not yet part of the baseline is in all cells of the row, as crosstalk would be.
             let lifted = cell.baseline.code.saturating_add_signed(cell.marks.swing_reading.max(0));
             let above_kpa = kpa(code) - kpa(lifted);
-            (least_kpa, most_kpa, most) = (least_kpa.min(above_kpa), most_kpa.max(above_kpa), most.max(code));
+            (least_kpa, most_kpa) = (least_kpa.min(above_kpa), most_kpa.max(above_kpa));
+            highest_code = highest_code.max(code);
         }
-        if cells.len() >= MIN_LINE_CELLS as usize && most_kpa >= CLEAN_KPA && most < FULL_CODE / 2 {
+        if cells.len() >= MIN_LINE_CELLS as usize && most_kpa >= CLEAN_KPA && highest_code < FULL_CODE / 2 {
             self.inspections = self.inspections.saturating_add(u8::from(most_kpa >= CONCLUSIVE_KPA));
             self.clean += u8::from(least_kpa < most_kpa / CLEAN_RATIO);
         }

@@ -2,18 +2,18 @@
 
 use embassy_time::{Duration, Instant};
 
-/// Time for a central to encrypt the link, or to pair.
+/// Time that a central has to encrypt the link, or to pair.
 const ENCRYPTION: Duration = Duration::from_secs(30);
-/// The same time for an unknown central, one without a bond, after another central did not encrypt its link in time, and while
-/// bonding is not allowed. It is short, so that the owner's phone can connect soon.
+/// Time that a suspected central has to encrypt the link: one without a bond, while bonding is not allowed, within [`SUSPICION`]
+/// after a central exceeded its time limit. The time is short, so that the owner's phone can connect soon.
 const SUSPECTED: Duration = Duration::from_secs(2);
-/// Time for which unknown centrals are suspected.
+/// Time for which centrals without a bond are suspected after a central exceeded its time limit.
 const SUSPICION: Duration = Duration::from_secs(300);
 
 /// Limits the connections without an encrypted link.
 #[derive(Default)]
 pub struct Admission {
-    /// Time until which unknown centrals are suspected; `None` if no central has exceeded its limit yet.
+    /// Time until which centrals without a bond are suspected; `None` if no central has exceeded its limit yet.
     suspicious_until: Option<Instant>,
 }
 

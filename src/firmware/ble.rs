@@ -17,7 +17,8 @@ use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal;
 use heapless::Vec;
 
-/// The interface of application and board to the Bluetooth stack. Not generic, so that the stack is compiled once, for size.
+/// The interface of application and board to the Bluetooth stack, which uses it as a trait object: so the stack is not generic,
+/// and is compiled only once, optimised for size.
 pub trait GattServer {
     /// The advertised name, at most 22 bytes.
     fn name(&self) -> &str;
@@ -42,7 +43,7 @@ pub trait GattServer {
     /// # Errors
     /// The reason, which the central receives as an attribute error.
     fn write(&self, channel: GattChannel, value: &[u8]) -> Result<(), WriteError>;
-    /// Signalled when there may be something to send.
+    /// The signal that is set when there may be something to send.
     fn changed(&self) -> &Signal<NoopRawMutex, ()>;
     /// Writes the next value to send into `value`, which is as long as the link allows; returns its characteristic and length.
     fn next(&self, value: &mut [u8]) -> Option<(GattChannel, usize)>;
@@ -113,11 +114,12 @@ impl<'a, B> GattSession<'a, B> {
     /// notified after the clock was set.
     fn next_standard(&self, value: &mut [u8]) -> Option<(GattChannel, usize)> {
         let (cadence, clock_sets) = self.notified.get();
-        let now = self.shared.cadence();
-        if now != cadence {
-            self.notified.set((now, clock_sets));
-            // RSC Measurement (running speed and cadence) without optional fields; speed 0, because it is unknown.
-            return write_value(value, GattChannel::Cadence, &[0, 0, 0, now.1]);
+        let new_cadence = self.shared.cadence();
+        if new_cadence != cadence {
+            self.notified.set((new_cadence, clock_sets));
+            let (_, steps_per_min) = new_cadence;
+            // RSC Measurement (running speed and cadence): flags 0 for no optional fields, then speed 0, because it is unknown.
+            return write_value(value, GattChannel::Cadence, &[0, 0, 0, steps_per_min]);
         }
         if self.shared.clock_sets() != clock_sets {
             self.notified.set((cadence, self.shared.clock_sets()));

@@ -102,7 +102,7 @@ fn unix_us(clock: &Clock) -> Option<u64> {
 
 impl From<Refusal> for Failure {
     fn from(refusal: Refusal) -> Self {
-        // The codes of `mcumgr_err_t` and `img_mgmt_err_code_t` in Zephyr that are nearest in meaning.
+        // The codes in Zephyr that are nearest in meaning: `common` is one of `mcumgr_err_t`, `code` of `img_mgmt_err_code_t`.
         let (common, code) = match refusal {
             Refusal::Board => (3, 25),
             Refusal::Older => (6, 27),

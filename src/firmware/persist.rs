@@ -81,6 +81,7 @@ pub async fn persist(
         Some(flash) => update::is_on_trial(flash).await == Ok(true),
         None => false,
     };
+    // Part 0 is the whole of a record that is not a calibration ([`Store::get`]).
     let radio: Option<RadioRecord> = store.get(0).await.ok().flatten();
     let is_radio_known = radio.is_some_and(|radio| radio.has_answered);
     let mut state = Persist {

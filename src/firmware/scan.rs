@@ -81,12 +81,12 @@ pub async fn scan(
 ) -> ! {
     // Scanning begins within the first hour after the start, so the time in us fits into 32 bits.
     counters.began_us.store(clock.start().as_micros() as u32, Ordering::Relaxed);
-    let mut last = None;
+    let mut last_seq = None;
     let mut scanning_us = 0;
     loop {
         let seq = clock.next().await;
         counters.heartbeats.scan_progressed();
-        let elapsed = seq.wrapping_sub(last.replace(seq).unwrap_or(seq.wrapping_sub(1)));
+        let elapsed = seq.wrapping_sub(last_seq.replace(seq).unwrap_or(seq.wrapping_sub(1)));
         add(&counters.missed, elapsed.wrapping_sub(1));
         if !seq.is_multiple_of(counters.interval.load(Ordering::Relaxed)) {
             add(&counters.skipped, 1);

@@ -177,6 +177,7 @@ impl Shared {
         let mut bonds: Result<Option<Bonds>, StorageError> = Ok(None);
         for _ in 0..BONDS_READS {
             if !matches!(bonds, Ok(Some(_))) {
+                // Part 0 is the whole record ([`Store::get`]).
                 bonds = store.get(0).await;
             }
         }

@@ -150,7 +150,7 @@ pub fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     start_with(memory, session, chip, boot, image, configuration, counters, gauges)
 }
 
-/// As [`start`], with a session without host.
+/// Does what [`start`] documents. `session` is the initialised session, which has no host yet.
 #[expect(clippy::too_many_arguments, reason = "those of `start` and the session")]
 async fn start_with<F: MultiwriteNorFlash, const FRAMES: usize>(
     memory: &'static Memory<F, FRAMES>,
@@ -182,6 +182,7 @@ async fn start_with<F: MultiwriteNorFlash, const FRAMES: usize>(
     if contents.erased > 0 {
         log::error!("storage: {} of two areas, records and log, were damaged and are erased", contents.erased);
     }
+    // Here and below, the type selects the record, and part 0 is the whole record ([`Store::get`]).
     let stored_identity = store.get(0).await.ok().flatten();
     let identity = stored_identity.unwrap_or(IdentityRecord { side: setup.side, serial: Serial::NONE });
     setup.side = identity.side;
@@ -388,7 +389,7 @@ pub fn truncated(text: impl Display) -> String<MAX_FAULT_TEXT> {
 
     impl Write for Truncated {
         fn write_str(&mut self, text: &str) -> core::fmt::Result {
-            text.chars().try_for_each(|c| self.0.push(c)).map_err(|_| core::fmt::Error)
+            text.chars().try_for_each(|character| self.0.push(character)).map_err(|_| core::fmt::Error)
         }
     }
 

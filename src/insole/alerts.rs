@@ -6,7 +6,7 @@ use crate::pipeline::alert::{AlertRecord, AlertRules, DailyLoad};
 use crate::pipeline::cumulative::Totals;
 
 impl<R: Real, const N: usize> Insole<R, N> {
-    /// Adds the present frame to the cumulative load. It stands for `frames` frames, more than 1 after missing ones.
+    /// Adds the present frame to the cumulative load. The frame stands for `frames` frames, more than 1 after missing ones.
     pub(super) fn accumulate(&mut self, frames: u32) {
         let regions = self.loads.iter().map(|load| &load.frame);
         self.has_ended_second = self.cumulative.frame(&self.alert_rules.limits, frames, regions);
@@ -93,8 +93,8 @@ impl<R: Real, const N: usize> Insole<R, N> {
 
     /// The alert that was raised since the last call, if there is one. It is returned once.
     pub fn take_alert(&mut self) -> Option<AlertRecord> {
-        let alert = self.alerts.take(&self.alert_rules, self.setup.side, self.records, self.setup.period_us)?;
-        self.records = self.records.wrapping_add(1);
+        let alert = self.alerts.take(&self.alert_rules, self.setup.side, self.next_record, self.setup.period_us)?;
+        self.next_record = self.next_record.wrapping_add(1);
         Some(AlertRecord { start_us: self.unwrapped_us(alert.start_us), ..alert })
     }
 }

@@ -11,7 +11,7 @@ use crate::pipeline::step::{RegionStep, StepRecord};
 impl<R: Real, const N: usize> Insole<R, N> {
     /// Sets the number of the next record. Steps, load bouts and alerts are numbered together.
     pub fn count_records_from(&mut self, next: u32) {
-        self.records = next;
+        self.next_record = next;
     }
 
     /// The curves of a region in the stance that ended with the last frame: contact area (mm2), measured force (N), and the time
@@ -42,7 +42,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         };
         let step = RegionStep::new(&self.force_laws[region], area_mm2, force_n, sample_s, &at_peak);
         RegionStep {
-            ellipse_at_peak: step.ellipse_at_peak.map(|e| self.to_foot_coordinates(region, e)),
+            ellipse_at_peak: step.ellipse_at_peak.map(|ellipse| self.to_foot_coordinates(region, ellipse)),
             counted_peak_mm2: match self.setup.contact.full_kpa > 0.0 {
                 true => self.loads[region].frame.counted_peak_mm2(),
                 false => step.area_peak_mm2,
@@ -65,8 +65,8 @@ impl<R: Real, const N: usize> Insole<R, N> {
             let is_reliable = region.is_reliable() && self.stance.saturated() >> i & 1 == 0;
             region.stiffness_change = self.tracker.adapt(i, law, region, is_reliable);
         }
-        let step = self.records;
-        self.records = self.records.wrapping_add(1);
+        let step = self.next_record;
+        self.next_record = self.next_record.wrapping_add(1);
         self.cumulative.totals.steps = self.cumulative.totals.steps.saturating_add(1);
         Some(StepRecord {
             side: setup.side,
@@ -85,8 +85,8 @@ impl<R: Real, const N: usize> Insole<R, N> {
     /// The load bout that was completed by the last frame, if there is one: the load of a time that was not part of a step. It is
     /// returned once.
     pub fn take_bout(&mut self) -> Option<BoutRecord<R>> {
-        let bout = self.stance.take_bout(self.setup.side, self.records)?;
-        self.records = self.records.wrapping_add(1);
+        let bout = self.stance.take_bout(self.setup.side, self.next_record)?;
+        self.next_record = self.next_record.wrapping_add(1);
         Some(BoutRecord { start_us: self.unwrapped_us(bout.start_us), ..bout })
     }
 

@@ -82,8 +82,8 @@ impl<R: Real, const N: usize> Insole<R, N> {
         Ok(())
     }
 
-    /// Lets K and G follow the wearer from step to step; see [`crate::pipeline::track`]. To be called for parameters that were
-    /// identified from steps of the wearer.
+    /// Lets the stiffness K and the damping G of the force laws follow the wearer from step to step; see
+    /// [`crate::pipeline::track`]. To be called for parameters that were identified from steps of the wearer.
     pub fn track(&mut self) {
         self.tracker.start(&self.force_laws);
     }

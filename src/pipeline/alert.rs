@@ -129,9 +129,9 @@ pub(crate) struct Alerts {
     dose: u8,
     /// The regions of the alert that was raised last, until it is taken: under sustained load, and by dose.
     raised: (u8, u8),
-    /// Number of the frame that raised it.
+    /// Number of the frame that raised the last alert.
     raised_seq: u32,
-    /// Number of alerts in its day, including this one. A new day may begin before the alert is taken.
+    /// Number of alerts in the day of the last alert, up to and including that alert. A new day may begin before it is taken.
     raised_today: u8,
 }
 

@@ -18,7 +18,7 @@ const WINDOW_MS: u32 = 2_000;
 const LEAST_PART: u32 = 2;
 /// A bout ends with the window in which it reaches this duration, s.
 const LONGEST_S: u32 = 60;
-/// As [`LONGEST_S`], for a bout with a mean force below [`LIGHT`], s.
+/// The duration that replaces [`LONGEST_S`] for a bout with a mean force below [`LIGHT`], s.
 const LONGEST_LIGHT_S: u32 = 3_600;
 
 /// Smallest range of the total force in a window of shuffling, relative to the peak of the wearer's steps: more than the sway of
@@ -128,7 +128,7 @@ impl<R: Real> Load<R> {
     }
 }
 
-/// The load of some time, and its kind.
+/// A bout, or a window that may become part of the next bout: its load and its kind.
 #[derive(Clone, Copy, Debug)]
 struct Part<R> {
     kind: BoutKind,
@@ -282,6 +282,7 @@ impl<R: Real> Bouts<R> {
         }
     }
 
+    /// Adds the samples from `first` on to the window. Frame `start_seq` is sample 0.
     fn add(&mut self, curves: &Curves<R>, start_seq: u32, first: usize) {
         for sample in first..curves.samples() {
             let seq = start_seq.wrapping_add(sample as u32 * curves.stride());
@@ -316,8 +317,8 @@ impl<R: Real> Bouts<R> {
             if has_kind {
                 self.next.kind = part.kind;
                 let next = self.next.take();
-                let before = core::mem::replace(&mut self.bout, next);
-                self.complete(before, next.load.start_seq);
+                let ended = core::mem::replace(&mut self.bout, next);
+                self.complete(ended, next.load.start_seq);
             }
         } else {
             // A single window of another kind is part of the bout.
@@ -337,8 +338,8 @@ impl<R: Real> Bouts<R> {
         let end_seq = if self.next.is_none() { self.last_seq.wrapping_add(1) } else { self.next.load.start_seq };
         if end_seq.wrapping_sub(self.bout.load.start_seq) >= self.frames_in(longest_ms) {
             let next = self.next.take();
-            let before = core::mem::replace(&mut self.bout, next);
-            self.complete(before, end_seq);
+            let ended = core::mem::replace(&mut self.bout, next);
+            self.complete(ended, end_seq);
         }
     }
 
@@ -362,7 +363,7 @@ impl<R: Real> Bouts<R> {
     pub(crate) fn end(&mut self) {
         self.end_window();
         if !self.complete.is_none() {
-            // This bout is returned first, and the rest by another call.
+            // The bout that is already complete is returned first; another call of this function completes the rest.
             return;
         }
         let next = self.next.take();

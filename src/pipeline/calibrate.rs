@@ -98,13 +98,13 @@ impl Curve {
             0 => 0.0,
             _ => law.full_kpa * Real::exp2(Real::log2(code as f32 / f32::from(FULL_CODE)) * inverse_exponent),
         };
-        let mut below_kpa = 0.0;
+        let mut start_kpa = 0.0;
         for (i, segment) in self.segments.iter_mut().enumerate() {
             let code = (i as u32) << SEGMENT_SHIFT;
-            let above_kpa = pressure_kpa(code + (1 << SEGMENT_SHIFT));
-            let slope = (above_kpa - below_kpa) / (1 << SEGMENT_SHIFT) as f32;
-            *segment = (below_kpa - slope * code as f32, slope);
-            below_kpa = above_kpa;
+            let end_kpa = pressure_kpa(code + (1 << SEGMENT_SHIFT));
+            let slope = (end_kpa - start_kpa) / (1 << SEGMENT_SHIFT) as f32;
+            *segment = (start_kpa - slope * code as f32, slope);
+            start_kpa = end_kpa;
         }
     }
 
@@ -118,12 +118,12 @@ impl Curve {
 
     /// The smallest code with at least `pressure_kpa`, kPa; [`u16::MAX`] if the pressure is beyond the curve.
     pub fn first_code_at(&self, pressure_kpa: f32) -> u16 {
-        let (mut below, mut at) = (0u16, u16::MAX);
-        while below < at {
-            let middle = below + (at - below) / 2;
-            if self.pressure_kpa::<f32>(i32::from(middle)) >= pressure_kpa { at = middle } else { below = middle + 1 }
+        let (mut low, mut high) = (0u16, u16::MAX);
+        while low < high {
+            let middle = low + (high - low) / 2;
+            if self.pressure_kpa::<f32>(i32::from(middle)) >= pressure_kpa { high = middle } else { low = middle + 1 }
         }
-        at
+        high
     }
 }
 

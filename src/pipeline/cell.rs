@@ -121,8 +121,8 @@ pub(crate) fn sum_region<R: Real, const COVERED: bool>(
 ) -> i32 {
     // Pressures change little from frame to frame, so few cells must be compared.
     let candidate = frame.peak_code - (frame.peak_code >> 3);
-    let (force, change) = (ForceMoments::NONE, ContactArea::NONE);
-    let mut sums = Sums { force, change, candidate, peak: Peak { kpa: R::ZERO, code: 0 } };
+    let (force, area_change) = (ForceMoments::NONE, ContactArea::NONE);
+    let mut sums = Sums { force, area_change, candidate, peak: Peak { kpa: R::ZERO, code: 0 } };
     frame.saturated = false;
     // The loop is unrolled. In a loop over single cells, a tenth of the instructions of this function would be those of the
     // loop itself.
@@ -138,7 +138,7 @@ pub(crate) fn sum_region<R: Real, const COVERED: bool>(
     }
     frame.peak_kpa = sums.peak.kpa;
     frame.force = sums.force;
-    frame.area.add(sums.change);
+    frame.area.add(sums.area_change);
     sums.peak.code
 }
 
@@ -149,8 +149,8 @@ const UNROLLED: usize = 2;
 struct Sums<R> {
     force: ForceMoments<R>,
     /// Change of the area of the cells that remain in contact in part.
-    change: ContactArea,
-    /// A cell is compared with the highest cell so far only if its code above zero pressure exceeds this one.
+    area_change: ContactArea,
+    /// A cell is compared with the highest cell so far only if its code above zero pressure exceeds this code.
     candidate: i32,
     peak: Peak<R>,
 }
@@ -171,7 +171,7 @@ impl<R: Real> Sums<R> {
             self.force.add(&cell.region, curve_kpa);
             if COVERED {
                 let above_kpa = curve.pressure_kpa::<f32>(above_zero) - cell.baseline.residual_kpa;
-                self.change.change(&cell.region, cell.contact.update_part(above_kpa));
+                self.area_change.change(&cell.region, cell.contact.update_part(above_kpa));
             }
             if above_zero > self.candidate {
                 self.peak.consider(cell, above_zero, curve_kpa);
@@ -235,7 +235,7 @@ pub(crate) fn area_units(area: &ContactArea) -> i32 {
 /// The baselines of a region's cells.
 #[derive(Debug)]
 pub(crate) struct Residual<R> {
-    /// Their force, and its moments about the region's reference point.
+    /// Force of the baselines, and its moments about the region's reference point.
     pub(crate) force: ForceMoments<R>,
     /// The highest code of a baseline above zero pressure.
     pub(crate) code: i32,
@@ -245,7 +245,7 @@ impl<R: Real> Residual<R> {
     /// No residual pressure.
     pub(crate) const NONE: Self = Self { force: ForceMoments::NONE, code: 0 };
 
-    /// The sum over cells.
+    /// The baselines of these cells, which must be those of one region.
     pub(crate) fn of(cells: &[InsoleCell<R>]) -> Self {
         let mut residual = Self::NONE;
         for cell in cells.iter().filter(|cell| cell.baseline.residual_kpa > 0.0 && !cell.marks.is_masked()) {

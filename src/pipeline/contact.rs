@@ -14,11 +14,11 @@ pub struct ContactRule {
     pub on_kpa: f32,
     /// A cell loses contact below this pressure, kPa; above 0 and at most `on_kpa`.
     pub off_kpa: f32,
-    /// 0: a cell in contact counts with its whole area, as in the paper. From `on_kpa` to 2000 kPa: a cell counts with the share
-    /// `sqrt(p / full_kpa)` of its area, at most 1, because a low reading at the edge of a contact comes from a cell that the
-    /// foot covers in part. Deformation rises from 0 at the edge in proportion to the distance from the edge (Eq. 3), so a cell
-    /// of which the share s is covered reads s^2 times the pressure of a cell that is just fully covered. The larger
-    /// `full_kpa` is, the more the area depends on pressure.
+    /// 0: a cell in contact counts with its whole area, as in the paper that [`crate::pipeline::model`] implements. From `on_kpa`
+    /// to 2000 kPa: a cell counts with the share `sqrt(p / full_kpa)` of its area, at most 1, where p is its pressure, because a
+    /// low reading at the edge of a contact comes from a cell that the foot covers in part. Deformation rises from 0 at the edge
+    /// in proportion to the distance from the edge (Eq. 3 of the paper), so a cell of which the share s is covered reads s^2
+    /// times the pressure of a cell that is just fully covered. The larger `full_kpa` is, the more the area depends on pressure.
     pub full_kpa: f32,
 }
 
@@ -53,7 +53,7 @@ pub const WHOLE: u16 = 256;
 /// let mut cell = ContactCell::new(&ContactRule::COUNTED, &curve, &CellCalibration::IDEAL, 0.0);
 /// let mut change = |kpa: f32| cell.update(u32::from(curve.first_code_at(kpa)), 0, kpa);
 /// assert_eq!([change(9.0), change(10.0)], [0, i32::from(WHOLE)]);
-/// // It loses contact below 7.5 kPa.
+/// // The cell loses contact below 7.5 kPa.
 /// assert_eq!([change(8.0), change(7.0)], [0, -i32::from(WHOLE)]);
 /// ```
 #[derive(Clone, Copy, Debug)]
@@ -70,7 +70,7 @@ pub struct ContactCell {
     /// The present share, in units of 1/[`WHOLE`].
     share: u16,
     /// The codes from `low` to `low + span - 1` need no [`ContactCell::update`]. All are above the code at zero pressure. The two
-    /// numbers are words, because one instruction loads two words.
+    /// numbers have 32 bits each, because one instruction loads two words.
     low: u32,
     span: u32,
 }

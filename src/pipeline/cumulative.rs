@@ -124,9 +124,9 @@ pub(crate) struct CumulativeLoad<R> {
     frames: u32,
     sums: [Sums<R>; 8],
     windows: [Window; 8],
-    /// Index of the part in progress.
+    /// Index of the part in progress, in each of `windows`.
     part: u8,
-    /// Number of complete seconds in it.
+    /// Number of complete seconds in the part in progress.
     part_s: u16,
     /// Bit i: region i is under sustained load.
     sustained: u8,
@@ -199,7 +199,7 @@ impl<R: Real> CumulativeLoad<R> {
     #[cold]
     fn end_second(&mut self, limits: &LoadLimits) {
         let frame_s = R::ONE / R::of_u32(self.second_frames);
-        let part_s = limits.window_s / WINDOW_PARTS;
+        let part_length_s = limits.window_s / WINDOW_PARTS;
         self.part_s += 1;
         let oldest = (usize::from(self.part) + 1) % (WINDOW_PARTS as usize + 1);
         let sums = core::mem::replace(&mut self.sums, [Sums::NONE; 8]);
@@ -211,12 +211,13 @@ impl<R: Real> CumulativeLoad<R> {
             // The sum fits 16 bits: a part has at most 240 s, and after missing frames at 20 Hz its last second adds up to 1.25
             // s.
             window[usize::from(self.part)] += (sums.sustained * 100 / self.second_frames) as u16;
-            let loaded_cs = time_above_limit_cs(window, oldest, self.part_s, part_s);
-            let at = |percent: u8| u32::from(percent) * u32::from(limits.window_s);
+            let loaded_cs = time_above_limit_cs(window, oldest, self.part_s, part_length_s);
+            // One percent of a second is 0.01 s.
+            let share_cs = |percent: u8| u32::from(percent) * u32::from(limits.window_s);
             let bit = 1 << i;
-            if loaded_cs >= at(limits.sustained_percent) {
+            if loaded_cs >= share_cs(limits.sustained_percent) {
                 self.sustained |= bit;
-            } else if loaded_cs < at(limits.relieved_percent) {
+            } else if loaded_cs < share_cs(limits.relieved_percent) {
                 self.sustained &= !bit;
             }
             total.sustained_s += u32::from(self.sustained & bit != 0);
@@ -225,7 +226,7 @@ impl<R: Real> CumulativeLoad<R> {
         self.totals.loaded_s += u32::from(is_loaded);
         self.unloaded_s = if is_loaded { 0 } else { self.unloaded_s.saturating_add(1) };
         self.frames -= self.second_frames;
-        if self.part_s >= part_s {
+        if self.part_s >= part_length_s {
             self.part = oldest as u8;
             self.part_s = 0;
             self.windows.iter_mut().for_each(|window| window[oldest] = 0);
@@ -248,9 +249,9 @@ impl<R: Real> CumulativeLoad<R> {
     }
 }
 
-/// Time above the limit within the window, 0.01 s. `oldest` is the index of the oldest part, and `elapsed_s` the number of
-/// seconds of the part in progress, of `part_s` in all.
-fn time_above_limit_cs(window: &Window, oldest: usize, elapsed_s: u16, part_s: u16) -> u32 {
+/// Time above the limit within the window, 0.01 s. `oldest` is the index of the oldest part, `part_length_s` the duration of a
+/// part, and `elapsed_s` the number of seconds that have elapsed of the part in progress.
+fn time_above_limit_cs(window: &Window, oldest: usize, elapsed_s: u16, part_length_s: u16) -> u32 {
     let sum: u32 = window.iter().map(|part| u32::from(*part)).sum();
-    sum - u32::from(window[oldest]) * u32::from(elapsed_s) / u32::from(part_s.max(1))
+    sum - u32::from(window[oldest]) * u32::from(elapsed_s) / u32::from(part_length_s.max(1))
 }

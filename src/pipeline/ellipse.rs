@@ -32,7 +32,7 @@ pub struct Ellipse<R> {
     pub x_mm: R,
     /// y of the centre, mm, likewise.
     pub y_mm: R,
-    /// Radius along the principal axis that is nearer to the medial-lateral axis (X of the paper), mm.
+    /// Radius along the principal axis that is nearer to the medial-lateral axis (X of the paper, [`super::model`]), mm.
     pub r_a_mm: R,
     /// Radius along the principal axis that is nearer to the heel-toe axis (Y of the paper), mm.
     pub r_b_mm: R,
@@ -52,15 +52,18 @@ impl<R: Real> Ellipse<R> {
         let (mean, half_difference) =
             ((variance_x_mm2 + variance_y_mm2) * half, (variance_x_mm2 - variance_y_mm2) * half);
         let deviation = (half_difference * half_difference + covariance_mm2 * covariance_mm2).sqrt();
-        let long = R::of(2.0) * (mean + deviation).sqrt();
+        let long_mm = R::of(2.0) * (mean + deviation).sqrt();
         // The smaller eigenvalue is computed as the determinant divided by the larger eigenvalue: for a slim ellipse, mean -
         // deviation would lose half of the digits.
         let determinant = (variance_x_mm2 * variance_y_mm2 - covariance_mm2 * covariance_mm2).max(R::ZERO);
-        let short = R::of(2.0) * (determinant / (mean + deviation)).sqrt();
+        let short_mm = R::of(2.0) * (determinant / (mean + deviation)).sqrt();
         // `r_a_mm` belongs to the axis within 45 degrees of x. On a grid of cells, exactly 45 degrees and circles are frequent;
         // the tolerance makes them independent of rounding.
-        let (r_a_mm, r_b_mm, sign) =
-            if half_difference >= -R::of(1e-4) * mean { (long, short, R::ONE) } else { (short, long, -R::ONE) };
+        let (r_a_mm, r_b_mm, sign) = if half_difference >= -R::of(1e-4) * mean {
+            (long_mm, short_mm, R::ONE)
+        } else {
+            (short_mm, long_mm, -R::ONE)
+        };
         let double_angle = if deviation > R::of(1e-4) * mean {
             ((sign * half_difference).max(R::ZERO) / deviation, sign * covariance_mm2 / deviation)
         } else {

@@ -1,8 +1,9 @@
 //! The live model: causal, frame by frame, for display.
 //!
 //! The area is the mean of the last three frames, which delays the result by one frame. The deformation rate is the backward
-//! difference, to the previous frame, because the forward difference of Eq. 16 needs the next frame. The values of a step record
-//! are computed by [`super::step`] from the whole stance.
+//! difference, to the previous frame, because the forward difference of Eq. 16 needs the next frame. Equation numbers are those
+//! of the paper that [`super::model`] implements. The values of a step record are computed by [`super::step`] from the whole
+//! stance.
 
 use super::model::ForceLaw;
 use super::region::RegionFrame;

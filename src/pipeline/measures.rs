@@ -35,23 +35,23 @@ impl<R: Real> RegionMeasures<R> {
     /// If `region` is not an index of [`crate::Region::ALL`].
     pub fn new(curves: &Curves<R>, region: usize, sample_s: R) -> Self {
         let (area_mm2, force_n) = (curves.area_mm2(region), curves.force_n(region));
-        let at = |i: usize| R::of_u32(i as u32) * sample_s;
-        let (mut peak, mut sum) = ((0u16, 0), 0u32);
-        for (i, &dkpa) in curves.pressure_dkpa(region).iter().enumerate() {
-            sum += u32::from(dkpa);
-            if dkpa > peak.0 {
-                peak = (dkpa, i);
+        let time_s = |sample: usize| R::of_u32(sample as u32) * sample_s;
+        let (mut peak_dkpa, mut peak_sample, mut sum_dkpa) = (0u16, 0, 0u32);
+        for (sample, &dkpa) in curves.pressure_dkpa(region).iter().enumerate() {
+            sum_dkpa += u32::from(dkpa);
+            if dkpa > peak_dkpa {
+                (peak_dkpa, peak_sample) = (dkpa, sample);
             }
         }
-        let kpa = R::of(0.1);
-        let pressure_integral_kpa_s = R::of_u32(sum) * kpa * sample_s;
+        let kpa_per_dkpa = R::of(0.1);
+        let pressure_integral_kpa_s = R::of_u32(sum_dkpa) * kpa_per_dkpa * sample_s;
         let Some(start) = area_mm2.iter().position(|area_mm2| *area_mm2 > R::ZERO) else {
             return Self { pressure_integral_kpa_s, ..Self::default() };
         };
         let largest = largest(force_n);
         Self {
-            peak_pressure_kpa: R::of_u32(peak.0.into()) * kpa,
-            peak_pressure_s: at(peak.1),
+            peak_pressure_kpa: R::of_u32(peak_dkpa.into()) * kpa_per_dkpa,
+            peak_pressure_s: time_s(peak_sample),
             pressure_integral_kpa_s,
             mean_pressure_kpa: match area_mm2[largest] > R::ZERO {
                 // 1 N on 1 mm2 is 1000 kPa.
@@ -59,7 +59,7 @@ impl<R: Real> RegionMeasures<R> {
                 false => R::ZERO,
             },
             loading_rate_n_s: loading_rate_n_s(force_n, force_n[largest], sample_s),
-            contact_start_s: at(start),
+            contact_start_s: time_s(start),
             residual_n: R::ZERO,
         }
     }
@@ -201,7 +201,7 @@ impl<R: Real> FootMeasures<R> {
                 |region: usize| curves.area_mm2(region).iter().fold(R::ZERO, |largest, area| largest.max(*area));
             regions.map(largest_mm2).sum()
         };
-        // The regions from the heel to the metatarsals are the foot without toes.
+        // Regions 0 to 4, from the heel to the metatarsals, are the foot without toes; regions 1 and 2 are the midfoot.
         let foot_mm2 = areas(0..5);
         if foot_mm2 > R::ZERO {
             measures.arch_index = areas(1..3) / foot_mm2;
@@ -211,13 +211,13 @@ impl<R: Real> FootMeasures<R> {
 
     /// Evaluates the path of the centre of pressure.
     fn follow_centre(&mut self, curves: &Curves<R>, sample_s: R, extent: &Extent) {
-        let mm = |sample: usize| curves.centre_mm(sample);
+        let centre_mm = |sample: usize| curves.centre_mm(sample);
         let last = curves.samples() - 1;
         for (point, tenths) in self.gait_line_mm.iter_mut().zip([1u32, 3, 5, 7, 9]) {
             // The position of the point is between two samples.
             let position = tenths * last as u32;
             let (before, part) = ((position / 10) as usize, R::of_u32(position % 10) * R::of(0.1));
-            let (from, to) = (mm(before), mm((before + 1).min(last)));
+            let (from, to) = (centre_mm(before), centre_mm((before + 1).min(last)));
             *point = (from.0 + (to.0 - from.0) * part, from.1 + (to.1 - from.1) * part);
         }
         let (first, end) = (last.div_ceil(10), last * 9 / 10);
@@ -226,7 +226,7 @@ impl<R: Real> FootMeasures<R> {
         let forefoot_mm = R::of_f32(extent.heel_mm + (extent.toe_mm - extent.heel_mm) * (2.0 / 3.0));
         let mut from = start_mm;
         let mut crossing = None;
-        let points = (first..=end.max(first)).map(mm).chain([end_mm]);
+        let points = (first..=end.max(first)).map(centre_mm).chain([end_mm]);
         for to in points {
             let (dx, dy) = (to.0 - from.0, to.1 - from.1);
             self.gait_length_mm += (dx * dx + dy * dy).sqrt();

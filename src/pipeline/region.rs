@@ -5,7 +5,7 @@ use super::contact::{ContactCell, WHOLE};
 use crate::num::Real;
 use serde::{Deserialize, Serialize};
 
-/// The eight plantar regions of the paper (Fig. 1), in the order of the protocol.
+/// The eight plantar regions of the paper that [`super::model`] implements (Fig. 1), in the order of the protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub enum Region {
     /// Heel.
@@ -55,7 +55,7 @@ impl Region {
 
     /// The region with this [`Region::name`]; `None` for other names.
     pub fn from_name(name: &str) -> Option<Region> {
-        Region::ALL.into_iter().find(|r| r.name() == name)
+        Region::ALL.into_iter().find(|region| region.name() == name)
     }
 }
 
@@ -218,6 +218,7 @@ impl ContactArea {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AreaMoments {
     area: ContactArea,
+    /// Sums of the area times x, y and their products, with coordinates in units of 1/[`PER_MM`] mm.
     x: i64,
     y: i64,
     xx: i64,
@@ -267,13 +268,13 @@ impl AreaMoments {
         let per_area = R::ONE / R::of_i32(units);
         let mean = |sum: i64| R::of_i64(sum) * per_area;
         let (dx, dy) = (mean(x), mean(y));
-        let (mm, mm2) = (R::of(f64::from(1.0 / PER_MM)), R::of(f64::from(1.0 / (PER_MM * PER_MM))));
+        let (unit_mm, unit_mm2) = (R::of(f64::from(1.0 / PER_MM)), R::of(f64::from(1.0 / (PER_MM * PER_MM))));
         Some(SecondMoments {
-            x_mm: (R::of_i64(centre_x) + dx) * mm,
-            y_mm: (R::of_i64(centre_y) + dy) * mm,
-            variance_x_mm2: (mean(xx) - dx * dx) * mm2,
-            variance_y_mm2: (mean(yy) - dy * dy) * mm2,
-            covariance_mm2: (mean(xy) - dx * dy) * mm2,
+            x_mm: (R::of_i64(centre_x) + dx) * unit_mm,
+            y_mm: (R::of_i64(centre_y) + dy) * unit_mm,
+            variance_x_mm2: (mean(xx) - dx * dx) * unit_mm2,
+            variance_y_mm2: (mean(yy) - dy * dy) * unit_mm2,
+            covariance_mm2: (mean(xy) - dx * dy) * unit_mm2,
         })
     }
 }

@@ -153,7 +153,7 @@ impl Division {
     /// Indices of the cells of a region.
     #[inline]
     pub(crate) fn cells(&self, region: usize) -> Range<usize> {
-        let start = region.checked_sub(1).map_or(0, |before| self.ends[before]);
+        let start = region.checked_sub(1).map_or(0, |previous| self.ends[previous]);
         start..self.ends[region]
     }
 }
@@ -187,7 +187,7 @@ fn divide(cells: impl Iterator<Item = SetupCell>, capacity: usize) -> Result<Div
     let mut counts = [0usize; 8];
     let mut areas_mm2 = [0.0f32; 8];
     let mut corners = [((f32::MAX, f32::MAX), (f32::MIN, f32::MIN)); 8];
-    let mut last = 0;
+    let mut last_region = 0;
     let mut count = 0;
     for SetupCell { cell, calibration, .. } in cells {
         let number = count as u16;
@@ -201,10 +201,10 @@ fn divide(cells: impl Iterator<Item = SetupCell>, capacity: usize) -> Result<Div
             return Err(SetupError::Cell(number));
         }
         let region = cell.region as usize;
-        if region < last {
+        if region < last_region {
             return Err(SetupError::RegionOrder(number));
         }
-        last = region;
+        last_region = region;
         counts[region] += 1;
         areas_mm2[region] += cell.area_mm2;
         let (low, high) = &mut corners[region];

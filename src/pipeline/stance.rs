@@ -143,9 +143,9 @@ impl<R: Real> Stance<R> {
         (self.has_moved, self.has_walked) = (false, false);
     }
 
-    /// Processes frame number `seq`; `centre_mm` is the centre of pressure of the foot, mm. True if it confirms toe off; then the
-    /// curves are valid until the next call. Sequence numbers wrap, and a difference of more than 1 between two frames means that
-    /// frames are missing.
+    /// Processes frame number `seq`; `centre_mm` is the centre of pressure of the foot, mm. True if the frame confirms toe off;
+    /// then the curves are valid until the next call. Sequence numbers wrap, and a difference of more than 1 between two frames
+    /// means that frames are missing.
     pub fn push(
         &mut self,
         limits: &StanceLimits<R>,
@@ -154,7 +154,7 @@ impl<R: Real> Stance<R> {
         centre_mm: (R, R),
     ) -> bool {
         self.at_peak = 0;
-        let total_n: R = regions.iter().map(|r| r.force.force_n).sum();
+        let total_n: R = regions.iter().map(|region| region.force.force_n).sum();
         let missing = match self.phase {
             Phase::Unknown => 0,
             _ => seq.wrapping_sub(self.last_seq).wrapping_sub(1),
@@ -243,8 +243,8 @@ impl<R: Real> Stance<R> {
         self.constancy.frames() == limits.settle_frames
     }
 
-    /// Records that the foot is lifted: the present force is that of the shoe. True if this confirms toe off, as
-    /// [`Stance::push`].
+    /// Records that the foot is lifted: the present force is that of the shoe. True if this confirms toe off; then the curves are
+    /// valid until the next call of [`Stance::push`].
     #[cold]
     pub(crate) fn lift(&mut self, limits: &StanceLimits<R>) -> bool {
         self.is_lifted = true;

@@ -47,8 +47,8 @@ impl StanceRule {
         max_stance_ms: 2500,
         is_adaptive: true,
     };
-    /// As [`StanceRule::ADAPTIVE`], with fixed thresholds, as in the paper. The threshold of toe off is lower, and the force
-    /// seldom falls below it within a stance, so a shorter gap ends the stance.
+    /// The rule [`StanceRule::ADAPTIVE`] with fixed thresholds, as in the paper ([`super::model`]). The threshold of toe off is
+    /// lower, and the force seldom falls below it within a stance, so a shorter gap ends the stance.
     pub const ABSOLUTE: Self =
         Self { strike_n: 30.0, release_n: 20.0, min_swing_ms: 40, is_adaptive: false, ..Self::ADAPTIVE };
 

@@ -1,5 +1,7 @@
 //! Step evaluation: after a stance, evaluates the model on the area curves, and compares it with the measured force.
 //!
+//! Equation numbers are those of the paper that [`super::model`] implements.
+//!
 //! The area is not smoothed. The paper smooths it by a polynomial over the whole contact, which flattens a fast heel strike: the
 //! force is then predicted less accurately, with counted cells and with covered shares (docs/identification.md). The deformation
 //! rate is the difference over about 20 ms instead of that of Eq. 16 over one sample, because jumps of the area by single cells
@@ -62,7 +64,8 @@ pub struct RegionStep<R> {
     pub clamped: bool,
     /// Number of cells that were masked at toe off, at most 255.
     pub masked_cells: u8,
-    /// Relative change of K since the identification; 0 without tracking. [`RegionStep::new`] returns 0.
+    /// Relative change of the stiffness K since the identification; 0 without tracking ([`super::track`]). [`RegionStep::new`]
+    /// returns 0.
     pub stiffness_change: R,
     /// The standard measures. [`RegionStep::new`] returns zeros.
     pub measures: RegionMeasures<R>,
@@ -183,7 +186,7 @@ impl<R: Real> RegionStep<R> {
         }
 
         let (span, section_m2) = (rate_span(sample_s.to_f64()), law.section_m2());
-        let every = g.len().div_ceil(SUMMED);
+        let stride = g.len().div_ceil(SUMMED);
         let (mut squares, mut peak_at) = (R::ZERO, 0u32);
         for (i, (&g_here, &measured)) in g.iter().zip(measured_n).enumerate() {
             let (earlier, later) = rate_samples(i, g.len(), span);
@@ -193,7 +196,7 @@ impl<R: Real> RegionStep<R> {
             };
             let (elastic_pa, viscous_pa) = law.terms_pa(g_here, rate_per_s);
             let model = (section_m2 * (elastic_pa + viscous_pa)).max(R::ZERO);
-            if i % every == 0 && model > R::ZERO {
+            if i % stride == 0 && model > R::ZERO {
                 step.sums.add(section_m2 * elastic_pa, section_m2 * viscous_pa, measured);
             }
             step.model_peak_n = step.model_peak_n.max(model);

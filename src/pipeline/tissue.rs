@@ -52,8 +52,8 @@ impl Tissue {
         if self.id != Self::new(self.force_laws).id {
             return Err(TissueError::Id);
         }
-        let bad = Region::ALL.into_iter().zip(&self.force_laws).find(|(_, law)| !law.is_valid());
-        bad.map_or(Ok(()), |(region, _)| Err(TissueError::Region(region)))
+        let invalid = Region::ALL.into_iter().zip(&self.force_laws).find(|(_, law)| !law.is_valid());
+        invalid.map_or(Ok(()), |(region, _)| Err(TissueError::Region(region)))
     }
 }
 

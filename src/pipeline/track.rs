@@ -1,9 +1,10 @@
 //! Tracking: follows changes of the wearer's tissue and shoes since the identification, from step to step.
 //!
-//! The force law (Eq. 13) is linear in K and G. After each step, both are the least-squares solution over the recent steps, in
-//! which a step counts less the longer ago it was: recursive least squares with exponential forgetting, in the form that stores
-//! the sums of the normal equations of the two unknowns. A B, n and m remain those of the identification. The forces of a step
-//! are divided by its peak force, as in the identification, so steps with high and low forces have the same weight.
+//! The force law (Eq. 13, [`ForceLaw`]) is linear in the stiffness K and the damping G. After each step, both are the
+//! least-squares solution over the recent steps, in which a step counts less the longer ago it was: recursive least squares with
+//! exponential forgetting, in the form that stores the sums of the normal equations of the two unknowns. A B, n and m remain
+//! those of the identification. The forces of a step are divided by its peak force, as in the identification, so steps with high
+//! and low forces have the same weight.
 
 use super::model::ForceLaw;
 use super::step::{RegionStep, StepSums};
@@ -27,6 +28,7 @@ impl<R: Real> StepSums<R> {
     /// `peak_n`. The forces of the new step were computed with the identified K and G times `scale`.
     fn with(self, new: &Self, scale: [R; 2], peak_n: R) -> Self {
         let forgetting = R::of(FORGETTING);
+        // The factors of the elastic, the viscous and the measured force of the new step.
         let [e, v] = scale.map(|scale| R::ONE / (scale * peak_n));
         let f = R::ONE / peak_n;
         Self {

@@ -13,7 +13,8 @@ pub const CALIBRATION_BLOCKS: usize = DEVICE_CELLS / BLOCK_CELLS;
 /// Calibrations of [`BLOCK_CELLS`] successive cells. In the last block, those beyond the last cell of the insole are ignored.
 pub type CalibrationBlock = [CellCalibration; BLOCK_CELLS];
 
-/// Computes the identifier of a calibration, cell by cell.
+/// Computes the identifier of a calibration, cell by cell: the CRC-32 of the identifier up to the previous cell, and the cell's
+/// offset and gain.
 #[derive(Default)]
 pub struct CalibrationId(u32);
 
@@ -27,10 +28,10 @@ impl CalibrationId {
     pub fn add(&mut self, cells: &[CellCalibration]) {
         for cell in cells {
             let mut bytes = [0; 10];
-            let (before, after) = bytes.split_at_mut(4);
-            before.copy_from_slice(&self.0.to_le_bytes());
-            after[..2].copy_from_slice(&cell.offset.to_le_bytes());
-            after[2..].copy_from_slice(&cell.gain.to_le_bytes());
+            let (previous_id, calibration) = bytes.split_at_mut(4);
+            previous_id.copy_from_slice(&self.0.to_le_bytes());
+            calibration[..2].copy_from_slice(&cell.offset.to_le_bytes());
+            calibration[2..].copy_from_slice(&cell.gain.to_le_bytes());
             self.0 = crc32(&bytes);
         }
     }

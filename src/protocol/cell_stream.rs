@@ -3,8 +3,8 @@
 use super::cells::{CellCoder, CellStream, MAX_PACKED, Packed};
 use super::{ToHost, encode};
 
-/// Largest length of a message before the packed codes, bytes: tag, three numbers of 32 bits, the sum, and the length of the
-/// codes.
+/// Largest length of a message before the packed codes, bytes: the tag, three numbers of 32 bits in up to 5 bytes each, the sum
+/// in up to 3, and the length of the codes in up to 2.
 const MAX_HEAD: usize = 1 + 3 * 5 + 3 + 2;
 /// Number of packed frames that can wait for the carrier.
 const QUEUE: usize = 3;

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 /// Number of cells that share a width.
 const GROUP: usize = 8;
-/// Stands in the place of a width: the codes of the group follow as they are.
+/// Value in the place of a width which states that the codes of the group follow as they are, not as differences.
 const PLAIN: u32 = 15;
 /// Number of bits of a width.
 const WIDTH_BITS: u32 = 4;
@@ -81,9 +81,10 @@ impl CellStream {
     /// time between scans.
     pub fn fitting(self, cells: u32, period_us: u32, bytes_per_s: u32) -> Option<u8> {
         let frames_per_s = 1_000_000 / period_us.max(1);
-        let left = bytes_per_s.saturating_sub(LIVE_BYTES * frames_per_s);
-        let needed = self.frame_bytes(cells) * frames_per_s;
-        let every = needed.checked_div(left)? + u32::from(!needed.is_multiple_of(left));
+        let available_per_s = bytes_per_s.saturating_sub(LIVE_BYTES * frames_per_s);
+        let needed_per_s = self.frame_bytes(cells) * frames_per_s;
+        let every =
+            needed_per_s.checked_div(available_per_s)? + u32::from(!needed_per_s.is_multiple_of(available_per_s));
         u8::try_from(every.max(self.stride().into())).ok()
     }
 }
@@ -159,7 +160,7 @@ impl BitWriter<'_> {
         }
     }
 
-    /// Writes a unit of 16 bits. A unit is left, because the longest frame fits into MAX_PACKED bytes.
+    /// Writes a unit of 16 bits. `units` has room for it, because the longest frame fits into MAX_PACKED bytes.
     #[inline(always)]
     fn flush(&mut self) {
         if let Some(unit) = self.units.next() {
@@ -248,18 +249,18 @@ impl CellCoder {
 
     fn pack_groups<const BITS: u32>(&mut self, sequence: u32, codes: &[u16], packed: &mut [u8; MAX_PACKED]) -> Packed {
         let mut writer = BitWriter { units: packed.as_chunks_mut().0.iter_mut(), pending: 0, bits: 0 };
-        let (groups, rest) = codes.as_chunks();
+        let (groups, last_codes) = codes.as_chunks();
         let (groups_before, _) = self.codes.as_chunks_mut();
         let mut groups_before = groups_before.iter_mut();
         let mut sum = 0u32;
         for (codes, before) in groups.iter().zip(&mut groups_before) {
             sum += pack_group::<BITS>(&mut writer, codes, GROUP, before);
         }
-        if let (false, Some(before)) = (rest.is_empty(), groups_before.next()) {
+        if let (false, Some(before)) = (last_codes.is_empty(), groups_before.next()) {
             // The codes beyond the last cell are not packed.
             let mut codes = [0; GROUP];
-            codes[..rest.len()].copy_from_slice(rest);
-            sum += pack_group::<BITS>(&mut writer, &codes, rest.len(), before);
+            codes[..last_codes.len()].copy_from_slice(last_codes);
+            sum += pack_group::<BITS>(&mut writer, &codes, last_codes.len(), before);
         }
         Packed { sequence, sum: sum as u16, len: writer.finish() }
     }
@@ -317,15 +318,15 @@ fn pack_group<const BITS: u32>(
 ) -> u32 {
     let shift = 16 - BITS;
     let mut numbers = [0u32; GROUP];
-    let (mut all, mut sum) = (0, 0);
+    let (mut all_bits, mut sum) = (0, 0);
     for ((number, &code), before) in numbers.iter_mut().zip(codes).zip(before) {
         let code = code >> shift;
         *number = zigzag(i32::from(code) - i32::from(*before));
-        all |= *number;
+        all_bits |= *number;
         sum += u32::from(code);
         *before = code;
     }
-    let width = u32::BITS - all.leading_zeros();
+    let width = u32::BITS - all_bits.leading_zeros();
     if width >= PLAIN.min(BITS) {
         writer.push(PLAIN, WIDTH_BITS);
         codes[..count].iter().for_each(|&code| writer.push(u32::from(code >> shift), BITS));

@@ -82,7 +82,7 @@ impl Command {
 pub(super) struct Configured {
     /// The parameters in force.
     pub tissue: Tissue,
-    /// How they were identified, if this is known.
+    /// How the parameters in force were identified, if this is known.
     pub identified: Option<Identified>,
     /// The stored settings.
     pub settings: Option<Settings>,
@@ -117,7 +117,8 @@ pub enum CommandResult {
     Update(update::Progress),
 }
 
-/// An answer that waits for the carrier.
+/// An answer that waits for the carrier. It becomes the message of the same name of [`super::ToHost`] when it is sent, with the
+/// values of that time.
 #[derive(Debug)]
 pub(super) enum Answer {
     Status,

@@ -4,8 +4,7 @@
 /// Length of a day, us.
 const DAY_US: u64 = 86_400_000_000;
 
-/// Number of days of a month; `month` is 1 to 12. Not inlined: this code is compiled for speed, and would contain several
-/// copies.
+/// Number of days of a month; `month` is 1 to 12. The function is not inlined, because several copies would take flash.
 #[inline(never)]
 const fn month_days(year: u16, month: u8) -> u64 {
     match month {
@@ -41,7 +40,7 @@ pub fn to_current_time(unix_us: Option<u64>) -> [u8; 10] {
     let [low, high] = year.to_le_bytes();
     let fraction = (in_day_us % 1_000_000) * 256 / 1_000_000;
     let [day, hour, minute, second] =
-        [day.min(30) + 1, in_day_s / 3600, in_day_s / 60 % 60, in_day_s % 60].map(|v| v as u8);
+        [day.min(30) + 1, in_day_s / 3600, in_day_s / 60 % 60, in_day_s % 60].map(|number| number as u8);
     [low, high, month, day, hour, minute, second, weekday as u8, fraction as u8, 0]
 }
 

@@ -1,4 +1,5 @@
-//! The stream of ellipses: the contact ellipses of the regions, for display.
+//! The stream of ellipses: the contact ellipses of the regions, for display. The macro `quantities`, in the file of this name,
+//! documents the form of the declaration.
 
 use super::Refusal;
 use super::quantities::{quantities, region_bytes};
@@ -78,8 +79,8 @@ impl EllipseSender {
     /// Begins a stream with one of every `every` frames, or none for 0. `period_us` is the time between frames; `None` without a
     /// valid layout.
     pub(super) fn start(&mut self, every: u8, period_us: Option<u32>) -> Result<(), Refusal> {
-        let least = |period_us: u32| ELLIPSES_PERIOD_US.div_ceil(period_us.max(1)).min(u8::MAX.into()) as u8;
-        match period_us.map(least) {
+        let least_every = |period_us: u32| ELLIPSES_PERIOD_US.div_ceil(period_us.max(1)).min(u8::MAX.into()) as u8;
+        match period_us.map(least_every) {
             None if every > 0 => return Err(Refusal::NoLayout),
             Some(least) if every > 0 && every < least => return Err(Refusal::EllipseRate { every: least }),
             _ => *self = Self { every, ..Self::new() },

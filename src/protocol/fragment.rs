@@ -15,8 +15,11 @@ const LAST: u8 = 0x80;
 #[derive(Debug)]
 pub struct Splitter {
     message: [u8; MAX_MESSAGE],
+    /// Length of the message, bytes.
     len: usize,
+    /// Number of bytes of the message that were returned in fragments.
     sent: usize,
+    /// Number of the next fragment.
     next: u8,
     /// The parts have no headers.
     is_plain: bool,
@@ -38,7 +41,7 @@ impl Splitter {
         *self = Self { len: len.min(MAX_MESSAGE), sent: 0, next: 0, is_plain: false, ..*self };
     }
 
-    /// As [`Splitter::start`], for a message that contains its length, so that its parts need no headers.
+    /// Begins a message as [`Splitter::start`] does, for a message that contains its length, so that its parts need no headers.
     pub fn start_plain(&mut self, len: usize) {
         self.start(len);
         self.is_plain = true;
@@ -51,16 +54,16 @@ impl Splitter {
 
     /// Writes the next fragment into `fragment`, which has at least 6 bytes, and returns its length; `None` after the last one.
     pub fn next(&mut self, fragment: &mut [u8]) -> Option<usize> {
-        let rest = self.message.get(self.sent..self.len).filter(|rest| !rest.is_empty())?;
+        let unsent = self.message.get(self.sent..self.len).filter(|unsent| !unsent.is_empty())?;
         if self.is_plain {
-            let len = rest.len().min(fragment.len());
-            fragment[..len].copy_from_slice(&rest[..len]);
+            let len = unsent.len().min(fragment.len());
+            fragment[..len].copy_from_slice(&unsent[..len]);
             self.sent += len;
             return Some(len);
         }
         let (header, room) = fragment.split_first_mut()?;
-        let len = rest.len().min(room.len());
-        room[..len].copy_from_slice(&rest[..len]);
+        let len = unsent.len().min(room.len());
+        room[..len].copy_from_slice(&unsent[..len]);
         self.sent += len;
         *header = self.next | if self.is_done() { LAST } else { 0 };
         // Even the longest message in the shortest fragments has fewer than 128 of them, so the number fits 7 bits.

@@ -1,4 +1,5 @@
-//! The live stream: one message for each frame.
+//! The live stream: one message for each frame. The macro `quantities`, in the file of this name, documents the form of the
+//! declarations. Equation numbers are those of the paper that [`crate::pipeline::model`] implements.
 
 use super::quantities::{bits, quantities, region_bytes};
 use crate::num::Real;

@@ -30,6 +30,7 @@ pub fn front(header: &Header, image_bytes: u32) -> [u8; FRONT] {
     let [major, minor, revision] = header.number().unwrap_or_default();
     let [major, minor] = [major, minor].map(|number| u8::try_from(number).unwrap_or(u8::MAX));
     let mut front = [0; FRONT];
+    // The offsets are those of `struct image_header` in MCUboot: magic, header size, image size, and version.
     let (mcuboot, own) = front.split_at_mut(MCUBOOT_HEADER);
     mcuboot[..4].copy_from_slice(&MAGIC);
     mcuboot[8..10].copy_from_slice(&(FRONT as u16).to_le_bytes());
@@ -57,12 +58,12 @@ pub fn trailer(sha256: &Sha256, signature: &[u8; 64], key: &[u8; 32]) -> [u8; TR
     let mut trailer = [0; TRAILER];
     trailer[..2].copy_from_slice(&TRAILER_MAGIC);
     trailer[2..ENTRY].copy_from_slice(&(TRAILER as u16).to_le_bytes());
-    let mut at = ENTRY;
-    for ((kind, len), value) in ENTRIES.into_iter().zip([&sha256[..], signature, key]) {
-        trailer[at] = kind;
-        trailer[at + 2] = len as u8;
-        trailer[at + ENTRY..at + ENTRY + len].copy_from_slice(value);
-        at += ENTRY + len;
+    let mut start = ENTRY;
+    for ((entry_type, len), value) in ENTRIES.into_iter().zip([&sha256[..], signature, key]) {
+        trailer[start] = entry_type;
+        trailer[start + 2] = len as u8;
+        trailer[start + ENTRY..start + ENTRY + len].copy_from_slice(value);
+        start += ENTRY + len;
     }
     trailer
 }

@@ -51,7 +51,7 @@ pub enum ToHost {
     Identity(Identity),
     /// A block of a calibration is stored.
     CalibrationBlock {
-        /// Its number.
+        /// Number of the block.
         block: u8,
     },
     /// The answer to [`ToDevice::Update`].
@@ -192,12 +192,12 @@ pub enum ToDevice {
     /// Replaces the settings from the next start on, with `None` by the board's own configuration; answered by
     /// [`ToHost::Settings`] once they are stored, or by [`ToHost::Refused`].
     SetSettings(Option<Settings>),
-    /// As [`ToDevice::SetTissue`], for parameters that hold for one contact rule: refused if another rule is in force. If the
-    /// rule changes later, the parameters are not used any more.
+    /// Replaces the wearer's parameters, as [`ToDevice::SetTissue`] does, by parameters that hold for one contact rule; refused
+    /// if another rule is in force. If the rule changes later, the parameters are not used any more.
     SetIdentifiedTissue {
         /// The parameters.
         tissue: Tissue,
-        /// How they were identified.
+        /// How the parameters were identified.
         identified: Identified,
     },
     /// Asks for [`ToHost::Identified`].

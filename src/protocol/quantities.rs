@@ -2,7 +2,7 @@
 //! columns of files, the types of the web page for a phone and `docs/quantities.md` are derived. The modules of these messages
 //! hold the declarations.
 
-/// A quantity of a `T`: its encoding in messages, and its names in files.
+/// A quantity of a message or a part of a message, `T`: its encoding in messages, and its names in files.
 #[derive(Debug)]
 pub struct Quantity<T: 'static> {
     /// Field of `T`.
@@ -36,9 +36,9 @@ impl<T> Quantity<T> {
         self.unit == COUNT
     }
 
-    /// The value in [`Quantity::unit`], in the resolution of the message; `None` if `of` lacks this quantity.
-    pub fn in_unit(&self, of: &T) -> Option<f64> {
-        (self.value)(of).map(|value| value as f64 / f64::from(self.per_unit))
+    /// The value in [`Quantity::unit`], in the resolution of the message; `None` if `message` lacks this quantity.
+    pub fn in_unit(&self, message: &T) -> Option<f64> {
+        (self.value)(message).map(|value| value as f64 / f64::from(self.per_unit))
     }
 
     /// The JSON object that contains the quantity, if [`Quantity::key`] is nested, and the key in that object.
@@ -62,8 +62,8 @@ pub struct Flag<T: 'static> {
 
 impl<T> Flag<T> {
     /// True if region number `region` has the property.
-    pub fn is_set(&self, of: &T, region: usize) -> bool {
-        (self.regions)(of) >> region & 1 == 1
+    pub fn is_set(&self, message: &T, region: usize) -> bool {
+        (self.regions)(message) >> region & 1 == 1
     }
 }
 
@@ -142,11 +142,11 @@ macro_rules! quantities {
                         meaning: $meaning.trim_ascii(),
                         source: $source,
                         is_optional: quantities!(@optional $($present)?),
-                        value: |it| {
-                            $(if it.$present == 0 {
+                        value: |message| {
+                            $(if message.$present == 0 {
                                 return None;
                             })?
-                            Some(it.$field as i64)
+                            Some(message.$field as i64)
                         },
                     },
                 )?)*
@@ -159,7 +159,7 @@ macro_rules! quantities {
                         name: stringify!($field),
                         meaning: $meaning.trim_ascii(),
                         source: $flag_source,
-                        regions: |it| it.$field,
+                        regions: |message| message.$field,
                     },
                 )?)*
             ];
@@ -204,13 +204,13 @@ macro_rules! region_bytes {
                 let mut bytes = [0; 8 * REGION];
                 for (place, region) in bytes.chunks_exact_mut(REGION).zip(regions) {
                     let numbers = region.numbers();
-                    let ((words, rest), (pairs, last)) = (place.as_chunks_mut(), numbers.as_chunks());
+                    let ((words, last_bytes), (pairs, last)) = (place.as_chunks_mut(), numbers.as_chunks());
                     // Two numbers are written at once, which takes a third of the instructions that single numbers would take.
                     for (word, &[low, high]) in words.iter_mut().zip(pairs) {
                         *word = (u32::from(low as u16) | u32::from(high as u16) << 16).to_le_bytes();
                     }
                     if let [number] = last {
-                        rest.copy_from_slice(&number.to_le_bytes());
+                        last_bytes.copy_from_slice(&number.to_le_bytes());
                     }
                 }
                 serializer.serialize_bytes(&bytes)
@@ -231,7 +231,7 @@ macro_rules! region_bytes {
                             return Err(E::invalid_length(bytes.len(), &self));
                         }
                         let number = |i: usize| <$number>::from_le_bytes([bytes[2 * i], bytes[2 * i + 1]]);
-                        let region = |i: usize| core::array::from_fn(|k| number($region::NUMBERS * i + k));
+                        let region = |i: usize| core::array::from_fn(|field| number($region::NUMBERS * i + field));
                         Ok(core::array::from_fn(|i| $region::from_numbers(region(i))))
                     }
                 }

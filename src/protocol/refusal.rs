@@ -53,7 +53,8 @@ pub enum Refusal {
     /// The time for the wall clock is outside of [`CLOCK_US`](super::session::CLOCK_US).
     Clock,
     /// Another host has connected later over the insole's other carrier, and has the session. The insole answers every message
-    /// of this host, except a connect request, with this refusal until the other host ends its session or remains silent.
+    /// of this host, except a connect request, with this refusal until the other host ends its session or has been silent for
+    /// half a minute.
     OtherHost,
 }
 

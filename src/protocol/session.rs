@@ -381,8 +381,8 @@ impl Session {
                 Answer::CellStream(stream) => ToHost::CellStream(stream),
                 Answer::Setup => ToHost::Setup(self.configured.layout?.0),
                 Answer::SetupCells(first) => {
-                    let rest = self.configured.layout?.1.get(usize::from(first)..).unwrap_or_default();
-                    let cells = rest.iter().copied().take(SETUP_CELLS).collect();
+                    let from_first = self.configured.layout?.1.get(usize::from(first)..).unwrap_or_default();
+                    let cells = from_first.iter().copied().take(SETUP_CELLS).collect();
                     ToHost::SetupCells { first, cells }
                 }
                 Answer::Settings => ToHost::Settings(self.configured.settings),

@@ -22,7 +22,7 @@ pub struct Settings {
     /// Time between frames, us, within [`SETTABLE_PERIOD_US`].
     pub period_us: u32,
     /// Length of the insole divided by the length of the board's layout, within [`SCALE`]: coordinates of cells are multiplied by
-    /// it, and their areas by its square.
+    /// this scale, and their areas by its square.
     pub scale: f32,
 }
 
@@ -59,8 +59,8 @@ impl Settings {
         let rules = [contact.on_kpa, contact.off_kpa, contact.full_kpa, stance.strike_n, stance.release_n, scale];
         let times = [stance.min_stance_ms, stance.min_swing_ms, stance.max_stance_ms].map(u32::from);
         let mut bytes = [0; 4 * 12];
-        let rest = [stance.is_adaptive.into(), period_us, layout_id];
-        let words = rules.map(f32::to_bits).into_iter().chain(times).chain(rest);
+        let others = [stance.is_adaptive.into(), period_us, layout_id];
+        let words = rules.map(f32::to_bits).into_iter().chain(times).chain(others);
         for (place, word) in bytes.chunks_exact_mut(4).zip(words) {
             place.copy_from_slice(&word.to_le_bytes());
         }

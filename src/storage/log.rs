@@ -36,8 +36,8 @@ pub(super) enum Entry {
 const VERSION: u8 = 3;
 
 impl Entry {
-    /// Decodes an entry of this or an older version. `inline`, so that it is compiled with the board's package, for size, which
-    /// saves 3 KiB of flash.
+    /// Decodes an entry of this or an older version. The function is marked `inline`, so that it is compiled with the board's
+    /// package, which is optimised for size; this saves 3 KiB of flash.
     #[inline]
     pub(super) fn decode(bytes: &[u8]) -> Option<Self> {
         match bytes.split_first()? {
@@ -48,8 +48,8 @@ impl Entry {
         }
     }
 
-    /// Decodes an entry with steps of an older version. Not inlined, because otherwise each decoding reserves the stack for entries
-    /// of all versions.
+    /// Decodes an entry with steps of an older version. The function is not inlined, because otherwise each decoding reserves the
+    /// stack for entries of all versions.
     #[inline(never)]
     fn decode_old<S: Into<Step> + DeserializeOwned>(entry: &[u8]) -> Option<Self> {
         decode::<OldEntry<S>>(entry).map(Self::from)

@@ -77,6 +77,7 @@ impl StepHead {
 
 /// Decodes the bytes of a region of an older version, which is a prefix of the present one.
 fn region_of(bytes: &[u8]) -> StepRegion {
+    // More bytes than a region of the present version has.
     let mut padded = [0; 64];
     padded[..bytes.len()].copy_from_slice(bytes);
     // All numbers have a fixed length, so any bytes are a region. The numbers that the older version lacks are 0.

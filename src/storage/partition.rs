@@ -34,20 +34,20 @@ pub struct Partition<'a, F, const WRITE: usize> {
     /// The buffered page.
     page: [u8; CHUNK],
     /// Address of the buffered page in the chip; `None` if no page is buffered.
-    page_at: Option<u32>,
+    page_address: Option<u32>,
 }
 
 impl<'a, F, const WRITE: usize> Partition<'a, F, WRITE> {
     /// The partition with these addresses.
     pub fn new(chip: &'a Mutex<NoopRawMutex, F>, range: Range<u32>) -> Self {
-        Self { chip, range, page: [0; CHUNK], page_at: None }
+        Self { chip, range, page: [0; CHUNK], page_address: None }
     }
 
     /// The address in the chip of the `len` bytes at `offset`.
     ///
     /// # Errors
-    /// If they are not within the partition.
-    fn at(&self, offset: u32, len: u32) -> Result<u32, NorFlashErrorKind> {
+    /// If these bytes are not within the partition.
+    fn address(&self, offset: u32, len: u32) -> Result<u32, NorFlashErrorKind> {
         let room = (self.range.end - self.range.start).checked_sub(offset).ok_or(NorFlashErrorKind::OutOfBounds)?;
         if len <= room { Ok(self.range.start + offset) } else { Err(NorFlashErrorKind::OutOfBounds) }
     }
@@ -61,21 +61,21 @@ impl<F: ReadNorFlash, const WRITE: usize> ReadNorFlash for Partition<'_, F, WRIT
     const READ_SIZE: usize = 1;
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
-        let mut at = self.at(offset, bytes.len() as u32)?;
+        let mut address = self.address(offset, bytes.len() as u32)?;
         if bytes.len() >= CHUNK {
-            return self.chip.lock().await.read(at, bytes).await.map_err(|error| error.kind());
+            return self.chip.lock().await.read(address, bytes).await.map_err(|error| error.kind());
         }
         for byte in bytes {
-            let within = at as usize % CHUNK;
-            let page_at = at - within as u32;
-            if self.page_at != Some(page_at) {
-                self.page_at = None;
-                self.chip.lock().await.read(page_at, &mut self.page).await.map_err(|error| error.kind())?;
-                self.page_at = Some(page_at);
+            let index = address as usize % CHUNK;
+            let page_address = address - index as u32;
+            if self.page_address != Some(page_address) {
+                self.page_address = None;
+                self.chip.lock().await.read(page_address, &mut self.page).await.map_err(|error| error.kind())?;
+                self.page_address = Some(page_address);
                 yield_now().await;
             }
-            *byte = self.page[within];
-            at += 1;
+            *byte = self.page[index];
+            address += 1;
         }
         Ok(())
     }
@@ -90,15 +90,15 @@ impl<F: NorFlash, const WRITE: usize> NorFlash for Partition<'_, F, WRITE> {
     const ERASE_SIZE: usize = F::ERASE_SIZE;
 
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
-        self.page_at = None;
-        let start = self.at(from, to.saturating_sub(from))?;
+        self.page_address = None;
+        let start = self.address(from, to.saturating_sub(from))?;
         let end = start + to.saturating_sub(from);
         self.chip.lock().await.erase(start, end).await.map_err(|error| error.kind())
     }
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
-        self.page_at = None;
-        let at = self.at(offset, bytes.len() as u32)?;
-        self.chip.lock().await.write(at, bytes).await.map_err(|error| error.kind())
+        self.page_address = None;
+        let address = self.address(offset, bytes.len() as u32)?;
+        self.chip.lock().await.write(address, bytes).await.map_err(|error| error.kind())
     }
 }

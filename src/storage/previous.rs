@@ -20,13 +20,13 @@ const NOTE: usize = Header::BYTES + 4;
 /// check that it recognises this word.
 const SWAP: u8 = 0xf0;
 
-/// The note about the previous image, which `running` replaced.
+/// Computes the note about the previous image in the chip, which the image with the header `running` replaced.
 async fn note<F: NorFlash>(flash: &mut F, running: &Header) -> Result<[u8; NOTE], NorFlashErrorKind> {
     let mut note = [0; NOTE];
     note[..Header::BYTES].copy_from_slice(&running.bytes());
     let (mut digest, mut page) = (CRC.digest(), [0; CHUNK]);
-    for at in (IMAGE..IMAGE + MAX_IMAGE).step_by(CHUNK) {
-        flash.read(at, &mut page).await.map_err(|error| error.kind())?;
+    for address in (IMAGE..IMAGE + MAX_IMAGE).step_by(CHUNK) {
+        flash.read(address, &mut page).await.map_err(|error| error.kind())?;
         digest.update(&page);
         yield_now().await;
     }
@@ -77,8 +77,8 @@ pub async fn swap_back<F: NorFlash>(flash: &mut F, running: &Header) -> Result<b
     let progress = STATE.start + 2 * STATE_WORD as u32;
     let end = progress + 2 * (MAX_IMAGE / SECTOR) * STATE_WORD as u32;
     flash.erase(STATE.start, STATE.end).await.map_err(|error| error.kind())?;
-    for at in (progress..end).step_by(STATE_WORD) {
-        flash.write(at, &[0; STATE_WORD]).await.map_err(|error| error.kind())?;
+    for address in (progress..end).step_by(STATE_WORD) {
+        flash.write(address, &[0; STATE_WORD]).await.map_err(|error| error.kind())?;
     }
     // This word is written last: after a loss of power before it, the running image remains.
     flash.write(STATE.start, &[SWAP; STATE_WORD]).await.map_err(|error| error.kind())?;

@@ -27,11 +27,11 @@ const OTHER_SLOT: u8 = 0x80;
 /// What the store does with its chip.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Use {
-    /// It reads and writes everything.
+    /// The store reads and writes everything.
     All,
-    /// It reads the bonds only.
+    /// The store reads the bonds only.
     Bonds,
-    /// It reads and writes nothing.
+    /// The store reads and writes nothing.
     None,
 }
 
@@ -80,7 +80,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         if self.used_for == Use::All { Ok(()) } else { Err(StorageError::Chip) }
     }
 
-    /// The contents: determined by [`Store::open`] and updated since.
+    /// The contents of the chip: determined by [`Store::begin`] and updated since.
     pub fn contents(&self) -> Contents {
         self.contents
     }
@@ -186,11 +186,11 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// See [`StorageError`].
     pub async fn put_calibration(&mut self, layout_id: u32, cells: u16, id: u32) -> Result<bool, StorageError> {
         let calibration = CalibrationRecord { layout_id, cells, id, slot: self.free_slot().await? };
-        let found = self.calibration_id(&calibration).await?;
-        if found == Some(id) {
+        let is_complete = self.calibration_id(&calibration).await? == Some(id);
+        if is_complete {
             self.put(0, &calibration).await?;
         }
-        Ok(found == Some(id))
+        Ok(is_complete)
     }
 
     /// Reads the calibration in force; `None` if it is incomplete or belongs to another layout.
@@ -224,16 +224,16 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// The checksum of the stored cells of a calibration; `None` if a block is missing.
     async fn calibration_id(&mut self, calibration: &CalibrationRecord) -> Result<Option<u32>, StorageError> {
         let mut id = CalibrationId::new();
-        let mut left = usize::from(calibration.cells);
-        for block in 0..left.div_ceil(BLOCK_CELLS) as u8 {
+        let mut remaining = usize::from(calibration.cells);
+        for block in 0..remaining.div_ceil(BLOCK_CELLS) as u8 {
             let Some(cells) = self.calibration_block(calibration, block).await? else { return Ok(None) };
-            id.add(&cells[..left.min(BLOCK_CELLS)]);
-            left -= left.min(BLOCK_CELLS);
+            id.add(&cells[..remaining.min(BLOCK_CELLS)]);
+            remaining -= remaining.min(BLOCK_CELLS);
         }
         Ok(Some(id.id()))
     }
 
-    /// Appends a load record to the log. A full log drops its oldest ones; returns their number.
+    /// Appends a load record to the log. A full log drops its oldest load records; returns the number of dropped ones.
     ///
     /// # Errors
     /// See [`StorageError`].
@@ -263,10 +263,10 @@ impl<F: MultiwriteNorFlash> Store<F> {
                 Err(Error::FullStorage) => {}
                 pushed => return pushed.map(|()| 0),
             }
-            let before = oldest(log, buffer).await?;
+            let oldest_before = oldest(log, buffer).await?;
             log.push(bytes, true).await?;
-            let after = oldest(log, buffer).await?;
-            Ok(before.zip(after).map_or(0, |(before, after)| after.wrapping_sub(before)))
+            let oldest_after = oldest(log, buffer).await?;
+            Ok(oldest_before.zip(oldest_after).map_or(0, |(before, after)| after.wrapping_sub(before)))
         })
         .await
     }
@@ -327,7 +327,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         }
         let Self { flash, guard, log, buffer, contents, .. } = self;
         guard.postpones_erasure = true;
-        let remain = log
+        let has_more = log
             .with_queue(flash, guard, async |log| {
                 let mut entries = log.iter().await?;
                 while let Some(entry) = entries.next(buffer).await? {
@@ -344,7 +344,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         if core::mem::take(&mut guard.has_postponed) {
             log.forget();
         }
-        remain
+        has_more
     }
 }
 

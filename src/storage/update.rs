@@ -131,14 +131,14 @@ impl Update {
 
     /// Writes the next bytes of the image, which must not extend beyond the present page ([`CHUNK`] bytes) of the chip.
     pub(super) async fn write<F: NorFlash>(&mut self, flash: &mut F, bytes: &[u8]) -> Result<(), Refusal> {
-        let at = OTHER.start + self.received;
+        let address = OTHER.start + self.received;
         if self.received == 0 {
             previous::forget(flash).await?;
         }
-        if at.is_multiple_of(SECTOR) {
-            flash.erase(at, at + SECTOR).await.map_err(|error| error.kind())?;
+        if address.is_multiple_of(SECTOR) {
+            flash.erase(address, address + SECTOR).await.map_err(|error| error.kind())?;
         }
-        flash.write(at, bytes).await.map_err(|error| error.kind())?;
+        flash.write(address, bytes).await.map_err(|error| error.kind())?;
         self.received += bytes.len() as u32;
         Ok(())
     }
@@ -180,8 +180,8 @@ async fn is_signed<F: NorFlash>(
     signature: &[u8; 64],
 ) -> Result<bool, NorFlashErrorKind> {
     let (mut digest, mut page) = (Sha512::new(), [0; CHUNK]);
-    for at in (OTHER.start..OTHER.start + len).step_by(CHUNK) {
-        flash.read(at, &mut page).await.map_err(|error| error.kind())?;
+    for address in (OTHER.start..OTHER.start + len).step_by(CHUNK) {
+        flash.read(address, &mut page).await.map_err(|error| error.kind())?;
         digest.update(&page);
         yield_now().await;
     }

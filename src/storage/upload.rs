@@ -40,27 +40,27 @@ impl Update {
         }
         let offer = self.offer.ok_or(Refusal::NotBegun)?;
         let image_bytes = u32::from(offer.chunks) * CHUNK as u32;
-        let next = FRONT as u32 + self.received;
-        let skipped = next.checked_sub(part.offset).map(|skipped| skipped as usize);
-        let data = skipped.and_then(|skipped| part.data.get(skipped..)).unwrap_or_default();
+        let expected = FRONT as u32 + self.received;
+        let skipped = expected.checked_sub(part.offset).map(|skipped| skipped as usize);
+        let new_bytes = skipped.and_then(|skipped| part.data.get(skipped..)).unwrap_or_default();
         if self.file.is_some() {
-            return Ok(next + TRAILER as u32);
+            return Ok(expected + TRAILER as u32);
         }
         if self.received < image_bytes {
-            let mut data = &data[..data.len().min((image_bytes - self.received) as usize)];
-            while !data.is_empty() {
+            let mut unwritten = &new_bytes[..new_bytes.len().min((image_bytes - self.received) as usize)];
+            while !unwritten.is_empty() {
                 // Number of bytes to the end of this page of the chip.
                 let room = CHUNK - self.received as usize % CHUNK;
-                let (page, rest) = data.split_at(data.len().min(room));
+                let (page, rest) = unwritten.split_at(unwritten.len().min(room));
                 self.write(flash, page).await?;
-                data = rest;
+                unwritten = rest;
             }
             return Ok(FRONT as u32 + self.received);
         }
-        if data.is_empty() {
-            return Ok(next);
+        if new_bytes.is_empty() {
+            return Ok(expected);
         }
-        let (name, signature, _) = read_trailer(data).ok_or(Refusal::Incomplete)?;
+        let (name, signature, _) = read_trailer(new_bytes).ok_or(Refusal::Incomplete)?;
         if *name != sha256(&offer.header, image_bytes, Place::Chip(flash)).await? {
             *self = Self::new();
             return Err(Refusal::Signature);
@@ -68,7 +68,7 @@ impl Update {
         let (signature, _) = signature.as_chunks();
         self.offer = Some(Offer { signature: [signature[0], signature[1]], ..offer });
         self.file = Some(*name);
-        Ok(next + TRAILER as u32)
+        Ok(expected + TRAILER as u32)
     }
 
     /// Begins the transfer of a file, or continues that of the same file.
@@ -137,15 +137,15 @@ enum Place<'a, F> {
 /// The SHA-256 that names an image with this header and length. Other tasks can run after each chunk.
 async fn sha256<F: NorFlash>(header: &Header, image_bytes: u32, mut place: Place<'_, F>) -> Result<Sha256, Refusal> {
     let mut digest = sha2::Sha256::new_with_prefix(front(header, image_bytes));
-    for at in (0..image_bytes).step_by(CHUNK) {
+    for offset in (0..image_bytes).step_by(CHUNK) {
         let mut chunk = [0xff; CHUNK];
         match &mut place {
             Place::Chip(flash) => {
-                flash.read(OTHER.start + at, &mut chunk).await.map_err(|error| error.kind())?;
+                flash.read(OTHER.start + offset, &mut chunk).await.map_err(|error| error.kind())?;
             }
             Place::Memory(image) => {
-                let rest = image.get(at as usize..).unwrap_or_default();
-                chunk.iter_mut().zip(rest).for_each(|(byte, own)| *byte = *own);
+                let from_offset = image.get(offset as usize..).unwrap_or_default();
+                chunk.iter_mut().zip(from_offset).for_each(|(byte, image_byte)| *byte = *image_byte);
             }
         }
         digest.update(chunk);
@@ -155,7 +155,7 @@ async fn sha256<F: NorFlash>(header: &Header, image_bytes: u32, mut place: Place
 }
 
 /// The SHA-256 that names the running image. As in the file of the image, `image` is padded with 0xff to whole chunks. The
-/// first argument only states `F`, so that the function above is compiled for one type of chip only.
+/// first argument only states `F`, so that the function `sha256` is compiled for one type of chip only.
 pub async fn sha256_of_running<F: NorFlash>(_: &F, header: &Header, image: &[u8]) -> Sha256 {
     let image_bytes = image.len().next_multiple_of(CHUNK) as u32;
     // Reading memory does not fail.

@@ -110,22 +110,22 @@ pub fn recording(
     let mut spans = Vec::new();
     // The force changes from one activity to the next within this number of frames.
     let ramp = (0.3 * rate_hz) as usize;
-    let mut last = 0.0;
+    let mut last_load = 0.0;
     for (activity, seed) in activities.iter().zip(seed..) {
         let start = all.pressure_kpa.len() / frame_kpa.len();
         let loads: Vec<f64> = match activity.steps() {
             None => (0..(seconds * rate_hz) as usize).map(|i| activity.load(i as f64 / rate_hz)).collect(),
             Some(_) => vec![0.0],
         };
-        let first = loads[0];
-        let rise = (0..ramp).map(|i| last + (first - last) * i as f64 / ramp as f64);
+        let first_load = loads[0];
+        let rise = (0..ramp).map(|i| last_load + (first_load - last_load) * i as f64 / ramp as f64);
         for load in rise.chain(loads.iter().copied()) {
             all.pressure_kpa.extend(frame_kpa.iter().map(|kpa| (f64::from(*kpa) * load * weight_n / frame_n) as f32));
         }
         if let Some((stance_s, swing_s, peak)) = activity.steps() {
             all.pressure_kpa.extend(walk(stance_s, swing_s, peak, seed).pressure_kpa);
         }
-        last = *loads.last().unwrap_or(&0.0);
+        last_load = *loads.last().unwrap_or(&0.0);
         spans.push((*activity, start + ramp..all.pressure_kpa.len() / frame_kpa.len()));
     }
     // Lengths are in proportion to the cube root of the weight, so that a child has small feet. The unscaled layout is that of
@@ -144,7 +144,7 @@ pub fn recording(
 /// The number of activities that have a kind, and the number of them that are in load bouts of this kind for most of their
 /// time.
 pub fn recognised(spans: &[Span], found: &Found, period_us: u64) -> (usize, usize) {
-    let (mut labelled, mut right) = (0, 0);
+    let (mut labelled, mut correct) = (0, 0);
     for (activity, frames) in spans {
         let Some(kind) = activity.kind() else { continue };
         let covered = found.bouts.iter().filter(|bout| bout.kind == kind).map(|bout| {
@@ -153,7 +153,7 @@ pub fn recognised(spans: &[Span], found: &Found, period_us: u64) -> (usize, usiz
             end.min(frames.end).saturating_sub(start.max(frames.start))
         });
         labelled += 1;
-        right += usize::from(2 * covered.sum::<usize>() > frames.len());
+        correct += usize::from(2 * covered.sum::<usize>() > frames.len());
     }
-    (labelled, right)
+    (labelled, correct)
 }

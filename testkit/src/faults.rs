@@ -88,8 +88,8 @@ pub fn walk(recording: &Recording, contact: ContactRule, tissue: Option<&Tissue>
         if insole.frame(i as u32, &codes) {
             toe_offs_s.push(t_s);
         }
-        let force = |r: &plantar::pipeline::live::RegionLoad<f32>| {
-            (f64::from(r.tissue.model_n), f64::from(r.frame.force.force_n))
+        let force = |load: &plantar::pipeline::live::RegionLoad<f32>| {
+            (f64::from(load.tissue.model_n), f64::from(load.frame.force.force_n))
         };
         forces_n.push(insole.loads().each_ref().map(force));
     }
@@ -210,23 +210,23 @@ impl Loaded {
         let mut from = 0;
         for toe_off_s in toe_offs_s.iter().take(8) {
             let to = (toe_off_s * recording.rate_hz) as usize;
-            let mut most = vec![0u16; count];
+            let mut peak_codes = vec![0u16; count];
             let mut codes = vec![0; count];
             for i in core::mem::replace(&mut from, to)..to {
                 virtual_insole.codes_of(recording, i, &mut codes);
-                most.iter_mut().zip(&codes).for_each(|(most, &code)| *most = code.max(*most));
+                peak_codes.iter_mut().zip(&codes).for_each(|(peak, &code)| *peak = code.max(*peak));
             }
             let law = virtual_insole.setup.sensor;
             let loaded_code = crate::code_of(&law, f64::from(LOADED_KPA));
-            loaded.iter_mut().zip(&most).for_each(|(loaded, &most)| *loaded &= most > loaded_code);
+            loaded.iter_mut().zip(&peak_codes).for_each(|(loaded, &peak)| *loaded &= peak > loaded_code);
         }
         let cells = &virtual_insole.cells;
         let is_inner = |i: usize| {
-            let this = &cells[i].cell;
-            let pitch_mm = this.area_mm2.sqrt();
+            let centre = &cells[i].cell;
+            let pitch_mm = centre.area_mm2.sqrt();
             let around: Vec<_> = (0..count)
                 .filter(|&j| j != i)
-                .map(|j| (j, cells[j].cell.x_mm - this.x_mm, cells[j].cell.y_mm - this.y_mm))
+                .map(|j| (j, cells[j].cell.x_mm - centre.x_mm, cells[j].cell.y_mm - centre.y_mm))
                 .filter(|(_, dx, dy)| dx.abs().max(dy.abs()) <= 1.5 * pitch_mm)
                 .collect();
             around.len() >= 8 && around.iter().all(|&(j, ..)| loaded[j])
@@ -282,7 +282,7 @@ pub fn model_error(clean: &Clean, draws: usize, seed: u64) -> ModelError {
     }
     let tissue = parameters.tissue();
     let truth = walk(recording, contact, Some(&tissue), &[]);
-    // Shorted cells are detected within two steps, so that they are masked from the fifth step on.
+    // Shorted cells are detected within two steps, so all of them are masked from the fifth step on.
     let from = (truth.toe_offs_s[3] * recording.rate_hz) as usize;
     let error = |outcome: &Outcome| {
         let regions = (0..Region::ALL.len()).filter_map(|region| {

@@ -132,7 +132,7 @@ impl Carrier for Central {
             let Some((channel, value)) = radio.borrow_mut().to_central.pop_front() else {
                 return Err(io::ErrorKind::NotConnected.into());
             };
-            let Some((_, joiner)) = self.joiners.iter_mut().find(|(of, _)| *of == channel) else { continue };
+            let Some((_, joiner)) = self.joiners.iter_mut().find(|(joined, _)| *joined == channel) else { continue };
             match joiner.push(&value).ok().flatten().map(decode) {
                 None => {}
                 Some(None) => self.damaged += 1,

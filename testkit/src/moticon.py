@@ -56,9 +56,9 @@ def steps(book, number):
 
 walks = []
 with tarfile.open(sys.argv[1]) as archive:
-    data = f"{archive.getnames()[0].split('/')[0]}/tests/testdata"
+    folder = f"{archive.getnames()[0].split('/')[0]}/tests/testdata"
     for walk, report in WALKS:
-        export = archive.extractfile(f"{data}/230927_{walk}.txt").read().decode()
-        book = zipfile.ZipFile(archive.extractfile(f"{data}/gait_report_230927_{report}.xlsx"))
+        export = archive.extractfile(f"{folder}/230927_{walk}.txt").read().decode()
+        book = zipfile.ZipFile(archive.extractfile(f"{folder}/gait_report_230927_{report}.xlsx"))
         walks.append({"export": export, "steps": [list(steps(book, sheet)) for sheet in (2, 3)]})
 json.dump(walks, sys.stdout)

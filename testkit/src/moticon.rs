@@ -125,7 +125,7 @@ pub fn compare(python: &Path, archive: &Path) -> Agreement {
 /// The feet of a walk, from the importer.
 fn feet_of(walk: Walk) -> impl Iterator<Item = Foot> {
     let export = moticon::parse(walk.export.as_bytes(), Path::new("walk.txt"), None).expect("the export is read");
-    assert!(export.feet.iter().map(|foot| foot.side).eq([Side::Left, Side::Right]), "both feet");
+    assert!(export.feet.iter().map(|foot| foot.side).eq([Side::Left, Side::Right]), "the export has both feet");
     export.feet.into_iter().zip(walk.steps).map(|(recording, steps)| Foot {
         force_n: (0..recording.frames()).map(|i| recording.force_n(i)).collect(),
         t_s: recording.t_s,
@@ -151,11 +151,12 @@ fn compare_steps(foot: &Foot, found: &[[f64; 3]], differences: &mut [Vec<f64>; 3
 /// phase.
 fn compare_strides([own, other]: [&Foot; 2], strides: &[Stride], differences: &mut [Vec<f64>; 4]) {
     for stride in strides {
-        let begins = own.step_at(stride.start_s);
-        let within = stride.other_s.and_then(|t_s| other.step_at(t_s));
-        let (Some(begins), Some(within)) = (begins, within) else { continue };
-        let both = begins.double_support_s.zip(within.double_support_s).map(|(first, second)| first + second);
-        let vendor_s = [begins.stride_s, within.to_other_s, begins.double_support_s, both];
+        let own_step = own.step_at(stride.start_s);
+        let other_step = stride.other_s.and_then(|t_s| other.step_at(t_s));
+        let (Some(own_step), Some(other_step)) = (own_step, other_step) else { continue };
+        let phases_s = own_step.double_support_s.zip(other_step.double_support_s);
+        let both_s = phases_s.map(|(first_s, second_s)| first_s + second_s);
+        let vendor_s = [own_step.stride_s, other_step.to_other_s, own_step.double_support_s, both_s];
         let keys = ["stride_time_s", "step_time_s", "first_double_support_s", "double_support_s"];
         for ((key, vendor_s), differences) in keys.into_iter().zip(vendor_s).zip(&mut *differences) {
             let found_s = MEASURES.iter().position(|measure| measure.key == key).and_then(|i| stride.values[i]);

@@ -191,20 +191,21 @@ impl Bench {
                 }
             }
             // After a start the insole reads its stored steps while it answers the first requests.
-            let all = steps.last().map_or(known.acknowledged.confirmed, |last| last + 1) == status.contents.next_record;
+            let has_all =
+                steps.last().map_or(known.acknowledged.confirmed, |last| last + 1) == status.contents.next_record;
             requests += 1;
-            if steps.len() == before && (all || requests > MAX_REQUESTS) {
+            if steps.len() == before && (has_all || requests > MAX_REQUESTS) {
                 break;
             }
         }
         let oldest = steps.first().copied().unwrap_or(status.contents.next_record);
         let is_gapless = steps.iter().copied().eq(oldest..status.contents.next_record);
-        let most = known.acknowledged.pending.unwrap_or(known.acknowledged.confirmed);
+        let latest = known.acknowledged.pending.unwrap_or(known.acknowledged.confirmed);
         let checks = [
             (known.tissue_id.allows(&tissue_id), "parameters"),
             (known.serial.allows(&identity.serial), "serial number"),
             (known.calibration_id.allows(&identity.calibration_id), "calibration"),
-            (is_gapless && (known.acknowledged.confirmed..=most).contains(&oldest), "oldest step"),
+            (is_gapless && (known.acknowledged.confirmed..=latest).contains(&oldest), "oldest step"),
             // The insole may have recorded one more step than those that arrived.
             ((known.arrived..=known.arrived + 1).contains(&status.contents.next_record), "steps"),
             (status.contents.erased == 0 && status.not_stored == 0, "counters of the chip"),
@@ -223,14 +224,14 @@ impl Bench {
     pub fn round(&mut self, stride: u32) -> u32 {
         self.round += 1;
         let mut cuts = 0;
-        for at in (self.round as u32 % stride..).step_by(stride as usize) {
-            let (known, chip, was_cut) = self.session(Some(at));
+        for operation in (self.round as u32 % stride..).step_by(stride as usize) {
+            let (known, chip, was_cut) = self.session(Some(operation));
             if !was_cut {
                 break;
             }
             cuts += 1;
             if let Err(error) = self.check(&known, &chip) {
-                panic!("round {}, power cut in operation {at}: {error}", self.round);
+                panic!("round {}, power cut in operation {operation}: {error}", self.round);
             }
         }
         let (known, chip, was_cut) = self.session(None);

@@ -488,15 +488,15 @@ struct EventCheck {
 
 impl EventCheck {
     fn new(scenario: &Scenario) -> Self {
-        let n = scenario.insoles;
+        let insoles = scenario.insoles;
         Self {
-            insoles: n,
+            insoles,
             last_s: 0.0,
             end_s: scenario.duration_s,
-            busy_until_s: vec![0.0; n],
-            off_until_s: vec![0.0; n],
-            cut_until_s: vec![0.0; n],
-            is_following: vec![false; n],
+            busy_until_s: vec![0.0; insoles],
+            off_until_s: vec![0.0; insoles],
+            cut_until_s: vec![0.0; insoles],
+            is_following: vec![false; insoles],
         }
     }
 
@@ -535,7 +535,9 @@ impl EventCheck {
                 text.parse::<SensorFault>().map_err(|error| error.to_string())?;
             }
             Event::SetSerial(serial) if Serial::new(serial).is_none() => {
-                return Err(format!("`{serial}` is no serial number: use at most 16 ASCII characters without spaces"));
+                return Err(format!(
+                    "`{serial}` is not a valid serial number: use at most 16 ASCII characters without spaces"
+                ));
             }
             Event::Connect { .. } => self.is_following[insole] = true,
             Event::Acknowledge(_) | Event::ValueLength(_) => {}
@@ -635,9 +637,9 @@ impl Outcome {
                 differences.push(format!("{name}: expected {expected}, found {found}"));
             }
         };
-        let all: usize = self.insoles.iter().map(|insole| insole.host.steps().count()).sum();
+        let steps_of_all: usize = self.insoles.iter().map(|insole| insole.host.steps().count()).sum();
         if let Some(steps) = expect.steps {
-            compare("steps", steps.to_string(), all.to_string());
+            compare("steps", steps.to_string(), steps_of_all.to_string());
         }
         if let Some(bouts) = &expect.bouts {
             let found: Vec<_> = self.insoles[0].host.bouts().map(|bout| bout.kind.name()).collect();
@@ -696,7 +698,7 @@ impl Outcome {
             compare(
                 "frames per second",
                 format!("{:?}", Some(rate_hz)),
-                format!("{:?}", hello.map(|h| 1_000_000 / h.period_us)),
+                format!("{:?}", hello.map(|hello| 1_000_000 / hello.period_us)),
             );
         }
         if let Some(serial) = &expect.serial {

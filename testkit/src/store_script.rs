@@ -55,8 +55,8 @@ impl Content {
             Action::Bonds(value) => content.bonds = Some(value),
             Action::Calibration(value) => content.calibration = Some(value),
             Action::Step => content.steps.1 += 1,
-            Action::AcknowledgeAllBut(rest) => {
-                content.steps.0 = content.steps.0.max(content.steps.1.saturating_sub(rest));
+            Action::AcknowledgeAllBut(newest) => {
+                content.steps.0 = content.steps.0.max(content.steps.1.saturating_sub(newest));
             }
             Action::Restart => content.boots += 1,
         }
@@ -114,7 +114,7 @@ async fn act(store: &mut TestStore<'_>, action: Action, content: &Content) -> Re
             assert_eq!(store.push_record(step(content.steps.1)).await?, 0, "the log must have room");
             Ok(())
         }
-        Action::AcknowledgeAllBut(rest) => match content.steps.1.checked_sub(rest + 1) {
+        Action::AcknowledgeAllBut(newest) => match content.steps.1.checked_sub(newest + 1) {
             Some(last) if last >= content.steps.0 => store.acknowledge(last).await,
             _ => Ok(()),
         },
@@ -228,7 +228,7 @@ impl Script {
         let mut chip = chip.restarted();
         let outcomes = outcomes(&content, action);
         let mut failures = Vec::new();
-        let found = outcomes.into_iter().find(|outcome| {
+        let actual = outcomes.into_iter().find(|outcome| {
             // The check uses a copy of the chip, because opening the store counts a boot and so changes the chip.
             let mut chip = chip.clone();
             block_on(async {
@@ -236,7 +236,7 @@ impl Script {
                 check_content(&mut store, outcome).await.map_err(|error| failures.push(error)).is_ok()
             })
         });
-        let Some(found) = found else {
+        let Some(actual) = actual else {
             return Err(format!("cut {torn:?} in operation {at}, {action:?}: {}", failures.join("; ")));
         };
         let again = [
@@ -247,7 +247,7 @@ impl Script {
             Action::Step,
             Action::AcknowledgeAllBut(1),
         ];
-        let (content, _) = run(&mut chip, found, &again);
+        let (content, _) = run(&mut chip, actual, &again);
         block_on(async { check_content(&mut Store::open(Some(&mut chip), Reset::Power).await, &content).await })
             .map_err(|error| format!("after a cut {torn:?} in operation {at}, {action:?}: {error}"))
     }

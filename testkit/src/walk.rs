@@ -58,8 +58,8 @@ impl Codes {
 
     /// Number of frames of a walk with this number of steps.
     fn walk_frames(&self, steps: u32) -> usize {
-        let (loops, rest) = (steps as usize / LOOP_STEPS, steps as usize % LOOP_STEPS);
-        loops * self.frames() + rest.checked_sub(1).map_or(0, |last| self.step_ends[last])
+        let (loops, further_steps) = (steps as usize / LOOP_STEPS, steps as usize % LOOP_STEPS);
+        loops * self.frames() + further_steps.checked_sub(1).map_or(0, |last| self.step_ends[last])
     }
 }
 
@@ -160,8 +160,8 @@ impl Wearer {
             }
             Some((Activity { posture: Some(posture), .. }, frame)) => {
                 let share = posture.share(frame as f64 * period_us as f64 * 1e-6);
-                for (code, &most) in codes.iter_mut().zip(&self.codes.flat) {
-                    *code = (f64::from(most) * share) as u16;
+                for (code, &flat) in codes.iter_mut().zip(&self.codes.flat) {
+                    *code = (f64::from(flat) * share) as u16;
                 }
             }
             None => codes[..*cells].fill(0),

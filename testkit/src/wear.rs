@@ -137,9 +137,10 @@ pub struct WearResult {
 pub fn compare(walk: &Recording, contact: ContactRule, residual: Residual, level_kpa: f32) -> WearResult {
     let truth = find(walk, contact, StanceRule::ADAPTIVE);
     let worn = find(&with_residual(walk.clone(), residual, level_kpa), contact, StanceRule::ADAPTIVE);
-    let most = (0.04 * walk.rate_hz) as usize;
+    let tolerance_frames = (0.04 * walk.rate_hz) as usize;
     let is_same = |a: &FoundStep, b: &FoundStep| {
-        a.start.abs_diff(b.start) <= most && (a.start + a.frames).abs_diff(b.start + b.frames) <= most
+        let ends = (a.start + a.frames, b.start + b.frames);
+        a.start.abs_diff(b.start) <= tolerance_frames && ends.0.abs_diff(ends.1) <= tolerance_frames
     };
     let errors: Vec<f64> = truth
         .steps

@@ -140,11 +140,11 @@ impl FrameClock for Clock {
                 while counters.heartbeats.pending_frames() >= *queue {
                     wait_with_heartbeats(counters, FRAME_EVALUATED.wait()).await;
                 }
-                let this = *tick;
-                *tick = this.wrapping_add(1);
-                request(port, TICK, this);
+                let current_tick = *tick;
+                *tick = current_tick.wrapping_add(1);
+                request(port, TICK, current_tick);
                 while wait_with_heartbeats(counters, answer(port)).await != [TICK, TICK] {}
-                first.wrapping_add(this)
+                first.wrapping_add(current_tick)
             }
         }
     }

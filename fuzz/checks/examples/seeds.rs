@@ -273,7 +273,7 @@ fn session(recording: &Recording, virtual_insole: &VirtualInsole) -> Vec<Vec<u8>
 fn stream(messages: &[Vec<u8>]) -> Vec<u8> {
     let mut file = Vec::new();
     for (i, message) in messages.iter().enumerate() {
-        let message = decode(message).expect("it was encoded");
+        let message = decode(message).expect("the message was encoded by this program");
         for insole in [0, 1] {
             append(&mut file, i as u32 * 20, insole, &message).expect("the file is in memory");
         }
@@ -343,10 +343,12 @@ fn vendor() {
     const COLUMNS: usize = 5;
     const FRAMES: usize = 30;
     let kpa = |frame: usize, row: usize, column: usize| {
-        // The load moves from the heel, the last row, to the toes. `late` is the time until the row is loaded most.
+        // The load moves from the heel, the last row, to the toes. `late` is the time until the row is loaded most, as
+        // a share of the step.
         let late = (ROWS - 1 - row) as f64 / ROWS as f64 - frame as f64 / FRAMES as f64;
         (200.0 * (1.0 - 9.0 * late * late).max(0.0) * (1.0 - 0.1 * column as f64)).round()
     };
+    // `scale` is the pressure of 1 kPa in the unit of the format: 7.5 mmHg or 0.1 N/cm².
     let table = |frame: usize, separator: &str, scale: f64| -> String {
         let row = |row: usize| {
             let fields = (0..COLUMNS).map(|column| format!("{:.1}", kpa(frame, row, column) * scale));
@@ -449,7 +451,7 @@ fn pedar() -> Vec<u8> {
     }
     text += "\0file name: walk\npressure values in kPa\ntime[secs] 1 2 1 2\n";
     for i in 0..50 {
-        let kpa = [0, 200, 0, 100].map(|most| if (10..40).contains(&i) { most } else { 0 });
+        let kpa = [0, 200, 0, 100].map(|peak_kpa| if (10..40).contains(&i) { peak_kpa } else { 0 });
         text += &format!("{:.2} {} {} {} {}\n", f64::from(i) * 0.02, kpa[0], kpa[1], kpa[2], kpa[3]);
     }
     text.into_bytes()

@@ -6,7 +6,7 @@ use parameters::{Parameters, Participant, TissueMeasurements};
 use recording::Zero;
 use std::path::Path;
 
-/// Checks one input; bytes that are no text are ignored, as TOML files are read as text.
+/// Checks one input; bytes that are not UTF-8 are ignored, because TOML files are read as text.
 pub fn check(data: &[u8]) {
     let Ok(text) = str::from_utf8(data) else { return };
     let path = Path::new("fuzz.toml");

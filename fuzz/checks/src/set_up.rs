@@ -9,7 +9,7 @@ use plantar::pipeline::setup::DEVICE_CELLS;
 use plantar::pipeline::tissue::Tissue;
 use std::io::Read;
 
-/// Size of eight force laws, bytes.
+/// Size of the force laws of eight regions, six numbers of four bytes each.
 const FORCE_LAWS: usize = 8 * 6 * 4;
 
 /// Checks one input.
@@ -23,6 +23,7 @@ pub fn check(data: &[u8]) {
     walk::<f64>(setup, &tissue, frames);
 }
 
+/// Passes the frames through an insole with this set-up, which computes in the precision `R`.
 fn walk<R: Real>(setup: &[u8], tissue: &Tissue, frames: &[u8]) {
     let Some((config, cells)) = read_setup(|at, buffer| setup.get(at..).and_then(|mut rest| rest.read(buffer).ok()))
     else {

@@ -82,8 +82,8 @@ fn word(at: u32) -> u32 {
 fn save_crash_record_and_reset(cause: u32, pc: Option<u32>, from: u32) -> ! {
     cortex_m::interrupt::disable();
     let mut calls = [0; CALLS];
-    let found = (from..stack().1).step_by(4).filter_map(|at| call_before(word(at)));
-    for (place, call) in calls.iter_mut().zip(pc.into_iter().chain(found)) {
+    let stacked_calls = (from..stack().1).step_by(4).filter_map(|at| call_before(word(at)));
+    for (place, call) in calls.iter_mut().zip(pc.into_iter().chain(stacked_calls)) {
         *place = call;
     }
     let checks = WATCHDOG.lock(|watchdog| watchdog.get().checks());
@@ -241,6 +241,7 @@ impl Text {
             .push_number(record.checks % per_s)
             .push(" s at");
         for &call in record.calls.iter().take_while(|&&call| call != 0) {
+            // An address takes a space and eight digits.
             if self.0.len() + 9 > MAX_FAULT_TEXT {
                 break;
             }
@@ -259,12 +260,14 @@ fn call_before(word: u32) -> Option<u32> {
     }
     let (start, end) = (addr_of!(__stext) as u32, addr_of!(__etext) as u32);
     // Bit 0 marks Thumb code.
-    let back = word.checked_sub(1).filter(|back| back % 2 == 0 && (start + 4..end).contains(back))? as *const u16;
-    // SAFETY: the two halfwords before `back` are code.
-    let (first, second) = unsafe { (back.sub(2).read(), back.sub(1).read()) };
+    let is_code = |address: &u32| address % 2 == 0 && (start + 4..end).contains(address);
+    let return_address = word.checked_sub(1).filter(is_code)? as *const u16;
+    // SAFETY: the two halfwords before `return_address` are code.
+    let (first, second) = unsafe { (return_address.sub(2).read(), return_address.sub(1).read()) };
+    // The encodings of BL (immediate) and BLX (register) in the ARMv7-M Architecture Reference Manual.
     let is_branch_with_link = first & 0xf800 == 0xf000 && second & 0xd000 == 0xd000;
     let is_branch_to_register = second & 0xff87 == 0x4780;
-    (is_branch_with_link || is_branch_to_register).then_some(back as u32 - 2)
+    (is_branch_with_link || is_branch_to_register).then_some(return_address as u32 - 2)
 }
 
 /// Deepest use of the stack so far, bytes: the part that no longer contains the pattern that `cortex-m-rt` wrote at the start.

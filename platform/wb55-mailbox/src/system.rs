@@ -25,7 +25,7 @@ pub enum SystemEvent {
 }
 
 impl SystemEvent {
-    /// Decodes a packet, from its H4 byte on; `None` if it is no event of the system.
+    /// Decodes a packet, from its H4 byte on; `None` if it is not a system event.
     pub fn decode(packet: &[u8]) -> Option<Self> {
         let &[EVENT, VENDOR, _, low, high, ref parameters @ ..] = packet else { return None };
         Some(match (u16::from_le_bytes([low, high]), parameters) {
@@ -37,7 +37,8 @@ impl SystemEvent {
     }
 }
 
-/// The status in the reply to the command `opcode`, 0 for success; `None` if the packet, from its H4 byte on, is no such reply.
+/// The status in the reply to the command `opcode`, 0 for success; `None` if the packet, from its H4 byte on, is not such a
+/// reply.
 pub fn reply_status(packet: &[u8], opcode: u16) -> Option<u8> {
     match packet {
         &[REPLY, COMMAND_COMPLETE, _, _, low, high, status, ..] if u16::from_le_bytes([low, high]) == opcode => {

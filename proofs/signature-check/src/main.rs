@@ -40,8 +40,8 @@ struct Chip;
 impl Chip {
     /// The stored bytes at these addresses; `None` in an empty sector.
     fn bytes(range: Range<u32>) -> impl Iterator<Item = Option<&'static AtomicU8>> {
-        let of = |start: u32, sector: &'static Sector, at: u32| sector.get(at.checked_sub(start)? as usize);
-        range.map(move |at| of(OTHER.start, &IMAGE, at).or_else(|| of(STATE.start, &MARK, at)))
+        let byte_in = |start: u32, sector: &'static Sector, at: u32| sector.get(at.checked_sub(start)? as usize);
+        range.map(move |at| byte_in(OTHER.start, &IMAGE, at).or_else(|| byte_in(STATE.start, &MARK, at)))
     }
 }
 

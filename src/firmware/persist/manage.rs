@@ -51,7 +51,8 @@ impl Persist<'_> {
         };
         if let Request::SetImage { sha256, is_confirmed } = request {
             let is_received = self.update.received().is_some_and(|received| Some(received.sha256) == *sha256);
-            match (*is_confirmed, sha256.is_none_or(|sha256| sha256 == running)) {
+            let is_running = sha256.is_none_or(|sha256| sha256 == running);
+            match (*is_confirmed, is_running) {
                 (false, false) if is_received => {
                     let mut marked = pin!(self.update.mark(flash, &KEY));
                     poll_fn(|context| poll_separately(marked.as_mut(), context)).await?;

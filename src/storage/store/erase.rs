@@ -41,7 +41,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         }
         records(&mut self.flash, &mut self.guard)?.remove_item(&mut self.buffer, &FILLER).await?;
         if self.log.range() != SMALL_LOG {
-            // Version 0.2 had its log there in a chip of any size.
+            // Firmware version 0.2 had its log in this range in a chip of any size.
             self.erase_used(SMALL_LOG, &progressed).await?;
         }
         // The oldest sectors are erased first, so that the rest is a valid log if power fails.

@@ -52,11 +52,11 @@ impl Sectors {
         let config = QueueConfig::try_new(self.range()).map_err(|_| StorageError::Chip)?;
         let Self { states, .. } = core::mem::replace(self, Self::new(self.range()));
         let mut queue = QueueStorage::new(flash, config, states);
-        let done = work(&mut queue).await;
-        if done.is_ok() {
+        let result = work(&mut queue).await;
+        if result.is_ok() {
             self.states = queue.destroy().1;
         }
-        Ok(done?)
+        Ok(result?)
     }
 
     /// The addresses of the sector that is being filled and of the one before it, which contain the newest entry. `None` if the

@@ -33,6 +33,7 @@ impl Survey {
     // A new chip is blank. An area with foreign data, or damaged beyond repair, could not store anything unless it is erased. It
     // is not erased if anything in it can be read, because a newer firmware may have written the rest.
 
+    /// True if the chip must be repaired, or an area erased, before the store can use it.
     fn needs_change(&self) -> bool {
         self.needs_repair || self.has_no_records() || self.has_no_log()
     }
@@ -49,9 +50,9 @@ impl Survey {
 /// Numbers of entries in the log.
 #[derive(Clone, Copy, Default)]
 struct Count {
-    /// In a format that this firmware knows.
+    /// Number of entries in a format that this firmware knows.
     known: u32,
-    /// In a newer format.
+    /// Number of entries in a newer format.
     newer: u32,
 }
 
@@ -88,8 +89,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
         let mut survey = self.survey().await;
         let agreed = loop {
             let areas = self.areas(&survey).await;
-            let again = self.survey().await;
-            if again == survey && areas == self.areas(&survey).await {
+            let repeated = self.survey().await;
+            if repeated == survey && areas == self.areas(&survey).await {
                 self.guard.is_read_only = false;
                 let Some(areas) = areas else { break survey };
                 // This survey repairs the areas, where possible.
@@ -101,7 +102,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
                 self.clear(&repaired, areas).await;
                 break repaired;
             }
-            survey = again;
+            survey = repeated;
             self.contents.contradictions += 1;
             if self.contents.contradictions == CONTRADICTIONS_TO_GIVE_UP {
                 self.used_for = Use::None;
@@ -181,13 +182,13 @@ impl<F: MultiwriteNorFlash> Store<F> {
         let Self { flash, buffer, .. } = self;
         let mut area = Area { checksum: 0, is_blank: true, has_data_after_first_entry: false };
         let mut digest = CRC.digest();
-        for at in range.clone().step_by(buffer.len()) {
+        for address in range.clone().step_by(buffer.len()) {
             if let Some(flash) = flash {
-                let is_read = flash.read(at, buffer).await.is_ok();
+                let is_read = flash.read(address, buffer).await.is_ok();
                 digest.update(buffer);
                 let is_blank = is_read && buffer.iter().all(|byte| *byte == 0xff);
                 area.is_blank &= is_blank;
-                area.has_data_after_first_entry |= !is_blank && at > range.start;
+                area.has_data_after_first_entry |= !is_blank && address > range.start;
             }
         }
         area.checksum = digest.finalize();
@@ -222,7 +223,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
     }
 
     /// Counts the entries in the newest sectors of the log, and determines the number of the next load record. Reads the whole
-    /// log if its newest entry is not there.
+    /// log if its newest entry is not in these sectors.
     async fn survey_log(&mut self) -> Result<u32, StorageError> {
         // Sectors of which all entries were deleted remain until the log is next read. A survey that repairs reads the whole log:
         // in a part of it, `sequential-storage` could erase such a sector although the log begins before it.

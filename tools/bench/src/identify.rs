@@ -108,10 +108,10 @@ fn exact(figures: &mut Figures) {
         let samples = Samples::new([&curves], Filter::Direct);
         let (found, _) = most_probable(&samples, prior);
         nrmse = nrmse.max(found.squares.sqrt());
-        let t = law(region);
-        let truth = [t.ab_m2, t.stiffness_pa, t.damping_pa_s, t.n, t.m];
+        let law = law(region);
+        let truth = [law.ab_m2, law.stiffness_pa, law.damping_pa_s, law.n, law.m];
         let errors =
-            five(&found, samples.area_max_m2).into_iter().zip(truth).map(|(got, truth)| (got / truth - 1.0).abs());
+            five(&found, samples.area_max_m2).into_iter().zip(truth).map(|(value, truth)| (value / truth - 1.0).abs());
         parameters = errors.fold(parameters, f64::max);
     }
     figures.add(
@@ -138,7 +138,7 @@ fn most_probable(samples: &Samples, prior: &Prior) -> (Identified, interval::Noi
 /// correlated.
 fn coverage(figures: &mut Figures) {
     let mut least = 1.0f64;
-    let mut all = 0.0;
+    let mut mean = 0.0;
     for (region, prior) in WALKERS.iter().enumerate() {
         let mut covered = [0.0; 5];
         for seed in 0..COVERAGE_REPEATS {
@@ -169,11 +169,11 @@ fn coverage(figures: &mut Figures) {
         }
         least = covered.into_iter().fold(least, f64::min);
         // The mean over eight regions with five parameters each.
-        all += covered.iter().sum::<f64>() / 40.0;
+        mean += covered.iter().sum::<f64>() / 40.0;
     }
     figures.add(
         "fit_coverage",
-        round(all, 4),
+        round(mean, 4),
         "0.90 to 0.99: fraction of true values inside their 95 % interval, correlated residuals, all regions",
     );
     figures.add("fit_coverage_least", round(least, 4), "the same for the parameter and region with the least coverage");

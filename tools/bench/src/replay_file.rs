@@ -71,10 +71,10 @@ pub fn measure(python: &Path, plantar: &Path, figures: &mut Figures) -> Result<(
     let day = directory.path().join("day");
     std::fs::create_dir(&day)?;
     let frames = SECONDS_PER_HOUR * walk.rate_hz as usize;
-    let mut rest = walk.clone();
-    rest.pressure_kpa.fill(0.0);
+    let mut unloaded = walk.clone();
+    unloaded.pressure_kpa.fill(0.0);
     for hour in 0..HOURS {
-        let of_hour = if hour % 3 == 0 { &walk } else { &rest };
+        let of_hour = if hour % 3 == 0 { &walk } else { &unloaded };
         repeated(of_hour, hour * frames, frames).write(day.join(format!("{hour:02}.parquet")))?;
     }
     let command = [plantar.as_os_str(), "replay".as_ref(), day.as_os_str()];

@@ -36,8 +36,8 @@ pub fn fitted(walks: &[Recording], contact: ContactRule) -> Result<Vec<Study>> {
     Ok(studies)
 }
 
-/// The mean, %, of the fraction that `of` returns, over the walkers with a fit of the region for which it has a value.
-pub fn mean_percent(studies: &[Study], region: usize, of: fn(&RegionFit) -> Option<f64>) -> f64 {
-    let values: Vec<f64> = studies.iter().filter_map(|study| of(study.fits[region].as_ref().ok()?)).collect();
+/// The mean, %, of the fraction that `fraction` returns, over the walkers with a fit of the region for which it has a value.
+pub fn mean_percent(studies: &[Study], region: usize, fraction: fn(&RegionFit) -> Option<f64>) -> f64 {
+    let values: Vec<f64> = studies.iter().filter_map(|study| fraction(study.fits[region].as_ref().ok()?)).collect();
     values.iter().sum::<f64>() / values.len() as f64 * 100.0
 }

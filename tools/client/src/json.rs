@@ -57,17 +57,17 @@ fn region_to_json(step: &Step, i: usize) -> Value {
     object.into()
 }
 
-/// Inserts quantities under their keys. A nested object is null if its quantities have no value.
+/// Inserts the quantities of a message, or of a part of one, under their keys. A nested object is null if its quantities have no value.
 pub(crate) fn insert<T: 'static>(
     object: &mut Map<String, Value>,
     quantities: impl IntoIterator<Item = &'static Quantity<T>>,
-    of: &T,
+    message: &T,
 ) {
     for quantity in quantities {
         let value = if quantity.per_unit == 1 {
-            (quantity.value)(of).map(Value::from)
+            (quantity.value)(message).map(Value::from)
         } else {
-            quantity.in_unit(of).map(Value::from)
+            quantity.in_unit(message).map(Value::from)
         };
         match (quantity.path(), value) {
             ((None, key), value) => {

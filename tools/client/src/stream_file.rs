@@ -83,6 +83,7 @@ pub struct DamagedAt(pub usize);
 #[derive(Clone, Debug)]
 pub struct Entries<'f> {
     file: &'f [u8],
+    /// Offset of the next entry, bytes.
     at: usize,
     is_damaged: bool,
 }

@@ -106,7 +106,7 @@ fn pauses_and_missing_steps_are_counted_and_not_used() {
     // lacks the left step.
     assert_eq!(counts, [(8, 2, 0), (9, 1, 1)]);
     assert_means(&gait, "step_time_s", [STRIDE_S - LAG_S, LAG_S]);
-    let doubles = gait.feet.each_ref().map(|foot| foot.measures[index("double_support_s")].map(|it| it.count));
+    let doubles = gait.feet.each_ref().map(|foot| foot.measures[index("double_support_s")].map(|mean| mean.count));
     // The first left stride has no right step before it, and the first right stride in use after the missing step has no left
     // step directly before it.
     assert_eq!(doubles, [Some(7), Some(8)]);

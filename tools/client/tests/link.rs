@@ -75,8 +75,8 @@ impl Carrier for Insole {
         let hello = Hello {
             major: MAJOR,
             minor: MINOR,
-            firmware: state.firmware.try_into().expect("it is short"),
-            board: "test".try_into().expect("it is short"),
+            firmware: state.firmware.try_into().expect("the text is short"),
+            board: "test".try_into().expect("the text is short"),
             side: Side::Left,
             layout_id: 1,
             cells: 240,
@@ -143,7 +143,7 @@ fn a_lost_carrier_is_reported_once_and_opened_again() {
 fn a_message_that_cannot_be_sent_ends_the_session() {
     let insole = Insole::new();
     let mut link = insole.connect().expect("an insole");
-    link.start().expect("it streams");
+    link.start().expect("the insole streams");
     insole.state().is_unplugged = true;
     link.send(ToDevice::GetStatus);
     assert!(matches!(link.next_event(), Ok(Event::Lost(Error::Carrier(_)))));
@@ -154,12 +154,12 @@ fn a_message_that_cannot_be_sent_ends_the_session() {
 fn a_request_without_an_answer_is_repeated_in_another_session() {
     let insole = Insole::new();
     let mut link = insole.connect().expect("an insole");
-    link.start().expect("it streams");
-    link.recover(Error::NoAnswer(POLICY.answer, 0)).expect("it concerns the link");
+    link.start().expect("the insole streams");
+    link.recover(Error::NoAnswer(POLICY.answer, 0)).expect("the error concerns the link");
     assert!(matches!(link.next_event(), Ok(Event::Lost(Error::NoAnswer(..)))));
     assert!(matches!(next(&insole, &mut link), Ok(Event::Started(SessionStart::Reconnected))));
     assert!(matches!(link.recover(Error::Refused(Refusal::Busy)), Err(Error::Refused(Refusal::Busy))));
-    link.recover(Error::Refused(Refusal::OtherHost)).expect("it concerns the link");
+    link.recover(Error::Refused(Refusal::OtherHost)).expect("the error concerns the link");
     expect_live(&insole, &mut link);
 }
 
@@ -167,7 +167,7 @@ fn a_request_without_an_answer_is_repeated_in_another_session() {
 fn a_silent_insole_is_first_connected_over_the_same_carrier() {
     let insole = Insole::new();
     let mut link = insole.connect().expect("an insole");
-    link.start().expect("it streams");
+    link.start().expect("the insole streams");
     // The insole restarts, so its stream is off.
     insole.state().session = Session::new();
     assert!(matches!(next(&insole, &mut link), Ok(Event::Started(SessionStart::AfterSilence))));
@@ -184,7 +184,7 @@ fn a_silent_insole_is_first_connected_over_the_same_carrier() {
 fn a_session_that_another_host_has_taken_is_reported_once_and_not_taken_back() {
     let insole = Insole::new();
     let mut link = insole.connect().expect("an insole");
-    link.start().expect("it streams");
+    link.start().expect("the insole streams");
     let mut reports = 0;
     for _ in 0..40 {
         insole.state().session.refuse(Refusal::OtherHost);
@@ -205,7 +205,7 @@ fn a_session_that_another_host_has_taken_is_reported_once_and_not_taken_back() {
 fn a_link_to_an_insole_that_does_not_return_is_given_up() {
     let insole = Insole::new();
     let mut link = insole.connect().expect("an insole");
-    link.start().expect("it streams");
+    link.start().expect("the insole streams");
     insole.state().is_unplugged = true;
     assert!(matches!(link.next_event(), Ok(Event::Lost(_))));
     assert!(matches!(next(&insole, &mut link), Err(Error::Open(_))));
@@ -226,8 +226,8 @@ fn a_restart_is_waited_for_until_the_check_accepts_the_hello() {
         }
         was_silent.then(|| hello.firmware.clone())
     });
-    assert!(matches!(version, Err(Error::NoAnswer(..))), "it stays silent");
+    assert!(matches!(version, Err(Error::NoAnswer(..))), "the insole stays silent");
     insole.state().is_silent = false;
     let version = link.wait_for_restart(|hello, _| (checks > 1).then(|| hello.firmware.clone()));
-    assert_eq!(version.expect("it is back"), "2.0.0");
+    assert_eq!(version.expect("the insole answers again"), "2.0.0");
 }

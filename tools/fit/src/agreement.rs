@@ -23,7 +23,7 @@ pub struct FootRepeatability {
     pub rows: Vec<VariableRow>,
 }
 
-/// Errors below this fraction of the mean are due to rounding.
+/// A standard error or detectable change below this fraction of the mean is due to rounding, and is reported as 0.
 const ROUNDING: f64 = 1e-7;
 
 /// The repeatability of a variable.
@@ -73,8 +73,8 @@ impl Agreement {
 
 impl VariableRow {
     /// The median of a number over the regions that have it; `None` if no region has it.
-    pub fn median(&self, of: impl Fn(&Agreement) -> Option<f64>) -> Option<f64> {
-        let values: Vec<f64> = self.regions.iter().flatten().filter_map(of).collect();
+    pub fn median(&self, number: impl Fn(&Agreement) -> Option<f64>) -> Option<f64> {
+        let values: Vec<f64> = self.regions.iter().flatten().filter_map(number).collect();
         (!values.is_empty()).then(|| crate::steps::median(values))
     }
 }
@@ -257,11 +257,11 @@ import sys, numpy as np
 x = np.loadtxt(sys.stdin)
 n, k = x.shape
 person, trial = np.repeat(np.eye(n), k, 0), np.tile(np.eye(k), (n, 1))
-def rest(*design):
+def squares(*design):
     a = np.hstack([np.ones((n * k, 1)), *design])
     return np.sum((x.ravel() - a @ np.linalg.lstsq(a, x.ravel(), rcond=None)[0]) ** 2)
-none, both = rest(), rest(person, trial)
-r, c, e = (rest(trial) - both) / (n - 1), (rest(person) - both) / (k - 1), both / ((n - 1) * (k - 1))
+none, both = squares(), squares(person, trial)
+r, c, e = (squares(trial) - both) / (n - 1), (squares(person) - both) / (k - 1), both / ((n - 1) * (k - 1))
 print((r - e) / (r + (k - 1) * e + k / n * (c - e)), np.sqrt(e + max(c - e, 0) / n))
 ";
 

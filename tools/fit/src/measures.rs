@@ -258,14 +258,14 @@ const STEP: f64 = 1e-4;
 
 /// The normalised deformation g, 0 to 1, at which an increasing function reaches `value`, by bisection; `None` if the function
 /// is smaller at g = 1.
-fn inverse(of: &dyn Fn(f64) -> f64, value: f64) -> Option<f64> {
+fn inverse(function: &dyn Fn(f64) -> f64, value: f64) -> Option<f64> {
     let (mut low, mut high) = (0.0, 1.0);
-    if of(high) < value {
+    if function(high) < value {
         return None;
     }
     for _ in 0..60 {
         let middle = (low + high) / 2.0;
-        if of(middle) < value { low = middle } else { high = middle }
+        if function(middle) < value { low = middle } else { high = middle }
     }
     Some(high)
 }

@@ -1,6 +1,6 @@
 //! What is known about the parameters of a region before any step is recorded: their distribution among people.
 //!
-//! Five numbers cannot be determined from every region: the data of a region with a peak force of a few newtons, or of a few
+//! The five parameters of a force law cannot be determined from every region: the data of a region with a peak force of a few newtons, or of a few
 //! steps, leave the shape of its force law open, and least squares then ends at a bound. The identification therefore maximises
 //! the posterior density: the residuals are weighed against the deviation of the shape from that of a cohort of walkers
 //! (empirical Bayes). The scale of the force, K, is left to the data: it depends on the sensor, the shoe and the person, and
@@ -161,11 +161,11 @@ impl Prior {
 
     /// The most probable parameters close to `near`. `noise` is the variance of an independent residual.
     pub fn refine(&self, samples: &Samples, near: &Identified, noise: f64) -> Identified {
-        let found = self.search(samples, start(near), noise);
-        parameters(&found.at, found.squares, found.evaluations)
+        let end = self.search(samples, start(near), noise);
+        parameters(&end.at, end.squares, end.evaluations)
     }
 
-    fn search(&self, samples: &Samples, start: Coordinates, noise: f64) -> Found {
+    fn search(&self, samples: &Samples, start: Coordinates, noise: f64) -> SearchEnd {
         let posterior = Posterior::new(self, samples, noise, start);
         let (end, report) =
             LevenbergMarquardt::new().with_tol(TOLERANCE).with_gtol(TOLERANCE).with_patience(20).minimize(posterior);
@@ -173,7 +173,7 @@ impl Prior {
         let end = Posterior::new(self, samples, noise, end.at);
         let residuals = end.law.residuals();
         let squares = residuals.norm_squared();
-        Found {
+        SearchEnd {
             at: end.at,
             squares,
             objective: squares + noise * self.rows(&end.at).iter().map(|row| row * row).sum::<f64>(),
@@ -183,7 +183,7 @@ impl Prior {
 }
 
 /// The end of a search.
-struct Found {
+struct SearchEnd {
     at: Coordinates,
     /// Sum of the squared residuals of the force.
     squares: f64,
@@ -196,7 +196,9 @@ struct Found {
 struct Posterior<'s> {
     prior: &'s Prior,
     law: NonNegativeForce<'s>,
+    /// Number of samples.
     samples: usize,
+    /// Standard deviation of an independent residual.
     root_noise: f64,
     at: Coordinates,
 }

@@ -166,11 +166,11 @@ fn fit_to_json(fit: &Result<RegionFit, NotFitted>, counted_nrmse: Option<f64>) -
     let (law, e, q) = (&fit.law, &fit.ellipsoid, &fit.quality);
     let intervals = fit.uncertainty.as_ref().map(|uncertainty| {
         let names = ["ab_m2", "stiffness_pa", "damping_pa_s", "n", "m"];
-        let of = |i: &Interval| {
+        let interval_to_json = |i: &Interval| {
             json!({ "jacobian": i.jacobian, "bootstrap": i.bootstrap, "at_bound": i.at_bound, "told": i.is_identifiable })
         };
         let all: Map<String, Value> =
-            names.iter().zip(&uncertainty.intervals).map(|(name, i)| ((*name).into(), of(i))).collect();
+            names.iter().zip(&uncertainty.intervals).map(|(name, i)| ((*name).into(), interval_to_json(i))).collect();
         json!({ "order": FIVE, "intervals_95": all, "correlation": uncertainty.correlation })
     });
     json!({
@@ -178,8 +178,8 @@ fn fit_to_json(fit: &Result<RegionFit, NotFitted>, counted_nrmse: Option<f64>) -
         "steps": fit.steps,
         "area_max_mm2": fit.area_max_m2 * 1e6,
         "quantities": fit.measures.iter().map(|m| {
-            let of = json!({ "value": m.value, "interval_95": m.interval, "is_determined": m.is_determined() });
-            (m.quantity.name(), of)
+            let measure = json!({ "value": m.value, "interval_95": m.interval, "is_determined": m.is_determined() });
+            (m.quantity.name(), measure)
         }).collect::<Map<String, Value>>(),
         "identified": {
             "ab_m2": law.ab_m2, "stiffness_pa": law.stiffness_pa, "damping_pa_s": law.damping_pa_s,
@@ -221,18 +221,18 @@ fn fit_to_json(fit: &Result<RegionFit, NotFitted>, counted_nrmse: Option<f64>) -
 }
 
 fn effect_to_json(effect: &ScaleEffect) -> Value {
-    let of = |values: &ScaledValues| {
+    let to_json = |values: &ScaledValues| {
         json!({
             "c_mm": values.c_m * 1e3,
             "secant_stiffness_n_mm": values.secant_stiffness_n_mm,
             "secant_modulus_kpa": values.secant_modulus_kpa,
         })
     };
-    json!({ "change_percent": SCALE_CHANGE * 100.0, "at_less": of(&effect.at_less), "at_more": of(&effect.at_more) })
+    json!({ "change_percent": SCALE_CHANGE * 100.0, "at_less": to_json(&effect.at_less), "at_more": to_json(&effect.at_more) })
 }
 
 fn sensitivity_to_json(sensitivity: &Sensitivity) -> Value {
-    let of = |results: &MainResults| {
+    let to_json = |results: &MainResults| {
         json!({
             "force_at_70_percent_area_n": results.force_at_area_n,
             "area_at_50_percent_force_mm2": results.area_at_half_force_mm2,
@@ -245,7 +245,7 @@ fn sensitivity_to_json(sensitivity: &Sensitivity) -> Value {
             "kind": variant.choice.kind(),
             "choice": variant.choice.to_string(),
             "regions": Region::ALL.iter().zip(&variant.regions)
-                .map(|(region, results)| (region.name().into(), results.as_ref().map_or(Value::Null, of)))
+                .map(|(region, results)| (region.name().into(), results.as_ref().map_or(Value::Null, to_json)))
                 .collect::<Map<String, Value>>(),
         })).collect::<Vec<_>>(),
         "skipped": sensitivity.skipped,

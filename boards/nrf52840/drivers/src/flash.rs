@@ -169,14 +169,15 @@ impl<B: Bus, const BYTES: u32> Chip<B, BYTES> {
     async fn read_bytes(&mut self, mut address: u32, mut bytes: &mut [u8]) -> Result<(), NoAnswer> {
         self.0.activate().await?;
         while !bytes.is_empty() {
+            // The offset of the first byte within its word.
             let first = (address % 4) as usize;
-            let (now, rest) = bytes.split_at_mut(bytes.len().min(PAGE as usize - first));
-            self.0.read(address - first as u32, (first + now.len()).div_ceil(4)).await?;
-            for (i, byte) in now.iter_mut().enumerate() {
+            let (part, rest) = bytes.split_at_mut(bytes.len().min(PAGE as usize - first));
+            self.0.read(address - first as u32, (first + part.len()).div_ceil(4)).await?;
+            for (i, byte) in part.iter_mut().enumerate() {
                 let (word, shift) = place(self.0.page(), first + i);
                 *byte = (word.load(Ordering::Relaxed) >> shift) as u8;
             }
-            address += now.len() as u32;
+            address += part.len() as u32;
             bytes = rest;
         }
         Ok(())
@@ -186,17 +187,18 @@ impl<B: Bus, const BYTES: u32> Chip<B, BYTES> {
     async fn write_bytes(&mut self, mut address: u32, mut bytes: &[u8]) -> Result<(), NoAnswer> {
         self.0.activate().await?;
         while !bytes.is_empty() {
-            let (first, left) = ((address % 4) as usize, PAGE - address % PAGE);
-            let (now, rest) = bytes.split_at(bytes.len().min(left as usize));
+            // The offset of the first byte within its word, and the number of bytes up to the end of the page.
+            let (first, left_in_page) = ((address % 4) as usize, PAGE - address % PAGE);
+            let (part, rest) = bytes.split_at(bytes.len().min(left_in_page as usize));
             let page = self.0.page();
             page.iter().for_each(|word| word.store(u32::MAX, Ordering::Relaxed));
-            for (i, byte) in now.iter().enumerate() {
+            for (i, byte) in part.iter().enumerate() {
                 let (word, shift) = place(page, first + i);
                 word.store(word.load(Ordering::Relaxed) & !(u32::from(!byte) << shift), Ordering::Relaxed);
             }
-            self.0.write(address - first as u32, (first + now.len()).div_ceil(4)).await?;
+            self.0.write(address - first as u32, (first + part.len()).div_ceil(4)).await?;
             self.idle(WRITE_LIMIT_MS).await?;
-            address += now.len() as u32;
+            address += part.len() as u32;
             bytes = rest;
         }
         Ok(())

@@ -49,6 +49,7 @@ pub trait Wait {
 /// The bus. It owns its pins, which the module connects to the chip and to nothing else.
 pub struct Qspi<W> {
     wait: W,
+    /// The peripheral is enabled.
     is_active: bool,
 }
 
@@ -90,6 +91,7 @@ impl<W: Wait> Qspi<W> {
             w.set_spimode(Spimode::Mode0);
             w.set_sckfreq(RATE);
         });
+        // The delay with which data from the chip are sampled, in cycles of 64 MHz; this is the value after a reset.
         QSPI.iftiming().write(|w| w.set_rxdelay(2));
         Self { wait, is_active: false }
     }
@@ -168,6 +170,7 @@ impl<W: Wait> Bus for Qspi<W> {
                 w.set_opcode(opcode);
                 // The opcode and three bytes.
                 w.set_length(Length::_4b);
+                // Write protection and hold remain inactive.
                 w.set_lio2(true);
                 w.set_lio3(true);
             })

@@ -21,7 +21,7 @@ pub fn start() {
             w.set_halt(Halt::Pause);
         });
         WDT.crv().write_value(TIMEOUT_MS * TICKS_PER_S / 1000);
-        // The first of its eight reload registers.
+        // Only the first of the eight reload registers must be written to feed the watchdog.
         WDT.rren().write_value(Rren(1));
         WDT.tasks_start().write_value(1);
     }

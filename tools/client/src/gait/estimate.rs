@@ -114,7 +114,9 @@ mod tests {
             let contains = (0..1000).filter(|_| {
                 (0..100).for_each(|_| _ = next());
                 let series: Vec<_> = (0..60).map(|i| (next(), i > 0)).collect();
-                Estimate::new(&series).and_then(|it| it.interval).is_some_and(|[low, high]| low <= 0.0 && 0.0 <= high)
+                Estimate::new(&series)
+                    .and_then(|estimate| estimate.interval)
+                    .is_some_and(|[low, high]| low <= 0.0 && 0.0 <= high)
             });
             let contains = contains.count();
             println!("correlation {correlation}: {contains} of 1000 intervals contain the true mean");

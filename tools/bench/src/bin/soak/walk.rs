@@ -76,7 +76,7 @@ pub fn soak(firmware: &Path, short: bool, figures: &mut Figures) -> Result<()> {
     });
     let [left, right] = feet;
     let feet = [left?, right?];
-    let sum = |of: fn(&Walked) -> u32| feet.iter().map(of).sum::<u32>();
+    let sum = |count: fn(&Walked) -> u32| feet.iter().map(count).sum::<u32>();
     let hours = f64::from(feet[0].scans) / 100.0 / 3600.0;
     figures.add("walk.steps", sum(|foot| foot.steps), "steps of both feet, each received once and equal to a replay");
     figures.add("walk.hours", (hours * 100.0).round() / 100.0, "hours of walking at 100 frames per second");
