@@ -57,7 +57,8 @@ fn region_to_json(step: &Step, i: usize) -> Value {
     object.into()
 }
 
-/// Inserts the quantities of a message, or of a part of one, under their keys. A nested object is null if its quantities have no value.
+/// Inserts the quantities of a message, or of a part of one, under their keys. A nested object is null if its quantities have no
+/// value.
 pub(crate) fn insert<T: 'static>(
     object: &mut Map<String, Value>,
     quantities: impl IntoIterator<Item = &'static Quantity<T>>,

@@ -1,10 +1,10 @@
 //! What is known about the parameters of a region before any step is recorded: their distribution among people.
 //!
-//! The five parameters of a force law cannot be determined from every region: the data of a region with a peak force of a few newtons, or of a few
-//! steps, leave the shape of its force law open, and least squares then ends at a bound. The identification therefore maximises
-//! the posterior density: the residuals are weighed against the deviation of the shape from that of a cohort of walkers
-//! (empirical Bayes). The scale of the force, K, is left to the data: it depends on the sensor, the shoe and the person, and
-//! one loaded sample suffices to determine it.
+//! The five parameters of a force law cannot be determined from every region: the data of a region with a peak force of a few
+//! newtons, or of a few steps, leave the shape of its force law open, and least squares then ends at a bound. The identification
+//! therefore maximises the posterior density: the residuals are weighed against the deviation of the shape from that of a cohort
+//! of walkers (empirical Bayes). The scale of the force, K, is left to the data: it depends on the sensor, the shoe and the
+//! person, and one loaded sample suffices to determine it.
 
 use crate::bounded::Residuals;
 use crate::identify::{Bounds, Identified, NonNegativeForce, identify};

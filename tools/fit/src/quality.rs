@@ -37,8 +37,9 @@ impl Quality {
     /// the steps evaluated with parameters that were fitted to each step alone. `predicted` contains the NRMSE of each step with
     /// parameters that were fitted to the other steps.
     pub(crate) fn new(fitted: &[Evaluated], own: &[Evaluated], predicted: &[f64]) -> Self {
-        let mean =
-            |error: fn(&Evaluated) -> f64, steps: &[Evaluated]| steps.iter().map(error).sum::<f64>() / steps.len() as f64;
+        let mean = |error: fn(&Evaluated) -> f64, steps: &[Evaluated]| {
+            steps.iter().map(error).sum::<f64>() / steps.len() as f64
+        };
         Self {
             fitted: mean(Evaluated::nrmse, fitted),
             fitted_smoothed: mean(Evaluated::nrmse_smoothed, fitted),

@@ -221,18 +221,19 @@ fn fit_to_json(fit: &Result<RegionFit, NotFitted>, counted_nrmse: Option<f64>) -
 }
 
 fn effect_to_json(effect: &ScaleEffect) -> Value {
-    let to_json = |values: &ScaledValues| {
+    let values_to_json = |values: &ScaledValues| {
         json!({
             "c_mm": values.c_m * 1e3,
             "secant_stiffness_n_mm": values.secant_stiffness_n_mm,
             "secant_modulus_kpa": values.secant_modulus_kpa,
         })
     };
-    json!({ "change_percent": SCALE_CHANGE * 100.0, "at_less": to_json(&effect.at_less), "at_more": to_json(&effect.at_more) })
+    let (less, more) = (values_to_json(&effect.at_less), values_to_json(&effect.at_more));
+    json!({ "change_percent": SCALE_CHANGE * 100.0, "at_less": less, "at_more": more })
 }
 
 fn sensitivity_to_json(sensitivity: &Sensitivity) -> Value {
-    let to_json = |results: &MainResults| {
+    let results_to_json = |results: &MainResults| {
         json!({
             "force_at_70_percent_area_n": results.force_at_area_n,
             "area_at_50_percent_force_mm2": results.area_at_half_force_mm2,
@@ -245,7 +246,7 @@ fn sensitivity_to_json(sensitivity: &Sensitivity) -> Value {
             "kind": variant.choice.kind(),
             "choice": variant.choice.to_string(),
             "regions": Region::ALL.iter().zip(&variant.regions)
-                .map(|(region, results)| (region.name().into(), results.as_ref().map_or(Value::Null, to_json)))
+                .map(|(region, results)| (region.name().into(), results.as_ref().map_or(Value::Null, results_to_json)))
                 .collect::<Map<String, Value>>(),
         })).collect::<Vec<_>>(),
         "skipped": sensitivity.skipped,

@@ -77,21 +77,21 @@ impl MeanEllipse {
     /// radii is geometric, so that the mean aspect ratio does not favour an axis.
     pub fn of(weighted: impl IntoIterator<Item = (f64, Self)>) -> Option<Self> {
         let mut sum = Self::default();
-        let mut all = 0.0;
+        let mut weights = 0.0;
         for (weight, e) in weighted {
             sum.x_mm += weight * e.x_mm;
             sum.y_mm += weight * e.y_mm;
             sum.r_a_mm += weight * e.r_a_mm.ln();
             sum.r_b_mm += weight * e.r_b_mm.ln();
             sum.angle_deg += weight * e.angle_deg;
-            all += weight;
+            weights += weight;
         }
-        (all > 0.0).then(|| Self {
-            x_mm: sum.x_mm / all,
-            y_mm: sum.y_mm / all,
-            r_a_mm: (sum.r_a_mm / all).exp(),
-            r_b_mm: (sum.r_b_mm / all).exp(),
-            angle_deg: sum.angle_deg / all,
+        (weights > 0.0).then(|| Self {
+            x_mm: sum.x_mm / weights,
+            y_mm: sum.y_mm / weights,
+            r_a_mm: (sum.r_a_mm / weights).exp(),
+            r_b_mm: (sum.r_b_mm / weights).exp(),
+            angle_deg: sum.angle_deg / weights,
         })
     }
 

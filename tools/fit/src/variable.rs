@@ -23,7 +23,8 @@ pub struct Scalar {
     pub title: &'static str,
     /// Unit in figures.
     pub unit: &'static str,
-    of: fn(&RegionFit) -> f64,
+    /// The number of a fitted region.
+    value: fn(&RegionFit) -> f64,
 }
 
 impl PartialEq for Scalar {
@@ -32,8 +33,8 @@ impl PartialEq for Scalar {
     }
 }
 
-const fn scalar(name: &'static str, title: &'static str, unit: &'static str, of: fn(&RegionFit) -> f64) -> Scalar {
-    Scalar { name, title, unit, of }
+const fn scalar(name: &'static str, title: &'static str, unit: &'static str, value: fn(&RegionFit) -> f64) -> Scalar {
+    Scalar { name, title, unit, value }
 }
 
 /// The paper's eight parameters, in the order of its Fig. 8.
@@ -123,7 +124,7 @@ impl Variable {
     pub fn of(self, fit: &RegionFit) -> Option<f64> {
         let value = match self {
             Self::Quantity(quantity) => fit.measure(quantity).map(|m| m.value),
-            Self::Scalar(scalar) => Some((scalar.of)(fit)),
+            Self::Scalar(scalar) => Some((scalar.value)(fit)),
         };
         value.filter(|value| value.is_finite())
     }

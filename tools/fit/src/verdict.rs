@@ -28,8 +28,8 @@ const AT_FLOOR: f64 = 0.9;
 pub(crate) fn verdict(fit: &RegionFit) -> String {
     let q = &fit.quality;
     let predicted = q.predicted.unwrap_or(q.own);
-    let of = if q.predicted.is_some() { "steps that were not used for the fit" } else { "the only step" };
-    let error = format!("error {:.0} % on {of}", predicted * 100.0);
+    let steps = if q.predicted.is_some() { "steps that were not used for the fit" } else { "the only step" };
+    let error = format!("error {:.0} % on {steps}", predicted * 100.0);
     if q.saturated > SATURATES {
         return format!(
             "the contact area saturates, so the model cannot follow push-off ({error}); use the measured force instead"

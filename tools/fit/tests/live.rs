@@ -248,8 +248,9 @@ fn partial_steps_are_excluded_and_contact_rules_are_not_mixed() {
 /// the other foot.
 fn mirrored(recording: &Recording) -> Recording {
     let cells = &recording.layout.cells;
-    let ends = |of: fn(f64, f64) -> f64, start: f64| cells.iter().fold(start, |end, cell| of(end, cell.x_mm));
-    let sum_mm = ends(f64::min, f64::INFINITY) + ends(f64::max, f64::NEG_INFINITY);
+    let extreme_mm =
+        |pick: fn(f64, f64) -> f64, start: f64| cells.iter().fold(start, |extreme, cell| pick(extreme, cell.x_mm));
+    let sum_mm = extreme_mm(f64::min, f64::INFINITY) + extreme_mm(f64::max, f64::NEG_INFINITY);
     let image = |i: usize| {
         let distance = |j: &usize| (cells[*j].x_mm - (sum_mm - cells[i].x_mm)).hypot(cells[*j].y_mm - cells[i].y_mm);
         (0..cells.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).expect("there are cells")

@@ -75,7 +75,8 @@ fn reference(study: &Study) -> [Option<f64>; 8] {
         .stdout(Stdio::piped())
         .spawn()
         .expect("Python can be started");
-    serde_json::to_writer(child.stdin.take().expect("it is piped"), &regions).expect("the script reads its input");
+    serde_json::to_writer(child.stdin.take().expect("the standard input is piped"), &regions)
+        .expect("the script reads its input");
     let output = child.wait_with_output().expect("the script ends");
     assert!(output.status.success(), "the script fails");
     let text = String::from_utf8(output.stdout).expect("the script prints text");

@@ -279,8 +279,8 @@ fn simulate_crosstalk(board: &Netlist, figures: &mut Figures) -> Result<Vec<(f64
 
 fn simulate_stability(board: &Netlist, figures: &mut Figures) -> Result<Vec<Loop>> {
     let loops = loops().into_iter().map(|(name, c)| loop_gain(board, name, &c)).collect::<Result<Vec<_>>>()?;
-    let smallest_deg = |of: &str| {
-        let loops = loops.iter().filter(|one| one.name.starts_with(of));
+    let smallest_deg = |prefix: &str| {
+        let loops = loops.iter().filter(|one| one.name.starts_with(prefix));
         loops.map(|one| one.phase_margin_deg).fold(f64::INFINITY, f64::min)
     };
     let limit = PHASE_MARGIN_DEG;

@@ -122,7 +122,7 @@ impl<'a> Schematic<'a> {
         for part in &self.board.parts {
             for (net, (number, name)) in part.nets.iter().zip(part.kind.pins) {
                 let pin = format!("{} of {}", name, part.designator);
-                let found = self.pins.iter().find(|((of, is), _)| *of == part.designator && is == number);
+                let found = self.pins.iter().find(|((on, pin), _)| *on == part.designator && pin == number);
                 let (_, at) = found.ok_or_else(|| format!("pin {pin} is not drawn"))?;
                 let group = groups.iter().position(|group| group.contains(at));
                 let group = group.ok_or_else(|| format!("pin {pin} is not connected"))?;
@@ -178,7 +178,7 @@ impl<'a> Schematic<'a> {
     /// Places a pin, and returns its net.
     fn pin(&mut self, designator: &str, number: &str, at: Point) -> String {
         let part = self.board.part(designator);
-        let index = part.kind.pins.iter().position(|(of, _)| *of == number);
+        let index = part.kind.pins.iter().position(|(pin, _)| *pin == number);
         let index = index.unwrap_or_else(|| panic!("{designator} has no pin {number}"));
         self.pins.push(((designator.into(), part.kind.pins[index].0), at));
         part.nets[index].clone()
@@ -234,7 +234,7 @@ impl<'a> Schematic<'a> {
     /// The number of a part's pin with this name.
     fn number(&self, designator: &str, name: &str) -> &'static str {
         let pins = self.board.part(designator).kind.pins;
-        let found = pins.iter().find(|(_, of)| *of == name);
+        let found = pins.iter().find(|(_, pin)| *pin == name);
         found.unwrap_or_else(|| panic!("{designator} has no pin {name}")).0
     }
 

@@ -272,7 +272,7 @@ impl Circuit<'_> {
         let inputs: BTreeSet<usize> = samples.iter().map(|(input, ..)| *input).collect();
         let mut lines = Vec::new();
         for input in inputs {
-            let windows = samples.iter().filter(|(of, ..)| *of == input).map(|(_, start_s, end_s)| {
+            let windows = samples.iter().filter(|(column, ..)| *column == input).map(|(_, start_s, end_s)| {
                 format!(" {start_s:e} 0 {:e} 1 {:e} 1 {end_s:e} 0", start_s + WINDOW_EDGE_S, end_s - WINDOW_EDGE_S)
             });
             lines.push(format!("V_window{input} window{input} 0 PWL(0 0{})", windows.collect::<String>()));

@@ -20,7 +20,7 @@ fn read(path: &str) -> String {
 /// The pin of the controller that is connected with this net.
 fn controller_pin(board: &Netlist, net: &str) -> &'static str {
     let part = board.part("J1");
-    let index = part.nets.iter().position(|of| of == net);
+    let index = part.nets.iter().position(|pin_net| pin_net == net);
     part.kind.pins[index.unwrap_or_else(|| panic!("the controller is not connected with {net}"))].0
 }
 
