@@ -260,7 +260,7 @@ fn call_before(word: u32) -> Option<u32> {
     }
     let (start, end) = (addr_of!(__stext) as u32, addr_of!(__etext) as u32);
     // Bit 0 marks Thumb code.
-    let is_code = |address: &u32| address % 2 == 0 && (start + 4..end).contains(address);
+    let is_code = |address: &u32| address.is_multiple_of(2) && (start + 4..end).contains(address);
     let return_address = word.checked_sub(1).filter(is_code)? as *const u16;
     // SAFETY: the two halfwords before `return_address` are code.
     let (first, second) = unsafe { (return_address.sub(2).read(), return_address.sub(1).read()) };
