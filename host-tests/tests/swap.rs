@@ -109,8 +109,8 @@ fn a_wait_for_a_chip_that_stays_busy_ends() {
     assert_eq!(polls, 100);
 }
 
-/// A board whose flash chip answers, but whose stored state cannot be read, must start: only a swap that has begun is repeated by
-/// a reset, and without the state no swap begins.
+/// The board must start although its flash chip, which answers, does not return the stored state: no swap can begin without it,
+/// so that a reset, which lets the bootloader continue a swap, would be repeated without end.
 #[test]
 fn a_state_that_cannot_be_read_leaves_the_active_image() {
     let accepted = accepted();

@@ -61,11 +61,15 @@ impl<F: asynchronous::NorFlash> NorFlash for Blocking<F> {
 }
 
 /// Swaps the image in `active` with the one in [`OTHER`], or swaps them back, if the state of the bootloader in the flash chip
-/// demands it. Returns the state before; [`State::Boot`] if it cannot be read: then nothing has changed, and the active image is
-/// to be started, as without a chip.
+/// demands it. Returns the state before.
+///
+/// If the state cannot be read, nothing changes, and the result is [`State::Boot`]: the active image is to be started, as without
+/// a chip. It is incomplete if a loss of power or a reset interrupted a swap before; it then ends in a reset by the watchdog, or
+/// by a fault, and the next call can continue the swap.
 ///
 /// # Errors
-/// If a flash fails within the swap. The active image may be a mixture of both images; the next call continues the swap.
+/// If the chip or the flash of `active` fails within the swap. The active image may be a mixture of both images; the next call
+/// continues the swap.
 pub fn swap_if_due<F, A>(chip: &Mutex<NoopRawMutex, F>, active: A) -> Result<State, BootError>
 where
     F: asynchronous::MultiwriteNorFlash,

@@ -7,7 +7,6 @@ use crate::executor::{Executor, ResetCause, reset};
 use crate::nor_flash::{NorFlashChip, Torn};
 use crate::virtual_time::{now_us, with_origin};
 use crate::walk::{Codes, Wearer};
-
 use embassy_sync::mutex::Mutex;
 use embassy_time::Timer;
 use emulation::{ACTIVE_IMAGE, FLASH_BYTES};

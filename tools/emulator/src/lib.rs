@@ -79,6 +79,18 @@ pub enum Error {
     #[cfg(feature = "log")]
     #[error(transparent)]
     Log(#[from] LogError),
+    /// The socket for a serial port cannot be created.
+    #[cfg(unix)]
+    #[error(
+        "cannot create the socket {path} for the emulated board: {reason}; if the path is too long, set TMPDIR to a \
+         folder with a shorter path"
+    )]
+    Socket {
+        /// The socket.
+        path: PathBuf,
+        /// The operating system's reason.
+        reason: io::Error,
+    },
     /// An error of a file or a socket.
     #[error("the emulation failed: {0}")]
     Io(#[from] io::Error),

@@ -28,17 +28,22 @@ pub struct Port {
 
 impl Port {
     /// Creates the socket, with this name in the directory in which QEMU runs.
+    ///
+    /// # Errors
+    /// [`Error::Socket`] if the operating system refuses the socket, for example because its path is too long.
     #[cfg(unix)]
-    pub fn listen(directory: &Path, name: &str) -> io::Result<Self> {
-        Self::new(Listener::bind(directory.join(name))?, format!("unix:{name}"))
+    pub fn listen(directory: &Path, name: &str) -> Result<Self, Error> {
+        let path = directory.join(name);
+        let listener = Listener::bind(&path).map_err(|reason| Error::Socket { path, reason })?;
+        Ok(Self::new(listener, format!("unix:{name}"))?)
     }
 
     /// Creates the socket at a free TCP port, which needs no name.
     #[cfg(not(unix))]
-    pub fn listen(_directory: &Path, _name: &str) -> io::Result<Self> {
+    pub fn listen(_directory: &Path, _name: &str) -> Result<Self, Error> {
         let listener = Listener::bind((std::net::Ipv4Addr::LOCALHOST, 0))?;
         let argument = format!("tcp:{},nodelay=on", listener.local_addr()?);
-        Self::new(listener, argument)
+        Ok(Self::new(listener, argument)?)
     }
 
     fn new(listener: Listener, argument: String) -> io::Result<Self> {

@@ -54,8 +54,8 @@ pub fn row_s() -> f64 {
     f64::from(SETTLE_US) * 1e-6 + COLUMNS as f64 * f64::from(CONVERSIONS) * conversion_s()
 }
 
-/// Duration of a scan, s: all rows, and a first code of one column, which is discarded. Each row and the
-/// discarded code include [`ALLOWANCE_US`].
+/// Duration of a scan, s: all rows, and a first code of one column, which is discarded. Each row and the discarded code include
+/// [`ALLOWANCE_US`].
 pub fn scan_s() -> f64 {
     let allowance_s = f64::from(ALLOWANCE_US) * 1e-6;
     ROWS as f64 * (row_s() + allowance_s) + f64::from(CONVERSIONS) * conversion_s() + allowance_s

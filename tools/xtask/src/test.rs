@@ -83,8 +83,8 @@ fn host_tests(python: &Python) -> Result<()> {
     documentation_tests()
 }
 
-/// Runs the tests of the page, which wait for real time most of the time, and beside them, with a lower priority, the tests of the
-/// Python package and a short walk on the host loops. Returns the figures that the page's tests measure.
+/// Runs the tests of the page, which mostly wait for walks that are played in real time, and beside them, with a lower priority,
+/// the tests of the Python package and a short endurance test. Returns the figures that the page's tests measure.
 fn page_and_package_tests() -> Result<bench::Figures> {
     std::thread::scope(|scope| {
         let page = scope.spawn(|| page::test(&built("release/plantar"), &firmware(EMULATED)));
