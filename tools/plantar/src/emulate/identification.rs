@@ -71,7 +71,6 @@ impl Identification {
     pub fn identify(&mut self, client: &mut Client<impl Carrier>, contact: &ContactArgs) -> Result<()> {
         let recording = self.cells.take("Recorded from the emulated insole").context("no cells arrived")?;
         let path = self.folder.join(RECORDING);
-        recording.write(&path)?;
         println!(
             "\n{} frames of all cells arrived from the insole; {} were lost. The wearer's parameters are identified from the {} \
              frames before the first gap that is too long to be interpolated:",
@@ -79,10 +78,21 @@ impl Identification {
             self.receiver.lost,
             recording.frames()
         );
-        let fit = Fit::of_cells(path, &self.folder, contact.clone());
-        fit.write(&fit.study()?)?;
-        let parameters = Parameters::read(&self.folder.join("params.toml"))?;
         client.stream_cells(None)?;
+        std::thread::scope(|scope| {
+            let fitted = scope.spawn(|| {
+                recording.write(&path)?;
+                let fit = Fit::of_cells(path, &self.folder, contact.clone());
+                fit.write(&fit.study()?)
+            });
+            // QEMU stops the board while nobody reads its link. A step that arrives now is not acknowledged, so the insole sends
+            // it again.
+            while !fitted.is_finished() {
+                client.receive()?;
+            }
+            fitted.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+        })?;
+        let parameters = Parameters::read(&self.folder.join("params.toml"))?;
         match &parameters.identified {
             Some(identified) => client.set_identified_tissue(&parameters.tissue(), identified.on_insole()?)?,
             None => client.set_tissue(&parameters.tissue())?,
