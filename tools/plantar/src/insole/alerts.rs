@@ -25,7 +25,7 @@ pub struct AlertArgs {
     /// Sustained load begins when the pressure is at or above --sustained-pressure for this share of the window, percent.
     #[arg(long, value_name = "PERCENT")]
     begins: Option<u8>,
-    /// Sustained load ends when this share is below PERCENT.
+    /// Sustained load ends when the pressure is at or above --sustained-pressure for less than this share of the window, percent.
     #[arg(long, value_name = "PERCENT")]
     ends: Option<u8>,
     /// Pressure above which the dose counts, kPa, 1 to 2000.
