@@ -127,7 +127,7 @@ impl FromStr for StepRange {
         let (first, last) = text.split_once('-').unwrap_or((text, text));
         match (first.parse(), last.parse()) {
             (Ok(first), Ok(last)) if first <= last => Ok(Self(first, last)),
-            _ => Err("steps are N or N-M, numbers from 0 on".into()),
+            _ => Err("expected N or N-M, numbers of steps from 0, with M not below N".into()),
         }
     }
 }

@@ -57,7 +57,8 @@ fn region(name: &str) -> Result<u8, String> {
         return Ok(0xff);
     }
     let names = || Region::ALL.map(Region::name).join(", ");
-    let region = Region::from_name(name).ok_or_else(|| format!("the regions are {}", names()))?;
+    let region =
+        Region::from_name(name).ok_or_else(|| format!("the regions are {}; all stands for every region", names()))?;
     Ok(1 << region as u8)
 }
 
