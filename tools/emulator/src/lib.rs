@@ -36,10 +36,11 @@ use thiserror::Error;
 const MACHINE: &str = "netduinoplus2";
 /// File name of the bootloader, in the folder of the firmware.
 const BOOTLOADER: &str = "emulated-bootloader";
-/// The image that QEMU loads into the controller's flash, in the emulator's directory.
+/// Name of the file with the image that QEMU loads into the controller's flash, in the emulator's directory.
 const ACTIVE_FILE: &str = "active.bin";
-/// The log, in the emulator's directory.
+/// Name of the file with the log, in the emulator's directory.
 const LOG_FILE: &str = "log.defmt";
+
 /// How the board's time passes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Time {
