@@ -56,9 +56,9 @@ pub enum Insole {
     },
     /// Measure the baselines of all cells: sit down, lift the foot, and hold it still.
     ///
-    /// An insole does this by itself at its start and in each swing, where it raises a baseline only to a reading that two
-    /// successive swings exceed. After this command, the insole uses the next reading at once, for example after the shoe was
-    /// laced again. It refuses if the foot carries load or moves.
+    /// An insole does this by itself at its start and in each swing, where it raises a baseline only to the lower of the
+    /// readings of two successive swings. After this command, the insole uses the next reading at once, for example after the
+    /// shoe was laced again. It refuses if the foot carries load or moves.
     Zero {
         #[command(flatten)]
         connection: Connection,
