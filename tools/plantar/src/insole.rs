@@ -197,7 +197,8 @@ fn show(connection: &Connection) -> Result<()> {
         ),
         (
             contents.newer_records > 0,
-            "the insole's log has entries of a newer firmware, which remain until the log is full: update the firmware to receive them",
+            "the insole's log has entries of a newer firmware, which remain until the log is full: update the firmware to receive \
+             them",
         ),
         (
             contents.erased > 0,
