@@ -8,8 +8,8 @@ use std::fmt;
 use std::str::FromStr;
 use thiserror::Error;
 
-/// Factor by which the fault `saturate` amplifies the load of a cell, its code above that of the unloaded cell, so that the
-/// loaded cell reaches full scale.
+/// Factor by which the fault `saturate` amplifies the load of a cell (the difference between its code and that of the unloaded
+/// cell), so that the loaded cell reaches full scale.
 const SATURATING_GAIN: f64 = 100.0;
 
 /// An electrical fault of the sensor matrix, which begins at a certain time.

@@ -36,9 +36,9 @@ use thiserror::Error;
 const MACHINE: &str = "netduinoplus2";
 /// File name of the bootloader, in the folder of the firmware.
 const BOOTLOADER: &str = "emulated-bootloader";
-/// The image that QEMU loads into the controller's flash, in the emulator's directory.
+/// Name of the file with the image that QEMU loads into the controller's flash, in the emulator's directory.
 const ACTIVE_FILE: &str = "active.bin";
-/// The log, in the emulator's directory.
+/// Name of the file with the log, in the emulator's directory.
 const LOG_FILE: &str = "log.defmt";
 /// Name of the serial port of the link.
 const LINK: &str = "link";

@@ -25,10 +25,12 @@ impl fmt::Display for LogEntry {
 #[derive(Debug, Error)]
 pub enum LogError {
     /// The firmware file lacks the texts of its messages.
-    #[error("the firmware file has no log messages: it was built without defmt, or stripped")]
+    #[error(
+        "the firmware file has no log messages: it was built without defmt, or stripped; build it with `cargo xtask build`"
+    )]
     NoTable,
     /// The firmware file cannot be read as ELF, or its texts are of an unknown version of defmt.
-    #[error("the log messages of the firmware file cannot be read: {0}")]
+    #[error("the log messages of the firmware file cannot be read: {0}; build the file with `cargo xtask build`")]
     Table(String),
 }
 

@@ -85,8 +85,8 @@ impl Plant {
             let mut request = [0; 5];
             // The port is closed when the emulator ends.
             while port.read_exact(&mut request).is_ok() {
-                let [kind, a, b, c, d] = request;
-                let seq = u32::from_le_bytes([a, b, c, d]);
+                let [kind, seq_low, b, c, d] = request;
+                let seq = u32::from_le_bytes([seq_low, b, c, d]);
                 let answered = match kind {
                     // The first tick waits for Plant::play. An error means that the board, and with it the sender, was dropped.
                     TICK if seq == 0 && play.recv().is_err() => break,
@@ -106,7 +106,7 @@ impl Plant {
                         };
                         file.seek(SeekFrom::Start(0))
                             .and_then(|_| file.write_all(&bytes))
-                            .and_then(|()| port.write_all(&[a, rows]))
+                            .and_then(|()| port.write_all(&[seq_low, rows]))
                     }
                     _ => Ok(()),
                 };
@@ -124,7 +124,7 @@ impl Plant {
         let _ = self.playing.send(());
     }
 
-    /// Stops the plant's clock, or lets it run on. It has no effect where the board's own clock paces the scans.
+    /// Pauses the plant's clock, or lets it continue. This has no effect if the board's own clock paces the scans.
     pub fn hold(&self, is_held: bool) {
         self.held.set(is_held);
     }

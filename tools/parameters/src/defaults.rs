@@ -79,10 +79,11 @@ const fn typical(radii_mm: [f64; 3], d0_mm: f64, law: [f64; 4], area_mm2: [f64; 
 
 /// Size 42, for each region from heel to toes: radii, thickness, force law, and the ranges of area and pressure.
 ///
-/// The most probable parameters of 200 steps that ten barefoot walkers took on a plate (SpeedPP2DS, every third step), fitted
-/// together by `cargo run --release -p bench --bin typical`. The forces of a single walker at the same area differ from them by
-/// 12 to 23 % (one standard deviation), at the anterior midfoot by a factor of 1.9. All areas and pressures are those of the
-/// contact rule with covered shares ([`plantar::pipeline::contact::ContactRule::COVERED`]).
+/// These are the most probable parameters of 200 steps that ten barefoot walkers took on a plate (SpeedPP2DS, every third step),
+/// fitted together by `cargo run --release -p bench --bin typical`. At the same area, the forces of a single walker differ from
+/// the forces of these parameters by 12 to 23 % (one standard deviation), at the anterior midfoot by a factor of 1.9. All
+/// areas and pressures are those of the contact rule with covered shares
+/// ([`plantar::pipeline::contact::ContactRule::COVERED`]).
 const SIZE_42: [Typical; 8] = [
     typical([36.4, 44.7, 16.9], 16.0, [685.0, 132.06, -0.56, 1.07], [2033.0, 3418.0], [204.0, 626.0]),
     typical([28.8, 18.5, 9.0], 12.0, [220.0, 3.73, -0.93, 0.24], [25.0, 1356.0], [79.0, 147.0]),

@@ -50,7 +50,7 @@ pub enum Error {
     },
 }
 
-/// The parameters hold for areas that were smoothed as in the paper, which no insole does.
+/// The reason why no insole can use parameters: they hold for areas that were smoothed as in the paper.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[error(
     "the parameters were identified with the paper's smoothing of the contact area, which no insole evaluates; identify them \

@@ -31,7 +31,7 @@ pub struct Connection {
     ble: Option<Selector>,
 }
 
-/// Options that select wired connections to several insoles.
+/// Options that select serial and network connections to several insoles.
 #[derive(Args)]
 pub struct Ports {
     /// Serial port of an insole, such as /dev/ttyACM0 or COM3. Give the option once for each foot.
@@ -129,7 +129,7 @@ pub fn open_tcp(address: &str) -> Result<TcpStream> {
     Ok(stream)
 }
 
-/// Tries all addresses of a host, each for a limited time: a bridge that serves one client may ignore further ones.
+/// Tries all addresses of a host, each for a limited time: a bridge that serves one client may not answer another one.
 fn connect_tcp(address: &str) -> io::Result<TcpStream> {
     let mut failure = io::ErrorKind::AddrNotAvailable.into();
     for address in address.to_socket_addrs()? {
@@ -154,9 +154,9 @@ pub fn open_serial(port: &str, baud: u32) -> Result<Box<dyn SerialPort>> {
                 None => "plug the insole in; this computer has no serial port".into(),
             },
             ErrorKind::Io(io::ErrorKind::PermissionDenied) => {
-                "you may not open it; on Linux, join the group of the port, often dialout, and log in again".into()
+                "you lack the permission to open it; on Linux, join the group of the port, often dialout, and log in again".into()
             }
-            _ => format!("is it a serial port, and does it support {baud} bit/s?"),
+            _ => format!("check that it is a serial port and supports {baud} bit/s"),
         };
         anyhow!("cannot open {port}: {error}; {remedy}")
     })

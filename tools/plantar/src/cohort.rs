@@ -157,7 +157,7 @@ impl Cohort {
     fn participant(&self, name: &str, path: &Path, left_out: &mut Vec<String>) -> Result<Processed> {
         let folder = self.participants.join(name);
         let (person, recordings) = people::open(&folder, &self.search, &self.contact)?;
-        let done = |rows: &[_], is_cached| Processed {
+        let processed = |rows: &[_], is_cached| Processed {
             person: cohort::Person {
                 name: name.into(),
                 size_eur: person.size.eur(),
@@ -172,7 +172,7 @@ impl Cohort {
         if let Ok((before, rows)) = table::read(path)
             && before == made_from
         {
-            return Ok(done(&rows, true));
+            return Ok(processed(&rows, true));
         }
         let mut rows = Vec::new();
         for path in &recordings {
@@ -193,7 +193,7 @@ impl Cohort {
         // Without a description of its inputs the file is out of date, so the next run tries the unusable recordings again.
         let made_from = if left_out.is_empty() { made_from } else { String::new() };
         study::table::write(path, Some((table::KEY, &made_from)), &rows)?;
-        Ok(done(&table::read(path)?.1, false))
+        Ok(processed(&table::read(path)?.1, false))
     }
 
     /// Prints the means and the counts of the run, and writes the summary, the report and its pictures. `start` is the time at

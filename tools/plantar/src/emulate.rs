@@ -123,7 +123,7 @@ impl Emulate {
         let scans = insole.frames(&recording) as u32;
         if let Some(fault) = self.fault.iter().find(|fault| fault.cells(cells.len()).next().is_none()) {
             bail!(
-                "the matrix has no {}: {} has cells 0 to {}, in rows of {COLUMNS}",
+                "--fault: the matrix has no {}: {} has cells 0 to {}, in rows of {COLUMNS}",
                 fault.place,
                 self.recording.display(),
                 cells.len() - 1
@@ -191,7 +191,7 @@ impl Emulate {
                 self.identify_steps
             );
             println!(
-                "The insole evaluated these steps with the parameters that were identified from the steps before them."
+                "The insole evaluated the following steps with the parameters that were identified from the earlier steps."
             );
         }
         let counters = client.counters();
@@ -273,8 +273,8 @@ impl Emulate {
                 }
                 Some(ToHost::Step(step)) => {
                     client.send(ToDevice::Acknowledge { step: step.step })?;
-                    let is_result = identification.as_mut().is_none_or(|identification| identification.count(&step));
-                    if let Some(identification) = identification.as_mut().filter(|_| !is_result) {
+                    let is_reported = identification.as_mut().is_none_or(|identification| identification.count(&step));
+                    if let Some(identification) = identification.as_mut().filter(|_| !is_reported) {
                         view.step(&step);
                         if identification.is_due() {
                             view.close();
@@ -295,17 +295,17 @@ impl Emulate {
                 }
                 // The insole sends its status after all messages that were due before, so none of them is missing.
                 Some(ToHost::Status(status)) => {
-                    let done = status.frame_times();
-                    if done >= scans || self.has_enough(&records.steps) || is_ended_by_user {
+                    let past_scans = status.frame_times();
+                    if past_scans >= scans || self.has_enough(&records.steps) || is_ended_by_user {
                         return Ok(Outcome { records, status });
                     }
                     is_status_pending = false;
                 }
-                Some(ToHost::Hello(hello)) => bail!(restarted(&hello)),
+                Some(ToHost::Hello(hello)) => bail!(restart_message(&hello)),
                 // The other messages answer requests that this command does not send.
                 Some(_) => {}
                 None if last_message.elapsed() > SILENCE => {
-                    bail!(restarted(
+                    bail!(restart_message(
                         client.reconnect(ReconnectPolicy::STREAM.probe).context("the insole has stopped sending")?
                     ))
                 }
@@ -330,10 +330,10 @@ impl Emulate {
 }
 
 /// The error message for an insole that restarted during the walk.
-fn restarted(hello: &Hello) -> String {
+fn restart_message(hello: &Hello) -> String {
     let reason = hello.fault.as_deref().unwrap_or("no failure reported");
     format!(
-        "the insole restarted during the walk (reset reason: {}, {reason}): its steps are not shown",
+        "the insole restarted during the walk (reset reason: {}, {reason}), so its steps are not shown: run the command again",
         hello.reset.name()
     )
 }

@@ -54,8 +54,8 @@ pub struct Fit {
     /// Name of the person [default: the file name of the first recording].
     #[arg(long, value_name = "NAME")]
     participant: Option<String>,
-    /// Use only these steps of every recording: a number N or a range N-M, as in the report and in `plantar replay`. Steps and
-    /// load bouts are numbered together, from 0.
+    /// Use only these steps of every recording: a number N or a range N-M. The report and `plantar replay` show the numbers.
+    /// Steps and load bouts are numbered together, from 0.
     #[arg(long, value_name = "STEPS")]
     steps: Option<StepRange>,
     #[command(flatten)]
@@ -84,8 +84,8 @@ pub struct Search {
     bounds: BoundsName,
     /// Measurements of the tissue: a TOML file with lines such as `heel = 17.5` for the thickness in mm, or with tables such as
     /// [heel] with thickness_mm = 17.5, peak_strain = 0.45 (largest deformation divided by thickness, from ultrasound or
-    /// fluoroscopy) and curvature_mm = [35, 60] (radii of the unloaded sole, medial-lateral and heel-toe). Peak strain or curvature
-    /// determine the vertical radius C. Otherwise --size determines the thickness, and --compression C.
+    /// fluoroscopy) and curvature_mm = [35, 60] (radii of the unloaded sole, medial-lateral and heel-toe). A peak strain or
+    /// a curvature determines the vertical radius C. Otherwise --size determines the thickness, and --compression C.
     #[arg(long, visible_alias = "thickness", value_name = "FILE")]
     pub(crate) tissue: Option<PathBuf>,
     /// European shoe size, 35 to 46, to which the typical tissue thickness is scaled.
@@ -127,7 +127,7 @@ impl FromStr for StepRange {
         let (first, last) = text.split_once('-').unwrap_or((text, text));
         match (first.parse(), last.parse()) {
             (Ok(first), Ok(last)) if first <= last => Ok(Self(first, last)),
-            _ => Err("steps are N or N-M, numbers from 0 on".into()),
+            _ => Err("expected N or N-M, numbers of steps from 0, with M not below N".into()),
         }
     }
 }
@@ -272,7 +272,7 @@ impl Fit {
         results::print(study);
         let fitted = study.fits.iter().flatten().count();
         if fitted > 0 {
-            // An interrupted run leaves the former parameters of the wearer in place.
+            // If writing fails or is interrupted, an existing file with the previous parameters of the wearer is unchanged.
             let toml = fit::results::to_toml(study, self.search.size);
             output::file(&self.out, |to| to.write_all(toml.as_bytes()))?;
         }
@@ -318,12 +318,12 @@ impl Fit {
             let Input::Live(sources) = input else { continue };
             for source in sources {
                 let Some(rule) = source.contact_rule()? else { continue };
-                let (first, of) = measured.get_or_insert((rule, source));
+                let (first, first_source) = measured.get_or_insert((rule, source));
                 if *first != rule {
                     bail!(
                         "{} has the contact rule {}, and {} has {}: areas of different rules cannot be fitted together; fit them \
                          separately",
-                        of.name,
+                        first_source.name,
                         setup::rule_in_words(first),
                         source.name,
                         setup::rule_in_words(&rule)

@@ -1,5 +1,5 @@
-//! Writes the live values of every frame as a table, in CSV or Parquet. It has one row per frame; the field of an absent value is
-//! empty.
+//! Writes the live values of every frame as a table, in CSV or Parquet. The table has one row per frame; the field of an
+//! absent value is empty.
 
 use anyhow::{Context, Result, bail};
 use parquet::basic::{Compression, Repetition, Type as Physical};

@@ -73,7 +73,7 @@ impl GaitCommand {
             bail!("{} contains no steps: record a walk of several steps", self.walk[0].display());
         }
         let has_common_clock = steps.iter().all(|(_, start_us)| start_us.is_some());
-        let of = |side| {
+        let steps_of = |side| {
             let numbers: Vec<_> = others.iter().filter(|(of, _)| *of == side).map(|(_, number)| *number).collect();
             let steps = steps.iter().filter(|(step, _)| step.side == side);
             // Without a common clock, the times of a foot are all on the clock of its insole.
@@ -81,7 +81,7 @@ impl GaitCommand {
                 |step: &Step, common_us: Option<u64>| common_us.filter(|_| has_common_clock).unwrap_or(step.start_us);
             steps.map(|(step, common_us)| FootStep::new(step, start_us(step, *common_us), &numbers)).collect()
         };
-        let gait = Gait::new([of(Side::Left), of(Side::Right)], has_common_clock);
+        let gait = Gait::new([steps_of(Side::Left), steps_of(Side::Right)], has_common_clock);
         let length = self.stride_length.map(Length::Stride).or(self.distance.map(Length::Walk));
         if !has_common_clock {
             eprintln!("note: the steps have no common clock, so the feet are not compared");

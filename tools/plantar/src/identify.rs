@@ -80,8 +80,8 @@ const STANDING: [(&str, u64); 3] = [
 const MAX_SCALE: f64 = 2.0;
 /// A region is verified if the model's error is at most this multiple of the predicted error plus [`TOLERANCE_PERCENT`].
 const TOLERANCE_FACTOR: f64 = 1.3;
-/// Percentage points; see [`TOLERANCE_FACTOR`]. They are for small predicted errors: with a predicted error of 1 %, the error
-/// of a few steps can differ from it by more than a third.
+/// Percentage points that are added to the product with [`TOLERANCE_FACTOR`], for small predicted errors: if an error of 1 % is
+/// predicted, the error of a few steps can differ from 1 % by more than a third.
 const TOLERANCE_PERCENT: f64 = 1.0;
 
 fn mass(text: &str) -> Result<f64, String> {
@@ -152,21 +152,21 @@ impl Identify {
                 foot.calibrate(&cells)?;
             }
         }
-        let all = STANDING.iter().map(|(_, s)| s).sum();
-        let mut before = "";
+        let total_s = STANDING.iter().map(|(_, s)| s).sum();
+        let mut prefix = "";
         while !feet.iter().all(|foot| foot.calibration_file().exists()) {
             let cue = |elapsed: Duration| {
                 let mut rest_s = elapsed.as_secs();
                 for (text, s) in STANDING {
                     if rest_s < s {
-                        return format!("{before}{text}: {} s", s - rest_s);
+                        return format!("{prefix}{text}: {} s", s - rest_s);
                     }
                     rest_s -= s;
                 }
                 "The trial is complete: wait a moment".into()
             };
             let is_lost = AtomicBool::new(false);
-            let trials = stage(feet, cue, |foot, stop| foot.stand(stop, Duration::from_secs(all), &is_lost))?;
+            let trials = stage(feet, cue, |foot, stop| foot.stand(stop, Duration::from_secs(total_s), &is_lost))?;
             let evaluate = |(foot, trial): (&Foot, &Option<Trial>)| {
                 foot.evaluate(trial.as_ref().context("the connection was lost: the trial begins again")?)
             };
@@ -176,7 +176,7 @@ impl Identify {
             }
             match trials.into_iter().collect::<Result<Vec<_>>>() {
                 Ok(trials) => self.calibrate(feet, trials)?,
-                Err(_) => before = "That did not work; once more. ",
+                Err(_) => prefix = "That did not work; once more. ",
             }
         }
         Ok(())
@@ -367,7 +367,7 @@ mod tests {
     use std::path::Path;
 
     #[test]
-    fn a_participant_has_the_name_of_the_folder_however_its_path_is_given() {
+    fn a_participant_has_the_name_of_the_folder_for_every_form_of_its_path() {
         let folder = tempfile::tempdir().expect("a folder");
         let ann = folder.path().join("ann");
         std::fs::create_dir_all(ann.join("left")).expect("written");

@@ -56,9 +56,9 @@ pub enum Insole {
     },
     /// Measure the baselines of all cells: sit down, lift the foot, and hold it still.
     ///
-    /// An insole does this by itself at its start and in each swing, if two successive swings agree. After this command, the
-    /// insole uses the next reading at once, for example after the shoe was laced again. It refuses if the foot carries load or
-    /// moves.
+    /// An insole does this by itself at its start and in each swing, where it raises a baseline only to the lower of the
+    /// readings of two successive swings. After this command, the insole uses the next reading at once, for example after the
+    /// shoe was laced again. It refuses if the foot carries load or moves.
     Zero {
         #[command(flatten)]
         connection: Connection,
@@ -177,14 +177,14 @@ fn show(connection: &Connection) -> Result<()> {
     print_settings(client)?;
     let hello = client.hello();
     println!(
-        "boot number {}, reset reason: {}, steps, load bouts and alerts so far: {}",
+        "boot number {}; reset reason: {}; steps, load bouts and alerts so far: {}",
         contents.start,
         hello.reset.name(),
         contents.next_record
     );
     print_power(&status);
-    if let Some(last) = &hello.fault {
-        println!("note: the insole reports a failure: {last}");
+    if let Some(fault) = &hello.fault {
+        println!("note: the insole reports a failure: {fault}");
     }
     let warnings = [
         (
@@ -197,7 +197,8 @@ fn show(connection: &Connection) -> Result<()> {
         ),
         (
             contents.newer_records > 0,
-            "the insole's log has entries of a newer firmware, which remain until it is full: update the firmware to receive them",
+            "the insole's log has entries of a newer firmware, which remain until the log is full: update the firmware to receive \
+             them",
         ),
         (
             contents.erased > 0,
@@ -210,7 +211,7 @@ fn show(connection: &Connection) -> Result<()> {
         ),
         (
             !status.is_clock_set,
-            "the insole's clock is not set since its last start: steps have no time of day until a host streams from it",
+            "the insole's clock has not been set since its last start: steps have no time of day until a host streams from it",
         ),
         (
             status.records_dropped > 0,
@@ -224,7 +225,7 @@ fn show(connection: &Connection) -> Result<()> {
 }
 
 /// Prints the shares of time without wear, for scanning and for evaluation, which determine how long the battery lasts, and the
-/// supply.
+/// supply voltage.
 fn print_power(status: &Status) {
     let share = |ms: u32| 100.0 * f64::from(ms) * 1000.0 / status.uptime_us.max(1) as f64;
     let unworn = 100.0 * f64::from(status.frames_skipped) / f64::from(status.frame_times().max(1));

@@ -55,7 +55,7 @@ pub trait Sink {
     }
 
     /// Called when another session began. The insole may have restarted; its clock and sequence numbers then start again. If
-    /// this returns an error of the link, another session begins.
+    /// this function returns an error of the link, another session begins.
     fn reconnected(&mut self, client: &mut AnyClient) -> Result<()>;
 
     /// True once the user's limit of steps or time is reached. The session then ends.

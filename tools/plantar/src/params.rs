@@ -125,7 +125,11 @@ pub fn set_rule(insole: &mut Insole, contact: ContactRule) -> Result<()> {
     restart(insole)?;
     let in_force = insole.client().hello().contact_rule;
     if in_force != contact {
-        bail!("the insole did not adopt the contact rule; its rule is still {}", rule_in_words(&in_force));
+        bail!(
+            "the insole did not adopt the contact rule {}; its rule is still {}: run the command again",
+            rule_in_words(&contact),
+            rule_in_words(&in_force)
+        );
     }
     println!("contact rule of the insole: now {}", rule_in_words(&contact));
     Ok(())

@@ -3,7 +3,7 @@
 use anyhow::{Result, ensure};
 use std::path::{Path, PathBuf};
 
-/// The file that a path names, as a path that is the same for all spellings of, and links to, this file.
+/// The path of a file in a form that is the same for all paths that lead to this file, such as relative paths and links.
 fn resolved(path: &Path) -> PathBuf {
     // A file that does not exist yet cannot be resolved, but its folder can.
     let in_folder = || {

@@ -57,7 +57,10 @@ impl Picture {
             .as_ref()
             .context("the recording has no complete step to draw: use another recording, or omit --picture")?;
         let frames = (step.duration_us / insole.setup.period_us) as usize;
-        let forces = self.forces.get(..frames).context("the step is outside of the recording")?;
+        let forces = self
+            .forces
+            .get(..frames)
+            .context("some frames of the first step are missing: use another recording, or omit --picture")?;
         let mut peak_codes = vec![0; recording.cells()];
         for codes in self.codes.chunks(recording.cells()).take(frames) {
             for (peak, &code) in peak_codes.iter_mut().zip(codes) {

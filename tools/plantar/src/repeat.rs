@@ -47,7 +47,8 @@ pub struct Repeat {
     /// Write all values to this CSV file, with one row for each foot, variable and region.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
-    /// The zero file of one person's recordings, from `plantar zero`. In a folder, each participant.toml names its own.
+    /// The zero file of one person's recordings, from `plantar zero`. In a folder of participants, each
+    /// participant.toml names the zero file of its participant.
     #[arg(long, value_name = "FILE")]
     zero: Option<PathBuf>,
     #[command(flatten)]

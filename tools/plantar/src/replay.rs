@@ -38,7 +38,7 @@ pub struct Replay {
     /// The names of the quantities end with their units.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Write the load bouts, all load outside steps, to this JSON file, one object per bout. The last one ends with the
+    /// Write the load bouts (all load outside steps) to this JSON file, one object per bout. The last bout ends with the
     /// recording.
     #[arg(long, value_name = "FILE")]
     bouts: Option<PathBuf>,

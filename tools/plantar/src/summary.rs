@@ -99,7 +99,8 @@ pub fn print(steps: &[Step], scales: &[DeformationScale; 8]) {
     println!("Contact: {}.", rule_in_words(&first.contact_rule));
 }
 
-/// Prints by how much the force laws had changed at the last step, if the insole tracks the wearer.
+/// Prints the change of the stiffness K of each region since the identification, and a request for another identification, as
+/// the insole determined them at the last step.
 fn print_changes(steps: &[Step]) {
     let Some(last) = steps.last() else { return };
     let regions = SHORT.iter().zip(&last.regions).filter(|(_, region)| region.stiffness_change_percent != 0);
@@ -157,8 +158,8 @@ fn faults_to_lines(faults: &Faults, cells: usize) -> Vec<String> {
     lines
 }
 
-/// NRMSE of the model force against the measured force (Eq. 20), %: mean over the steps in which the region with this index was
-/// loaded. `None` if it never was.
+/// NRMSE of the model force against the measured force (Eq. 20 of the paper), %: mean over the steps in which the region with
+/// this index was loaded. `None` if the region was never loaded.
 pub fn model_error_percent(steps: &[Step], region: usize) -> Option<f64> {
     let loaded: Vec<_> = steps.iter().map(|s| &s.regions[region]).filter(|r| r.contact_ms > 0).collect();
     let sum: f64 = loaded.iter().map(|r| r.model_error_nrmse_percent()).sum();

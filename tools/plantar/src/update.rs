@@ -39,7 +39,7 @@ impl Update {
         if insole.client().status()?.update_key == DEVELOPMENT_KEY_ID {
             eprintln!(
                 "warning: anyone can sign an update for this insole, because it accepts the public development key: flash firmware \
-                 that was built with PLANTAR_UPDATE_KEY before others use it"
+                 that was built with PLANTAR_UPDATE_KEY before others use the insole"
             );
         }
         println!(
@@ -92,7 +92,10 @@ impl Update {
             }),
         };
         insole.wait_for_restart(check).unwrap_or_else(|_| {
-            bail!("the insole has not answered since its restart: switch it off and on, then run `plantar monitor`")
+            bail!(
+                "the insole has not answered since its restart: switch it off and on; `plantar insole show` then prints the \
+                 version that runs"
+            )
         })
     }
 }

@@ -37,7 +37,7 @@ pub struct View {
     steps: Vec<Step>,
     /// The advice of the last alert; empty before the first alert.
     alert: String,
-    /// The user has pressed a key that ends the session.
+    /// True once the user has pressed a key that ends the session.
     has_ended: bool,
 }
 
@@ -45,8 +45,8 @@ impl View {
     /// Prints notes about the insole. If stdout is a terminal, switches it to the display; otherwise prints a line with the
     /// title.
     pub fn open(hello: &Hello) -> Result<Self> {
-        if let Some(panic) = &hello.fault {
-            eprintln!("note: the insole reports a failure: {panic}");
+        if let Some(fault) = &hello.fault {
+            eprintln!("note: the insole reports a failure: {fault}");
         }
         if hello.tissue_id == 0 {
             eprintln!(

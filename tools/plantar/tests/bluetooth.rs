@@ -21,7 +21,7 @@ const FRAMES: u32 = 50;
 struct Insole {
     is_bonded: bool,
     connected: Arc<AtomicBool>,
-    /// The link breaks at the next acknowledgement, before the insole receives it.
+    /// If true, the link breaks at the next acknowledgement, before the insole receives it.
     breaks_link: Arc<AtomicBool>,
     session: Arc<Mutex<(Session, Joiner)>>,
     /// The values for the host in the order in which they are sent, each with the number of its characteristic.

@@ -58,7 +58,7 @@ fn a_recording_of_cells_yields_the_steps_of_the_walk() {
         "--out",
         &out.to_string_lossy(),
     ]);
-    assert!(text.contains("0 frames lost on the way, 0 dropped by the insole"), "{text}");
+    assert!(text.contains("; 0 frames lost on the way, 0 dropped by the insole"), "{text}");
 
     let parts = out.join("cells/000");
     let recording = Recording::read(&parts).expect("a recording in parts");

@@ -157,7 +157,8 @@ fn board(side: Side, does: &Arc<AtomicU8>, offsets: u16, hardware: &Hardware) ->
     Board::start_with(Path::new(&firmware), &config, &cells, Time::Real, wearer, hardware).expect("the board boots")
 }
 
-/// Starts such an insole without a radio. Also returns the network address of its link, and the connection of the current host.
+/// Starts an emulated insole with [`board`], without a radio. Also returns the network address of its link, and the connection
+/// of the current host.
 fn insole(side: Side, does: &Arc<AtomicU8>, offsets: u16) -> (Board, String, Cable) {
     let board = board(side, does, offsets, &Hardware::default());
     let (address, cable) = forward(&board);

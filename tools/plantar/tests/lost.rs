@@ -25,7 +25,7 @@ const CELLS: usize = 240;
 /// A simulated insole at the other end of the link.
 struct Insole {
     session: Session,
-    /// The insole ignores all messages.
+    /// If true, the insole ignores all messages.
     is_silent: bool,
     /// Number of the next scan.
     scan: u32,

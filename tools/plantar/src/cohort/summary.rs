@@ -83,7 +83,7 @@ pub fn print(people: &[Person]) {
     );
     println!(
         "of a recording, then over recordings, then over participants. As in the paper, all means are arithmetic. A few\n\
-         stiff steps can dominate those of the stiffness and damping coefficients (k, K, c, G), which are in the file of\n\
+         stiff steps can dominate the means of the stiffness and damping coefficients (k, K, c, G), which are in the file of\n\
          --summary and in the report."
     );
 }

@@ -69,7 +69,10 @@ impl Identification {
 
     /// Identifies the parameters from the recorded cells, as `plantar fit` does, and sends them to the insole.
     pub fn identify(&mut self, client: &mut Client<impl Carrier>, contact: &ContactArgs) -> Result<()> {
-        let recording = self.cells.take("Recorded from the emulated insole").context("no cells arrived")?;
+        let recording = self
+            .cells
+            .take("Recorded from the emulated insole")
+            .context("no frame of all cells arrived from the insole: run the command again")?;
         let path = self.folder.join(RECORDING);
         println!(
             "\n{} frames of all cells arrived from the insole; {} were lost. The wearer's parameters are identified from the {} \

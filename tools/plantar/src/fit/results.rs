@@ -55,8 +55,8 @@ pub fn print(study: &Study) {
     summary::align(&mut table);
     println!("{table}");
     println!(
-        "Error: NRMSE of the model against the measured force (Eq. 20), mean over the steps. Predicted: the same\n\
-         error if each step is predicted from the others. Counted: the predicted error if each cell counts with its\n\
+        "Error: NRMSE of the model against the measured force (Eq. 20 of the paper), mean over the steps. Predicted: the\n\
+         same error if each step is predicted from the others. Counted: the predicted error if each cell counts with its\n\
          whole area, which only recordings of all cells show. Floor: the least error of any force law without damping\n\
          for the measured areas. In parentheses: 95 % intervals. A value with ! is at a bound of the search. A value\n\
          with * is mostly the usual value of other people, because the force does not determine it."
@@ -113,16 +113,16 @@ fn print_sources(study: &Study) {
         let source = if fit.fixed.is_thickness_measured { "measured" } else { "typical" };
         let effects = fit.scale_effect.map_or([NONE; 3].map(String::from), |effect| {
             let ends = [effect.at_less, effect.at_more];
-            let of = |at: Option<f64>, ends: [Option<f64>; 2]| match (at, ends) {
+            let changes = |at: Option<f64>, ends: [Option<f64>; 2]| match (at, ends) {
                 (Some(at), [Some(less), Some(more)]) => {
                     format!("{:+.0} / {:+.0}", (less / at - 1.0) * 100.0, (more / at - 1.0) * 100.0)
                 }
                 _ => NONE.into(),
             };
             [
-                of(Some(fit.law.c_m), ends.map(|end| Some(end.c_m))),
-                of(value(Quantity::SecantStiffness), ends.map(|end| end.secant_stiffness_n_mm)),
-                of(value(Quantity::SecantModulus), ends.map(|end| end.secant_modulus_kpa)),
+                changes(Some(fit.law.c_m), ends.map(|end| Some(end.c_m))),
+                changes(value(Quantity::SecantStiffness), ends.map(|end| end.secant_stiffness_n_mm)),
+                changes(value(Quantity::SecantModulus), ends.map(|end| end.secant_modulus_kpa)),
             ]
         });
         let lengths = [
@@ -137,7 +137,7 @@ fn print_sources(study: &Study) {
     println!("{table}");
     println!(
         "The force determines neither d0 nor C. Assumed: 0 if C rests on measurements only, 50 % if either thickness or\n\
-         compression is assumed, 100 % if both are, or if C results from the search of the paper; unless this is 0, the\n\
+         compression is assumed, 100 % if both are, or if C results from the search of the paper; unless the share is 0, the\n\
          results are those of a deformation (scaled by assumption). The last three columns: change of C and of the secant\n\
          stiffness and modulus at 20 % strain if the value of the source of C were {0:.0} % smaller / larger.",
         SCALE_CHANGE * 100.0

@@ -67,7 +67,7 @@ impl Foot {
         let faults = client.faults()?;
         ensure!(
             faults.masked_cells.iter().all(|&masked| masked == 0),
-            "the {} insole masks faulty cells: see `plantar monitor`, and repair or replace it",
+            "the {} insole masks faulty cells, which `plantar monitor` lists: repair or replace the insole",
             hello.side.name()
         );
         let folder = folder.join(hello.side.name());
@@ -99,7 +99,8 @@ impl Foot {
 
     /// Passes each item from the insole to `process` until it returns true or `stop` is set. Reconnects when the link is lost.
     fn follow(&mut self, stop: &AtomicBool, mut process: impl FnMut(&mut Self, Item) -> Result<bool>) -> Result<()> {
-        // The insole may have restarted, which ends its live stream. If the link is lost, the first event reports the loss.
+        // The live stream is requested again, because a restart of the insole ends it. If the link is lost, the first event
+        // reports the loss.
         let _ = self.link.start();
         while !stop.load(Ordering::Relaxed) {
             let item = match self.link.next_event()? {
@@ -111,7 +112,12 @@ impl Foot {
                 }
                 Event::Started(start) => {
                     let side = self.link.client().hello().side;
-                    ensure!(side == self.side, "another insole answers: it is for the {} foot", side.name());
+                    ensure!(
+                        side == self.side,
+                        "an insole for the {} foot answers: connect the insole for the {} foot again",
+                        side.name(),
+                        self.side.name()
+                    );
                     if start != SessionStart::Connected {
                         self.update(|progress| progress.remark = "connected again".into());
                     }
@@ -186,7 +192,7 @@ impl Foot {
         let lines: String = std::iter::once("cell,offset,gain\n".to_string())
             .chain(cells.iter().enumerate().map(|(i, cell)| format!("{i},{},{}\n", cell.offset, cell.gain)))
             .collect();
-        // An incomplete file would be sent to the insole when the session continues.
+        // The file appears only once it is complete: an incomplete one would be sent to the insole when the session continues.
         Ok(output::file(&self.calibration_file(), |to| to.write_all(lines.as_bytes()))?)
     }
 
@@ -247,7 +253,9 @@ impl Foot {
             needed,
             evaluated: 0,
             unused: None,
-            cells: or_too_slow(CellRecorder::begin(self.link.client(), ALL_CELLS, cells_folder).map_err(Into::into))?,
+            cells: unless_too_slow(
+                CellRecorder::begin(self.link.client(), ALL_CELLS, cells_folder).map_err(Into::into),
+            )?,
             part_start: Instant::now(),
             last_step: Instant::now(),
         };
@@ -291,7 +299,7 @@ impl Foot {
 }
 
 /// The result of starting a stream of cells; `None` if the carrier is too slow for all frames.
-fn or_too_slow<T>(started: Result<T>) -> Result<Option<T>> {
+fn unless_too_slow<T>(started: Result<T>) -> Result<Option<T>> {
     match started {
         Err(error) if matches!(error.downcast_ref(), Some(Error::Refused(Refusal::CellRate { .. }))) => Ok(None),
         started => started.map(Some),
@@ -344,7 +352,7 @@ impl Walk {
             Item::Started => {
                 file.write(0, &ToHost::Hello(foot.link.client().hello().clone()))?;
                 if let Some(cells) = &mut self.cells
-                    && or_too_slow(cells.restart(foot.link.client()))?.is_none()
+                    && unless_too_slow(cells.restart(foot.link.client()))?.is_none()
                 {
                     self.cells = None;
                 }

@@ -27,7 +27,7 @@ const FULL_DN: f64 = 3000.0;
 /// Colours of the points, from unloaded to fully loaded; indices of the 256 colours of a terminal.
 const COLOURS: [u8; 6] = [236, 24, 31, 37, 214, 203];
 
-/// What is shown of a foot.
+/// The state of a foot that the screen shows.
 #[derive(Clone, Debug)]
 pub struct Progress {
     /// The foot.
@@ -59,7 +59,7 @@ impl Progress {
 pub struct Screen {
     /// `None` if stdout is not a terminal.
     terminal: Option<DefaultTerminal>,
-    /// What was printed last, without a terminal.
+    /// The lines that were printed last, if stdout is not a terminal.
     printed: Vec<String>,
 }
 

@@ -25,7 +25,7 @@ pub struct AlertArgs {
     /// Sustained load begins when the pressure is at or above --sustained-pressure for this share of the window, percent.
     #[arg(long, value_name = "PERCENT")]
     begins: Option<u8>,
-    /// Sustained load ends when this share is below PERCENT.
+    /// Sustained load ends when the pressure is at or above --sustained-pressure for less than this share of the window, percent.
     #[arg(long, value_name = "PERCENT")]
     ends: Option<u8>,
     /// Pressure above which the dose counts, kPa, 1 to 2000.
@@ -57,7 +57,8 @@ fn region(name: &str) -> Result<u8, String> {
         return Ok(0xff);
     }
     let names = || Region::ALL.map(Region::name).join(", ");
-    let region = Region::from_name(name).ok_or_else(|| format!("the regions are {}", names()))?;
+    let region =
+        Region::from_name(name).ok_or_else(|| format!("the regions are {}; all stands for every region", names()))?;
     Ok(1 << region as u8)
 }
 

@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// The name of the simulated controller of this computer.
 const COMPUTER: &str = "computer";
-/// ATT MTU of Linux with an insole, bytes: that of the insole, which is smaller than that of Linux.
+/// ATT MTU of the connection, bytes: the MTU of the insole, which is smaller than that of Linux.
 const MTU: u16 = 247;
 
 /// The radio between this computer and an insole.

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 
 /// The column with the name of the region, in all tables.
 const REGION: &str = "region";
-/// The columns of the table of steps from which [`record`] makes a step, and the columns that identify the row.
+/// The columns of the table of steps from which [`step_of`] makes a step, and the columns that identify the row.
 const STEP_COLUMNS: [&str; 11] = [
     "session",
     "side",
@@ -105,7 +105,7 @@ fn records(folder: &Path) -> Result<BTreeMap<i32, Vec<Step>>> {
         let steps = sessions.entry(row.integer("session")?).or_default();
         let (number, region) = (row.integer("step")? as u32, row.region()?);
         if region == 0 || steps.last().is_none_or(|step| step.step != number) {
-            steps.push(record(row, number)?);
+            steps.push(step_of(row, number)?);
         }
         if let Some(step) = steps.last_mut() {
             step.saturated |= u8::from(row.flag("saturated")?) << region;
@@ -123,7 +123,7 @@ pub fn timed_steps(folder: &Path) -> Result<Vec<(Step, Option<f64>)>> {
     let mut steps: Vec<(Step, Option<f64>)> = Vec::new();
     for_each_row(&folder.join("steps"), &columns, |row| {
         if row.region()? == 0 {
-            let mut step = record(row, row.integer("step")? as u32)?;
+            let mut step = step_of(row, row.integer("step")? as u32)?;
             step.foot.peak_dn = (row.real("foot_force_peak_n")? * 10.0).round() as u16;
             step.foot.integral_dns = (row.real("foot_force_integral_n_s")? * 10.0).round() as u16;
             steps.push((step, row.optional("start_unix_s")?));
@@ -148,7 +148,7 @@ pub fn other_records(folder: &Path) -> Result<Vec<(Side, u32)>> {
 }
 
 /// Makes a step from the columns [`STEP_COLUMNS`] of one of its rows. The other quantities have default values.
-fn record(row: &Row, number: u32) -> Result<Step> {
+fn step_of(row: &Row, number: u32) -> Result<Step> {
     let us = |name| anyhow::Ok((row.real(name)? * 1e6).round());
     let kpa = |name| anyhow::Ok(row.real(name)? as f32);
     Ok(Step {
