@@ -113,7 +113,7 @@ fn row(person: &Person, recording: &str, step: &Step, region: Region, fit: Resul
         let factor = if i == 0 { 1e6 } else { 1.0 };
         let interval = fit.and_then(|fit| fit.uncertainty.as_ref()).map(|u| &u.intervals[i]);
         row.extend(Variable::all().filter(|variable| variable.name() == name).map(value));
-        // The interval from the Jacobian matrix of the fit: that from resampled steps needs several steps.
+        // The interval follows from the Jacobian matrix of the fit, because an interval from resampled steps needs several steps.
         row.push((low.into(), real(interval.map(|i| i.jacobian[0] * factor))));
         row.push((high.into(), real(interval.map(|i| i.jacobian[1] * factor))));
         row.push((at_bound.into(), Value::Flag(interval.map(|i| i.at_bound))));

@@ -99,12 +99,13 @@ impl Search {
 
 /// Converts `content`, which was read from the file `path`, to text. Messages name `path`.
 pub(crate) fn text(path: &Path, content: io::Result<Vec<u8>>) -> Result<String> {
-    let bytes = content.with_context(|| format!("cannot read {}", path.display()))?;
+    let bytes =
+        content.with_context(|| format!("cannot read {}: check the path and its permissions", path.display()))?;
     String::from_utf8(bytes).with_context(|| format!("{} is not text in UTF-8: save it in UTF-8", path.display()))
 }
 
-/// Values that replace those of a contact rule, kPa; `None` leaves the value of the rule. The exception is `off_kpa` in
-/// [`ContactOptions::rule`].
+/// Values that replace those of a contact rule, kPa. `None` leaves the value of the rule; in [`ContactOptions::rule`], `off_kpa`
+/// is an exception.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ContactOptions {
     /// A cell comes into contact at this pressure.
@@ -125,8 +126,8 @@ impl ContactOptions {
         }
     }
 
-    /// Returns `default` with the values of these options that are given. If `on_kpa` is given without `off_kpa`, the latter
-    /// changes in proportion.
+    /// Returns `default` with the values of these options that are given. If `on_kpa` is given without `off_kpa`, the `off_kpa` of
+    /// the rule changes in proportion to `on_kpa`.
     ///
     /// # Errors
     /// If the result is no valid rule.
