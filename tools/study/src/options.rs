@@ -126,8 +126,8 @@ impl ContactOptions {
         }
     }
 
-    /// Returns `default` with the values of these options that are given. If `on_kpa` is given without `off_kpa`, the `off_kpa` of
-    /// the rule changes in proportion to `on_kpa`.
+    /// Returns `default` with the values of these options that are given. If `on_kpa` is given without `off_kpa`, the `off_kpa`
+    /// of the rule changes in proportion to `on_kpa`.
     ///
     /// # Errors
     /// If the result is no valid rule.

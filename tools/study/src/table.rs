@@ -120,8 +120,7 @@ pub fn write<Name: AsRef<str>>(path: &Path, metadata: Option<(&str, &str)>, rows
         file.into_inner()?.sync_all()?;
         Ok(fs::rename(temporary, path)?)
     };
-    written()
-        .with_context(|| format!("cannot write {}: check its permissions and the free disk space", path.display()))
+    written().with_context(|| format!("cannot write {}: check its permissions and the free disk space", path.display()))
 }
 
 /// Writes the values of a column; `None` is null.
