@@ -13,7 +13,7 @@ use serde_json::Value;
 use std::path::Path;
 use std::process::Command;
 
-/// The walk of the right foot begins this much later than that of the left foot.
+/// Time by which the walk of the right foot begins later than that of the left foot, s.
 const LAG_S: f64 = 0.5;
 
 /// A walk. Its times begin at 3 s for the left foot, and [`LAG_S`] later for the right foot.

@@ -28,7 +28,7 @@ const PARAMETER_COLUMNS: [[&str; 4]; 5] = [
 /// name is a column.
 ///
 /// # Errors
-/// If the recording cannot be evaluated. The message names `path`.
+/// Fails if the recording cannot be evaluated. The message names `path`.
 pub fn rows<'a>(person: &Person, recording: impl Into<FrameSource<'a>>, path: &Path) -> Result<Vec<FitRow>> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let steps = person.steps(recording.into(), path)?;
@@ -44,7 +44,7 @@ pub fn rows<'a>(person: &Person, recording: impl Into<FrameSource<'a>>, path: &P
 /// recording.
 ///
 /// # Errors
-/// If the recording cannot be evaluated, has no complete step, or no region could be fitted. The message names `path`.
+/// Fails if the recording cannot be evaluated, has no complete step, or no region could be fitted. The message names `path`.
 pub fn trial<'a>(person: &Person, recording: impl Into<FrameSource<'a>>, path: &Path) -> Result<Trial> {
     let source = recording.into();
     let side = source.head().side;

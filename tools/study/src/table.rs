@@ -73,7 +73,7 @@ impl From<i32> for Value {
 /// replaced only when the new one is complete. `metadata` is a key and its value for the metadata of the file.
 ///
 /// # Errors
-/// If the file cannot be written.
+/// Fails if the file cannot be written.
 ///
 /// # Panics
 /// Panics without rows.
