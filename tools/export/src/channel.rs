@@ -100,7 +100,7 @@ impl Channel<'_> {
     /// The value in frame `i`; `None` if the quantity is absent.
     ///
     /// # Panics
-    /// If the foot has no frame `i`.
+    /// Panics if the foot has no frame `i`.
     pub fn value(&self, i: usize) -> Option<f64> {
         self.quantity.of(&self.foot.frames[i])
     }

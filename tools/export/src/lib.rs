@@ -1,8 +1,8 @@
 //! Exports recordings to the formats of other programs.
 //!
-//! A [`Session`] is what is exported: the quantities that the insole's own code computes in every frame of a recording, the steps
-//! and the recorded pressures, of one foot or of both feet on one clock. Each module writes one format. A file is written under
-//! a temporary name, and receives its final name when it is complete.
+//! A [`Session`] contains the exported data: the quantities that the insole's own code computes in every frame of a recording,
+//! the steps and the recorded pressures, of one foot or of both feet on one clock. Each module writes one format. A file is
+//! written under a temporary name, and receives its final name when it is complete.
 
 pub mod c3d;
 pub mod csv;

@@ -1,7 +1,8 @@
 //! OpenSim's external loads, as a .mot or .sto file: force, point of application and torque of each foot.
 //!
 //! The axes are those of OpenSim's models, x forwards, y upwards and z to the right, but fixed to the insole, because an insole
-//! does not know where it is: the origin is at the back of the heel on the medial edge. An insole measures normal force only.
+//! does not know where it is in the laboratory. The origin is at the back of the heel on the medial edge. An insole measures
+//! normal force only.
 
 use crate::{Foot, Session};
 use plantar::Side;

@@ -1,4 +1,4 @@
-//! What is exported: time, the quantities of each frame, steps and cells, of one foot or of both feet on one clock.
+//! The exported data: time, the quantities of each frame, steps and cells, of one foot or of both feet on one clock.
 
 use crate::{Channel, Quantity};
 use plantar::insole::Insole;
@@ -111,7 +111,7 @@ impl Foot {
     /// The recorded pressures of frame `i`, kPa, one for each cell.
     ///
     /// # Panics
-    /// If the foot has no frame `i`.
+    /// Panics if the foot has no frame `i`.
     pub fn cells_kpa(&self, i: usize) -> &[f32] {
         let cells = self.layout.cells.len();
         &self.pressure_kpa[i * cells..(i + 1) * cells]
@@ -201,7 +201,7 @@ impl Session {
     /// clocks that drift apart.
     ///
     /// # Panics
-    /// If `feet` is empty.
+    /// Panics if `feet` is empty.
     pub fn new(mut feet: Vec<Foot>, from_s: Option<f64>, to_s: Option<f64>) -> Result<Self> {
         feet.sort_by_key(|foot| foot.side == Side::Right);
         if let [first, second] = &feet[..]

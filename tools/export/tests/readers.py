@@ -28,10 +28,12 @@ EVENTS = {"Foot Strike": "heel_strike", "Foot Off": "toe_off"}
 
 
 def plain(values):
+    """The values as a flat list of numbers, with None for NaN."""
     return [None if np.isnan(value) else float(value) for value in np.asarray(values, float).ravel()]
 
 
 def events(times, contexts, labels):
+    """Pairs of a time in s and a name, from pairs of minutes and seconds, the feet and the kinds of the events."""
     named = zip(np.asarray(times, float).reshape(-1, 2), contexts, labels, strict=True)
     return [[minutes * 60 + seconds, f"{context.lower()}_{EVENTS[label]}"] for (minutes, seconds), context, label in named]
 

@@ -13,7 +13,7 @@ use serde_json::Value;
 use std::path::Path;
 use std::process::Command;
 
-/// The walk of the right foot begins this much later than that of the left foot.
+/// Time by which the walk of the right foot begins later than that of the left foot, s.
 const LAG_S: f64 = 0.5;
 
 /// A walk. Its times begin at 3 s for the left foot, and [`LAG_S`] later for the right foot.
@@ -316,7 +316,7 @@ fn a_matlab_file_is_read_by_scipy_and_octave() {
 /// Compares the tables of the steps: matrices with a row for each step.
 fn compare_steps(found: &Value, steps: &[Step]) {
     let absent = f64::NAN;
-    for quantity in Step::QUANTITIES.iter().filter(|it| !["start_s", "starts_ago"].contains(&it.name)) {
+    for quantity in Step::QUANTITIES.iter().filter(|quantity| !["start_s", "starts_ago"].contains(&quantity.name)) {
         let values = steps.iter().map(|step| quantity.in_unit(step).unwrap_or(absent));
         compare(quantity.name, &found[quantity.name], values, 0.0);
     }
@@ -326,7 +326,8 @@ fn compare_steps(found: &Value, steps: &[Step]) {
     }
     for quantity in StepRegion::QUANTITIES {
         let regions = steps.iter().flat_map(|step| &step.regions);
-        compare(quantity.name, &found[quantity.name], regions.map(|it| quantity.in_unit(it).unwrap_or(absent)), 0.0);
+        let values = regions.map(|region| quantity.in_unit(region).unwrap_or(absent));
+        compare(quantity.name, &found[quantity.name], values, 0.0);
     }
 }
 

@@ -43,16 +43,16 @@ pub fn binned(recording: &Recording, max_cells: usize) -> Result<Recording> {
 /// The indices of the cells that carry load in at least one frame. If no cell ever carries load, the indices of all cells.
 fn loaded_cells(recording: &Recording) -> Vec<usize> {
     let cells = recording.cells();
-    let mut ever = vec![false; cells];
+    let mut are_loaded = vec![false; cells];
     for frame in recording.pressure_kpa.chunks_exact(cells) {
-        for (ever, &kpa) in ever.iter_mut().zip(frame) {
-            *ever |= kpa > 0.0;
+        for (is_loaded, &kpa) in are_loaded.iter_mut().zip(frame) {
+            *is_loaded |= kpa > 0.0;
         }
     }
-    if !ever.contains(&true) {
+    if !are_loaded.contains(&true) {
         return (0..cells).collect();
     }
-    (0..cells).filter(|&i| ever[i]).collect()
+    (0..cells).filter(|&i| are_loaded[i]).collect()
 }
 
 /// Groups the chosen cells: the cells of one region in one square of a grid form a group. The grid begins at the smallest

@@ -2,8 +2,8 @@
 
 /// Largest difference between the stated times and a uniform clock, s, if the times have fractions of a second, and if not.
 const LARGEST_RESIDUAL_S: [f64; 2] = [0.1, 1.1];
-/// Least number of frames at which the second changes, if no time has a fraction. They are at least 4 s apart, so that the period
-/// is exact to one frame in 4 s.
+/// Least number of frames at which the second changes, if no time has a fraction. The first and the last of them are at least 4 s
+/// apart, so that the period is exact to one frame in 4 s.
 const LEAST_CHANGES: usize = 5;
 /// Seconds of a day.
 const DAY_S: f64 = 86_400.0;
@@ -33,8 +33,8 @@ pub fn time_of_day_s(text: &str) -> Option<f64> {
 /// The times of frames, s from the first one. `numbers` are the numbers of the frames, `times_s` their times of day.
 ///
 /// Times of day come from the clock of a computer: they jitter, and some programs state whole seconds. If the numbers increase
-/// and the times are near a straight line over them, the frames are on this line. If not, the stated times are used, as they are
-/// if they are whole seconds that change fewer than [`LEAST_CHANGES`] times: then they repeat, and the importer refuses them.
+/// and the times are near a straight line over them, the frames are on this line. Otherwise the stated times are used, and also
+/// if they are whole seconds that change fewer than [`LEAST_CHANGES`] times: such times repeat, and the importer refuses them.
 pub fn times_s(numbers: &[u64], times_s: &[f64]) -> Vec<f64> {
     let mut passed_s = Vec::with_capacity(times_s.len());
     let mut midnights = 0.0;
@@ -161,10 +161,10 @@ mod tests {
     #[test]
     fn a_change_of_the_second_within_a_gap_is_not_used() {
         let stated = whole_seconds(10_000, 500_000, 8);
-        let is_kept = |i: &usize| !(45..95).contains(i);
-        let numbers: Vec<u64> = (0..stated.len()).filter(is_kept).map(|i| i as u64).collect();
-        let kept: Vec<f64> = (0..stated.len()).filter(is_kept).map(|i| stated[i]).collect();
-        let uniform = times_s(&numbers, &kept);
+        let is_present = |i: &usize| !(45..95).contains(i);
+        let numbers: Vec<u64> = (0..stated.len()).filter(is_present).map(|i| i as u64).collect();
+        let present_s: Vec<f64> = (0..stated.len()).filter(is_present).map(|i| stated[i]).collect();
+        let uniform = times_s(&numbers, &present_s);
         assert!(((uniform[1] - uniform[0]) / 0.01 - 1.0).abs() < 1e-9, "{}", uniform[1]);
         assert!((uniform[45] - uniform[44] - 0.51).abs() < 1e-6, "{}", uniform[45] - uniform[44]);
     }

@@ -217,7 +217,7 @@ fn check_force(force_n: f64, stated_n: f64, place: &dyn Fn() -> String) -> Resul
     }
     Err(Error::content(
         place(),
-        format!("the cells carry {force_n:.2} N, the column Force states {stated_n:.2} N"),
+        format!("the cells carry {force_n:.2} N, but the file states a Force of {stated_n:.2} N"),
         "export the measurement in kPa, and do not edit the file",
     ))
 }

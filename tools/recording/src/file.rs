@@ -61,7 +61,7 @@ pub fn write(recording: &Recording, path: &Path) -> Result<()> {
     // If the path is a symbolic link, its target is replaced, and not the link itself.
     let path = &fs::canonicalize(path).unwrap_or_else(|_| path.into());
     if path.exists() && !path.is_file() {
-        return Err(Error::content(path.display().to_string(), "this is no regular file", "name another file"));
+        return Err(Error::content(path.display().to_string(), "not a regular file", "name another file"));
     }
     output::at(path, |incomplete| {
         let file = File::create(incomplete)?;

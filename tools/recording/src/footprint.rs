@@ -54,8 +54,8 @@ impl Footprint<'_> {
     fn movements_mm(&self) -> Vec<[f64; 2]> {
         let centres: Vec<_> =
             self.pressure_kpa.chunks_exact(self.cells.len()).map(|frame| self.centre(frame)).collect();
-        let most = centres.iter().map(|centre| centre.2).fold(0.0, f64::max);
-        let is_stance = |centre: &(f64, f64, f64)| centre.2 > IN_STANCE * most;
+        let largest_mn = centres.iter().map(|centre| centre.2).fold(0.0, f64::max);
+        let is_stance = |centre: &(f64, f64, f64)| centre.2 > IN_STANCE * largest_mn;
         let stances = centres.chunk_by(|a, b| is_stance(a) == is_stance(b)).filter(|part| is_stance(&part[0]));
         stances
             .filter(|stance| stance.len() >= 3)

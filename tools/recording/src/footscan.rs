@@ -118,7 +118,8 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     if export.feet.is_empty() {
         let problem =
             format!("no frame of {}", side.map_or("a foot".to_owned(), |side| format!("the {} foot", side.name())));
-        return Err(Error::content(path.display().to_string(), problem, "export the dynamic roll off of one step"));
+        let remedy = "export the dynamic roll off of one step; if --side is given, check it";
+        return Err(Error::content(path.display().to_string(), problem, remedy));
     }
     Ok(export)
 }

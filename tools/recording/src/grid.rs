@@ -133,7 +133,8 @@ impl Foot {
         }
         if let Some((row, column)) = indices.keys().find(|(row, column)| *row >= MAX_LINES || *column >= MAX_LINES) {
             let problem = format!("a load at row {row}, column {column}");
-            return Err(Error::content(file, problem, format!("at most {MAX_LINES} rows and columns are supported")));
+            let remedy = format!("export at most {MAX_LINES} rows and columns");
+            return Err(Error::content(file, problem, remedy));
         }
         indices.values_mut().enumerate().for_each(|(i, index)| *index = i);
         check::value_count(frames.t_s.len() as u64, indices.len(), &file)?;

@@ -1,5 +1,5 @@
-//! A virtual insole: it has the cells of a recording in the order of a device, and converts recorded pressures to the codes of
-//! a sensor.
+//! A virtual insole: it has the cells of a recording, ordered by region as a device requires, and converts recorded pressures to
+//! the codes of a sensor.
 
 use crate::Recording;
 use plantar::checksum::crc32;

@@ -120,7 +120,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         return Err(Error::content(
             file,
             problem,
-            "export the forces of all zones, with L or R in the names of the insoles",
+            "export the forces of all zones, with L or R in the names of the insoles; if --side is given, check it",
         ));
     }
     export.remarks.push(

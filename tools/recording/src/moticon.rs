@@ -102,7 +102,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         return Err(Error::content(
             path.display().to_string(),
             problem,
-            "export a measurement with pressures and total force",
+            "export a measurement with pressures and total force; if --side is given, check it",
         ));
     }
     Ok(export)

@@ -63,6 +63,6 @@ pub fn newtons_of(unit: &str) -> Option<f64> {
 
 /// A unit in lower case, without blanks, brackets and `^`, and with 2 instead of a superscript 2.
 fn normalised(unit: &str) -> String {
-    let kept = unit.trim().chars().filter(|c| !c.is_whitespace() && !"()[]^".contains(*c));
-    kept.map(|c| if c == '²' { '2' } else { c.to_ascii_lowercase() }).collect()
+    let characters = unit.trim().chars().filter(|c| !c.is_whitespace() && !"()[]^".contains(*c));
+    characters.map(|c| if c == '²' { '2' } else { c.to_ascii_lowercase() }).collect()
 }

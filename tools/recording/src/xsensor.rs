@@ -349,7 +349,8 @@ impl Reader<'_> {
                 Some(side) => format!("no SENSOR of the {} foot, with LF or RF in its name", side.name()),
                 None => "no SENSOR with LF or RF in its name".to_owned(),
             };
-            return Err(Error::content(file, problem, "export a measurement of insoles"));
+            let remedy = "export a measurement of insoles; if --side is given, check it";
+            return Err(Error::content(file, problem, remedy));
         }
         Ok(export)
     }

@@ -189,7 +189,7 @@ impl FootZero {
                 name,
                 format!("{found} offsets for other cells than the {cells} of this recording"),
                 "import the standing trial and this recording with the same layout and the same --cells; an import of a matrix \
-                 sensor keeps only the cells that were loaded in that measurement, so two measurements have different cells: \
+                 sensor has only the cells that were loaded in that measurement, so two measurements have different cells: \
                  for such a sensor, let the vendor's program subtract the zero before the export",
             ));
         }

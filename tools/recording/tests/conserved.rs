@@ -96,11 +96,11 @@ fn resampling_reproduces_a_straight_line() {
 }
 
 #[test]
-fn resampling_conserves_the_impulse_of_a_walk() {
-    let impulse_n_s = |r: &Recording| (0..r.frames()).map(|i| r.force_n(i)).sum::<f64>() / r.rate_hz;
+fn resampling_conserves_the_force_time_integral_of_a_walk() {
+    let integral_n_s = |r: &Recording| (0..r.frames()).map(|i| r.force_n(i)).sum::<f64>() / r.rate_hz;
     let slow = synthetic::walk(&SyntheticWalk::default()).recording;
     let fast = slow.at_rate(333.0).unwrap();
-    assert!((impulse_n_s(&fast) / impulse_n_s(&slow) - 1.0).abs() < 1e-3);
+    assert!((integral_n_s(&fast) / integral_n_s(&slow) - 1.0).abs() < 1e-3);
 }
 
 #[test]

@@ -28,7 +28,7 @@ const PARAMETER_COLUMNS: [[&str; 4]; 5] = [
 /// name is a column.
 ///
 /// # Errors
-/// If the recording cannot be evaluated. The message names `path`.
+/// Fails if the recording cannot be evaluated. The message names `path`.
 pub fn rows<'a>(person: &Person, recording: impl Into<FrameSource<'a>>, path: &Path) -> Result<Vec<FitRow>> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let steps = person.steps(recording.into(), path)?;
@@ -44,7 +44,7 @@ pub fn rows<'a>(person: &Person, recording: impl Into<FrameSource<'a>>, path: &P
 /// recording.
 ///
 /// # Errors
-/// If the recording cannot be evaluated, has no complete step, or no region could be fitted. The message names `path`.
+/// Fails if the recording cannot be evaluated, has no complete step, or no region could be fitted. The message names `path`.
 pub fn trial<'a>(person: &Person, recording: impl Into<FrameSource<'a>>, path: &Path) -> Result<Trial> {
     let source = recording.into();
     let side = source.head().side;
@@ -113,7 +113,7 @@ fn row(person: &Person, recording: &str, step: &Step, region: Region, fit: Resul
         let factor = if i == 0 { 1e6 } else { 1.0 };
         let interval = fit.and_then(|fit| fit.uncertainty.as_ref()).map(|u| &u.intervals[i]);
         row.extend(Variable::all().filter(|variable| variable.name() == name).map(value));
-        // The interval from the Jacobian matrix of the fit: that from resampled steps needs several steps.
+        // The interval follows from the Jacobian matrix of the fit, because an interval from resampled steps needs several steps.
         row.push((low.into(), real(interval.map(|i| i.jacobian[0] * factor))));
         row.push((high.into(), real(interval.map(|i| i.jacobian[1] * factor))));
         row.push((at_bound.into(), Value::Flag(interval.map(|i| i.at_bound))));

@@ -48,7 +48,7 @@ impl Search {
     /// The options of the fit. `resamples` is the number of bootstrap resamples of the steps.
     ///
     /// # Errors
-    /// If the compression is out of range.
+    /// Fails if the compression is out of range.
     pub fn options(&self, tissue: &TissueMeasurements, resamples: u64) -> Result<Options> {
         if !(0.05..=0.95).contains(&self.compression) {
             bail!(
@@ -85,7 +85,7 @@ impl Search {
     /// Reads the file of tissue measurements. Also returns a note for each value that is out of range and therefore not used.
     ///
     /// # Errors
-    /// If the file cannot be read, or has another form.
+    /// Fails if the file cannot be read, or has another form.
     pub fn tissue(&self, read: ReadFile) -> Result<(TissueMeasurements, Vec<String>)> {
         let Some(path) = &self.tissue else { return Ok(Default::default()) };
         let tissue = TissueMeasurements::parse(&text(path, read(path))?, path)?;
@@ -99,12 +99,13 @@ impl Search {
 
 /// Converts `content`, which was read from the file `path`, to text. Messages name `path`.
 pub(crate) fn text(path: &Path, content: io::Result<Vec<u8>>) -> Result<String> {
-    let bytes = content.with_context(|| format!("cannot read {}", path.display()))?;
+    let bytes =
+        content.with_context(|| format!("cannot read {}: check the path and its permissions", path.display()))?;
     String::from_utf8(bytes).with_context(|| format!("{} is not text in UTF-8: save it in UTF-8", path.display()))
 }
 
-/// Values that replace those of a contact rule, kPa; `None` leaves the value of the rule. The exception is `off_kpa` in
-/// [`ContactOptions::rule`].
+/// Values that replace those of a contact rule, kPa. `None` leaves the value of the rule; in [`ContactOptions::rule`], `off_kpa`
+/// is an exception.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ContactOptions {
     /// A cell comes into contact at this pressure.
@@ -125,11 +126,11 @@ impl ContactOptions {
         }
     }
 
-    /// Returns `default` with the values of these options that are given. If `on_kpa` is given without `off_kpa`, the latter
-    /// changes in proportion.
+    /// Returns `default` with the values of these options that are given. If `on_kpa` is given without `off_kpa`, the `off_kpa`
+    /// of the rule changes in proportion to `on_kpa`.
     ///
     /// # Errors
-    /// If the result is no valid rule.
+    /// Fails if the result is no valid rule.
     pub fn rule(&self, default: ContactRule) -> Result<ContactRule> {
         let off_kpa = default.off_kpa / default.on_kpa * self.on_kpa.unwrap_or(default.on_kpa);
         let rule = self.changed(ContactRule { off_kpa, ..default });
@@ -150,7 +151,7 @@ impl ContactOptions {
 /// Makes a virtual insole with this contact rule for a recording.
 ///
 /// # Errors
-/// If no insole supports the recording's frame rate, or the recording cannot be read.
+/// Fails if no insole supports the recording's frame rate, or the recording cannot be read.
 pub fn virtual_insole(source: &FrameSource, rule: ContactRule) -> Result<VirtualInsole> {
     let recording = source.head();
     let insole = VirtualInsole::up_to(source.largest_kpa()?, recording, rule, StanceRule::ADAPTIVE);

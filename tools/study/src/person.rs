@@ -32,7 +32,7 @@ impl Person {
     /// The participant in this folder, with the settings in its `participant.toml`, if there is one.
     ///
     /// # Errors
-    /// If a file cannot be read or used, or an option is out of range.
+    /// Fails if a file cannot be read or used, or an option is out of range.
     pub fn open(folder: &Path, search: &Search, contact: ContactRule, read: ReadFile) -> Result<Self> {
         let path = folder.join("participant.toml");
         let settings = match read(&path) {
@@ -45,7 +45,7 @@ impl Person {
     /// A participant with these settings.
     ///
     /// # Errors
-    /// If a file cannot be read or used, or an option is out of range.
+    /// Fails if a file cannot be read or used, or an option is out of range.
     pub fn new(settings: Participant, search: &Search, contact: ContactRule, read: ReadFile) -> Result<Self> {
         let size = settings.size.unwrap_or(search.size);
         let search = Search { size, tissue: settings.thickness.clone().or(search.tissue.clone()), ..search.clone() };
@@ -66,7 +66,7 @@ impl Person {
     /// The virtual insole of a recording, with the zeros of this person's zero file, if there is one.
     ///
     /// # Errors
-    /// If no insole supports the recording's frame rate, the recording cannot be read, or the zero file is for other cells.
+    /// Fails if no insole supports the recording's frame rate, the recording cannot be read, or the zero file is for other cells.
     pub fn insole(&self, source: &FrameSource) -> Result<VirtualInsole> {
         let mut insole = virtual_insole(source, self.contact)?;
         if let Some((path, zero)) = &self.zero {
@@ -78,7 +78,7 @@ impl Person {
     /// The complete steps of a recording.
     ///
     /// # Errors
-    /// If the recording cannot be evaluated. Messages name `path`.
+    /// Fails if the recording cannot be evaluated. Messages name `path`.
     pub fn steps(&self, source: FrameSource, path: &Path) -> Result<Vec<Step>> {
         let steps = || {
             let insole = self.insole(&source)?;

@@ -73,7 +73,7 @@ impl From<i32> for Value {
 /// replaced only when the new one is complete. `metadata` is a key and its value for the metadata of the file.
 ///
 /// # Errors
-/// If the file cannot be written.
+/// Fails if the file cannot be written.
 ///
 /// # Panics
 /// Panics without rows.
@@ -120,7 +120,7 @@ pub fn write<Name: AsRef<str>>(path: &Path, metadata: Option<(&str, &str)>, rows
         file.into_inner()?.sync_all()?;
         Ok(fs::rename(temporary, path)?)
     };
-    written().with_context(|| format!("cannot write {}", path.display()))
+    written().with_context(|| format!("cannot write {}: check its permissions and the free disk space", path.display()))
 }
 
 /// Writes the values of a column; `None` is null.

@@ -249,6 +249,7 @@ mod tests {
     fn assert_recovered(stored: &[[u16; 4]], native: &[[u16; 4]]) {
         let recovered = native_rows(stored.as_flattened(), stored.len(), 4).unwrap();
         let (recovered, truth) = (loaded(&recovered), loaded(native.as_flattened()));
+        assert_eq!(recovered.len(), truth.len());
         for (recovered, truth) in recovered.iter().zip(truth) {
             for (a, b) in recovered.iter().zip(truth) {
                 assert!(a.abs_diff(*b) <= 1, "{recovered:?} {truth:?}");
