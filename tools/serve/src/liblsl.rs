@@ -53,8 +53,8 @@ const BUFFER: i32 = 360;
 /// liblsl cannot be loaded.
 #[derive(Debug, Error)]
 #[error(
-    "cannot load {library}, the library of the Lab Streaming Layer ({reason}): install liblsl, such as with `conda install -c \
-     conda-forge liblsl` or from https://github.com/sccn/liblsl/releases, or name its file with --lsl=LIBRARY (the Python \
+    "cannot load {library}, the library of the Lab Streaming Layer ({reason}): install liblsl, for example with `conda install \
+     -c conda-forge liblsl` or from https://github.com/sccn/liblsl/releases, or name its file with --lsl=LIBRARY (the Python \
      package pylsl contains it in its folder pylsl/lib)"
 )]
 pub struct MissingLiblsl {
