@@ -22,7 +22,7 @@ pub fn sign(firmware: &Path, key: Option<&Path>, out: &Path) -> Result<()> {
 fn signing_key(file: Option<&Path>) -> Result<SigningKey> {
     let key = match file {
         Some(file) => read_signing_key(file)?,
-        None => development_key().context("the key for development is damaged")?,
+        None => development_key().context("tools/firmware-image/development.key is damaged: restore it with git")?,
     };
     let public = key.verifying_key();
     // KEY is the key that firmware accepts if it is built with the same PLANTAR_UPDATE_KEY as this program.
