@@ -212,15 +212,15 @@ pub extern "C" fn counter_lost(index: usize) -> f64 {
 /// The steps of the left and of the right foot for [`gait_measures`].
 static GAIT_STEPS: Mutex<[Vec<FootStep>; 2]> = Mutex::new([Vec::new(), Vec::new()]);
 
-/// Adds a step for [`gait_measures`]. `foot` is 0 for the left and 1 for the right foot. `number` numbers the steps of the foot
-/// without other records, `start_s` is the time of the heel strike, `duration_s` is the stance time, `peak_n` is the peak of
+/// Adds a step for [`gait_measures`]. `foot` is 0 for the left and 1 for the right foot. `number` counts the steps of the foot,
+/// without its other records, `start_s` is the time of the heel strike, `duration_s` is the stance time, `peak_n` is the peak of
 /// the total force, and `integral_n_s` is its time integral.
 #[unsafe(no_mangle)]
 pub extern "C" fn gait_step(foot: usize, number: u32, start_s: f64, duration_s: f64, peak_n: f64, integral_n_s: f64) {
     with(&GAIT_STEPS, foot, |steps| steps.push(FootStep { number, start_s, duration_s, peak_n, integral_n_s }));
 }
 
-/// Writes the measures of the steps that were added since the last call to the buffer as JSON, and returns the length of the text.
+/// Writes to the buffer, as JSON, the measures of the steps that were added since the last call. Returns the length of the text.
 /// `has_common_clock` states whether the times of both feet are on one clock. `stride_m` is the mean length of a stride; 0 if it is
 /// unknown.
 #[unsafe(no_mangle)]

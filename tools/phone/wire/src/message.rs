@@ -58,7 +58,7 @@ pub(crate) enum Message {
     Refused {
         /// The reason, as a phrase without a full stop.
         reason: String,
-        /// True if the session belongs to another host now. The insole repeats this until that host has left.
+        /// True if the session belongs to another host now. The insole repeats the refusal until that host has left.
         is_other_host: bool,
     },
     Time {
