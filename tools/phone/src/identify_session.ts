@@ -125,7 +125,7 @@ export class IdentifySession {
     return REGIONS * this.fittable().length;
   }
 
-  /** Begins a new session with these feet and the hello messages of their insoles. Deletes the messages of the previous session. */
+  /** Begins a session with these feet and the hello messages of their insoles. Deletes the messages of the previous session. */
   start(hellos: ReadonlyMap<Side, Uint8Array>, now_ms: number, unix_ms: number): void {
     this.reset([...hellos.keys()]);
     this.start_unix_ms = unix_ms;

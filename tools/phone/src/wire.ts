@@ -1,4 +1,4 @@
-/** The core of the page, as WebAssembly: it decodes and encodes messages, converts the times of insoles, and counts lost frames. */
+/** The core of the page, as WebAssembly: decodes and encodes messages, converts the times of insoles, and counts lost frames. */
 
 import type { Facts, LayoutCell, Sole, ToHost } from "./generated/messages";
 import type { Gait, Step } from "./generated/quantities";

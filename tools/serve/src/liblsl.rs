@@ -19,7 +19,8 @@ macro_rules! functions {
 
         impl Functions {
             fn of(library: &Library) -> Result<Self, libloading::Error> {
-                // SAFETY: liblsl has not changed the types of these functions since version 1.10, and the caller never unloads it.
+                // SAFETY: liblsl has not changed the types of these functions since version 1.10, and the caller never unloads
+                // it.
                 unsafe { Ok(Self { $($name: *library.get(stringify!($name))?,)* }) }
             }
         }

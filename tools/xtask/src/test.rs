@@ -106,8 +106,8 @@ fn lower_priority() -> Result<()> {
     Ok(())
 }
 
-/// Runs the selected tests on the host, this many at the same time, including those that need firmware, Python, a browser or data.
-/// Tests that need recordings of people are skipped if there are none on this machine.
+/// Runs the selected tests on the host, this many at the same time, including those that need firmware, Python, a browser or
+/// data. Tests that need recordings of people are skipped if there are none on this machine.
 fn selected_tests(python: &Python, selected: &str, threads: usize) -> Result<()> {
     let recordings = recordings();
     let selected = match &recordings {

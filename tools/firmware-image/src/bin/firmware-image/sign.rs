@@ -17,8 +17,8 @@ pub fn sign(firmware: &Path, key: Option<&Path>, out: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Returns the signing key: that in `file` or, without a file, the key for development. Refuses a key whose images the firmware of
-/// this build does not accept.
+/// Returns the signing key: that in `file` or, without a file, the key for development. Refuses a key whose images the firmware
+/// of this build does not accept.
 fn signing_key(file: Option<&Path>) -> Result<SigningKey> {
     let key = match file {
         Some(file) => read_signing_key(file)?,
