@@ -2,7 +2,7 @@
 
 Each line of input and output is a JSON object. A line of input is a command with its arguments, {"do": <command>, ...}.
 For each command, in the same order, a line of output has the result, {"did": <command>, ...}. If the command failed, the
-result has "error" with a message and, after an error of the attribute protocol, "att" with the code. Other lines of
+result has "error" with a message. If an answer of the attribute protocol reported the error, "att" has its code. Other lines of
 output report events: {"value": <value>, "of": <uuid>, "phone": <name>} for each notification and indication, and
 {"lost": <reason>, "phone": <name>} for each connection that ends. Values are in hex, characteristics are given by UUID.
 
@@ -12,7 +12,7 @@ These commands create simulated devices:
     phone       Adds the phone `name` with an `address`. It bonds when it pairs, unless `bonding` is false.
     computer    Adds the controller of a computer. Returns the TCP `port` for the HCI of a program on it.
 
-All others have the argument `phone`, the name of the phone that executes the command:
+All other commands have the argument `phone`, the name of the phone that executes the command:
 
     scan        Finds the insole that advertises as `name`. Returns its `address` and the advertising `data`.
     connect     Connects to `address`.
@@ -36,9 +36,9 @@ import logging
 import socket
 import sys
 
-from bumble.att import ATT_Error, ATT_Exchange_MTU_Request
+from bumble.att import ATT_Error
 from bumble.controller import Controller
-from bumble.core import UUID, AdvertisingData, ProtocolError
+from bumble.core import AdvertisingData, ProtocolError
 from bumble.device import Device, Peer
 from bumble.hci import (
     HCI_CONNECTION_TIMEOUT_ERROR,

@@ -1,7 +1,7 @@
 //! Firmware images: made from the linker's output, signed, and verified before they are sent.
 //!
-//! An image file has the form of MCUboot ([`plantar::protocol::mcuboot`]): the image, padded to whole chunks, between a header and
-//! a trailer with its Ed25519 signature and the public key that verifies the signature.
+//! An image file has the form of MCUboot ([`plantar::protocol::mcuboot`]): the image, padded to whole chunks, between a header
+//! and a trailer with its Ed25519 signature and the public key that verifies the signature.
 
 use ed25519_dalek::{Digest, Sha512, Signer, VerifyingKey};
 use object::{Object, ObjectSegment};

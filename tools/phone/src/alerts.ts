@@ -103,7 +103,7 @@ export class Alerts {
     if (performance.now() - this.switched_ms > ANSWER_MS) {
       const on = sessions.filter(({ has_alerts }) => has_alerts);
       alerts.checked = on.length > 0 && on.length === sessions.length;
-      // An insole that was connected later, or has refused, raises none: the wearer must know.
+      // An insole that was connected later, or that refused the change, raises no alerts: the wearer must know.
       alerts.indeterminate = on.length > 0 && on.length < sessions.length;
       fill("alerts-note", alerts.indeterminate ? [`Alerts are on for the ${on[0]?.hello?.side ?? ""} foot only.`] : []);
     }

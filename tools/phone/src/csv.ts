@@ -12,9 +12,9 @@ type Cell = string | number | null;
 const line = (cells: readonly Cell[]) => cells.map((cell) => cell ?? "").join(",") + "\n";
 
 /**
- * Returns the lines of a CSV file with one row for each live frame. `unix_s` is the time of the scan on the browser's clock, which
- * is the same for both feet. It is empty if the recording contains no time message of the insole. `t_s` is the time of arrival
- * since the start of the recording. `device_t_s` is the time of the scan on the insole's clock.
+ * Returns the lines of a CSV file with one row for each live frame. `unix_s` is the time of the scan on the browser's clock,
+ * which is the same for both feet. It is empty if the recording contains no time message of the insole. `t_s` is the time of
+ * arrival since the start of the recording. `device_t_s` is the time of the scan on the insole's clock.
  */
 export function liveCsv(recorded: Iterable<Entry>, wire: Wire): string[] {
   const names = wire.facts.regions.map(({ name }) => name);

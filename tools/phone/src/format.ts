@@ -53,7 +53,8 @@ export function quantityNote(quantity: Quantity, has_effective_areas: boolean): 
       );
     case "area":
       return has_effective_areas
-        ? "Cells count by the share that the foot covers, estimated from their pressure. So the area depends on pressure and cell size."
+        ? "Each cell counts with the share of its area that the foot covers, estimated from its pressure. So the sum depends on " +
+          "pressure and cell size."
         : "Cells with contact count with their whole area.";
     case "model":
       return "";

@@ -54,7 +54,7 @@ export type RegionResult =
       ellipsoid: Record<string, number>;
       /**
        * NRMSE. `fitted`: of the fit; `predicted`: mean over steps, each with the parameters of the other steps
-       * (cross-validation), null for a single step; `floor`: of the best increasing function of area, chosen for each step.
+       * (cross-validation), null for a single step; `floor`: of the best non-decreasing function of area, chosen for each step.
        */
       nrmse_percent: { fitted: number; predicted: number | null; floor: number };
       /** A phrase that states how well the model predicts the force, and what limits it. */

@@ -11,7 +11,10 @@ export const RELIABLE_STEPS = 10;
 export const MIN_STEPS = 3;
 /** Number of steps of each foot on which the result is checked. */
 export const CHECK_STEPS = 10;
-/** A region with a smaller peak force in all steps is not fitted. The check ignores a region in steps with a smaller one. */
+/**
+ * A region with a smaller peak force in all steps is not fitted. The check ignores a region in the steps in which its peak force is
+ * smaller.
+ */
 const LOADED_N = 3;
 /** The check succeeds if the measured error is at most this multiple of the predicted error plus {@link TOLERANCE_PERCENT}. */
 const TOLERANCE_FACTOR = 1.3;

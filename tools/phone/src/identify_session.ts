@@ -125,7 +125,7 @@ export class IdentifySession {
     return REGIONS * this.fittable().length;
   }
 
-  /** Begins a new session with these feet and the hello messages of their insoles. Deletes the messages of the previous session. */
+  /** Begins a session with these feet and the hello messages of their insoles. Deletes the messages of the previous session. */
   start(hellos: ReadonlyMap<Side, Uint8Array>, now_ms: number, unix_ms: number): void {
     this.reset([...hellos.keys()]);
     this.start_unix_ms = unix_ms;
@@ -291,7 +291,7 @@ export class IdentifySession {
     if (Math.floor(collected.good / 10) > Math.floor(before.good / 10)) {
       this.host.cues.vibrate([100]);
       const count = `${collected.good} of ${TARGET_STEPS} with the ${foot.side} foot.`;
-      this.host.cues.say(collected.good >= TARGET_STEPS ? `${foot.side} foot complete.` : count);
+      this.host.cues.say(collected.good >= TARGET_STEPS ? `The ${foot.side} foot is complete.` : count);
     }
     const { excluded } = collected;
     const { excluded: previous } = before;
@@ -388,7 +388,7 @@ export class IdentifySession {
     if (feet.some(({ sent }) => sent === "waiting")) return;
     if (!feet.some(({ sent }) => sent === "confirmed")) {
       this.phase = "result";
-      const reasons = feet.flatMap(({ side, refusal }) => (refusal ? [`The ${side} insole refused them: ${refusal}.`] : []));
+      const reasons = feet.flatMap(({ side, refusal }) => (refusal ? [`The ${side} insole refused the parameters: ${refusal}.`] : []));
       const remark = "The insoles did not accept the parameters. Check the connection and send them again.";
       this.remarks.add([remark, ...reasons].join(" "));
       for (const foot of feet) [foot.sent, foot.refusal] = ["no", ""];

@@ -66,7 +66,7 @@ function content(session: IdentifySession, state: IdentifyState): Node[] {
           ({ checked }) => Math.min(CHECK_STEPS, Math.max(0, checked.size - 1)),
           CHECK_STEPS,
         ),
-        soft("The insoles now use your parameters. They measure how well these predict your steps."),
+        soft("The insoles now use your parameters, and measure how well the parameters predict your steps."),
         ...session.problems().map(note),
         ...refusals(session),
         button("skip", "Finish without this check"),
@@ -165,7 +165,7 @@ function walk(session: IdentifySession): Node[] {
 /** A row of the table of results: the stiffness of a region with its interval, and the error of the model. */
 function regionRow(name: string, region: RegionResult): Node {
   const title: Node = ["th", { scope: "row" }, regionTitle(name)];
-  if (!region.fitted) return ["tr", {}, title, ["td", { colspan: "2" }, `not found: ${region.reason}`]];
+  if (!region.fitted) return ["tr", {}, title, ["td", { colspan: "2" }, `not determined: ${region.reason}`]];
   const kPa = (pa: number) => (pa / 1000 < 10 ? (pa / 1000).toFixed(1) : (pa / 1000).toFixed(0));
   const { jacobian, at_bound } = region.uncertainty.intervals_95.stiffness_pa;
   const error = region.nrmse_percent.predicted ?? region.nrmse_percent.fitted;

@@ -7,8 +7,8 @@ import { colourOf } from "./scale";
 import { SIDES } from "./side";
 
 /**
- * Distance of each sole from the middle and from the bottom of the canvas, and least distance from its top. The least distance from
- * the left or the right edge is half as large again.
+ * Distance of each sole from the middle and from the bottom of the canvas, and least distance from its top. The least distance
+ * from the left or the right edge is 1.5 times this distance.
  */
 const MARGIN_MM = 10;
 

@@ -83,8 +83,8 @@ export class DatabaseStorage implements StepStorage {
   }
 
   /**
-   * Opens the database. `keyed` returns a record with its key and load; `undefined` for a record of another protocol version, which
-   * remains stored, but is not counted.
+   * Opens the database. `keyed` returns a record with its key and load; `undefined` for a record of another protocol version,
+   * which remains stored, but is not counted.
    */
   static async open(keyed: (record: StepRecord) => NewRecord | undefined): Promise<DatabaseStorage> {
     // `indexedDB.open` throws if the browser stores nothing for this site. In an async function, the error rejects the promise.

@@ -1,4 +1,4 @@
-/** The core of the page, as WebAssembly: it decodes and encodes messages, converts the times of insoles, and counts lost frames. */
+/** The core of the page, as WebAssembly: decodes and encodes messages, converts the times of insoles, and counts lost frames. */
 
 import type { Facts, LayoutCell, Sole, ToHost } from "./generated/messages";
 import type { Gait, Step } from "./generated/quantities";
@@ -144,15 +144,15 @@ export class Wire {
   snoozeAlerts = (snoozed_s: number) => this.request(this.core.snooze_alerts(snoozed_s));
   getTime = (unix_us: number) => this.request(this.core.get_time(unix_us));
   setClock = (unix_us: number) => this.request(this.core.set_clock(unix_us));
-  /** The clock of a connected insole. */
+  /** The time axis of a connected insole. */
   axis = (insole: Insole) => new Axis(this.core, insole);
-  /** The clock of an insole in a recording. */
+  /** The time axis of an insole in a recording. */
   recordedAxis = (insole: Insole) => new Axis(this.core, INSOLES.length + insole);
   counter = (insole: Insole) => new LiveCounter(this.core, insole);
 
   /**
-   * The measures of both feet, from the steps of the left and of the right foot. `number` numbers the steps of a foot without
-   * other records, and `start_s` is the time of the heel strike. `has_common_clock` states whether the times of both feet can
+   * The measures of both feet, from the steps of the left and of the right foot. `number` counts the steps of a foot, without
+   * its other records, and `start_s` is the time of the heel strike. `has_common_clock` states whether the times of both feet can
    * be compared. `stride_m` is the mean length of a stride; 0 if it is unknown.
    */
   gait(feet: readonly (readonly { step: Step; number: number; start_s: number }[])[], has_common_clock: boolean, stride_m: number): Gait {

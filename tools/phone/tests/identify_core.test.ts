@@ -1,7 +1,7 @@
 /**
  * The identification as WebAssembly in Node.js. It is compared with `plantar fit`: `PLANTAR` is the path of the command line, and
- * `PLANTAR_WALK` that of a computed walk of 60 steps of each foot. `cargo xtask test` sets both. `PLANTAR_FIGURES` is a folder for a
- * file with the duration of the fit and the largest difference.
+ * `PLANTAR_WALK` that of a computed walk of 60 steps of each foot. `cargo xtask test` sets both. `PLANTAR_FIGURES` is a folder
+ * for a file with the duration of the fit and the largest difference.
  */
 
 import { spawnSync } from "node:child_process";

@@ -1,6 +1,6 @@
 //! The reports on the identification of one person's parameters and on a cohort, for readers who assess the identification: each
-//! is available as a self-contained web page and as a picture. There is also a picture of a single step. This crate neither
-//! reads nor writes files.
+//! is available as a self-contained web page and as a picture. There is also a picture of a single step. This crate writes no
+//! files, and reads only the fonts of the operating system.
 //!
 //! Each figure is drawn once, as SVG with CSS classes for colours: the page shows it in light, dark and print colours, the
 //! picture in light ones. The SVG is written directly, because chart libraries round positions to whole pixels and fix the

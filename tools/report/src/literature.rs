@@ -20,7 +20,7 @@ struct Published {
 }
 
 const LOADING_HISTORY: &str = "Effect of loading history on material properties of human heel pad: an in-vivo pilot investigation \
-    during gait, BMC Musculoskelet. Disord. (2022), s12891-022-05197-w";
+    during gait, BMC Musculoskelet. Disord. (2022), doi 10.1186/s12891-022-05197-w";
 const CAVANAGH: &str =
     "P. R. Cavanagh, Plantar soft tissue thickness during ground contact in walking, J. Biomech. 32(6) (1999)";
 const FLUOROSCOPY: &str = "ten healthy adults, 23 to 72 years, dual fluoroscopy and pressure plate in walking";
@@ -176,7 +176,7 @@ fn paper(study: &Study) -> Markup {
 }
 
 /// The largest divided by the smallest value.
-fn spread(values: impl Iterator<Item = f64>) -> f64 {
+fn largest_over_smallest(values: impl Iterator<Item = f64>) -> f64 {
     let [low, high] = values.fold([f64::MAX, f64::MIN], |[low, high], v| [low.min(v), high.max(v)]);
     high / low
 }
@@ -223,8 +223,8 @@ fn round(fits: &[(usize, &RegionFit)]) -> Finding {
 
 /// The finding on the differences of k between regions.
 fn uniform(fits: &[(usize, &RegionFit)]) -> Finding {
-    let k = spread(fits.iter().map(|(_, fit)| fit.ellipsoid.k));
-    let stiffness = spread(fits.iter().map(|(_, fit)| fit.law.stiffness_pa));
+    let k = largest_over_smallest(fits.iter().map(|(_, fit)| fit.ellipsoid.k));
+    let stiffness = largest_over_smallest(fits.iter().map(|(_, fit)| fit.law.stiffness_pa));
     Finding {
         paper: "the stiffness coefficient k is fairly uniform for all regions.",
         here: format!(

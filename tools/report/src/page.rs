@@ -89,7 +89,7 @@ fn errors(study: &Study) -> String {
         }
         [(only, region)] => {
             format!(
-                "The NRMSE of steps that were not used for the fit is {} % ({}). {of_sum}",
+                "The NRMSE of steps that were not used for the fit is {} % of the peak force of the region ({}). {of_sum}",
                 percent(*only),
                 TITLES[*region]
             )
@@ -106,7 +106,9 @@ fn errors(study: &Study) -> String {
 }
 
 fn foot_figure(study: &Study) -> Markup {
-    let Some(drawing) = foot::foot(study) else { return html! { p { "No recording, so no cells can be shown." } } };
+    let Some(drawing) = foot::foot(study) else {
+        return html! { p { "No recording has a layout of cells, so no cells can be shown." } };
+    };
     html! {
         (legend(&foot::legend()))
         figure.beside {

@@ -207,8 +207,8 @@ pub fn eight(study: &Study) -> Markup {
                             Ok(fit) => {
                                 @let e = &fit.ellipsoid;
                                 @for mm in [e.a_m, e.b_m, e.c_m, e.d0_m].map(|m| m * 1e3) { td { (number(mm)) } }
-                                @for (value, five) in [(e.k, 1), (e.n, 3), (e.c, 2), (e.m, 4)] {
-                                    td { (number(value)) (dagger(fit, five)) }
+                                @for (value, parameter) in [(e.k, 1), (e.n, 3), (e.c, 2), (e.m, 4)] {
+                                    td { (number(value)) (dagger(fit, parameter)) }
                                 }
                                 td { (number(fit.fixed.aspect)) }
                                 td { (number(fit.fixed.compression(&fit.law, fit.area_max_m2) * 100.0)) }

@@ -32,12 +32,12 @@ pub fn protocol(study: &Study) -> Markup {
 
 fn contact(study: &Study) -> String {
     let rule = &study.contact;
-    let whole = match rule.full_kpa {
+    let counted = match rule.full_kpa {
         0.0 => "counts with its whole area".into(),
         full_kpa => format!("counts with the fraction √(p / {full_kpa} kPa) of its area, at most 1"),
     };
     format!(
-        "a cell is in contact from {} kPa until its pressure falls below {} kPa, and {whole}; the areas are {}s. The parameters are \
+        "a cell is in contact from {} kPa until its pressure falls below {} kPa, and {counted}; the areas are {}s. The parameters are \
          valid for this rule only",
         rule.on_kpa,
         rule.off_kpa,

@@ -24,7 +24,7 @@ const TIME_FRAMES: usize = 25;
 const ELLIPSE_FRAMES: usize = 4;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let path = std::env::args().nth(1).ok_or("name the file to write")?;
+    let path = std::env::args().nth(1).ok_or("no file to write: pass FILE [STEPS]")?;
     let steps = std::env::args().nth(2).map_or(Ok(STEPS), |steps| steps.parse())?;
     let left = messages(Side::Left, steps, 0.0, 760.0, 1)?;
     let right = messages(Side::Right, steps, STRIDE_S / 2.0, 800.0, 2)?;

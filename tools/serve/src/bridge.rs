@@ -35,8 +35,8 @@ impl Source {
     }
 }
 
-/// Bridges the insole with this index to the hub until the program ends. Reconnects after a lost link. Errors are printed after
-/// `name`.
+/// Bridges the insole with this index to the hub until the program ends. Reconnects after a lost link. Errors are printed with
+/// `name` before them.
 pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
     pass_hello(hub, index, &mut insole);
     let mut status_requested = Instant::now();

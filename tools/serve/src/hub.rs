@@ -185,7 +185,7 @@ impl Hub {
         insole.to_send.pop_front()
     }
 
-    /// Passes the insole's answer to new parameters, or its refusal of a request, to the page that sent them.
+    /// Passes the insole's answer to new parameters, or its refusal of a request, to the page that sent the request.
     pub fn tissue_answer(&self, index: usize, answer: Result<Tissue, Refusal>) {
         let mut insole = self.insole(index);
         let insole = &mut *insole;
@@ -255,6 +255,7 @@ impl Hub {
         }
     }
 
+    /// Records a live frame, and passes it to the pages that requested the live stream.
     pub fn live(&self, index: usize, live: Live) {
         self.record(index, &ToHost::Live(live));
         for (_, link) in &mut self.insole(index).pages {
@@ -285,6 +286,7 @@ impl Hub {
         self.changed.send_replace(());
     }
 
+    /// Records a new record and passes it to the pages. A record that is already stored is acknowledged to the insole again.
     pub fn load_record(&self, index: usize, record: LoadRecord) {
         let mut insole = self.insole(index);
         let session = insole.session;
@@ -294,7 +296,7 @@ impl Hub {
         }
         if let Some(pending) = insole.pending.iter_mut().find(|pending| pending.record.is_same(&record)) {
             pending.session = session;
-            // It is in the recording, but the insole did not receive its acknowledgement.
+            // If the record is in the recording, the insole has not received its acknowledgement.
             if pending.is_recorded {
                 insole.to_acknowledge = Some(record.number());
             }
@@ -312,6 +314,7 @@ impl Hub {
         self.changed.send_replace(());
     }
 
+    /// Records the insole's counters, and stores them for the pages.
     pub fn status(&self, index: usize, status: Status) {
         self.record(index, &ToHost::Status(status));
         self.insole(index).status = status;
@@ -508,6 +511,7 @@ impl Insole {
         command.filter(|_| self.waiting.is_none()).map(|command| (waiting, command))
     }
 
+    /// Removes the record with this number from the pending records, and acknowledges it to the insole.
     fn acknowledged_by_page(&mut self, number: u32) {
         let Some(at) = self.pending.iter().position(|pending| pending.record.number() == number) else { return };
         if let Some(Pending { record, session, .. }) = self.pending.remove(at) {

@@ -47,8 +47,8 @@ pub struct Options {
     /// The file to which hellos, live frames, steps, load bouts, alerts and counters of the insoles are written. It must be new
     /// or empty. `None` for no recording.
     pub record: Option<PathBuf>,
-    /// The file of liblsl, which publishes the messages of the insoles over the Lab Streaming Layer; `Some(None)` for the file that
-    /// the system finds, and `None` to publish nothing.
+    /// The file of liblsl, which publishes the messages of the insoles over the Lab Streaming Layer; `Some(None)` for the file
+    /// that the system finds, and `None` to publish nothing.
     pub lsl: Option<Option<PathBuf>>,
 }
 

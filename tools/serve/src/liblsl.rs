@@ -19,7 +19,8 @@ macro_rules! functions {
 
         impl Functions {
             fn of(library: &Library) -> Result<Self, libloading::Error> {
-                // SAFETY: liblsl has not changed the types of these functions since version 1.10, and the caller never unloads it.
+                // SAFETY: liblsl has not changed the types of these functions since version 1.10, and the caller never unloads
+                // it.
                 unsafe { Ok(Self { $($name: *library.get(stringify!($name))?,)* }) }
             }
         }
@@ -53,8 +54,8 @@ const BUFFER: i32 = 360;
 /// liblsl cannot be loaded.
 #[derive(Debug, Error)]
 #[error(
-    "cannot load {library}, the library of the Lab Streaming Layer ({reason}): install liblsl, such as with `conda install -c \
-     conda-forge liblsl` or from https://github.com/sccn/liblsl/releases, or name its file with --lsl=LIBRARY (the Python \
+    "cannot load {library}, the library of the Lab Streaming Layer ({reason}): install liblsl, for example with `conda install \
+     -c conda-forge liblsl` or from https://github.com/sccn/liblsl/releases, or name its file with --lsl=LIBRARY (the Python \
      package pylsl contains it in its folder pylsl/lib)"
 )]
 pub struct MissingLiblsl {

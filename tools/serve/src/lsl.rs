@@ -1,5 +1,5 @@
-//! Publishes the messages of an insole as streams of the Lab Streaming Layer: frames, steps, load bouts and alerts as numbers, and
-//! heel strikes and toe offs as markers.
+//! Publishes the messages of an insole as streams of the Lab Streaming Layer: frames, steps, load bouts and alerts as numbers,
+//! and heel strikes and toe offs as markers.
 
 use crate::Error;
 use crate::liblsl::{Liblsl, Now, Outlet, Properties, Stream};
@@ -53,8 +53,8 @@ impl Outlets {
         NAMES.map(|name| stream_name(self.side, name)).join(", ")
     }
 
-    /// Sends a message with its time. A message without a known time is not sent: a frame that arrives before the first answer to a
-    /// request for the insole's time, and a record from before the insole's last start if its clock was not set then.
+    /// Sends a message with its time. A message without a known time is not sent: a frame that arrives before the first answer to
+    /// a request for the insole's time, and a record from before the insole's last start if its clock was not set then.
     pub fn send(&mut self, message: &ToHost, axis: &Axis) {
         let now = self.lsl.now();
         if let ToHost::Live(live) = message
@@ -81,8 +81,8 @@ fn stream_name(side: Side, name: &str) -> String {
     format!("plantar_{}_{name}", side.name())
 }
 
-/// The time on LSL's clock, s, at `unix_us` on this computer's clock; `None` before LSL's clock began. liblsl gives negative times
-/// and 0 another meaning.
+/// The time on LSL's clock, s, at `unix_us` on this computer's clock; `None` before LSL's clock began. liblsl gives negative
+/// times and 0 another meaning.
 fn lsl_s(now: Now, unix_us: u64) -> Option<f64> {
     let ago_us = now.unix_us.wrapping_sub(unix_us) as i64;
     Some(now.lsl_s - ago_us as f64 / 1e6).filter(|t_s| *t_s > 0.0)

@@ -171,7 +171,7 @@ fn step(side: Side, number: u32) -> Step {
     Step { side, start_us: u64::from(number) * 1_000_000, ..testkit::step(number) }
 }
 
-/// Serves these insoles until the test ends. Pages may not send parameters.
+/// Serves these insoles until the test program ends. Pages may not send parameters.
 fn serve(cables: &[&Cable], record: Option<std::path::PathBuf>) -> SocketAddr {
     serve_sources(cables.iter().map(|cable| cable.source()).collect(), record, false)
 }
@@ -336,6 +336,7 @@ fn recorded(path: &Path) -> Vec<ToHost> {
     let bytes = std::fs::read(path).expect("a recording");
     let mut messages = Vec::new();
     let mut rest = &bytes[..];
+    // The head of an entry contains the time, the index of the insole and the length of the message.
     while let Some((head, tail)) = rest.split_first_chunk::<7>() {
         assert_eq!(head[4], 0);
         let (message, tail) = tail.split_at(usize::from(u16::from_le_bytes([head[5], head[6]])));

@@ -57,8 +57,8 @@ pub enum Task {
         #[arg(long, value_name = "FOLDER")]
         out: PathBuf,
     },
-    /// Measure the instructions for a frame, the accuracy, the lengths of messages, the speed of a replay, the identification and
-    /// the sizes of the firmware.
+    /// Measure the instructions for a frame, the accuracy of steps, the lengths of messages, the speed of a replay, the accuracy
+    /// and speed of the identification, the page, and the sizes of the firmware.
     Bench(FiguresFile),
     /// Measure the flash and RAM that the firmware of each board needs.
     Size(FiguresFile),
@@ -122,8 +122,8 @@ pub struct Soak {
 
 #[derive(Args)]
 pub struct Assure {
-    /// Test one in N changes to the core, and skip instructions at one in N places of the check of a signature. All changes take
-    /// about five hours on two idle cores.
+    /// Test one in N changes to the core, and skip instructions at one in N places of the signature check. Testing all changes
+    /// takes about five hours on two idle cores.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     pub every: u32,
     #[command(flatten)]

@@ -113,7 +113,7 @@ fn proofs() -> Result<usize> {
 /// The number of tests that the command `list` lists.
 fn tests(mut list: Command) -> Result<usize> {
     let output = list.current_dir(root()).stderr(Stdio::inherit()).output()?;
-    ensure!(output.status.success(), "the tests of the package proofs cannot be listed");
+    ensure!(output.status.success(), "the tests of the package proofs cannot be listed: see the output of cargo above");
     Ok(String::from_utf8_lossy(&output.stdout).lines().filter(|line| line.ends_with(": test")).count())
 }
 
@@ -192,7 +192,7 @@ fn mutation_score(every: u32) -> Result<f64> {
         let folder = built("mutation").join(step);
         let mut command = Command::new(&tool);
         command.args(["mutants", "--package", "plantar", "--output"]).arg(&folder).args(arguments).current_dir(root());
-        // 2 and 3: some changes were not noticed, or ended in an endless loop.
+        // Exit codes 2 and 3: some changes were not noticed, or ended in an endless loop.
         let status = command.status().context("cargo-mutants does not start")?;
         if !matches!(status.code(), Some(0 | 2 | 3)) {
             bail!("cargo-mutants failed: see {}", folder.display());

@@ -65,7 +65,8 @@ pub fn sizes() -> Result<Figures> {
     BOARDS.into_iter().try_for_each(build_firmware)?;
     let json = built("stack.json");
     run_bench(&[("--stack-json", &json)])?;
-    let stack_bytes = read(&json)?.get("stack_bytes").and_then(Value::as_u64).context("the stack was not measured")?;
+    let stack_bytes = read(&json)?.get("stack_bytes").and_then(Value::as_u64);
+    let stack_bytes = stack_bytes.with_context(|| format!("{} has no stack_bytes", json.display()))?;
     let mut figures = Map::new();
     let mut add = |key: String, bytes: u64, meaning: &str| {
         println!("{key:<28} {bytes:>14}  {meaning}");
@@ -120,7 +121,7 @@ impl Soak {
             command.arg("--short");
         }
         if let Some(path) = &self.json {
-            command.arg("--json").arg(path);
+            command.arg("--json").arg(std::path::absolute(path)?);
         }
         run_command(&mut command)
     }

@@ -48,7 +48,7 @@ pub fn size(package: &str) -> Result<Size> {
     }
     let text = String::from_utf8_lossy(&output.stdout);
     let numbers: Vec<u64> = text.split_whitespace().filter_map(|number| number.parse().ok()).collect();
-    let &[flash_bytes, ram_bytes] = &numbers[..] else { bail!("firmware-image printed: {text}") };
+    let &[flash_bytes, ram_bytes] = &numbers[..] else { bail!("firmware-image did not print two sizes: {text}") };
     Ok(Size { flash_bytes, ram_bytes })
 }
 

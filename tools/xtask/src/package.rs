@@ -24,7 +24,7 @@ pub fn build() -> Result<PathBuf> {
     Ok(environment)
 }
 
-/// Builds and installs the package, and checks its types, tests and notebook.
+/// Builds and installs the package, checks its types, and runs its tests, one of which executes the notebook.
 pub fn test() -> Result<()> {
     build_host("plantar-cli")?;
     build_example("testkit", "simulated_insole")?;

@@ -11,7 +11,7 @@ use std::process::Command;
 
 /// The folder of the page.
 const FOLDER: &str = "tools/phone";
-/// The compilation target of its WebAssembly.
+/// The compilation target of the page's WebAssembly.
 const WASM: &str = "wasm32-unknown-unknown";
 
 /// The folder of the built page.

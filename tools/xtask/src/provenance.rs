@@ -57,7 +57,7 @@ pub fn write_sboms(out: &Path) -> Result<()> {
     let out = std::path::absolute(out)?;
     // The tool writes its files beside each Cargo.toml, so it runs in a copy.
     let copy = Copy::of_last_commit("plantar-sbom")?;
-    let describe = |target: &[&str], packages: &[(&str, &str)]| -> Result<()> {
+    let write = |target: &[&str], packages: &[(&str, &str)]| -> Result<()> {
         let arguments = ["cyclonedx", "--format", "json", "--spec-version", "1.5", "--quiet"];
         copy.run(Command::new(&tool).args(arguments).args(target))?;
         for (folder, package) in packages {
@@ -72,6 +72,6 @@ pub fn write_sboms(out: &Path) -> Result<()> {
     };
     let folders: Vec<String> = BOARDS.iter().map(|board| format!("boards/{board}")).collect();
     let boards: Vec<_> = folders.iter().map(String::as_str).zip(BOARDS).collect();
-    describe(&["--target", TARGET], &boards)?;
-    describe(&[], &[("tools/plantar", "plantar-cli")])
+    write(&["--target", TARGET], &boards)?;
+    write(&[], &[("tools/plantar", "plantar-cli")])
 }

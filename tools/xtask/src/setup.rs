@@ -10,8 +10,8 @@ use std::process::{Command, Stdio};
 /// The Python package with the sample walk. It is licensed under GPLv3, so it is stored only in the private cache, and never in
 /// the repository. Its dependencies are not installed, because the importer only reads its data files.
 const SAMPLE_PACKAGE: &str = "jiku-data==0.1.16";
-/// The Python package with walks of another vendor's insoles, which are only in its source archive. It is stored in the private
-/// cache, too.
+/// The Python package with walks recorded by Moticon's insoles. Only its source archive contains the walks. It is stored in the
+/// private cache, too.
 const WALKS_PACKAGE: &str = "moticon-opengo";
 const WALKS_VERSION: &str = "1.0.3";
 const NUMPY: &str = "numpy>=1.26,<3";
@@ -70,7 +70,7 @@ pub struct Python {
     pub interpreter: PathBuf,
     /// The path of the data set with the sample walk.
     pub jiku: PathBuf,
-    /// The path of the source archive with walks of another vendor's insoles.
+    /// The path of the source archive with walks recorded by Moticon's insoles.
     pub moticon: PathBuf,
 }
 
@@ -110,7 +110,7 @@ pub fn rust() -> Result<()> {
     if targets.into_iter().any(|target| !libraries.join(target).is_dir()) {
         run("rustup", &[&["target", "add"], &targets[..]].concat())
             .and_then(|()| run("rustup", &["component", "add", "clippy", "rustfmt"]))
-            .context("the toolchain that rust-toolchain.toml names needs its targets and components")?;
+            .context("rustup cannot complete the toolchain in rust-toolchain.toml: check the network connection")?;
     }
     Ok(())
 }
@@ -201,8 +201,8 @@ pub fn cargo_deny() -> Result<PathBuf> {
     cargo_tool("cargo-deny", "0.20.2")
 }
 
-/// Installs cargo-nextest, which runs the tests of all packages at the same time, unless the user has it: its options are the same
-/// in all versions. Returns a command to which its subcommand is to be added.
+/// Installs cargo-nextest, which runs the tests of all packages at the same time, unless the user has it: the options used here
+/// are the same in all versions. Returns a command that lacks only its subcommand, such as `run`.
 pub fn nextest() -> Result<Command> {
     let user = "cargo-nextest";
     let mut command = Command::new(if has(user) { user.into() } else { cargo_tool(user, "0.9.143")? });
@@ -218,7 +218,8 @@ pub fn cargo_cyclonedx() -> Result<PathBuf> {
 /// Installs cargo-llvm-cov, which measures the lines that tests execute, and the component of the toolchain that it needs.
 /// Returns its path.
 pub fn cargo_llvm_cov() -> Result<PathBuf> {
-    run("rustup", &["component", "add", "llvm-tools"]).context("the component llvm-tools measures coverage")?;
+    run("rustup", &["component", "add", "llvm-tools"])
+        .context("rustup cannot install llvm-tools, which measures coverage: check the network connection")?;
     cargo_tool("cargo-llvm-cov", "0.9.1")
 }
 
@@ -235,6 +236,7 @@ pub const MIRI_TOOLCHAIN: &str = "nightly-2026-10-30";
 pub fn miri() -> Result<()> {
     let components = ["--component", "miri", "--component", "rust-src"];
     run("rustup", &[&["toolchain", "install", MIRI_TOOLCHAIN, "--profile", "minimal"], &components[..]].concat())
+        .context("rustup cannot install the toolchain with Miri: check the network connection")
 }
 
 /// Installs exactly this version of a tool in the private cache. A version that the user has installed is neither used nor
@@ -263,10 +265,12 @@ pub fn libclang() -> Result<[(&'static str, OsString); 2]> {
             .context("libclang comes from PyPI: check the network connection")
     })?;
     let library = find(&environment, Path::new("clang/native"))
-        .with_context(|| format!("remove {} and run the command again", environment.display()))?;
+        .with_context(|| format!("{LIBCLANG} lacks its library: remove {} and try again", environment.display()))?;
     // Both GCC and Clang have this option.
-    let headers =
-        Command::new("cc").arg("-print-file-name=include").output().context("the C compiler cc is missing")?;
+    let headers = Command::new("cc")
+        .arg("-print-file-name=include")
+        .output()
+        .context("the C compiler cc does not start: install it (Debian: apt-get install gcc libc6-dev)")?;
     let headers = String::from_utf8(headers.stdout)?;
     let arguments = format!("-ffreestanding '-I{}'", headers.trim());
     Ok([("LIBCLANG_PATH", library.into()), ("BINDGEN_EXTRA_CLANG_ARGS", arguments.into())])

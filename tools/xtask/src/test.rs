@@ -18,7 +18,7 @@ const HOST_TESTS: [&str; 4] = ["run", "--locked", "--release", "--no-fail-fast"]
 /// Selects the tests in files with walks that are played in real time: they need a part of a core all the time.
 const IN_REAL_TIME: &str = "binary(both_feet) + binary(cells_bluetooth) + binary(identify) + binary(update_walking) + binary_id(plantar-cli::cells)";
 
-/// Excludes the tests that need recordings of people, which are in modules of this name. These recordings are not public.
+/// Excludes the tests in modules with the name `unpublished`. They need recordings of people, which are not public.
 const PUBLISHED: &str = "not test(/unpublished::/)";
 
 /// Checks format and lints, and runs the host tests. Tests that need more than a Rust toolchain are reported as ignored.
@@ -106,8 +106,8 @@ fn lower_priority() -> Result<()> {
     Ok(())
 }
 
-/// Runs the selected tests on the host, this many at the same time, including those that need firmware, Python, a browser or data.
-/// Tests that need recordings of people are skipped if there are none on this machine.
+/// Runs the selected tests on the host, this many at the same time, including those that need firmware, Python, a browser or
+/// data. Tests that need recordings of people are skipped if there are none on this machine.
 fn selected_tests(python: &Python, selected: &str, threads: usize) -> Result<()> {
     let recordings = recordings();
     let selected = match &recordings {

@@ -16,7 +16,7 @@ is_on: boolean, } | { "kind": "daily_load", load: DailyLoad, } | { "kind": "stat
 id: number, } | { "kind": "refused",
 /** The reason, as a phrase without a full stop. */
 reason: string,
-/** True if the session belongs to another host now. The insole repeats this until that host has left. */
+/** True if the session belongs to another host now. The insole repeats the refusal until that host has left. */
 is_other_host: boolean, } | { "kind": "time",
 /** The page's time in the request. */
 host_us: number,
@@ -104,13 +104,13 @@ sole: Sole, };
 
 /** UUIDs of the insole's Bluetooth service and of its characteristics. */
 export type Gatt = { service: string,
-/** The page writes requests to it, and the insole indicates the answers. */
+/** The page writes requests to this characteristic, and the insole indicates the answers. */
 control: string,
 /** The insole notifies live frames and contact ellipses. */
 live: string,
 /** The insole notifies steps, load bouts and alerts. */
 steps: string,
-/** The page writes requests for the wearer's parameters to it, and the insole indicates the answers. It needs a bond. */
+/** As `control`, for requests that concern the wearer's parameters. This characteristic requires a bond. */
 parameters: string,
 /** The first bytes of the requests that are written to `parameters`. */
 parameter_requests: Array<number>, };

@@ -266,7 +266,7 @@ export interface LiveRegion {
 
 /** Measures of both feet. */
 export interface Gait {
-  /** True if the steps of both feet are known on one clock. */
+  /** True if both feet have steps, with times on one clock. */
   has_both_feet: boolean;
   /** Number of strides in use. */
   strides: { left: number; right: number };

@@ -211,8 +211,8 @@ test("a recording that does not exist is reported", async () => {
 
 test("an insole of another major version is reported, and its values are not shown", async () => {
   const bytes = readFileSync(join(DIST, "walk.plantar"));
-  // The first entry is the hello of the left insole. The header of the entry (7 bytes) and the message number (1 byte) are followed
-  // by the major version.
+  // The first entry is the hello of the left insole. The header of the entry (7 bytes) and the message number (1 byte) are
+  // followed by the major version.
   bytes[7 + 1] = 99;
   const context = await served.browser.newContext({ viewport: PHONE });
   await context.route("**/other.plantar", (route) => route.fulfill({ body: bytes }));

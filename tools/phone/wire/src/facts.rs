@@ -31,13 +31,13 @@ pub struct Facts {
 #[cfg_attr(test, derive(ts_rs::TS))]
 pub struct Gatt {
     service: String,
-    /// The page writes requests to it, and the insole indicates the answers.
+    /// The page writes requests to this characteristic, and the insole indicates the answers.
     control: String,
     /// The insole notifies live frames and contact ellipses.
     live: String,
     /// The insole notifies steps, load bouts and alerts.
     steps: String,
-    /// The page writes requests for the wearer's parameters to it, and the insole indicates the answers. It needs a bond.
+    /// As `control`, for requests that concern the wearer's parameters. This characteristic requires a bond.
     parameters: String,
     /// The first bytes of the requests that are written to `parameters`.
     parameter_requests: Vec<u8>,

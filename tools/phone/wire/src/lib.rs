@@ -1,10 +1,10 @@
-//! The core of the page for a phone, as WebAssembly. It decodes messages to JSON in physical units, encodes requests, computes the
-//! keys of records and the measures of walking, converts the times of insoles, counts lost frames, and provides the constants
+//! The core of the page for a phone, as WebAssembly. It decodes messages to JSON in physical units, encodes requests, computes
+//! the keys of records and the measures of walking, converts the times of insoles, counts lost frames, and provides the constants
 //! of the protocol.
 //!
-//! The page calls plain WebAssembly exports and shares one buffer with them. A binding generator such as wasm-bindgen is not used,
-//! because its command-line program would have to be installed in exactly the version of its crate. Messages are passed as JSON.
-//! This takes some microseconds per message, and a step is the same object as in the files of the command line.
+//! The page calls plain WebAssembly exports and shares one buffer with them. A binding generator such as wasm-bindgen is not
+//! used, because its command-line program would have to be installed in exactly the version of its crate. Messages are passed as
+//! JSON. This takes some microseconds per message, and a step is the same object as in the files of the command line.
 //!
 //! The page's TypeScript types are in `tools/phone/src/generated`. A test of this crate checks that they are up to date;
 //! `UPDATE_DOCS=1 cargo test --release --package phone-wire` rewrites them.
@@ -32,8 +32,8 @@ fn request(message: ToDevice) -> usize {
     encode(&message, &mut bytes).map_or(0, |message| put(message))
 }
 
-/// Replaces the message in the buffer by its JSON and returns the length of the text. Returns 0 for bytes that are not a message of
-/// this version, and for messages that the page does not use.
+/// Replaces the message in the buffer by its JSON and returns the length of the text. Returns 0 for bytes that are not a message
+/// of this version, and for messages that the page does not use.
 #[unsafe(no_mangle)]
 pub extern "C" fn decode() -> usize {
     let json = phone_buffer::with(|buffer| decode_to_json(buffer));
@@ -46,8 +46,8 @@ pub extern "C" fn facts() -> usize {
     put(facts::facts_to_json().as_bytes())
 }
 
-/// Replaces the list of an insole's cells in the buffer, a JSON array of [`LayoutCell`], by its [`Sole`] as JSON, and returns the length
-/// of the text. Returns 0 for a list without cells, or with damaged ones.
+/// Replaces the list of an insole's cells in the buffer, a JSON array of [`LayoutCell`], by its [`Sole`] as JSON, and returns the
+/// length of the text. Returns 0 for a list without cells, or with damaged ones.
 #[unsafe(no_mangle)]
 pub extern "C" fn sole() -> usize {
     let cells: Option<Vec<LayoutCell>> = phone_buffer::with(|buffer| serde_json::from_slice(buffer).ok());
@@ -97,9 +97,9 @@ pub extern "C" fn get_alert_rules() -> usize {
     request(ToDevice::GetAlertRules)
 }
 
-/// Encodes a request that turns alerts on or off. The buffer contains the insole's message with its present rules; all values but the
-/// number of alerts in a day and the beginning of the day remain. Alerts are off if their number in a day is 0; if it was 0, it
-/// becomes the recommended one when they are turned on. The wearer's day begins `day_start_min` minutes after midnight UTC.
+/// Encodes a request that turns alerts on or off. The buffer contains the insole's message with its present rules; all values but
+/// the number of alerts in a day and the beginning of the day remain. Alerts are off if their number in a day is 0; if it was 0,
+/// it becomes the recommended one when they are turned on. The wearer's day begins `day_start_min` minutes after midnight UTC.
 #[unsafe(no_mangle)]
 pub extern "C" fn set_alerts(is_on: bool, day_start_min: u16) -> usize {
     let rules = match phone_buffer::with(|message| decode_message(message)) {
@@ -160,8 +160,8 @@ pub extern "C" fn axis_clear(index: usize) {
     with(&AXES, index, |axis| *axis = Axis::new());
 }
 
-/// Adds an insole's answer to [`get_time`] to its time axis. `asked_us` is the time in the request, and `device_us` is the time of
-/// the insole in its answer.
+/// Adds an insole's answer to [`get_time`] to its time axis. `asked_us` is the time in the request, and `device_us` is the time
+/// of the insole in its answer.
 #[unsafe(no_mangle)]
 pub extern "C" fn axis_answer(index: usize, asked_us: f64, device_us: f64) {
     with(&AXES, index, |axis| axis.answer(asked_us as u64, device_us as u64));
@@ -212,17 +212,17 @@ pub extern "C" fn counter_lost(index: usize) -> f64 {
 /// The steps of the left and of the right foot for [`gait_measures`].
 static GAIT_STEPS: Mutex<[Vec<FootStep>; 2]> = Mutex::new([Vec::new(), Vec::new()]);
 
-/// Adds a step for [`gait_measures`]. `foot` is 0 for the left and 1 for the right foot. `number` numbers the steps of the foot
-/// without other records, `start_s` is the time of the heel strike, `duration_s` is the stance time, `peak_n` is the peak of
+/// Adds a step for [`gait_measures`]. `foot` is 0 for the left and 1 for the right foot. `number` counts the steps of the foot,
+/// without its other records, `start_s` is the time of the heel strike, `duration_s` is the stance time, `peak_n` is the peak of
 /// the total force, and `integral_n_s` is its time integral.
 #[unsafe(no_mangle)]
 pub extern "C" fn gait_step(foot: usize, number: u32, start_s: f64, duration_s: f64, peak_n: f64, integral_n_s: f64) {
     with(&GAIT_STEPS, foot, |steps| steps.push(FootStep { number, start_s, duration_s, peak_n, integral_n_s }));
 }
 
-/// Writes the measures of the steps that were added since the last call to the buffer as JSON, and returns the length of the text.
-/// `has_common_clock` states whether the times of both feet are on one clock. `stride_m` is the mean length of a stride; 0 if it is
-/// unknown.
+/// Writes to the buffer, as JSON, the measures of the steps that were added since the last call. Returns the length of the text.
+/// `has_common_clock` states whether the times of both feet are on one clock. `stride_m` is the mean length of a stride; 0 if it
+/// is unknown.
 #[unsafe(no_mangle)]
 pub extern "C" fn gait_measures(has_common_clock: bool, stride_m: f64) -> usize {
     let steps = std::mem::take(&mut *GAIT_STEPS.lock().unwrap_or_else(PoisonError::into_inner));

@@ -58,7 +58,7 @@ pub(crate) enum Message {
     Refused {
         /// The reason, as a phrase without a full stop.
         reason: String,
-        /// True if the session belongs to another host now. The insole repeats this until that host has left.
+        /// True if the session belongs to another host now. The insole repeats the refusal until that host has left.
         is_other_host: bool,
     },
     Time {
@@ -324,8 +324,8 @@ impl Serialize for RegionOf<'_> {
     }
 }
 
-/// Serialises quantities of a live frame or of a contact ellipse. Unlike the quantities of a step, they have no nested keys and are
-/// always present.
+/// Serialises quantities of a live frame or of a contact ellipse. Unlike the quantities of a step, they have no nested keys and
+/// are always present.
 fn serialize_quantities<T, M: SerializeMap>(map: &mut M, quantities: &[Quantity<T>], of: &T) -> Result<(), M::Error> {
     quantities.iter().try_for_each(|quantity| match quantity.per_unit {
         1 => map.serialize_entry(quantity.key, &(quantity.value)(of)),

@@ -1,5 +1,5 @@
-//! The sole on which the page draws loads: the outline of the insole's own cells, divided into the regions of the cells. Until the
-//! page has read the cells, it is [`GENERIC_SOLE`], which the library's template divides into regions.
+//! The sole on which the page draws loads: the outline of the insole's own cells, divided into the regions of the cells. Until
+//! the page has read the cells, it is [`GENERIC_SOLE`], which the library's template divides into regions.
 
 use plantar::Region;
 use plantar::pipeline::outline::GENERIC_SOLE;
@@ -28,8 +28,8 @@ const ROW_MM: f32 = GAP_MM / 2.0;
 const POINT_MM: f32 = 0.25;
 /// A point of a polygon that is nearer than this to the line between its neighbours is removed.
 const TOLERANCE_MM: f32 = 0.1;
-/// Width of the rim of an insole around its cells. Contact ellipses extend beyond the cells in contact: the ellipse with the second
-/// moments of a square is 15 % wider than the square.
+/// Width of the rim of an insole around its cells. Contact ellipses extend beyond the cells in contact: the ellipse with the
+/// second moments of a square is 15 % wider than the square.
 const RIM_MM: f32 = 7.0;
 /// Largest radius of the notches between cells that the outline bridges.
 const NOTCH_MM: f32 = 80.0;
@@ -174,8 +174,8 @@ fn outline_mm(cells: &[LayoutCell]) -> Vec<[f32; 2]> {
     [simplified(&medial), simplified(&lateral)].concat()
 }
 
-/// The outline of the generic sole: a closed polygon with rounded corners. Each corner is replaced by a parabola from the middle of
-/// one edge to the middle of the next edge.
+/// The outline of the generic sole: a closed polygon with rounded corners. Each corner is replaced by a parabola from the middle
+/// of one edge to the middle of the next edge.
 fn generic_outline_mm() -> Vec<[f32; 2]> {
     let medial = GENERIC_SOLE.rows_mm.iter().map(|&[y, medial, _]| [medial as f32, y as f32]);
     let lateral = GENERIC_SOLE.rows_mm.iter().rev().map(|&[y, _, lateral]| [lateral as f32, y as f32]);

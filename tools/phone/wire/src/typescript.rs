@@ -256,7 +256,7 @@ fn quantities() -> String {
 fn gait_interfaces(text: &mut String) {
     interface(text, "Measures of both feet.", "Gait", |text| {
         let both = "{ left: number; right: number }";
-        field(text, "True if the steps of both feet are known on one clock.", "has_both_feet", "boolean");
+        field(text, "True if both feet have steps, with times on one clock.", "has_both_feet", "boolean");
         field(text, "Number of strides in use.", "strides", both);
         field(text, "Number of pairs of steps that are no stride, because of a pause or a missing step.", "gaps", both);
         field(

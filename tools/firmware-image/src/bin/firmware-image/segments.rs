@@ -11,7 +11,7 @@ pub fn write(firmware: &Path, out: &Path) -> Result<()> {
     let file = object::File::parse(&*data).with_context(|| format!("{} is not an ELF file", firmware.display()))?;
     let mut bytes = Vec::new();
     for segment in file.segments() {
-        let data = segment.data().with_context(|| format!("{} is cut off", firmware.display()))?;
+        let data = segment.data().with_context(|| format!("{} is cut short: build it again", firmware.display()))?;
         bytes.extend(segment.address().to_le_bytes());
         bytes.extend((data.len() as u64).to_le_bytes());
         bytes.extend(data);

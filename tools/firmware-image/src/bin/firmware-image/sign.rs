@@ -17,12 +17,12 @@ pub fn sign(firmware: &Path, key: Option<&Path>, out: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Returns the signing key: that in `file` or, without a file, the key for development. Refuses a key whose images the firmware of
-/// this build does not accept.
+/// Returns the signing key: that in `file` or, without a file, the key for development. Refuses a key whose images the firmware
+/// of this build does not accept.
 fn signing_key(file: Option<&Path>) -> Result<SigningKey> {
     let key = match file {
         Some(file) => read_signing_key(file)?,
-        None => development_key().context("the key for development is damaged")?,
+        None => development_key().context("tools/firmware-image/development.key is damaged: restore it with git")?,
     };
     let public = key.verifying_key();
     // KEY is the key that firmware accepts if it is built with the same PLANTAR_UPDATE_KEY as this program.
