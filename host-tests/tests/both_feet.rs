@@ -190,7 +190,7 @@ fn both_feet_stream_a_minute_in_real_time() {
         let (_, last) = foot.live[foot.live.len() - 1];
         let found_us = foot.axis.host_us(last.t_us).expect("the axis has answers") as i64;
         let error_us = found_us - (last.t_us as i64 - foot.true_offset_us(start));
-        println!("error of a foot's clock, due to the delay of its requests: {error_us} us");
+        println!("error of a foot's converted time, due to the delay of its requests: {error_us} us");
         error_us
     });
     println!("difference of the two errors: {} us", errors_us[0] - errors_us[1]);

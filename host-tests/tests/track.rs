@@ -56,8 +56,8 @@ fn tracked<R: plantar::Real>(
     tracker.start(&laws);
     let mut changes = Vec::new();
     for (i, (area_mm2, force_n)) in steps.iter().enumerate() {
-        let narrow = |values: &[f64]| values.iter().map(|&value| R::of(value)).collect::<Vec<R>>();
-        let step = RegionStep::new(&law, &narrow(area_mm2), &narrow(force_n), R::of(SAMPLE_S), &AreaMoments::NONE);
+        let convert = |values: &[f64]| values.iter().map(|&value| R::of(value)).collect::<Vec<R>>();
+        let step = RegionStep::new(&law, &convert(area_mm2), &convert(force_n), R::of(SAMPLE_S), &AreaMoments::NONE);
         changes.push(tracker.adapt(3, &mut law, &step, is_reliable(i)).to_f64());
     }
     (law, changes)
