@@ -109,8 +109,8 @@ fn a_wait_for_a_chip_that_stays_busy_ends() {
     assert_eq!(polls, 100);
 }
 
-/// The flash chip answers, but does not return the stored state. The bootloader must start the active image: it cannot swap images
-/// without the state, so a reset, as after a swap that failed, would be repeated without end.
+/// The flash chip answers, but does not return the stored state. The bootloader must start the active image: it cannot swap
+/// images without the state, so a reset, as after a swap that failed, would be repeated without end.
 #[test]
 fn a_state_that_cannot_be_read_leaves_the_active_image() {
     let accepted = accepted();
