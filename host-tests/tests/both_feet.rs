@@ -42,7 +42,7 @@ impl Walk for DelayedWalk {
 
     fn scan(&mut self, seq: u32, codes: &mut [u16]) -> Scan {
         let mut scanned = self.scanned.lock().unwrap_or_else(PoisonError::into_inner);
-        // A scan that the emulator left out gets the time of the next one.
+        // A scan that the emulator skipped has the time of the next one.
         scanned.resize(seq as usize + 1, Instant::now());
         if self.first.is_none() && self.is_started.load(Ordering::Relaxed) {
             self.first = Some(seq);
@@ -164,7 +164,8 @@ fn both_feet_stream_a_minute_in_real_time() {
         assert!(foot.numbers.iter().copied().eq(0..records), "every record must arrive once, in order");
         assert_eq!(foot.steps.len() as u32, status.steps, "every step must arrive");
         assert_eq!((status.records_dropped, status.bad_frames), (0, 0));
-        // The emulated board misses scans if the host is busy. A stance with too many missed scans is rejected as a step, and counted.
+        // The emulated board misses scans if the host is busy. A stance with too many missed scans is rejected as a step, and
+        // counted.
         assert_eq!(status.steps + status.rejected.broken, STEPS as u32);
 
         let live_ms = foot.live.iter().map(|(at, live)| foot.age_ms(*at, live.t_us));

@@ -1,4 +1,5 @@
-//! The ellipsoid model, compared with geometry, quadrature and finite differences in f64.
+//! The ellipsoid model, compared with geometry, quadrature and finite differences in f64. In these tests, `g` is the normalised
+//! deformation, which is the deformation divided by C, and `q` is a point of the contact ellipse: 0 at the centre, 1 at the rim.
 
 use plantar::Real;
 use plantar::pipeline::live::LiveModel;

@@ -105,8 +105,8 @@ fn old_region(region: StepRegion, masked_cells: u8) -> StepRegion {
     }
 }
 
-/// `flash-2.bin` was written by firmware whose steps lack the change of K. It contains the first sector of the records and the
-/// first two of the log.
+/// `flash-2.bin` was written by firmware that did not store the change of the stiffness K in a step. It contains the first sector
+/// of the records and the first two of the log.
 #[test]
 fn steps_stored_by_firmware_without_tracking_are_read() {
     let capture = include_bytes!("../data/flash-2.bin");

@@ -28,7 +28,8 @@ fn area_mm2(step: usize) -> Vec<f64> {
     (0..SAMPLES).map(|i| PI * 1e3 * size * (PI * ((i as f64 + 0.5) / SAMPLES as f64).powf(0.7)).sin()).collect()
 }
 
-/// The force in each sample by a force law, N. The deformation rate is the slope between the samples 10 ms before and after.
+/// The force in each sample by a force law, N. The rate of the normalised deformation g is the slope between the samples 10 ms
+/// before and after.
 fn force_n(law: &ForceLaw<f64>, area_mm2: &[f64]) -> Vec<f64> {
     let g: Vec<f64> = area_mm2.iter().map(|mm2| 1.0 - (1.0 - mm2 * 1e-6 / (PI * law.ab_m2)).sqrt()).collect();
     let rate = |i: usize| {

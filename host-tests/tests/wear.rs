@@ -129,7 +129,7 @@ fn a_pressure_that_grows_on_several_cells_is_no_drift() {
     assert_eq!((faults.found, faults.list[0].kind), (1, FaultKind::Drift), "{faults:?}");
 }
 
-/// A cell under residual pressure reads a higher code than another cell whose pressure above its baseline is the highest.
+/// A cell under residual pressure can read a higher code than the cell with the highest pressure above its baseline.
 #[test]
 fn the_peak_pressure_is_that_above_the_baseline() {
     const RESIDUAL_KPA: f64 = 10.0;
@@ -190,8 +190,8 @@ fn standing(standing_n: f64, stand_s: f64) -> Recording {
     synthetic::standing(&trial)
 }
 
-/// Checks that the insole measures the 350 N of a foot that stands at the end of a recording. The recording begins with the lifted
-/// foot, and then has these parts.
+/// Checks that the insole measures the 350 N of a foot that stands at the end of a recording. The recording begins with the
+/// lifted foot, and then has these parts.
 fn assert_measures_standing_after(parts: &[&Recording]) {
     let (mut recording, upright) = (standing(1e-6, 1.0), standing(350.0, 3.0));
     for part in parts.iter().chain(&[&upright]) {
@@ -204,8 +204,8 @@ fn assert_measures_standing_after(parts: &[&Recording]) {
     assert!((totals_n[last] - 350.0).abs() < 3.5, "{} N", totals_n[last]);
 }
 
-/// A person sits down and stands up with the feet on the ground. The load of the seated foot, that of the lower leg, is as constant
-/// as that of a shoe.
+/// A person sits down and stands up with the feet on the ground. The load of the seated foot is the weight of the lower leg, and
+/// is as constant as the pressure of a shoe.
 #[test]
 fn a_seated_foot_does_not_become_the_baseline() {
     let (lifted, upright, seated) = (standing(1e-6, 1.0), standing(350.0, 3.0), standing(30.0, 4.0));
