@@ -37,5 +37,5 @@ fn a_central_without_a_bond_cannot_keep_a_bonded_one_out() {
     assert_eq!(admission.time_limit(true, false).as_secs(), 30);
     assert_eq!(admission.time_limit(false, true).as_secs(), 30);
     advance_to(now_us() + 300_000_000);
-    assert_eq!(admission.time_limit(false, false).as_secs(), 30, "the suspicion must end");
+    assert_eq!(admission.time_limit(false, false).as_secs(), 30, "the short time limit must end");
 }

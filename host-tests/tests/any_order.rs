@@ -11,7 +11,7 @@ use testkit::world::{InsoleEvent, SharedWorld, World};
 
 /// Longest duration of a step with its swing, ms.
 const STEP_MS: u64 = 1_200;
-/// Largest number of crashes. After one more the insole could start without its stored data.
+/// Largest number of crashes. After one more, the insole could start in recovery mode, without its stored data.
 const MOST_CRASHES: u32 = 2;
 
 /// An event, and the time until the next one.
@@ -102,6 +102,7 @@ impl ReferenceStateMachine for AnyOrder {
     }
 }
 
+/// The simulated insole, and its host.
 struct Simulated {
     world: SharedWorld,
     hosts: Vec<Host>,

@@ -320,8 +320,8 @@ fn the_diagrams_agree_with_the_sources() {
     let diagrams = diagrams(&top_level(&Modules::of_library().graph()), &folders, &crates);
     let path = root().join(DOCUMENT);
     let text = read(&path);
-    let (before, rest) = text.split_once(BEGIN).expect("the document contains the beginning of the diagrams");
-    let (written, after) = rest.split_once(END).expect("the document contains the end of the diagrams");
+    let (before, rest) = text.split_once(BEGIN).expect("docs/architecture.md has the line `BEGIN`");
+    let (written, after) = rest.split_once(END).expect("docs/architecture.md has the line `END`");
     if std::env::var_os("UPDATE_DOCS").is_some() {
         fs::write(&path, [before, BEGIN, &diagrams, END, after].concat()).expect("the document is written");
     } else {

@@ -150,7 +150,7 @@ fn a_bonded_phone_receives_every_frame_and_step_of_a_walk() {
     println!("deepest stack with a pairing: {} bytes", phone.status(&mut world.radio).stack_bytes);
 }
 
-/// A phone finds an insole that is not worn and scans once a second. From the first load on, it scans every frame again.
+/// A phone finds an insole that is not worn and scans once a second. From the first load on, the insole scans every frame again.
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn an_insole_that_is_not_worn_is_found_and_measures_when_it_is_put_on() {
@@ -239,7 +239,7 @@ fn is_private(address: &str) -> bool {
 }
 
 /// A stranger sees a new address after each start. A bonded phone recognises the insole, because it has the key from which the
-/// addresses are derived. An insole whose phones bonded before it had such a key keeps the address that they know.
+/// addresses are derived. If the bonds are older than this key, the insole does not change the address that its phones know.
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn a_stranger_cannot_recognise_an_insole_by_its_address() {
@@ -258,10 +258,10 @@ fn a_stranger_cannot_recognise_an_insole_by_its_address() {
     phone.disconnect(&mut world.radio);
 
     // Version 1 of the stored keys has the bonds only, and a checksum.
-    let mut former = vec![1];
-    former.extend(&keys[BONDS_AT..keys.len() - 4]);
-    former.extend(plantar::checksum::crc32(&former).to_le_bytes());
-    let chip = world.insole.flash_with_keys(&Bonds(former.iter().copied().collect()));
+    let mut version_1 = vec![1];
+    version_1.extend(&keys[BONDS_AT..keys.len() - 4]);
+    version_1.extend(plantar::checksum::crc32(&version_1).to_le_bytes());
+    let chip = world.insole.flash_with_keys(&Bonds(version_1.iter().copied().collect()));
     world.restart_with(|config| config.bonding_s = 0, chip);
     let fixed = address_of(&mut world, &stranger);
     world.restart(|_| {});
@@ -357,7 +357,7 @@ fn break_links(seed: u32) {
     let mut world = World::start(WALK(STEPS));
     let (_, steps) = replay(&world.insole.recording, ContactRule::COUNTED, |_| false);
     assert_eq!(steps.len(), STEPS);
-    let scans_a_step = world.insole.scans() / STEPS as u32;
+    let scans_per_step = world.insole.scans() / STEPS as u32;
     let mut phone = world.bonded_phone(247);
     phone.set_tissue(&mut world.radio, tissue());
     let (mut store, mut cuts, mut random) = (Store::default(), 0, seed);
@@ -370,7 +370,7 @@ fn break_links(seed: u32) {
             if store.0.len() == STEPS {
                 break;
             }
-            world.insole.play((store.0.len() as u32 + AHEAD) * scans_a_step);
+            world.insole.play((store.0.len() as u32 + AHEAD) * scans_per_step);
             let (characteristic, value) = phone.value(&mut world.radio);
             let joiner = phone.joiners.entry(characteristic).or_default();
             if let Some(message) = joiner.push(&value).expect("fragments arrive in order")

@@ -42,7 +42,7 @@ impl Walk for DelayedWalk {
 
     fn scan(&mut self, seq: u32, codes: &mut [u16]) -> Scan {
         let mut scanned = self.scanned.lock().unwrap_or_else(PoisonError::into_inner);
-        // A scan that the emulator left out gets the time of the next one.
+        // A scan that the emulator skipped has the time of the next one.
         scanned.resize(seq as usize + 1, Instant::now());
         if self.first.is_none() && self.is_started.load(Ordering::Relaxed) {
             self.first = Some(seq);
@@ -164,7 +164,8 @@ fn both_feet_stream_a_minute_in_real_time() {
         assert!(foot.numbers.iter().copied().eq(0..records), "every record must arrive once, in order");
         assert_eq!(foot.steps.len() as u32, status.steps, "every step must arrive");
         assert_eq!((status.records_dropped, status.bad_frames), (0, 0));
-        // The emulated board misses scans if the host is busy. A stance with too many missed scans is rejected as a step, and counted.
+        // The emulated board misses scans if the host is busy. A stance with too many missed scans is rejected as a step, and
+        // counted.
         assert_eq!(status.steps + status.rejected.broken, STEPS as u32);
 
         let live_ms = foot.live.iter().map(|(at, live)| foot.age_ms(*at, live.t_us));
@@ -190,7 +191,7 @@ fn both_feet_stream_a_minute_in_real_time() {
         let (_, last) = foot.live[foot.live.len() - 1];
         let found_us = foot.axis.host_us(last.t_us).expect("the axis has answers") as i64;
         let error_us = found_us - (last.t_us as i64 - foot.true_offset_us(start));
-        println!("error of a foot's clock, due to the delay of its requests: {error_us} us");
+        println!("error of a foot's converted time, due to the delay of its requests: {error_us} us");
         error_us
     });
     println!("difference of the two errors: {} us", errors_us[0] - errors_us[1]);

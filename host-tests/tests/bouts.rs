@@ -11,7 +11,7 @@ use testkit::wear::{Residual, find, with_residual};
 /// A child, an adult, and a heavy person, in sequences of activities.
 #[test]
 fn each_newton_second_is_part_of_one_record_and_kinds_are_recognised() {
-    let (mut labelled, mut right) = (0, 0);
+    let (mut labelled, mut correct) = (0, 0);
     for (weight_n, rate_hz) in [(150.0, 100.0), (650.0, 50.0), (650.0, 100.0), (650.0, 400.0), (1_770.0, 100.0)] {
         for (order, seed) in sequences().zip(1..) {
             let (recording, spans) = recording(&order, weight_n, rate_hz, 20.0, seed);
@@ -22,11 +22,11 @@ fn each_newton_second_is_part_of_one_record_and_kinds_are_recognised() {
             println!("{weight_n} N, {rate_hz} Hz, {order:?}: {} steps, {counts:?}, {share:.6}", found.steps.len());
             assert!(share < 0.001, "{weight_n} N, {rate_hz} Hz: {share}");
             labelled += counts.0;
-            right += counts.1;
+            correct += counts.1;
         }
     }
-    println!("{right} of {labelled} recognised");
-    assert!(right as f64 >= 0.95 * labelled as f64, "{right} of {labelled}");
+    println!("{correct} of {labelled} recognised");
+    assert!(correct as f64 >= 0.95 * labelled as f64, "{correct} of {labelled}");
 }
 
 #[test]

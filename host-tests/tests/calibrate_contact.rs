@@ -1,4 +1,4 @@
-//! Conversion of codes to pressures and contact, compared with the sensor law evaluated in f64.
+//! Conversion of codes to pressures, and detection of contact, compared with the sensor law evaluated in f64.
 
 use plantar::Region;
 use plantar::insole::Insole;

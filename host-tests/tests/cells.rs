@@ -1,6 +1,5 @@
 //! The stream of all cells. Through the emulated board and its link, the received codes equal those of the walk, and a rate
-//! that the port cannot carry is refused. From a host board in virtual time, a stream with `every` 0 has the cells of all
-//! frames.
+//! that the port cannot carry is refused. On a host board in virtual time, a stream with `every` 0 has the cells of all frames.
 
 mod common;
 
@@ -91,7 +90,7 @@ fn a_rate_that_the_port_cannot_carry_is_refused_with_the_highest_that_it_can() {
     let mut client = connect(&board);
     let request = |every| Some(CellStream { resolution: Resolution::Converter, every });
     let Err(Error::Refused(Refusal::CellRate { every })) = client.stream_cells(request(1)) else {
-        panic!("400 frames a second with 240 cells each do not fit into 46,080 bytes a second")
+        panic!("must be refused: 400 frames a second with 240 cells each do not fit into 46,080 bytes a second")
     };
     assert!(every > 1, "one of {every} frames");
     client.stream_cells(request(every)).expect("the rate that was offered is accepted");

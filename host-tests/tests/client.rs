@@ -261,7 +261,8 @@ fn a_step_that_was_lost_in_transit_arrives_in_the_next_session() {
     assert_eq!(step_numbers(&receive_all(&mut client)), [0]);
 }
 
-/// If the request discarded the hello of the replay, the steps would arrive only after the client has waited for it in vain.
+/// The client ignores records until the hello with which a requested replay begins. If the request for the status discarded this
+/// hello, the steps would arrive only after the client has waited for it in vain and requested another replay.
 #[test]
 fn a_replay_that_begins_while_a_request_waits_is_delivered_at_once() {
     let (cable, mut client) = connected();

@@ -100,17 +100,17 @@ impl Session {
                 return message;
             }
         }
-        panic!("the board sends nothing");
+        panic!("the board sent no message in {SILENT_READS} successive reads");
     }
 
     /// Receives one message; returns true if it is an answer.
     fn receive(&mut self, received: &mut Received) -> bool {
         let message = self.next();
-        self.keep(message, received)
+        self.store(message, received)
     }
 
-    /// Keeps a message; returns true if it is an answer.
-    fn keep(&mut self, message: ToHost, received: &mut Received) -> bool {
+    /// Stores a message; returns true if it is an answer.
+    fn store(&mut self, message: ToHost, received: &mut Received) -> bool {
         let is_answer = !matches!(message, ToHost::Live(_) | ToHost::Step(_) | ToHost::Bout(_) | ToHost::Alert(_));
         match message {
             ToHost::Live(live) => received.live.push(live),
@@ -150,7 +150,7 @@ impl Session {
         while self.board.plant().scans() < self.scans && silent < SILENT_READS {
             silent += 1;
             if let Some(message) = self.client.receive().expect("the link works") {
-                self.keep(message, received);
+                self.store(message, received);
                 silent = 0;
             }
         }

@@ -52,8 +52,8 @@ fn no_fault_is_reported_in_long_walks() {
     }
 }
 
-/// In such walks, the heavily loaded foot covers a whole row of cells of the midfoot in some steps, and only a part of the row
-/// in others.
+/// In some steps of these walks, the heavily loaded foot covers a whole row of cells of the midfoot, and in others only a part of
+/// the row.
 #[test]
 fn no_fault_is_reported_in_short_walks_of_varying_steps() {
     for seed in 0..40 {
@@ -180,15 +180,15 @@ fn a_masked_cell_has_the_pressure_of_its_neighbours_whatever_their_gains() {
             // is open.
             let kpa = 120.0 * (PI * f64::from(seq % 100) / 60.0).sin().max(0.0);
             codes.iter_mut().enumerate().for_each(|(i, code)| *code = 100 + code_of(&LAW, kpa / f64::from(gain(i))));
-            let is_late = seq >= 500;
-            if is_late {
+            let is_open = seq >= 500;
+            if is_open {
                 codes[OPEN] = 100;
             }
             insole.frame(seq, &codes);
             let load = &insole.loads()[Region::Heel as usize];
-            let (force_n, area_mm2) = &mut largest[usize::from(is_late)];
+            let (force_n, area_mm2) = &mut largest[usize::from(is_open)];
             // The cell is masked after the first steps in which it is open.
-            if !is_late || seq >= 800 {
+            if !is_open || seq >= 800 {
                 *force_n = load.frame.force.force_n.max(*force_n);
                 *area_mm2 = load.frame.area.area_mm2::<f64>().max(*area_mm2);
             }

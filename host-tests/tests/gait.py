@@ -1,4 +1,4 @@
-"""The measures of both feet in NumPy, straight from their definitions in docs/measures.md.
+"""The measures of both feet in NumPy, computed directly from their definitions in docs/measures.md.
 
 Reads from the standard input, as JSON, the steps of the "left" and of the "right" foot in the order of time: number, heel strike
 (s), stance time (s), peak force (N) and force-time integral (N s). Prints a JSON object: for each measure and for the cadence,

@@ -24,12 +24,12 @@ proptest! {
     ) {
         let mut joiner = Joiner::new();
         let fragments = fragments(&message, max_len);
-        let (last, first) = fragments.split_last().expect("a message has a fragment");
-        for (number, fragment) in first.iter().enumerate() {
+        let (last, others) = fragments.split_last().expect("a message has a fragment");
+        for (number, fragment) in others.iter().enumerate() {
             prop_assert_eq!(usize::from(fragment[0]), number);
             prop_assert_eq!(joiner.push(fragment), Ok(None));
         }
-        prop_assert_eq!(usize::from(last[0]), 0x80 | first.len());
+        prop_assert_eq!(usize::from(last[0]), 0x80 | others.len());
         prop_assert_eq!(joiner.push(last), Ok(Some(&message[..])));
     }
 

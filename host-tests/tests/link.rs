@@ -839,7 +839,7 @@ fn rules_of_alerts_are_checked_stored_and_passed_to_the_insole() {
         assert_eq!(all(&mut session), [Sent::Refused(Refusal::AlertRules)]);
     }
     session.receive(ToDevice::GetAlertRules, 0);
-    assert_eq!(all(&mut session), [Sent::AlertRules(AlertRules::OFF)], "the former rules must remain in force");
+    assert_eq!(all(&mut session), [Sent::AlertRules(AlertRules::OFF)], "the previous rules must remain in force");
 
     session.receive(ToDevice::SetAlertRules(AlertRules::RECOMMENDED), 0);
     assert_eq!(session.command(), Some(Command::AlertRules(AlertRules::RECOMMENDED)));

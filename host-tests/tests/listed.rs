@@ -84,5 +84,5 @@ fn every_unsafe_line_is_listed_and_every_unsafe_block_has_a_safety_comment() {
             file.ends_with(".rs").then(|| (file.to_owned(), lines.parse().expect("the row contains a number of lines")))
         })
         .collect();
-    assert_eq!(found, listed);
+    assert_eq!(found, listed, "docs/{KEYWORD}.md or the list of a board differs from the sources: correct the list");
 }

@@ -11,7 +11,7 @@ of output has the result as JSON, or {"error": <code>} for a refusal.
     state           Lists the images.
     erase           Erases the slot for uploads.
     reset           Restarts the insole.
-    name:<file>     The SHA-256 that names the image in the file.
+    name:<file>     Returns the SHA-256 that names the image in the file.
     upload:<file>   Uploads the file.
     test:<file>     Lets the image run at the next start.
     confirm:<file>  Confirms the image.
@@ -107,7 +107,7 @@ async def execute(client, command, argument):
             except SMPUploadError as error:
                 return code(error.args[0])
             return offset
-    raise ValueError(command)
+    raise ValueError(f"{command}: unknown command, see the list at the beginning of management.py")
 
 
 def serial_port(to_insole, from_insole):
@@ -137,15 +137,16 @@ def transport(link):
 
     _, to_insole, from_insole = link.split(":")
     port, terminal = serial_port(to_insole, from_insole)
-    used = SMPSerialTransport()
-    used.terminal = terminal
-    return used, port
+    serial = SMPSerialTransport()
+    # The descriptor must remain open as long as the transport.
+    serial.terminal = terminal
+    return serial, port
 
 
 async def main():
     link, *commands = sys.argv[1:]
-    used, address = transport(link)
-    async with SMPClient(used, address, timeout_s=TIMEOUT_S) as client:
+    carrier, address = transport(link)
+    async with SMPClient(carrier, address, timeout_s=TIMEOUT_S) as client:
         for command in commands:
             command, _, argument = command.partition(":")
             print(json.dumps(await execute(client, command, argument)), flush=True)

@@ -277,7 +277,7 @@ fn an_image_that_is_not_confirmed_or_not_tested_does_not_remain() {
     assert_eq!(tool.states(), [running(NEW, false)]);
     tool.reset();
     assert_eq!(tool.states(), [running(OLD, true)]);
-    // An image that loses what it stores is never confirmed, and the tool receives a refusal.
+    // An image that cannot store data is never confirmed, and the request of the tool is refused.
     let failing = image(NEW, Defect::Storage).file();
     assert_eq!(tool.upload(&failing), Ok(()));
     tool.set(Some(name(&failing)), false).expect("the image is accepted");
@@ -344,7 +344,7 @@ fn repeated_and_lost_parts_do_no_harm_and_a_transfer_continues() {
     for (offset, len) in [(first, second - first), (first, 10), (second + 64, 100), (file.len() - 10, 10)] {
         assert_eq!(tool.part(&file, offset, len, false), Ok(second), "part at {offset}");
     }
-    // A part that overlaps what is stored, then the same file from the beginning on.
+    // A part that overlaps the stored bytes.
     let third = tool.part(&file, second - 20, 100, false).expect("the part is accepted");
     assert_eq!(third, second + 80);
     // The first part of the same file continues its transfer. That of another file, also of the same length, begins a new one.

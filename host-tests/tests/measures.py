@@ -1,4 +1,4 @@
-"""The standard measures of steps in NumPy, straight from their definitions in docs/measures.md.
+"""The standard measures of steps in NumPy, computed directly from their definitions in docs/measures.md.
 
 Reads from the standard input, as JSON: "rate_hz"; the "cells" with x and y (mm), area (mm2) and the index of the region; the
 contact thresholds "on_kpa" and "off_kpa"; and for each of the "steps" the pressures (kPa) of all cells in the frames from heel

@@ -1,4 +1,5 @@
-//! The ellipsoid model, compared with geometry, quadrature and finite differences in f64.
+//! The ellipsoid model, compared with geometry, quadrature and finite differences in f64. In these tests, `g` is the normalised
+//! deformation, which is the deformation divided by C, and `q` is a point of the contact ellipse: 0 at the centre, 1 at the rim.
 
 use plantar::Real;
 use plantar::pipeline::live::LiveModel;
@@ -196,11 +197,11 @@ proptest! {
         close(f64::from(g), wide_g, wide_g, 1e-5)?;
 
         // Both force laws are compared at the same g, because the rounding error of g would add to the error of the force.
-        let g_wide = f64::from(g);
-        let elastic_n = wide.force_n(g_wide, 0.0);
+        let same_g = f64::from(g);
+        let elastic_n = wide.force_n(same_g, 0.0);
         close(f64::from(law.force_n(g, 0.0)), elastic_n, elastic_n, 1e-5)?;
-        let viscous_n = wide.force_n(g_wide, f64::from(rate_per_s.abs())) - elastic_n;
-        let full_n = wide.force_n(g_wide, f64::from(rate_per_s));
+        let viscous_n = wide.force_n(same_g, f64::from(rate_per_s.abs())) - elastic_n;
+        let full_n = wide.force_n(same_g, f64::from(rate_per_s));
         close(f64::from(law.force_n(g, rate_per_s)), full_n, elastic_n + viscous_n, 1e-5)?;
     }
 }

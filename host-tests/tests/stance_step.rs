@@ -293,7 +293,8 @@ struct Truth {
     clamped: bool,
 }
 
-/// Eq. 13, 14 and 20 of the paper as printed, with the identifiable force law and the difference of the deformation over 20 ms.
+/// Eq. 13, 14 and 20 of the paper as printed, with the identifiable force law and the difference of the normalised deformation g
+/// over 20 ms.
 fn transcription(law: &ForceLaw<f64>, area_mm2: &[f64], force_n: &[f64], sample_s: f64) -> Truth {
     let contact: Vec<usize> = (0..area_mm2.len()).filter(|&i| area_mm2[i] > 0.0).collect();
     let (first, last) = (contact[0], contact[contact.len() - 1]);

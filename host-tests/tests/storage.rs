@@ -105,8 +105,8 @@ fn old_region(region: StepRegion, masked_cells: u8) -> StepRegion {
     }
 }
 
-/// `flash-2.bin` was written by firmware whose steps lack the change of K. It contains the first sector of the records and the
-/// first two of the log.
+/// `flash-2.bin` was written by firmware that did not store the change of the stiffness K in a step. It contains the first sector
+/// of the records and the first two of the log.
 #[test]
 fn steps_stored_by_firmware_without_tracking_are_read() {
     let capture = include_bytes!("../data/flash-2.bin");
@@ -275,7 +275,7 @@ fn numbers_continue_after_many_entries_of_newer_firmware() {
     assert_eq!(numbers(&mut store), (0..=20).collect::<Vec<_>>());
 }
 
-/// Deleted entries follow an entry of newer firmware, which stays, and a damaged sector of the records must be repaired.
+/// Deleted entries follow an entry of newer firmware that remains stored, and a damaged sector of the records must be repaired.
 #[test]
 fn a_repair_preserves_the_order_of_the_log() {
     let mut chip = chip();
@@ -294,8 +294,8 @@ fn a_repair_preserves_the_order_of_the_log() {
     }
     // The second to last of the log's sectors in use has only deleted entries.
     assert_eq!(numbers(&mut store), [58, 59]);
-    // A full sector has a mark in its first byte and one in its last byte. A sector with only the latter is one of which the
-    // erasure was interrupted.
+    // A full sector has a mark in its first byte and one in its last byte. If only the last byte has a mark, the erasure of the
+    // sector was interrupted.
     let next_sector = &mut chip.bytes[2 * SECTOR as usize..3 * SECTOR as usize];
     assert!(next_sector.iter().all(|byte| *byte == 0xff), "the records must fit into two sectors");
     next_sector[SECTOR as usize - 1] = 0;
@@ -393,7 +393,7 @@ fn records_of_newer_firmware_are_reported_and_not_changed() {
     });
 }
 
-/// This is the state after newer firmware ran on trial and was swapped back.
+/// After newer firmware ran on trial and was swapped back, only its boot counters are stored, which this firmware cannot read.
 #[test]
 fn nothing_is_erased_if_only_newer_firmware_counted_boots() {
     let mut chip = chip();
@@ -809,11 +809,11 @@ fn a_day_of_steps_wears_the_chip_little() {
         }
         let log = (SMALL_LOG.start / SECTOR) as usize..(SMALL_LOG.end / SECTOR) as usize;
         let most = chip.erasures[log].iter().max().expect("there are sectors");
-        let a_day = f64::from(*most) / f64::from(DAYS);
-        let years = ERASURES / a_day / 365.25;
+        let per_day = f64::from(*most) / f64::from(DAYS);
+        let years = ERASURES / per_day / 365.25;
         let bytes = chip.written as f64 / f64::from(STEPS * DAYS);
         println!(
-            "acknowledged: {is_acknowledged}: {a_day:.1} erase operations of the most used sector per day, \
+            "acknowledged: {is_acknowledged}: {per_day:.1} erase operations of the most used sector per day, \
              {years:.0} years, {bytes:.0} bytes per step"
         );
         assert!(years > 20.0);

@@ -175,7 +175,8 @@ fn assert_recovers(fault: InjectedFault, reset: Reset, text: &str, function: &st
     let found_s = (ended_s(report(&hello)) - f64::from(AFTER_MS) * 1e-3).max(0.0);
     println!("{fault:?}: {}", report(&hello));
     println!(
-        "    detected after {found_s:.1} s; the board answers {up_s:.3} s after its start (board's time); {host_s:.2} s without a live frame"
+        "    detected after {found_s:.1} s; the board answers {up_s:.3} s after its start (board's time); {host_s:.2} s \
+         without a live frame"
     );
     assert!(found_s + up_s < MAX_RECOVERY_S, "{found_s} s and {up_s} s");
 }

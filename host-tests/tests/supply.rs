@@ -35,7 +35,7 @@ fn store_steps(chip: &mut NorFlashChip, supply: &Supply) -> (Vec<u32>, u32) {
             }
         }
         if number % 5 == 4 && number + 1 < STEPS {
-            // An acknowledgement that is refused half-way may have removed records.
+            // An acknowledgement may have removed records before one of its operations was refused.
             refused += u32::from(block_on(store.acknowledge(number)).is_err());
             stored.retain(|stored| *stored > number);
         }
@@ -57,13 +57,13 @@ fn a_boot_that_begins_with_a_low_supply_is_counted_once_the_supply_is_sufficient
     block_on(store.push_record(step(0))).expect("the supply is sufficient");
     let mut store = block_on(Store::open(Some(&mut chip), Reset::Power));
     assert_eq!(store.contents().start, boot + 1);
-    let mut is_of_former_boot = None;
+    let mut is_of_previous_boot = None;
     block_on(store.records(None, |record| {
-        is_of_former_boot = Some(matches!(record, LoadRecord::Step(Step { boots_since: 1, .. })));
+        is_of_previous_boot = Some(matches!(record, LoadRecord::Step(Step { boots_since: 1, .. })));
         true
     }))
     .expect("the log can be read");
-    assert_eq!(is_of_former_boot, Some(true));
+    assert_eq!(is_of_previous_boot, Some(true));
 }
 
 #[test]
@@ -118,8 +118,8 @@ fn the_log_can_be_read_when_the_supply_became_low_while_records_were_deleted() {
             };
             block_on(store.records(Some(ACKNOWLEDGED), take)).map(|_| numbers)
         };
-        // The first reading postpones the erasure of sectors while the supply is low. The second one must not take them for
-        // erased.
+        // The first reading postpones the erasure of sectors while the supply is low. The second one must not treat
+        // these sectors as erased.
         for _ in 0..2 {
             let found = numbers(&mut store);
             assert_eq!(found, Ok((ACKNOWLEDGED + 1..STEPS).collect()), "low supply from operation {low_from} on");
@@ -154,7 +154,7 @@ fn a_chip_with_a_low_supply_is_not_changed() {
     assert!(chip.bytes == before && chip.erasures.iter().sum::<u32>() == 0);
 }
 
-/// A driver may have more addresses than the chip, and a chip may take an address beyond its end for another one.
+/// A driver may accept more addresses than the chip has, and the chip may map an address beyond its end to another one.
 #[test]
 fn nothing_beyond_the_used_part_is_changed() {
     let mut chip = used_chip();

@@ -109,8 +109,8 @@ fn a_wait_for_a_chip_that_stays_busy_ends() {
     assert_eq!(polls, 100);
 }
 
-/// The board must start although its flash chip, which answers, does not return the stored state: no swap can begin without it,
-/// so that a reset, which lets the bootloader continue a swap, would be repeated without end.
+/// The flash chip answers, but does not return the stored state. The bootloader must start the active image: it cannot swap
+/// images without the state, so a reset, as after a swap that failed, would be repeated without end.
 #[test]
 fn a_state_that_cannot_be_read_leaves_the_active_image() {
     let accepted = accepted();
@@ -472,7 +472,7 @@ fn many_losses_of_power_leave_one_of_the_two_images() {
     // Power fails within these numbers of operations. A swap in either direction has at most 579, and a confirmation has 4, so
     // that some attempts succeed.
     const SWAP: u64 = 700;
-    const MARK: u64 = 8;
+    const CONFIRMATION: u64 = 8;
     let mut random = fastrand::Rng::with_seed(11);
     let start = |chip: &mut NorFlashChip| {
         let _ = boot(chip);
@@ -491,7 +491,7 @@ fn many_losses_of_power_leave_one_of_the_two_images() {
         // If power failed after the last operation of the swap, the repeated start has already swapped back. Otherwise the new
         // image is on trial: without a confirmation, the next start swaps back.
         if random.bool() && active(&chip) == Some(&*NEW) && block_on(is_on_trial(&mut chip)) == Ok(true) {
-            cuts += interrupted(&mut chip, &mut random, MARK, confirm_new);
+            cuts += interrupted(&mut chip, &mut random, CONFIRMATION, confirm_new);
             assert_eq!(active(&chip), Some(&*NEW), "after {cuts} cuts");
             if random.bool() {
                 cuts += interrupted(&mut chip, &mut random, SWAP, request_swap_back);

@@ -28,7 +28,8 @@ fn area_mm2(step: usize) -> Vec<f64> {
     (0..SAMPLES).map(|i| PI * 1e3 * size * (PI * ((i as f64 + 0.5) / SAMPLES as f64).powf(0.7)).sin()).collect()
 }
 
-/// The force in each sample by a force law, N. The deformation rate is the slope between the samples 10 ms before and after.
+/// The force in each sample by a force law, N. The rate of the normalised deformation g is the slope between the samples 10 ms
+/// before and after.
 fn force_n(law: &ForceLaw<f64>, area_mm2: &[f64]) -> Vec<f64> {
     let g: Vec<f64> = area_mm2.iter().map(|mm2| 1.0 - (1.0 - mm2 * 1e-6 / (PI * law.ab_m2)).sqrt()).collect();
     let rate = |i: usize| {
@@ -56,8 +57,8 @@ fn tracked<R: plantar::Real>(
     tracker.start(&laws);
     let mut changes = Vec::new();
     for (i, (area_mm2, force_n)) in steps.iter().enumerate() {
-        let narrow = |values: &[f64]| values.iter().map(|&value| R::of(value)).collect::<Vec<R>>();
-        let step = RegionStep::new(&law, &narrow(area_mm2), &narrow(force_n), R::of(SAMPLE_S), &AreaMoments::NONE);
+        let convert = |values: &[f64]| values.iter().map(|&value| R::of(value)).collect::<Vec<R>>();
+        let step = RegionStep::new(&law, &convert(area_mm2), &convert(force_n), R::of(SAMPLE_S), &AreaMoments::NONE);
         changes.push(tracker.adapt(3, &mut law, &step, is_reliable(i)).to_f64());
     }
     (law, changes)

@@ -12,7 +12,7 @@ use testkit::virtual_time::now_us;
 use testkit::walk::Posture;
 use testkit::world::{InsoleEvent, World};
 
-/// Two hosts of one insole, the wearer of which walks: one over each carrier.
+/// Two hosts of one insole, one over the cable and one over the radio. The wearer of the insole walks.
 struct Hosts {
     cable: Host,
     radio: Host,
@@ -71,8 +71,8 @@ fn a_host_waits_while_another_one_uses_the_insole() {
     assert!(cable > 900, "{cable}");
     assert_eq!(hosts.cable.hellos.len(), 2);
 
-    let (with_cable, with_radio) = (hosts.cable.steps().count(), hosts.radio.steps().count());
-    assert!(with_cable > 15 && with_radio > 10, "{with_cable} {with_radio}");
+    let (cable_steps, radio_steps) = (hosts.cable.steps().count(), hosts.radio.steps().count());
+    assert!(cable_steps > 15 && radio_steps > 10, "{cable_steps} {radio_steps}");
     let steps = hosts.steps();
     assert!(steps.iter().copied().eq(0..steps.len() as u32), "{steps:?}");
     assert!(hosts.cable.errors.is_empty(), "{:?}", hosts.cable.errors);
@@ -117,7 +117,7 @@ fn a_request_to_measure_the_baselines_is_answered_by_its_own_measurement() {
         let mut client = connect();
         let requested_us = now_us();
         assert!(matches!(client.zero(), Err(Error::Refused(Refusal::NotLifted))));
-        let measured_us = now_us() - requested_us;
-        assert!(measured_us >= u64::from(ZERO_S) * SECOND_US, "{tenths}: {measured_us}");
+        let waited_us = now_us() - requested_us;
+        assert!(waited_us >= u64::from(ZERO_S) * SECOND_US, "{tenths}: {waited_us}");
     }
 }

@@ -1,6 +1,6 @@
-//! During the transfer of an update in a walk in real time, no live frame and no step is lost. The number of scans that a busy
-//! emulator misses, which happens without an update, too, is printed and not checked. The test is alone in its file, because
-//! other tests of the file would run at the same time and disturb it.
+//! During the transfer of an update in a walk in real time, no live frame and no step is lost. A busy emulator misses scans,
+//! also without an update, so their number is printed and not checked. The test is alone in its file, because other tests of the
+//! file would run at the same time and disturb it.
 
 mod common;
 
@@ -34,8 +34,8 @@ fn a_transfer_during_a_walk_loses_no_frame_and_no_step() {
     let image =
         Image::sign(flash_image(&firmware).expect("the firmware is built"), &secret).expect("the image has a header");
     let mut offer = image.offer();
-    // Only the beginning of the image is sent, and not checked. The insole therefore does not restart, and its counters can be
-    // read.
+    // Only the beginning of the image is sent, without the request to check it. The insole therefore does not restart, and its
+    // counters can be read.
     offer.chunks = CHUNKS;
     let mut steps = Vec::new();
     let mut progress = session.update(Request::Begin(offer));

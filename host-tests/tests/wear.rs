@@ -129,7 +129,7 @@ fn a_pressure_that_grows_on_several_cells_is_no_drift() {
     assert_eq!((faults.found, faults.list[0].kind), (1, FaultKind::Drift), "{faults:?}");
 }
 
-/// A cell under residual pressure reads a higher code than another cell whose pressure above its baseline is the highest.
+/// A cell under residual pressure can read a higher code than the cell with the highest pressure above its baseline.
 #[test]
 fn the_peak_pressure_is_that_above_the_baseline() {
     const RESIDUAL_KPA: f64 = 10.0;
@@ -138,7 +138,7 @@ fn the_peak_pressure_is_that_above_the_baseline() {
         SetupCell { row_column: i, ..at }
     });
     let mut insole = Box::new(Insole::<f64, 64>::new());
-    insole.set_up(SETUP, cells).unwrap();
+    insole.set_up(SETUP, cells).expect("the set-up is accepted");
     let mut codes = [0u16; 64];
     let mut push = |seq: u32, pressures_kpa: [f64; 2]| {
         codes[0] = code_of(&LAW, RESIDUAL_KPA + pressures_kpa[0]);
@@ -190,33 +190,33 @@ fn standing(standing_n: f64, stand_s: f64) -> Recording {
     synthetic::standing(&trial)
 }
 
-/// Checks that the insole measures the 350 N of a foot that stands at the end of a recording. The recording begins with the lifted
-/// foot, and then has these parts.
+/// Checks that the insole measures the 350 N of a foot that stands at the end of a recording. The recording begins with the
+/// lifted foot, and then has these parts.
 fn assert_measures_standing_after(parts: &[&Recording]) {
-    let (mut recording, up) = (standing(1e-6, 1.0), standing(350.0, 3.0));
-    for part in parts.iter().chain(&[&up]) {
+    let (mut recording, upright) = (standing(1e-6, 1.0), standing(350.0, 3.0));
+    for part in parts.iter().chain(&[&upright]) {
         recording.pressure_kpa.extend_from_slice(&part.pressure_kpa);
     }
     let frames = recording.pressure_kpa.len() / recording.cells();
     recording.t_s = (0..frames).map(|i| i as f64 / recording.rate_hz).collect();
     let totals_n = found(&recording).totals_n;
-    let last = frames - up.frames() / 2;
+    let last = frames - upright.frames() / 2;
     assert!((totals_n[last] - 350.0).abs() < 3.5, "{} N", totals_n[last]);
 }
 
-/// A person sits down and stands up with the feet on the ground. The load of the seated foot, that of the lower leg, is as constant
-/// as that of a shoe.
+/// A person sits down and stands up with the feet on the ground. The load of the seated foot is the weight of the lower leg, and
+/// is as constant as the pressure of a shoe.
 #[test]
 fn a_seated_foot_does_not_become_the_baseline() {
-    let (lifted, up, seated) = (standing(1e-6, 1.0), standing(350.0, 3.0), standing(30.0, 4.0));
-    assert_measures_standing_after(&[&up, &lifted, &seated, &up, &seated, &up, &seated]);
+    let (lifted, upright, seated) = (standing(1e-6, 1.0), standing(350.0, 3.0), standing(30.0, 4.0));
+    assert_measures_standing_after(&[&upright, &lifted, &seated, &upright, &seated, &upright, &seated]);
 }
 
 /// A seated person lifts a foot and puts it down again, with more than the force of a heel strike.
 #[test]
 fn a_seated_foot_that_moves_does_not_become_the_baseline() {
-    let (lifted, up, seated) = (standing(1e-6, 1.0), standing(350.0, 3.0), standing(45.0, 2.0));
-    assert_measures_standing_after(&[&up, &lifted, &seated, &lifted, &seated, &lifted, &seated]);
+    let (lifted, upright, seated) = (standing(1e-6, 1.0), standing(350.0, 3.0), standing(45.0, 2.0));
+    assert_measures_standing_after(&[&upright, &lifted, &seated, &lifted, &seated, &lifted, &seated]);
 }
 
 /// The vendor's reports have 42 steps of three walks, slow to fast, in shoes.

@@ -931,10 +931,9 @@ fn live_values_are_rounded_and_limited() {
             RegionFrame { force: ForceMoments { force_n, ..ForceMoments::NONE }, saturated: true, ..RegionFrame::NONE };
         loads[5].tissue.clamped = true;
         let live = Live::new(9, 10, &loads, 1 << 6, Some((12.34, 56.78)));
-        let region =
-            LiveRegion { area_mm2: 0, deformation_um: message_dn, model_dn: message_dn, measured_dn: message_dn };
         let deformation_um = (force_n * 0.1).max(0.0).round().min(65535.0) as u16;
-        assert_eq!(live.regions[3], LiveRegion { deformation_um, ..region }, "{force_n} N");
+        let region = LiveRegion { area_mm2: 0, deformation_um, model_dn: message_dn, measured_dn: message_dn };
+        assert_eq!(live.regions[3], region, "{force_n} N");
         assert_eq!((live.sequence, live.t_us, live.saturated, live.clamped), (9, 10, 1 << 3, 1 << 5));
         assert_eq!((live.centre_x_dmm, live.centre_y_dmm), (123, 568));
     }

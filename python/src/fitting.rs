@@ -96,16 +96,16 @@ impl Fitted {
                 for &index in &fit.steps {
                     let step = &self.study.steps[index];
                     let curves = &step.regions[region as usize];
-                    let Some(of) = Evaluated::new(curves, self.study.options.filter, &fit.law) else { continue };
-                    let samples = of.area_mm2.iter().zip(&of.measured_n).zip(&of.model_n).enumerate();
+                    let Some(result) = Evaluated::new(curves, self.study.options.filter, &fit.law) else { continue };
+                    let samples = result.area_mm2.iter().zip(&result.measured_n).zip(&result.model_n).enumerate();
                     rows.extend(samples.map(|(i, ((area_mm2, measured_n), model_n))| {
-                        row(step, region, i as f64 * of.sample_s, *area_mm2, *measured_n, *model_n)
+                        row(step, region, i as f64 * result.sample_s, *area_mm2, *measured_n, *model_n)
                     }));
                 }
             }
             let columns = match self.study.steps.first() {
                 Some(step) => row(step, Region::Heel, 0.0, 0.0, 0.0, 0.0),
-                None => return Err(PyValueError::new_err("the recordings have no complete step")),
+                None => return Err(PyValueError::new_err("there is no complete step: record a walk of several steps")),
             };
             Ok(PyArrowType(table(&columns, &rows)?))
         })

@@ -118,12 +118,16 @@ impl Insole {
         self.link.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Calls `of` with the link while the global interpreter lock is released. Returns an error after `close`.
-    fn with_link<T: Send>(&self, py: Python, of: impl FnOnce(&mut AnyLink) -> Result<T, Error> + Send) -> PyResult<T> {
-        let result = py.detach(|| self.locked().as_mut().map(of));
+    /// Calls `action` with the link while the global interpreter lock is released. Returns an error after `close`.
+    fn with_link<T: Send>(
+        &self,
+        py: Python,
+        action: impl FnOnce(&mut AnyLink) -> Result<T, Error> + Send,
+    ) -> PyResult<T> {
+        let result = py.detach(|| self.locked().as_mut().map(action));
         match result {
             Some(result) => result.map_err(|error| failure(&self.name, error)),
-            None => Err(PyRuntimeError::new_err(format!("{}: the connection was closed", self.name))),
+            None => Err(PyRuntimeError::new_err(format!("{}: the connection was closed: connect again", self.name))),
         }
     }
 }
@@ -142,8 +146,9 @@ fn carrier(address: &str, baud: Option<u32>) -> anyhow::Result<Box<dyn Carrier +
         return Ok(Box::new(Framed::new(port.context("the serial port cannot be opened: is the insole plugged in?")?)));
     }
     let remedy = "is the insole or its bridge running there, or is another program connected to it?";
-    let mut last = anyhow!("the address has the form HOST:PORT");
-    for address in address.to_socket_addrs()? {
+    let problem = "the address must have the form HOST:PORT, and this computer must know the host";
+    let mut last = anyhow!(problem);
+    for address in address.to_socket_addrs().context(problem)? {
         match TcpStream::connect_timeout(&address, ReconnectPolicy::STREAM.answer) {
             Ok(stream) => {
                 stream.set_read_timeout(Some(READ_TIMEOUT))?;
@@ -162,8 +167,8 @@ fn live_to_json(live: &Live) -> Json {
         values.map(|(name, value)| (name.into(), value_to_json(value))).collect()
     };
     let mut frame = object(&mut columns(Live::QUANTITIES, live));
-    let regions = Region::ALL.iter().zip(&live.regions).enumerate().map(|(i, (region, of))| {
-        let mut values = columns(LiveRegion::QUANTITIES, of).chain(flag_columns(Live::FLAGS, live, i));
+    let regions = Region::ALL.iter().zip(&live.regions).enumerate().map(|(i, (region, live_region))| {
+        let mut values = columns(LiveRegion::QUANTITIES, live_region).chain(flag_columns(Live::FLAGS, live, i));
         (region.name().into(), object(&mut values).into())
     });
     frame.insert("regions".into(), regions.collect::<Map<_, _>>().into());

@@ -19,7 +19,7 @@ pub struct Recording {
     pub path: PathBuf,
 }
 
-/// Keeps a recording in memory while an array uses its times or pressures.
+/// Holds a recording in memory while an array uses its times or pressures.
 struct Shared(Arc<recording::Recording>, fn(&recording::Recording) -> &[u8]);
 
 impl AsRef<[u8]> for Shared {

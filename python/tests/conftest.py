@@ -21,7 +21,7 @@ def plantar(*arguments: object, cwd: pathlib.Path | None = None, status: int = 0
 
 
 def walk(path: pathlib.Path, *options: object, scale: float = 1.0) -> pathlib.Path:
-    """Writes a computed walk, with its pressures times `scale`."""
+    """Writes a computed walk, with its pressures multiplied by `scale`."""
     path.parent.mkdir(parents=True, exist_ok=True)
     plantar("import", "synthetic", *options, "--out", path)
     table = pq.read_table(path)

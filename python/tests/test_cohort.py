@@ -112,7 +112,7 @@ def test_the_rows_are_complete_although_a_worker_is_killed(
     pd.testing.assert_frame_equal(table(tmp_path / "table"), expected)
 
 
-def test_what_was_finished_stays_when_the_scheduler_is_lost(
+def test_finished_participants_remain_when_the_scheduler_is_lost(
     study_folder: pathlib.Path, expected: pd.DataFrame, tmp_path: pathlib.Path
 ) -> None:
     out = tmp_path / "table"

@@ -73,7 +73,7 @@ pub fn python() -> PathBuf {
     named_by("PLANTAR_PYTHON", "a Python interpreter with bumble, NumPy and SciPy")
 }
 
-/// Runs a Python program, given by these arguments, with this standard input. Returns what it prints.
+/// Runs a Python program, given by these arguments, with this standard input. Returns its output.
 ///
 /// # Panics
 /// If `PLANTAR_PYTHON` does not contain the path of an interpreter, or the program fails.

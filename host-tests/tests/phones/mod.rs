@@ -462,7 +462,7 @@ impl Phone {
     pub fn status(&mut self, radio: &mut RadioSimulation) -> Status {
         match self.answer(radio, ToDevice::GetStatus) {
             ToHost::Status(status) => status,
-            other => panic!("asked for the status, got {other:?}"),
+            other => panic!("the insole answered a request for its status with {other:?}"),
         }
     }
 }

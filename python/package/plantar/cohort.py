@@ -213,7 +213,8 @@ def run(
                 continue
             else:
                 raise ConnectionError(
-                    f"the scheduler {scheduler} was lost: run the same command again; what was finished is in {out}"
+                    f"the scheduler {scheduler} was lost: run the same command again; the rows of finished participants "
+                    f"are in {out}"
                 )
             future.release()
             if progress is not None:

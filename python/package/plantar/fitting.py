@@ -67,8 +67,8 @@ def repeat(people: Recordings | dict[str, Recordings], *, options: Options = Opt
     """Repeatability between trials, like ``plantar repeat``: ICC(2,1), standard error of measurement and minimal detectable
     change.
 
-    ``people`` has the recordings of each person by the person's name. It can also be the recordings of one person; the table
-    then has no ICC. The table has one row for each foot, variable and region.
+    ``people`` has the recordings of each person by the person's name. It can also be the recordings of one person; the ICC
+    is then missing. The table has one row for each foot, variable and region.
     """
     person = _core.Person(options)
     _warn(person.notes)

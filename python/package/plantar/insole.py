@@ -36,6 +36,7 @@ class Insole:
 
     def __init__(self, core: _core.Insole) -> None:
         self._core = core
+        # Number of the record that is acknowledged when the next event is requested.
         self._pending: int | None = None
         self._executor = ThreadPoolExecutor(1)
         # A call of `_receive` in the thread. It remains until its event is delivered, even if the waiting task is cancelled.

@@ -63,7 +63,7 @@ def step(replay: Replay, number: int | None = None) -> Figure:
     """The measured force and the live model force of the regions in a step, by default the first one."""
     known = replay.steps.index.unique("step")
     if known.empty:
-        raise ValueError(f"{replay.recording.path} has no complete step")
+        raise ValueError(f"{replay.recording.path} has no complete step: record a walk of several steps")
     number = int(known[0]) if number is None else number
     if number not in known:
         raise ValueError(f"there is no step {number}: the steps are {known[0]} to {known[-1]}")
@@ -91,9 +91,9 @@ def fit(fitted: Fit) -> Figure:
             axes.text(0.5, 0.5, "not fitted", transform=axes.transAxes, ha="center", color="0.5")
             continue
         for index, (_, of) in enumerate(_steps(curves, region)):
-            label = index == 0
-            axes.plot(of["t_s"], of["measured_force_n"], color=_MEASURED, lw=0.6, label="measured" if label else None)
-            axes.plot(of["t_s"], of["model_force_n"], color=_MODEL, lw=0.6, label="model" if label else None)
+            first = index == 0
+            axes.plot(of["t_s"], of["measured_force_n"], color=_MEASURED, lw=0.6, label="measured" if first else None)
+            axes.plot(of["t_s"], of["model_force_n"], color=_MODEL, lw=0.6, label="model" if first else None)
         axes.legend(fontsize=7, loc="upper right")
         kind: str = "fitted" if pd.isna(row["nrmse_predicted_percent"]) else "predicted"
         error_percent = row[f"nrmse_{kind}_percent"]
@@ -107,6 +107,7 @@ def fit(fitted: Fit) -> Figure:
 
 
 def _steps(curves: pd.DataFrame, region: str) -> Iterator[tuple[object, pd.DataFrame]]:
+    """The curves of a region, one table for each step."""
     return iter(curves[curves["region"] == region].groupby(["recording", "step"]))
 
 

@@ -135,8 +135,8 @@ class Recording:
     ) -> Replay:
         """The steps as an insole computes them, with the same code.
 
-        ``params`` is a parameter file. Without one, typical parameters of ``options.size`` are used, and a warning states that they
-        are not personal. ``precision`` is that of the insole, ``f32``, or ``f64``.
+        ``params`` is a parameter file. Without one, typical parameters of ``options.size`` are used, and a warning states that
+        they are not personal. ``precision`` is ``f32``, that of the insole, or ``f64``.
         """
         return Replay(self, params, precision, options)
 
@@ -177,8 +177,8 @@ class Replay:
     ) -> npt.NDArray[np.float64]:
         """A column of ``frames`` over the stance of each step, by linear interpolation from heel strike to toe off.
 
-        The result has one row for each step, in the order of ``steps``, and ``points`` columns: the form that spm1d expects. With a
-        region, ``quantity`` is the name without the prefix, such as ``area_mm2``.
+        The result has one row for each step, in the order of ``steps``, and ``points`` columns: the form that spm1d expects. With
+        a region, ``quantity`` is the name without the prefix, such as ``area_mm2``.
         """
         column = quantity if region is None else f"{region}_{quantity}"
         if column not in self.frames:
