@@ -121,7 +121,7 @@ fn stream(radio: &mut RadioSimulation, feet: &mut [(&Insole, &mut Phone)]) {
             match phone.next(radio) {
                 ToHost::Live(live) => got.0.push(live),
                 ToHost::Step(step) => {
-                    phone.send(radio, ToDevice::Acknowledge { step: step.step });
+                    phone.send(radio, ToDevice::Acknowledge { number: step.step });
                     got.1.push(step);
                 }
                 other => panic!("{other:?}"),
@@ -379,7 +379,7 @@ fn break_links(seed: u32) {
                 store.add(step);
                 // Every other step is not acknowledged, as if the acknowledgement were lost with the link.
                 if step.step % 2 == 1 {
-                    phone.send(&mut world.radio, ToDevice::Acknowledge { step: step.step });
+                    phone.send(&mut world.radio, ToDevice::Acknowledge { number: step.step });
                 }
             }
         }

@@ -83,7 +83,7 @@ impl Foot {
             ToHost::Status(status) => return Some(status),
             other => {
                 let record = LoadRecord::of(&other).unwrap_or_else(|| panic!("{other:?}"));
-                self.phone.send(radio, ToDevice::Acknowledge { step: record.number() });
+                self.phone.send(radio, ToDevice::Acknowledge { number: record.number() });
                 self.numbers.push(record.number());
                 self.steps.extend(record.step().map(|step| (at, *step)));
             }

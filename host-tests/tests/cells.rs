@@ -55,7 +55,7 @@ fn every_cell_of_every_frame_arrives_in_either_resolution() {
                     streamed.push(frame.scan, receiver.codes());
                 }
                 Some(ToHost::Step(step)) => {
-                    client.send(ToDevice::Acknowledge { step: step.step }).expect("the link works")
+                    client.send(ToDevice::Acknowledge { number: step.step }).expect("the link works")
                 }
                 _ => {}
             }

@@ -58,7 +58,7 @@ fn the_cells_that_arrive_over_bluetooth_are_those_that_were_played() {
             }
             ToHost::Live(_) if first.is_some() => live += 1,
             ToHost::Live(_) => {}
-            ToHost::Step(step) => phone.send(&mut radio, ToDevice::Acknowledge { step: step.step }),
+            ToHost::Step(step) => phone.send(&mut radio, ToDevice::Acknowledge { number: step.step }),
             other => panic!("{other:?}"),
         }
     }

@@ -195,11 +195,11 @@ fn a_repeated_step_is_delivered_once() {
     let (cable, mut client) = connected();
     push_steps(&cable, 0..3);
     assert_eq!(step_numbers(&receive_all(&mut client)), [0, 1, 2]);
-    client.send(ToDevice::Acknowledge { step: 0 }).expect("the link works");
+    client.send(ToDevice::Acknowledge { number: 0 }).expect("the link works");
     push_steps(&cable, [3]);
     client.reconnect(TIMEOUT).expect("the insole answers");
     assert_eq!(step_numbers(&receive_all(&mut client)), [3], "steps 1 and 2 were delivered before");
-    client.send(ToDevice::Acknowledge { step: 3 }).expect("the link works");
+    client.send(ToDevice::Acknowledge { number: 3 }).expect("the link works");
     push_steps(&cable, [4]);
     client.reconnect(TIMEOUT).expect("the insole answers");
     assert_eq!(step_numbers(&receive_all(&mut client)), [4]);
@@ -211,7 +211,7 @@ fn a_lost_acknowledgement_is_repeated() {
     let (cable, mut client) = connected();
     push_steps(&cable, [0, 1]);
     assert_eq!(step_numbers(&receive_all(&mut client)), [0, 1]);
-    client.send(ToDevice::Acknowledge { step: 0 }).expect("the link works");
+    client.send(ToDevice::Acknowledge { number: 0 }).expect("the link works");
     assert_eq!(cable.insole().session.take_acknowledged(), Some(0));
     // The insole starts again, as if the acknowledgement of step 0 had been lost. The host has not acknowledged step 1.
     cable.insole().session = Session::new();
@@ -293,7 +293,7 @@ fn steps_of_an_insole_that_restarted_are_delivered() {
     let (cable, mut client) = connected();
     push_steps(&cable, 0..5);
     assert_eq!(step_numbers(&receive_all(&mut client)), [0, 1, 2, 3, 4]);
-    client.send(ToDevice::Acknowledge { step: 4 }).expect("the link works");
+    client.send(ToDevice::Acknowledge { number: 4 }).expect("the link works");
     cable.insole().session = Session::new();
     client.reconnect(TIMEOUT).expect("the insole answers");
     // The steps of another walk have other times.

@@ -48,7 +48,7 @@ fn walk(world: &SharedWorld, client: &mut Client<Link>) -> Vec<Ellipses> {
             Some(ToHost::Ellipses(message)) => ellipses.push(message),
             Some(message) if let Some(record) = LoadRecord::of(&message) => {
                 steps += u32::from(record.step().is_some());
-                client.send(ToDevice::Acknowledge { step: record.number() }).expect("the link works");
+                client.send(ToDevice::Acknowledge { number: record.number() }).expect("the link works");
             }
             _ => {}
         }

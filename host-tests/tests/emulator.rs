@@ -115,16 +115,16 @@ impl Session {
         match message {
             ToHost::Live(live) => received.live.push(live),
             ToHost::Step(step) => {
-                self.client.send(ToDevice::Acknowledge { step: step.step }).expect("the link works");
+                self.client.send(ToDevice::Acknowledge { number: step.step }).expect("the link works");
                 // A replay has no wall clock.
                 received.steps.push(Step { start_unix_us: None, ..step });
             }
             ToHost::Bout(bout) => {
-                self.client.send(ToDevice::Acknowledge { step: bout.number }).expect("the link works");
+                self.client.send(ToDevice::Acknowledge { number: bout.number }).expect("the link works");
                 received.bouts.push(Bout { start_unix_us: None, ..bout });
             }
             ToHost::Alert(alert) => {
-                self.client.send(ToDevice::Acknowledge { step: alert.number }).expect("the link works");
+                self.client.send(ToDevice::Acknowledge { number: alert.number }).expect("the link works");
                 received.alerts.push(Alert { start_unix_us: None, ..alert });
             }
             ToHost::Status(status) => received.status = status,

@@ -89,7 +89,7 @@ for key in SYMMETRIC:
             (_, _, _, theirs), consecutive = by_start[strike]
             a, b = ours[key], theirs[key]
             pairs.append((200 * (a - b) / (a + b), consecutive and follows(left, i)))
-    result[f"symmetry {key}"] = estimate(*zip(*pairs))
+    result[f"symmetry {key}"] = estimate(*zip(*pairs)) if pairs else None
 both = sorted(left + right, key=lambda s: s[0])
 cadence = [120 / s[3]["stride_time_s"] for s in both]
 result["cadence"] = estimate(cadence, [i > 0 and both[i][0] - both[i - 1][0] <= LONGEST_STRIDE_S for i in range(len(both))])

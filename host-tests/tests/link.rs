@@ -119,7 +119,7 @@ fn connect(session: &mut Session) {
 }
 
 fn acknowledge(session: &mut Session, step: u32) {
-    session.receive(ToDevice::Acknowledge { step }, 0);
+    session.receive(ToDevice::Acknowledge { number: step }, 0);
 }
 
 /// Queues a live frame if the host requested live frames, as the insole does.
@@ -169,7 +169,7 @@ fn a_host_of_another_major_version_gets_a_hello_and_nothing_else() {
             ToDevice::Connect { major, minor: MINOR },
             ToDevice::Stream { live: true },
             ToDevice::GetStatus,
-            ToDevice::Acknowledge { step: 2 },
+            ToDevice::Acknowledge { number: 2 },
         ] {
             session.receive(message, 0);
         }
@@ -872,10 +872,10 @@ fn alerts_are_sent_until_they_are_acknowledged() {
     session.push_record(alert(5));
     connect(&mut session);
     assert_eq!(all(&mut session), [Sent::Hello, Sent::Step(4), Sent::Alert(5)]);
-    session.receive(ToDevice::Acknowledge { step: 4 }, 0);
+    session.receive(ToDevice::Acknowledge { number: 4 }, 0);
     connect(&mut session);
     assert_eq!(all(&mut session), [Sent::Hello, Sent::Alert(5)]);
-    session.receive(ToDevice::Acknowledge { step: 5 }, 0);
+    session.receive(ToDevice::Acknowledge { number: 5 }, 0);
     connect(&mut session);
     assert_eq!(all(&mut session), [Sent::Hello]);
 }

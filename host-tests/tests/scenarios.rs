@@ -11,8 +11,9 @@ fn scenario_has_the_expected_outcome(#[files("scenarios/*.toml")] file: PathBuf)
     let scenario = Scenario::parse(&text).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
     let mut outcome = scenario.run();
     if let Err(differences) = outcome.compare(&scenario.expect) {
-        let host = &outcome.insoles[0].host;
-        panic!("{}\n{differences}\nerrors: {:?}\nhellos: {:#?}", scenario.title, host.errors, host.hellos);
+        let hosts = outcome.insoles.iter().map(|insole| (&insole.host.errors, &insole.host.hellos));
+        let hosts: Vec<_> = hosts.collect();
+        panic!("{}\n{differences}\nerrors and hellos of each insole: {hosts:#?}", scenario.title);
     }
 }
 

@@ -72,7 +72,7 @@ fn a_transfer_during_a_walk_loses_no_frame_and_no_step() {
 fn receive(session: &mut Client<Framed<emulator::Link>>, steps: &mut Vec<u32>) -> Option<Status> {
     match session.receive().expect("the link works")? {
         ToHost::Step(step) => {
-            session.send(ToDevice::Acknowledge { step: step.step }).expect("the link works");
+            session.send(ToDevice::Acknowledge { number: step.step }).expect("the link works");
             steps.push(step.step);
         }
         ToHost::Status(status) => return Some(status),

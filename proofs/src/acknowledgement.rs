@@ -107,7 +107,7 @@ impl Observed {
     }
 
     fn acknowledge(&mut self, record: i64) {
-        self.session.receive(ToDevice::Acknowledge { step: self.number(record) }, 0);
+        self.session.receive(ToDevice::Acknowledge { number: self.number(record) }, 0);
         if self.is_open {
             let arrived = self.waiting[..self.sent].iter().filter(|&&sent| sent <= record).count();
             self.acknowledged = self.waiting.drain(..arrived).next_back().or(self.acknowledged);

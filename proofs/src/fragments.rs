@@ -59,8 +59,8 @@ pub fn joining(fragments: &[Fragment]) {
 }
 
 /// The joiner accepts parts without headers, up to the length that the first two bytes of their message state. If this length or
-/// that of the parts exceeds [`MAX_MESSAGE`], or if more bytes arrive than stated, it refuses the message, and the next part begins
-/// another one. `parts` has the lengths of the parts.
+/// that of the parts exceeds [`MAX_MESSAGE`], or if more bytes arrive than stated, it refuses the message, and the next part
+/// begins another one. `parts` has the lengths of the parts.
 pub fn joining_plain(stated: u16, parts: &[usize]) {
     let message_bytes = |message: &[u8]| message.first_chunk().map(|&length| usize::from(u16::from_le_bytes(length)));
     let mut joiner = Joiner::new();

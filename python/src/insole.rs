@@ -88,7 +88,7 @@ impl Insole {
     /// Lets the insole delete its records up to the number `step`: steps, load bouts and alerts are numbered together.
     fn acknowledge(&self, py: Python, step: u32) -> PyResult<()> {
         self.with_link(py, |link| {
-            link.send(ToDevice::Acknowledge { step });
+            link.send(ToDevice::Acknowledge { number: step });
             Ok(())
         })
     }
@@ -143,7 +143,8 @@ fn failure(name: &str, error: Error) -> PyErr {
 fn carrier(address: &str, baud: Option<u32>) -> anyhow::Result<Box<dyn Carrier + Send>> {
     if let Some(baud) = baud {
         let port = serialport::new(address, baud).timeout(READ_TIMEOUT).open();
-        return Ok(Box::new(Framed::new(port.context("the serial port cannot be opened: is the insole plugged in?")?)));
+        let remedy = "the serial port cannot be opened: is the insole plugged in, and no other program connected to it?";
+        return Ok(Box::new(Framed::new(port.context(remedy)?)));
     }
     let remedy = "is the insole or its bridge running there, or is another program connected to it?";
     let problem = "the address must have the form HOST:PORT, and this computer must know the host";

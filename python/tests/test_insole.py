@@ -152,7 +152,7 @@ def force_law(values: dict[str, float]) -> tuple[float, float, float]:
 def test_errors_name_the_insole_and_the_remedy(tmp_path: pathlib.Path) -> None:
     with pytest.raises(ConnectionError, match="127.0.0.1:1: .*is the insole or its bridge running there"):
         plantar.Insole.connect(tcp="127.0.0.1:1")
-    with pytest.raises(ConnectionError, match="is the insole plugged in"):
+    with pytest.raises(ConnectionError, match="is the insole plugged in, and no other program"):
         plantar.Insole.connect(serial=str(tmp_path / "nowhere"))
     with pytest.raises(ValueError, match="either tcp or serial"):
         plantar.Insole.connect()

@@ -202,7 +202,7 @@ impl<B: BluetoothBoard> GattServer for GattSession<'_, B> {
                 splitter.start_plain(len);
             } else {
                 let message = self.shared.next(Carrier::Bluetooth, splitter.buffer())?;
-                *channel = GattChannel::of_answer(message);
+                *channel = GattChannel::of_message(message);
                 let len = message.len();
                 splitter.start(len);
             }

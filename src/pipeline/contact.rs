@@ -64,7 +64,7 @@ pub struct ContactCell {
     off: u16,
     /// Code from which on the cell counts with its whole area; 0 if the rule counts whole cells only.
     full: u16,
-    /// Square of the share, in units of 1/[`WHOLE`], per kPa on the sensor curve that all cells share; unused if `full` is below
+    /// Square of the share, in units of 1/[`WHOLE`], per kPa on the common sensor curve of all cells; unused if `full` is below
     /// `off`.
     squared_shares_per_kpa: f32,
     /// The present share, in units of 1/[`WHOLE`].
@@ -94,8 +94,8 @@ impl ContactCell {
     }
 
     /// True if [`ContactCell::update`] need not be called: the cell has pressure and remains without contact, in contact in part,
-    /// or in contact as a whole, and the code is neither saturated, nor was requested by one of the `notify` functions. If the
-    /// rule has covered shares, [`ContactCell::update_part`] must then be called.
+    /// or in contact as a whole, the code is not saturated, and none of the `notify` functions has requested an update for it. If
+    /// the rule has covered shares, [`ContactCell::update_part`] must then be called.
     #[inline(always)]
     pub fn is_unchanged(&self, code: u32) -> bool {
         // A code below `low` wraps to a number above any span.
@@ -103,7 +103,7 @@ impl ContactCell {
     }
 
     /// Processes a code and returns the change of the share, in units of 1/[`WHOLE`]. `curve_kpa` is the pressure of the code
-    /// above the baseline, on the sensor curve that all cells share, kPa, and `zero` is the code at zero pressure.
+    /// above the baseline, on the common sensor curve of all cells, kPa, and `zero` is the code at zero pressure.
     ///
     /// The share is computed in single precision and integers on every machine, so that all machines compute the same area.
     pub fn update(&mut self, code: u32, zero: u16, curve_kpa: f32) -> i32 {
@@ -163,7 +163,8 @@ impl ContactCell {
     /// Requests [`ContactCell::update`] for codes that differ from `code` by more than [`SAME_CODE`].
     pub(crate) fn notify_on_change(&mut self, code: u16) {
         self.low = code.saturating_sub(SAME_CODE).max(self.off).into();
-        self.span = (u32::from(code) + u32::from(SAME_CODE) + 1).saturating_sub(self.low);
+        let end = (u32::from(code) + u32::from(SAME_CODE) + 1).min(FULL_CODE.into());
+        self.span = end.saturating_sub(self.low);
     }
 
     /// Requests [`ContactCell::update`] for any code.

@@ -9,7 +9,10 @@
 //! A frame can only be unpacked after the frame that was packed before it. Every [`KEY_INTERVAL`]th frame is a key frame, which
 //! is coded as differences from zero, so that a receiver can begin there, also after a loss.
 
+mod bits;
+
 use crate::pipeline::setup::DEVICE_CELLS;
+use bits::{BitReader, BitWriter, unzigzag, zigzag};
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
@@ -139,75 +142,6 @@ mod packed_bytes {
     }
 }
 
-/// Writes numbers of up to 16 bits. The low `bits` bits of `pending` are not written yet.
-struct BitWriter<'b> {
-    units: core::slice::IterMut<'b, [u8; 2]>,
-    pending: u32,
-    bits: u32,
-}
-
-impl BitWriter<'_> {
-    /// Adds a number of `width` bits.
-    #[inline(always)]
-    fn push(&mut self, value: u32, width: u32) {
-        // Fewer than 16 bits are pending, so 32 bits can hold the pending bits and the number.
-        self.pending |= value << self.bits;
-        self.bits += width;
-        if self.bits >= 16 {
-            self.flush();
-            self.pending >>= 16;
-            self.bits -= 16;
-        }
-    }
-
-    /// Writes a unit of 16 bits. `units` has room for it, because the longest frame fits into MAX_PACKED bytes.
-    #[inline(always)]
-    fn flush(&mut self) {
-        if let Some(unit) = self.units.next() {
-            *unit = (self.pending as u16).to_le_bytes();
-        }
-    }
-
-    /// Writes the pending bits; returns the length of the frame, bytes.
-    fn finish(mut self) -> usize {
-        self.flush();
-        MAX_PACKED - 2 * self.units.len() - (2 - self.bits.div_ceil(8) as usize)
-    }
-}
-
-/// Reads the numbers that a [`BitWriter`] wrote. The low `bits` bits of `pending` were read from `bytes` and not returned yet.
-struct BitReader<'b> {
-    bytes: &'b [u8],
-    pending: u32,
-    bits: u32,
-}
-
-impl BitReader<'_> {
-    /// Returns the next number, which has `width` bits; `None` if fewer bits are left.
-    fn pull(&mut self, width: u32) -> Option<u32> {
-        while self.bits < width {
-            let (&byte, rest) = self.bytes.split_first()?;
-            self.pending |= u32::from(byte) << self.bits;
-            (self.bytes, self.bits) = (rest, self.bits + 8);
-        }
-        let value = self.pending & ((1 << width) - 1);
-        self.pending >>= width;
-        self.bits -= width;
-        Some(value)
-    }
-}
-
-/// The number that stands for a difference: 0, 1, 2, 3, ... stand for 0, -1, 1, -2, ...
-#[inline(always)]
-fn zigzag(difference: i32) -> u32 {
-    ((difference << 1) ^ (difference >> 31)) as u32
-}
-
-/// The difference for which a number stands; the inverse of [`zigzag`].
-fn unzigzag(number: u32) -> i32 {
-    (number >> 1) as i32 ^ -((number & 1) as i32)
-}
-
 /// Packs or unpacks the frames of a stream. `codes` are those of the previous frame, in the resolution of the stream; the next
 /// frame contains the differences from them.
 #[derive(Debug)]
@@ -248,7 +182,7 @@ impl CellCoder {
     }
 
     fn pack_groups<const BITS: u32>(&mut self, sequence: u32, codes: &[u16], packed: &mut [u8; MAX_PACKED]) -> Packed {
-        let mut writer = BitWriter { units: packed.as_chunks_mut().0.iter_mut(), pending: 0, bits: 0 };
+        let mut writer = BitWriter::new(packed);
         let (groups, last_codes) = codes.as_chunks();
         let (groups_before, _) = self.codes.as_chunks_mut();
         let mut groups_before = groups_before.iter_mut();
@@ -275,7 +209,7 @@ impl CellCoder {
         }
         // If this frame cannot be unpacked, only a key frame can be unpacked next.
         self.sequence = 0;
-        let mut reader = BitReader { bytes: &frame.packed, pending: 0, bits: 0 };
+        let mut reader = BitReader::new(&frame.packed);
         let (bits, shift) = (self.resolution.bits(), self.resolution.shift());
         let mut sum = 0u16;
         for (codes, before) in codes.chunks_mut(GROUP).zip(self.codes.chunks_mut(GROUP)) {
@@ -289,7 +223,7 @@ impl CellCoder {
                 *code = *before << shift;
             }
         }
-        let is_whole = reader.bytes.is_empty() && reader.pending == 0 && sum == frame.sum;
+        let is_whole = reader.is_at_end() && sum == frame.sum;
         if is_whole {
             self.sequence = frame.sequence.wrapping_add(1);
         }

@@ -23,8 +23,8 @@ pub const PARAMETERS: u128 = uuid(4);
 
 /// The service of management tools ([`mcumgr`]).
 pub const MANAGEMENT_SERVICE: u128 = 0x8d53_dc1d_1db7_4cd3_868b_8a52_7460_aa84;
-/// The requests of management tools and their answers, in parts without the headers of fragments: each message states its own
-/// length.
+/// The requests of management tools and their answers. A long message is split into values without the header that the fragments
+/// on the other characteristics have, because each message states its own length.
 pub const MANAGEMENT: u128 = 0xda2e_7828_fbce_4e01_ae9e_2611_7499_7c48;
 
 /// Bytes per second that a link is assumed to carry from the insole: four values of 244 bytes in each connection interval of
@@ -68,7 +68,7 @@ impl GattChannel {
     }
 
     /// The characteristic that an encoded [`ToHost`] is sent on.
-    pub fn of_answer(message: &[u8]) -> Self {
+    pub fn of_message(message: &[u8]) -> Self {
         match message.first() {
             Some(&(ToHost::LIVE | ToHost::CELLS | ToHost::ELLIPSES)) => Self::Live,
             Some(&(ToHost::STEP | ToHost::BOUT | ToHost::ALERT)) => Self::Steps,

@@ -126,8 +126,8 @@ pub enum ToDevice {
     },
     /// The host has received and stored all steps, load bouts and alerts up to and including this number.
     Acknowledge {
-        /// Number of the record.
-        step: u32,
+        /// The number of the record.
+        number: u32,
     },
     /// Asks for [`Status`].
     GetStatus,

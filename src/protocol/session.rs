@@ -112,7 +112,7 @@ impl Session {
                 self.is_streaming = live;
                 self.live.clear();
             }
-            ToDevice::Acknowledge { step } => {
+            ToDevice::Acknowledge { number: step } => {
                 // Only a record that was sent can have arrived.
                 while self.records_sent > 0
                     && let Some(arrived) = self.records.pop_front_if(|sent| !sequence::is_after(sent.number(), step))
@@ -253,16 +253,6 @@ impl Session {
             self.live_before_answer = 0;
         }
         let _ = self.answers.push_back(answer);
-    }
-
-    /// Stores the faults that the insole detected; returns how many of them are new.
-    pub fn set_faults(&mut self, faults: &Faults) -> u32 {
-        let new = faults.found.saturating_sub(self.faults.found);
-        let state = |faults: &Faults| (faults.found, faults.rezeroed, faults.without_baseline);
-        if state(faults) != state(&self.faults) {
-            self.faults = faults.clone();
-        }
-        new
     }
 
     /// True while a host is connected.

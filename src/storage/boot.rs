@@ -1,5 +1,5 @@
-//! Code that the bootloaders share: the swap of the images, with partitions of the flash chip for `embassy-boot`, which supports
-//! blocking chips only.
+//! Code that the bootloaders share: a limited wait for a future, and the swap of the images by `embassy-boot`, which supports
+//! blocking chips only; [`Blocking`] makes the asynchronous partitions of the flash chip such chips.
 
 use super::flash_map::{OTHER, SECTOR};
 use super::partition::{Partition, state_partition};

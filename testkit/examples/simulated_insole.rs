@@ -35,7 +35,7 @@ fn serve(session: &mut Session, mut host: TcpStream) -> io::Result<()> {
         }
         for &byte in &received[..count] {
             let Some(message) = decoder.push(byte).and_then(decode::<ToDevice>) else { continue };
-            if let ToDevice::Acknowledge { step } = message {
+            if let ToDevice::Acknowledge { number: step } = message {
                 println!("acknowledged {step}");
             }
             session.receive(message, device_us(&message));

@@ -342,7 +342,7 @@ impl Host {
                 self.records.push(record);
                 if self.acknowledges
                     && let Some(client) = &mut self.client
-                    && let Err(error) = client.send(ToDevice::Acknowledge { step: record.number() })
+                    && let Err(error) = client.send(ToDevice::Acknowledge { number: record.number() })
                 {
                     self.fail(&error);
                 }

@@ -154,7 +154,7 @@ impl Bench {
                 known.arrived = known.arrived.max(number + 1);
                 if number + 1 < last {
                     known.acknowledged.set_pending(number + 1);
-                    client.send(ToDevice::Acknowledge { step: number })?;
+                    client.send(ToDevice::Acknowledge { number: number })?;
                 }
             }
         }
@@ -185,7 +185,7 @@ impl Bench {
                     Some(message) if let Some(record) = LoadRecord::of(&message) => {
                         let step = record.number();
                         steps.push(step);
-                        client.send(ToDevice::Acknowledge { step }).map_err(|error| error.to_string())?;
+                        client.send(ToDevice::Acknowledge { number: step }).map_err(|error| error.to_string())?;
                     }
                     _ => {}
                 }

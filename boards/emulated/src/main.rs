@@ -2,7 +2,7 @@
 //! the sensor plant, a simulation of the sensor matrix on the host, on USART3.
 //!
 //! The emulator has no reset and clock control, no ADC and no cycle counter, so this board has its own small USART driver, and
-//! a time driver that uses a timer. Everything above the board traits is the same code as on the real boards.
+//! a time driver that counts with the timer TIM5. Everything above the board traits is the same code as on the real boards.
 #![no_std]
 #![no_main]
 
@@ -87,10 +87,10 @@ impl Stopwatch for SysTick {
 
     fn cycles_since(&self, start: u32) -> u32 {
         let now = SYST::get_current();
-        // Processing calls this function when it has evaluated the frame, and again while it evaluates a step. The paced clock
-        // is woken by the first of these calls, not earlier, so that the interrupts of the simulated matrix are not part of the
-        // measured time. It is not woken while the queue is full: it would only go on waiting, and the time of this would be
-        // measured as a part of the step's evaluation.
+        // Processing calls this function when it has evaluated the frame, and again while it evaluates a step. A clock that the
+        // plant paces waits until there is room in the queue. The first of these calls wakes it, and nothing earlier, so that the
+        // interrupts of the simulated matrix are not part of the measured time. It is not woken while the queue is full, because
+        // it would continue to wait, and the time for this would be measured as a part of the step's evaluation.
         if SCAN_COUNTERS.heartbeats.pending_frames() < FRAMES as u32 {
             FRAME_EVALUATED.signal(());
         }
@@ -109,8 +109,9 @@ fn main() -> ! {
     for port in [&LINK, &HCI, &PLANT] {
         port.start();
     }
-    // SysTick, which drives the timers and the supervision, has the highest priority, 0, after a reset. The ports have the next
-    // one; then follow the executor of the scan (TIM2) and, last, the executor of all other tasks (TIM3).
+    // SysTick, which causes the regular checks of the time driver's queue and of the supervision, has the highest priority, 0,
+    // after a reset. The ports have the next one; then follow the executor of the scan (TIM2) and, last, the executor of all
+    // other tasks (TIM3).
     for (interrupt, priority) in [
         (Interrupt::USART1, 0x40),
         (Interrupt::USART2, 0x40),

@@ -35,8 +35,8 @@ pub fn has_crystal() -> bool {
     let has_started = within_ms(CRYSTAL_LIMIT_MS, || pac::CLOCK.events_lfclkstarted().read() != 0);
     pac::CLOCK.tasks_lfclkstop().write_value(1);
     pac::CLOCK.events_lfclkstarted().write_value(0);
-    // Whether the clock stopped in time does not matter: `embassy_nrf::init` starts it again in any case, and the watchdog
-    // starts the RC oscillator for itself.
+    // A timeout is ignored, because `embassy_nrf::init` selects the source and starts the clock in any case. That this works
+    // while the watchdog, which uses the same clock, is running is an assumption that docs/bring-up.md lists.
     within_ms(STOP_LIMIT_MS, || !pac::CLOCK.lfclkstat().read().state());
     has_started
 }

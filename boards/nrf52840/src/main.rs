@@ -91,8 +91,8 @@ static SCAN_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 static RADIO_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 static EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 static SCAN_COUNTERS: ScanCounters = ScanCounters::new();
-/// The static memory of the firmware. Its queue holds three frames: at the built-in 100 Hz they last 30 ms (25 ms at 120 Hz),
-/// longer than the evaluation of a step takes.
+/// The static memory of the firmware. Its queue holds three frames: at the built-in 100 Hz they last 30 ms (25 ms at 120 Hz,
+/// the highest rate of this board), longer than the evaluation of a step takes.
 static MEMORY: Memory<Chip, 3> = Memory::new();
 /// The transmit buffer of the link.
 static TO_SEND: ConstStaticCell<[u8; 192]> = ConstStaticCell::new([0; 192]);
@@ -120,7 +120,7 @@ fn take_reset_reason() -> Reset {
     }
 }
 
-/// The configuration of the controller.
+/// The configuration of the microcontroller.
 fn config(has_crystal: bool) -> Config {
     let mut config = Config::default();
     config.lfclk_source = if has_crystal { LfclkSource::ExternalXtal } else { LfclkSource::InternalRC };
@@ -199,8 +199,8 @@ fn line(pin: Peri<'static, AnyPin>) -> Output<'static> {
 async fn run(boot: BootReport, image: &'static Header, p: Peripherals, has_crystal: bool) {
     // SAFETY: this task runs on an executor of this program, so its context is that of an `embassy-executor` task.
     let spawner = unsafe { Spawner::for_current_executor().await };
-    // The divider of the battery is always connected: at 4.2 V, the input would be above the controller's supply without it.
-    // The pin keeps its level for ever, because its driver is never dropped.
+    // P0.14, the lower end of the battery's divider, is always low. If it floated, the analogue input would have the voltage of
+    // the battery, up to 4.2 V, which is above the controller's supply. The driver of the pin is never dropped.
     core::mem::forget(Output::new(p.P0_14, Level::Low, OutputDrive::Standard));
     // The strap is connected to ground on a right insole.
     let strap = Input::new(p.P0_05, Pull::Up);
@@ -229,7 +229,7 @@ async fn run(boot: BootReport, image: &'static Header, p: Peripherals, has_cryst
         restart: SCB::sys_reset,
     };
     // Without a measurement, the charge would read 0 % and the start could store nothing, so a failed measurement is repeated.
-    // No other task runs yet, so the measurement and the start below may block. The state of the start is then on the stack and
+    // No other task runs yet, so the measurement and the start below may block. The future of the start is then on the stack and
     // not in the static memory of this task.
     for _ in 0..BATTERY_ATTEMPTS {
         block_on(matrix.measure_battery());

@@ -58,7 +58,8 @@ const RX_PACKETS: u8 = 2;
 /// Memory of the controller for one central, bytes: the largest need by the macros of `sdc.h`. A link takes 923, which includes
 /// one packet of 27 bytes in each direction. Each packet takes its length plus 15; the two included ones are subtracted. The
 /// table of links takes 17, advertising with 31 bytes 574, and the filter accept list 68. The library logs its need if it differs
-/// from this constant, and does not start if the constant is smaller. Version 0.3 of `nrf-sdc-sys` needs 2616 bytes.
+/// from this constant, and does not start if the constant is smaller. Version 0.3 of `nrf-sdc-sys` needs 2,616 of these 2,832
+/// bytes.
 const MEMORY: usize = {
     let packets = (TX_PACKETS + RX_PACKETS) as usize * (PACKET as usize + 15) - 2 * (27 + 15);
     (923 + packets + 17 + 574 + 68).next_multiple_of(8)
@@ -316,7 +317,7 @@ where
 
 /// Executes a command of the host.
 async fn execute(radio: &SoftdeviceController<'_>, parameters: &[u8], reply: &mut Reply) {
-    /// Calls the function for the opcode with the type of the command.
+    /// Calls [`complete`] or [`begin`] with the command that has this opcode as the type parameter.
     macro_rules! execute {
         ($opcode:expr; $($function:ident: $($command:ident)*;)*) => {
             match $opcode {

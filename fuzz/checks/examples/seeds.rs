@@ -78,7 +78,7 @@ fn main() {
     let to_device = [
         ToDevice::Connect { major: MAJOR, minor: MINOR },
         ToDevice::Stream { live: true },
-        ToDevice::Acknowledge { step: 0 },
+        ToDevice::Acknowledge { number: 0 },
         ToDevice::GetStatus,
         ToDevice::SetTissue(tissue),
         ToDevice::GetTissue,
@@ -175,6 +175,7 @@ fn main() {
     let session =
         [connect, stream, b"N", b"S", b"L", b"N", b"N", status, b"N", acknowledge, b"S", set_tissue, b"K", b"N", b"C"];
     seed("link", "session", &pieces(session));
+    // More steps than the queue of steps can hold.
     let full = [connect, stream].into_iter().chain([&b"S"[..], b"L"].into_iter().cycle().take(40));
     seed("link", "full", &pieces(full));
 
@@ -302,7 +303,7 @@ fn hello(virtual_insole: &VirtualInsole, tissue_id: u32) -> Hello {
         tissue_id,
         contact_rule: virtual_insole.setup.contact,
         reset: Reset::Panic,
-        fault: Some("app.rs:1 said".try_into().expect("the text fits")),
+        fault: Some("app.rs:1 panicked".try_into().expect("the text fits")),
     }
 }
 
@@ -393,10 +394,11 @@ fn vendor() {
         moticon += &format!("\n{:.2}", frame as f64 * 0.02);
         let (time_s, heel_n, front_n) = (frame as f64 * 0.02, kpa(frame, 7, 0), kpa(frame, 1, 0));
         loadsol += &format!("{time_s:.2}\t{heel_n}\t{front_n}\t0\t{time_s:.2}\t{heel_n}\t{front_n}\n");
-        let forces_n: Vec<_> = (0..8).map(|sensor| kpa(frame, 7 - sensor, 0)).collect();
+        // The same numbers are forces in N for gaitpdb and pressures in kPa for pliance.
+        let values: Vec<_> = (0..8).map(|sensor| kpa(frame, 7 - sensor, 0)).collect();
         let (fields, total_n) =
-            (forces_n.iter().map(f64::to_string).collect::<Vec<_>>().join("\t"), forces_n.iter().sum::<f64>());
-        pliance += &format!("{time_s:.2} {}\n", forces_n.iter().map(f64::to_string).collect::<Vec<_>>().join(" "));
+            (values.iter().map(f64::to_string).collect::<Vec<_>>().join("\t"), values.iter().sum::<f64>());
+        pliance += &format!("{time_s:.2} {}\n", values.iter().map(f64::to_string).collect::<Vec<_>>().join(" "));
         gaitpdb += &format!("{time_s:.2}\t{fields}\t{fields}\t{total_n}\t{total_n}\n");
         for _ in 0..2 {
             (0..16).for_each(|cell| moticon += &format!("\t{:.2}", kpa(frame, cell / 2, cell % 2) * 0.1));

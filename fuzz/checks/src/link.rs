@@ -95,7 +95,7 @@ fn receive(session: &mut Session, message: ToDevice, expected: &mut Expected) {
     // A closed session accepts no acknowledgement: `sent` is 0 in a closed session.
     match message {
         ToDevice::Connect { .. } => expected.end_session(),
-        ToDevice::Acknowledge { step } => {
+        ToDevice::Acknowledge { number: step } => {
             let accepted =
                 expected.unacknowledged[..expected.sent].iter().take_while(|&&waiting| !is_after(waiting, step));
             let accepted = accepted.count();

@@ -1,6 +1,7 @@
 //! The configuration and the clock of an insole, and what its data path exchanges with the session of a host.
 
 use super::{Answer, Session};
+use crate::faults::Faults;
 use crate::pipeline::alert::{AlertRules, DailyLoad};
 use crate::pipeline::baseline::ZeroResult;
 use crate::pipeline::setup::{Setup, SetupCell};
@@ -61,6 +62,16 @@ impl Session {
             self.zeroed = result.ok();
             self.answer(result.map_or_else(Answer::Refused, |_| Answer::Zero));
         }
+    }
+
+    /// Stores the faults that the insole detected; returns how many of them are new.
+    pub fn set_faults(&mut self, faults: &Faults) -> u32 {
+        let new = faults.found.saturating_sub(self.faults.found);
+        let state = |faults: &Faults| (faults.found, faults.rezeroed, faults.without_baseline);
+        if state(faults) != state(&self.faults) {
+            self.faults = faults.clone();
+        }
+        new
     }
 
     /// Sets the load of the day; with `is_answer`, it is sent to the host.

@@ -60,12 +60,12 @@ impl Sectors {
     }
 
     /// The addresses of the sector that is being filled and of the one before it, which contain the newest entry. `None` if the
-    /// marks of the sectors do not show the sector that is being filled. A sector of which the erasure was interrupted is not
-    /// included.
+    /// marks of the sectors do not show the sector that is being filled. The sector before it is omitted if its erasure was
+    /// interrupted: it is then marked as full, but not as begun.
     pub(super) async fn newest<F: MultiwriteNorFlash>(&self, flash: &mut Option<F>) -> Option<Range<u32>> {
         const { assert!(F::READ_SIZE == 1, "a mark has the size of a read operation") };
         let flash = flash.as_mut()?;
-        let (mut is_previous_full, mut is_previous_closed) = (false, false);
+        let (mut is_previous_full, mut is_previous_whole) = (false, false);
         for sector in self.range().step_by(SECTOR as usize) {
             // `sequential-storage` programs the first byte of a sector before its first entry, and the last byte once the sector
             // is full.
@@ -74,16 +74,16 @@ impl Sectors {
             flash.read(sector + SECTOR - 1, &mut marks[1]).await.ok()?;
             let [is_begun, is_full] = marks.map(|[mark]: [u8; 1]| mark.count_zeros() >= MARK_BITS);
             if !is_full && (is_begun || is_previous_full) {
-                let begin = if is_previous_closed { sector - SECTOR } else { sector };
+                let begin = if is_previous_whole { sector - SECTOR } else { sector };
                 return Some(begin..sector + SECTOR);
             }
-            (is_previous_full, is_previous_closed) = (is_full, is_full && is_begun);
+            (is_previous_full, is_previous_whole) = (is_full, is_full && is_begun);
         }
         None
     }
 }
 
-/// Number of the oldest load record in the log.
+/// The sequence number of the oldest load record (a step, a load bout or an alert) in the log; `None` if there is none.
 pub(super) async fn oldest<F: MultiwriteNorFlash>(
     log: &mut Queue<'_, F>,
     buffer: &mut [u8],

@@ -145,8 +145,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
         self.erase_used(range, &|| {}).await
     }
 
-    /// Sets the number of the next load record, and adds a mark with it to the log. A chip that fails here fails again at the next
-    /// write, which is reported.
+    /// Sets the number of the next load record, and adds a mark with it to the log. A chip that fails here fails again at the
+    /// next write, which is reported.
     async fn mark_next_record(&mut self, next: u32) {
         self.contents.next_record = next;
         let _ = self.push_mark(next).await;

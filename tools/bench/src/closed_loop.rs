@@ -104,10 +104,10 @@ fn play(firmware: &Path, walk: &Recording) -> Result<Sent> {
             }
             Some(ToHost::Live(frame)) => live.frame(&frame),
             Some(ToHost::Step(step)) => {
-                client.send(ToDevice::Acknowledge { step: step.step })?;
+                client.send(ToDevice::Acknowledge { number: step.step })?;
                 live.step(&step);
             }
-            Some(ToHost::Bout(bout)) => client.send(ToDevice::Acknowledge { step: bout.number })?,
+            Some(ToHost::Bout(bout)) => client.send(ToDevice::Acknowledge { number: bout.number })?,
             Some(_) => {}
             // The insole is silent once it has sent everything.
             None if board.plant().scans() >= scans => break,

@@ -281,8 +281,8 @@ impl<C: Carrier> Client<C> {
         let before = self.status()?;
         self.send(ToDevice::Restart)?;
         let sent_us = C::now_us();
-        while elapsed::<C>(sent_us) < patience {
-            self.reconnect(patience)?;
+        while let Some(left) = patience.checked_sub(elapsed::<C>(sent_us)) {
+            self.reconnect(left)?;
             // The hello may have been sent before the restart, so the counters decide. Without working storage the number of
             // boots does not change, but the uptime does.
             let is_restarted =

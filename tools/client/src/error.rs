@@ -8,7 +8,7 @@ use thiserror::Error;
 /// Why no session could be opened, why a session ended, or why a request failed.
 #[derive(Debug, Error)]
 pub enum Error {
-    /// The carrier could not be opened.
+    /// The carrier, that is the serial port, the network connection or the Bluetooth link, could not be opened.
     #[error(transparent)]
     Open(Box<dyn std::error::Error + Send + Sync>),
     /// No answer within this time; and the number of damaged frames that have arrived so far, also before the request.

@@ -145,8 +145,8 @@ pub enum Length {
 }
 
 impl Gait {
-    /// The measures of the steps of the left and of the right foot, in any order. Without `has_common_clock`, the times of the two
-    /// feet are not compared.
+    /// The measures of the steps of the left and of the right foot, in any order. Without `has_common_clock`, the times of the
+    /// two feet are not compared.
     pub fn new(mut steps: [Vec<FootStep>; 2], has_common_clock: bool) -> Self {
         steps.iter_mut().for_each(|steps| steps.sort_by(|a, b| a.start_s.total_cmp(&b.start_s)));
         let has_both_feet = has_common_clock && steps.iter().all(|steps| !steps.is_empty());
@@ -263,8 +263,8 @@ fn values_of(step: &FootStep, stride_s: f64) -> [Option<f64>; COUNT] {
     ]
 }
 
-/// The measures of a stride from `step` to `next`, during which the other foot takes the step `other`; `before` is the step of the
-/// other foot before that one.
+/// The measures of a stride from `step` to `next`, during which the other foot takes the step `other`; `before` is the step of
+/// the other foot before that one.
 fn values_of_both(
     step: &FootStep,
     next: &FootStep,

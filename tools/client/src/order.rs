@@ -8,8 +8,8 @@ use plantar::sequence::is_after;
 /// Number of replays without the missing record after which the insole is assumed to have dropped it, if all frames arrived
 /// intact. A cable that was cut for a moment may have lost the record nevertheless.
 const INTACT_REPLAYS: u8 = 8;
-/// Number of replays after which the insole is assumed to have dropped the record even if each time a damaged frame arrived, which
-/// may have contained it. A record of a kind that this program does not know is such a frame every time.
+/// Number of replays after which the insole is assumed to have dropped the record even if each time a damaged frame arrived,
+/// which may have contained it. A record of a kind that this program does not know is such a frame every time.
 const ALL_REPLAYS: u8 = 64;
 
 /// The treatment of a record that arrives.

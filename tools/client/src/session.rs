@@ -163,7 +163,7 @@ impl<C: Carrier> Client<C> {
     pub fn send(&mut self, message: ToDevice) -> Result<(), Error> {
         match message {
             // This holds even if the message is lost on the way: the host has stored the record.
-            ToDevice::Acknowledge { step } => self.delivered.acknowledge(step),
+            ToDevice::Acknowledge { number: step } => self.delivered.acknowledge(step),
             ToDevice::Stream { live } => self.is_streaming = live,
             _ => {}
         }
@@ -247,7 +247,7 @@ impl<C: Carrier> Client<C> {
     fn deliver(&mut self, record: &LoadRecord) -> Result<bool, Error> {
         match self.delivered.is_acknowledged(record) {
             // The insole did not receive the acknowledgement, and would repeat the record without end.
-            Some(true) => self.send(ToDevice::Acknowledge { step: record.number() })?,
+            Some(true) => self.send(ToDevice::Acknowledge { number: record.number() })?,
             Some(false) => {}
             None => match self.order.arrive(record.number(), self.damaged()) {
                 Arrival::InOrder => {

@@ -118,7 +118,7 @@ fn next(insole: &Insole, link: &mut Link<Insole>) -> Result<Event, Error> {
 }
 
 fn expect_live(insole: &Insole, link: &mut Link<Insole>) {
-    let event = next(insole, link).expect("the policy does not give up");
+    let event = next(insole, link).expect("the link has not been given up");
     assert!(matches!(event, Event::Message(ToHost::Live(_))), "{event:?}");
 }
 
@@ -132,7 +132,7 @@ fn a_lost_carrier_is_reported_once_and_opened_again() {
     assert!(matches!(link.next_event(), Ok(Event::Lost(error)) if error.is_link_failure()));
     assert!(matches!(link.next_event(), Ok(Event::Timeout)));
     // A message that cannot be sent while the link is lost is not reported as a second loss.
-    link.send(ToDevice::Acknowledge { step: 0 });
+    link.send(ToDevice::Acknowledge { number: 0 });
     assert!(matches!(link.next_event(), Ok(Event::Timeout)));
     insole.state().is_unplugged = false;
     assert!(matches!(next(&insole, &mut link), Ok(Event::Started(SessionStart::Reconnected))));
@@ -149,7 +149,8 @@ fn a_message_that_cannot_be_sent_ends_the_session() {
     assert!(matches!(link.next_event(), Ok(Event::Lost(Error::Carrier(_)))));
 }
 
-/// Without the end of the session, a request that begins each session would not be repeated.
+/// A request without an answer ends the session. Callers send their requests at the start of each session, so they send this one
+/// again.
 #[test]
 fn a_request_without_an_answer_is_repeated_in_another_session() {
     let insole = Insole::new();
@@ -179,7 +180,8 @@ fn a_silent_insole_is_first_connected_over_the_same_carrier() {
     assert!(matches!(next(&insole, &mut link), Ok(Event::Started(SessionStart::Reconnected))));
 }
 
-/// The insole refuses each message until the other host has ended its session, and does not answer afterwards.
+/// While the other host's session lasts, the insole refuses each message. After it has ended, the insole sends nothing until a
+/// host connects.
 #[test]
 fn a_session_that_another_host_has_taken_is_reported_once_and_not_taken_back() {
     let insole = Insole::new();
@@ -209,8 +211,8 @@ fn a_link_to_an_insole_that_does_not_return_is_given_up() {
     insole.state().is_unplugged = true;
     assert!(matches!(link.next_event(), Ok(Event::Lost(_))));
     assert!(matches!(next(&insole, &mut link), Err(Error::Open(_))));
-    let silent = link.wait_for_restart(|_, _| Some(()));
-    assert!(matches!(silent, Err(Error::Open(_))), "{silent:?}");
+    let restart = link.wait_for_restart(|_, _| Some(()));
+    assert!(matches!(restart, Err(Error::Open(_))), "{restart:?}");
 }
 
 #[test]

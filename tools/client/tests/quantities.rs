@@ -16,7 +16,7 @@ This file is generated from the declarations in `src/protocol/{step,bout,alert,l
 `UPDATE_DOCS=1 cargo test --release --package client --test quantities`. A test checks that it is up to date.
 
 *Column* is the name in Parquet and CSV files, *key* the one in JSON objects, where `a.b` is the key `b` in the object
-`a`. Two CSV files that the web page for a phone saves differ. That of live frames has one column for each region and
+`a`. Two CSV files that the web page for a phone saves have other columns. That of live frames has one column for each region and
 each key of a region, such as `heel_area_mm2`; its `t_s` is the time of arrival, and its `device_t_s` the time of the
 scan. In that of steps, `duration_s` is named `contact_time_foot_s`.
 

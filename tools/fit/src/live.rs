@@ -78,7 +78,8 @@ impl LiveSteps {
             if live.t_us < last.t_us {
                 self.finish();
                 self.frames.clear();
-                self.first_us = None;
+                // The insole may have restarted with another frame rate.
+                (self.first_us, self.period_us) = (None, None);
             } else {
                 let elapsed_us = live.t_us - last.t_us;
                 self.period_us = Some(self.period_us.map_or(elapsed_us, |period_us| period_us.min(elapsed_us)));

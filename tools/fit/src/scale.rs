@@ -2,8 +2,8 @@
 //!
 //! The force does not depend on C, so C follows from one of three other data: a measured peak strain of the tissue, a measured
 //! curvature of the unloaded sole, or, without a measurement, an assumed compression. Near its lowest point, an ellipsoid has the
-//! radii of curvature A^2/C and B^2/C. The force determines A B and the contact ellipse A/B, so each of the two radii determines
-//! C.
+//! radii of curvature A^2/C and B^2/C. The force determines A B, and the contact ellipse determines A/B, so each of the two radii
+//! determines C.
 
 use plantar::pipeline::model::ForceLaw;
 use std::fmt;

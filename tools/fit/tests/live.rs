@@ -191,6 +191,17 @@ fn repeated_messages_count_once_and_steps_without_their_frames_are_excluded() {
 }
 
 #[test]
+fn an_insole_may_restart_with_a_lower_frame_rate() {
+    let at = |rate_hz, seed| {
+        messages(&walk(&SyntheticWalk { steps: 5, rate_hz, variation: 0.1, seed, ..Default::default() }).recording)
+    };
+    let (fast, slow) = (at(200.0, 1), at(50.0, 2));
+    let live = collect(fast.iter().chain(&slow));
+    assert_eq!((live.collected(0).0.len(), reasons(&live)), (10, vec![]));
+    assert!((live.rate_hz() - 50.0).abs() < 1e-9, "{}", live.rate_hz());
+}
+
+#[test]
 fn a_record_may_arrive_before_the_last_frames_of_its_stance() {
     let mut messages = messages(&computed_walk(3));
     for i in 0..messages.len() {

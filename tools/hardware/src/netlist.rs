@@ -89,11 +89,11 @@ impl Netlist {
             board.two_ended(format!("C{}", 200 + column), &CAPACITOR_330P, &input, GROUND);
         }
         for quad in 0..COLUMNS / 4 {
-            let unit = |name: &str| quad * 4 + "ABCD".find(name).unwrap_or_default();
+            let column = |unit: &str| quad * 4 + "ABCD".find(unit).unwrap_or_default();
             board.add(format!("U{}", quad + 1), &QUAD, |pin| match pin.split_once(' ') {
-                Some((name, "-")) => column_net(unit(name)),
+                Some((unit, "-")) => column_net(column(unit)),
                 Some((_, "+")) => REFERENCE.into(),
-                Some((name, _)) => format!("OUT{}", unit(name)),
+                Some((unit, _)) => format!("OUT{}", column(unit)),
                 None => if pin == "V+" { SWITCHED } else { GROUND }.into(),
             });
         }

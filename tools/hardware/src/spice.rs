@@ -174,7 +174,7 @@ impl Circuit<'_> {
             Model::LoadSwitch => {
                 let on = self.conditions.power != Power::Off;
                 let ohm = if on { LOAD_SWITCH_ON_OHM } else { LOAD_SWITCH_OFF_OHM }.value;
-                // The output follows the ramp of the load switch, and the supply is not the limit.
+                // During the rise, an ideal ramp drives the output: the supply is assumed to deliver the current.
                 let input = if let Power::Rising { from_s, until_s } = self.conditions.power {
                     let high_v = SUPPLY_V.value;
                     self.line(format_args!("V_{name}_ramp ramp 0 PWL(0 0 {from_s:e} 0 {until_s:e} {high_v})"));

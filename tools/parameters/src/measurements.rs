@@ -49,8 +49,8 @@ impl fmt::Display for OutOfRange {
     }
 }
 
-/// The measurements of some or all regions, in the order of [`Region::ALL`], from a TOML file. A region has either a line with the
-/// thickness in mm, such as `heel = 17.5`, or a table:
+/// The measurements of some or all regions, in the order of [`Region::ALL`], from a TOML file. A region has either a line with
+/// the thickness in mm, such as `heel = 17.5`, or a table:
 ///
 /// ```toml
 /// [heel]
@@ -81,15 +81,16 @@ impl TissueMeasurements {
     /// As [`TissueMeasurements::read`].
     pub fn parse(text: &str, path: &Path) -> Result<Self, Error> {
         let form = |problem: String| Error::Form { file: path.into(), problem };
-        let entries: BTreeMap<String, Entry> =
+        let entries: BTreeMap<String, toml::Spanned<Entry>> =
             toml::from_str(text).map_err(|e| form(e.to_string().trim_end().into()))?;
         let mut all = Self::default();
-        for (name, Entry(entry)) in entries {
+        for (name, entry) in entries {
             let Some(region) = Region::from_name(&name) else {
                 let names: Vec<_> = Region::ALL.iter().map(|r| r.name()).collect();
-                return Err(form(format!("{name} is not a region; the regions are {}", names.join(", "))));
+                let line = text[..entry.span().start].matches('\n').count() + 1;
+                return Err(form(format!("line {line}: {name} is not a region; the regions are {}", names.join(", "))));
             };
-            all.0[region as usize] = entry.checked();
+            all.0[region as usize] = entry.into_inner().0.checked();
         }
         Ok(all)
     }
@@ -235,7 +236,7 @@ mod tests {
     #[test]
     fn files_of_another_form_are_refused_with_the_place() {
         for (text, words) in [
-            ("heal = 12\n", ["heal is not a region", "heel"]),
+            ("heel = 9\nheal = 12\n", ["line 2: heal is not a region", "heel"]),
             ("heel = \"thick\"\n", ["line 1", "a thickness in mm"]),
             ("[heel]\nstrain = 0.4\n", ["line 2", "peak_strain"]),
             ("[heel]\ncurvature_mm = 35\n", ["line 2", "medial_lateral"]),

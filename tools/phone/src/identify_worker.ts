@@ -47,7 +47,9 @@ async function execute(request: Request): Promise<void> {
 
 scope.onmessage = ({ data }) => {
   execute(data).catch((error: unknown) => {
-    const reason = error instanceof Error ? error.message : "The computation failed. Reload the page and continue.";
+    // The errors of the WebAssembly module are sentences for the wearer; the messages of its traps are not.
+    const isSentence = error instanceof Error && !(error instanceof WebAssembly.RuntimeError);
+    const reason = isSentence ? error.message : "The computation failed. Reload the page and continue.";
     scope.postMessage({ kind: "failed", reason });
   });
 };

@@ -1,4 +1,4 @@
-/** Measures of a walk. The core of the page computes them from the steps of both feet. */
+/** Measures of a walk. The WebAssembly module (`Wire`) computes them from the steps of both feet. */
 
 import type { Gait, Side } from "./generated/quantities";
 import { type Settings } from "./settings";

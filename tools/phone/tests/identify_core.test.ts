@@ -60,7 +60,8 @@ test("a fit reports each region, and returns the parameter file and the request 
   expect(result.fitted).toBe(8);
   expect(result.parameters).toContain('side = "right"');
   expect(wire.facts.gatt.parameter_requests).toContain(result.message[0]);
-  expect(core.identify(1, 40).tissue_id).not.toBe(0);
+  const smaller = core.identify(1, 40).tissue_id;
+  expect([0, result.tissue_id]).not.toContain(smaller);
 });
 
 /** The numbers in a value, with their paths. */

@@ -88,8 +88,7 @@ impl Cohort {
     /// Runs the command. Returns true if all participants and recordings were used.
     pub fn run(&self) -> Result<bool> {
         let start = Instant::now();
-        // Checks the options once, because invalid options would cause an error for every participant.
-        self.search.options(0)?;
+        self.search.check()?;
         self.contact.rule(None)?;
         let names = people::names(&self.participants, Some(&self.out))?;
         let mut read = people::files(&self.participants, &names);

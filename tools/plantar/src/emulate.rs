@@ -40,8 +40,8 @@ pub struct Emulate {
     speed: Speed,
     /// Inject an electrical fault of the sensor, KIND:PLACE[=VALUE][@SECONDS]. It begins SECONDS after the start of the walk, or
     /// at once. Repeat the option for several faults. Examples of all kinds: open-cell:17, open-row:3, open-column:5 (an
-    /// interrupted line); short-cell:17, short-row:3, short-column:5 (full scale); stuck:17=12000 (always this code); saturate:17 (full
-    /// scale already under a small load); drift:17=50/s (the baseline changes by this number of codes per second);
+    /// interrupted line); short-cell:17, short-row:3, short-column:5 (full scale); stuck:17=12000 (always this code); saturate:17
+    /// (full scale already under a small load); drift:17=50/s (the baseline changes by this number of codes per second);
     /// crosstalk:3=0.1 (each cell of row 3 also reads this fraction of the load of the row's most loaded other cell). PLACE is
     /// the number of a cell, row or column, from 0. The virtual insole numbers its cells by region; each row of its matrix has 16
     /// cells.
@@ -272,7 +272,7 @@ impl Emulate {
                     }
                 }
                 Some(ToHost::Step(step)) => {
-                    client.send(ToDevice::Acknowledge { step: step.step })?;
+                    client.send(ToDevice::Acknowledge { number: step.step })?;
                     let is_reported = identification.as_mut().is_none_or(|identification| identification.count(&step));
                     if let Some(identification) = identification.as_mut().filter(|_| !is_reported) {
                         view.step(&step);
@@ -289,7 +289,7 @@ impl Emulate {
                     }
                 }
                 Some(message) if let Some(record) = LoadRecord::of(&message) => {
-                    client.send(ToDevice::Acknowledge { step: record.number() })?;
+                    client.send(ToDevice::Acknowledge { number: record.number() })?;
                     view.load_record(&record);
                     records.push(&record);
                 }

@@ -30,8 +30,8 @@ use std::str::FromStr;
 /// insole's contact rule. Send the resulting file to an insole with `plantar params push`, and use it in
 /// `plantar replay` and `plantar emulate` with --params.
 ///
-/// Exit status: 0 if all eight regions were fitted, 3 if only some were or if a part of a region's result is missing or must not be
-/// used, for example because measurements contradict each other or because the insole shifted, 1 if no region was fitted.
+/// Exit status: 0 if all eight regions were fitted, 3 if only some were or if a part of a region's result is missing or must not
+/// be used, for example because measurements contradict each other or because the insole shifted, 1 if no region was fitted.
 #[derive(Args)]
 pub struct Fit {
     /// The recordings and recorded live streams, all of one person.
@@ -74,12 +74,12 @@ pub struct Search {
     /// smoothed with --method paper].
     #[arg(long, value_enum)]
     filter: Option<FilterName>,
-    /// The search: five parameters, with the distribution among people as prior (projection) or, for comparison, the paper's search
-    /// for eight parameters from ten random starts, which fits the smoothed force (paper).
+    /// The search: five parameters, with the distribution among people as prior (projection) or, for comparison, the paper's
+    /// search for eight parameters from ten random starts, which fits the smoothed force (paper).
     #[arg(long, value_enum, default_value_t = MethodName::Projection)]
     method: MethodName,
-    /// The bounds of the exponents: n from -0.95 on, with the prior (free) or, for comparison, at least 0 as in the paper, by least
-    /// squares without a prior (paper). Not used by --method paper.
+    /// The bounds of the exponents: n from -0.95 on, with the prior (free) or, for comparison, at least 0 as in the paper, by
+    /// least squares without a prior (paper). Not used by --method paper.
     #[arg(long, value_enum, default_value_t = BoundsName::Free)]
     bounds: BoundsName,
     /// Measurements of the tissue: a TOML file with lines such as `heel = 17.5` for the thickness in mm, or with tables such as
@@ -157,10 +157,21 @@ impl Search {
     /// The options of the fit. Prints a note on stderr for each value of the tissue that is out of range. `resamples` is the
     /// number of bootstrap resamples of the steps.
     pub fn options(&self, resamples: u64) -> Result<Options> {
+        let (options, notes) = self.options_and_notes(resamples)?;
+        print_notes(&notes);
+        Ok(options)
+    }
+
+    /// Returns the error of invalid options, which would otherwise occur for every participant.
+    pub fn check(&self) -> Result<()> {
+        self.options_and_notes(0).map(|_| ())
+    }
+
+    fn options_and_notes(&self, resamples: u64) -> Result<(Options, Vec<String>)> {
         let search = self.of_study();
         let (tissue, notes) = search.tissue(&|path| fs::read(path))?;
-        print_notes(&notes);
-        search.options(&tissue, resamples).with_context(|| format!("--compression {}", self.compression))
+        let options = search.options(&tissue, resamples);
+        Ok((options.with_context(|| format!("--compression {}", self.compression))?, notes))
     }
 }
 

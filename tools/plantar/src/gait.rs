@@ -70,7 +70,8 @@ impl GaitCommand {
             others.extend(added.others);
         }
         if steps.is_empty() {
-            bail!("{} contains no steps: record a walk of several steps", self.walk[0].display());
+            let files: Vec<_> = self.walk.iter().map(|path| path.display().to_string()).collect();
+            bail!("no steps in {}: record a walk of several steps", files.join(" and "));
         }
         let has_common_clock = steps.iter().all(|(_, start_us)| start_us.is_some());
         let steps_of = |side| {

@@ -258,28 +258,11 @@ fn stage<T: Send>(
     work: impl Fn(&mut Foot, &AtomicBool) -> Result<T> + Sync,
 ) -> Result<Vec<T>> {
     let shown: Vec<_> = feet.iter().map(|foot| foot.progress.clone()).collect();
-    let (stop, work, start) = (AtomicBool::new(false), &work, Instant::now());
+    let (stop, start) = (AtomicBool::new(false), Instant::now());
     let mut screen = Screen::open()?;
-    let outcomes = std::thread::scope(|scope| {
-        let stop = &stop;
-        let threads: Vec<_> = feet.iter_mut().map(|foot| scope.spawn(move || work(foot, stop))).collect();
-        let mut shown_error = Ok(());
-        while !threads.iter().all(|thread| thread.is_finished()) {
-            let progress = shown.iter().map(|foot| foot.lock().unwrap_or_else(PoisonError::into_inner).clone());
-            let progress: Vec<Progress> = progress.collect();
-            match screen.show(&cue(start.elapsed()), &progress) {
-                Ok(false) => {}
-                Ok(true) => stop.store(true, Ordering::Relaxed),
-                Err(error) => {
-                    stop.store(true, Ordering::Relaxed);
-                    shown_error = Err(error);
-                }
-            }
-        }
-        let joined =
-            threads.into_iter().map(|thread| thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
-        let outcomes: Result<Vec<T>> = joined.collect();
-        shown_error.and(outcomes)
+    let outcomes = at_the_same_time(feet, &stop, work, || {
+        let progress = shown.iter().map(|foot| foot.lock().unwrap_or_else(PoisonError::into_inner).clone());
+        screen.show(&cue(start.elapsed()), &progress.collect::<Vec<Progress>>())
     });
     drop(screen);
     let outcomes = outcomes?;
@@ -287,6 +270,41 @@ fn stage<T: Send>(
         bail!("interrupted; everything so far is stored: give the same command again to continue");
     }
     Ok(outcomes)
+}
+
+/// Calls `work` for each foot in a thread of its own, and meanwhile repeats `show`, which returns true if the user ends the
+/// session. `stop` is then set, and also after an error of a foot: otherwise, the wearer would complete the other foot's part in
+/// vain.
+///
+/// # Errors
+/// The error of `show`, or else the first error of a foot.
+fn at_the_same_time<F: Send, T: Send>(
+    feet: &mut [F],
+    stop: &AtomicBool,
+    work: impl Fn(&mut F, &AtomicBool) -> Result<T> + Sync,
+    mut show: impl FnMut() -> Result<bool>,
+) -> Result<Vec<T>> {
+    let end = || stop.store(true, Ordering::Relaxed);
+    let work = |foot| work(foot, stop).inspect_err(|_| end());
+    let work = &work;
+    std::thread::scope(|scope| {
+        let threads: Vec<_> = feet.iter_mut().map(|foot| scope.spawn(move || work(foot))).collect();
+        let mut shown = Ok(());
+        while !threads.iter().all(|thread| thread.is_finished()) {
+            match show() {
+                Ok(false) => {}
+                Ok(true) => end(),
+                Err(error) => {
+                    end();
+                    shown = Err(error);
+                }
+            }
+        }
+        let joined =
+            threads.into_iter().map(|thread| thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
+        let outcomes: Result<Vec<T>> = joined.collect();
+        shown.and(outcomes)
+    })
 }
 
 /// The name of an existing folder, for display. A path such as `..` does not contain the name.
@@ -363,8 +381,28 @@ fn print_verification(foot: &Foot, steps: &[Step], study: &Study) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::folder_name;
+    use super::{at_the_same_time, folder_name};
+    use anyhow::anyhow;
     use std::path::Path;
+    use std::sync::atomic::{AtomicBool, Ordering};
+
+    #[test]
+    fn an_error_of_a_foot_ends_the_part_of_the_other_foot() {
+        for failing in 0..2 {
+            let mut feet = [0, 1];
+            let work = |foot: &mut usize, stop: &AtomicBool| {
+                if *foot == failing {
+                    return Err(anyhow!("the disk is full"));
+                }
+                while !stop.load(Ordering::Relaxed) {
+                    std::thread::yield_now();
+                }
+                Ok(())
+            };
+            let outcome = at_the_same_time(&mut feet, &AtomicBool::new(false), work, || Ok(false));
+            assert_eq!(outcome.expect_err("a foot has failed").to_string(), "the disk is full");
+        }
+    }
 
     #[test]
     fn a_participant_has_the_name_of_the_folder_for_every_form_of_its_path() {

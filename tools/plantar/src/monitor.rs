@@ -89,7 +89,7 @@ pub fn follow(connection: &Connection, insole: &mut Insole, view: &mut View, sin
                     side.name()
                 );
                 match start {
-                    SessionStart::AfterSilence => view.restarted(hello),
+                    SessionStart::AfterSilence => view.answered_after_silence(hello),
                     SessionStart::Connected | SessionStart::Reconnected | SessionStart::AfterOtherHost => {
                         view.reconnected(hello);
                     }
@@ -102,10 +102,10 @@ pub fn follow(connection: &Connection, insole: &mut Insole, view: &mut View, sin
                 let error = anyhow::Error::new(error);
                 view.lost(&format!("{connection}: {error:#}; trying again"))?;
             }
-            Event::Lost(error) => return Err(error.into()),
+            Event::Lost(error) => return Err(anyhow::Error::new(error).context(connection.to_string())),
         }
-        if let Some(step) = sink.take_stored() {
-            insole.send(ToDevice::Acknowledge { step });
+        if let Some(number) = sink.take_stored() {
+            insole.send(ToDevice::Acknowledge { number });
         }
     }
     Ok(())

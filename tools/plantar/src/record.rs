@@ -77,7 +77,7 @@ impl Record {
             && insole.client().hello().side == recorder.side
         {
             // An error is ignored: without the acknowledgement, the insole sends these records again in its next session.
-            let _ = insole.client().send(ToDevice::Acknowledge { step });
+            let _ = insole.client().send(ToDevice::Acknowledge { number: step });
         }
         if completed.is_err() {
             let count = recorder.pending.len();

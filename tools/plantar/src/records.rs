@@ -52,6 +52,7 @@ impl Records {
                 ]);
             }
         }
+        summary::align(&mut table);
         if let Some(column) = table.column_mut(0) {
             column.set_cell_alignment(CellAlignment::Left);
         }

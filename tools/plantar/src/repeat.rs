@@ -67,8 +67,7 @@ struct Trials {
 impl Repeat {
     /// Runs the command. Returns true if all participants and recordings were used.
     pub fn run(&self) -> Result<bool> {
-        // Checks the options once, because invalid options would cause an error for every participant.
-        self.search.options(0)?;
+        self.search.check()?;
         let rule = self.contact.rule(None)?;
         let study = self.study();
         let options = self.search.tissue.iter().chain(&self.zero);

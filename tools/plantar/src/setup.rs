@@ -106,12 +106,12 @@ pub struct ContactArgs {
     /// A cell comes into contact at this pressure, kPa [default: the value on the insole or in the parameter file, or 10].
     #[arg(long, value_name = "KPA")]
     contact_on: Option<f32>,
-    /// A cell loses contact below this pressure, kPa [default: the value on the insole, or the same fraction of --contact-on as in
-    /// the parameter file, or 3/4].
+    /// A cell loses contact below this pressure, kPa [default: the value on the insole, or the same fraction of --contact-on as
+    /// in the parameter file, or 3/4].
     #[arg(long, value_name = "KPA")]
     contact_off: Option<f32>,
-    /// Count only the fraction sqrt(p / KPA), at most 1, of the area of a cell in contact, where p is the cell's pressure; 0 counts
-    /// whole cells, as in the paper [default: the value on the insole or in the parameter file, or 150].
+    /// Count only the fraction sqrt(p / KPA), at most 1, of the area of a cell in contact, where p is the cell's pressure; 0
+    /// counts whole cells, as in the paper [default: the value on the insole or in the parameter file, or 150].
     #[arg(long, value_name = "KPA")]
     contact_full: Option<f32>,
 }

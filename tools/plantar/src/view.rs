@@ -79,10 +79,11 @@ impl View {
         }
     }
 
-    /// Shows that the insole restarted, and the reason.
-    pub fn restarted(&mut self, hello: &Hello) {
-        let reason = hello.fault.as_deref().unwrap_or("no failure reported");
-        self.title = format!(" restarted (reset reason: {}, {reason}) ", hello.reset.name());
+    /// Shows that the insole answers again after it has sent nothing for some time, and the reason of its last restart, which may
+    /// have been the cause.
+    pub fn answered_after_silence(&mut self, hello: &Hello) {
+        let failure = hello.fault.as_deref().unwrap_or("no failure reported");
+        self.title = format!(" answers again, and may have restarted (last reset: {}, {failure}) ", hello.reset.name());
         if self.terminal.is_none() {
             println!("the insole{}", self.title.trim_end());
         }

@@ -65,7 +65,7 @@ impl Peripheral for Insole {
             session.push_record(step(8));
             return Ok(());
         }
-        if let ToDevice::Acknowledge { step } = message {
+        if let ToDevice::Acknowledge { number: step } = message {
             // This fails only after the end of the test, which drops the receiver.
             let _ = self.acknowledged.send(step);
         }

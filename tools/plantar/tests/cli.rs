@@ -138,7 +138,7 @@ fn errors_for_recordings_name_the_file_the_line_and_the_remedy() {
     for (from, to, words) in [
         ("0,30,20,100,heel", "0,30,20,100,knee", ["layout.csv:2", "knee"]),
         ("1,40,20,100,heel", "1,31,20,100,heel", ["layout.csv:3", "overlap"]),
-        ("1,40,20,100,heel\n", "", ["layout.csv", "1"]),
+        ("1,40,20,100,heel\n", "", ["layout.csv", "cell 1 is missing"]),
         ("1,40,20,100,heel", "1,40,20,0.01,heel", ["layout.csv: cell 1", "0.0625"]),
         ("1,40,20,100,heel", "1,40000,20,100,heel", ["layout.csv: cell 1", "within 10 m"]),
     ] {

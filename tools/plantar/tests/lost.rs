@@ -154,7 +154,7 @@ fn a_recorder_whose_acknowledgement_was_lost_repeats_it() {
     assert!(insole.serve(listener.accept().expect("it connects").0, is_acknowledgement));
     let mut again = listener.accept().expect("it connects again").0;
     assert!(insole.serve(&mut again, is_acknowledgement));
-    insole.session.receive(ToDevice::Acknowledge { step: RECORD_QUEUE as u32 - 1 }, 0);
+    insole.session.receive(ToDevice::Acknowledge { number: RECORD_QUEUE as u32 - 1 }, 0);
     insole.session.push_record(step(RECORD_QUEUE as u32));
     insole.serve(&mut again, |_| false);
     let (output, text) = wait_for_end(program);
@@ -352,7 +352,7 @@ fn refused_beside<L: Read + Write>(arguments: &[&str], link: impl FnOnce() -> L)
     let mut insole = Insole::with_steps([0]);
     let mut link = link();
     assert!(insole.serve(&mut link, is_acknowledgement));
-    insole.session.receive(ToDevice::Acknowledge { step: 0 }, 0);
+    insole.session.receive(ToDevice::Acknowledge { number: 0 }, 0);
     let has_ended = AtomicBool::new(false);
     let text = std::thread::scope(|scope| {
         let second = scope.spawn(|| {
@@ -367,7 +367,7 @@ fn refused_beside<L: Read + Write>(arguments: &[&str], link: impl FnOnce() -> L)
         text
     });
     insole.session.push_record(step(1));
-    assert!(insole.serve(&mut link, |message| matches!(message, ToDevice::Acknowledge { step: 1 })));
+    assert!(insole.serve(&mut link, |message| matches!(message, ToDevice::Acknowledge { number: 1 })));
     let (output, first_text) = wait_for_end(first);
     assert!(output.status.success() && !first_text.contains("trying again"), "{first_text}");
     let steps: serde_json::Value = serde_json::from_slice(&std::fs::read(json).expect("a file")).expect("JSON");
@@ -442,7 +442,7 @@ mod serial {
         }));
         insole.is_silent = false;
         insole.session.push_record(step(1));
-        assert!(insole.serve(&mut port, |message| matches!(message, ToDevice::Acknowledge { step: 1 })));
+        assert!(insole.serve(&mut port, |message| matches!(message, ToDevice::Acknowledge { number: 1 })));
         let (output, text) = wait_for_end(program);
         assert!(output.status.success(), "{text}");
         assert!(text.contains("trying again"), "{text}");

@@ -109,7 +109,7 @@ impl Insole {
             ToDevice::GetTime { host_us } => host_us - self.begin_us,
             _ => 0,
         };
-        if let ToDevice::Acknowledge { step } = message {
+        if let ToDevice::Acknowledge { number: step } = message {
             self.acknowledged = step;
         }
         self.session.receive(message, device_us);

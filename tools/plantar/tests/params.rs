@@ -93,8 +93,8 @@ fn plantar(folder: &Path, arguments: &str) -> Output {
         .expect("the program starts")
 }
 
-/// Runs `plantar insole` with these arguments and the insole at this address. Returns whether it succeeded, and what it printed on
-/// stdout and on stderr.
+/// Runs `plantar insole` with these arguments and the insole at this address. Returns whether it succeeded, and what it printed
+/// on stdout and on stderr.
 fn run_insole(folder: &Path, address: SocketAddr, arguments: &str) -> (bool, String, String) {
     let output = plantar(folder, &format!("insole {arguments} --tcp {address}"));
     let text = |bytes| String::from_utf8(bytes).expect("text");

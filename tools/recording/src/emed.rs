@@ -57,7 +57,11 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     let mut remarks = vec![format!(
         "{} frames; {comparison}.{}",
         frames.t_s.len(),
-        if summaries > 0 { format!(" {summaries} pages without a frame were skipped.") } else { String::new() },
+        match summaries {
+            0 => String::new(),
+            1 => " One page without a frame was skipped.".to_owned(),
+            _ => format!(" {summaries} pages without a frame were skipped."),
+        },
     )];
     let foot = Foot {
         side,

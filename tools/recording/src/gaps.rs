@@ -22,7 +22,8 @@ pub fn fill(t_s: &mut Vec<f64>, kpa: &mut Vec<f32>, cells: usize) -> Option<Stri
     if period_s < SHORTEST_PERIOD_S || !t_s.windows(2).any(|pair| is_gap(pair[0], pair[1])) {
         return None;
     }
-    let part = longest_part(t_s, LONGEST_FILLED_S.max(LOST * period_s));
+    let longest_filled_s = LONGEST_FILLED_S.max(LOST * period_s);
+    let part = longest_part(t_s, longest_filled_s);
     let left_out = t_s.len() - part.len();
     let (old_s, old_kpa) = (t_s[part.clone()].to_vec(), kpa[part.start * cells..part.end * cells].to_vec());
     let mut filled = 0;
@@ -47,7 +48,7 @@ pub fn fill(t_s: &mut Vec<f64>, kpa: &mut Vec<f32>, cells: usize) -> Option<Stri
     let filled = (filled > 0).then(|| format!("Lost frames that were filled linearly: {filled}."));
     let left_out = (left_out > 0).then(|| {
         format!(
-            "Frames are missing for more than {LONGEST_FILLED_S} s: only the longest part without such a gap was imported. \
+            "Frames are missing for more than {longest_filled_s:.2} s: only the longest part without such a gap was imported. \
              Frames that were left out: {left_out}."
         )
     });

@@ -38,8 +38,9 @@ pub fn open(folder: &Path) -> Result<(Recording, Vec<ColumnFile>)> {
     for path in parts {
         let (part, file) = ColumnFile::open(path)?;
         let is_continued = (part.side, part.rate_hz, &part.layout) == (head.side, head.rate_hz, &head.layout);
-        let gap_s = file.first_s()?.zip(last_s).map_or(f64::NAN, |(next_s, last_s)| next_s - last_s);
-        if !is_continued || (gap_s * head.rate_hz - 1.0).abs() > 0.1 {
+        // A part without frames has no times.
+        let gap_s = file.first_s()?.zip(last_s).map(|(next_s, last_s)| next_s - last_s);
+        if !is_continued || gap_s.is_some_and(|gap_s| (gap_s * head.rate_hz - 1.0).abs() > 0.1) {
             return Err(Error::content(
                 path.display().to_string(),
                 "this part does not continue the one before it: another foot, layout or rate, or a gap in time",
@@ -49,7 +50,7 @@ pub fn open(folder: &Path) -> Result<(Recording, Vec<ColumnFile>)> {
         if part.source != head.source {
             head.source = format!("{} {}", head.source, part.source);
         }
-        last_s = file.last_s()?;
+        last_s = file.last_s()?.or(last_s);
         files.push(file);
     }
     Ok((head, files))

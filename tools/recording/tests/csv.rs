@@ -40,8 +40,8 @@ fn valid_files_are_imported() {
 fn order_spaces_and_a_byte_order_mark_do_not_matter() {
     let layout = "\u{feff}region, cell, area_mm2, y_mm, x_mm\ntoe_2, 1, 100, 5, 15\nheel,0,100,5,5\n";
     let frames = FRAMES.replace(',', " , ").replace('\n', "\r\n");
-    let plain = import(LAYOUT, FRAMES).unwrap();
-    assert_eq!(import(layout, &frames).unwrap().layout, plain.layout);
+    let (plain, other) = (import(LAYOUT, FRAMES).unwrap(), import(layout, &frames).unwrap());
+    assert_eq!((other.layout, other.t_s, other.pressure_kpa), (plain.layout, plain.t_s, plain.pressure_kpa));
 }
 
 #[test]

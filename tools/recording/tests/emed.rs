@@ -72,7 +72,7 @@ fn a_step_is_imported_in_both_directions_of_walking_and_its_foot_is_recognised()
             assert!((export.feet[0].rate_hz - 100.0).abs() < 1e-6);
             assert_step(&exported_frames(&export.feet[0], ADDED), side, CELL_MM2, 1e-6);
             let remarks = export.remarks.join(" ");
-            assert!(remarks.contains("60 frames") && remarks.contains("1 pages without a frame"), "{remarks}");
+            assert!(remarks.contains("60 frames") && remarks.contains("One page without a frame"), "{remarks}");
             assert!(remarks.contains(side.name()), "{remarks}");
         }
     }

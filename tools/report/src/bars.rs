@@ -16,7 +16,9 @@ const BAR: f64 = 9.0;
 const ROW: f64 = 4.0 * BAR + 15.0;
 const TOP: f64 = 4.0;
 
-/// The four errors in the chart, which are fields of [`Quality`], and the CSS classes of their bars.
+/// The four errors in the chart, with the names of the fields of [`Quality`], and the CSS classes of their bars: the errors of
+/// parameters that were fitted to all steps, to the step itself, and to the other steps, and of the best non-decreasing function
+/// of the contact area.
 const ERRORS: [(&str, &str); 4] =
     [("fitted", "fill"), ("own", "fill own"), ("predicted", "fill predicted"), ("floor", "fill floor")];
 
@@ -46,7 +48,7 @@ pub fn bars(study: &Study) -> Drawing {
                 text.end x=(LEFT - 8.0) y=(top + 2.0 * BAR + 4.0) { (TITLES[region]) }
                 @match fit_of(study, region) {
                     Ok(fit) => @for (i, error) in errors(&fit.quality).into_iter().enumerate() {
-                        @if let Some(share) = error {
+                        @if let Some(share) = error.filter(|share| share.is_finite()) {
                             @let end = scale.at(share * 100.0);
                             g.(colour(region)) { (bar(ERRORS[i].1, top + i as f64 * BAR, end)) }
                             text.small x=(format!("{:.1}", end + 3.0)) y=(top + (i + 1) as f64 * BAR - 1.2) { (percent(share)) }
@@ -67,7 +69,7 @@ fn bar(class: &str, y: f64, end: f64) -> Markup {
     html! { rect class=(class) x=(LEFT) y=(y + 0.5) width=(width) height=(BAR - 1.0) {} }
 }
 
-/// The mark for the value of the paper: a triangle above the bars, the upper edge of which is at `bars_top`.
+/// The mark for the value of the paper: a triangle that points down at the upper edge of the bars, `bars_top`.
 fn mark(x: f64, bars_top: f64) -> Markup {
     html! { path.fill d=(format!("M{x:.1} {:.1}l-4 -7h8z", bars_top - 0.5)) {} }
 }

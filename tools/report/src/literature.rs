@@ -64,7 +64,7 @@ const PUBLISHED: [Published; 6] = [
                 Scale::PeakStrain(_) => "measured",
                 Scale::Curvature(_) => "computed from a measured curvature",
                 Scale::Assumed(_) => "assumed",
-                Scale::Searched(_) => "searched",
+                Scale::Searched(_) => "result of the search",
             };
             Some(format!("{strain}, {origin}"))
         },
@@ -135,7 +135,8 @@ pub fn literature(study: &Study) -> Markup {
 
 /// Values that differ by at most this factor count as uniform.
 const UNIFORM: f64 = 2.0;
-/// A and B count as close if they differ by at most this factor.
+/// Two radii count as close if they differ by at most this factor, and one is smaller than another one only if it is smaller by
+/// more.
 const CLOSE: f64 = 1.25;
 /// The smallest number of fitted regions for a comparison with the findings of the paper.
 const COMPARED_REGIONS: usize = 3;
@@ -168,7 +169,7 @@ fn paper(study: &Study) -> Markup {
         }
         p {
             @if study.options.method == Method::Projection {
-                "C, and with it k, depends on d₀ and on whether C was measured or assumed; A B, K and n follow from the force. "
+                "C, and with it k, depends on d₀ and on whether C was measured or assumed; the product A B, and K and n, follow from the force. "
             }
             "The paper's values of C and k follow from bounds and starting points of a search, because force does not determine them."
         }

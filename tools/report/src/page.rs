@@ -26,7 +26,7 @@ pub fn page(study: &Study) -> Markup {
             (section("sensitivity", "Sensitivity to the choices of the method", sensitivity::sensitivity(study)))
             (section("literature", "Comparison with published measurements", literature::literature(study)))
             (section("table", "Table of errors", wide("Table of errors", bars::table(study))))
-            (section("reading", "How to read this report", reading::reading(study.options.method)))
+            (section("reading", "How to read this report", how_to_read::instructions(study.options.method)))
         },
     )
 }
@@ -196,7 +196,7 @@ fn quantity_figures(study: &Study) -> Markup {
 
 fn parameter_figures(study: &Study) -> Markup {
     html! {
-        (wide("Sources of d₀ and C", sources::table(study)))
+        (wide("Sources of d₀ and C", scale_sources::table(study)))
         (legend(&parameters::legend()))
         figure {
             div.panels { @for chart in parameters::charts(study) { (chart.svg()) } }

@@ -1,4 +1,4 @@
-//! The content of the page, independent of its appearance.
+//! The content of the HTML report, independent of its appearance.
 
 mod common;
 
@@ -6,7 +6,7 @@ use common::{FILE, PARTICIPANT, STUDY, TITLES, empty};
 use fit::sensitivity::{Choice, MainResults, Sensitivity, Variant};
 use fit::{Filter, Method, RegionFit, Study};
 
-/// The texts between the tags of each table row, without white space.
+/// The texts between the tags of each table row, without white space at their ends and without empty texts.
 fn rows(html: &str) -> Vec<Vec<String>> {
     let cells = |row: &str| {
         let texts = row.split('<').filter_map(|tag| tag.split_once('>')).map(|(_, text)| text.trim().to_owned());
@@ -88,7 +88,7 @@ fn excluded_contacts_and_regions_are_listed_with_their_reasons() {
     let unfit: Vec<_> = STUDY.fits.iter().filter_map(|fit| fit.as_ref().err()).collect();
     assert_eq!(unfit.len(), 2, "{unfit:?}");
     for reason in unfit {
-        // The reason is in the summary, in four tables, and in the label of the drawing.
+        // The reason is at least in the summary and in four tables.
         assert!(html.matches(&escaped(&reason.to_string())).count() >= 5, "{reason}");
     }
     assert!(!STUDY.excluded_contacts.is_empty());
@@ -199,7 +199,7 @@ fn the_sensitivity_is_the_change_of_the_results() {
     assert_eq!(rows[3].iter().filter(|text| *text == "−1.1").count(), 6);
 }
 
-/// The report states that a finding of the paper agrees with the fit only if the parameters of the fit have this property.
+/// The report states that a finding of the paper agrees with the results only if the finding is true of the fitted parameters.
 #[test]
 fn findings_of_the_paper_are_compared_with_the_results() {
     let finding = |study: &Study, words: &str| {

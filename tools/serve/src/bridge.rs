@@ -73,7 +73,7 @@ pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
         }
         hub.clock(index, insole.client().axis());
         if let Some(step) = hub.acknowledgement(index) {
-            insole.send(ToDevice::Acknowledge { step });
+            insole.send(ToDevice::Acknowledge { number: step });
         }
         if let Some(request) = hub.to_send(index) {
             insole.send(request);

@@ -459,7 +459,7 @@ impl Page {
             }
             Some(message) => {
                 link.receive(message, NO_CLOCK_US);
-                if let ToDevice::Acknowledge { step } = message {
+                if let ToDevice::Acknowledge { number: step } = message {
                     insole.acknowledged_by_page(step);
                 }
             }

@@ -144,7 +144,7 @@ impl Write for Cable {
         self.act(|insole| {
             for &byte in bytes {
                 let Some(message) = insole.from_host.push(byte).and_then(decode) else { continue };
-                if let ToDevice::Acknowledge { step } = message {
+                if let ToDevice::Acknowledge { number: step } = message {
                     insole.acknowledged.push(step);
                 }
                 insole.link.receive(message, insole_us());
@@ -207,7 +207,7 @@ async fn two_pages_receive_both_feet_and_a_step_is_acknowledged_once_one_page_ac
     assert_eq!(one.step(1).await.step, 0);
     assert_eq!(other.step(1).await.step, 0);
     right.act(|insole| assert_eq!(insole.acknowledged, [0; 0]));
-    other.send(1, ToDevice::Acknowledge { step: 0 }).await;
+    other.send(1, ToDevice::Acknowledge { number: 0 }).await;
     assert!(right.acknowledged(0));
     left.act(|insole| assert_eq!(insole.acknowledged, [0; 0]));
 }
@@ -300,7 +300,7 @@ async fn a_page_that_connects_later_receives_the_steps_that_no_page_acknowledged
     cable.step(1);
     let mut page = Page::open(address).await;
     assert_eq!((page.step(0).await.step, page.step(0).await.step), (0, 1));
-    page.send(0, ToDevice::Acknowledge { step: 0 }).await;
+    page.send(0, ToDevice::Acknowledge { number: 0 }).await;
     assert!(cable.acknowledged(0));
     drop(page);
     let mut page = Page::open(address).await;
@@ -418,7 +418,7 @@ async fn a_full_disk_loses_no_step() {
     cable.step(0);
     assert_eq!(page.step(0).await.step, 0);
     cable.act(|insole| assert_eq!(insole.acknowledged, [0; 0]));
-    page.send(0, ToDevice::Acknowledge { step: 0 }).await;
+    page.send(0, ToDevice::Acknowledge { number: 0 }).await;
     assert!(cable.acknowledged(0));
 }
 

@@ -10,6 +10,7 @@ use plantar::protocol::{Flag, Quantity, Step, StepFoot, StepRegion};
 /// Panics if there is no region `i`.
 pub fn step_row(step: &Step, i: usize) -> Row {
     let r = &step.regions[i];
+    // Quantities that JSON has in an object within the region are the last columns of the region.
     let (nested, quantities): (Vec<_>, Vec<_>) = StepRegion::QUANTITIES.iter().partition(|q| q.path().0.is_some());
     let (counts, quantities): (Vec<_>, Vec<_>) = quantities.into_iter().partition(|q| q.is_count());
     let (unscaled, scaled): (Vec<_>, Vec<_>) = quantities.into_iter().partition(|q| q.per_unit == 1);

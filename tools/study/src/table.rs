@@ -78,11 +78,10 @@ impl From<i32> for Value {
 /// # Panics
 /// Panics without rows.
 pub fn write<Name: AsRef<str>>(path: &Path, metadata: Option<(&str, &str)>, rows: &[Row<Name>]) -> Result<()> {
+    // The name of the unfinished file begins with a dot, because programs that read a folder as a table ignore such files.
+    let temporary = path.with_file_name(format!(".{}.part", path.file_stem().unwrap_or_default().to_string_lossy()));
     let written = || -> Result<()> {
         fs::create_dir_all(path.parent().unwrap_or(Path::new(".")))?;
-        // The name of the unfinished file begins with a dot, because programs that read a folder as a table ignore such files.
-        let temporary =
-            path.with_file_name(format!(".{}.part", path.file_stem().unwrap_or_default().to_string_lossy()));
         let field = |(name, value): &(Name, Value)| {
             let (physical, logical) = match value {
                 Value::Text(_) => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
@@ -118,9 +117,13 @@ pub fn write<Name: AsRef<str>>(path: &Path, metadata: Option<(&str, &str)>, rows
         }
         group.close()?;
         file.into_inner()?.sync_all()?;
-        Ok(fs::rename(temporary, path)?)
+        Ok(fs::rename(&temporary, path)?)
     };
-    written().with_context(|| format!("cannot write {}: check its permissions and the free disk space", path.display()))
+    let written = written().inspect_err(|_| {
+        // The file may not exist.
+        let _ = fs::remove_file(&temporary);
+    });
+    written.with_context(|| format!("cannot write {}: check its permissions and the free disk space", path.display()))
 }
 
 /// Writes the values of a column; `None` is null.

@@ -13,9 +13,11 @@ const LIMITS: [(&str, f64, f64); 51] = [
     ("device_vs_host_area_rel", 0.0, 1e-4),
     ("cells_percent.stance", 0.0, 60.0),
     ("cells_percent.swing", 0.0, 10.0),
+    // Errors of a wearer's parameters from an insole's streams, relative to those of parameters from the recorded file.
     ("loop_nrmse_over_file.cells", 0.0, 1.05),
     ("loop_nrmse_over_file.live", 0.0, 1.05),
     ("cells_lost", 0.0, 0.0),
+    // The relative difference between parameters that the page and the command line identify.
     ("fit_wasm_equal", 0.0, 1e-6),
     ("live_frame_bytes", 0.0, 112.0),
     ("step_record_bytes", 0.0, 480.0),
@@ -36,12 +38,14 @@ const LIMITS: [(&str, f64, f64); 51] = [
     ("fit_coverage", 0.90, 0.99),
     ("nrmse.mean.predicted", 0.0, 9.5),
     ("nrmse.worst.predicted", 0.0, 13.0),
+    // The error of parameters from four steps, relative to those from all steps.
     ("nrmse.mean.four_steps", 0.0, 1.15),
     ("fit_at_bound", 0.0, 0.05),
     ("fit_determined", 0.8, 1.0),
     ("repeat.icc.force_at_area", 0.9, 1.0),
     ("repeat.icc.area_at_force", 0.85, 1.0),
     ("repeat.icc.stiffness", 0.8, 1.0),
+    // With a residual force: the share of the steps that are found, and the number of steps that did not occur.
     ("wear.residual_found", 0.995, 1.0),
     ("wear.residual_extra", 0.0, 0.0),
     ("wear.false_faults", 0.0, 0.0),

@@ -109,7 +109,7 @@ impl<W: Wait> Qspi<W> {
     }
 }
 
-/// The length of a transfer of this many words, bytes; at most a page.
+/// The length in bytes of a transfer of this many words, at most a page.
 const fn bytes(words: usize) -> u32 {
     let words = if words < PAGE_WORDS { words } else { PAGE_WORDS };
     4 * words as u32

@@ -65,7 +65,7 @@ fn stiffness_mdc(walkers: &[Study], options: &Options) {
                 .flat_map(|(identified, walked)| changes(identified, walked, region, options))
                 .collect::<Vec<_>>()
         };
-        // The change of the identified K itself is 0.
+        // Each pair counts as two trials of one person: the identified K, of which the change is 0, and the tracked K.
         let trials: Vec<Vec<f64>> = walkers.iter().flat_map(of_walker).map(|change| vec![0.0, change]).collect();
         // NaN does not occur, because ten walkers load every region.
         within_person(&trials).map_or(f64::NAN, |(_, mdc)| mdc)

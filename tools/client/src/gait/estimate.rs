@@ -22,8 +22,8 @@ impl Estimate {
     /// The estimate from values in the order of time; `None` without values.
     ///
     /// The interval is that of Student's t, in which the number n of values is replaced by the number of independent values with
-    /// the same variance of the mean, n (1 - r) / (1 + r). r is the correlation of successive values, at least 0, corrected for its
-    /// bias in short series by (1 + 4 r) / n (Bayley and Hammersley, J. R. Stat. Soc. Suppl. 8, 1946; Marriott and Pope,
+    /// the same variance of the mean, n (1 - r) / (1 + r). r is the correlation of successive values, at least 0, corrected for
+    /// its bias in short series by (1 + 4 r) / n (Bayley and Hammersley, J. R. Stat. Soc. Suppl. 8, 1946; Marriott and Pope,
     /// Biometrika 41, 1954).
     pub(super) fn new(values: &[Consecutive]) -> Option<Self> {
         let count = values.len();

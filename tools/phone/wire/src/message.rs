@@ -72,7 +72,7 @@ pub(crate) enum Message {
     Ellipses {
         /// Time of the scan since the first scan.
         t_s: f64,
-        /// The regions, in the order of `Facts.regions`; null without contact.
+        /// The ellipse of each region, in the order of `Facts.regions`, the list of the regions' names; null without contact.
         #[cfg_attr(test, ts(type = "Array<Ellipse | null>"))]
         regions: Vec<Option<ShownEllipse>>,
     },
@@ -108,7 +108,8 @@ pub(crate) struct Hello {
     has_parameters: bool,
     /// The reason of the last reset, one word.
     reset: &'static str,
-    /// The fault that ended the previous run, or a fault of this start. The insole does not measure if it has no cells.
+    /// The fault that ended the previous run, or a fault of this start. If the number of cells is 0, the insole has refused its
+    /// set-up, and does not measure.
     fault: Option<String>,
 }
 

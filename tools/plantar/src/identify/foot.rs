@@ -205,7 +205,7 @@ impl Foot {
     fn store_record(&mut self, file: &mut StreamFile, message: &ToHost) -> Result<()> {
         if let Some(record) = LoadRecord::of(message) {
             file.write(0, message)?;
-            self.link.send(ToDevice::Acknowledge { step: record.number() });
+            self.link.send(ToDevice::Acknowledge { number: record.number() });
         }
         Ok(())
     }

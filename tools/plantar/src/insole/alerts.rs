@@ -159,6 +159,7 @@ fn print_daily(daily: &DailyLoad) {
             format!("{:.1}{}", f64::from(total.sustained_s) / 60.0, if is_sustained { " now" } else { "" }),
         ]);
     }
+    summary::align(&mut table);
     if let Some(column) = table.column_mut(0) {
         column.set_cell_alignment(CellAlignment::Left);
     }

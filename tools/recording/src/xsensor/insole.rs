@@ -42,7 +42,7 @@ impl Insole {
             let name = side.name();
             export
                 .remarks
-                .push(format!("{} pressures of the {name} foot are empty or negative: read as 0.", self.invalid));
+                .push(format!("{} pressures of the {name} foot are empty, negative or not numbers: read as 0.", self.invalid));
         }
         let foot = Foot {
             side: Some(side),

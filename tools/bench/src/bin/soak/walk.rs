@@ -187,7 +187,7 @@ fn receive(
                     "step {received} of the {} foot differs from the replay: {step:?}, {expected:?}",
                     side.name()
                 );
-                client.send(ToDevice::Acknowledge { step: step.step })?;
+                client.send(ToDevice::Acknowledge { number: step.step })?;
                 received += 1;
                 if received == steps {
                     break client.status()?;
@@ -212,7 +212,7 @@ fn receive(
                     bout.number,
                     side.name()
                 );
-                client.send(ToDevice::Acknowledge { step: bout.number })?;
+                client.send(ToDevice::Acknowledge { number: bout.number })?;
             }
             Some(ToHost::Status(status)) => drop(first_stack_bytes.get_or_insert(status.stack_bytes)),
             Some(ToHost::Hello(hello)) => bail!("the insole restarted: {:?}", hello.fault),

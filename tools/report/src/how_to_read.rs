@@ -4,7 +4,7 @@ use fit::Method;
 use maud::{Markup, html};
 
 /// The content of the section.
-pub fn reading(method: Method) -> Markup {
+pub fn instructions(method: Method) -> Markup {
     html! {
         p {
             strong { "Method. " }
