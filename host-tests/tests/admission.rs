@@ -28,6 +28,7 @@ fn occupied(admission: &mut Admission, is_known: bool, allows_bonding: bool, for
 fn a_central_without_a_bond_cannot_keep_a_bonded_one_out() {
     let mut admission = Admission::new();
     assert_eq!(admission.time_limit(false, false).as_secs(), 30);
+    // A single connection.
     let (_, longest_us) = occupied(&mut admission, false, false, 1);
     assert_eq!(longest_us, 30_000_000);
     // From then on, a central without a bond is disconnected after 2 s, and the insole is free between two such connections.

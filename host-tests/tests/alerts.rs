@@ -204,8 +204,8 @@ fn a_day_begins_without_load_and_continues_after_a_restart() {
     assert!(renewed.totals.steps == 0 && renewed.totals.loaded_s < whole.totals.loaded_s, "{renewed:?}");
 
     let earlier = DailyLoad { day: 7, totals: Totals { steps: 1000, ..Totals::NONE }, alerts: 2, ..DailyLoad::NONE };
-    // A date that goes back by one day is a correction of the clock. Changing the time at which the day begins does not reset the
-    // load.
+    // A date that goes back by one day is a correction of the clock. A change of the time at which the day begins does not reset
+    // the load, either: the next call of `enter_day` names the day of the load so far.
     let (_, same) = run(&recording, &RULES, |seconds, insole| match seconds {
         20 => insole.enter_day(7),
         40 => insole.enter_day(6),

@@ -35,7 +35,7 @@ impl Probe {
         Self { curve, offset: calibration.offset, cell, share: 0 }
     }
 
-    /// The share in contact after a frame with this code.
+    /// The share in contact after a frame with this code. The cell returns only the change of its share.
     fn share_at(&mut self, code: u16) -> u16 {
         let code = u32::from(code);
         let above_offset_kpa = self.curve.pressure_kpa((code as i32 - i32::from(self.offset)).max(0));
@@ -239,7 +239,7 @@ proptest! {
         let mut probe = Probe::new(&law, &rule, &calibration);
         prop_assert_eq!(probe.share_at((code_of(&law, at_kpa) + offset).min(FULL_CODE)), WHOLE);
 
-        // Because of rounding, the code here is a few codes below the first one that reads the threshold.
+        // To allow for rounding, this code is three below the first one that reads the threshold.
         let first = curve(&law).first_code_at(at_kpa as f32);
         let mut probe = Probe::new(&law, &rule, &calibration);
         prop_assert_eq!(probe.share_at(first.saturating_sub(3) + offset), 0);

@@ -143,7 +143,7 @@ impl Session {
         received
     }
 
-    /// The same as [`Self::finish`], after messages that were received before.
+    /// The same as [`Self::finish`], but adds the messages to `received`.
     fn finish_into(&mut self, received: &mut Received) {
         // While the board scans, requests would only slow it down.
         let mut silent = 0;
@@ -336,7 +336,7 @@ fn a_refused_set_up_is_reported_in_the_hello() {
     let client = connect(&board);
     let report = client.hello().fault.as_deref().unwrap_or_default().to_owned();
     assert!(report.contains("belongs to a region before that of the previous cell"), "{report}");
-    // A host recognises by the 0 cells that the insole does not measure.
+    // A number of cells of 0 shows a host that the insole does not measure.
     assert_eq!(client.hello().cells, 0);
 }
 

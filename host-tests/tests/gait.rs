@@ -102,7 +102,8 @@ fn a_computed_walk_of_both_feet_has_its_true_times() {
         gait.feet[foot].measures[i].expect("a value").mean
     };
     let stride_s = walk.stance_s + walk.swing_s;
-    // The detected stance lacks the frames with less than 35 N at its beginning and with less than 70 N at its end.
+    // With the peak of this walk, 800 N, the thresholds of heel strike and toe off become 40 and 80 N. The detected stance lacks
+    // the frames below the first at its beginning and below the second at its end.
     assert!((walk.stance_s - 0.06..walk.stance_s).contains(&stance_s), "{stance_s}");
     for foot in 0..2 {
         let expected = [

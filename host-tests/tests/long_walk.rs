@@ -11,6 +11,7 @@ fn both_feet_deliver_every_step_of_a_long_walk() {
     let (outcome, walked) = walk.run(|_| ());
     let elapsed = start.elapsed();
     println!("{walked:?} walked in {elapsed:?}, {:.0} times real time", walked.as_secs_f64() / elapsed.as_secs_f64());
+    // The result is the number of lost steps and load bouts.
     assert_eq!(outcome.verify(), Ok(0));
     for insole in &outcome.insoles {
         assert_eq!(insole.host.steps().count(), 400);

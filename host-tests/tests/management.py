@@ -1,8 +1,8 @@
 """Manages an insole with smpclient, for host-tests/tests/management_tools.rs.
 
 The first argument is `serial:<input>:<output>` for the FIFO from which an insole reads and the FIFO to which it writes, or
-`bluetooth:<port>:<address>` to connect to this address with the virtual Bluetooth controller at this TCP port. Each further argument is a command. For each command, a line
-of output has the result as JSON, or {"error": <code>} for a refusal.
+`bluetooth:<port>:<address>` to connect to this address with the virtual Bluetooth controller at this TCP port. Each further
+argument is a command. For each command, a line of output has the result as JSON, or {"error": <code>} for a refusal.
 
     parameters      Reads the size and the number of the insole's buffers (MCUmgr parameters).
     echo:<text>     Sends a text that the insole returns.

@@ -425,7 +425,7 @@ fn frame_rate_does_not_change_the_step() {
     let samples: Vec<f64> = (0..6800).map(|i| force_n((f64::from(i) + 0.5) * 1e-4)).collect();
     let integral_n_s = samples.iter().sum::<f64>() * 1e-4;
     let peak_n = samples.iter().copied().fold(0.0, f64::max);
-    // The time from heel strike to toe off by the thresholds of the first step.
+    // The time from heel strike to toe off, by the thresholds that apply to the first step of an insole.
     let StanceRule { strike_n, release_n, .. } = StanceRule::ADAPTIVE;
     let strike = samples.iter().position(|&n| n >= strike_n.into()).expect("a heel strike");
     let release = samples.iter().rposition(|&n| n >= release_n.into()).expect("a toe off");

@@ -783,6 +783,7 @@ fn steps_are_read_and_acknowledged_while_others_are_recorded() {
             }
             _ => {}
         }
+        // In a new session, the host reads all unacknowledged steps again.
         if random.u16(..) < 100 {
             read = oldest;
         }

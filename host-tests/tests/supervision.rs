@@ -190,6 +190,7 @@ fn an_endless_loop_in_the_scan_is_detected() {
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn an_endless_loop_in_the_processing_is_detected() {
+    // Processing and link have the same executor, so a loop in one of them stalls both.
     assert_recovers(InjectedFault::ModelStalled, Reset::Watchdog, "stalled: model link", "process");
 }
 

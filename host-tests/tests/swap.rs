@@ -114,6 +114,7 @@ fn a_wait_for_a_chip_that_stays_busy_ends() {
 #[test]
 fn a_state_that_cannot_be_read_leaves_the_active_image() {
     let accepted = accepted();
+    // The bootloader tries to read the state three times.
     for (failing_reads, state, image) in
         [(2, State::Swap, &*NEW), (3, State::Boot, &*OLD), (u64::MAX, State::Boot, &*OLD)]
     {
@@ -178,6 +179,7 @@ fn a_refused_image_changes_nothing() {
     }
     for (offer, refusal) in [
         (Offer { header: Header::new("other", "9.9.9"), ..NEW.offer() }, Refusal::Board),
+        // A version that does not consist of three numbers counts as older.
         (Offer { header: Header::new("board", "9"), ..NEW.offer() }, Refusal::Older),
         (Offer { chunks: 0, ..NEW.offer() }, Refusal::Length),
         (Offer { chunks: (MAX_IMAGE as usize / CHUNK) as u16 + 1, ..NEW.offer() }, Refusal::Length),

@@ -36,6 +36,7 @@ fn settings_and_steps_survive_a_restart_and_a_loss_of_power() {
     let serial = Serial::new("P-0001").expect("the serial number is valid");
     client.set_tissue(&tissue()).expect("the request is accepted");
     let identity = client.set_identity(Side::Right, serial).expect("the request is accepted");
+    // The stored foot is in force from the next start on.
     assert_eq!((identity.side, identity.serial, client.hello().side), (Side::Right, serial, Side::Left));
     board.play();
     let mut recorded = Vec::new();

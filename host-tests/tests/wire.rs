@@ -268,9 +268,8 @@ fn to_host() -> impl Strategy<Value = ToHost> {
         (any::<(u32, u32)>(), prop::collection::vec(any::<u16>(), 0..=240)).prop_map(|((scan, dropped), codes)| {
             ToHost::Cells(CellCoder::new(Resolution::Oversampled).pack(scan, dropped, &codes))
         }),
-        any::<Option<u8>>().prop_map(|every| {
-            ToHost::CellStream(every.map(|every| CellStream { every, ..CELL_STREAM }))
-        }),
+        any::<Option<u8>>()
+            .prop_map(|every| { ToHost::CellStream(every.map(|every| CellStream { every, ..CELL_STREAM })) }),
         any::<u16>().prop_map(|number| ToHost::Setup(any_settings(number).apply_to(testkit::SETUP))),
         any::<(u16, f32)>().prop_map(|(first, x_mm)| {
             let cells = (0..16).map(|_| cell(Region::Toe2, x_mm, 20.0, 25.0)).collect();

@@ -37,10 +37,10 @@ pub struct ImageState {
     pub is_confirmed: bool,
 }
 
-/// Why a request was not executed: the code that all groups share, which is the only one in version 0 of the protocol, and the
-/// code of a group with its group. Both are packed into one number, so that the many functions that return it stay short: the
-/// code of the group in the bits 0 to 5 (0 for none), the group in the bits 6 and 7, and the shared code above them. The codes
-/// of the constants are those of MCUmgr in Zephyr.
+/// Why a request was not executed. A failure has a code that all groups share, which is the only one in version 0 of the
+/// protocol, and may have a code of one group. They are packed into one number, so that the many functions that return it stay
+/// short: the code of the group in the bits 0 to 5 (0 for none), the group in the bits 6 and 7, and the shared code above them.
+/// The codes of the constants are those of MCUmgr in Zephyr.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Failure(u16);
 

@@ -23,8 +23,8 @@ use heapless::{String, Vec};
 pub const HEAD: usize = 8;
 /// Largest number of bytes of a text, and of the part of a file in one request.
 pub const CHUNK: usize = 192;
-/// Longest message that tools may send, bytes, including two bytes for its length and two for its checksum. Its lines have 281
-/// bytes, which the receive buffers of serial ports can hold.
+/// Longest message that tools may send, bytes, including two bytes for its length and two for its checksum. On a serial port,
+/// all lines of such a message together have 281 bytes, which the receive buffers of the ports can hold.
 pub const BUFFER: u16 = 204;
 
 /// A SHA-256.
@@ -169,7 +169,7 @@ impl<'b> Fields<'b> {
 /// The request with this head and this body.
 ///
 /// # Errors
-/// The failure to answer, if the request is malformed or not supported.
+/// The failure that the answer reports, if the request is malformed or not supported.
 fn request(head: &Head, body: &[u8]) -> Result<Request, Failure> {
     // A request without fields may have no map.
     let body = if body.is_empty() { EMPTY_MAP } else { body };

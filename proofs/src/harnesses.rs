@@ -21,7 +21,7 @@ fn live_losses() {
     numbers::live_losses(arrived, 6, status);
 }
 
-/// All frame periods and rates of the carrier, up to 256 cells, and a request for every frame or for at most one of 251.
+/// All frame periods and rates of the carrier, up to 256 cells, and a request for every frame or for one frame in 251 or more.
 #[kani::proof]
 #[kani::unwind(257)]
 fn fitting_rate_of_cells() {

@@ -57,7 +57,7 @@ enum Asked {
 /// complete and their signature is valid.
 #[derive(Default)]
 struct Receiver {
-    /// The signature of the offered image is valid.
+    /// Whether the signature of the offered image is valid; `None` if no image was offered.
     offered: Option<bool>,
     /// Number of the next chunk.
     next: u16,

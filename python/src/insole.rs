@@ -143,7 +143,8 @@ fn failure(name: &str, error: Error) -> PyErr {
 fn carrier(address: &str, baud: Option<u32>) -> anyhow::Result<Box<dyn Carrier + Send>> {
     if let Some(baud) = baud {
         let port = serialport::new(address, baud).timeout(READ_TIMEOUT).open();
-        let remedy = "the serial port cannot be opened: is the insole plugged in, and no other program connected to it?";
+        let remedy =
+            "the serial port cannot be opened: is the insole plugged in, and no other program connected to it?";
         return Ok(Box::new(Framed::new(port.context(remedy)?)));
     }
     let remedy = "is the insole or its bridge running there, or is another program connected to it?";

@@ -20,13 +20,13 @@ def test_a_fit_is_that_of_the_command_line(walk_file: pathlib.Path, tmp_path: pa
     fit = package.fit(walk_file, options=package.Options(size=40, contact_full_kpa=0))
     table = fit.table()
     assert list(table.index) == list(package.REGIONS) and table["fitted"].sum() >= 5
-    for region, of in expected["regions"].items():
+    for region, result in expected["regions"].items():
         row = table.loc[region]
-        assert row["fitted"] == of["fitted"]
-        if not of["fitted"]:
-            assert row["reason"] == of["reason"]
+        assert row["fitted"] == result["fitted"]
+        if not result["fitted"]:
+            assert row["reason"] == result["reason"]
             continue
-        for name, value in {**of["ellipsoid"], "stiffness_pa": of["identified"]["stiffness_pa"]}.items():
+        for name, value in {**result["ellipsoid"], "stiffness_pa": result["identified"]["stiffness_pa"]}.items():
             assert row[name] == pytest.approx(value, rel=1e-12), (region, name)
         assert row["n_low"] <= row["n"] <= row["n_high"]
         # The eight parameters result in the same force as the five: K = k C^(n+1) / d0^n.
@@ -62,6 +62,7 @@ def test_a_recording_may_not_be_given_twice(walk_file: pathlib.Path) -> None:
 
 
 def test_repeatability_is_that_of_the_command_line(study_folder: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    # Only the recordings are copied: the function of the package does not read participant.toml.
     (study_folder.parent / "people").mkdir()
     people = {}
     for name in ("ann", "cid", "dan"):

@@ -17,7 +17,7 @@ struct Mask {
     neighbours: [u16; 4],
 }
 
-/// All masked cells.
+/// The masked cells that are interpolated, and the regions that have masked cells.
 #[derive(Debug)]
 pub(super) struct Masking {
     masks: Vec<Mask, MAX_INTERPOLATED>,

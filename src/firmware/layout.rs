@@ -105,8 +105,8 @@ pub fn cells() -> impl Iterator<Item = SetupCell> + Clone {
     cells.map(|(&cell, &row_column)| SetupCell { cell, calibration: UNLOADED, row_column })
 }
 
-/// The default rules. The feedback resistors are chosen for this full scale. The exponent is a typical value for a piezoresistive
-/// sheet and must be replaced by a measured one.
+/// The set-up of the reference insole with the default rules. The feedback resistors of its amplifiers are chosen for this full
+/// scale. The exponent is a typical value for a piezoresistive sheet and must be replaced by a measured one.
 pub fn setup(side: Side) -> Setup {
     Setup {
         side,

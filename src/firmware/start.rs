@@ -145,7 +145,8 @@ pub fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     counters: &'static ScanCounters,
     gauges: Gauges,
 ) -> impl Future<Output = Started<F>> {
-    // The session takes much stack if it is compiled for size: here this stack is not added to that of the future.
+    // Initialising the session takes much stack in firmware compiled for size. Outside the future, this stack is not added to
+    // that of the future.
     let session = init_session(&memory.session);
     start_with(memory, session, chip, boot, image, configuration, counters, gauges)
 }

@@ -1,8 +1,8 @@
 //! An image on trial after an update.
 //!
-//! It is confirmed once scanning, processing, link, storage and the radio have made progress for some seconds and the host has
-//! confirmed it. Without a host it is confirmed once all of them have made progress in [`UNATTENDED_CHECKS`] successive checks.
-//! An image that is not confirmed within [`MOST_CHECKS`] checks has failed.
+//! It is confirmed once scanning, processing, link, storage and, if it has answered on this board before, the radio have made
+//! progress for some seconds and the host has confirmed it. Without a host it is confirmed once all of them have made progress in
+//! [`UNATTENDED_CHECKS`] successive checks. An image that has met neither condition after [`MOST_CHECKS`] checks has failed.
 
 use super::supervise::{Heartbeats, PARTS, Part};
 use embassy_time::{Duration, Instant};

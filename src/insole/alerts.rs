@@ -23,6 +23,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             self.cumulative.sustained(),
             &self.cumulative.totals,
         );
+        // Without a clock, the number of the day is 0, and the day ends after 24 hours.
         if self.alerts.count_second() {
             self.begin_day(0);
         }

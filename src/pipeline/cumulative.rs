@@ -24,7 +24,7 @@ pub const WINDOW_PARTS: u16 = 15;
 pub struct LoadLimits {
     /// Pressure above which the dose counts, kPa, 1 to 2000.
     pub dose_kpa: f32,
-    /// Pressure from which on time counts towards sustained load, kPa, 1 to 2000.
+    /// Time with at least this pressure counts towards sustained load, kPa, 1 to 2000.
     pub sustained_kpa: f32,
     /// Length of the window, s, 60 to 3600, a multiple of [`WINDOW_PARTS`].
     pub window_s: u16,
@@ -96,7 +96,7 @@ impl Totals {
 /// The sums of one region over the frames of the present second.
 #[derive(Clone, Copy, Debug)]
 struct Sums<R> {
-    /// Pressures above the limit of the dose, kPa.
+    /// Excess of the pressure over the limit of the dose, kPa.
     dose_kpa: R,
     /// Squared pressures, kPa2.
     squared_kpa2: R,
@@ -108,11 +108,11 @@ impl<R: Real> Sums<R> {
     const NONE: Self = Self { dose_kpa: R::ZERO, squared_kpa2: R::ZERO, sustained: 0 };
 }
 
-/// An insole counts as loaded from this pressure of any cell on, kPa. It is above noise and uncalibrated offsets of cells, and
-/// below the pressure of a resting foot.
+/// An insole counts as loaded if a cell has at least this pressure, kPa. It is above noise and uncalibrated offsets of cells,
+/// and below the pressure of a resting foot.
 pub const LOADED_KPA: f32 = 1.0;
 
-/// Time above the limit in each part of the window, 0.01 s; the part in progress at [`CumulativeLoad::part`].
+/// Time above the limit in each part of the window, 0.01 s. [`CumulativeLoad::part`] is the index of the part in progress.
 type Window = [u16; WINDOW_PARTS as usize + 1];
 
 /// The cumulative load of an insole.
@@ -153,7 +153,7 @@ impl<R: Real> CumulativeLoad<R> {
         }
     }
 
-    /// Discards all load, for frames with this time between them, us.
+    /// Discards all load. `period_us` is the time between two frames, us.
     pub(crate) fn set_up(&mut self, period_us: u32) {
         *self = Self { second_frames: (1_000_000 + period_us / 2) / period_us.max(1), ..Self::new() };
     }
@@ -208,8 +208,8 @@ impl<R: Real> CumulativeLoad<R> {
             let rounded = |sum: R| (sum * frame_s + R::of(0.5)).to_f64() as u32;
             total.dose_dkpa_s = total.dose_dkpa_s.saturating_add(rounded(sums.dose_kpa * R::of(10.0)));
             total.squared_kpa2_s = total.squared_kpa2_s.saturating_add(rounded(sums.squared_kpa2));
-            // The sum fits 16 bits: a part has at most 240 s, and after missing frames at 20 Hz its last second adds up to 1.25
-            // s.
+            // The sum fits 16 bits: a part has at most 240 s. A frame that stands for missing ones can exceed the last second, at
+            // 20 Hz by up to 0.25 s.
             window[usize::from(self.part)] += (sums.sustained * 100 / self.second_frames) as u16;
             let loaded_cs = time_above_limit_cs(window, oldest, self.part_s, part_length_s);
             // One percent of a second is 0.01 s.

@@ -15,8 +15,8 @@ pub const AB_M2: RangeInclusive<f64> = 1e-8..=0.04;
 /// Range of K, Pa, and G, Pa s: up to a thousand times the values of a sole. With all parameters at their limits, a force is
 /// below 1e11 N, and its square is within single precision.
 pub const COEFFICIENT: RangeInclusive<f64> = 0.0..=1e9;
-/// Largest exponent n or m; a steeper law is almost a step function. Both exponents are above -1, so that pressure vanishes with
-/// deformation.
+/// Largest exponent n or m; a steeper law is almost a step function. Both exponents are above -1, so that the force vanishes with
+/// the deformation.
 pub const MAX_EXPONENT: f64 = 10.0;
 
 /// True if `value` is within the inclusive limits after rounding to single precision, in which parameters are sent.
@@ -137,7 +137,7 @@ impl<R: Real> Ellipsoid<R> {
 }
 
 /// `base^exponent` for a base that is not negative. A base of 0 yields 1 with the exponent 0, and 0 with any other one, also with
-/// a negative one, because exponents above -1 yield no pressure at zero deformation.
+/// a negative one, because exponents above -1 yield no force at zero deformation.
 fn power<R: Real>(base: R, exponent: R) -> R {
     if base <= R::ZERO {
         return if exponent == R::ZERO { R::ONE } else { R::ZERO };

@@ -343,8 +343,9 @@ pub struct RegionFrame<R> {
     pub force: ForceMoments<R>,
     /// Largest cell pressure, kPa. Masked cells are not considered.
     pub peak_kpa: R,
-    /// Code of the cell with this pressure minus its code at zero pressure, minus the largest such difference among the
-    /// baselines of the region's cells. In the next frame, only cells above seven eighths of this value are compared.
+    /// Code above zero pressure of the cell with this pressure, minus the highest code above zero pressure of a baseline in the
+    /// region. In the next frame, only cells with a code above zero pressure of more than seven eighths of this value are
+    /// compared.
     pub peak_code: i32,
     /// A cell is saturated: the area is valid, the force is a lower bound.
     pub saturated: bool,

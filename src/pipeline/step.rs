@@ -88,8 +88,8 @@ const SUMMED: usize = 8;
 /// one half of a session and tracked through the other half.
 pub const STIFFNESS_MDC: [f64; 8] = [0.11, 0.07, 0.08, 0.15, 0.07, 0.20, 0.14, 0.11];
 /// Change of K beyond which the wearer's parameters should be identified again, relative to [`STIFFNESS_MDC`]. With this limit,
-/// one in twenty steps of an unchanged wearer exceeds the limit in any of its eight regions by chance (Sidak's correction, 2.73
-/// instead of 1.96 standard deviations).
+/// one in twenty steps of an unchanged wearer exceeds the limit in at least one of its eight regions by chance (Sidak's
+/// correction, 2.73 instead of 1.96 standard deviations).
 pub const REFIT_PER_MDC: f64 = 1.4;
 
 /// The sums of one step over the samples of a region: products of the elastic force e, the viscous force v and the measured force
@@ -167,7 +167,8 @@ impl<R: Real> RegionStep<R> {
     /// If `force_n` is shorter than the contact, or a curve is longer than [`STANCE_SAMPLES`].
     pub fn new(law: &ForceLaw<R>, area_mm2: &[R], force_n: &[R], sample_s: R, at_peak: &AreaMoments) -> Self {
         let in_contact = |&area: &R| area > R::ZERO;
-        // The force of cells that are not in contact counts, too, so that the integrals of all regions are that of the foot.
+        // The force of cells that are not in contact counts, too, so that the integrals of all regions add up to that of the
+        // foot.
         let measured_integral_n_s = force_n.iter().copied().sum::<R>() * sample_s;
         let (Some(first), Some(last)) = (area_mm2.iter().position(in_contact), area_mm2.iter().rposition(in_contact))
         else {
@@ -225,8 +226,8 @@ impl<R: Real> RegionStep<R> {
 /// Half of the time between the two samples from which the deformation rate is computed, us.
 const RATE_HALF_US: u32 = 10_000;
 
-/// Number of samples before and after a sample between which the deformation rate of this sample is computed: 10 ms, and at
-/// least one sample. `sample_s` is the time between samples, s.
+/// The deformation rate of a sample is computed from the samples that are this number of samples before and after it: 10 ms, and
+/// at least one sample. `sample_s` is the time between samples, s.
 pub fn rate_span(sample_s: f64) -> usize {
     // Whole microseconds, so that single and double precision have the same span. A time between samples is positive.
     let sample_us = ((sample_s * 1e6 + 0.5) as u32).max(1);

@@ -24,8 +24,8 @@ const DAMPING_RANGE: [f64; 2] = [0.25, 4.0];
 const INDEPENDENT: f64 = 0.01;
 
 impl<R: Real> StepSums<R> {
-    /// The sum of the older sums, reduced by [`FORGETTING`], and those of a new step, divided by the square of its peak force
-    /// `peak_n`. The forces of the new step were computed with the identified K and G times `scale`.
+    /// The older sums times [`FORGETTING`], plus those of a new step divided by the square of its peak force `peak_n`. The forces
+    /// of the new step were computed with the identified K and G times `scale`.
     fn with(self, new: &Self, scale: [R; 2], peak_n: R) -> Self {
         let forgetting = R::of(FORGETTING);
         // The factors of the elastic, the viscous and the measured force of the new step.

@@ -95,7 +95,7 @@ pub(super) struct Configured {
 }
 
 impl Configured {
-    /// The state before the start has restored anything.
+    /// The state after a reset, before stored data are restored.
     pub const NONE: Self = Self {
         tissue: Tissue::NONE,
         identified: None,

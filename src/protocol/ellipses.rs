@@ -1,4 +1,4 @@
-//! The stream of ellipses: the contact ellipses of the regions, for display. The macro `quantities`, in the file of this name,
+//! The stream of ellipses: the contact ellipses of the regions, for display. The macro `quantities` in `quantities.rs`
 //! documents the form of the declaration.
 
 use super::Refusal;

@@ -34,9 +34,9 @@ pub struct Hello {
     /// Why the insole last started.
     pub reset: Reset,
     /// If a failure ended the previous run: its cause, its time, and addresses in the program, which `cargo xtask explain`
-    /// translates to source lines; the text also states whether this start ignores all stored data, because several starts failed
-    /// in a row. Otherwise a fault of this start, such as a chip that does not answer, or stored parameters of another contact
-    /// rule. If the set-up of the board was refused, [`Hello::cells`] is 0, and the insole does not measure.
+    /// translates to source lines; the text also states whether this start ignores all stored data but the bonds, because several
+    /// starts failed in a row. Otherwise a fault of this start, such as a chip that does not answer, or stored parameters of
+    /// another contact rule. If the set-up of the board was refused, [`Hello::cells`] is 0, and the insole does not measure.
     pub fault: Option<String<MAX_FAULT_TEXT>>,
 }
 
@@ -49,7 +49,7 @@ pub enum Reset {
     Pin,
     /// Requested by the software.
     Software,
-    /// The watchdog: scanning, processing or the link was stalled.
+    /// The watchdog: a part of the firmware was stalled, such as scanning or the link, or interrupts stayed disabled.
     Watchdog,
     /// After a panic, a hard fault or a stack overflow; see [`Hello::fault`].
     Panic,

@@ -35,7 +35,7 @@ pub struct Session {
     is_open: bool,
     is_hello_due: bool,
     answers: Deque<Answer, ANSWER_QUEUE>,
-    /// Live frames that were sent since the first of `answers` was queued.
+    /// Number of live frames that were sent since `answers` was last empty.
     live_before_answer: u8,
     is_streaming: bool,
     live: Deque<Vec<u8, MAX_LIVE>, LIVE_QUEUE>,
@@ -112,10 +112,10 @@ impl Session {
                 self.is_streaming = live;
                 self.live.clear();
             }
-            ToDevice::Acknowledge { number: step } => {
+            ToDevice::Acknowledge { number } => {
                 // Only a record that was sent can have arrived.
                 while self.records_sent > 0
-                    && let Some(arrived) = self.records.pop_front_if(|sent| !sequence::is_after(sent.number(), step))
+                    && let Some(arrived) = self.records.pop_front_if(|sent| !sequence::is_after(sent.number(), number))
                 {
                     self.acknowledged = Some(arrived.number());
                     self.records_sent -= 1;
@@ -347,6 +347,7 @@ impl Session {
         } else {
             let answer = self.answers.pop_front()?;
             if answer.is_announcement() {
+                // Queued live frames used the previous parameters.
                 self.live.clear();
             }
             match answer {

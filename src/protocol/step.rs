@@ -1,4 +1,4 @@
-//! The step record as a message. The macro `quantities`, in the file of this name, documents the form of the declarations.
+//! The step record as a message. The macro `quantities` in `quantities.rs` documents the form of the declarations.
 //! Equation numbers are those of the paper that [`crate::pipeline::model`] implements.
 
 use super::quantities::{bits, quantities};

@@ -5,7 +5,8 @@ use crate::pipeline::region::Side;
 use crate::protocol::{Step, StepFoot, StepRegion};
 use serde::Deserialize;
 
-/// Decodes an older version of a record. All kinds are at version 1, so there is no older version yet.
+/// Decodes an older version of one of the records in [`super::records`], which have versions of their own. All their kinds are
+/// at version 1, so there is no older version yet.
 pub(super) fn record<R>(_version: u8, _bytes: &[u8]) -> Option<R> {
     None
 }

@@ -20,8 +20,8 @@ mod survey;
 /// Largest number of attempts to write a record. An attempt fails if the record cannot be read back.
 const WRITE_ATTEMPTS: usize = 3;
 
-/// The second of the two slots for a calibration; the first is 0. The part of a block's record is the slot combined with the
-/// block number, which is below this bit.
+/// The second of the two slots for a calibration; the first is 0. The part number of a block's record ([`Store::get`]) is the
+/// slot combined with the block number, which is below this bit.
 const OTHER_SLOT: u8 = 0x80;
 
 /// What the store does with its chip.
@@ -284,7 +284,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         self.check_use()?;
         let next = number.wrapping_add(1);
         // If all stored records are acknowledged, the log would become empty and lose the number of the next record; a mark
-        // preserves it. The acknowledged record is later than all stored ones if it could not be stored.
+        // preserves it. An acknowledged record that could not be stored is later than all stored ones.
         if !is_after(self.contents.next_record, next) {
             self.push_mark(next).await?;
             self.contents.next_record = next;
@@ -342,6 +342,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
             .await;
         guard.postpones_erasure = false;
         if core::mem::take(&mut guard.has_postponed) {
+            // The cached state of a sector that was not erased is wrong.
             log.forget();
         }
         has_more

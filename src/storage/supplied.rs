@@ -6,7 +6,7 @@ use embedded_storage_async::nor_flash::{
 
 /// A chip that refuses write and erase operations while `is_sufficient` returns false: below its lowest supply, a chip may
 /// change other bytes than the addressed ones. A refused write operation has changed nothing; a refused erase operation may
-/// have erased the first of its sectors. So a refusal has no worse effect than a loss of power at that moment: the stored data
+/// have erased its first sectors. So a refusal has no worse effect than a loss of power at that moment: the stored data
 /// remain, and the items that could not be stored are counted.
 pub struct Supplied<F, S> {
     chip: F,
@@ -18,7 +18,7 @@ pub struct Supplied<F, S> {
 /// Why an operation failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SuppliedError<E> {
-    /// The supply is too low. A write operation has changed nothing; an erase operation may have erased the first of its sectors.
+    /// The supply is too low. A write operation has changed nothing; an erase operation may have erased its first sectors.
     Supply,
     /// The range exceeds the used part of the chip. Nothing has changed.
     OutOfBounds,

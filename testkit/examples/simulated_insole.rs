@@ -35,8 +35,8 @@ fn serve(session: &mut Session, mut host: TcpStream) -> io::Result<()> {
         }
         for &byte in &received[..count] {
             let Some(message) = decoder.push(byte).and_then(decode::<ToDevice>) else { continue };
-            if let ToDevice::Acknowledge { number: step } = message {
-                println!("acknowledged {step}");
+            if let ToDevice::Acknowledge { number } = message {
+                println!("acknowledged {number}");
             }
             session.receive(message, device_us(&message));
             if session.command().is_some() {

@@ -34,7 +34,8 @@ fn request(port: &Port, kind: u8, seq: u32) {
 static FIRST_BYTE: AtomicU16 = AtomicU16::new(NO_BYTE);
 const NO_BYTE: u16 = u16::MAX;
 
-/// Waits for the next answer of the plant.
+/// Waits for the next answer of the plant: [`TICK`] twice, or the low byte of the number of a scan and the number of its rows in
+/// the file.
 async fn answer(port: &Port) -> [u8; 2] {
     let mut byte = [0; 1];
     if FIRST_BYTE.load(Ordering::Relaxed) == NO_BYTE {

@@ -1,6 +1,6 @@
-//! The TOML files of parameters, tissue measurements, participants and baselines: each is refused or has valid values. Parameters
-//! and baselines that were read can be written. After reading again, a baseline is the same, and so are the subject and the
-//! identification of parameters.
+//! The TOML files of parameters, tissue measurements, participants and zeros (readings of the unloaded cells): each is refused or
+//! has valid values. Parameters and zeros that were read can be written. After reading again, the zeros are the same, and so are
+//! the subject of the parameters and the conditions of their identification.
 
 use parameters::{Parameters, Participant, TissueMeasurements};
 use recording::Zero;

@@ -1,9 +1,9 @@
-//! The interrupts of the six channels between the cores (IPCC). In the registers, bit i stands for channel i + 1, and bit 16 + i
-//! of the mask register for the interrupt of the same channel when it is empty.
+//! The interrupts of the six channels between the cores (IPCC). In the registers, bit i stands for channel i + 1. In the mask
+//! register, bit i masks the interrupt of a channel that the other core has filled, and bit 16 + i that of a channel to the
+//! other core that is empty.
 //!
-//! An interrupt is due while its channel is not masked, and the other core has filled it or, after this core had filled it, has
-//! emptied it. The handler therefore masks each channel whose interrupt is due; otherwise the same interrupt would occur again at
-//! once, without end.
+//! An interrupt that is not masked is due as long as its channel is in this state. The handler therefore masks each interrupt
+//! that is due; otherwise the same interrupt would occur again at once, without end.
 
 /// Number of channels in each direction.
 pub const CHANNELS: usize = 6;

@@ -42,7 +42,7 @@ fn one_call_of_a_handler_releases_its_interrupt_line() {
     }
 }
 
-/// The data channel has number 6: a host with much to send waits for it.
+/// This includes the last channel, number 6: the firmware waits until it is empty before it sends the next data packet.
 #[test]
 fn each_channel_asserts_its_line_once_it_is_awaited_and_changes() {
     assert_eq!(CHANNELS, 6);

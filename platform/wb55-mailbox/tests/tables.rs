@@ -1,4 +1,5 @@
-//! Compares the tables with ST's publications: STM32CubeWB's mbox_def.h, tl.h and shci.h, and AN5289.
+//! Compares the tables and packets of the mailbox, and the parameters in them, with ST's publications: STM32CubeWB's mbox_def.h,
+//! tl.h and shci.h, and AN5289.
 
 use std::mem::{offset_of, size_of};
 use wb55_mailbox::system::{SystemEvent, reply_status};
@@ -28,7 +29,7 @@ fn packets_have_the_published_sizes() {
 #[test]
 fn parameters_of_bluetooth_have_the_published_layout() {
     assert_eq!(size_of::<BleInit>(), 47, "SHCI_C2_Ble_Init_Cmd_Param_t");
-    let places = [
+    let offsets = [
         (offset_of!(BleInit, links), 14, "NumOfLinks"),
         (offset_of!(BleInit, peripheral_ppm), 20, "PeripheralSca"),
         (offset_of!(BleInit, sleep_clock), 23, "LsSource"),
@@ -37,8 +38,8 @@ fn parameters_of_bluetooth_have_the_published_layout() {
         (offset_of!(BleInit, advertising_bytes), 38, "max_adv_data_len"),
         (offset_of!(BleInit, core_version), 44, "ble_core_version"),
     ];
-    for (place, published, name) in places {
-        assert_eq!(place, published, "{name}");
+    for (offset, published, name) in offsets {
+        assert_eq!(offset, published, "{name}");
     }
     let bytes = BleInit::PERIPHERAL.bytes();
     assert_eq!((bytes[14], bytes[23], bytes[31]), (1, 4, 1));

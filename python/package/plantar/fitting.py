@@ -77,9 +77,9 @@ def repeat(people: Recordings | dict[str, Recordings], *, options: Options = Opt
         return [person.trial(recording._core) for recording in _recordings(recordings)]
 
     if isinstance(people, dict):
-        table = _core.repeatability([(name, trials(of)) for name, of in people.items()], 2)
+        table = _core.repeatability([(name, trials(of)) for name, of in people.items()], least_people=2)
     else:
-        table = _core.repeatability([("the person", trials(people))], 1)
+        table = _core.repeatability([("the person", trials(people))], least_people=1)
     frame: pd.DataFrame = table.to_pandas()
     return frame.set_index(["side", "variable", "region"])
 

@@ -87,7 +87,7 @@ impl Session {
         &self.daily
     }
 
-    /// Sets the layout that hosts can read: the set-up of the insole and its cells; and the stored settings that are part of it.
+    /// Sets the layout that hosts can read (the set-up of the insole and its cells), and the stored settings that are part of it.
     pub fn set_layout(&mut self, setup: Setup, cells: &'static [SetupCell], settings: Option<Settings>) {
         self.configured.layout = Some((setup, cells));
         self.configured.settings = settings;

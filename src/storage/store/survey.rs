@@ -160,8 +160,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
         Some([self.read_area(RECORDS).await, self.read_area(self.log.range()).await])
     }
 
-    /// Erases the sectors of a range that are not blank, because reading takes less time than erasing. Calls `progressed` after
-    /// each.
+    /// Erases the sectors of a range that are not blank. Blank sectors are only read, because reading takes less time than
+    /// erasing. Calls `progressed` after each sector.
     ///
     /// # Errors
     /// If the chip fails.
@@ -223,7 +223,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
     }
 
     /// Counts the entries in the newest sectors of the log, and determines the number of the next load record. Reads the whole
-    /// log if its newest entry is not in these sectors.
+    /// log for a repair, or if these sectors have no entry in a format that this firmware knows.
     async fn survey_log(&mut self) -> Result<u32, StorageError> {
         // Sectors of which all entries were deleted remain until the log is next read. A survey that repairs reads the whole log:
         // in a part of it, `sequential-storage` could erase such a sector although the log begins before it.
@@ -235,7 +235,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
         };
         if let Ok(newest) = count {
             let next_record = self.contents.next_record;
-            // The number follows from an entry in a known format only.
+            // The number follows from entries in a known format. If the newest sectors have none, all entries are read, otherwise
+            // only the oldest one.
             count = self.count_entries(self.log.range(), if newest.known == 0 { u32::MAX } else { 1 }).await;
             if let Ok(oldest) = &mut count
                 && newest.known > 0

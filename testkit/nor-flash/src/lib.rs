@@ -37,7 +37,8 @@ pub struct NorFlashChip {
     pub reads: u64,
     /// Number of bytes read so far.
     pub read: u64,
-    /// The operation in which power fails, counted from 0, and the moment of the power cut. Power stays off afterwards.
+    /// The number of the write or erase operation in which power fails, from 0, and the moment of the power cut. Power stays off
+    /// afterwards.
     pub cut: Option<(u64, Torn)>,
     /// Write operations below this address succeed but change nothing.
     pub forgets_writes_below: Option<u32>,

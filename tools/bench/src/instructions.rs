@@ -1,5 +1,5 @@
-//! Counts instructions on the emulated Cortex-M4F: of a frame, from raw codes to the encoded live message, of the packing of
-//! cells, and of the tracking of force laws in each step.
+//! Counts instructions on the emulated Cortex-M4F: those for a frame (from raw codes to the encoded live message), for the
+//! packing of cells, and for the tracking of force laws in each step.
 
 use anyhow::{Context, Result, bail};
 use bench::Figures;

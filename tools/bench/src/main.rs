@@ -41,7 +41,7 @@ struct Arguments {
     /// The source archive of the Python package moticon-opengo. With this option, the detection of steps is also measured.
     #[arg(long, requires = "python")]
     moticon: Option<PathBuf>,
-    /// The folder with recordings of people that are not public. With this option and `--jiku`, the packed cells of an in-shoe
+    /// The folder with recordings of people, which are not public. With this option and `--jiku`, the packed cells of an in-shoe
     /// recording are also measured.
     #[arg(long)]
     recordings: Option<PathBuf>,

@@ -262,7 +262,7 @@ impl<C: Carrier> Client<C> {
         })
     }
 
-    /// Turns the stream of ellipses on, with one of every `every` frames, or off for 0. It is off after a reconnection. Returns
+    /// Turns the stream of ellipses on, for one frame in `every`, or off if `every` is 0. It is off after a reconnection. Returns
     /// once the insole has answered a later request, because it answers this one only by a refusal.
     ///
     /// # Errors

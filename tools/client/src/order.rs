@@ -32,8 +32,8 @@ struct Replays {
     all: u8,
     /// Number of replays without it in which no damaged frame arrived.
     intact: u8,
-    /// Number of damaged frames before the last request. Frames of a replay are counted as soon as they arrive, before the
-    /// caller has seen the ones before them.
+    /// Number of damaged frames before the last request. It is not taken when the replay begins: damaged frames of the replay
+    /// may already be counted while its first messages still wait for the caller.
     damaged_before: u32,
 }
 

@@ -102,8 +102,8 @@ fn pauses_and_missing_steps_are_counted_and_not_used() {
     left.remove(7);
     let gait = Gait::new([left, right], true);
     let counts = gait.feet.each_ref().map(|foot| (foot.strides.len(), foot.gaps, foot.unpaired));
-    // Left: 10 pairs, of which one has the pause and one the missing step. Right: 11 pairs, of which one has the pause and one
-    // lacks the left step.
+    // Left: 10 pairs of successive steps, of which one has the pause and one the missing step. Right: 11 such pairs, of which one
+    // has the pause and one lacks the left step.
     assert_eq!(counts, [(8, 2, 0), (9, 1, 1)]);
     assert_means(&gait, "step_time_s", [STRIDE_S - LAG_S, LAG_S]);
     let doubles = gait.feet.each_ref().map(|foot| foot.measures[index("double_support_s")].map(|mean| mean.count));

@@ -120,6 +120,7 @@ fn json_has_every_quantity_once() {
         assert_eq!(heel[flag.name], false);
     }
     let ellipse = heel["ellipse_at_peak"].as_object().expect("the region had contact").len();
+    // The key `ellipse_at_peak` itself is no quantity.
     let keys = heel.as_object().expect("an object").len() - 1 + ellipse;
     assert_eq!(keys, StepRegion::QUANTITIES.len() + Step::FLAGS.len());
 }

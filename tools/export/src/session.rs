@@ -100,6 +100,7 @@ impl Foot {
             // As on the insole, steps and load bouts are numbered in one sequence. Taking a bout advances the number of the
             // next step.
             insole.take_bout();
+            // The repetitions of the last frame, which have no time, are not frames of the recording.
             if t_s.is_some() {
                 frames.push(frame(&insole));
             }

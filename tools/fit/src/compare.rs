@@ -15,8 +15,8 @@ const COMPARED_STEPS: usize = 10;
 const HALF_STEPS: usize = 5;
 /// The halves differ if the error with the parameters of the other half exceeds this multiple of the error with their own.
 const CHANGED_ERROR: f64 = 2.5;
-/// The halves differ if the region's share of the load differs by more than this factor, and by more than between the steps of a
-/// half.
+/// The halves differ if the region's share of the load differs by more than this factor, and its interquartile ranges in the two
+/// halves do not overlap.
 const CHANGED_LOAD: f64 = 1.5;
 
 /// The steps to which a region is fitted.

@@ -28,8 +28,8 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// Smallest bound of the stiffness exponent. With an exponent of -1 or less, force would not approach 0 as the contact
-    /// vanishes.
+    /// Smallest bound of the stiffness exponent. With an exponent of -1 or less, pressure would not approach 0 as the
+    /// contact vanishes.
     pub const LEAST_N: f64 = -0.95;
 
     /// Bounds with the exponents of the paper, which are at least 0. They allow pi A B to be 1 to 8.3 times the largest area. If

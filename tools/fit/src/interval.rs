@@ -34,7 +34,7 @@ pub struct Uncertainty {
     /// The intervals in the order of [`FIVE`].
     pub intervals: [Interval; 5],
     /// Correlation matrix of the estimates, in the order of [`FIVE`]. For A B, K and G it is the correlation of their logarithms.
-    /// It is 0 for parameters at a bound and for parameters on which the force does not depend.
+    /// Without a prior, it is 0 for parameters at a bound and for parameters on which the force does not depend.
     pub correlation: [[f64; 5]; 5],
 }
 

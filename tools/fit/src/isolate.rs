@@ -39,7 +39,7 @@ pub fn isolate(
             contact.start = i;
             starts_loaded = i == 0;
         }
-        // The insole rejects a contact that is longer than a step, so further frames of such a contact are not needed.
+        // The insole rejects a contact that is longer than the longest step, so further frames of it are not needed.
         if device.on_ground() && contact.frames.len() <= longest_frames {
             contact.push(&device);
         }

@@ -157,7 +157,7 @@ fn cells(source: &Source) -> Option<usize> {
     }
 }
 
-/// `counted_nrmse` is that of [`Study::counted_nrmse`].
+/// `counted_nrmse` is the value of the region in [`Study::counted_nrmse`].
 fn fit_to_json(fit: &Result<RegionFit, NotFitted>, counted_nrmse: Option<f64>) -> Value {
     let fit = match fit {
         Ok(fit) => fit,

@@ -55,7 +55,7 @@ fn walker(walker: usize, trials: std::ops::Range<usize>) -> Recording {
 }
 
 /// The root mean square of the NRMSE of each region's steps, %, in fits by SciPy to the same filtered areas within the same
-/// bounds. Both fits minimise it. `None` if the region is not fitted.
+/// bounds. The fits of the study minimise it, too. `None` if the region is not fitted.
 fn reference(study: &Study) -> [Option<f64>; 8] {
     let python = std::env::var_os("PLANTAR_PYTHON").expect("PLANTAR_PYTHON names an interpreter with SciPy");
     let is_fitted = |region: &usize| study.fits[*region].is_ok();

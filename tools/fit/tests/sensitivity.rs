@@ -83,7 +83,8 @@ fn choices_that_cannot_be_varied_are_reported() {
     assert!(Sensitivity::of(&paper, None, &|| ()).variants.is_empty());
 }
 
-/// In single precision, 5.9 / 10 * 10 is not 5.9.
+/// The release threshold of a choice is computed from its contact threshold and the ratio of the study's thresholds. In single
+/// precision, 5.9 / 10 * 10 is not 5.9, so only the contact thresholds can be compared.
 #[test]
 fn the_contact_rule_of_the_study_is_not_an_alternative() {
     let mut study = study(1);

@@ -105,10 +105,12 @@ figures! {
         "SLVSDW8, shutdown current", ToBeChecked;
     LOAD_SWITCH_OPEN_ON_S: "TPS22917", "turn-on time, to 90 % of the output, at 5 V without a capacitor at CT", 100e-6 "s",
         "SLVSDW8B, features", Read;
-    LOAD_SWITCH_SLOW_ON_S: "TPS22917", "the same with 1000 pF at CT", 4e-3 "s", "SLVSDW8B, features", Read;
+    LOAD_SWITCH_SLOW_ON_S: "TPS22917", "turn-on time, to 90 % of the output, at 5 V with 1000 pF at CT", 4e-3 "s",
+        "SLVSDW8B, features", Read;
     LOAD_SWITCH_OPEN_V_PER_S: "TPS22917", "slew rate of the output at 5 V without a capacitor at CT", 72e3 "V/s",
         "SLVSDW8B, features", Read;
-    LOAD_SWITCH_SLOW_V_PER_S: "TPS22917", "the same with 1000 pF at CT", 2.3e3 "V/s", "SLVSDW8B, features", Read;
+    LOAD_SWITCH_SLOW_V_PER_S: "TPS22917", "slew rate of the output at 5 V with 1000 pF at CT", 2.3e3 "V/s",
+        "SLVSDW8B, features", Read;
     LOAD_SWITCH_SUPPLY_A: "TPS22917", "quiescent current", 0.5e-6 "A", "SLVSDW8, quiescent current", ToBeChecked;
 
     CONVERTER_SAMPLE_F: "STM32WB55", "sampling capacitor of the converter", 5e-12 "F",

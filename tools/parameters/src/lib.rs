@@ -116,11 +116,11 @@ impl Identified {
     }
 }
 
-/// [`Identified::filter`] of the step record.
+/// [`Identified::filter`] for [`AreaFilter::Direct`], the filter of the step record.
 pub const DIRECT: &str = "direct";
-/// [`Identified::filter`] of the live stream.
+/// [`Identified::filter`] for [`AreaFilter::Live`], the filter of the live stream.
 pub const LIVE: &str = "live";
-/// [`Identified::filter`] of the paper's smoothing.
+/// [`Identified::filter`] for the paper's smoothing of the area.
 pub const SMOOTHED: &str = "smoothed";
 /// The name of [`SMOOTHED`] in files that Plantar 0.2 wrote.
 const SMOOTHED_IN_0_2: &str = "step";

@@ -69,7 +69,8 @@ export class Alerts {
    */
   raise(alert: Alert, start_unix_s: number | null, t_s: number | undefined): void {
     const now_s = start_unix_s === null && alert.starts_ago === 0 ? t_s : Date.now() / 1000;
-    // Without a time, the alert may be hours old.
+    // Without a known time, an alert from before a restart of the insole may be hours old. It is not shown: its `start_s` is on
+    // the insole's clock, far below the seconds since 1970.
     if (now_s === undefined || now_s - (start_unix_s ?? alert.start_s) > FRESH_S) return;
     this.shown.set(alert.side, alert);
     this.signal();

@@ -23,7 +23,8 @@ export function liveCsv(recorded: Iterable<Entry>, wire: Wire): string[] {
   const sides = new Map<number, Side>();
   const all = [...recorded].map(({ t_ms, insole, message }) => ({ t_ms, insole, decoded: wire.decode(message) }));
   const axes = INSOLES.map(wire.recordedAxis);
-  // The clock of an insole begins again at each restart, which a hello reports.
+  // The clock of an insole begins again at each restart, which a hello reports. The axis of a session is therefore computed from
+  // the time messages up to the next hello.
   const beginSession = (from: number, of_insole: number) => {
     const rest = all.slice(from).filter(({ insole }) => insole === of_insole);
     const end = rest.findIndex(({ decoded }) => decoded?.kind === "hello");

@@ -1,4 +1,4 @@
-/** The loads of each day, which remain available without reading all records. */
+/** The loads of each day as totals. They are stored, so that the page can show them without reading all records. */
 
 import type { Bout, Side } from "./generated/quantities";
 import { type RecordMessage, recordOf } from "./session";

@@ -23,6 +23,7 @@ export interface Collected {
   good: number;
   /** The insole seems to lie under the wrong foot. */
   mirrored: boolean;
+  /** Number of steps that a fit cannot use, by reason. */
   excluded: {
     /** Too many successive frames are missing. */
     broken: number;

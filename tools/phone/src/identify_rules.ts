@@ -31,7 +31,10 @@ export function exclusions({ side, excluded }: Collected): string[] {
   ];
 }
 
-/** The fitted regions of a foot by name, with the error that the fit predicts for new steps, %. */
+/**
+ * The fitted regions of a foot by name, with the error that the fit predicts for new steps, %. For a fit to a single step, this
+ * is the error of the fit.
+ */
 export function predictedErrors({ regions }: FootResult): Map<string, number> {
   const errors = Object.entries(regions).flatMap(([name, region]): [string, number][] =>
     region.fitted ? [[name, region.nrmse_percent.predicted ?? region.nrmse_percent.fitted]] : [],

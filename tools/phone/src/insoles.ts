@@ -75,7 +75,8 @@ export class Insoles {
     const session = this.sessions[insole];
     if (!session) return;
     const before = { hello: session.hello, live: session.live, ellipses: session.ellipses, sole: session.sole };
-    // When `receive` reports a step, the guided session passes its messages on, so it must already have the message of the step.
+    // When `receive` reports a step, the guided session passes its messages to the worker, so it must already have the message of
+    // the step.
     if (session.hello && session.state !== "same-foot") this.events.message(bytes, session.hello.side);
     session.receive(bytes, now_ms);
     if (session.hello !== before.hello) this.hellos.set(insole, bytes.slice());

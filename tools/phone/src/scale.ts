@@ -15,7 +15,7 @@ export function colours(is_dark: boolean): string[] {
     const light = is_dark ? load : 1 - load;
     const lightness = 0.28 + 0.66 * light;
     const chroma = 0.07 + 0.1 * Math.sin(Math.PI * light);
-    // From purple through red and orange to yellow.
+    // From dark purple through red and orange to light yellow.
     const hue = (300 + 160 * light) % 360;
     return `oklch(${lightness.toFixed(3)} ${chroma.toFixed(3)} ${hue.toFixed(1)})`;
   });

@@ -55,7 +55,7 @@ test("the cells of an insole are requested part by part until all have arrived, 
   session.tick(500);
   session.tick(1001);
   expect(sent.filter((request) => request[0] === wire.getSetupCells(0)[0]).at(-1)).toEqual(wire.getSetupCells(16));
-  // The request for the first part was sent twice.
+  // A request that was sent twice is answered twice. The second answer is ignored.
   session.receive(parts[0]!, 1100);
   parts.slice(1).forEach((part) => {
     expect(session.sole).toBeUndefined();
@@ -192,7 +192,7 @@ test("a second insole for a foot is not used", () => {
   expect(sessionProblems(session, wire.facts).join()).toMatch(/Both insoles are for the left foot/);
 });
 
-test("an insole with a fault of its start measures, unless it has no cells", () => {
+test("an insole that reports a fault after its start measures, unless it has no cells", () => {
   let next: ToHost;
   const { session } = start(() => next);
   session.opened(0);

@@ -35,8 +35,8 @@ use std::time::{Duration, Instant};
 /// the identification predicted. The folder then contains recordings, parameters and reports. A session that was interrupted
 /// continues when the command is given again with the same folder.
 ///
-/// Exit status: 0 if all regions were identified with complete results, as by `plantar fit`, and verified, 3 if not all were, 1
-/// if the session was not completed.
+/// Exit status: 0 if all regions were identified with complete results, as by `plantar fit`, and none was found to be worse than
+/// predicted; 3 if the session was completed otherwise; 1 if it was not completed.
 #[derive(Args)]
 pub struct Identify {
     #[command(flatten)]

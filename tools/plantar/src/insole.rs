@@ -206,8 +206,8 @@ fn show(connection: &Connection) -> Result<()> {
         ),
         (
             contents.contradictions > 0,
-            "the insole's flash chip returned different contents at its start, so its supply voltage may rise too slowly: if \
-             data are not stored, switch the insole off and on",
+            "successive readings of the insole's flash chip at its start differed, so its supply voltage may rise too slowly: \
+             if data are not stored, switch the insole off and on",
         ),
         (
             !status.is_clock_set,

@@ -73,11 +73,11 @@ impl Record {
         view.close();
         // The messages that arrived are stored even if an error ended the session.
         let completed = recorder.complete_file();
-        if let Some(step) = recorder.take_stored()
+        if let Some(number) = recorder.take_stored()
             && insole.client().hello().side == recorder.side
         {
             // An error is ignored: without the acknowledgement, the insole sends these records again in its next session.
-            let _ = insole.client().send(ToDevice::Acknowledge { number: step });
+            let _ = insole.client().send(ToDevice::Acknowledge { number });
         }
         if completed.is_err() {
             let count = recorder.pending.len();

@@ -32,7 +32,7 @@ impl InsoleArgs {
         self.contact.rule(parameters.identified.as_ref())
     }
 
-    /// Makes the virtual insole of the recording `path`, with the zero of the cells.
+    /// Makes the virtual insole of the recording `source`, with the zero of the cells. `path` names the recording in an error.
     pub fn insole(&self, source: &FrameSource, rule: ContactRule, path: &Path) -> Result<VirtualInsole> {
         let mut insole = study::virtual_insole(source, rule).with_context(|| path.display().to_string())?;
         self.zero.apply(&mut insole)?;

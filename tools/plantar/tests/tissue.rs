@@ -100,8 +100,8 @@ fn measurements_of_the_tissue_determine_the_vertical_radius_and_are_named_in_eve
     // The title of the areas depends on the contact rule.
     assert!(replayed.contains("effective area mm2"), "{replayed}");
     assert!(succeed(path, "replay walk.parquet --contact-full 0").contains("contact area mm2"));
-    // Six steps suffice for the fits with two other thresholds, three other scales of the area and two other filters, but not
-    // for the fits that each leave out a quarter of the steps.
+    // Six steps suffice for the fits with two other thresholds, three other pressures from which a cell counts with its whole
+    // area, and two other filters, but not for the fits that each leave out a quarter of the steps.
     let sensitivity = &results["sensitivity"];
     assert_eq!(sensitivity["variants"].as_array().expect("variants").len(), 2 + 3 + 2);
     assert!(sensitivity["skipped"][0].as_str().expect("a sentence").contains("at least 8 steps"));

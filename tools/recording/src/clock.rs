@@ -122,8 +122,9 @@ mod tests {
         }
     }
 
-    /// Whole seconds of `duration_s` from `phase_us` after a second on. In integers, because a floating-point number just below a
-    /// whole second would be rounded down.
+    /// The times of the frames within `duration_s`, rounded down to whole seconds. The first frame is `phase_us` after a whole
+    /// second. The times are computed in integers, because the rounding error of a floating-point number could place a frame in
+    /// the second before.
     fn whole_seconds(period_us: u64, phase_us: u64, duration_s: u64) -> Vec<f64> {
         let frames = duration_s * 1_000_000 / period_us;
         (0..frames).map(|i| (100 + (phase_us + i * period_us) / 1_000_000) as f64).collect()
@@ -138,7 +139,7 @@ mod tests {
                     let numbers: Vec<u64> = (7..).take(stated.len()).collect();
                     let uniform = times_s(&numbers, &stated);
                     let period_s = period_us as f64 * 1e-6;
-                    // The first and the last change are at least two seconds less than the duration apart.
+                    // The time from the first to the last change is at least the duration minus two seconds.
                     let between = (duration_s - 2) as f64 / period_s - 1.0;
                     for pair in uniform.windows(2) {
                         let error = ((pair[1] - pair[0]) / period_s - 1.0).abs();

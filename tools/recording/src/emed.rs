@@ -153,7 +153,7 @@ impl Pages<'_> {
     }
 
     /// Time of a picture since the first one, s. It follows from the picture's number, because pictures may be missing. A
-    /// picture without a number is taken as the one after the picture before.
+    /// picture without a number is given the number after that of the previous picture.
     fn time_s(&mut self, number: Option<f64>, period_s: f64, place: &dyn Fn() -> String) -> Result<f64> {
         let number = number.unwrap_or_else(|| self.pictures.map_or(0.0, |(_, last)| last + 1.0));
         if self.pictures.is_some_and(|(_, last)| number <= last) {

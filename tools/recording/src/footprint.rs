@@ -89,8 +89,8 @@ impl Footprint<'_> {
         })
     }
 
-    /// The sum of two distances along x, as a fraction of the width of the forefoot: from the line between the loads of heel
-    /// and forefoot to the load of the midfoot, and from the load of the toes to the extension of this line. It is positive
+    /// The sum of two distances along x, as a fraction of the width of the forefoot: from the line between the centres of load
+    /// of heel and forefoot to that of the midfoot, and from that of the toes to the extension of this line. It is positive
     /// if +x is lateral. y must point to the toes. `None` if the heel or the forefoot is never loaded, or the forefoot has
     /// no width.
     fn lateral_asymmetry(&self) -> Option<f64> {

@@ -42,8 +42,8 @@ const UNIT_N: f64 = 0.1;
 /// loaded in its last frame, is left out; [`Recording::source`] lists these trials.
 ///
 /// `dir` is the folder of the data set, or its subfolder `data_y`. Walkers and trials are numbered from 0; the trials are
-/// imported in the given order. `progress` receives the number of bytes of the file that have been processed, and the size
-/// of the file.
+/// imported in the given order. `progress` receives the size of the file, bytes, times the fraction of the trials that have been
+/// processed, and the size itself.
 ///
 /// # Errors
 /// Fails if the walker or a trial does not exist, a file cannot be read, the rows of a trial were not resampled as expected, or

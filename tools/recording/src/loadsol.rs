@@ -130,7 +130,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     Ok(export)
 }
 
-/// The columns of a foot; `None` if it has no zones. The time is the last column of seconds before the first zone.
+/// The columns of a foot; `None` if it has no zones or no time. The time is the last column of seconds before the first zone.
 fn insole(names: &[&str], units: &[String], side: Side) -> Option<Insole> {
     let letter = if side == Side::Left { "l" } else { "r" };
     let is_of_foot = |name: &str| {

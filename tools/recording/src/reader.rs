@@ -106,8 +106,8 @@ impl RecordingReader {
         })
     }
 
-    /// The frames of each row group. `order` contains the index in the recording of each value of a frame. `convert`
-    /// converts the pressures of one cell in all frames of the row group, kPa, to values.
+    /// The frames of each row group. For each value of a frame, `order` contains the index of its cell in the recording.
+    /// `convert` converts the pressures of one cell in all frames of the row group, kPa, to values.
     pub(crate) fn blocks<T: Copy + Default + Send + Sync>(
         &self,
         order: &[usize],

@@ -1,4 +1,4 @@
-//! The codes that an insole would measure under a recording, frame by frame.
+//! The codes that an insole would measure with the pressures of a recording, frame by frame.
 
 use crate::reader::Block;
 use crate::{Recording, RecordingReader, Result, VirtualInsole};

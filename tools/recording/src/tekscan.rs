@@ -41,9 +41,9 @@ struct Header<'a> {
     sensor: &'a str,
 }
 
-/// Imports one foot. `side` states the foot. Without it, the end of the file's name, as in the header or as in `path`, does:
-/// L, R, left or right. If neither states the foot, the shape of the footprint on a plate decides, and an insole is an
-/// error.
+/// Imports one foot, that of `side`. Without `side`, the end of the file's name in the header or in `path` states the foot: L, R,
+/// left or right. If neither name states it, the foot is determined from the shape of the footprint on a plate; for an insole,
+/// this is an error.
 ///
 /// # Errors
 /// Fails if a line violates the format. The message names file, line and remedy.

@@ -4,7 +4,8 @@
 //! section of each insole begins with `SENSOR` and a name that contains LF or RF. It states the numbers of rows and columns,
 //! the size of a cell, the vendor's contact area and load, and below `SENSELS` the pressures, from the toes to the heel and
 //! as seen from above. Sections that begin with `GROUP` repeat cells and are skipped, as are the blank lines that XSENSOR's
-//! program writes after each line. Pressures of cells outside of the insole are empty, negative or 0.
+//! program writes after each line. The fields of cells outside of the insole are empty, or contain a placeholder such as `B`
+//! or `-`, a negative pressure or 0.
 
 mod insole;
 

@@ -120,7 +120,7 @@ mod unpublished {
 
     #[test]
     #[ignore = "needs recordings of people, which are not public: PLANTAR_RECORDINGS"]
-    fn f_scan_insoles_are_imported_as_both_feet() {
+    fn f_scan_insoles_of_either_foot_are_imported() {
         for (name, side) in [("fscan/FrasP01L.asf", Side::Left), ("fscan/FrasP01R.asf", Side::Right)] {
             let export = import(name);
             let foot = &export.feet[0];

@@ -43,7 +43,7 @@ fn parse(text: &str) -> Result<Export> {
 const ADDED: usize = 200;
 
 #[test]
-fn a_step_that_is_loaded_in_the_first_picture_begins_after_frames_without_load() {
+fn a_step_that_is_loaded_in_the_first_frame_begins_after_frames_without_load() {
     let export = parse(&file(&foot(Side::Right, false))).unwrap();
     let foot = &export.feet[0];
     assert_eq!(foot.frames(), ADDED + STANCE + ADDED);

@@ -91,6 +91,7 @@ fn lost_frames_are_interpolated_and_those_at_the_beginning_are_left_out() {
 
 #[test]
 fn a_measurement_with_few_loaded_cells_has_typical_areas_for_the_others() {
+    // Only the frames from 0.10 s to 0.19 s.
     let standing: String = text(&[])
         .lines()
         .filter(|line| line.starts_with('#') || line.starts_with("0.1"))

@@ -3,7 +3,9 @@
 use crate::document::{document, legend, section, wide};
 use crate::format::{NONE, count, percent};
 use crate::region::{TITLES, fit_of, fitted};
-use crate::{bars, curves, foot, literature, parameters, protocol, quantities, reading, sensitivity, sources};
+use crate::{
+    bars, curves, foot, how_to_read, literature, parameters, protocol, quantities, scale_sources, sensitivity,
+};
 use fit::Study;
 use maud::{Markup, html};
 

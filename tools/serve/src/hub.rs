@@ -426,7 +426,8 @@ impl Page {
             }
             // The insole answers with the load of the day, which all pages receive.
             Some(request @ ToDevice::SnoozeAlerts { .. }) => insole.to_send.push_back(request),
-            // A page may neither read nor change other parameters and settings of an insole.
+            // A page may not send these requests. Changes of parameters and of rules of alerts get here only if the hub does not
+            // accept them.
             Some(
                 ToDevice::SetTissue(_)
                 | ToDevice::SetIdentifiedTissue { .. }

@@ -14,8 +14,8 @@ pub struct Arguments {
 
 #[derive(Subcommand)]
 pub enum Task {
-    /// Install missing programs and data: Rust targets, QEMU, ngspice, Node.js, Chromium, a C++ compiler, D-Bus, GNU Octave,
-    /// private copies of cargo-deny, cargo-nextest and libclang, private Python environments, and recorded walks.
+    /// Install missing programs and data: Rust targets, QEMU, ngspice, Node.js, Chromium, D-Bus, GNU Octave, private copies of
+    /// cargo-deny, cargo-nextest and libclang, private Python environments, and recorded walks.
     Setup,
     /// Build the firmware of all boards and the command line.
     Build,

@@ -58,7 +58,7 @@ impl Assure {
         );
         println!("{:<20} {coverage:>8.3}  share of the lines of src that tests execute", "coverage_lines");
         println!(
-            "{:<20} {score:>8.3}  share of the changes to protocol, storage and supervision that tests notice",
+            "{:<20} {score:>8.3}  share of the changes to protocol, storage, update and supervision that tests notice",
             "mutation_score"
         );
         let figures = [

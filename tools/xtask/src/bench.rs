@@ -30,7 +30,7 @@ pub fn bench_without_page() -> Result<Figures> {
     let json = built("bench.json");
     build_host("plantar-cli")?;
     let plantar = built("release/plantar");
-    let recordings = recordings();
+    let folder = recordings();
     let package_python = setup::program(&package::build()?, "python");
     let options: [(&str, &Path); 6] = [
         ("--python", &python.interpreter),
@@ -40,8 +40,8 @@ pub fn bench_without_page() -> Result<Figures> {
         ("--plantar", &plantar),
         ("--json", &json),
     ];
-    let unpublished = recordings.as_deref().map(|folder| ("--recordings", folder));
-    run_bench(&options.into_iter().chain(unpublished).collect::<Vec<_>>())?;
+    let recordings = folder.as_deref().map(|folder| ("--recordings", folder));
+    run_bench(&options.into_iter().chain(recordings).collect::<Vec<_>>())?;
     figures.extend(read(&json)?);
     Ok(figures)
 }

@@ -23,8 +23,8 @@ pub fn run(program: &str, arguments: &[&str]) -> Result<()> {
     run_command(Command::new(program).args(arguments))
 }
 
-/// Prints a command, runs it in the repository's folder unless it names another one, and prints its duration. Returns an error
-/// if the command fails.
+/// Prints a command, runs it in the repository's folder unless `command` sets another folder, and prints its duration. Returns an
+/// error if the command fails.
 pub fn run_command(command: &mut Command) -> Result<()> {
     let words: Vec<_> = std::iter::once(command.get_program()).chain(command.get_args()).collect();
     let line = words.iter().map(|word| word.to_string_lossy()).collect::<Vec<_>>().join(" ");

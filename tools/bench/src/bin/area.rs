@@ -50,7 +50,8 @@ fn main() -> Result<()> {
     for region in PRESSED {
         let pressed = Pressed::of(region);
         println!(
-            "\n{}, {:.0} mm2: bias of the area in %, with counted cells, with covered shares, by pressure at the centre:\n",
+            "\n{}, {:.0} mm2: bias of the area in % by pressure at the centre, first with counted cells, then with \
+             covered shares:\n",
             region.name(),
             pressed.area_mm2()
         );

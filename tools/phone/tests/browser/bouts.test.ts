@@ -13,7 +13,7 @@ const FIRST = 90;
 
 const served = servedBrowser();
 
-/** A load bout of the left foot in an insole's encoding: 100 N s in each region. */
+/** A load bout of the left foot in an insole's encoding: 100 N s, 500 kPa s and 51.2 kPa in each region. */
 function bout(number: number, kind: number, duration_s: number): Uint8Array {
   const region = [...[10_000, 5_000].flatMap((value) => [value % 256, value >> 8, 0, 0]), 0, 2];
   const regions = Array.from({ length: 8 }, () => region).flat();

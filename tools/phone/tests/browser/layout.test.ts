@@ -2,9 +2,9 @@
  * The emulator runs the firmware with a recording, and the page draws the contact ellipses within the outline of the insole's own
  * cells.
  *
- * The environment variables `PLANTAR` and `PLANTAR_FIRMWARE` are those of the test of the emulated walk. `PLANTAR_RECORDINGS` is
- * the folder with recordings of people that are not public; without it, only the computed walk is shown. `cargo xtask test` sets
- * them.
+ * The environment variable `PLANTAR` is the path of the command line, and `PLANTAR_FIRMWARE` is the path of the firmware of the
+ * emulated board. `PLANTAR_RECORDINGS` is the folder with recordings of people that are not public; without it, only the computed
+ * walk is shown. `cargo xtask test` sets them.
  */
 
 import { spawnSync } from "node:child_process";

@@ -22,7 +22,7 @@ use std::time::Duration;
 const REDRAW: Duration = Duration::from_millis(50);
 /// Spacing of the points that draw a sole, mm.
 const GRID_MM: f64 = 4.0;
-/// Force of a region, 0.1 N, from which it has the brightest colour.
+/// Force of a region, 0.1 N, at the upper end of the scale of [`COLOURS`].
 const FULL_DN: f64 = 3000.0;
 /// Colours of the points, from unloaded to fully loaded; indices of the 256 colours of a terminal.
 const COLOURS: [u8; 6] = [236, 24, 31, 37, 214, 203];

@@ -32,8 +32,8 @@ impl LoadEllipse {
         let area_mm2: f64 = own().map(|cell| cell.area_mm2).sum();
         let mean = |of: &dyn Fn(&Cell) -> f64| own().map(|cell| of(cell) * cell.area_mm2).sum::<f64>() / area_mm2;
         let centre_mm = [mean(&|c| c.x_mm), mean(&|c| c.y_mm)];
-        // The variance within a square cell. The width of a uniform rectangle is 3.46 standard deviations, so an ellipse with
-        // radii of 1.5 standard deviations lies inside.
+        // The variance within a square cell, which is added to that of the centres. The width of a uniform rectangle is 3.46
+        // standard deviations, so an ellipse with radii of 1.5 standard deviations lies inside.
         let within_cell = mean(&|c| c.area_mm2 / 12.0);
         let radius = |variance: f64| 1.5 * (variance + within_cell).sqrt();
         let radii_mm =

@@ -40,9 +40,10 @@ impl Insole {
         export.remarks.extend(self.totals.remark(side));
         if self.invalid > 0 {
             let name = side.name();
-            export
-                .remarks
-                .push(format!("{} pressures of the {name} foot are empty, negative or not numbers: read as 0.", self.invalid));
+            export.remarks.push(format!(
+                "{} pressures of the {name} foot are empty, negative or not numbers: read as 0.",
+                self.invalid
+            ));
         }
         let foot = Foot {
             side: Some(side),

@@ -1,11 +1,11 @@
-//! A computed step as the picture of a matrix sensor, and helpers for tests of importers.
+//! A computed step on a matrix sensor, and helpers for tests of importers.
 #![allow(dead_code, reason = "each test uses a part of it")]
 
 use plantar::{Region, Side};
 use recording::{Error, Export, Format, Recording};
 use std::path::{Path, PathBuf};
 
-/// Rows and columns of the picture.
+/// Rows and columns of the sensor.
 pub const ROWS: usize = 30;
 pub const COLUMNS: usize = 11;
 /// Frames of a step, and of the swing after it.
