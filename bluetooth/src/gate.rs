@@ -74,8 +74,8 @@ const IGNORED: &[u8] = &[0, 0, 0, 0];
 const REFUSED: &[u8] = &[2, 0, PAIRING_CHANNEL as u8, 0, 0, 0];
 
 impl<C> Gate<'_, C> {
-    /// Filters the first fragment of a packet: replaces pairing requests while bonding is not allowed, and packets that are empty
-    /// or have their first byte in a later fragment.
+    /// Filters the first fragment of a packet: replaces pairing requests while bonding is not allowed, fragments without a whole
+    /// L2CAP header and, on the channels of attributes and of pairing, fragments without the first byte of the content.
     fn admit<'p>(&self, data: &'p [u8]) -> &'p [u8] {
         let &[_, _, low, high, ref body @ ..] = data else { return IGNORED };
         match (u16::from_le_bytes([low, high]), body.first()) {

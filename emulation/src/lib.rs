@@ -61,7 +61,7 @@ pub enum InjectedFault {
     /// Processing recurses without end.
     StackOverflow,
     /// Processing executes an undefined instruction.
-    Fault,
+    UndefinedInstruction,
     /// Processing panics. If the fault is due immediately after the reset, the start panics.
     Panic,
 }

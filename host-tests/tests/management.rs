@@ -147,7 +147,7 @@ fn answers_have_the_form_that_tools_expect() {
         (Answer::Time(clock), cbor!({ "datetime" => "2026-01-02T03:04:05" })),
         (Answer::Offset(70_000), cbor!({ "off" => 70_000 })),
         (Answer::Images([Some(state.clone()), Some(state)]), images),
-        (Answer::Failed(Failure::RUNS), cbor!({ "err" => { "group" => 1, "rc" => 33 } })),
+        (Answer::Failed(Failure::ALREADY_RUNS), cbor!({ "err" => { "group" => 1, "rc" => 33 } })),
         (Answer::Failed(Failure::NO_TIME), cbor!({ "err" => { "group" => 0, "rc" => 4 } })),
         (Answer::Failed(Failure::NOT_SUPPORTED), cbor!({ "rc" => 8 })),
     ] {
@@ -156,7 +156,7 @@ fn answers_have_the_form_that_tools_expect() {
         assert_eq!(Some(body), fields.ok());
     }
     // Tools that use the first version of the protocol know only the common codes.
-    let (head, body) = answered(&Answer::Failed(Failure::RUNS), 0);
+    let (head, body) = answered(&Answer::Failed(Failure::ALREADY_RUNS), 0);
     assert_eq!((head[0], Some(body)), (0x03, cbor!({ "rc" => 6 }).ok()));
     // The buffer has room for the head, but not for the body.
     assert_eq!(

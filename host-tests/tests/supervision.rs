@@ -209,7 +209,7 @@ fn a_stack_overflow_is_caught() {
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn a_hard_fault_is_caught() {
-    assert_recovers(InjectedFault::Fault, Reset::Panic, "fault", "inject");
+    assert_recovers(InjectedFault::UndefinedInstruction, Reset::Panic, "fault", "inject");
 }
 
 #[test]

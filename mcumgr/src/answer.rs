@@ -66,7 +66,7 @@ impl Failure {
     /// The image is still on trial, or does not run yet.
     pub const NOT_CONFIRMED: Self = Self::of_image(6, 32);
     /// The running image cannot be tested.
-    pub const RUNS: Self = Self::of_image(6, 33);
+    pub const ALREADY_RUNS: Self = Self::of_image(6, 33);
 
     /// A failure with the code `code` of the group of images, 1 to 63, and the code `common` that all groups share.
     pub const fn of_image(common: u8, code: u8) -> Self {

@@ -74,7 +74,7 @@ pub struct Fault {
     pub found_ms: u32,
 }
 
-/// The faults detected since the set-up.
+/// The faults that an insole has detected since its start.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Faults {
     /// Number of all faults, listed or not.
@@ -83,7 +83,7 @@ pub struct Faults {
     pub rezeroed: u32,
     /// Number of masked cells of each region; 255 stands for 255 or more.
     pub masked_cells: [u8; 8],
-    /// Number of cells of each region without a baseline: in the last swing, they read more than a baseline can have
+    /// Number of cells of each region without a new baseline: in the last swing, they read more than a baseline can have
     /// ([`MAX_RESIDUAL_KPA`](crate::pipeline::baseline::MAX_RESIDUAL_KPA)), so their former baseline remains in force. 255 stands
     /// for 255 or more.
     pub without_baseline: [u8; 8],

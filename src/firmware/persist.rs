@@ -323,7 +323,7 @@ impl Persist<'_> {
                 let progress = match store.flash() {
                     Some(flash) => {
                         let mut handled = pin!(self.update.handle(flash, self.image, &update::KEY, request));
-                        poll_fn(|context| poll_separately(handled.as_mut(), context)).await
+                        poll_fn(|context| poll_in_own_frame(handled.as_mut(), context)).await
                     }
                     None => Err(UpdateRefusal::Chip),
                 };
@@ -382,7 +382,7 @@ impl Persist<'_> {
 /// Polls a future in a stack frame of its own, so that the stack that the verification of a signature needs is not reserved
 /// permanently.
 #[inline(never)]
-fn poll_separately<F: Future>(work: Pin<&mut F>, context: &mut Context<'_>) -> Poll<F::Output> {
+fn poll_in_own_frame<F: Future>(work: Pin<&mut F>, context: &mut Context<'_>) -> Poll<F::Output> {
     work.poll(context)
 }
 

@@ -76,7 +76,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
     }
 
     /// Fails while the store does not read and write everything, as in recovery mode.
-    fn check_use(&self) -> Result<(), StorageError> {
+    fn require_full_use(&self) -> Result<(), StorageError> {
         if self.used_for == Use::All { Ok(()) } else { Err(StorageError::Chip) }
     }
 
@@ -149,7 +149,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
 
     /// Replaces the encoded record with this key, and removes its older versions.
     async fn store(&mut self, key: Key, bytes: &[u8]) -> Result<(), StorageError> {
-        self.check_use()?;
+        self.require_full_use()?;
         // An unchanged record is not written, which saves wear.
         if self.fetch(key).await? == Some(bytes) {
             return Ok(());
@@ -253,7 +253,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
 
     /// Appends an encoded entry to the log. A full log drops its oldest entries; returns the number of dropped load records.
     async fn push(&mut self, bytes: &[u8]) -> Result<u32, StorageError> {
-        self.check_use()?;
+        self.require_full_use()?;
         if self.is_log_foreign {
             return Err(StorageError::Contents);
         }
@@ -281,7 +281,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// # Errors
     /// See [`StorageError`].
     pub async fn acknowledge(&mut self, number: u32) -> Result<(), StorageError> {
-        self.check_use()?;
+        self.require_full_use()?;
         let next = number.wrapping_add(1);
         // If all stored records are acknowledged, the log would become empty and lose the number of the next record; a mark
         // preserves it. An acknowledged record that could not be stored is later than all stored ones.
@@ -320,7 +320,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         after: Option<u32>,
         mut take: impl FnMut(LoadRecord) -> bool,
     ) -> Result<bool, StorageError> {
-        self.check_use()?;
+        self.require_full_use()?;
         if self.count_boot().await.is_err() && self.contents.start == 0 {
             // The number of boots since a record is unknown.
             return Err(StorageError::Chip);

@@ -154,7 +154,7 @@ impl Bench {
                 known.arrived = known.arrived.max(number + 1);
                 if number + 1 < last {
                     known.acknowledged.set_pending(number + 1);
-                    client.send(ToDevice::Acknowledge { number: number })?;
+                    client.send(ToDevice::Acknowledge { number })?;
                 }
             }
         }

@@ -26,7 +26,7 @@ pub fn inject(kinds: &[InjectedFault]) {
         InjectedFault::StackOverflow => {
             black_box(too_deep(planned.after_ms));
         }
-        InjectedFault::Fault => cortex_m::asm::udf(),
+        InjectedFault::UndefinedInstruction => cortex_m::asm::udf(),
         InjectedFault::Panic => panic!("planned"),
     }
 }

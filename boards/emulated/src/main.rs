@@ -69,8 +69,12 @@ const FRAMES: usize = 8;
 static MEMORY: Memory<FlashFile, FRAMES> = Memory::new();
 
 /// The faults that are injected into processing.
-const PROCESSING_FAULTS: [InjectedFault; 4] =
-    [InjectedFault::ModelStalled, InjectedFault::StackOverflow, InjectedFault::Fault, InjectedFault::Panic];
+const PROCESSING_FAULTS: [InjectedFault; 4] = [
+    InjectedFault::ModelStalled,
+    InjectedFault::StackOverflow,
+    InjectedFault::UndefinedInstruction,
+    InjectedFault::Panic,
+];
 
 /// Counts the core's cycles with SysTick. The counter restarts every millisecond, so it can only measure shorter times.
 struct SysTick;
@@ -87,10 +91,10 @@ impl Stopwatch for SysTick {
 
     fn cycles_since(&self, start: u32) -> u32 {
         let now = SYST::get_current();
-        // Processing calls this function when it has evaluated the frame, and again while it evaluates a step. A clock that the
-        // plant paces waits until there is room in the queue. The first of these calls wakes it, and nothing earlier, so that the
-        // interrupts of the simulated matrix are not part of the measured time. It is not woken while the queue is full, because
-        // it would continue to wait, and the time for this would be measured as a part of the step's evaluation.
+        // Processing calls this function after it has evaluated a frame, and again while it evaluates a step. These calls also
+        // wake a clock that the plant paces, which waits for room in the queue. It is woken only after the counter was read, so
+        // that the interrupts of the simulated matrix are not part of the frame's time, and only if there is room, because a
+        // useless wake-up would be measured as a part of the step's evaluation.
         if SCAN_COUNTERS.heartbeats.pending_frames() < FRAMES as u32 {
             FRAME_EVALUATED.signal(());
         }
@@ -151,8 +155,12 @@ async fn run(boot: BootReport, image: &'static Header) {
     let (stored, built_in, fault) = match stored {
         Some((_, cells)) => (Some(cells), None, None),
         None => {
-            let fault = "no usable setup.bin, the built-in insole is used: start with `plantar emulate`";
-            (None, Some(layout::cells()), fault.try_into().ok())
+            let fault_text = if boot.is_recovery() {
+                "recovery mode: the built-in insole is used"
+            } else {
+                "no usable setup.bin, the built-in insole is used: start with `plantar emulate`"
+            };
+            (None, Some(layout::cells()), fault_text.try_into().ok())
         }
     };
     // One iterator for both cases: with two types of iterator, the start would be twice in the firmware and on the stack.

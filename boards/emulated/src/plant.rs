@@ -104,8 +104,8 @@ impl Matrix for PlantMatrix {
     }
 }
 
-/// Signalled when processing has evaluated a frame. The evaluated frame still occupies its place in the queue; that of the frame
-/// before it is free.
+/// Signalled after processing has evaluated a frame, if the queue has room. The evaluated frame leaves the queue only when
+/// processing takes the next one.
 pub static FRAME_EVALUATED: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 
 /// The frame clock of the emulated board.

@@ -35,8 +35,8 @@ pub fn has_crystal() -> bool {
     let has_started = within_ms(CRYSTAL_LIMIT_MS, || pac::CLOCK.events_lfclkstarted().read() != 0);
     pac::CLOCK.tasks_lfclkstop().write_value(1);
     pac::CLOCK.events_lfclkstarted().write_value(0);
-    // A timeout is ignored, because `embassy_nrf::init` selects the source and starts the clock in any case. That this works
-    // while the watchdog, which uses the same clock, is running is an assumption that docs/bring-up.md lists.
+    // A timeout is ignored, because `embassy_nrf::init` selects the source and starts the clock in any case. It is assumed that
+    // this also works while the watchdog runs, which uses the same clock: see docs/bring-up.md.
     within_ms(STOP_LIMIT_MS, || !pac::CLOCK.lfclkstat().read().state());
     has_started
 }

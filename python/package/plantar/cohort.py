@@ -8,6 +8,7 @@ or on the workers of a Dask scheduler. ``STUDY`` and ``TABLE`` are folders or ad
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
 import os
 import pathlib
@@ -146,9 +147,15 @@ def _write(files: Any, path: str, table: pyarrow.Table) -> None:
     # Two workers may write the same file if one of them was believed to be lost, so each has a temporary file of its own.
     # Programs that read the table ignore files whose names begin with a dot.
     temporary = f"{folder}/.{uuid.uuid4().hex}.part"
-    with files.open(temporary, "wb") as file:
-        pyarrow.parquet.write_table(table, file)
-    files.mv(temporary, path)
+    try:
+        with files.open(temporary, "wb") as file:
+            pyarrow.parquet.write_table(table, file)
+        files.mv(temporary, path)
+    except BaseException:
+        # The file may not exist.
+        with contextlib.suppress(OSError):
+            files.rm(temporary)
+        raise
 
 
 def _client(scheduler: str) -> distributed.Client:

@@ -1,6 +1,6 @@
 //! Executes the requests of management tools that need the storage.
 
-use super::{Persist, RESTART_DELAY, poll_separately};
+use super::{Persist, RESTART_DELAY, poll_in_own_frame};
 use crate::firmware::shared::Exchange;
 use crate::log;
 use crate::protocol::update::{Header, Refusal};
@@ -55,10 +55,11 @@ impl Persist<'_> {
             match (*is_confirmed, is_running) {
                 (false, false) if is_received => {
                     let mut marked = pin!(self.update.mark(flash, &KEY));
-                    poll_fn(|context| poll_separately(marked.as_mut(), context)).await?;
+                    poll_fn(|context| poll_in_own_frame(marked.as_mut(), context)).await?;
                     log::info!("update: the image is accepted, and runs from the next start on");
                 }
-                (false, true) => return Err(Failure::RUNS),
+                // The running image cannot be tested, and only the running image can be confirmed.
+                (false, true) => return Err(Failure::ALREADY_RUNS),
                 (true, false) if is_received => return Err(Failure::NOT_CONFIRMED),
                 (_, false) => return Err(Failure::NO_IMAGE),
                 (true, true) => {

@@ -20,13 +20,14 @@ const FILLER_BYTES: usize = 400;
 const FILLERS: u32 = (RECORDS.end - RECORDS.start + 2 * SECTOR) / FILLER_BYTES as u32;
 
 impl<F: MultiwriteNorFlash> Store<F> {
-    /// Erases all records about the wearer, of all versions, and the log, of which nothing remains in the chip; the numbering of
-    /// load records continues. Calls `progressed` after each access to the chip. If power is lost meanwhile, a part may remain.
+    /// Erases all records about the wearer, in all versions of their formats, and the log, so that no earlier value remains in
+    /// the chip either. The numbers of load records (steps, load bouts and alerts) continue. Calls `progressed` after each access
+    /// to the chip. If power is lost meanwhile, a part may remain.
     ///
     /// # Errors
     /// See [`StorageError`].
     pub async fn erase_wearer(&mut self, progressed: impl Fn()) -> Result<(), StorageError> {
-        self.check_use()?;
+        self.require_full_use()?;
         self.put(0, &NumberingRecord(self.contents.next_record)).await?;
         while let Some(key) = self.key_of_wearer().await? {
             records(&mut self.flash, &mut self.guard)?.remove_item(&mut self.buffer, &key).await?;
@@ -41,7 +42,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         }
         records(&mut self.flash, &mut self.guard)?.remove_item(&mut self.buffer, &FILLER).await?;
         if self.log.range() != SMALL_LOG {
-            // Firmware version 0.2 had its log in this range in a chip of any size.
+            // The released version 0.2.0 has its log in this range, in a chip of any size.
             self.erase_used(SMALL_LOG, &progressed).await?;
         }
         // The oldest sectors are erased first, so that the rest is a valid log if power fails.

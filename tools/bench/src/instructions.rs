@@ -246,7 +246,7 @@ fn play(board: &Board, client: &mut Client<Framed<Link>>, scans: u32) -> Result<
             Some(ToHost::Hello(hello)) => bail!("the board restarted: {:?}", hello.fault),
             Some(_) => timeouts = 0,
             None if timeouts > MAX_TIMEOUTS => bail!("the board has stopped sending"),
-            // A part of a message has arrived, or the answer to a request has not.
+            // There is no message yet, but the answer to the last request may still arrive.
             None if requested.elapsed() < READ_TIMEOUT => {}
             None => {
                 timeouts += 1;

@@ -23,7 +23,7 @@ impl<C: Carrier> Client<C> {
             (Request::Begin(_), Progress::Next(_))
             | (Request::Finish, Progress::Accepted)
             | (Request::Confirm, Progress::Confirmed) => true,
-            // Any lower number is the answer to a repetition of an earlier chunk.
+            // The answer to this chunk requests a later one. Any other answer is that to a repetition of an earlier chunk.
             (Request::Chunk { number, .. }, Progress::Next(next)) => next > number,
             _ => false,
         };

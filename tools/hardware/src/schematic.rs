@@ -117,7 +117,8 @@ impl<'a> Schematic<'a> {
         if drawn.len() != self.pins.len() {
             return Err("a pin is drawn twice".into());
         }
-        let mut roots = BTreeMap::<&str, BTreeSet<usize>>::new();
+        let mut groups_of_net = BTreeMap::<&str, BTreeSet<usize>>::new();
+        let mut net_of_group = BTreeMap::<usize, &str>::new();
         let groups = self.groups();
         for part in &self.board.parts {
             for (net, (number, name)) in part.nets.iter().zip(part.kind.pins) {
@@ -130,12 +131,15 @@ impl<'a> Schematic<'a> {
                 if let Some((_, label)) = labels().find(|(_, label)| label != net) {
                     return Err(format!("pin {pin} belongs to {net}, but is connected with {label}"));
                 }
+                if let Some(other) = net_of_group.insert(group, net).filter(|other| other != net) {
+                    return Err(format!("pin {pin} belongs to {net}, but is connected with {other}"));
+                }
                 // All groups with the net's label are one group.
                 let id = if labels().next().is_some() { usize::MAX } else { group };
-                roots.entry(net).or_default().insert(id);
+                groups_of_net.entry(net).or_default().insert(id);
             }
         }
-        match roots.into_iter().find(|(_, groups)| groups.len() > 1) {
+        match groups_of_net.into_iter().find(|(_, groups)| groups.len() > 1) {
             Some((net, _)) => Err(format!("the pins of {net} are not all connected")),
             None => Ok(()),
         }

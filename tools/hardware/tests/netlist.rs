@@ -66,7 +66,14 @@ fn every_line_of_the_sheet_has_its_parts() {
 #[test]
 fn the_schematic_contradicts_a_netlist_with_a_wrong_net() {
     assert_eq!(Schematic::of(&Netlist::reference()).check(), Ok(()));
-    for (designator, pin, net) in [("R100", 0, "OUT0"), ("C203", 1, "COL0"), ("R301", 1, GROUND), ("U2", 1, "COL9")] {
+    let wrong = [
+        ("R100", 0, "OUT0"),
+        ("C203", 1, "COL0"),
+        ("R301", 1, GROUND),
+        ("U2", 1, "COL9"),
+        ("R200", 0, "a net without a label"),
+    ];
+    for (designator, pin, net) in wrong {
         let mut board = Netlist::reference();
         let part = board.parts.iter_mut().find(|part| part.designator == designator);
         part.expect("the part exists").nets[pin] = net.into();

@@ -95,13 +95,14 @@ test("a recording begins with the hello messages and ends when it is stopped", (
 test("an incomplete message at the end of a file is omitted", () => {
   const first = { t_ms: 1, insole: 0 as const, message: Uint8Array.of(1, 2, 3) };
   const bytes = Uint8Array.of(...entry(first), ...entry({ ...first, t_ms: 2 }));
-  for (let length = 10; length < bytes.length; length += 1) {
+  for (let length = entry(first).length; length < bytes.length; length += 1) {
     expect([...entries(bytes.subarray(0, length))]).toEqual([first]);
   }
 });
 
 test("a file that is not a recording is refused", () => {
   const bytes = entry({ t_ms: 1, insole: 0, message: Uint8Array.of(1, 2, 3) });
+  // This byte is the index of the insole; there are two insoles.
   bytes[4] = 9;
   expect(() => [...entries(bytes)]).toThrow("not a recording");
 });

@@ -1,4 +1,4 @@
-/** Loads the core of the page for tests, and provides the computed walk and messages. */
+/** Loads the WebAssembly of the page, which decodes messages, for tests, and provides the computed walk and messages. */
 
 import { readFileSync } from "node:fs";
 import type { ToHost } from "../src/generated/messages";

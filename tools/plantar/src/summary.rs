@@ -84,15 +84,15 @@ pub fn print(steps: &[Step], scales: &[DeformationScale; 8]) {
     }
     align(&mut table);
     println!(
-        "Means of each region over those of the {} steps in which it was loaded. Force, model, area and deformation are the \
+        "Means of each region over the steps in which it was loaded, of {} steps in total. Force, model, area and deformation are the \
          peak values of a step. Force is measured: the sum over the cells. Model is the model force. The radii of the ellipse \
          (semi-axes) are those at the largest force:\n{table}",
         steps.len()
     );
     if scales.iter().any(|scale| scale.assumed_percent() > 0) {
         println!(
-            "Share of assumption in the scale of the deformation (50 % if either the thickness or the compression of the \
-             tissue is assumed, 100 % if both are): {}.",
+            "Share of assumption in the scale of the deformation (50 % if either the thickness or the largest \
+             compression of the tissue is assumed, 100 % if both are): {}.",
             AssumedShare(scales)
         );
     }
@@ -143,7 +143,7 @@ fn faults_to_lines(faults: &Faults, cells: usize) -> Vec<String> {
     }
     for (of_regions, state) in [
         (&faults.masked_cells, "masked"),
-        (&faults.without_baseline, "without a baseline, because they are loaded under the lifted foot"),
+        (&faults.without_baseline, "with their former baseline, because they read a load while the foot was lifted"),
     ] {
         let regions = SHORT.iter().zip(of_regions).filter(|&(_, &count)| count > 0);
         let regions: Vec<_> = regions.map(|(name, count)| format!("{name} {count}")).collect();
@@ -166,7 +166,8 @@ pub fn model_error_percent(steps: &[Step], region: usize) -> Option<f64> {
     (!loaded.is_empty()).then(|| sum / loaded.len() as f64)
 }
 
-/// As [`model_error_percent`], over the steps from which a fit predicts this error: those in which the region carries at least
+/// As [`model_error_percent`], but only over steps that a fit would use, so that the result can be compared with the error that
+/// the fit predicts: those in which the region carries at least
 /// [`MIN_FORCE_N`] and has no saturated cell. With a smaller force, the error is mainly that of single cells; with a saturated
 /// cell, the measured force is only a lower bound.
 pub fn comparable_error_percent(steps: &[Step], region: usize) -> Option<f64> {
@@ -236,7 +237,7 @@ mod tests {
             "sensor fault: row 3 short, found 12.3 s after the first scan",
             "further sensor faults, not listed: 1",
             "3 of 240 cells masked: Heel 2, Hallux 1",
-            "4 of 240 cells without a baseline, because they are loaded under the lifted foot: Met 1-2 4",
+            "4 of 240 cells with their former baseline, because they read a load while the foot was lifted: Met 1-2 4",
             "baselines of drifting cells were corrected 5 times",
         ];
         assert_eq!(faults_to_lines(&faults, 240), lines);

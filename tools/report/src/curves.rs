@@ -138,7 +138,8 @@ pub fn area(study: &Study, region: usize, typical: &Result<Typical, String>) -> 
     let Typical { start_s, curves, .. } = typical.as_ref().ok()?;
     let title = recording::area_title(&study.contact);
     let chart = chart(study, AREA_HEIGHT, largest([&curves.area_mm2, &curves.filtered_mm2]));
-    // The direct filter leaves the area unchanged.
+    // The direct filter leaves the area unchanged, except for rounding errors.
+    const ROUNDING: f64 = 1e-9;
     let squares: f64 = curves.filtered_mm2.iter().zip(&curves.area_mm2).map(|(a, b)| (a - b) * (a - b)).sum();
     let nrmse = (squares / curves.area_mm2.len() as f64).sqrt() / largest([&curves.area_mm2]);
     Some(Drawing {
@@ -147,7 +148,7 @@ pub fn area(study: &Study, region: usize, typical: &Result<Typical, String>) -> 
         label: format!("{}: {title} over time, NRMSE {} %", TITLES[region], percent(nrmse)),
         body: html! {
             (chart.axes("", &format!("{title}, mm²")))
-            @if nrmse > 0.0 { text.end x=(WIDTH - 6.0) y=(TOP - 8.0) { "NRMSE " (percent(nrmse)) " %" } }
+            @if nrmse > ROUNDING { text.end x=(WIDTH - 6.0) y=(TOP - 8.0) { "NRMSE " (percent(nrmse)) " %" } }
             path.points d=(chart.points(*start_s, curves.sample_s, &curves.area_mm2)) {}
             path.model.(colour(region)) d=(chart.line(*start_s, curves.sample_s, &curves.filtered_mm2)) {}
         },

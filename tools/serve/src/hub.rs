@@ -194,6 +194,8 @@ impl Hub {
             Ok(tissue) => {
                 insole.take_waiting(|command| matches!(command, Command::Tissue(sent, _) if sent.id == tissue.id))
             }
+            // These refuse a snooze or a stream of ellipses, for the answer to which no page waits.
+            Err(Refusal::NoLayout | Refusal::EllipseRate { .. }) => None,
             Err(_) => insole.take_waiting(|_| true),
         };
         // Parameters and rules that could not be stored are in force until the insole restarts.

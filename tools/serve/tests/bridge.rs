@@ -107,13 +107,17 @@ impl Cable {
         self.act(|insole| insole.link.push_record(step));
     }
 
-    /// Waits until the insole received a command, and answers it.
-    fn answer_command(&self, answer: Result<CommandResult, Refusal>) {
+    /// Waits until the insole received a command.
+    fn wait_for_command(&self) {
         let insole = self.0.0.lock().expect("no test panics here");
         let is_idle = |insole: &mut Insole| insole.link.command().is_none();
         let waited = self.0.1.wait_timeout_while(insole, TIMEOUT, is_idle).expect("no test panics here");
         assert!(!waited.1.timed_out());
-        drop(waited);
+    }
+
+    /// Waits until the insole received a command, and answers it.
+    fn answer_command(&self, answer: Result<CommandResult, Refusal>) {
+        self.wait_for_command();
         self.act(|insole| insole.link.complete(answer));
     }
 
@@ -462,6 +466,22 @@ async fn a_page_replaces_the_parameters_if_the_server_accepts_them() {
     // Other settings are still refused.
     other.send(0, ToDevice::Restart).await;
     other.find(0, |m| (m == ToHost::Refused(Refusal::NotUnderstood)).then_some(())).await;
+}
+
+#[tokio::test]
+async fn the_refusal_of_a_snooze_is_not_the_answer_to_new_parameters() {
+    let cable = Cable::new(Side::Left);
+    let address = serve_sources(vec![cable.source()], None, true);
+    let mut page = Page::open(address).await;
+    page.hello(0).await;
+    let tissue = Parameters::typical(InsoleSize::default()).tissue();
+    page.send(0, ToDevice::SetTissue(tissue)).await;
+    cable.wait_for_command();
+    // An insole without a layout refuses to snooze alerts.
+    cable.act(|insole| insole.link.refuse(Refusal::NoLayout));
+    cable.answer_command(Ok(CommandResult::Stored));
+    let answer = |message| matches!(message, ToHost::Tissue(_) | ToHost::Refused(_)).then_some(message);
+    assert_eq!(page.find(0, answer).await, ToHost::Tissue(tissue));
 }
 
 /// The server sends the parameters of the source in the first session, as `plantar serve` does with an emulated insole. It does

@@ -82,7 +82,7 @@ pub extern "C" fn get_setup_cells(first: u16) -> usize {
 /// Encodes [`ToDevice::Acknowledge`]; returns the length of the message.
 #[unsafe(no_mangle)]
 pub extern "C" fn acknowledge(number: u32) -> usize {
-    request(ToDevice::Acknowledge { number: number })
+    request(ToDevice::Acknowledge { number })
 }
 
 /// Encodes [`ToDevice::GetStatus`]; returns the length of the message.

@@ -156,6 +156,7 @@ fn a_missing_a_small_and_a_stuck_chip_are_not_opened() {
 #[test]
 fn a_chip_that_stays_busy_fails_a_write_within_a_limited_time() {
     let mut chip = open(Simulated::new(P25Q16H, 0)).expect("the chip answers");
+    // The driver reads the status once a millisecond.
     chip.0.busy_polls = WRITE_LIMIT_MS + 2;
     assert_eq!(block_on(chip.write(0, &[0])), Err(Error::NoAnswer));
     assert!(!chip.0.is_active, "the bus must be off after an error, too");
