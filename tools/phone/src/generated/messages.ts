@@ -24,7 +24,7 @@ host_us: number,
 device_us: number, } | { "kind": "faults" } & Faults | { "kind": "ellipses",
 /** Time of the scan since the first scan. */
 t_s: number,
-/** The regions, in the order of `Facts.regions`; null without contact. */
+/** The ellipse of each region, in the order of `Facts.regions`, the list of the regions' names; null without contact. */
 regions: Array<Ellipse | null>, } | { "kind": "setup_cells",
 /** Index of the first cell. */
 first: number, cells: Array<LayoutCell>, };
@@ -49,7 +49,8 @@ has_effective_areas: boolean,
 has_parameters: boolean,
 /** The reason of the last reset, one word. */
 reset: string,
-/** The fault that ended the previous run, or a fault of this start. The insole does not measure if it has no cells. */
+/** The fault that ended the previous run, or a fault of this start. If the number of cells is 0, the insole has refused its
+ * set-up, and does not measure. */
 fault: string | null, };
 
 /** Counters of an insole since its start, unless they state another period. */
