@@ -4,6 +4,7 @@ mod carrier;
 mod cells;
 mod cohort;
 mod emulate;
+#[cfg(feature = "export")]
 mod export;
 mod fit;
 mod frames;
@@ -85,6 +86,7 @@ enum Command {
     ///
     /// The exports contain what the insole's own code computes from a recording, as in `plantar replay`. docs/exporting.md
     /// describes the formats.
+    #[cfg(feature = "export")]
     #[command(subcommand)]
     Export(export::Export),
     Gait(gait::GaitCommand),
@@ -115,6 +117,7 @@ fn main() -> ExitCode {
         Command::Cohort(cohort) => return status(cohort.run()),
         Command::Repeat(repeat) => return status(repeat.run()),
         Command::Emulate(emulate) => emulate.run(),
+        #[cfg(feature = "export")]
         Command::Export(export) => export.run(),
         Command::Gait(gait) => gait.run(),
         Command::Update(update) => update.run(),
