@@ -49,7 +49,8 @@ pub fn all() -> Result<()> {
     run_command(Command::new("cargo").args(doc).env("RUSTDOCFLAGS", "--deny warnings"))?;
     page::build()?;
     build_whole_host()?;
-    let page_figures = tests(&python)?;
+    host_tests(&python)?;
+    let page_figures = page_and_package_tests()?;
     let mut figures = bench::bench_without_page()?;
     figures.extend(page_figures);
     limits::check(&figures)
@@ -66,26 +67,34 @@ fn lint_host() -> Result<()> {
     run("cargo", &[&["clippy", "--locked", "--release", "--all-targets"], &DENY_WARNINGS[..]].concat())
 }
 
-/// Runs the tests that play walks in real time, one after the other: those of the host programs, then those of the page. Beside
-/// them, with a lower priority, it runs all other tests and a short endurance test. Returns the figures that the page's tests
-/// measure.
-fn tests(python: &Python) -> Result<bench::Figures> {
+/// Runs all tests on the host: those in real time one after the other, and beside them, with a lower priority, all others.
+fn host_tests(python: &Python) -> Result<()> {
     std::thread::scope(|scope| {
-        let in_real_time = scope.spawn(|| {
-            selected_tests(python, IN_REAL_TIME, 1)?;
-            page::test(&built("release/plantar"), &firmware(EMULATED))
-        });
+        let in_real_time = scope.spawn(|| selected_tests(python, IN_REAL_TIME, 1));
         let others = scope.spawn(|| {
             lower_priority()?;
             // Many tests wait for an emulated board, so more of them run at the same time than there are cores.
             let threads = 2 * std::thread::available_parallelism().map_or(1, usize::from);
-            selected_tests(python, &format!("not ({IN_REAL_TIME})"), threads)?;
-            documentation_tests()?;
+            selected_tests(python, &format!("not ({IN_REAL_TIME})"), threads)
+        });
+        join(in_real_time)?;
+        join(others)
+    })?;
+    documentation_tests()
+}
+
+/// Runs the tests of the page, which mostly wait for walks that are played in real time, and beside them, with a lower priority,
+/// the tests of the Python package and a short endurance test. Returns the figures that the page's tests measure.
+fn page_and_package_tests() -> Result<bench::Figures> {
+    std::thread::scope(|scope| {
+        let page = scope.spawn(|| page::test(&built("release/plantar"), &firmware(EMULATED)));
+        let package = scope.spawn(|| {
+            lower_priority()?;
             package::test()?;
             Soak { short: true, json: None }.run()
         });
-        let figures = join(in_real_time)?;
-        join(others)?;
+        let figures = join(page)?;
+        join(package)?;
         Ok(figures)
     })
 }
