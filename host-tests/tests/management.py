@@ -1,8 +1,8 @@
 """Manages an insole with smpclient, for host-tests/tests/management_tools.rs.
 
-The first argument is `serial` if the link is the socket that is the standard input, or `bluetooth:<port>:<address>` to connect
-to this address with the virtual Bluetooth controller at this TCP port. Each further argument is a command. For each command, a
-line of output has the result as JSON, or {"error": <code>} for a refusal.
+The first argument is `serial:<input>:<output>` for the FIFO from which an insole reads and the FIFO to which it writes, or
+`bluetooth:<port>:<address>` to connect to this address with the virtual Bluetooth controller at this TCP port. Each further
+argument is a command. For each command, a line of output has the result as JSON, or {"error": <code>} for a refusal.
 
     parameters      Reads the size and the number of the insole's buffers (MCUmgr parameters).
     echo:<text>     Sends a text that the insole returns.
@@ -23,7 +23,6 @@ import asyncio
 import json
 import os
 import pty
-import socket
 import sys
 import threading
 import tty
@@ -111,28 +110,17 @@ async def execute(client, command, argument):
     raise ValueError(f"{command}: unknown command, see the list at the beginning of management.py")
 
 
-def serial_port(link):
-    """Connects a new terminal to a socket. Returns the terminal's name, and its descriptor, which must remain open."""
+def serial_port(to_insole, from_insole):
+    """Connects a new terminal to two FIFOs. Returns the terminal's name, and its descriptor, which must remain open."""
     master, slave = pty.openpty()
     tty.setraw(slave)
 
-    def to_link():
-        while data := os.read(master, 4096):
-            link.sendall(data)
+    def copy(source, destination):
+        while data := os.read(source, 4096):
+            os.write(destination, data)
 
-    def to_terminal():
-        while True:
-            try:
-                data = link.recv(4096)
-            except BlockingIOError:
-                # A client of the test has set a timeout for the socket.
-                continue
-            if not data:
-                break
-            os.write(master, data)
-
-    for work in (to_link, to_terminal):
-        threading.Thread(target=work, daemon=True).start()
+    for ends in ((master, os.open(to_insole, os.O_WRONLY)), (os.open(from_insole, os.O_RDONLY), master)):
+        threading.Thread(target=copy, args=ends, daemon=True).start()
     return os.ttyname(slave), slave
 
 
@@ -147,7 +135,8 @@ def transport(link):
         return SMPBumbleTransport(hci=hci, pair_on_connect=NoInputNoOutput()), address
     from smpclient.transport.serial import SMPSerialTransport
 
-    port, terminal = serial_port(socket.socket(fileno=0))
+    _, to_insole, from_insole = link.split(":")
+    port, terminal = serial_port(to_insole, from_insole)
     serial = SMPSerialTransport()
     # The descriptor must remain open as long as the transport.
     serial.terminal = terminal

@@ -23,9 +23,8 @@ use plantar::protocol::mcuboot::{FRONT, TRAILER, read_trailer};
 use plantar::protocol::update::{CHUNK, Header};
 use serde_json::{Value as Json, json};
 use std::cell::RefCell;
-use std::os::fd::OwnedFd;
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Command;
 use std::rc::Rc;
 use testkit::host::{Link, LinkKind};
 use testkit::insole::{BOARD, Defect, image};
@@ -420,14 +419,14 @@ fn an_answer_is_not_sent_to_another_central() {
 
 /// Runs `smpclient` with these commands on the serial link of a board. Returns the result of each command.
 fn smpclient(board: &Board, commands: &[&str]) -> Vec<Json> {
-    let link = OwnedFd::from(board.link().expect("the board has a link"));
-    smpclient_over("serial", link.into(), commands)
+    let [to_board, from_board] = board.link_fifos();
+    smpclient_over(&format!("serial:{}:{}", to_board.display(), from_board.display()), commands)
 }
 
-/// Runs `smpclient` with these commands over a link; `input` is the standard input of the script.
-fn smpclient_over(link: &str, input: Stdio, commands: &[&str]) -> Vec<Json> {
+/// Runs `smpclient` with these commands over a link, which is the first argument of the script.
+fn smpclient_over(link: &str, commands: &[&str]) -> Vec<Json> {
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/management.py");
-    let output = Command::new(smp()).args([script, link]).args(commands).stdin(input).output().expect("Python runs");
+    let output = Command::new(smp()).args([script, link]).args(commands).output().expect("Python runs");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let lines = String::from_utf8(output.stdout).expect("the output is text");
     lines.lines().map(|line| serde_json::from_str(line).expect("a line is JSON")).collect()
@@ -522,7 +521,7 @@ fn smpclient_manages_the_real_firmware_over_bluetooth() {
     let files = [&*refused, &refused, &older, "Insole", &accepted, &accepted, "", ""];
     let commands: Vec<_> = commands.iter().zip(files).map(|(command, file)| format!("{command}{file}")).collect();
     let commands: Vec<_> = commands.iter().map(String::as_str).collect();
-    let results = smpclient_over(&link, Stdio::null(), &commands);
+    let results = smpclient_over(&link, &commands);
     assert_eq!(results[1..4], [json!({"error": 5}), json!({"error": 27}), json!("Insole")]);
     assert_eq!((&results[5][1][1], &results[5][1][3]), (&json!("99.0.1"), &json!(true)));
     assert_eq!(results[6..], [json!({"error": 28}), json!({})]);
@@ -537,7 +536,7 @@ fn smpclient_manages_the_real_firmware_over_bluetooth() {
     assert!(insole.wait(board));
     let (board, link) = boot(&insole, true);
     board.play();
-    let results = smpclient_over(&link, Stdio::null(), &["state", &format!("confirm:{file}")]);
+    let results = smpclient_over(&link, &["state", &format!("confirm:{file}")]);
     let state = |confirmed: bool| (json!("99.0.2"), json!(confirmed), json!(true));
     let seen = |states: &Json| (states[0][1].clone(), states[0][4].clone(), states[0][5].clone());
     assert_eq!((seen(&results[0]), seen(&results[1])), (state(false), state(true)));

@@ -68,8 +68,8 @@ impl ConnectedBoard {
     }
 
     fn connect(board: Board, firmware: PathBuf) -> Self {
-        let link = board.link().expect("the board has a link");
-        link.set_read_timeout(Some(SILENCE)).expect("the socket accepts a timeout");
+        let mut link = board.link().expect("the board has a link");
+        link.set_read_timeout(Some(SILENCE)).expect("a timeout");
         Self { _board: board, link: Framed::new(link), firmware, began: Instant::now() }
     }
 

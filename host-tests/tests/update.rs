@@ -35,8 +35,8 @@ fn active(insole: &Insole) -> &[u8] {
 
 /// A session; `None` if the board ends before its first answer.
 fn try_connect(board: &Board) -> Option<Session> {
-    let link = board.link().expect("the board has a link");
-    link.set_read_timeout(Some(Duration::from_millis(50))).expect("the socket accepts a timeout");
+    let mut link = board.link().expect("the board has a link");
+    link.set_read_timeout(Some(Duration::from_millis(50))).expect("a timeout");
     Client::connect(Framed::new(link), TIMEOUT).ok()
 }
 

@@ -104,8 +104,8 @@ impl Bench {
         let hardware = Hardware { flash: Some(chip.into()), ..Hardware::default() };
         let board = Board::start_with(&self.firmware, &config, &self.virtual_insole.cells, Time::Max, walk, &hardware);
         let board = board.expect("the board boots");
-        let link = board.link().expect("the board has a link");
-        link.set_read_timeout(Some(Duration::from_millis(20))).expect("the socket accepts a timeout");
+        let mut link = board.link().expect("the board has a link");
+        link.set_read_timeout(Some(Duration::from_millis(20))).expect("a timeout");
         let client = Client::connect(Framed::new(link), TIMEOUT);
         (board, client)
     }

@@ -57,10 +57,10 @@ impl Port {
         len
     }
 
-    /// Sends all bytes.
+    /// Sends all bytes. The status register is not read, because its value is known, and because each read of it wakes the thread
+    /// of the emulator that serves the ports.
     pub fn write(&self, bytes: &[u8]) {
         for &byte in bytes {
-            while !self.registers.sr().read().txe() {}
             self.registers.dr().write(|w| w.set_dr(byte.into()));
         }
     }

@@ -28,8 +28,8 @@ pub fn connect(board: &Board) -> Client<Framed<Link>> {
 
 /// The same as [`connect`], with `timeout` as the longest wait for the insole's answer.
 pub fn connect_within(board: &Board, timeout: Duration) -> Client<Framed<Link>> {
-    let link = board.link().expect("the board has a link");
-    link.set_read_timeout(Some(Duration::from_millis(50))).expect("the socket accepts a timeout");
+    let mut link = board.link().expect("the board has a link");
+    link.set_read_timeout(Some(Duration::from_millis(50))).expect("a timeout");
     Client::connect(Framed::new(link), timeout).expect("the insole answers")
 }
 

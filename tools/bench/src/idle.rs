@@ -30,7 +30,7 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
     let (config, cells) = (EmulatorConfig::new(virtual_insole.setup), virtual_insole.cells.clone());
     let walk = Looped(Recorded::new(walk, virtual_insole));
     let board = Board::start(firmware, &config, &cells, Time::Real, walk)?;
-    let link = board.link()?;
+    let mut link = board.link()?;
     link.set_read_timeout(Some(client::READ_TIMEOUT))?;
     let mut client = Client::connect(Framed::new(link), ANSWER_TIMEOUT)?;
     client.stream()?;

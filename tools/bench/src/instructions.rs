@@ -230,7 +230,7 @@ pub fn walk_through(
 }
 
 fn connect(board: &Board) -> Result<Client<Framed<Link>>> {
-    let link = board.link()?;
+    let mut link = board.link()?;
     link.set_read_timeout(Some(READ_TIMEOUT))?;
     Ok(Client::connect(Framed::new(link), Duration::from_secs(20))?)
 }

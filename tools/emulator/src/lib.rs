@@ -40,6 +40,9 @@ const BOOTLOADER: &str = "emulated-bootloader";
 const ACTIVE_FILE: &str = "active.bin";
 /// Name of the file with the log, in the emulator's directory.
 const LOG_FILE: &str = "log.defmt";
+/// Name of the serial port of the link.
+const LINK: &str = "link";
+
 /// How the board's time passes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Time {
@@ -79,19 +82,7 @@ pub enum Error {
     #[cfg(feature = "log")]
     #[error(transparent)]
     Log(#[from] LogError),
-    /// The socket for a serial port cannot be created.
-    #[cfg(unix)]
-    #[error(
-        "cannot create the socket {path} for the emulated board: {reason}; if the path is too long, set TMPDIR to a \
-         folder with a shorter path"
-    )]
-    Socket {
-        /// The socket.
-        path: PathBuf,
-        /// The operating system's reason.
-        reason: io::Error,
-    },
-    /// An error of a file or a socket.
+    /// An error of a file or a serial port.
     #[error("the emulation failed: {0}")]
     Io(#[from] io::Error),
 }
@@ -196,8 +187,8 @@ impl Board {
         }
         let hci = hardware.hci.map_or("null".into(), |at| format!("tcp:{at},nodelay=on"));
 
-        let link = Port::listen(directory.path(), "link")?;
-        let plant = Port::listen(directory.path(), "plant")?;
+        let link = Port::create(directory.path(), LINK)?;
+        let plant = Port::create(directory.path(), "plant")?;
         let active_at = STM32_FLASH + ACTIVE.start;
         let mut command = Command::new("qemu-system-arm");
         command
@@ -218,8 +209,8 @@ impl Board {
             io::ErrorKind::NotFound => Error::NoQemu,
             _ => Error::Io(e),
         })?);
-        let link = Link(link.accept(&mut qemu.0)?);
-        let plant = plant.accept(&mut qemu.0)?;
+        let link = Link(link.connect(&mut qemu.0)?);
+        let plant = plant.connect(&mut qemu.0)?;
         let plant = Plant::start(plant, &file(MATRIX_FILE), walk)?;
         Ok(Self { qemu, plant, link, directory })
     }
@@ -227,9 +218,16 @@ impl Board {
     /// The board's serial link.
     ///
     /// # Errors
-    /// If the socket cannot be cloned.
+    /// If its handle cannot be cloned.
     pub fn link(&self) -> io::Result<Link> {
         self.link.try_clone()
+    }
+
+    /// The FIFOs of the serial link, for another process: the one to which it writes, and the one from which it reads. Bytes that
+    /// this process reads from [`Board::link`] do not reach the other one.
+    #[cfg(unix)]
+    pub fn link_fifos(&self) -> [PathBuf; 2] {
+        Port::paths(self.directory.path(), LINK)
     }
 
     /// The process of the emulator.

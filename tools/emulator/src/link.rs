@@ -17,16 +17,16 @@ impl Link {
     /// A further handle of the same link.
     ///
     /// # Errors
-    /// If the socket cannot be cloned.
+    /// If a file descriptor cannot be duplicated.
     pub fn try_clone(&self) -> io::Result<Self> {
         self.0.try_clone().map(Self)
     }
 
-    /// Sets the time after which a read without a byte returns an error; `None` waits without end.
+    /// Sets the time after which a read through this handle without a byte returns an error; `None` waits without end.
     ///
     /// # Errors
-    /// If the time is zero, or the socket rejects it.
-    pub fn set_read_timeout(&self, timeout: Option<Duration>) -> io::Result<()> {
+    /// If the time is zero, where the stream is a socket.
+    pub fn set_read_timeout(&mut self, timeout: Option<Duration>) -> io::Result<()> {
         self.0.set_read_timeout(timeout)
     }
 }
@@ -45,13 +45,5 @@ impl Write for Link {
 
     fn flush(&mut self) -> io::Result<()> {
         self.0.flush()
-    }
-}
-
-/// The socket, for another process.
-#[cfg(unix)]
-impl From<Link> for std::os::fd::OwnedFd {
-    fn from(link: Link) -> Self {
-        link.0.into()
     }
 }

@@ -137,7 +137,7 @@ impl Emulate {
             Speed::Max => Time::Max,
         };
         let board = Board::start(&self.firmware, &config, &cells, time, walk)?;
-        let link = board.link()?;
+        let mut link = board.link()?;
         link.set_read_timeout(Some(READ_TIMEOUT))?;
         let result = self.walk(&board, link, &parameters, seconds, scans);
         // The log is written even after a failure, because it can explain the failure.

@@ -85,7 +85,7 @@ impl Serve {
             let board = Board::start(&self.firmware, &config, &cells, Time::Real, walk)?;
             let link = board.link()?;
             let mut source = source(path.display().to_string(), move || {
-                let link = link.try_clone()?;
+                let mut link = link.try_clone()?;
                 link.set_read_timeout(Some(READ_TIMEOUT))?;
                 Ok(Box::new(Framed::new(link)))
             });

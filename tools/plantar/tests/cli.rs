@@ -266,26 +266,6 @@ fn replay_and_emulate_note_that_typical_parameters_are_not_applicable() {
     }
 }
 
-/// Systems limit the length of a Unix socket's path to some 100 bytes.
-#[cfg(unix)]
-#[test]
-#[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn emulate_names_the_remedy_if_the_path_of_the_temporary_folder_is_too_long() {
-    let firmware = std::env::var("PLANTAR_FIRMWARE").expect("PLANTAR_FIRMWARE names the emulated board's firmware");
-    let (_folder, path) = folder();
-    succeed(&path, IMPORT);
-    let temporary = path.join("long".repeat(30));
-    std::fs::create_dir(&temporary).expect("made");
-    let output = Command::new(env!("CARGO_BIN_EXE_plantar"))
-        .args(["emulate", "walk.parquet", "--firmware", &firmware])
-        .current_dir(&path)
-        .env("TMPDIR", &temporary)
-        .output()
-        .expect("the program starts");
-    let text = String::from_utf8_lossy(&output.stderr);
-    assert!(!output.status.success() && text.contains("/link") && text.contains("set TMPDIR"), "{text}");
-}
-
 /// An offset for each of 240 cells, kPa, all different.
 fn offsets() -> Vec<f32> {
     (0..240).map(|i| 20.0 * ((i * 37) % 240) as f32 / 240.0).collect()

@@ -67,19 +67,13 @@ fn lint_host() -> Result<()> {
     run("cargo", &[&["clippy", "--locked", "--release", "--all-targets"], &DENY_WARNINGS[..]].concat())
 }
 
-/// Runs all tests on the host: those in real time one after the other, and beside them, with a lower priority, all others.
+/// Runs all tests on the host: first those in real time, one after the other and alone, because on a slow computer other tests
+/// beside them would cause missed scans and timeouts.
 fn host_tests(python: &Python) -> Result<()> {
-    std::thread::scope(|scope| {
-        let in_real_time = scope.spawn(|| selected_tests(python, IN_REAL_TIME, 1));
-        let others = scope.spawn(|| {
-            lower_priority()?;
-            // Many tests wait for an emulated board, so more of them run at the same time than there are cores.
-            let threads = 2 * std::thread::available_parallelism().map_or(1, usize::from);
-            selected_tests(python, &format!("not ({IN_REAL_TIME})"), threads)
-        });
-        join(in_real_time)?;
-        join(others)
-    })?;
+    selected_tests(python, IN_REAL_TIME, 1)?;
+    // Many tests wait for an emulated board, so more of them run at the same time than there are cores.
+    let threads = 2 * std::thread::available_parallelism().map_or(1, usize::from);
+    selected_tests(python, &format!("not ({IN_REAL_TIME})"), threads)?;
     documentation_tests()
 }
 
