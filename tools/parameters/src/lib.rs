@@ -188,11 +188,9 @@ impl Parameters {
             )));
         }
         let wrong = |region: &str, problem: String| Error::Region { file: path.into(), region: region.into(), problem };
-        let line = |offset: usize| text[..offset].matches('\n').count() + 1;
         if let Some((name, region)) = file.regions.iter().find(|(name, _)| Region::from_name(name).is_none()) {
-            let names: Vec<_> = Region::ALL.iter().map(|r| r.name()).collect();
-            let line = line(region.span().start);
-            return Err(wrong(name, format!("(line {line}) is not a region; the regions are {}", names.join(", "))));
+            let line = line_of(text, region.span().start);
+            return Err(wrong(name, format!("(line {line}) is not a region; the regions are {}", region_names())));
         }
         let mut regions = [None; 8];
         let mut deformation = DeformationScale::ALL_ASSUMED;
@@ -200,7 +198,7 @@ impl Parameters {
             let Some(found) = file.regions.get(region.name()) else {
                 return Err(wrong(region.name(), "is missing; provide all eight regions".into()));
             };
-            let line = line(found.span().start);
+            let line = line_of(text, found.span().start);
             let ellipsoid = found.get_ref().check().map_err(|p| wrong(region.name(), format!("(line {line}) {p}")))?;
             *slot = Some(ellipsoid);
             let name = found.get_ref().deformation_scale.as_deref();
@@ -324,6 +322,16 @@ impl Parameters {
     pub fn tissue(&self) -> Tissue {
         Tissue::new(self.regions.each_ref().map(|ellipsoid| ellipsoid.force_law().single()))
     }
+}
+
+/// The line of this place in a text, from 1.
+fn line_of(text: &str, offset: usize) -> usize {
+    text[..offset].matches('\n').count() + 1
+}
+
+/// The names of all regions, for messages.
+fn region_names() -> String {
+    Region::ALL.map(Region::name).join(", ")
 }
 
 /// A quoted TOML string; the escapes of Rust's `Debug` are not those of TOML.

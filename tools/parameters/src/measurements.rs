@@ -1,6 +1,6 @@
 //! Measurements of the tissue of a person, by ultrasound, fluoroscopy or a foot scan.
 
-use crate::Error;
+use crate::{Error, line_of, region_names};
 use plantar::Region;
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{self, MapAccess, Visitor};
@@ -86,9 +86,8 @@ impl TissueMeasurements {
         let mut all = Self::default();
         for (name, entry) in entries {
             let Some(region) = Region::from_name(&name) else {
-                let names: Vec<_> = Region::ALL.iter().map(|r| r.name()).collect();
-                let line = text[..entry.span().start].matches('\n').count() + 1;
-                return Err(form(format!("line {line}: {name} is not a region; the regions are {}", names.join(", "))));
+                let line = line_of(text, entry.span().start);
+                return Err(form(format!("line {line}: {name} is not a region; the regions are {}", region_names())));
             };
             all.0[region as usize] = entry.into_inner().0.checked();
         }

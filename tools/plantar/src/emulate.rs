@@ -261,10 +261,12 @@ impl Emulate {
         let mut last_message = Instant::now();
         // The view is replaced after the identification, and the new one does not know whether the user pressed a key before.
         let mut is_ended_by_user = false;
+        // The messages that arrived during the identification.
+        let mut arrived = Vec::new().into_iter();
         loop {
             is_ended_by_user |= view.wants_to_end()?;
             let mut is_silent = false;
-            match client.receive()? {
+            match arrived.next().map_or_else(|| client.receive(), |message| Ok(Some(message)))? {
                 Some(ToHost::Live(live)) => view.live(&live, client.counters())?,
                 Some(ToHost::Cells(frame)) => {
                     if let Some(identification) = identification {
@@ -279,7 +281,7 @@ impl Emulate {
                         if identification.is_due() {
                             view.close();
                             board.plant().hold(true);
-                            identification.identify(client, &self.insole.contact)?;
+                            arrived = identification.identify(client, &self.insole.contact)?.into_iter();
                             board.plant().hold(false);
                             *view = View::open(client.hello())?;
                         }

@@ -468,14 +468,20 @@ async fn a_page_replaces_the_parameters_if_the_server_accepts_them() {
     other.find(0, |m| (m == ToHost::Refused(Refusal::NotUnderstood)).then_some(())).await;
 }
 
-#[tokio::test]
-async fn the_refusal_of_a_snooze_is_not_the_answer_to_new_parameters() {
-    let cable = Cable::new(Side::Left);
+/// Serves an insole to a page that has sent parameters. Returns the address of the server, the page and the parameters.
+async fn sent_parameters(cable: &Cable) -> (SocketAddr, Page, Tissue) {
     let address = serve_sources(vec![cable.source()], None, true);
     let mut page = Page::open(address).await;
     page.hello(0).await;
     let tissue = Parameters::typical(InsoleSize::default()).tissue();
     page.send(0, ToDevice::SetTissue(tissue)).await;
+    (address, page, tissue)
+}
+
+#[tokio::test]
+async fn the_refusal_of_a_snooze_is_not_the_answer_to_new_parameters() {
+    let cable = Cable::new(Side::Left);
+    let (_, mut page, tissue) = sent_parameters(&cable).await;
     cable.wait_for_command();
     // An insole without a layout refuses to snooze alerts.
     cable.act(|insole| insole.link.refuse(Refusal::NoLayout));
@@ -534,11 +540,7 @@ async fn a_request_that_was_lost_with_the_link_does_not_block_later_ones() {
 #[tokio::test]
 async fn a_later_page_receives_parameters_that_the_insole_could_not_store() {
     let cable = Cable::new(Side::Left);
-    let address = serve_sources(vec![cable.source()], None, true);
-    let mut page = Page::open(address).await;
-    page.hello(0).await;
-    let tissue = Parameters::typical(InsoleSize::default()).tissue();
-    page.send(0, ToDevice::SetTissue(tissue)).await;
+    let (address, mut page, tissue) = sent_parameters(&cable).await;
     cable.answer_command(Err(Refusal::NotStored));
     page.find(0, |m| (m == ToHost::Refused(Refusal::NotStored)).then_some(())).await;
     assert_eq!(Page::open(address).await.hello(0).await.tissue_id, tissue.id);

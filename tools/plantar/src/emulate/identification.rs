@@ -5,7 +5,7 @@ use crate::setup::ContactArgs;
 use anyhow::{Context, Result};
 use client::{Carrier, CellReceiver, Client, StartedCells};
 use parameters::Parameters;
-use plantar::protocol::{CellFrame, CellStream, Resolution, Step};
+use plantar::protocol::{CellFrame, CellStream, Resolution, Step, ToHost};
 use recording::StreamedCells;
 use std::path::{Path, PathBuf};
 
@@ -67,8 +67,9 @@ impl Identification {
         self.sent_us.is_some()
     }
 
-    /// Identifies the parameters from the recorded cells, as `plantar fit` does, and sends them to the insole.
-    pub fn identify(&mut self, client: &mut Client<impl Carrier>, contact: &ContactArgs) -> Result<()> {
+    /// Identifies the parameters from the recorded cells, as `plantar fit` does, and sends them to the insole. Returns the messages
+    /// that arrived meanwhile, in their order.
+    pub fn identify(&mut self, client: &mut Client<impl Carrier>, contact: &ContactArgs) -> Result<Vec<ToHost>> {
         let recording = self
             .cells
             .take("Recorded from the emulated insole")
@@ -82,16 +83,16 @@ impl Identification {
             recording.frames()
         );
         client.stream_cells(None)?;
+        let mut arrived = Vec::new();
         std::thread::scope(|scope| {
             let fitted = scope.spawn(|| {
                 recording.write(&path)?;
                 let fit = Fit::of_cells(path, &self.folder, contact.clone());
                 fit.write(&fit.study()?)
             });
-            // QEMU stops the board while nobody reads its link. A step that arrives now is not acknowledged, so the insole sends
-            // it again.
+            // QEMU stops the board while nobody reads its link.
             while !fitted.is_finished() {
-                client.receive()?;
+                arrived.extend(client.receive()?);
             }
             fitted.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
         })?;
@@ -104,6 +105,6 @@ impl Identification {
         // The insole may have measured further steps meanwhile, without the parameters.
         let frames = client.status()?.frame_times();
         self.sent_us = Some(u64::from(frames) * u64::from(client.hello().period_us));
-        Ok(())
+        Ok(arrived)
     }
 }
