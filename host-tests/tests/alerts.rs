@@ -1,7 +1,6 @@
 //! Cumulative load and alerts equal those of an independent implementation, and alerts follow their rules.
 
-mod common;
-
+use crate::common;
 use plantar::Region;
 use plantar::insole::Insole;
 use plantar::pipeline::alert::{AlertRecord, AlertRules, DailyLoad};

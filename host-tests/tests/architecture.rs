@@ -325,7 +325,7 @@ fn the_diagrams_agree_with_the_sources() {
     if std::env::var_os("UPDATE_DOCS").is_some() {
         fs::write(&path, [before, BEGIN, &diagrams, END, after].concat()).expect("the document is written");
     } else {
-        assert_eq!(written, diagrams, "run `UPDATE_DOCS=1 cargo test --release -p host-tests --test architecture`");
+        assert_eq!(written, diagrams, "run `UPDATE_DOCS=1 cargo test --release -p host-tests architecture::`");
     }
 }
 

@@ -3,15 +3,12 @@
 //! `PLANTAR_FIRMWARE` contains the path of the firmware, and `PLANTAR_PYTHON` that of the Python interpreter that runs the
 //! phones.
 
-mod common;
-mod phones;
-
-use common::{firmware, replay, synthetic_walk, tissue};
-use firmware_image::{Image, development_key};
-use phones::{
+use crate::common::{firmware, replay, synthetic_walk, tissue};
+use crate::phones::{
     BONDS_AT, CHARACTERISTICS, CONTROL, CURRENT_TIME, Insole, LIVE, MANAGEMENT, PARAMETERS, Phone, RSC_MEASUREMENT,
     RadioSimulation, STEPS, World, fragments,
 };
+use firmware_image::{Image, development_key};
 use plantar::firmware::front_end::NOISE_CODES;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::tissue::Tissue;

@@ -3,13 +3,10 @@
 //!
 //! The test is alone in its file, because other tests of the file would run at the same time and disturb it.
 
-mod common;
-mod phones;
-
+use crate::common::{firmware, tissue};
+use crate::phones::{Phone, RadioSimulation, boot};
 use client::Axis;
-use common::{firmware, tissue};
 use emulator::{Recorded, Scan, Time, Walk};
-use phones::{Phone, RadioSimulation, boot};
 use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;

@@ -1,10 +1,8 @@
 //! The stream of all cells. Through the emulated board and its link, the received codes equal those of the walk, and a rate
 //! that the port cannot carry is refused. On a host board in virtual time, a stream with `every` 0 has the cells of all frames.
 
-mod common;
-
+use crate::common::{TIMEOUT, connect, firmware, synthetic_walk, tissue};
 use client::{Client, Error, StartedCells};
-use common::{TIMEOUT, connect, firmware, synthetic_walk, tissue};
 use emulation::EmulatorConfig;
 use emulator::{Board, Recorded, Time};
 use plantar::pipeline::contact::ContactRule;

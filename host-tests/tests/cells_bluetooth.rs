@@ -3,13 +3,10 @@
 //!
 //! The test is alone in its file, because other tests of the file would run at the same time and disturb it.
 
-mod common;
-mod phones;
-
+use crate::common::{firmware, synthetic_walk};
+use crate::phones::{RadioSimulation, boot};
 use client::CellReceiver;
-use common::{firmware, synthetic_walk};
 use emulator::{Looped, Recorded, Time};
-use phones::{RadioSimulation, boot};
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::{CellStream, MAX_MESSAGE, Refusal, Resolution, ToDevice, ToHost, encode};

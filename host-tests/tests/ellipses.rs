@@ -1,10 +1,8 @@
 //! The stream of ellipses through the firmware's tasks on a host in virtual time, with the real client, and through the emulated
 //! board.
 
-mod common;
-
+use crate::common::{connect, firmware, synthetic_walk};
 use client::{Client, Error};
-use common::{connect, firmware, synthetic_walk};
 use emulation::EmulatorConfig;
 use emulator::{Board, Recorded, Time};
 use plantar::insole::Insole;

@@ -3,10 +3,9 @@
 //!
 //! `PLANTAR_FIRMWARE` contains the path of the firmware.
 
-mod common;
-
+use crate::common;
+use crate::common::{connect, connect_within, firmware, replay, replay_faulty, replay_with, synthetic_walk, tissue};
 use client::{Client, Framed};
-use common::{connect, connect_within, firmware, replay, replay_faulty, replay_with, synthetic_walk, tissue};
 use emulation::{EmulatorConfig, FLASH_BYTES};
 use emulator::{Board, Faulty, Hardware, Link, Recorded, Scan, Time, Walk};
 use fit::quality::Evaluated;

@@ -1,8 +1,7 @@
 //! Sensor faults: their detection during a walk, the absence of false alarms, and the effect of masked cells on the model's
 //! force.
 
-mod common;
-
+use crate::common;
 use emulator::{FAULT_EXAMPLES, SensorFault};
 use plantar::Region;
 use plantar::faults::{FaultKind, Faults, Place};

@@ -1,7 +1,6 @@
 //! The measures of both feet equal those of an independent implementation, and the times of a computed walk.
 
-mod common;
-
+use crate::common;
 use client::gait::{COUNT, Estimate, FootStep, Gait, MEASURES};
 use plantar::Side;
 use plantar::pipeline::contact::ContactRule;

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 const KEYWORD: &str = concat!("un", "safe");
 
 /// The folders with Rust sources. Some may be absent.
-const FOLDERS: [&str; 13] = [
+pub const FOLDERS: [&str; 13] = [
     "src",
     "bluetooth",
     "boards",
@@ -25,12 +25,13 @@ const FOLDERS: [&str; 13] = [
     "python",
 ];
 
-fn root() -> PathBuf {
+/// The folder of the repository.
+pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
 /// Adds all Rust sources below a folder to `found`.
-fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
+pub fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
     for entry in fs::read_dir(folder).expect("the folder can be read").flatten() {
         let (path, name) = (entry.path(), entry.file_name());
         if path.is_dir() && !["target", "node_modules"].iter().any(|other| name == *other) {

@@ -1,8 +1,6 @@
 //! The log of the firmware on the emulated board, which `plantar emulate --log` writes.
 
-mod common;
-
-use common::{TIMEOUT, connect, firmware, synthetic_walk, tissue};
+use crate::common::{TIMEOUT, connect, firmware, synthetic_walk, tissue};
 use emulation::EmulatorConfig;
 use emulator::{Board, Faulty, Recorded, SensorFault, Time};
 use plantar::pipeline::contact::ContactRule;

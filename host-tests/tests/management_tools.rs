@@ -6,17 +6,15 @@
 // The link of a board is passed to Python as a Unix descriptor.
 #![cfg(unix)]
 
-mod common;
-mod phones;
-mod updates;
-
+use crate::common::{TIMEOUT, connect, smp};
+use crate::phones::RadioSimulation;
+use crate::updates;
+use crate::updates::{Insole, development, firmware_with};
 use ciborium::{Value, cbor};
 use client::Client;
-use common::{TIMEOUT, connect, smp};
 use emulator::Board;
 use firmware_image::{Image, SigningKey};
 use mcumgr::{HEAD, line, message_bytes};
-use phones::RadioSimulation;
 use plantar::checksum::crc32;
 use plantar::protocol::gatt::GattChannel;
 use plantar::protocol::mcuboot::{FRONT, TRAILER, read_trailer};
@@ -30,7 +28,6 @@ use testkit::host::{Link, LinkKind};
 use testkit::insole::{BOARD, Defect, image};
 use testkit::virtual_time::{now_us, with_origin};
 use testkit::world::{SharedWorld, World};
-use updates::{Insole, development, firmware_with};
 
 /// Version of the image that runs at first on an insole on the host.
 const OLD: &str = env!("CARGO_PKG_VERSION");

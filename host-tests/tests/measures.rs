@@ -1,7 +1,6 @@
 //! The standard measures of a step equal those of an independent implementation.
 
-mod common;
-
+use crate::common;
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::measures::{FootMeasures, RegionMeasures};

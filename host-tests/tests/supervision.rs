@@ -1,11 +1,9 @@
 //! Supervision: stalls, panics and hard faults are detected, reported and followed by a restart within a short time. Some tests
 //! run the real firmware in QEMU, from the file in `PLANTAR_FIRMWARE`; the others test only the watchdog's logic.
 
-mod common;
-
+use crate::common::{firmware, synthetic_walk};
 use addr2line::Loader;
 use client::{Carrier, Framed};
-use common::{firmware, synthetic_walk};
 use emulation::{EmulatorConfig, InjectedFault, PlannedFault};
 use emulator::{Board, Link, Looped, Recorded, Scan, Time, Walk};
 use plantar::firmware::supervise::{

@@ -1,9 +1,7 @@
 //! Settings and steps that the real firmware has stored are available after a restart and after the insole was switched off.
 //! Power cuts within write operations are part of `cargo xtask soak`.
 
-mod common;
-
-use common::{TIMEOUT, connect, firmware, synthetic_walk, tissue};
+use crate::common::{TIMEOUT, connect, firmware, synthetic_walk, tissue};
 use emulation::EmulatorConfig;
 use emulator::{Board, Hardware, Recorded, Time};
 use plantar::Side;

@@ -1,8 +1,7 @@
 //! Tracking: K and G of a force law follow the steps. The reference is the weighted least-squares solution over all samples by
 //! NumPy, or the known force law from which the steps were computed.
 
-mod common;
-
+use crate::common;
 use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::measures::FootMeasures;

@@ -3,11 +3,9 @@
 //!
 //! The newer image of these tests is the same firmware with another version in its header. The firmware reports that version.
 
-mod common;
-mod updates;
-
+use crate::common::{TIMEOUT, connect};
+use crate::updates::{BOARD, Insole, OLD, development, firmware_with, signed};
 use client::{Client, Error, Framed};
-use common::{TIMEOUT, connect};
 use emulation::ACTIVE_IMAGE;
 use emulator::{Board, Link};
 use firmware_image::{Image, SigningKey};
@@ -15,7 +13,6 @@ use plantar::protocol::update::{CHUNK, Header, Progress, Refusal, Request};
 use plantar::protocol::{self, ToDevice};
 use plantar::storage::flash_map::HEADER;
 use std::time::Duration;
-use updates::{BOARD, Insole, OLD, development, firmware_with, signed};
 
 /// Version of the image that is sent.
 const NEW: &str = "99.0.1";

@@ -2,10 +2,8 @@
 //! also without an update, so their number is printed and not checked. The test is alone in its file, because other tests of the
 //! file would run at the same time and disturb it.
 
-mod common;
-
+use crate::common::{connect, firmware, synthetic_walk};
 use client::{Client, Framed};
-use common::{connect, firmware, synthetic_walk};
 use emulation::EmulatorConfig;
 use emulator::{Board, Looped, Recorded, Time};
 use firmware_image::{Image, development_key, flash_image};

@@ -1,8 +1,7 @@
 //! Walks in shoes that press on the insole even when the foot is lifted; people who do not walk; and walks that the insoles of
 //! another vendor recorded.
 
-mod common;
-
+use crate::common;
 use plantar::Region;
 use plantar::faults::FaultKind;
 use plantar::insole::Insole;

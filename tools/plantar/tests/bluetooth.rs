@@ -1,9 +1,7 @@
 //! Tests `--ble` with a simulation of BlueZ and of an insole that runs the code of the firmware's session.
 #![cfg(all(target_os = "linux", feature = "ble"))]
 
-mod bluez;
-
-use bluez::{Bus, FRAGMENT, Peripheral};
+use crate::bluez::{Bus, FRAGMENT, Peripheral};
 use plantar::protocol::fragment::{Joiner, Splitter};
 use plantar::protocol::session::Session;
 use plantar::protocol::{MAX_MESSAGE, ToDevice, ToHost, decode};

@@ -1,9 +1,7 @@
 //! Tests `plantar record --cells` with the emulated insole: the recording that the command writes yields the same steps as the
 //! recording that was played into the insole.
 
-mod board;
-
-use board::forward;
+use crate::board::forward;
 use emulation::EmulatorConfig;
 use emulator::{Board, Recorded, Time};
 use plantar::pipeline::contact::ContactRule;

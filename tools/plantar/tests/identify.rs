@@ -1,12 +1,6 @@
 //! Drives `plantar identify` in a pseudo-terminal, with an emulated insole whose wearer follows the instructions on the screen.
 
-#[cfg(all(target_os = "linux", feature = "ble"))]
-mod bluez;
-mod board;
-#[cfg(all(target_os = "linux", feature = "ble"))]
-mod radio;
-
-use board::{Cable, forward};
+use crate::board::{Cable, forward};
 use client::{Client, Framed, READ_TIMEOUT, ReconnectPolicy};
 use emulation::EmulatorConfig;
 use emulator::{Board, Hardware, Scan, Time, Walk};
@@ -272,9 +266,9 @@ fn a_wearer_is_identified_over_bluetooth() {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let folder = tempfile::tempdir().expect("a folder");
     let does = Arc::new(AtomicU8::new(LIFTED));
-    let (radio, address, values) = radio::Radio::start("Plantar R");
+    let (radio, address, values) = crate::radio::Radio::start("Plantar R");
     let _board = board(Side::Right, &does, 1, &Hardware { hci: Some(address), ..Default::default() });
-    let bus = bluez::Bus::start(Some(radio), values);
+    let bus = crate::bluez::Bus::start(Some(radio), values);
     let out = folder.path().join("me");
     let out = out.to_str().expect("a path");
     let arguments = ["identify", "--ble", "right", "--out", out, "--steps", "6", "--verify", "2"];

@@ -17,26 +17,26 @@ const LEAST_MUTATION_SCORE: f64 = 0.85;
 /// Least number of tests of properties and of interleavings.
 const LEAST_PROOFS: usize = 10;
 
-/// The tests of the package `host-tests` that cover the core and need no firmware. They run for the changes that the fast tests
-/// have not noticed.
+/// The modules of the package `host-tests` with tests that cover the core and need no firmware. They run for the changes that the
+/// fast tests have not noticed.
 const SLOWER_TESTS: [&str; 17] = [
-    "admission",
-    "alerts",
-    "bouts",
-    "cells",
-    "client",
-    "gatt_values",
-    "layout",
-    "link",
-    "management",
-    "management_tools",
-    "parameters",
-    "scenarios",
-    "storage",
-    "supervision",
-    "supply",
-    "swap",
-    "wire",
+    "admission::",
+    "alerts::",
+    "bouts::",
+    "cells::",
+    "client::",
+    "gatt_values::",
+    "layout::",
+    "link::",
+    "management::",
+    "management_tools::",
+    "parameters::",
+    "scenarios::",
+    "storage::",
+    "supervision::",
+    "supply::",
+    "swap::",
+    "wire::",
 ];
 
 impl Assure {
@@ -216,11 +216,10 @@ fn mutation_score(every: u32) -> Result<f64> {
     println!("Testing, with the slower tests, the {} changes that the fast tests did not notice", missed.len());
     let names: Vec<String> = missed.iter().map(|change| escaped(change)).collect();
     let names = format!("^({})$", names.join("|"));
-    // These arguments also hold for the build, so that it contains these tests only.
-    let slower = SLOWER_TESTS.map(|test| format!("--cargo-arg=--test={test}"));
     // There is no baseline, the run without changes: cargo-mutants would look for these tests in the changed package.
     let tested = ["--test-package", "host-tests", "--baseline", "skip", "--timeout", SLOWER_TESTS_TIMEOUT_S];
-    let arguments = ["--re", &names].into_iter().chain(tested).chain(slower.iter().map(String::as_str));
+    // Arguments after the first separator are for `cargo test`, those after the second one for the program with the tests.
+    let arguments = ["--re", &names].into_iter().chain(tested).chain(["--", "--"]).chain(SLOWER_TESTS);
     let (noticed, _) = mutants("slow", &arguments.collect::<Vec<_>>())?;
     // cargo-mutants ignores the names for some kinds of changes, and tests more of these than it was asked for. A change that it
     // did not test counts as not noticed.

@@ -16,7 +16,8 @@ pub const DENY_WARNINGS: [&str; 3] = ["--", "--deny", "warnings"];
 const HOST_TESTS: [&str; 4] = ["run", "--locked", "--release", "--no-fail-fast"];
 
 /// Selects the tests in files with walks that are played in real time: they need a part of a core all the time.
-const IN_REAL_TIME: &str = "binary(both_feet) + binary(cells_bluetooth) + binary(identify) + binary(update_walking) + binary_id(plantar-cli::cells)";
+const IN_REAL_TIME: &str = "test(/^(both_feet|cells_bluetooth|identify|update_walking)::/) \
+     or (package(plantar-cli) and test(/^cells::/))";
 
 /// Excludes the tests in modules with the name `unpublished`. They need recordings of people, which are not public.
 const PUBLISHED: &str = "not test(/unpublished::/)";
@@ -32,28 +33,48 @@ pub fn quick() -> Result<()> {
 
 /// Runs everything that continuous integration runs.
 pub fn all() -> Result<()> {
-    let python = setup::all()?;
+    setup::rust()?;
     format()?;
-    deny(&["licenses", "bans", "sources"])?;
-    // The bootloaders contain the library without its features, and the page contains it as WebAssembly, so these builds also
-    // show that the library compiles in both ways.
-    BOARDS.into_iter().try_for_each(build_firmware)?;
-    lint_host()?;
-    package::lint()?;
-    for board in BOARDS {
-        cargo_firmware("clippy", board, &DENY_WARNINGS)?;
-        cargo_firmware("clippy", &bootloader(board), &DENY_WARNINGS)?;
-    }
-    cargo_firmware("build", "minimal-board", &[])?;
-    let doc = ["doc", "--locked", "--release", "--no-deps", "--package", "plantar", "--features", "firmware"];
-    run_command(Command::new("cargo").args(doc).env("RUSTDOCFLAGS", "--deny warnings"))?;
-    page::build()?;
-    build_whole_host()?;
+    // The builds of the other targets need these two, and only one thread may install packages.
+    setup::libclang()?;
+    setup::node()?;
+    let python = std::thread::scope(|scope| {
+        let others = scope.spawn(build_other_targets);
+        let python = build_host_programs();
+        join(others)?;
+        python
+    })?;
     host_tests(&python)?;
     let page_figures = page_and_package_tests()?;
     let mut figures = bench::bench_without_page()?;
     figures.extend(page_figures);
     limits::check(&figures)
+}
+
+/// Builds and lints what runs on a board or in a browser. It runs beside [`build_host_programs`], because the builds of firmware
+/// use one core for most of the time.
+fn build_other_targets() -> Result<()> {
+    // The bootloaders contain the library without its features, and the page contains it as WebAssembly, so these builds also
+    // show that the library compiles in both ways.
+    BOARDS.into_iter().try_for_each(build_firmware)?;
+    for board in BOARDS {
+        cargo_firmware("clippy", board, &DENY_WARNINGS)?;
+        cargo_firmware("clippy", &bootloader(board), &DENY_WARNINGS)?;
+    }
+    cargo_firmware("build", "minimal-board", &[])?;
+    page::build()
+}
+
+/// Installs what the tests need, checks the dependencies, and builds and lints what runs on the host.
+fn build_host_programs() -> Result<Python> {
+    let python = setup::all()?;
+    deny(&["licenses", "bans", "sources"])?;
+    lint_host()?;
+    package::lint()?;
+    let doc = ["doc", "--locked", "--release", "--no-deps", "--package", "plantar", "--features", "firmware"];
+    run_command(Command::new("cargo").args(doc).env("RUSTDOCFLAGS", "--deny warnings"))?;
+    build_whole_host()?;
+    Ok(python)
 }
 
 /// Checks the format.

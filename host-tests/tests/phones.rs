@@ -1,5 +1,4 @@
 //! Simulated phones, emulated insoles, and the simulated radio between them.
-#![allow(dead_code, reason = "each test uses a part of it")]
 
 use crate::common::{firmware, python};
 use emulation::EmulatorConfig;

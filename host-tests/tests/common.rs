@@ -1,5 +1,4 @@
 //! Shared parts of the tests: programs and data that environment variables name, sessions with boards, replays, computed walks.
-#![allow(dead_code, reason = "each test uses a part of this module")]
 
 use client::{Client, Framed};
 use emulator::{Board, Link, SensorFault};

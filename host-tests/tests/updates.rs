@@ -1,5 +1,4 @@
 //! Shared parts of the tests of updates in QEMU: signed images, and an insole that is switched on and off.
-#![allow(dead_code, reason = "each test uses a part of it")]
 
 use crate::common::{connect, firmware, synthetic_walk};
 use emulation::EmulatorConfig;
