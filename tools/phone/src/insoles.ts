@@ -3,6 +3,7 @@
 import type { Live, Side } from "./generated/quantities";
 import type { Recorder } from "./recorder";
 import { type InsoleAnswer, Session, type RecordMessage, followClock } from "./session";
+import { isMessageLength } from "./stream_file";
 import { INSOLES, type Insole, type Transport, type TransportEvents } from "./transport/transport";
 import type { Wire } from "./wire";
 
@@ -74,6 +75,8 @@ export class Insoles {
   private receive(insole: Insole, bytes: Uint8Array, now_ms: number): void {
     const session = this.sessions[insole];
     if (!session) return;
+    // A stream file with a message of another length would count as damaged.
+    if (!isMessageLength(bytes.length)) return this.transportEvents.damaged(insole);
     const before = { hello: session.hello, live: session.live, ellipses: session.ellipses, sole: session.sole };
     // When `receive` reports a step, the guided session passes its messages to the worker, so it must already have the message of
     // the step.
