@@ -12,7 +12,7 @@ import { type RecordMessage, type Session, recordOf } from "./session";
 import { loadSettings } from "./settings";
 import { listenToExport, listenToSettings, updateSettingsView } from "./settings_view";
 import { SIDES } from "./side";
-import { DatabaseStorage, NoStorage, type StepStorage, TemporaryStorage } from "./step_storage";
+import { DatabaseStorage, NoStorage, type StepRecord, type StepStorage, TemporaryStorage } from "./step_storage";
 import { StepStore, keyedRecord } from "./step_store";
 import { drawBouts, drawDays, drawSteps } from "./steps_view";
 import { BluetoothTransport, explain } from "./transport/bluetooth";
@@ -29,8 +29,11 @@ const UPDATE_MS = 100;
 /** The example: a recording of a computed walk. */
 const COMPUTED_WALK = "./walk.plantar";
 const CANNOT_STORE =
-  "This browser cannot store steps, because its storage is full or not allowed. Free some storage, or allow it for this site. " +
-  "Until then, the insole stores your steps.";
+  "This browser cannot store steps, because its storage is full or not allowed, or because a newer version of this page " +
+  "is open in another tab. Free some storage, allow it for this site, or reload this page. Until then, the insole stores " +
+  "your steps.";
+const OTHER_TAB =
+  "An older version of this page is open in another tab. Close all other tabs of this page; this one continues then.";
 
 /** The page. */
 export class App {
@@ -72,7 +75,7 @@ export class App {
     if (replay !== null) await this.replay(replay);
     else {
       await this.loadSteps();
-      await this.identify.load();
+      await this.identify.load(this.databaseBlocked);
       if (query.has("serve") || (isAddress(location.hostname) && !query.has("bluetooth"))) this.serve();
       else byId("start").hidden = false;
     }
@@ -80,9 +83,17 @@ export class App {
     this.tick();
   }
 
+  /** Shows whether another tab blocks the browser's database. */
+  private readonly databaseBlocked = (is_blocked: boolean): void => {
+    if (is_blocked === (this.problem === OTHER_TAB)) return;
+    this.problem = is_blocked ? OTHER_TAB : "";
+    this.tick();
+  };
+
   /** Loads and shows the wearer's steps of earlier visits. */
   private async loadSteps(): Promise<void> {
-    const storage: StepStorage = await DatabaseStorage.open((record) => keyedRecord(this.wire, record)).catch(() => new NoStorage());
+    const keyed = (record: StepRecord) => keyedRecord(this.wire, record);
+    const storage: StepStorage = await DatabaseStorage.open(keyed, this.databaseBlocked).catch(() => new NoStorage());
     const store = new StepStore(this.wire, storage);
     // A storage that cannot be read is not used: the insoles still store the steps.
     const is_loaded = await store.load().then(() => true, () => false);

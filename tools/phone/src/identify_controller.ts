@@ -56,9 +56,9 @@ export class IdentifyController {
     };
   }
 
-  /** Loads the messages of an interrupted session, and offers to continue it. */
-  async load(): Promise<void> {
-    this.storage = await DatabaseIdentifyStorage.open().catch(() => NO_STORAGE);
+  /** Loads the messages of an interrupted session, and offers to continue it. `openDatabase` describes `blocked`. */
+  async load(blocked: (is_blocked: boolean) => void): Promise<void> {
+    this.storage = await DatabaseIdentifyStorage.open(blocked).catch(() => NO_STORAGE);
     this.stored = await this.storage.load().catch(() => []);
     if (this.stored.length > 0) this.show();
   }
