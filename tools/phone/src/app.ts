@@ -117,7 +117,7 @@ export class App {
   private async replay(url: string): Promise<void> {
     try {
       const transport = await ReplayTransport.load(url, this.insoles.transportEvents);
-      this.show(new StepStore(this.wire, new TemporaryStorage()));
+      this.show(StepStore.ofRecording(this.wire));
       this.use(transport);
     } catch (error) {
       this.problem = error instanceof Error ? error.message : "The recording cannot be played. Reload the page and try again.";
