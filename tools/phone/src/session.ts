@@ -102,7 +102,7 @@ export class Session {
   needs_refit = false;
   /** The cells of the insole that have arrived. */
   private cells: LayoutCell[] = [];
-  /** Times at which the last live frames arrived. */
+  /** Times at which the live frames of the last two seconds arrived. */
   private readonly arrivals_ms: number[] = [];
   /** Number of the last record that has arrived in this session. */
   private last_record: number | undefined;
@@ -284,6 +284,12 @@ export class Session {
     this.counter.frame(live.sequence);
     this.live = live;
     this.arrivals_ms.push(now_ms);
+    // A page in the background does not call `rate_hz`, and would collect the times of hours.
+    this.removeOldArrivals(now_ms);
+  }
+
+  private removeOldArrivals(now_ms: number): void {
+    while ((this.arrivals_ms[0] ?? Infinity) < now_ms - RATE_MS) this.arrivals_ms.shift();
   }
 
   /** Number of records that the insole has stored and still has to send, by its last status. Record numbers wrap at 2^32. */
@@ -295,7 +301,7 @@ export class Session {
 
   /** Live frames per second, mean over the last two seconds. */
   rate_hz(now_ms: number): number {
-    while ((this.arrivals_ms[0] ?? Infinity) < now_ms - RATE_MS) this.arrivals_ms.shift();
+    this.removeOldArrivals(now_ms);
     // In the first two seconds, the mean is taken over the time since the hello.
     const counted_ms = Math.min(RATE_MS, now_ms - this.hello_received_ms);
     return counted_ms > 0 ? (1000 * this.arrivals_ms.length) / counted_ms : 0;

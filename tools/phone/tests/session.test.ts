@@ -111,9 +111,9 @@ const status = (counts: Partial<Status>): ToHost => ({
 function startLive() {
   let next: ToHost;
   const { session } = start(() => next);
-  const receive = (message: ToHost) => {
+  const receive = (message: ToHost, now_ms = 0) => {
     next = message;
-    session.receive(new Uint8Array(1), 0);
+    session.receive(new Uint8Array(1), now_ms);
   };
   session.opened(0);
   receive(hello(wire.facts.major));
@@ -218,6 +218,13 @@ test("the rate is the mean of the last seconds, also in the first second", () =>
     session.receive(message, 1010 + 10 * i);
     if (i % 50 === 49) expect(session.rate_hz(1010 + 10 * i)).toBeCloseTo(100, -1);
   });
+});
+
+test("a page in the background collects the times of the last frames only", () => {
+  const { session, receive } = startLive();
+  for (let sequence = 0; sequence < 1000; sequence++) receive(live({ sequence }), 10 * sequence);
+  expect(session["arrivals_ms"].length).toBeLessThanOrEqual(201);
+  expect(session.rate_hz(9990)).toBeCloseTo(100, -1);
 });
 
 test("after a timeout the connection is lost and the session sends a connect request again", () => {
