@@ -65,7 +65,7 @@ export class App {
   }
 
   /**
-   * Plays the recording that the address of the page names. Without one, loads the stored steps and connects to the insoles of
+   * Plays the recording that the address of the page names. Without one, loads the stored data and connects to the insoles of
    * `plantar serve`, or offers the choice of an insole.
    */
   async start(): Promise<void> {
@@ -74,8 +74,7 @@ export class App {
     const replay = query.get("replay");
     if (replay !== null) await this.replay(replay);
     else {
-      await this.loadSteps();
-      await this.identify.load(this.databaseBlocked);
+      await this.loadStored();
       if (query.has("serve") || (isAddress(location.hostname) && !query.has("bluetooth"))) this.serve();
       else byId("start").hidden = false;
     }
@@ -89,6 +88,12 @@ export class App {
     this.problem = is_blocked ? OTHER_TAB : "";
     this.tick();
   };
+
+  /** Loads what earlier visits have stored: the wearer's steps, and an interrupted guided session. */
+  private async loadStored(): Promise<void> {
+    await this.loadSteps();
+    await this.identify.load(this.databaseBlocked);
+  }
 
   /** Loads and shows the wearer's steps of earlier visits. */
   private async loadSteps(): Promise<void> {
@@ -118,11 +123,12 @@ export class App {
     try {
       const transport = await ReplayTransport.load(url, this.insoles.transportEvents);
       this.show(StepStore.ofRecording(this.wire));
+      this.identify.useRecording();
       this.use(transport);
     } catch (error) {
       this.problem = error instanceof Error ? error.message : "The recording cannot be played. Reload the page and try again.";
       // In a temporary storage, the steps of insoles that are connected next would be acknowledged and then lost.
-      await this.loadSteps();
+      await this.loadStored();
       byId("start").hidden = false;
     }
   }
@@ -135,8 +141,8 @@ export class App {
     try {
       this.problem = "";
       if (transport !== before) this.use(transport);
-      // The steps of the recording are replaced by the wearer's steps.
-      if (before?.is_replay) await this.loadSteps();
+      // The data of the recording are replaced by the wearer's.
+      if (before?.is_replay) await this.loadStored();
       await transport.add();
     } catch (error) {
       this.problem = explain(error) ?? "";
