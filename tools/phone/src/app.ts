@@ -57,6 +57,7 @@ export class App {
       },
       shape: ({ ellipses, sole }, side) => this.live_view.shape(side, ellipses, sole),
       record: this.onRecord,
+      isKnown: (message) => this.store.has(message),
       answer: (answer, { hello }) => hello && this.identify.insoleAnswer(hello.side, answer),
       message: (bytes, side) => this.identify.message(side, bytes),
     });

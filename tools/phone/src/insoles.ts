@@ -15,6 +15,8 @@ export interface InsoleEvents {
   shape(session: Session, side: Side): void;
   /** A step, load bout or alert arrived. `bytes` is the encoded message. */
   record(message: RecordMessage, bytes: Uint8Array, session: Session): void;
+  /** True if this record has arrived before. */
+  isKnown(message: RecordMessage): boolean;
   /** An insole answered a request that concerns parameters. */
   answer(answer: InsoleAnswer, session: Session): void;
   /** An encoded message of the insole of this foot arrived. */
@@ -39,10 +41,10 @@ export class Insoles {
     this.transport?.close();
     this.transport = transport;
     this.hellos.clear();
-    const { record, answer } = this.events;
+    const { record, answer, isKnown } = this.events;
     this.sessions = INSOLES.map((insole) => {
       const isTaken = (side: Side) => this.of(side) !== undefined && this.of(side)?.insole !== insole;
-      return new Session(insole, this.wire, () => this.transport, record, answer, isTaken);
+      return new Session(insole, this.wire, () => this.transport, record, answer, isTaken, isKnown);
     });
   }
 

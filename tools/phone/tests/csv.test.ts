@@ -128,7 +128,8 @@ test("the longest message is that of the firmware", () => {
 test("a message of a length that no message has is counted as damaged and is not recorded", () => {
   const recorder = new Recorder();
   const none = () => undefined;
-  const insoles = new Insoles(wire, recorder, { live: none, shape: none, record: none, answer: none, message: none });
+  const events = { live: none, shape: none, record: none, isKnown: () => false, answer: none, message: none };
+  const insoles = new Insoles(wire, recorder, events);
   insoles.use({ location: "in a test", is_replay: false, send: none, close: none });
   recorder.start(0, []);
   const [hello] = messagesOf(0);
