@@ -141,13 +141,15 @@ export class App {
     const transport = before instanceof BluetoothTransport ? before : new BluetoothTransport(gatt, this.insoles.transportEvents);
     try {
       this.problem = "";
+      // If the wearer cancels the choice, the insoles in use or the recording continue.
+      const device = await transport.choose();
       if (transport !== before) this.use(transport);
       // The data of the recording are replaced by the wearer's.
       if (before?.is_replay) await this.loadStored();
-      await transport.add();
+      await transport.connect(device);
     } catch (error) {
       this.problem = explain(error) ?? "";
-      byId("start").hidden = this.insoles.sessions.some(({ hello }) => hello);
+      if (this.insoles.transport === transport) byId("start").hidden = this.insoles.sessions.some(({ hello }) => hello);
     }
     this.tick();
   }

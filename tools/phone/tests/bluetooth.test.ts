@@ -14,8 +14,9 @@ const events: TransportEvents = { opened: ignore, message: ignore, closed: ignor
 /** The message for the wearer after an attempt to connect an insole with this browser's Bluetooth. */
 async function explanation(bluetooth: object): Promise<string | undefined> {
   vi.stubGlobal("navigator", { bluetooth });
-  const error: unknown = await new BluetoothTransport(gatt, events).add().catch((error: unknown) => error);
-  return explain(error);
+  const transport = new BluetoothTransport(gatt, events);
+  const connect = transport.choose().then((device) => transport.connect(device));
+  return explain(await connect.catch((error: unknown) => error));
 }
 
 test("a cancelled choice of an insole needs no message", async () => {

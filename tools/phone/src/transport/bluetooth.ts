@@ -37,10 +37,9 @@ export class BluetoothTransport implements Transport {
     return "bluetooth" in navigator;
   }
 
-  /** Asks the wearer to choose an insole, and connects it. Browsers allow this only in the handler of a click. */
-  async add(): Promise<void> {
-    const insole = INSOLES.find((index) => !this.insoles.has(index));
-    if (insole === undefined) throw new Error("Both insoles are connected already. Reload the page to connect other ones.");
+  /** Lets the wearer choose an insole. Browsers allow this only in the handler of a click. */
+  async choose(): Promise<BluetoothDevice> {
+    this.freeIndex();
     const options = { filters: [{ services: [this.gatt.service] }], optionalServices: ["battery_service"] };
     const device = await navigator.bluetooth.requestDevice(options).catch(async (error: unknown) => {
       // Browsers report a missing adapter by the same error as a choice that the wearer cancelled. Some cannot state whether
@@ -51,6 +50,19 @@ export class BluetoothTransport implements Transport {
     if ([...this.insoles.values()].some((known) => known.device.id === device.id)) {
       throw new Error("This insole is connected already. Choose the other one.");
     }
+    return device;
+  }
+
+  /** The index of the next insole. Throws an error if there is none. */
+  private freeIndex(): Insole {
+    const insole = INSOLES.find((index) => !this.insoles.has(index));
+    if (insole === undefined) throw new Error("Both insoles are connected already. Reload the page to connect other ones.");
+    return insole;
+  }
+
+  /** Connects a chosen insole. */
+  async connect(device: BluetoothDevice): Promise<void> {
+    const insole = this.freeIndex();
     const reconnect = new Reconnect(() => this.open(insole, connected));
     const connected: Connected = { device, reconnect, writing: Promise.resolve() };
     this.insoles.set(insole, connected);

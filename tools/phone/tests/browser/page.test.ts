@@ -61,10 +61,20 @@ test("a recording shows both feet, their steps and measures", async () => {
 test("the steps of a recording are not shown together with the wearer's steps", async () => {
   const page = await open(served.browser, replay, { viewport: PHONE });
   await page.evaluate(() => {
-    const bluetooth = { requestDevice: () => Promise.reject(new DOMException("none chosen", "NotFoundError")) };
-    Object.defineProperty(navigator, "bluetooth", { value: bluetooth });
+    // The wearer cancels the first choice. The insole of the second one does not answer.
+    const gatt = { connect: () => new Promise(() => undefined) };
+    const choices = [
+      () => Promise.reject(new DOMException("none chosen", "NotFoundError")),
+      () => Promise.resolve({ id: "insole", addEventListener: () => undefined, gatt }),
+    ];
+    Object.defineProperty(navigator, "bluetooth", { value: { requestDevice: () => choices.shift()?.() } });
   });
   await waitForSteps(page, 4);
+  await show(page, "settings");
+  await page.locator("#add").click();
+  // The recording continues.
+  await show(page, "steps");
+  await waitForSteps(page, 6);
   await show(page, "settings");
   await page.locator("#add").click();
   // The wearer has no stored steps yet.
