@@ -219,6 +219,15 @@ test("a recording that does not exist is reported", async () => {
   await context.close();
 });
 
+test("a page that cannot start reports it", async () => {
+  const context = await served.browser.newContext({ viewport: PHONE });
+  await context.route("**/phone_wire-*.wasm", (route) => route.fulfill({ status: 404 }));
+  const page = await context.newPage();
+  await page.goto(served.url);
+  await page.getByText("The page could not start.").waitFor();
+  await context.close();
+});
+
 test("an insole of another major version is reported, and its values are not shown", async () => {
   const bytes = readFileSync(join(DIST, "walk.plantar"));
   // The first entry is the hello of the left insole. The header of the entry (7 bytes) and the message number (1 byte) are
