@@ -12,7 +12,7 @@ import { type RecordMessage, type Session, recordOf } from "./session";
 import { loadSettings } from "./settings";
 import { listenToExport, listenToSettings, updateSettingsView } from "./settings_view";
 import { SIDES } from "./side";
-import { DatabaseStorage, NoStorage, type StepStorage, TemporaryStorage } from "./step_storage";
+import { DatabaseStorage, NoStorage, type StepRecord, type StepStorage, TemporaryStorage } from "./step_storage";
 import { StepStore, keyedRecord } from "./step_store";
 import { drawBouts, drawDays, drawSteps } from "./steps_view";
 import { BluetoothTransport, explain } from "./transport/bluetooth";
@@ -29,8 +29,11 @@ const UPDATE_MS = 100;
 /** The example: a recording of a computed walk. */
 const COMPUTED_WALK = "./walk.plantar";
 const CANNOT_STORE =
-  "This browser cannot store steps, because its storage is full or not allowed. Free some storage, or allow it for this site. " +
-  "Until then, the insole stores your steps.";
+  "This browser cannot store steps, because its storage is full or not allowed, or because a newer version of this page " +
+  "is open in another tab. Free some storage, allow it for this site, or reload this page. Until then, the insole stores " +
+  "your steps.";
+const OTHER_TAB =
+  "An older version of this page is open in another tab. Close all other tabs of this page; this one continues then.";
 
 /** The page. */
 export class App {
@@ -54,6 +57,7 @@ export class App {
       },
       shape: ({ ellipses, sole }, side) => this.live_view.shape(side, ellipses, sole),
       record: this.onRecord,
+      isKnown: (message) => this.store.has(message),
       answer: (answer, { hello }) => hello && this.identify.insoleAnswer(hello.side, answer),
       message: (bytes, side) => this.identify.message(side, bytes),
     });
@@ -62,7 +66,7 @@ export class App {
   }
 
   /**
-   * Plays the recording that the address of the page names. Without one, loads the stored steps and connects to the insoles of
+   * Plays the recording that the address of the page names. Without one, loads the stored data and connects to the insoles of
    * `plantar serve`, or offers the choice of an insole.
    */
   async start(): Promise<void> {
@@ -71,8 +75,7 @@ export class App {
     const replay = query.get("replay");
     if (replay !== null) await this.replay(replay);
     else {
-      await this.loadSteps();
-      await this.identify.load();
+      await this.loadStored();
       if (query.has("serve") || (isAddress(location.hostname) && !query.has("bluetooth"))) this.serve();
       else byId("start").hidden = false;
     }
@@ -80,9 +83,23 @@ export class App {
     this.tick();
   }
 
+  /** Shows whether another tab blocks the browser's database. */
+  private readonly databaseBlocked = (is_blocked: boolean): void => {
+    if (is_blocked === (this.problem === OTHER_TAB)) return;
+    this.problem = is_blocked ? OTHER_TAB : "";
+    this.tick();
+  };
+
+  /** Loads what earlier visits have stored: the wearer's steps, and an interrupted guided session. */
+  private async loadStored(): Promise<void> {
+    await this.loadSteps();
+    await this.identify.load(this.databaseBlocked);
+  }
+
   /** Loads and shows the wearer's steps of earlier visits. */
   private async loadSteps(): Promise<void> {
-    const storage: StepStorage = await DatabaseStorage.open((record) => keyedRecord(this.wire, record)).catch(() => new NoStorage());
+    const keyed = (record: StepRecord) => keyedRecord(this.wire, record);
+    const storage: StepStorage = await DatabaseStorage.open(keyed, this.databaseBlocked).catch(() => new NoStorage());
     const store = new StepStore(this.wire, storage);
     // A storage that cannot be read is not used: the insoles still store the steps.
     const is_loaded = await store.load().then(() => true, () => false);
@@ -106,12 +123,13 @@ export class App {
   private async replay(url: string): Promise<void> {
     try {
       const transport = await ReplayTransport.load(url, this.insoles.transportEvents);
-      this.show(new StepStore(this.wire, new TemporaryStorage()));
+      this.show(StepStore.ofRecording(this.wire));
+      this.identify.useRecording();
       this.use(transport);
     } catch (error) {
       this.problem = error instanceof Error ? error.message : "The recording cannot be played. Reload the page and try again.";
       // In a temporary storage, the steps of insoles that are connected next would be acknowledged and then lost.
-      await this.loadSteps();
+      await this.loadStored();
       byId("start").hidden = false;
     }
   }
@@ -123,13 +141,15 @@ export class App {
     const transport = before instanceof BluetoothTransport ? before : new BluetoothTransport(gatt, this.insoles.transportEvents);
     try {
       this.problem = "";
+      // If the wearer cancels the choice, the insoles in use or the recording continue.
+      const device = await transport.choose();
       if (transport !== before) this.use(transport);
-      // The steps of the recording are replaced by the wearer's steps.
-      if (before?.is_replay) await this.loadSteps();
-      await transport.add();
+      // The data of the recording are replaced by the wearer's.
+      if (before?.is_replay) await this.loadStored();
+      await transport.connect(device);
     } catch (error) {
       this.problem = explain(error) ?? "";
-      byId("start").hidden = this.insoles.sessions.some(({ hello }) => hello);
+      if (this.insoles.transport === transport) byId("start").hidden = this.insoles.sessions.some(({ hello }) => hello);
     }
     this.tick();
   }

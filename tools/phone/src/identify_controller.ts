@@ -19,6 +19,9 @@ const NO_STORAGE: IdentifyStorage = {
   clear: () => Promise.resolve(),
 };
 
+/** The storage for a recording, of which the session must not be offered as one of the wearer at the next visit. */
+const RECORDING: IdentifyStorage = { ...NO_STORAGE, add: () => Promise.resolve() };
+
 /** The guided session of the page. */
 export class IdentifyController {
   private readonly session: IdentifySession;
@@ -56,9 +59,19 @@ export class IdentifyController {
     };
   }
 
-  /** Loads the messages of an interrupted session, and offers to continue it. */
-  async load(): Promise<void> {
-    this.storage = await DatabaseIdentifyStorage.open().catch(() => NO_STORAGE);
+  /** To be called when a recording is played instead of insoles. */
+  useRecording(): void {
+    this.storage = RECORDING;
+    this.stored = [];
+  }
+
+  /**
+   * Ends the session of a recording, loads the messages of an interrupted session of the wearer, and offers to continue it.
+   * `openDatabase` describes `blocked`.
+   */
+  async load(blocked: (is_blocked: boolean) => void): Promise<void> {
+    if (this.storage === RECORDING) this.session.close();
+    this.storage = await DatabaseIdentifyStorage.open(blocked).catch(() => NO_STORAGE);
     this.stored = await this.storage.load().catch(() => []);
     if (this.stored.length > 0) this.show();
   }

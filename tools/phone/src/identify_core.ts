@@ -36,8 +36,8 @@ export interface Collected {
 
 /** The 95 % interval of a parameter. */
 interface Interval {
-  /** The lower and the upper end of the interval, computed from the Jacobian of the fit. */
-  jacobian: [number, number];
+  /** The lower and the upper end of the interval, computed from the Jacobian of the fit; `null` for an infinite one. */
+  jacobian: [number | null, number | null];
   /** The value is at a bound of the search. */
   at_bound: boolean;
   /** The measured forces sufficed to determine this parameter. False, for example, for `m` if the damping is 0. */

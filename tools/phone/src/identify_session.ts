@@ -277,6 +277,8 @@ export class IdentifySession {
       case "result":
         return this.receiveResult(answer.insole, answer.result);
       case "failed":
+        // The wearer may have cancelled the session before the worker answered.
+        if (this.phase === "closed") return;
         this.phase = "failed";
         this.failure = answer.reason;
     }

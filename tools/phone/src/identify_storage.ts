@@ -1,7 +1,7 @@
 /** Storage of the messages of a guided session, so that the session can continue after the page was closed or reloaded. */
 
 import { type IdentifyStorage } from "./identify_session";
-import { complete, done } from "./indexed_db";
+import { complete, done, openDatabase } from "./indexed_db";
 
 const DATABASE = "plantar-identify";
 const STORE = "messages";
@@ -10,11 +10,10 @@ const STORE = "messages";
 export class DatabaseIdentifyStorage implements IdentifyStorage {
   private constructor(private readonly database: IDBDatabase) {}
 
-  static async open(): Promise<DatabaseIdentifyStorage> {
-    // `indexedDB.open` throws if the browser stores nothing for this site. In an async function, the error rejects the promise.
-    const request = indexedDB.open(DATABASE, 1);
-    request.onupgradeneeded = () => request.result.createObjectStore(STORE, { autoIncrement: true });
-    return done(request).then((database) => new DatabaseIdentifyStorage(database));
+  /** Opens the database. {@link openDatabase} describes `blocked`. */
+  static async open(blocked: (is_blocked: boolean) => void): Promise<DatabaseIdentifyStorage> {
+    const create = ({ result }: IDBOpenDBRequest) => result.createObjectStore(STORE, { autoIncrement: true });
+    return new DatabaseIdentifyStorage(await openDatabase(DATABASE, 1, create, blocked));
   }
 
   load(): Promise<Uint8Array<ArrayBuffer>[]> {

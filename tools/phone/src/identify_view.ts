@@ -163,10 +163,10 @@ function walk(session: IdentifySession): Node[] {
 }
 
 /** A row of the table of results: the stiffness of a region with its interval, and the error of the model. */
-function regionRow(name: string, region: RegionResult): Node {
+export function regionRow(name: string, region: RegionResult): Node {
   const title: Node = ["th", { scope: "row" }, regionTitle(name)];
   if (!region.fitted) return ["tr", {}, title, ["td", { colspan: "2" }, `not determined: ${region.reason}`]];
-  const kPa = (pa: number) => (pa / 1000 < 10 ? (pa / 1000).toFixed(1) : (pa / 1000).toFixed(0));
+  const kPa = (pa: number | null) => (pa === null ? "∞" : (pa / 1000).toFixed(pa < 10_000 ? 1 : 0));
   const { jacobian, at_bound } = region.uncertainty.intervals_95.stiffness_pa;
   const error = region.nrmse_percent.predicted ?? region.nrmse_percent.fitted;
   const word = error < GOOD_PERCENT ? "good" : error < FAIR_PERCENT ? "fair" : "rough";

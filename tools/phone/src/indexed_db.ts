@@ -18,3 +18,24 @@ export function complete(transaction: IDBTransaction): Promise<void> {
     transaction.onabort = () => reject(failed(transaction.error));
   });
 }
+
+/**
+ * Opens a database. `upgrade` creates its stores if the stored version is older or if there is none. Another tab with an older
+ * version of the page can block the upgrade until that tab is closed: `blocked` is then called with true, and in any case with
+ * false at the end.
+ */
+export async function openDatabase(
+  name: string,
+  version: number,
+  upgrade: (request: IDBOpenDBRequest) => void,
+  blocked: (is_blocked: boolean) => void,
+): Promise<IDBDatabase> {
+  // `indexedDB.open` throws if the browser stores nothing for this site. In an async function, the error rejects the promise.
+  const request = indexedDB.open(name, version);
+  request.onupgradeneeded = () => upgrade(request);
+  request.onblocked = () => blocked(true);
+  const database = await done(request).finally(() => blocked(false));
+  // A page of a newer version can upgrade the database only once this page has closed it.
+  database.onversionchange = () => database.close();
+  return database;
+}

@@ -3,6 +3,7 @@
 import type { Live, Side } from "./generated/quantities";
 import type { Recorder } from "./recorder";
 import { type InsoleAnswer, Session, type RecordMessage, followClock } from "./session";
+import { isMessageLength } from "./stream_file";
 import { INSOLES, type Insole, type Transport, type TransportEvents } from "./transport/transport";
 import type { Wire } from "./wire";
 
@@ -14,6 +15,8 @@ export interface InsoleEvents {
   shape(session: Session, side: Side): void;
   /** A step, load bout or alert arrived. `bytes` is the encoded message. */
   record(message: RecordMessage, bytes: Uint8Array, session: Session): void;
+  /** True if this record has arrived before. */
+  isKnown(message: RecordMessage): boolean;
   /** An insole answered a request that concerns parameters. */
   answer(answer: InsoleAnswer, session: Session): void;
   /** An encoded message of the insole of this foot arrived. */
@@ -38,10 +41,10 @@ export class Insoles {
     this.transport?.close();
     this.transport = transport;
     this.hellos.clear();
-    const { record, answer } = this.events;
+    const { record, answer, isKnown } = this.events;
     this.sessions = INSOLES.map((insole) => {
       const isTaken = (side: Side) => this.of(side) !== undefined && this.of(side)?.insole !== insole;
-      return new Session(insole, this.wire, () => this.transport, record, answer, isTaken);
+      return new Session(insole, this.wire, () => this.transport, record, answer, isTaken, isKnown);
     });
   }
 
@@ -74,6 +77,8 @@ export class Insoles {
   private receive(insole: Insole, bytes: Uint8Array, now_ms: number): void {
     const session = this.sessions[insole];
     if (!session) return;
+    // A stream file with a message of another length would count as damaged.
+    if (!isMessageLength(bytes.length)) return this.transportEvents.damaged(insole);
     const before = { hello: session.hello, live: session.live, ellipses: session.ellipses, sole: session.sole };
     // When `receive` reports a step, the guided session passes its messages to the worker, so it must already have the message of
     // the step.

@@ -1,10 +1,18 @@
 import "./style.css";
 import { App } from "./app";
+import { fill } from "./dom";
 import wasm from "./phone_wire.wasm?url";
 import { Wire } from "./wire";
 
-const wire = await Wire.load(fetch(wasm));
-await new App(wire).start();
+try {
+  const wire = await Wire.load(fetch(wasm));
+  await new App(wire).start();
+} catch (error) {
+  const reason = error instanceof Error ? error.message : String(error);
+  const problem = `The page could not start. Reload it, or use another browser. The reason: ${reason}`;
+  fill("notes", [["p", { class: "note" }, problem]]);
+  throw error;
+}
 
 if (import.meta.env.PROD && "serviceWorker" in navigator) {
   // If the registration fails, the page works, but not offline.

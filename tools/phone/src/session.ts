@@ -3,6 +3,7 @@
 import type { Hello, LayoutCell, Sole, Status, ToHost } from "./generated/messages";
 import type { DailyLoad, Ellipse, Live, Side } from "./generated/quantities";
 import { CONNECT_REQUEST_MS, TIMEOUT_MS } from "./reconnect";
+import { RecordOrder } from "./record_order";
 import type { Insole, Transport } from "./transport/transport";
 import type { Axis, LiveCounter, Wire } from "./wire";
 
@@ -102,12 +103,13 @@ export class Session {
   needs_refit = false;
   /** The cells of the insole that have arrived. */
   private cells: LayoutCell[] = [];
-  /** Times at which the last live frames arrived. */
+  /** Times at which the live frames of the last two seconds arrived. */
   private readonly arrivals_ms: number[] = [];
   /** Number of the last record that has arrived in this session. */
   private last_record: number | undefined;
-  /** Encoded records that wait for the time of the insole's clock. */
-  private untimed: Uint8Array[] = [];
+  private readonly order = new RecordOrder();
+  /** Records, decoded and encoded, that wait for the time of the insole's clock. */
+  private untimed: [RecordMessage, Uint8Array][] = [];
   /** Time of this device at which the wait for the time of the insole's clock began. */
   private untimed_since_ms = 0;
   private hello_received_ms = 0;
@@ -126,6 +128,8 @@ export class Session {
     private readonly onAnswer: (answer: InsoleAnswer, session: Session) => void = () => undefined,
     /** True if another session has an insole for this foot. */
     private readonly isTaken: (side: Side) => boolean = () => false,
+    /** True if this record has arrived before and was passed to `onRecord`. */
+    private readonly isKnown: (message: RecordMessage) => boolean = () => false,
   ) {
     this.axis = wire.axis(insole);
     this.axis.clear();
@@ -186,10 +190,11 @@ export class Session {
         return;
       case "time":
         this.axis.answer(message);
-        return this.releaseUntimed(now_ms);
+        return this.releaseUntimed();
       case "refused":
         if (message.is_other_host) {
           if (this.state === "live") this.state = "other-host";
+          this.order.interrupt();
           return;
         }
         return this.onAnswer(message, this);
@@ -208,22 +213,30 @@ export class Session {
   private receiveRecord(message: RecordMessage, bytes: Uint8Array, now_ms: number): void {
     // A step of another major version may have another meaning, and a second insole for a foot may be another person's.
     if (this.state === "other-version" || this.state === "same-foot") return;
-    this.last_record = recordOf(message).number;
+    const { number } = recordOf(message);
+    this.last_record = number;
+    const is_replay = this.transport()?.is_replay;
+    // A recording cannot repeat a record.
+    if (!is_replay && !this.isKnown(message) && !this.order.accepts(number)) return this.requestHello(now_ms);
     // An insole sends its stored records before it answers requests. They are processed in order once it has sent its time.
     const is_untimed = this.axis.unix_s(0) === null && now_ms - this.untimed_since_ms < RECORDS_WAIT_MS;
-    if (is_untimed && !this.transport()?.is_replay) {
-      this.untimed.push(bytes.slice());
+    if (is_untimed && !is_replay) {
+      this.untimed.push([message, bytes.slice()]);
       return;
     }
-    this.releaseUntimed(now_ms);
-    if (message.kind === "step") this.needs_refit = Object.values(message.step.regions).some((region) => region.refit);
-    this.onRecord(message, bytes, this);
+    this.releaseUntimed();
+    this.passOn(message, bytes);
   }
 
-  private releaseUntimed(now_ms: number): void {
+  private releaseUntimed(): void {
     const untimed = this.untimed;
     this.untimed = [];
-    for (const bytes of untimed) this.receive(bytes, now_ms);
+    for (const [message, bytes] of untimed) this.passOn(message, bytes);
+  }
+
+  private passOn(message: RecordMessage, bytes: Uint8Array): void {
+    if (message.kind === "step") this.needs_refit = Object.values(message.step.regions).some((region) => region.refit);
+    this.onRecord(message, bytes, this);
   }
 
   /** Discards the known times of the insole's clock, and requests the present one. */
@@ -243,6 +256,7 @@ export class Session {
     this.hello_received_ms = now_ms;
     this.untimed = [];
     this.last_record = undefined;
+    this.order.begin();
     this.counter.newSession();
     this.arrivals_ms.length = 0;
     this.ellipses = [];
@@ -262,6 +276,16 @@ export class Session {
     this.send(this.wire.stream(true));
     this.send(this.wire.streamEllipses(Math.ceil(hello.rate_hz / ELLIPSES_HZ)));
     this.requestCells(now_ms);
+  }
+
+  /**
+   * Sends a connect request, unless the last one was sent just now. The insole answers with its hello, and sends all its records
+   * that are not acknowledged.
+   */
+  private requestHello(now_ms: number): void {
+    if (now_ms - this.connect_requested_ms < CONNECT_REQUEST_MS) return;
+    this.connect_requested_ms = now_ms;
+    this.send(this.wire.connect());
   }
 
   /** Requests the next part of the insole's cells. */
@@ -284,6 +308,12 @@ export class Session {
     this.counter.frame(live.sequence);
     this.live = live;
     this.arrivals_ms.push(now_ms);
+    // A page in the background does not call `rate_hz`, and would collect the times of hours.
+    this.removeOldArrivals(now_ms);
+  }
+
+  private removeOldArrivals(now_ms: number): void {
+    while ((this.arrivals_ms[0] ?? Infinity) < now_ms - RATE_MS) this.arrivals_ms.shift();
   }
 
   /** Number of records that the insole has stored and still has to send, by its last status. Record numbers wrap at 2^32. */
@@ -295,7 +325,7 @@ export class Session {
 
   /** Live frames per second, mean over the last two seconds. */
   rate_hz(now_ms: number): number {
-    while ((this.arrivals_ms[0] ?? Infinity) < now_ms - RATE_MS) this.arrivals_ms.shift();
+    this.removeOldArrivals(now_ms);
     // In the first two seconds, the mean is taken over the time since the hello.
     const counted_ms = Math.min(RATE_MS, now_ms - this.hello_received_ms);
     return counted_ms > 0 ? (1000 * this.arrivals_ms.length) / counted_ms : 0;
@@ -312,10 +342,7 @@ export class Session {
       this.connect_requested_ms = -Infinity;
     }
     const is_waiting = this.state === "waiting" || this.state === "lost";
-    if (is_waiting && now_ms - this.connect_requested_ms >= CONNECT_REQUEST_MS) {
-      this.connect_requested_ms = now_ms;
-      this.send(this.wire.connect());
-    }
+    if (is_waiting || (this.state === "live" && this.order.is_repetition_due)) this.requestHello(now_ms);
     if (this.state === "live" && now_ms - this.status_requested_ms >= STATUS_MS) {
       this.status_requested_ms = now_ms;
       this.send(this.wire.getStatus());
@@ -323,7 +350,7 @@ export class Session {
     if ((this.state === "live" || this.state === "other-host") && now_ms - this.time_requested_ms >= TIME_MS) {
       this.requestTime(now_ms);
     }
-    if (now_ms - this.untimed_since_ms >= RECORDS_WAIT_MS) this.releaseUntimed(now_ms);
+    if (now_ms - this.untimed_since_ms >= RECORDS_WAIT_MS) this.releaseUntimed();
     if (this.state === "live" && now_ms - this.daily_requested_ms >= DAILY_LOAD_MS) {
       this.daily_requested_ms = now_ms;
       this.send(this.wire.getDailyLoad());

@@ -1,7 +1,7 @@
 /** Storage of the wearer's steps, load bouts and alerts across visits of the page. */
 
 import { type DayLoad, type DayTotals, addLoad } from "./days";
-import { complete, done, failed } from "./indexed_db";
+import { complete, done, failed, openDatabase } from "./indexed_db";
 
 /** A stored step, load bout or alert. `start_unix_s` is that of `StoredStep`, `StoredBout` or `StoredAlert`. */
 export interface StepRecord {
@@ -77,25 +77,22 @@ const PART = 2000;
 
 /** Stores records in the browser's database. */
 export class DatabaseStorage implements StepStorage {
-  private constructor(private readonly database: IDBDatabase) {
-    // A page of a newer version can upgrade the database only once this page has closed it.
-    database.onversionchange = () => database.close();
-  }
+  private constructor(private readonly database: IDBDatabase) {}
 
   /**
    * Opens the database. `keyed` returns a record with its key and load; `undefined` for a record of another protocol version,
-   * which remains stored, but is not counted.
+   * which remains stored, but is not counted. {@link openDatabase} describes `blocked`.
    */
-  static async open(keyed: (record: StepRecord) => NewRecord | undefined): Promise<DatabaseStorage> {
-    // `indexedDB.open` throws if the browser stores nothing for this site. In an async function, the error rejects the promise.
-    const request = indexedDB.open(NAME, 2);
-    request.onupgradeneeded = () => {
-      const { result: database, transaction } = request;
+  static async open(
+    keyed: (record: StepRecord) => NewRecord | undefined,
+    blocked: (is_blocked: boolean) => void,
+  ): Promise<DatabaseStorage> {
+    const create = ({ result: database, transaction }: IDBOpenDBRequest) => {
       database.createObjectStore(RECORDS, { autoIncrement: true }).createIndex("key", "key", { unique: true });
       database.createObjectStore(DAYS, { keyPath: "day" });
       if (transaction && database.objectStoreNames.contains(RECORDS_1)) upgrade(database, transaction, keyed);
     };
-    return done(request).then((database) => new DatabaseStorage(database));
+    return new DatabaseStorage(await openDatabase(NAME, 2, create, blocked));
   }
 
   async latest(count: number): Promise<StepRecord[]> {

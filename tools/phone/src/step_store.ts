@@ -7,7 +7,7 @@ import { type DayTotals, addLoad, loadOf } from "./days";
 import type { Alert, Bout, Side, Step } from "./generated/quantities";
 import { type RecordMessage, recordOf } from "./session";
 import { SIDES } from "./side";
-import type { NewRecord, StepRecord, StepStorage } from "./step_storage";
+import { type NewRecord, type StepRecord, type StepStorage, TemporaryStorage } from "./step_storage";
 import type { Wire } from "./wire";
 
 /**
@@ -80,17 +80,27 @@ export class StepStore {
   readonly latest = new Records();
   /** The totals of all days, by date. */
   readonly days = new Map<string, DayTotals>();
-  /** Keys of the records of each foot that its insole may send again, oldest first. */
+  /** Keys of the last records of each foot, which can arrive again, oldest first. */
   private readonly recent: Record<Side, Set<string>> = { left: new Set(), right: new Set() };
   /** Records that are not in the storage yet, oldest first. */
   private pending: NewRecord[] = [];
   /** The last attempt to store the pending records. The next attempt waits for its end. */
   private storing = Promise.resolve();
 
+  /**
+   * `most_repeated` is the largest number of records of a foot after which one of them can arrive again. By default, it is
+   * that of an insole, which sends again at most as many records as its queue holds.
+   */
   constructor(
     private readonly wire: Wire,
     private readonly storage: StepStorage,
+    private readonly most_repeated = 2 * wire.facts.record_queue,
   ) {}
+
+  /** The store of a recording, which is played in a loop, so that all of its records arrive again. */
+  static ofRecording(wire: Wire): StepStore {
+    return new StepStore(wire, new TemporaryStorage(), Infinity);
+  }
 
   /** Loads the last records and the totals of earlier visits. */
   async load(): Promise<void> {
@@ -124,7 +134,7 @@ export class StepStore {
     return [...this.days.values()].flatMap((totals) => sides.map((side) => totals[side][kind])).reduce((sum, count) => sum + count, 0);
   }
 
-  /** True if this record was added before, and the insole may send it again. */
+  /** True if this record was added before, and is one of the last ones, which can arrive again. */
   has(decoded: RecordMessage): boolean {
     return this.recent[recordOf(decoded).record.side].has(decoded.key);
   }
@@ -165,8 +175,7 @@ export class StepStore {
   private remember(decoded: RecordMessage): void {
     const recent = this.recent[recordOf(decoded).record.side];
     recent.add(decoded.key);
-    // An insole sends again at most as many records as its queue holds.
     const [oldest] = recent;
-    if (oldest !== undefined && recent.size > 2 * this.wire.facts.record_queue) recent.delete(oldest);
+    if (oldest !== undefined && recent.size > this.most_repeated) recent.delete(oldest);
   }
 }

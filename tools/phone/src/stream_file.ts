@@ -7,6 +7,8 @@ import { INSOLES, type Insole } from "./transport/transport";
 
 /** Length of an entry without its message, bytes. */
 const HEAD = 7;
+/** Length of the longest message of the protocol, bytes: `MAX_MESSAGE` in `src/protocol/codec.rs`. */
+export const MAX_MESSAGE = 560;
 const NOT_A_RECORDING = "This file is not a recording of insoles. Use a recording of this page or of plantar serve.";
 
 /** A recorded message. */
@@ -17,9 +19,12 @@ export interface Entry {
   message: Uint8Array;
 }
 
+/** True if a message can have this length, bytes. No message is empty. */
+export const isMessageLength = (length: number) => length >= 1 && length <= MAX_MESSAGE;
+
 /**
  * The entries of a file. If the recorder was interrupted while it wrote, the last entry is incomplete; it is omitted. Throws an
- * error with a message for the wearer if the file is not a recorded stream.
+ * error with a message for the wearer if the file is damaged or is not a recorded stream.
  */
 export function* entries(bytes: Uint8Array): Generator<Entry> {
   const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
@@ -27,7 +32,10 @@ export function* entries(bytes: Uint8Array): Generator<Entry> {
     if (at + HEAD > bytes.length) return;
     const length = view.getUint16(at + 5, true);
     const insole = INSOLES.find((index) => index === bytes[at + 4]);
-    if (insole === undefined) throw new Error(NOT_A_RECORDING);
+    // A damaged length must not pass for that of an incomplete last entry.
+    if (insole === undefined || !isMessageLength(length)) {
+      throw new Error(at === 0 ? NOT_A_RECORDING : `This recording is damaged at byte ${at}. Use another one.`);
+    }
     if (at + HEAD + length > bytes.length) return;
     yield { t_ms: view.getUint32(at, true), insole, message: bytes.subarray(at + HEAD, at + HEAD + length) };
     at += HEAD + length;

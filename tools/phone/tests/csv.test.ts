@@ -1,8 +1,10 @@
+import { readFileSync } from "node:fs";
 import { beforeAll, expect, test } from "vitest";
 import { liveCsv, stepsCsv } from "../src/csv";
+import { Insoles } from "../src/insoles";
 import { Recorder } from "../src/recorder";
 import type { StoredStep } from "../src/step_store";
-import { entries, entry } from "../src/stream_file";
+import { MAX_MESSAGE, entries, entry } from "../src/stream_file";
 import type { Wire } from "../src/wire";
 import { loadWire, messagesOf, walk } from "./wire";
 
@@ -105,4 +107,34 @@ test("a file that is not a recording is refused", () => {
   // This byte is the index of the insole; there are two insoles.
   bytes[4] = 9;
   expect(() => [...entries(bytes)]).toThrow("not a recording");
+});
+
+test("a length that no message has is damage, also in the last entry", () => {
+  const first = entry({ t_ms: 1, insole: 0, message: Uint8Array.of(1, 2, 3) });
+  for (const length of [0, MAX_MESSAGE + 1, 0xffff]) {
+    const last = entry({ t_ms: 2, insole: 0, message: Uint8Array.of(4, 5) });
+    new DataView(last.buffer).setUint16(5, length, true);
+    expect(() => [...entries(Uint8Array.of(...first, ...last))]).toThrow(`damaged at byte ${first.length}`);
+  }
+  const longest = { t_ms: 3, insole: 0 as const, message: new Uint8Array(MAX_MESSAGE) };
+  expect([...entries(entry(longest))]).toEqual([longest]);
+});
+
+test("the longest message is that of the firmware", () => {
+  const codec = readFileSync(new URL("../../../src/protocol/codec.rs", import.meta.url), "utf8");
+  expect(Number(/MAX_MESSAGE: usize = (\d+)/.exec(codec)?.[1])).toBe(MAX_MESSAGE);
+});
+
+test("a message of a length that no message has is counted as damaged and is not recorded", () => {
+  const recorder = new Recorder();
+  const none = () => undefined;
+  const events = { live: none, shape: none, record: none, isKnown: () => false, answer: none, message: none };
+  const insoles = new Insoles(wire, recorder, events);
+  insoles.use({ location: "in a test", is_replay: false, send: none, close: none });
+  recorder.start(0, []);
+  const [hello] = messagesOf(0);
+  const received = [hello!, new Uint8Array(0), new Uint8Array(MAX_MESSAGE + 1)];
+  for (const message of received) insoles.transportEvents.message(0, message);
+  expect([...recorder.entries()].map(({ message }) => message)).toEqual([hello]);
+  expect(insoles.sessions[0]?.damaged).toBe(2);
 });

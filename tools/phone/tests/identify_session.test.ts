@@ -216,6 +216,13 @@ test("a failure of the worker ends the session with its reason", () => {
   expect([all.session.phase, all.session.failure]).toEqual(["failed", "Start again."]);
 });
 
+test("a failure of the worker after the wearer has cancelled the session is not shown", () => {
+  const { session, answer } = start();
+  session.close();
+  answer({ kind: "failed", reason: "Start again." });
+  expect([session.phase, session.failure]).toEqual(["closed", ""]);
+});
+
 test("an insole under the wrong foot is named", () => {
   const { session, count } = start();
   session.step("left", anyStep(), "a", 10);

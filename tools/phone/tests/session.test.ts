@@ -3,7 +3,7 @@ import type { Status, ToHost } from "../src/generated/messages";
 import type { Step } from "../src/generated/quantities";
 import { sessionProblems } from "../src/notes";
 import { TIMEOUT_MS } from "../src/reconnect";
-import { Session } from "../src/session";
+import { type RecordMessage, Session } from "../src/session";
 import type { Transport } from "../src/transport/transport";
 import type { Wire } from "../src/wire";
 import { live, loadWire, messagesOf, step } from "./wire";
@@ -13,14 +13,19 @@ beforeAll(async () => {
   wire = await loadWire();
 });
 
-/** Creates a session that logs its requests and steps. If `decode` is given, it replaces the decoding of messages. */
+/**
+ * Creates a session that logs its requests and steps. If `decode` is given, it replaces the decoding of messages. A step that
+ * was logged is known.
+ */
 function start(decode?: (bytes: Uint8Array) => ToHost | undefined) {
   const sent: Uint8Array[] = [];
   const steps: Step[] = [];
   const send = (_: unknown, message: Uint8Array) => sent.push(message);
   const transport: Transport = { location: "in a test", is_replay: false, send, close: () => undefined };
   const core = decode ? (Object.assign(Object.create(wire), { decode }) as Wire) : wire;
-  const session = new Session(0, core, () => transport, (message) => message.kind === "step" && steps.push(message.step));
+  const onRecord = (message: RecordMessage) => message.kind === "step" && steps.push(message.step);
+  const isKnown = (message: RecordMessage) => message.kind === "step" && steps.includes(message.step);
+  const session = new Session(0, core, () => transport, onRecord, undefined, undefined, isKnown);
   return { session, sent, steps };
 }
 
@@ -111,9 +116,9 @@ const status = (counts: Partial<Status>): ToHost => ({
 function startLive() {
   let next: ToHost;
   const { session } = start(() => next);
-  const receive = (message: ToHost) => {
+  const receive = (message: ToHost, now_ms = 0) => {
     next = message;
-    session.receive(new Uint8Array(1), 0);
+    session.receive(new Uint8Array(1), now_ms);
   };
   session.opened(0);
   receive(hello(wire.facts.major));
@@ -175,6 +180,57 @@ test("steps that arrive before the time of the insole wait for it in their order
   expect(numbers()).toEqual([0, 1, 2, 0]);
 });
 
+/** A session, and functions that pass it a step or a hello one second after the message before. */
+function startSteps() {
+  const messages: ToHost[] = [];
+  const { session, sent, steps } = start(([index]) => messages[index!]);
+  let now_ms = 0;
+  const receive = (message: ToHost) => {
+    messages.push(message);
+    session.receive(Uint8Array.of(messages.length - 1), (now_ms += 1000));
+  };
+  const numbered = (number: number): ToHost => ({ kind: "step", key: `${number}`, step: step({ step: number }) });
+  const walked = [0, 1, 2, 3, 4, 5, 6].map(numbered);
+  session.opened(0);
+  const begin = () => receive(hello(wire.facts.major));
+  begin();
+  const receiveSteps = (...numbers: number[]) => numbers.forEach((number) => receive(walked[number]!));
+  const connects = () => sent.filter((message) => message[0] === wire.connect()[0]).length;
+  return { session, receive, begin, receiveSteps, connects, numbers: () => steps.map((received) => received.step) };
+}
+
+test("a step after a lost one is not used until the insole has sent both: its acknowledgement covers both", () => {
+  const { session, begin, receiveSteps, connects, numbers } = startSteps();
+  receiveSteps(0, 1, 3, 4);
+  expect([numbers(), connects()]).toEqual([[0, 1], 3]);
+  // The acknowledgement of step 1 has not arrived, so that step is also repeated.
+  begin();
+  receiveSteps(1, 2, 3, 4, 5);
+  expect([numbers(), connects()]).toEqual([[0, 1, 1, 2, 3, 4, 5], 3]);
+  expect(session.state).toBe("live");
+});
+
+test("a step that the insole has dropped is not awaited without end", () => {
+  const { begin, receiveSteps, connects, numbers } = startSteps();
+  receiveSteps(0);
+  for (let repetition = 0; repetition < 8; repetition++) {
+    receiveSteps(2);
+    expect(numbers()).toEqual([0]);
+    begin();
+  }
+  receiveSteps(2, 3);
+  expect([numbers(), connects()]).toEqual([[0, 2, 3], 9]);
+});
+
+test("steps that another host has received are not awaited", () => {
+  const { receive, begin, receiveSteps, connects, numbers } = startSteps();
+  receiveSteps(0);
+  receive({ kind: "refused", reason: "another host", is_other_host: true });
+  begin();
+  receiveSteps(5, 6);
+  expect([numbers(), connects()]).toEqual([[0, 5, 6], 1]);
+});
+
 test("a second insole for a foot is not used", () => {
   const received: unknown[] = [];
   const sent: Uint8Array[] = [];
@@ -218,6 +274,13 @@ test("the rate is the mean of the last seconds, also in the first second", () =>
     session.receive(message, 1010 + 10 * i);
     if (i % 50 === 49) expect(session.rate_hz(1010 + 10 * i)).toBeCloseTo(100, -1);
   });
+});
+
+test("a page in the background collects the times of the last frames only", () => {
+  const { session, receive } = startLive();
+  for (let sequence = 0; sequence < 1000; sequence++) receive(live({ sequence }), 10 * sequence);
+  expect(session["arrivals_ms"].length).toBeLessThanOrEqual(201);
+  expect(session.rate_hz(9990)).toBeCloseTo(100, -1);
 });
 
 test("after a timeout the connection is lost and the session sends a connect request again", () => {

@@ -54,6 +54,15 @@ test("a step that is repeated after many of the other foot is stored once", asyn
   expect(store.latest.steps).toHaveLength(1 + count);
 });
 
+test("the steps of a recording that is played in a loop are counted once, however many they are", async () => {
+  const store = StepStore.ofRecording(wire);
+  const [[step, message]] = received as [[StepMessage, Uint8Array]];
+  const count = 10 * wire.facts.record_queue;
+  for (let i = 0; i < 3 * count; i++) await store.add({ ...step, key: `${i % count}` }, message, null);
+  expect(store.latest.steps).toHaveLength(count);
+  expect(store.count("steps")).toBe(count);
+});
+
 test("stored steps are loaded at the next visit, and their repetitions are ignored", async () => {
   const storage = new TestStorage();
   const store = new StepStore(wire, storage);

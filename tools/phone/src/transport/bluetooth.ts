@@ -7,6 +7,8 @@ import { INSOLES, type Insole, type Transport, type TransportEvents } from "./tr
 
 /** Length of the longest value, bytes, that can be written with the smallest ATT MTU. Web Bluetooth does not report the MTU. */
 const VALUE_BYTES = 20;
+const NO_SERVICE =
+  "The insole does not offer what this page needs. Update its firmware with plantar update, then try again.";
 
 /** An insole that the wearer chose. */
 interface Connected {
@@ -35,17 +37,32 @@ export class BluetoothTransport implements Transport {
     return "bluetooth" in navigator;
   }
 
-  /** Asks the wearer to choose an insole, and connects it. Browsers allow this only in the handler of a click. */
-  async add(): Promise<void> {
-    const insole = INSOLES.find((index) => !this.insoles.has(index));
-    if (insole === undefined) throw new Error("Both insoles are connected already. Reload the page to connect other ones.");
-    const device = await navigator.bluetooth.requestDevice({
-      filters: [{ services: [this.gatt.service] }],
-      optionalServices: ["battery_service"],
+  /** Lets the wearer choose an insole. Browsers allow this only in the handler of a click. */
+  async choose(): Promise<BluetoothDevice> {
+    this.freeIndex();
+    const options = { filters: [{ services: [this.gatt.service] }], optionalServices: ["battery_service"] };
+    const device = await navigator.bluetooth.requestDevice(options).catch(async (error: unknown) => {
+      // Browsers report a missing adapter by the same error as a choice that the wearer cancelled. Some cannot state whether
+      // there is one.
+      const is_available = await navigator.bluetooth.getAvailability?.();
+      throw is_available === false ? new Error("Bluetooth is not available. Switch it on, then try again.") : error;
     });
     if ([...this.insoles.values()].some((known) => known.device.id === device.id)) {
       throw new Error("This insole is connected already. Choose the other one.");
     }
+    return device;
+  }
+
+  /** The index of the next insole. Throws an error if there is none. */
+  private freeIndex(): Insole {
+    const insole = INSOLES.find((index) => !this.insoles.has(index));
+    if (insole === undefined) throw new Error("Both insoles are connected already. Reload the page to connect other ones.");
+    return insole;
+  }
+
+  /** Connects a chosen insole. */
+  async connect(device: BluetoothDevice): Promise<void> {
+    const insole = this.freeIndex();
     const reconnect = new Reconnect(() => this.open(insole, connected));
     const connected: Connected = { device, reconnect, writing: Promise.resolve() };
     this.insoles.set(insole, connected);
@@ -60,7 +77,8 @@ export class BluetoothTransport implements Transport {
       await this.open(insole, connected);
     } catch (error) {
       this.remove(insole, connected);
-      throw error;
+      // For the choice of an insole, the same error states that the wearer cancelled it.
+      throw nameOf(error) === "NotFoundError" ? new Error(NO_SERVICE) : error;
     }
   }
 
@@ -122,9 +140,12 @@ export class BluetoothTransport implements Transport {
   }
 }
 
+/** The name of an error of the browser; empty for other errors. */
+const nameOf = (error: unknown) => (error instanceof DOMException ? error.name : "");
+
 /** The message for the wearer after an error; `undefined` if the wearer cancelled the choice of an insole. */
 export function explain(error: unknown): string | undefined {
-  const name = error instanceof DOMException ? error.name : "";
+  const name = nameOf(error);
   if (name === "NotFoundError") return undefined;
   if (name === "SecurityError" || name === "NotAllowedError") {
     return "Bluetooth is not allowed for this page. Allow it in the browser's settings for this site, then try again.";

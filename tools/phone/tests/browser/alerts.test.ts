@@ -9,8 +9,8 @@ import { FakeInsoles, varint } from "./fake_insoles";
 /** First bytes of messages and requests. */
 const [TIME, ALERT, ALERT_RULES, DAILY_LOAD] = [6, 18, 19, 20];
 const [GET_ALERT_RULES, SET_ALERT_RULES, GET_DAILY_LOAD, SNOOZE_ALERTS] = [22, 23, 24, 25];
-/** Number of the alert, above those of the steps of the walk. */
-const NUMBER = 90;
+/** Number of the alert, the one after those of the six steps of the walk. */
+const NUMBER = 6;
 
 const served = servedBrowser();
 

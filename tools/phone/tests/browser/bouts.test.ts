@@ -8,8 +8,8 @@ import { FakeInsoles, varint } from "./fake_insoles";
 
 /** First byte of a message with a load bout. */
 const BOUT = 17;
-/** Number of the first bout, above those of the steps of the walk. */
-const FIRST = 90;
+/** Number of the first bout, the one after those of the six steps of the walk. */
+const FIRST = 6;
 
 const served = servedBrowser();
 
@@ -45,7 +45,7 @@ test("load outside steps is listed, stored, exported and acknowledged", async ()
   const rows = readFileSync(await download.path(), "utf8").trimEnd().split("\n");
   expect(rows[0]).toBe("start_unix_s,side,number,kind,start_s,duration_s,region,measured_force_integral_n_s,pressure_integral_kpa_s,peak_pressure_kpa");
   expect(rows).toHaveLength(1 + 3 * 8);
-  expect(rows[1]).toMatch(/,left,90,standing,1,60,heel,100,500,51.2$/);
+  expect(rows[1]).toMatch(/,left,6,standing,1,60,heel,100,500,51.2$/);
   // The bouts are stored on the phone, so they are shown after a reload.
   insoles.stop();
   await page.reload();

@@ -154,6 +154,19 @@ test.skipIf(!walk)("both feet are identified, despite a reload, and the paramete
   await page.context().close();
 }, 180_000);
 
+test("the session of a recording is not stored as one of the wearer", async () => {
+  const page = await newPage();
+  await page.goto(`${served.url}?bluetooth`);
+  await page.locator("#walk").click();
+  await page.locator("#chips", { hasText: /R \d+ Hz/ }).waitFor();
+  await openSession(page);
+  await act(page, "start").click();
+  // A step that is counted was passed on to the storage before.
+  await expect.poll(() => good(page, "left"), { timeout: 30_000 }).toBeGreaterThanOrEqual(1);
+  expect(await storedParts(page)).toBe(0);
+  await page.context().close();
+});
+
 test.skipIf(!walk)("a lost link, a foot without an insole and a small number of steps are reported in words", async () => {
   const insoles = new FakeInsoles(new Uint8Array(readFileSync(walk!)), 0.5, 0);
   const page = await newPage();

@@ -61,10 +61,20 @@ test("a recording shows both feet, their steps and measures", async () => {
 test("the steps of a recording are not shown together with the wearer's steps", async () => {
   const page = await open(served.browser, replay, { viewport: PHONE });
   await page.evaluate(() => {
-    const bluetooth = { requestDevice: () => Promise.reject(new DOMException("none chosen", "NotFoundError")) };
-    Object.defineProperty(navigator, "bluetooth", { value: bluetooth });
+    // The wearer cancels the first choice. The insole of the second one does not answer.
+    const gatt = { connect: () => new Promise(() => undefined) };
+    const choices = [
+      () => Promise.reject(new DOMException("none chosen", "NotFoundError")),
+      () => Promise.resolve({ id: "insole", addEventListener: () => undefined, gatt }),
+    ];
+    Object.defineProperty(navigator, "bluetooth", { value: { requestDevice: () => choices.shift()?.() } });
   });
   await waitForSteps(page, 4);
+  await show(page, "settings");
+  await page.locator("#add").click();
+  // The recording continues.
+  await show(page, "steps");
+  await waitForSteps(page, 6);
   await show(page, "settings");
   await page.locator("#add").click();
   // The wearer has no stored steps yet.
@@ -206,6 +216,15 @@ test("a recording that does not exist is reported", async () => {
   const page = await context.newPage();
   await page.goto(`${served.url}?replay=nothing.plantar`);
   await page.getByText("The recording at nothing.plantar cannot be loaded (status 404).").waitFor();
+  await context.close();
+});
+
+test("a page that cannot start reports it", async () => {
+  const context = await served.browser.newContext({ viewport: PHONE });
+  await context.route("**/phone_wire-*.wasm", (route) => route.fulfill({ status: 404 }));
+  const page = await context.newPage();
+  await page.goto(served.url);
+  await page.getByText("The page could not start.").waitFor();
   await context.close();
 });
 

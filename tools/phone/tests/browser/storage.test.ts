@@ -84,6 +84,29 @@ test("the records of version 1 of the database are moved, counted by day and exp
   await context.close();
 });
 
+test("a page whose database another tab blocks asks to close that tab, and then continues", async () => {
+  const context = await served.browser.newContext({ viewport: PHONE });
+  const other = await context.newPage();
+  await other.goto(`${served.url}manifest.webmanifest`);
+  await other.evaluate(async () => {
+    const request = indexedDB.open("plantar", 1);
+    await new Promise((resolve) => {
+      request.onupgradeneeded = () => request.result.createObjectStore("steps", { autoIncrement: true });
+      request.onsuccess = resolve;
+    });
+    // A database to which nothing refers would be closed.
+    Object.assign(window, { database: request.result });
+  });
+  const page = await context.newPage();
+  await page.goto(`${served.url}?bluetooth`);
+  const note = page.getByText("Close all other tabs of this page");
+  await note.waitFor();
+  await other.close();
+  await page.locator("#start h2").waitFor();
+  expect(await note.count()).toBe(0);
+  await context.close();
+});
+
 test("a page with many stored records shows the last ones and all days", { timeout: TIMEOUT_MS }, async () => {
   const messages = await steps();
   const context = await served.browser.newContext({ viewport: PHONE });
