@@ -247,6 +247,21 @@ fn a_session_is_refused_before_it_connects_if_its_options_cannot_be_used() {
     }
 }
 
+#[cfg(unix)]
+#[test]
+fn a_folder_without_permission_to_write_is_refused_before_the_connection() {
+    use std::os::unix::fs::PermissionsExt;
+
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("session");
+    std::fs::create_dir(&out).expect("created");
+    std::fs::set_permissions(&out, PermissionsExt::from_mode(0o500)).expect("changed");
+    // Permissions do not restrict root.
+    if std::fs::create_dir(out.join("root")).is_err() {
+        fail(folder.path(), "record --tcp 127.0.0.1:9 --out session", &["cannot write to session", "permissions"]);
+    }
+}
+
 /// The heel carries 1,000 N on 200 mm2. The typical parameters were determined from barefoot steps that load more than 2,000
 /// mm2 of the heel.
 #[test]
