@@ -316,6 +316,39 @@ fn standing_is_a_load_bout_with_its_force_time_integral() {
     assert!(standing.len() == 1 && integral_n_s(standing[0]) > 0.95 * true_n_s, "{bouts:?}");
 }
 
+#[test]
+fn the_last_load_bout_ends_with_the_recording() {
+    let (_folder, path) = folder();
+    let mut trial = synthetic::standing(&SyntheticStanding::default());
+    // The foot stands from 6 s on.
+    trial.t_s.truncate(1200);
+    trial.pressure_kpa.truncate(1200 * trial.cells());
+    trial.write(path.join("trial.parquet")).expect("written");
+    succeed(&path, "replay trial.parquet --bouts bouts.json");
+    let bouts = json(&path.join("bouts.json"));
+    let last = bouts.as_array().and_then(|bouts| bouts.last()).expect("a bout");
+    let end_s = last["start_s"].as_f64().expect("a time") + last["duration_s"].as_f64().expect("a time");
+    assert!(last["kind"] == "standing" && (end_s - 12.0).abs() < 1e-6, "{last}");
+}
+
+/// Toe off is confirmed after 50 ms, or by the end of the recording.
+#[test]
+fn a_recording_that_ends_right_after_toe_off_has_its_last_step() {
+    let (_folder, path) = folder();
+    let mut walk = synthetic::walk(&SyntheticWalk { steps: 1, ..Default::default() }).recording;
+    walk.write(path.join("whole.parquet")).expect("written");
+    succeed(&path, "replay whole.parquet --json whole.json");
+    let whole = json(&path.join("whole.json"));
+    let toe_off_s = whole[0]["start_s"].as_f64().expect("a time") + whole[0]["duration_s"].as_f64().expect("a time");
+    let frames = (toe_off_s * walk.rate_hz).round() as usize + 1;
+    walk.t_s.truncate(frames);
+    walk.pressure_kpa.truncate(frames * walk.cells());
+    walk.write(path.join("cut.parquet")).expect("written");
+    succeed(&path, "replay cut.parquet --json cut.json --picture step.svg");
+    assert_eq!(json(&path.join("cut.json")), whole);
+    assert!(path.join("step.svg").exists());
+}
+
 /// The weight of 70 kg is 686.5 N, of which the left foot carries 420 N (61.2 %) and the right foot 266.5 N (38.8 %).
 #[test]
 fn a_standing_trial_results_in_a_zero_file_and_a_check_of_the_weight() {
