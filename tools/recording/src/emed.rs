@@ -205,10 +205,19 @@ impl Pages<'_> {
             }
             force_n += row_n;
         }
-        if let Some((line, stated_n)) = stated {
-            check_force(force_n, stated_n, &|| at_line(self.path, line))?;
-            self.differences.extend((stated_n > 1.0).then(|| (force_n / stated_n - 1.0).abs()));
-        }
+        let Some((line, stated_n)) = stated else {
+            if has_force {
+                let problem = "the table below ends without its total Force";
+                return Err(Error::content(
+                    place(),
+                    problem,
+                    "the export is cut off or damaged: export or copy it again",
+                ));
+            }
+            return Ok(());
+        };
+        check_force(force_n, stated_n, &|| at_line(self.path, line))?;
+        self.differences.extend((stated_n > 1.0).then(|| (force_n / stated_n - 1.0).abs()));
         Ok(())
     }
 }
