@@ -3,7 +3,8 @@
 use client::{Client, Error, Framed, LinkCounters, unix_us};
 use plantar::Region;
 use plantar::pipeline::tissue::Tissue;
-use plantar::protocol::session::{CommandResult, Session};
+use plantar::protocol::session::{Command, CommandResult, Session};
+use plantar::protocol::update::{Header, Offer, Progress, Request};
 use plantar::protocol::{
     Decoder, Hello, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Status, Step, ToDevice, ToHost, frame,
 };
@@ -40,8 +41,12 @@ impl Insole {
 
     /// Sends all messages that are due.
     fn send(&mut self) {
-        // The pending command is completed at once.
-        self.session.complete(Ok(CommandResult::Stored));
+        // The pending command is completed at once. No chunk of an image is stored.
+        let result = match self.session.command() {
+            Some(Command::Update(_)) => CommandResult::Update(Progress::Next(0)),
+            _ => CommandResult::Stored,
+        };
+        self.session.complete(Ok(result));
         let mut buffer = [0; MAX_MESSAGE];
         while let Some(message) = self.session.next(&self.hello, status, &mut buffer) {
             let mut out = [0; MAX_FRAME];
@@ -405,6 +410,15 @@ fn another_version_is_refused_with_both_versions_in_the_message() {
     assert!(message.contains(&theirs) && message.contains(&ours), "{message}");
     assert!(message.contains(other.firmware.as_str()), "{message}");
     assert!(matches!(error, Error::OtherVersion { major, minor: 42, .. } if major == MAJOR + 6), "{message}");
+}
+
+/// The insole answers a chunk of another image only after its host has given up.
+#[test]
+fn a_late_answer_to_a_chunk_is_not_that_to_an_offer() {
+    let (cable, mut client) = connected();
+    cable.insole().to_host.extend(framed(&ToHost::Update(Progress::Next(7))));
+    let offer = Offer { header: Header::new("test", "1.0.0"), chunks: 10, signature: Default::default() };
+    assert_eq!(client.update(Request::Begin(offer)).expect("an answer"), Progress::Next(0));
 }
 
 #[test]

@@ -200,6 +200,37 @@ fn a_masked_cell_has_the_pressure_of_its_neighbours_whatever_their_gains() {
     }
 }
 
+/// The message has room for 49.7 days.
+#[test]
+fn the_time_of_a_fault_saturates() {
+    const OPEN: u16 = 27;
+    let cells = (0..64u8).map(|i| SetupCell {
+        row_column: i,
+        ..cell(Region::Heel, f32::from(i % 8) * 10.0, f32::from(i / 8) * 10.0, 100.0)
+    });
+    // The time at which the open cell is reported if the first frame has this number.
+    let found_ms = |first: u32| {
+        let mut insole = Box::new(Insole::<f32, 64>::new());
+        insole.set_up(SETUP, cells.clone()).expect("the set-up is accepted");
+        for frame in 0..800 {
+            // Sixty frames of stance are followed by forty frames of swing. From frame 500 on, one cell is open.
+            let kpa = 120.0 * (PI * f64::from(frame % 100) / 60.0).sin().max(0.0);
+            let mut codes = [code_of(&LAW, kpa); 64];
+            if frame >= 500 {
+                codes[usize::from(OPEN)] = 0;
+            }
+            insole.frame(first + frame, &codes);
+        }
+        let open = insole.faults().list.iter().find(|fault| fault.place == Place::Cell(OPEN));
+        open.expect("the open cell is reported").found_ms
+    };
+    let ms = found_ms(0);
+    assert!((5_000..8_000).contains(&ms), "{ms}");
+    // At 100 Hz, the cell is reported in the last frame whose time is in the range of the message, or in the frame after it.
+    let first = (u32::MAX - ms) / 10;
+    assert_eq!((found_ms(first), found_ms(first + 1)), (u32::MAX - 5, u32::MAX));
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, cases: 64, ..ProptestConfig::default() })]
 

@@ -11,6 +11,7 @@ use plantar::pipeline::setup::DEVICE_CELLS;
 use plantar::pipeline::stance::{BRIDGED_FRAMES, Rejected, Stance};
 use plantar::pipeline::stance_rule::{StanceLimits, StanceRule};
 use plantar::pipeline::step::RegionStep;
+use plantar::protocol::Step;
 use proptest::prelude::*;
 use recording::VirtualInsole;
 use recording::synthetic::{self, SyntheticWalk};
@@ -481,6 +482,33 @@ fn the_ellipse_of_a_step_is_that_of_the_frame_with_the_largest_force() {
         }
         assert!(steps >= 2 && at_peak.iter().all(|(_, ellipse)| ellipse.is_some()), "{contact:?}: {steps} steps");
     }
+}
+
+#[test]
+fn the_end_of_a_recording_confirms_toe_off_once_the_foot_is_off_the_ground() {
+    let recording = synthetic::walk(&SyntheticWalk { steps: 1, ..SyntheticWalk::default() }).recording;
+    let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
+    // The step that is complete after this number of frames, and the one that the end of the recording then completes.
+    let steps_after = |frames: usize| {
+        let mut insole = Box::new(Insole::<f64, DEVICE_CELLS>::new());
+        insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("the insole is valid");
+        let mut codes = vec![0; recording.cells()];
+        let mut step = None;
+        for frame in 0..frames {
+            virtual_insole.codes_of(&recording, frame, &mut codes);
+            if insole.frame(frame as u32, &codes) {
+                step = insole.whole_step().map(|step| Step::new(&step));
+            }
+        }
+        let is_complete = insole.end_stance();
+        (step, is_complete.then(|| Step::new(&insole.whole_step().expect("a step has ended"))))
+    };
+    let (step, at_end) = steps_after(recording.frames());
+    let step = step.expect("a step");
+    assert_eq!(at_end, None, "the step is complete already");
+    let off = ((step.start_us + u64::from(step.duration_us)) / u64::from(virtual_insole.setup.period_us)) as usize;
+    assert_eq!(steps_after(off), (None, None), "the foot is on the ground in the last frame");
+    assert_eq!(steps_after(off + 1), (None, Some(step)));
 }
 
 /// Both contact rules have the same cells in contact, so an insole with covered shares reports the same counted areas as an

@@ -90,6 +90,12 @@ impl<R: Real, const N: usize> Insole<R, N> {
         Some(BoutRecord { start_us: self.unwrapped_us(bout.start_us), ..bout })
     }
 
+    /// Confirms toe off at the end of a recording, if the foot was off the ground in the last frame. True if this completes a
+    /// step, which [`Insole::step_region`] and [`Insole::step`] then return.
+    pub fn end_stance(&mut self) -> bool {
+        self.stance.end_stance(&self.limits)
+    }
+
     /// Completes and returns the load bout in progress, at the end of a recording. To be called until it returns `None`.
     pub fn end_bout(&mut self) -> Option<BoutRecord<R>> {
         self.stance.end_bout();

@@ -301,6 +301,12 @@ impl<R: Real> Stance<R> {
         self.bouts.take(side, number)
     }
 
+    /// Confirms toe off at the end of a recording, if the foot was off the ground in the last frame. True if this completes a
+    /// step; then the curves are valid until the next call of [`Stance::push`].
+    pub(crate) fn end_stance(&mut self, limits: &StanceLimits<R>) -> bool {
+        self.phase == Phase::Stance && self.curves.frames() > self.loaded && self.end(limits)
+    }
+
     /// Completes the bout in progress, at the end of a recording. A stance in progress is part of it.
     pub(crate) fn end_bout(&mut self) {
         if self.phase == Phase::Stance {

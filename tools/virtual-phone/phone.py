@@ -332,9 +332,11 @@ class World:
 
             phone.device.on('advertisement', on_advertisement)
             await phone.device.start_scanning(active=True)
-            advertisement = await asyncio.wait_for(found, TIMEOUT_S)
-            await phone.device.stop_scanning()
-            phone.device.remove_listener('advertisement', on_advertisement)
+            try:
+                advertisement = await asyncio.wait_for(found, TIMEOUT_S)
+            finally:
+                await phone.device.stop_scanning()
+                phone.device.remove_listener('advertisement', on_advertisement)
             return {'address': str(advertisement.address), 'data': bytes(advertisement.data).hex()}
         if do == 'connect':
             await phone.connect(command['address'])

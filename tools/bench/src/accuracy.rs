@@ -27,9 +27,8 @@ pub fn measure(figures: &mut Figures) -> Result<()> {
     let walk = synthetic::walk(&synthetic::SyntheticWalk { steps: 30, ..Default::default() }).recording;
     let mut worst = Worst::default();
     let typical = Parameters::typical(InsoleSize::default()).tissue();
-    let tight = tight_tissue(&walk, &typical)?;
     for contact in [ContactRule::COUNTED, ContactRule { full_kpa: 100.0, ..ContactRule::COUNTED }] {
-        for tissue in [&typical, &tight] {
+        for tissue in [&typical, &tight_tissue(&walk, contact, &typical)?] {
             compare(&walk, contact, tissue, &mut worst)?;
         }
     }
@@ -111,10 +110,10 @@ fn compare(walk: &Recording, contact: ContactRule, tissue: &Tissue, worst: &mut 
     Ok(())
 }
 
-/// Ellipsoids with n = 1.5 and m = 1 whose largest section is only one percent larger than the largest contact area. With these,
-/// single precision is least accurate.
-fn tight_tissue(walk: &Recording, typical: &Tissue) -> Result<Tissue> {
-    let virtual_insole = VirtualInsole::new(walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
+/// Ellipsoids with n = 1.5 and m = 1 whose largest section is only one percent larger than the largest area by this contact rule.
+/// With these, single precision is least accurate.
+fn tight_tissue(walk: &Recording, contact: ContactRule, typical: &Tissue) -> Result<Tissue> {
+    let virtual_insole = VirtualInsole::new(walk, contact, StanceRule::ADAPTIVE);
     let mut insole = Box::new(Insole::<f64, DEVICE_CELLS>::new());
     insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied())?;
     let mut codes = vec![0; virtual_insole.cells.len()];

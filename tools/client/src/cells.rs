@@ -55,12 +55,14 @@ impl CellReceiver {
 
     /// Unpacks a frame, so that [`CellReceiver::codes`] returns its codes. False if it cannot be unpacked and counts as lost.
     pub fn frame(&mut self, frame: &CellFrame) -> bool {
-        self.lost += sequence::skipped(self.expected.unwrap_or(frame.sequence), frame.sequence);
+        // An insole may send implausible numbers.
+        self.lost =
+            self.lost.saturating_add(sequence::skipped(self.expected.unwrap_or(frame.sequence), frame.sequence));
         self.expected = Some(frame.sequence.wrapping_add(1));
         self.dropped = frame.dropped;
         let is_unpacked = self.coder.unpack(frame, &mut self.codes).is_some();
         let counter = if is_unpacked { &mut self.received } else { &mut self.lost };
-        *counter = counter.wrapping_add(1);
+        *counter = counter.saturating_add(1);
         is_unpacked
     }
 
@@ -71,3 +73,18 @@ impl CellReceiver {
 }
 
 const _: () = assert!(KEY_INTERVAL.is_power_of_two(), "sequence numbers wrap at a key frame");
+
+#[cfg(test)]
+mod tests {
+    use super::CellReceiver;
+    use plantar::protocol::{CellFrame, CellStream, Resolution};
+
+    #[test]
+    fn the_number_of_lost_frames_saturates() {
+        let mut receiver = CellReceiver::new(&CellStream { resolution: Resolution::Converter, every: 1 }, 8);
+        for sequence in [0, 1 << 30, 1 << 31, 3 << 30, 0, 1 << 30, 1 << 31] {
+            receiver.frame(&CellFrame { sequence, scan: 0, dropped: 0, sum: 0, packed: Default::default() });
+        }
+        assert_eq!(receiver.lost, u32::MAX);
+    }
+}

@@ -25,7 +25,7 @@ pub struct Client<C> {
     /// Number of damaged frames that arrived over earlier carriers.
     damaged_before: u32,
     /// Messages that arrived while a request waited for its answer, and that [`Client::receive`] will return.
-    waiting: VecDeque<ToHost>,
+    pub(crate) waiting: VecDeque<ToHost>,
     pub(crate) hello: Hello,
     /// Number of live frames that the insole sent, by its last status.
     frames_sent: u32,

@@ -31,9 +31,15 @@ impl<C: Carrier> Client<C> {
         let mut attempts = 0;
         loop {
             attempts += 1;
-            let answer = self.request_within(patience, ToDevice::Update(request), |message| match *message {
-                ToHost::Update(progress) if is_answer(progress) => Some(progress),
-                _ => None,
+            let answer = match request {
+                Request::Begin(_) => self.discard_late_answers(),
+                _ => Ok(()),
+            }
+            .and_then(|()| {
+                self.request_within(patience, ToDevice::Update(request), |message| match *message {
+                    ToHost::Update(progress) if is_answer(progress) => Some(progress),
+                    _ => None,
+                })
             });
             match answer {
                 // The request or its answer was lost on the way, or the insole is still executing another request.
@@ -41,5 +47,14 @@ impl<C: Carrier> Client<C> {
                 answer => return answer,
             }
         }
+    }
+
+    /// Discards the answers to earlier requests, perhaps of another image or another host: a late answer to a chunk looks like
+    /// that to [`Request::Begin`], but may state the progress of another transfer. An insole answers in the order of the
+    /// requests, so late answers arrive before a status.
+    fn discard_late_answers(&mut self) -> Result<(), Error> {
+        self.status()?;
+        self.waiting.retain(|message| !matches!(message, ToHost::Update(_)));
+        Ok(())
     }
 }

@@ -31,6 +31,9 @@ pub enum Error {
     /// The file is not an image.
     #[error("{0} is not a firmware image, or is cut short: make one with `cargo xtask image`")]
     NotAnImage(PathBuf),
+    /// The image has this number of bytes, which is more than the flash of an insole has for it.
+    #[error("{0} has an image of {1} bytes, but insoles accept at most {MAX_IMAGE} bytes: build smaller firmware")]
+    TooLarge(PathBuf, usize),
     /// The trailer cannot be read, or its signature or digest does not match.
     #[error("{0} is damaged: its signature or digest does not match; copy or download it again")]
     Damaged(PathBuf),
@@ -59,7 +62,7 @@ impl Image {
     /// Reads a file and verifies its signature.
     ///
     /// # Errors
-    /// [`Error::Read`], [`Error::NotAnImage`] and [`Error::Damaged`].
+    /// [`Error::Read`], [`Error::NotAnImage`], [`Error::TooLarge`] and [`Error::Damaged`].
     pub fn read(path: &Path) -> Result<Self, Error> {
         Self::parse(&read(path)?, path)
     }
@@ -67,7 +70,7 @@ impl Image {
     /// Parses the contents of a file and verifies its signature.
     ///
     /// # Errors
-    /// [`Error::NotAnImage`] and [`Error::Damaged`], which name `path`.
+    /// [`Error::NotAnImage`], [`Error::TooLarge`] and [`Error::Damaged`], which name `path`.
     pub fn parse(file: &[u8], path: &Path) -> Result<Self, Error> {
         let not_an_image = || Error::NotAnImage(path.into());
         let (offered, image_bytes) = read_front(file).ok_or_else(not_an_image)?;
@@ -82,7 +85,7 @@ impl Image {
             return Err(damaged());
         }
         if bytes.len() as u64 > u64::from(MAX_IMAGE) {
-            return Err(not_an_image());
+            return Err(Error::TooLarge(path.into(), bytes.len()));
         }
         Ok(Self { bytes: bytes.into(), header, signature: *signature, key })
     }

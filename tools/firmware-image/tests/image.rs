@@ -2,12 +2,18 @@
 
 use firmware_image::{DEVELOPMENT_KEY, Error, Image, SigningKey, development_key, flash_image, read_signing_key};
 use plantar::protocol::update::{CHUNK, Header};
-use plantar::storage::flash_map::HEADER;
+use plantar::storage::flash_map::{HEADER, MAX_IMAGE};
 use plantar::storage::update::KEY;
+use std::path::Path;
 
-/// An image of random bytes with a valid header.
+/// An image of ten chunks of random bytes with a valid header.
 fn image(key: &SigningKey) -> Image {
-    let mut bytes: Vec<u8> = std::iter::repeat_with(|| fastrand::u8(..)).take(10 * CHUNK).collect();
+    image_of(10, key)
+}
+
+/// As [`image`], with this number of chunks.
+fn image_of(chunks: usize, key: &SigningKey) -> Image {
+    let mut bytes: Vec<u8> = std::iter::repeat_with(|| fastrand::u8(..)).take(chunks * CHUNK).collect();
     let header = Header::new("emulated", "1.2.3").bytes();
     bytes[HEADER as usize..][..header.len()].copy_from_slice(&header);
     Image::sign(bytes, key).expect("it has a header")
@@ -37,6 +43,16 @@ fn a_file_contains_the_image_and_any_change_of_it_is_detected() {
         let error = Image::read(&path).expect_err("it is cut short").to_string();
         assert!(error.contains("cut short") && error.contains("image.bin"), "{error}");
     }
+}
+
+#[test]
+fn an_image_is_accepted_up_to_the_space_for_it() {
+    let (key, path) = (SigningKey::from_bytes(&[7; 32]), Path::new("image.bin"));
+    let largest = MAX_IMAGE as usize / CHUNK;
+    let parse = |chunks: usize| Image::parse(&image_of(chunks, &key).file(), path).map(|image| image.bytes().len());
+    assert_eq!(parse(largest).ok(), Some(MAX_IMAGE as usize));
+    let error = parse(largest + 1).expect_err("it is too large").to_string();
+    assert!(error.contains("image.bin") && error.contains(&format!("at most {MAX_IMAGE} bytes")), "{error}");
 }
 
 #[test]

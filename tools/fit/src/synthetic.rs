@@ -34,7 +34,8 @@ pub fn law(region: usize) -> ForceLaw<f64> {
 pub struct Noise {
     random: fastrand::Rng,
     autocorrelation: f64,
-    last: f64,
+    /// The last result of [`Noise::normal`]; `None` before the first one.
+    last: Option<f64>,
 }
 
 impl Noise {
@@ -45,7 +46,7 @@ impl Noise {
 
     /// Numbers with this correlation between successive numbers, which is at least 0 and below 1.
     pub fn autocorrelated(seed: u64, autocorrelation: f64) -> Self {
-        Self { random: fastrand::Rng::with_seed(seed), autocorrelation, last: 0.0 }
+        Self { random: fastrand::Rng::with_seed(seed), autocorrelation, last: None }
     }
 
     /// A number that is independent of all others, even if the source is autocorrelated.
@@ -58,8 +59,13 @@ impl Noise {
     pub fn normal(&mut self) -> f64 {
         let fresh = self.independent();
         let correlation = self.autocorrelation;
-        self.last = correlation * self.last + (1.0 - correlation * correlation).sqrt() * fresh;
-        self.last
+        // The first number has variance 1, as all others have.
+        let next = match self.last {
+            None => fresh,
+            Some(last) => correlation * last + (1.0 - correlation * correlation).sqrt() * fresh,
+        };
+        self.last = Some(next);
+        next
     }
 }
 
@@ -164,4 +170,23 @@ pub fn walk(steps: usize, rate_hz: f64, filter: Filter, noise: f64, seed: u64) -
             }
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Noise;
+
+    #[test]
+    fn autocorrelated_noise_has_variance_1_from_the_first_number_on() {
+        const SEEDS: u64 = 4_000;
+        let mut squares = [0.0; 3];
+        for seed in 0..SEEDS {
+            let mut noise = Noise::autocorrelated(seed, 0.8);
+            squares.iter_mut().for_each(|sum| *sum += noise.normal().powi(2));
+        }
+        for sum in squares {
+            let variance = sum / SEEDS as f64;
+            assert!((variance - 1.0).abs() < 0.1, "{variance}");
+        }
+    }
 }

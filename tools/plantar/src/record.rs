@@ -63,8 +63,11 @@ impl Record {
         if std::fs::read_dir(&self.out).is_ok_and(|mut entries| entries.next().is_some()) {
             bail!("{} is not empty: choose another folder", self.out.display());
         }
-        // The folder is created now, so that an error is reported before the walk.
-        std::fs::create_dir_all(&self.out).with_context(|| format!("cannot create {}", self.out.display()))?;
+        // The folder is created now, and for a moment another one in it, so that an error is reported before the walk.
+        let probe = self.out.join("live");
+        std::fs::create_dir_all(&probe)
+            .and_then(|()| std::fs::remove_dir(&probe))
+            .with_context(|| format!("cannot write to {}: check its permissions", self.out.display()))?;
         let mut insole = self.connection.open(ReconnectPolicy::STREAM)?;
         let mut view = View::open(insole.client().hello())?;
         let mut recorder = Recorder::new(self, insole.client().hello().side);

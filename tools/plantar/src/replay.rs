@@ -103,12 +103,13 @@ impl Replay {
         let head = source.head().clone();
         let mut scans = virtual_insole.scans(source);
         let mut records = Records::default();
-        while let Some(Scan { index: i, t_s, codes }) = scans.next_scan()? {
+        // The repetitions of the last frame, which have no time, are not evaluated: their load was not recorded.
+        while let Some(Scan { index: i, t_s: Some(t_s), codes }) = scans.next_scan()? {
             let toe_off = insole.frame(i as u32, codes);
-            if let Some((frames, t_s)) = frames.as_mut().zip(t_s) {
+            if let Some(frames) = &mut frames {
                 frames.push(t_s, &insole)?;
             }
-            let step = toe_off.then(|| insole.whole_step()).flatten().map(|step| Step::new(&step));
+            let step = step_at(toe_off, &mut insole);
             if let Some(picture) = &mut picture {
                 picture.push(&insole, codes, step);
             }
@@ -119,6 +120,12 @@ impl Replay {
                 bar.set_position(i as u64);
             }
         }
+        let toe_off = insole.end_stance();
+        let step = step_at(toe_off, &mut insole);
+        if let Some(picture) = picture.as_mut().filter(|_| step.is_some()) {
+            picture.push(&insole, &[], step);
+        }
+        records.steps.extend(step);
         records.bouts.extend(std::iter::from_fn(|| insole.end_bout()).map(|bout| Bout::new(&bout)));
         bar.finish_and_clear();
         if let Some(path) = &self.load {
@@ -135,6 +142,11 @@ impl Replay {
         }
         Ok(records)
     }
+}
+
+/// The step that ended with the last frame, if this frame confirmed toe off.
+fn step_at<R: Real>(toe_off: bool, insole: &mut Insole<R, MAX_CELLS>) -> Option<Step> {
+    toe_off.then(|| insole.whole_step()).flatten().map(|step| Step::new(&step))
 }
 
 /// Writes a text file, and ends its last line.

@@ -247,6 +247,21 @@ fn a_session_is_refused_before_it_connects_if_its_options_cannot_be_used() {
     }
 }
 
+#[cfg(unix)]
+#[test]
+fn a_folder_without_permission_to_write_is_refused_before_the_connection() {
+    use std::os::unix::fs::PermissionsExt;
+
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("session");
+    std::fs::create_dir(&out).expect("created");
+    std::fs::set_permissions(&out, PermissionsExt::from_mode(0o500)).expect("changed");
+    // Permissions do not restrict root.
+    if std::fs::create_dir(out.join("root")).is_err() {
+        fail(folder.path(), "record --tcp 127.0.0.1:9 --out session", &["cannot write to session", "permissions"]);
+    }
+}
+
 /// The heel carries 1,000 N on 200 mm2. The typical parameters were determined from barefoot steps that load more than 2,000
 /// mm2 of the heel.
 #[test]
@@ -299,6 +314,39 @@ fn standing_is_a_load_bout_with_its_force_time_integral() {
     assert!((sum_n_s - true_n_s).abs() < 0.01 * true_n_s, "{sum_n_s} for {true_n_s} N s");
     let standing: Vec<_> = bouts.iter().filter(|bout| bout["kind"] == "standing").collect();
     assert!(standing.len() == 1 && integral_n_s(standing[0]) > 0.95 * true_n_s, "{bouts:?}");
+}
+
+#[test]
+fn the_last_load_bout_ends_with_the_recording() {
+    let (_folder, path) = folder();
+    let mut trial = synthetic::standing(&SyntheticStanding::default());
+    // The foot stands from 6 s on.
+    trial.t_s.truncate(1200);
+    trial.pressure_kpa.truncate(1200 * trial.cells());
+    trial.write(path.join("trial.parquet")).expect("written");
+    succeed(&path, "replay trial.parquet --bouts bouts.json");
+    let bouts = json(&path.join("bouts.json"));
+    let last = bouts.as_array().and_then(|bouts| bouts.last()).expect("a bout");
+    let end_s = last["start_s"].as_f64().expect("a time") + last["duration_s"].as_f64().expect("a time");
+    assert!(last["kind"] == "standing" && (end_s - 12.0).abs() < 1e-6, "{last}");
+}
+
+/// Toe off is confirmed after 50 ms, or by the end of the recording.
+#[test]
+fn a_recording_that_ends_right_after_toe_off_has_its_last_step() {
+    let (_folder, path) = folder();
+    let mut walk = synthetic::walk(&SyntheticWalk { steps: 1, ..Default::default() }).recording;
+    walk.write(path.join("whole.parquet")).expect("written");
+    succeed(&path, "replay whole.parquet --json whole.json");
+    let whole = json(&path.join("whole.json"));
+    let toe_off_s = whole[0]["start_s"].as_f64().expect("a time") + whole[0]["duration_s"].as_f64().expect("a time");
+    let frames = (toe_off_s * walk.rate_hz).round() as usize + 1;
+    walk.t_s.truncate(frames);
+    walk.pressure_kpa.truncate(frames * walk.cells());
+    walk.write(path.join("cut.parquet")).expect("written");
+    succeed(&path, "replay cut.parquet --json cut.json --picture step.svg");
+    assert_eq!(json(&path.join("cut.json")), whole);
+    assert!(path.join("step.svg").exists());
 }
 
 /// The weight of 70 kg is 686.5 N, of which the left foot carries 420 N (61.2 %) and the right foot 266.5 N (38.8 %).

@@ -174,7 +174,7 @@ impl Pages<'_> {
         let numbers = numbers.collect::<Result<Vec<usize>>>()?;
         let cell_mm2 = self.size_mm.map_or(0.0, |[width_mm, height_mm]| width_mm * height_mm);
         self.frames.begin(t_s);
-        let (mut force_n, mut stated_n) = (0.0, None);
+        let (mut force_n, mut stated) = (0.0, None);
         for (line, row) in lines {
             let place = || at_line(self.path, line);
             let fields: Vec<&str> = row.trim_end().split('\t').map(str::trim).collect();
@@ -182,7 +182,7 @@ impl Pages<'_> {
                 continue;
             }
             if fields[0] == FORCE {
-                stated_n = fields.last().and_then(|field| first_number(field));
+                stated = fields.last().and_then(|field| first_number(field)).map(|stated_n| (line, stated_n));
                 break;
             }
             let at = index(fields[0], "row", &place)?;
@@ -205,10 +205,19 @@ impl Pages<'_> {
             }
             force_n += row_n;
         }
-        if let Some(stated_n) = stated_n {
-            check_force(force_n, stated_n, &place)?;
-            self.differences.extend((stated_n > 1.0).then(|| (force_n / stated_n - 1.0).abs()));
-        }
+        let Some((line, stated_n)) = stated else {
+            if has_force {
+                let problem = "the table below ends without its total Force";
+                return Err(Error::content(
+                    place(),
+                    problem,
+                    "the export is cut off or damaged: export or copy it again",
+                ));
+            }
+            return Ok(());
+        };
+        check_force(force_n, stated_n, &|| at_line(self.path, line))?;
+        self.differences.extend((stated_n > 1.0).then(|| (force_n / stated_n - 1.0).abs()));
         Ok(())
     }
 }

@@ -4,17 +4,16 @@
 //! hallux carries more than the lesser toes. These rules hold for most people, not for all. So they determine the orientation
 //! only where an export does not state it; where it does, a contradiction leads to a warning.
 
-use crate::{Cell, Recording, template};
+use crate::template::{self, FOREFOOT, HEEL};
+use crate::{Cell, Recording};
 use plantar::{Region, Side};
 
 /// Fraction of the largest force above which the foot is on the ground.
 const IN_STANCE: f64 = 0.1;
 /// Least movement of the centre of pressure in a step, as a fraction of the length of the foot.
 const LEAST_MOVEMENT: f64 = 0.1;
-/// Bands across the foot: each lies between two fractions of the foot's length, measured from the back of the heel.
-const HEEL: [f64; 2] = [0.05, 0.25];
+/// Further bands across the foot, as [`HEEL`] and [`FOREFOOT`].
 const MIDFOOT: [f64; 2] = [0.32, 0.52];
-const FOREFOOT: [f64; 2] = [0.60, 0.78];
 const TOES: [f64; 2] = [0.84, 1.0];
 /// Least asymmetry towards the wrong side that indicates a mirrored layout, as a fraction of the width of the forefoot.
 const LEAST_ASYMMETRY: f64 = 0.05;

@@ -210,7 +210,7 @@ fn under_foot(indices: &BTreeMap<(usize, usize), usize>, pressure_kpa: &[f32]) -
     if under_foot.contains(&true) { under_foot } else { vec![true; indices.len()] }
 }
 
-/// Checks that a plate has no more than one footprint.
+/// Checks that a plate has no more than one footprint. Two feet side by side are not recognised.
 fn check_one_foot(cells: &[Cell], under_foot: &[bool], file: &str) -> Result<()> {
     /// Length of the longest plausible foot, mm: about EU size 60.
     const LONGEST_MM: f64 = 400.0;

@@ -4,10 +4,11 @@
 use crate::Cell;
 use plantar::pipeline::template::region_at;
 
-/// Bands in which the widths of heel and forefoot are measured, fractions of the foot's length.
-const HEEL_BAND: [f64; 2] = [0.05, 0.25];
-/// See [`HEEL_BAND`].
-const FOREFOOT_BAND: [f64; 2] = [0.60, 0.78];
+/// The band across the foot in which the width of the heel is measured. A band lies between two fractions of the foot's length,
+/// measured from the back of the heel.
+pub(crate) const HEEL: [f64; 2] = [0.05, 0.25];
+/// The band in which the width of the forefoot is measured.
+pub(crate) const FOREFOOT: [f64; 2] = [0.60, 0.78];
 
 /// Assigns each cell its region by [`region_at`]. The length of the foot is the extent of the cells. The edges of the foot are
 /// straight lines from the edges of the heel to the edges of the forefoot, so that a foot may lie obliquely on its sensor
@@ -32,9 +33,9 @@ pub(crate) fn assign_within(cells: &mut [Cell], under_foot: &[bool]) {
         // A layout without cells in the band is treated as a rectangle.
         extent(if within.is_empty() { &foot } else { &within }, |c| c.x_mm)
     };
-    let (heel, forefoot) = (edges(HEEL_BAND), edges(FOREFOOT_BAND));
+    let (heel, forefoot) = (edges(HEEL), edges(FOREFOOT));
     let middle = |band: [f64; 2]| (band[0] + band[1]) / 2.0;
-    let (heel_y, forefoot_y) = (middle(HEEL_BAND), middle(FOREFOOT_BAND));
+    let (heel_y, forefoot_y) = (middle(HEEL), middle(FOREFOOT));
     for cell in cells {
         let y = y_frac(cell.y_mm);
         let toward_forefoot = (y - heel_y) / (forefoot_y - heel_y);

@@ -38,9 +38,17 @@ pub fn rows(bytes: &[u8]) -> Result<Vec<Vec<String>>, String> {
     let records = records(&workbook);
     let start =
         records.iter().position(|(id, data)| *id == BOF && u16_at(data, 2) == Some(WORKSHEET)).ok_or("no sheet")?;
+    // Without the record that ends the sheet, rows may be missing: the sheet is cut off, or a damaged length exceeds the stream.
+    let end = records[start..].iter().position(|(id, _)| *id == EOF).ok_or_else(|| {
+        let at: usize = records.iter().map(|(_, data)| 4 + data.len()).sum();
+        format!(
+            "the sheet has no end: no whole record begins at byte {at} of the {} bytes of the workbook",
+            workbook.len()
+        )
+    })?;
     let texts = texts(&records[..start]);
     let mut cells: BTreeMap<usize, Vec<String>> = BTreeMap::new();
-    for (id, data) in records[start..].iter().take_while(|(id, _)| *id != EOF) {
+    for (id, data) in &records[start..start + end] {
         let (Some(row), Some(column)) = (u16_at(data, 0), u16_at(data, 2)) else { continue };
         let mut set = |column: usize, text: String| {
             let fields = cells.entry(row.into()).or_default();
@@ -78,7 +86,7 @@ pub fn rows(bytes: &[u8]) -> Result<Vec<Vec<String>>, String> {
     Ok((0..last).map(|row| cells.remove(&row).unwrap_or_default()).collect())
 }
 
-/// Splits a stream into records, each a type and its data.
+/// Splits a stream into records, each a type and its data, up to the first one that is not whole.
 fn records(stream: &[u8]) -> Vec<(u16, &[u8])> {
     let (mut records, mut rest) = (Vec::new(), stream);
     while let (Some(id), Some(len)) = (u16_at(rest, 0), u16_at(rest, 2)) {

@@ -103,6 +103,11 @@ fn damaged_files_are_refused_with_the_line_and_a_remedy() {
     assert_message(changed("\n20\t0.00\t", "\n20\t"), &at(first_row), &["11 values"]);
     assert_message(changed("\n20\t", "\n9999999\t"), &at(first_row), &["9999999", "row"]);
     assert_message(changed("\n20\t0.00\t", "\n20\tNaN\t"), &at(first_row), &["NaN", "number"]);
+    let forces = text.lines().position(|line| line.starts_with("Force\t")).unwrap();
+    let total = text.lines().nth(forces).and_then(|line| line.rsplit('\t').next()).unwrap();
+    assert_message(changed(&format!("\t{total}\n\x0c"), "\t999.00\n\x0c"), &at(forces + 1), &["999.00 N", "Force"]);
+    let cut: String = text.split_inclusive('\n').take(forces).collect();
+    assert_message(parse(cut.as_bytes()), &at(first_row - 1), &["total Force", "cut off"]);
     assert_message(changed("1.000x1.000 cm", "1.000x1.000 cubits"), &at(7), &["cubits"]);
     assert_message(changed("Time/picture:10.0 ms", ""), &at(1), &["time of a picture"]);
     assert_message(parse(b"File: 2.dat\nMVP\n"), "step.lst: ", &["no page"]);

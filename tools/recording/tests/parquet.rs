@@ -125,6 +125,22 @@ fn hidden_files_are_not_parts_of_a_recording() {
 }
 
 #[test]
+fn a_gap_after_a_part_without_frames_is_refused() {
+    let folder = TempDir::new().unwrap();
+    let part = |name: &str, t_s: &[f64]| {
+        let kpa = vec![1.0; t_s.len()];
+        write(&folder.path().join(name), Some(TWO_CELLS), ["t_s", "c0_kpa", "c1_kpa"], t_s, [&kpa, &kpa]);
+    };
+    part("part-0.parquet", &[0.0, 0.01]);
+    part("part-1.parquet", &[]);
+    part("part-2.parquet", &[0.02, 0.03]);
+    assert_eq!(Recording::read(folder.path()).unwrap().frames(), 4);
+    part("part-2.parquet", &[0.023, 0.033]);
+    let error = RecordingReader::open(folder.path()).err().expect("an error").to_string();
+    assert!(error.contains("part-2.parquet") && error.contains("gap in time"), "{error}");
+}
+
+#[test]
 fn a_file_of_another_writer_with_the_metadata_is_read() {
     let (_folder, path) = in_folder();
     write(

@@ -30,14 +30,15 @@ impl Typical {
     /// Selects the step.
     ///
     /// # Errors
-    /// The reason why the region was not fitted.
+    /// The reason why the region was not fitted to these steps.
     pub fn of(study: &Study, region: usize) -> Result<Self, String> {
         let fit = fit_of(study, region)?;
         let steps = fit.steps.iter().filter_map(|&step| {
             let (start_s, curves) = evaluate(study, step, region)?;
             Some(Self { step, start_s, curves })
         });
-        median(steps.collect(), Self::nrmse).ok_or_else(|| "no step to show".into())
+        // In each step that a fit uses, the region is in contact, so none of them can be missing here.
+        median(steps.collect(), Self::nrmse).ok_or_else(|| "the fit is of other steps than those of the study".into())
     }
 
     /// NRMSE of the model force, as a fraction.
@@ -75,7 +76,7 @@ pub struct Sum {
 }
 
 impl Sum {
-    /// Selects the step; `None` if no region was fitted.
+    /// Selects the step; `None` if no region was fitted to these steps.
     pub fn of(study: &Study) -> Option<Self> {
         fitted(study).next()?;
         let sums = (0..study.steps.len()).filter_map(|step| Self::of_step(study, step));
@@ -180,7 +181,9 @@ pub fn force(study: &Study, region: usize, typical: &Result<Typical, String>) ->
 
 /// The chart of the sum over the fitted regions, measured and of the model.
 pub fn sum(study: &Study, sum: Option<&Sum>) -> Drawing {
-    let Some(sum) = sum else { return unfitted(WIDTH, FORCE_HEIGHT, "Sum of the regions", "no region was fitted") };
+    let Some(sum) = sum else {
+        return unfitted(WIDTH, FORCE_HEIGHT, "Sum of the regions", "no region was fitted to these steps");
+    };
     let chart = chart(study, FORCE_HEIGHT, largest([&sum.whole_n, &sum.model_n]));
     let nrmse = percent(sum.nrmse());
     Drawing {

@@ -120,6 +120,9 @@ fn a_study_without_steps_or_fit_has_a_report() {
     assert!(report::html(&nothing).contains("no whole step"));
     let unfitted = Study { fits: Vec::new(), ..STUDY.clone() };
     assert!(report::html(&unfitted).contains("not fitted yet"));
+    let replaced = report::html(&Study { steps: Vec::new(), ..STUDY.clone() });
+    assert!(replaced.contains("Heel: not fitted, the fit is of other steps"));
+    assert!(replaced.contains("Sum of the regions: not fitted, no region was fitted to these steps"));
 }
 
 #[test]
