@@ -294,6 +294,12 @@ async fn answer(connection: &Connected<'_, '_>, table: &Table, stack: &Host<'_>,
                     Ok(()) => event.accept(),
                 }
             }
+            // The host would respond with an error even to a command, and a central could take it for the response to its
+            // next request.
+            GattEvent::NotAllowed(event) if is_command => {
+                event.into_payload();
+                continue;
+            }
             // The host does not implement Read Multiple, and would panic on a request without handles.
             GattEvent::Other(event)
                 if matches!(event.payload().incoming(), AttClient::Request(AttReq::ReadMultiple { .. })) =>

@@ -75,6 +75,8 @@ fn an_unbonded_phone_reads_values_of_standard_services_and_nothing_else() {
     assert_eq!(phone.read(&mut world.radio, "2a19"), [73]);
     assert_eq!(phone.read(&mut world.radio, CURRENT_TIME), [0; 10], "the clock must not be set yet");
     assert_eq!(phone.read(&mut world.radio, "2a54"), [0, 0]);
+    // A write without a response has none, even if it is not permitted.
+    assert_eq!(phone.command_and_read(&mut world.radio, "2a54", &[1, 0]), [0, 0]);
 
     let connect = fragments(&ToDevice::Connect { major: MAJOR, minor: MINOR }, 20).remove(0);
     for characteristic in [CONTROL, PARAMETERS, CURRENT_TIME] {

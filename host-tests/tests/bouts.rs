@@ -1,12 +1,15 @@
 //! Load bouts: all load that is not part of a step.
 
-use plantar::Side;
+use plantar::insole::Insole;
 use plantar::pipeline::bout::{BoutKind, BoutRecord, BoutRegion};
 use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::setup::{Setup, SetupCell};
 use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::{Bout, LoadRecord};
+use plantar::{Region, Side};
 use testkit::activity::{Activity, recognised, recording, sequences};
 use testkit::wear::{Residual, find, with_residual};
+use testkit::{LAW, SETUP, cell, code_of};
 
 /// A child, an adult, and a heavy person, in sequences of activities.
 #[test]
@@ -53,6 +56,26 @@ fn load_at_the_end_of_a_recording_is_part_of_one_record() {
             assert!(share < 0.001, "{count} activities of {seconds} s: {share}");
         }
     }
+}
+
+/// At this frame rate 30 windows are a little shorter than a minute. The foot leaves the ground in the next window, before that
+/// window is long enough to have a kind of its own, and when the bout has reached its longest duration.
+#[test]
+fn a_bout_of_the_longest_duration_ends_with_the_last_frame_of_its_contact() {
+    const PERIOD_US: u32 = 6_667;
+    let at = |i: u8| SetupCell { row_column: i, ..cell(Region::Heel, f32::from(i) * 10.0, 0.0, 100.0) };
+    let mut insole = Box::new(Insole::<f64, 16>::new());
+    insole.set_up(Setup { period_us: PERIOD_US, ..SETUP }, (0..16).map(at)).expect("the set-up is accepted");
+    let (mut on_ground_frames, mut bout) = (0, None);
+    for seq in 0..9_100 {
+        let pressure_kpa = if seq < 9_020 { 300.0 } else { 0.0 };
+        insole.frame(seq, &[code_of(&LAW, pressure_kpa); 16]);
+        on_ground_frames += u32::from(insole.on_ground());
+        bout = bout.or(insole.take_bout());
+    }
+    let bout = bout.expect("a bout has ended");
+    assert_eq!((bout.kind, bout.start_us), (BoutKind::Standing, 0));
+    assert_eq!(bout.duration_us, on_ground_frames * PERIOD_US);
 }
 
 /// 12.346 N s are 1,234.6 units of the message, and so on.

@@ -1,5 +1,6 @@
 //! The insole's side of a session, tested message by message.
 
+use plantar::firmware::serve::READ_BYTES;
 use plantar::pipeline::alert::{AlertRules, DailyLoad};
 use plantar::pipeline::baseline::ZeroResult;
 use plantar::pipeline::calibrate::CellCalibration;
@@ -9,14 +10,14 @@ use plantar::pipeline::setup::Setup;
 use plantar::pipeline::stance_rule::StanceRule;
 use plantar::pipeline::tissue::{AreaFilter, Identified, Tissue};
 use plantar::protocol::BLOCK_CELLS;
-use plantar::protocol::session::{Command, CommandResult, RECORD_QUEUE, Session};
+use plantar::protocol::session::{ANSWER_QUEUE, Command, CommandResult, RECORD_QUEUE, Session};
 use plantar::protocol::update::{Progress, Request};
 use plantar::protocol::{
     CellCoder, CellStream, Ellipses, Hello, Identity, MAJOR, MAX_MESSAGE, MINOR, Refusal, Resolution, SETUP_CELLS,
     Serial, Settings, Status, ToDevice, ToHost, decode, encode,
 };
 use plantar::{Region, Side};
-use testkit::{SETUP, TISSUE, alert, bout, cell, daily_load, hello, live, status, step};
+use testkit::{SETUP, TISSUE, alert, bout, cell, daily_load, framed, hello, live, status, step};
 
 /// A message to the host, in a short form.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -554,10 +555,20 @@ fn parameters_are_not_accepted_outside_of_a_session() {
 fn only_some_of_too_many_requests_are_answered() {
     let mut session = streaming();
     (0..1000).for_each(|_| session.receive(ToDevice::GetTissue, 0));
-    let sent = all(&mut session);
-    assert!((11..1000).contains(&sent.len()), "{} answers", sent.len());
+    assert_eq!(all(&mut session), [Sent::Tissue(0); ANSWER_QUEUE]);
     session.receive(ToDevice::GetStatus, 0);
     assert!(matches!(all(&mut session)[..], [Sent::Status(_)]));
+}
+
+/// A read can complete a request that began in an earlier read, and then contain the shortest frames that are answered: those of
+/// an empty message.
+#[test]
+fn all_requests_of_one_read_are_answered() {
+    let shortest = framed(&()).len();
+    let requests = 1 + (READ_BYTES - 1) / shortest;
+    let mut session = streaming();
+    (0..requests).for_each(|_| session.receive_unknown());
+    assert_eq!(all(&mut session), vec![Sent::Refused(Refusal::NotUnderstood); requests]);
 }
 
 #[test]

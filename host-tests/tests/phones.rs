@@ -391,6 +391,13 @@ impl Phone {
         unhex(&radio.request(json!({"do": "read", "phone": self.name, "of": characteristic}))["value"])
     }
 
+    /// Writes a value to a characteristic without a response, and at once reads the characteristic. An error in response to the
+    /// write would be taken for the response to the read request.
+    pub fn command_and_read(&self, radio: &mut RadioSimulation, characteristic: &str, value: &[u8]) -> Vec<u8> {
+        let command = json!({"do": "command", "phone": self.name, "of": characteristic, "value": hex(value)});
+        unhex(&radio.request(command)["value"])
+    }
+
     /// Sends a message in fragments.
     pub fn send(&self, radio: &mut RadioSimulation, message: ToDevice) {
         let characteristic =

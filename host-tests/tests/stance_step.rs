@@ -166,6 +166,29 @@ fn the_foot_is_on_the_ground_from_heel_strike_to_confirmed_toe_off() {
     assert!(on_ground(&[Frames(5, 500.0)]));
 }
 
+/// After steps with 700 N, contacts with 140 N are presses of a seated foot or, if there are many of them, the steps of a person
+/// who has begun to unload this foot. A contact with 30 N is a step only of a wearer whose usual steps have less than 300 N.
+#[test]
+fn only_many_weak_contacts_lower_the_thresholds() {
+    let limits = StanceLimits::new(&StanceRule::ADAPTIVE, PERIOD_US);
+    let is_step_after = |weak_contacts: usize| {
+        let (mut stance, mut seq) = (Stance::<f64>::new(), 0);
+        let mut contact = |force_n: f64| {
+            let mut is_step = false;
+            for force_n in [0.0; 10].into_iter().chain([force_n; 30]).chain([0.0; 10]) {
+                is_step |= push(&mut stance, &limits, seq, &frame(100.0, force_n));
+                seq += 1;
+            }
+            is_step
+        };
+        let mut steps = [700.0; 10].into_iter().chain(std::iter::repeat_n(140.0, weak_contacts));
+        assert!(steps.all(&mut contact), "{weak_contacts} weak contacts");
+        contact(30.0)
+    };
+    assert!(!is_step_after(12));
+    assert!(is_step_after(40));
+}
+
 #[test]
 fn missing_frames_are_interpolated_linearly() {
     let limits = StanceLimits::new(&StanceRule::ADAPTIVE, PERIOD_US);

@@ -25,6 +25,14 @@ fn open(chip: &mut NorFlashChip) -> ChipStore<'_> {
     block_on(Store::open(Some(chip), Reset::Power))
 }
 
+/// Opens the store while the supply is too low for any change. The supply is sufficient from then on.
+fn open_with_low_supply(chip: &mut NorFlashChip) -> ChipStore<'_> {
+    chip.refuses_changes = true;
+    let mut store = open(chip);
+    store.flash().expect("there is a chip").refuses_changes = false;
+    store
+}
+
 /// All stored steps.
 fn steps(store: &mut ChipStore) -> Vec<Step> {
     let mut steps = Vec::new();
@@ -592,8 +600,20 @@ fn erasing_the_data_of_the_wearer_leaves_no_byte_of_them_and_preserves_the_rest(
     assert_eq!(numbers(&mut store), [100]);
 }
 
+/// A start after the erasure removes its note, so that a log that is damaged later is reported.
+#[test]
+fn a_log_that_is_damaged_after_an_erasure_is_counted() {
+    let mut chip = chip();
+    let mut store = open(&mut chip);
+    assert_eq!(block_on(store.push_record(step(0))), Ok(0));
+    assert_eq!(block_on(store.erase_wearer(|| {})), Ok(()));
+    open(&mut chip);
+    fastrand::Rng::with_seed(9).fill(&mut chip.bytes[SMALL_LOG.start as usize..]);
+    assert_eq!(open(&mut chip).contents().erased, 1);
+}
+
 /// Power fails in each operation of the erasure, with a log of which the newest steps are in its first sectors. No number is
-/// used twice.
+/// used twice, and no area counts as damaged.
 #[test]
 fn numbers_continue_after_an_interrupted_erasure() {
     let mut chip = chip();
@@ -612,7 +632,7 @@ fn numbers_continue_after_an_interrupted_erasure() {
         assert!(block_on(open(&mut chip).erase_wearer(|| {})).is_err());
         let mut chip = chip.restarted();
         let mut store = open(&mut chip);
-        assert_eq!(store.contents().next_record, 3000, "operation {at}");
+        assert_eq!((store.contents().next_record, store.contents().erased), (3000, 0), "operation {at}");
         // The oldest steps were erased, and the newest ones are left, without a gap.
         let left = numbers(&mut store);
         assert!(left.iter().copied().eq(3000 - left.len() as u32..3000), "operation {at}: {left:?}");
@@ -627,7 +647,7 @@ fn numbers_continue_after_an_interrupted_erasure() {
 
 /// Power fails in each operation of an acknowledgement that deletes several sectors, and the supply is too low for any change
 /// at the next start. In the second round, an earlier erasure of the wearer's data has also stored the number of the next
-/// record.
+/// record, and the supply was too low to remove it.
 #[test]
 fn an_interrupted_deletion_is_repaired_once_the_supply_is_sufficient() {
     for has_erased in [false, true] {
@@ -643,20 +663,19 @@ fn an_interrupted_deletion_is_repaired_once_the_supply_is_sufficient() {
             assert_eq!(block_on(store.push_record(step(number))), Ok(0));
         }
         let used = chip.restarted();
+        let restart = if has_erased { open_with_low_supply } else { open };
         let mut whole = used.clone();
-        let mut store = open(&mut whole);
+        let mut store = restart(&mut whole);
         let before = store.flash().expect("there is a chip").operations;
         assert_eq!(block_on(store.acknowledge(68)), Ok(()));
         for at in before..whole.operations {
             let mut chip = used.clone();
             chip.cut = Some((at, Torn::Within));
-            assert!(block_on(open(&mut chip).acknowledge(68)).is_err());
+            assert!(block_on(restart(&mut chip).acknowledge(68)).is_err());
             let mut chip = chip.restarted();
-            chip.refuses_changes = true;
-            let mut store = open(&mut chip);
+            let mut store = open_with_low_supply(&mut chip);
             let place = format!("operation {at}: {:?}", store.contents());
             assert_eq!(store.contents().next_record, 70, "{place}");
-            store.flash().expect("there is a chip").refuses_changes = false;
             assert_eq!(block_on(store.push_record(step(70))), Ok(0), "{place}");
             assert_eq!(block_on(store.acknowledge(69)), Ok(()), "{place}");
             assert_eq!(numbers(&mut store), [70], "{place}");
@@ -678,9 +697,7 @@ fn the_count_of_boots_continues_once_the_records_are_repaired() {
     let sector = &mut chip.bytes[SECTOR as usize..2 * SECTOR as usize];
     assert!(sector.iter().all(|byte| *byte == 0xff), "the records must fit into one sector");
     sector[SECTOR as usize - 1] = 0;
-    chip.refuses_changes = true;
-    let mut store = open(&mut chip);
-    store.flash().expect("there is a chip").refuses_changes = false;
+    let mut store = open_with_low_supply(&mut chip);
     assert_eq!(block_on(store.push_record(step(1))), Ok(0));
     let stored = steps(&mut store);
     assert_eq!(stored.iter().map(|step| step.boots_since).collect::<Vec<_>>(), [1, 0]);

@@ -10,6 +10,9 @@ use embassy_time::{Duration, Timer};
 use embedded_io_async::{Read, Write};
 use mcumgr::line::{self, END};
 
+/// Largest number of bytes in one read of the carrier.
+pub const READ_BYTES: usize = 64;
+
 /// Longest time between two heartbeats of an idle link.
 const IDLE: Duration = Duration::from_millis(200);
 
@@ -21,7 +24,7 @@ pub async fn serve(rx: impl Read, tx: impl Write, shared: &Shared) -> ! {
 
 async fn receive(mut rx: impl Read, shared: &Shared) -> ! {
     let mut decoder = Decoder::new();
-    let mut received = [0; 64];
+    let mut received = [0; READ_BYTES];
     loop {
         let count = rx.read(&mut received).await;
         // A framing or overrun error of the port appears as a bad CRC.

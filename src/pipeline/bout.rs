@@ -248,11 +248,12 @@ impl<R: Real> Bouts<R> {
     /// after missing ones.
     #[inline(never)]
     pub(crate) fn frame(&mut self, seq: u32, frames: u32, regions: &[&RegionFrame<R>; 8], is_on_ground: bool) {
-        self.last_seq = seq;
         if is_on_ground != self.window.is_on_ground {
+            // The window, and with it perhaps the bout, has ended with the previous frame.
             self.end_window();
             self.window.is_on_ground = is_on_ground;
         }
+        self.last_seq = seq;
         self.window.add(seq, frames, |region| (regions[region].force.force_n, regions[region].peak_kpa));
         if self.window.load.frames >= self.window_frames {
             self.end_window();

@@ -8,7 +8,7 @@ use super::bout::{BoutRecord, Bouts};
 use super::curves::Curves;
 use super::lift::Constancy;
 use super::region::{RegionFrame, Side};
-use super::stance_rule::StanceLimits;
+use super::stance_rule::{StanceLimits, StepPeaks};
 use crate::num::Real;
 use serde::{Deserialize, Serialize};
 
@@ -87,8 +87,8 @@ pub struct Stance<R> {
     rejected: Rejected,
     /// Largest total force since heel strike, N.
     peak_n: R,
-    /// Mean peak of the recent steps, N; 0 before the first step.
-    recent_peak_n: R,
+    /// The peaks of the steps.
+    step_peaks: StepPeaks<R>,
     /// Force of the lifted foot, N.
     lifted_n: R,
     constancy: Constancy<R>,
@@ -97,7 +97,7 @@ pub struct Stance<R> {
     is_lifted: bool,
     /// The total force has changed since the first frame.
     has_moved: bool,
-    /// A step of walking has ended; see [`StanceLimits::is_walking`]. The review of the lifted foot resets it.
+    /// A step of walking has ended; see [`StepPeaks::add`]. The review of the lifted foot resets it.
     pub(crate) has_walked: bool,
 }
 
@@ -119,7 +119,7 @@ impl<R: Real> Stance<R> {
             saturated: 0,
             rejected: Rejected { short: 0, long: 0, broken: 0 },
             peak_n: R::ZERO,
-            recent_peak_n: R::ZERO,
+            step_peaks: StepPeaks::NONE,
             lifted_n: R::ZERO,
             constancy: Constancy::NEW,
             is_unloaded: false,
@@ -136,7 +136,7 @@ impl<R: Real> Stance<R> {
         self.curves.clear();
         self.bouts.set_up(period_us);
         self.rejected = Rejected::default();
-        self.recent_peak_n = R::ZERO;
+        self.step_peaks = StepPeaks::NONE;
         self.lifted_n = R::ZERO;
         self.constancy = Constancy::NEW;
         (self.is_lifted, self.is_unloaded) = (false, false);
@@ -160,7 +160,7 @@ impl<R: Real> Stance<R> {
             _ => seq.wrapping_sub(self.last_seq).wrapping_sub(1),
         };
         self.last_seq = seq;
-        let scale = limits.scale(self.recent_peak_n);
+        let scale = limits.scale(self.step_peaks.recent_n);
         self.constancy.push(total_n, scale);
         let has_changed = self.constancy.frames() == 0;
         self.has_moved |= has_changed && self.phase != Phase::Unknown;
@@ -260,7 +260,7 @@ impl<R: Real> Stance<R> {
             }
             Phase::Stance => {
                 // The shoe presses more than before this stance, so the end of the stance was not recognised.
-                let release_n = self.lifted_n + limits.release_n * limits.scale(self.recent_peak_n);
+                let release_n = self.lifted_n + limits.release_n * limits.scale(self.step_peaks.recent_n);
                 self.loaded = self.curves.frames_above(release_n);
                 self.end(limits)
             }
@@ -287,10 +287,9 @@ impl<R: Real> Stance<R> {
             return false;
         }
         let peak_n = self.peak_n - self.lifted_n;
-        self.has_walked |= StanceLimits::is_walking(self.recent_peak_n, peak_n);
-        self.recent_peak_n = StanceLimits::recent_peak_n(self.recent_peak_n, peak_n);
+        self.has_walked |= self.step_peaks.add(peak_n);
         let samples = self.curves.samples_in(self.loaded);
-        self.bouts.after_step(&self.curves, self.start_seq, samples, self.recent_peak_n);
+        self.bouts.after_step(&self.curves, self.start_seq, samples, self.step_peaks.recent_n);
         self.curves.end_after(samples);
         self.phase = Phase::Ended;
         true

@@ -10,6 +10,11 @@ pub const REFERENCE_PEAK_N: f64 = 700.0;
 const SCALE: (f64, f64) = (0.2, 2.0);
 /// A step of walking has at least this peak, relative to the usual one.
 const WALKING: f64 = 0.5;
+/// Weight of a step of walking in the usual peak, and of all steps up to the first step of walking.
+const WEIGHT: f64 = 0.5;
+/// Weight of any other step. It may be a press of a seated foot, and some presses must not become the usual steps. Many such
+/// steps are those of a runner who walks now, or of a person who has begun to unload an injured foot.
+const WEAK_WEIGHT: f64 = 1.0 / 16.0;
 
 /// Time for which the total force must be constant before the foot counts as lifted, ms. After this time the toes are unloaded.
 /// The review of all cells that follows takes the same time; a swing lasts about 300 ms or longer, so both fit into it.
@@ -116,17 +121,28 @@ impl<R: Real> StanceLimits<R> {
     pub(super) fn usual_peak_n(recent_peak_n: R) -> R {
         if recent_peak_n > R::ZERO { recent_peak_n } else { R::of(REFERENCE_PEAK_N) }
     }
+}
 
-    /// True if a step with `peak_n`, N, is one of walking, and not a contact of a seated foot. `recent_peak_n` is as for
-    /// [`StanceLimits::usual_peak_n`].
-    pub(super) fn is_walking(recent_peak_n: R, peak_n: R) -> bool {
-        peak_n >= Self::usual_peak_n(recent_peak_n) * R::of(WALKING)
-    }
+/// The peaks of the total force in the wearer's steps.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct StepPeaks<R> {
+    /// Running mean of the recent peaks, N; 0 before the first step.
+    pub(super) recent_n: R,
+    /// A step of walking has ended, so the mean is that of the wearer.
+    is_of_wearer: bool,
+}
 
-    /// The running mean of the step peaks after a step with `peak_n`, N: the last step counts half. `before_n` is the mean before
-    /// this step, 0 before the first one.
-    pub(super) fn recent_peak_n(before_n: R, peak_n: R) -> R {
-        let before_n = Self::usual_peak_n(before_n);
-        before_n + (peak_n - before_n) * R::of(0.5)
+impl<R: Real> StepPeaks<R> {
+    /// Before the first step.
+    pub(super) const NONE: Self = Self { recent_n: R::ZERO, is_of_wearer: false };
+
+    /// Adds a step with `peak_n`, N. True if it is a step of walking, and not a contact of a seated foot.
+    pub(super) fn add(&mut self, peak_n: R) -> bool {
+        let before_n = StanceLimits::usual_peak_n(self.recent_n);
+        let is_walking = peak_n >= before_n * R::of(WALKING);
+        self.is_of_wearer |= is_walking;
+        let weight = if is_walking || !self.is_of_wearer { R::of(WEIGHT) } else { R::of(WEAK_WEIGHT) };
+        self.recent_n = before_n + (peak_n - before_n) * weight;
+        is_walking
     }
 }

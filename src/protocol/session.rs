@@ -25,8 +25,9 @@ use heapless::{Deque, Vec};
 pub const LIVE_QUEUE: usize = 8;
 /// Number of load records that are held in RAM until they are acknowledged.
 pub const RECORD_QUEUE: usize = 6;
-/// Answers that can wait for the carrier: more than the requests in one read of the carrier. Further requests are not answered.
-const ANSWER_QUEUE: usize = 16;
+/// Answers that can wait for the carrier: at least as many as the requests that one read of the carrier can complete. Further
+/// requests are not answered.
+pub const ANSWER_QUEUE: usize = 16;
 
 /// The state of the session, and the queues of messages to send.
 #[derive(Debug)]

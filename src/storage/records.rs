@@ -79,7 +79,8 @@ pub struct RadioRecord {
 }
 
 /// The number of the next load record when the erasure of the wearer's data began. If a loss of power interrupts the erasure,
-/// the log may not contain this number any more.
+/// the log may not contain this number any more, or be damaged. The record is removed at the first start at which the log has
+/// the number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct NumberingRecord(pub u32);
 

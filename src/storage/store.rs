@@ -160,14 +160,17 @@ impl<F: MultiwriteNorFlash> Store<F> {
             if self.fetch(key).await? == Some(bytes) {
                 let [kind, part, version] = key;
                 for older in 1..version {
-                    records(&mut self.flash, &mut self.guard)?
-                        .remove_item(&mut self.buffer, &[kind, part, older])
-                        .await?;
+                    self.remove([kind, part, older]).await?;
                 }
                 return Ok(());
             }
         }
         Err(StorageError::Chip)
+    }
+
+    /// Removes the record with this key, if there is one.
+    async fn remove(&mut self, key: Key) -> Result<(), StorageError> {
+        Ok(records(&mut self.flash, &mut self.guard)?.remove_item(&mut self.buffer, &key).await?)
     }
 
     /// Stores a block of the next calibration, which is not in force before [`Store::put_calibration`].

@@ -20,6 +20,8 @@ All other commands have the argument `phone`, the name of the phone that execute
     discover    Discovers the GATT table. Returns it as `table`.
     read        Reads the characteristic `of`. Returns its `value`.
     write       Writes `value` to the characteristic `of`.
+    command     Writes `value` to the characteristic `of` without a response, and at once reads `of`. Returns the `value` that
+                was read. An error in response to the command counts as the response to the read request.
     subscribe   Subscribes to the characteristic `to`.
     pair        Pairs with the insole.
     encrypt     Encrypts the connection with the key of the bond.
@@ -351,6 +353,10 @@ class World:
             characteristic = phone.characteristics[command['of']]
             await phone.peer.gatt_client.write_value(characteristic, bytes.fromhex(command['value']), True)
             return {}
+        if do == 'command':
+            characteristic = phone.characteristics[command['of']]
+            await phone.peer.gatt_client.write_value(characteristic, bytes.fromhex(command['value']), False)
+            return {'value': bytes(await phone.peer.gatt_client.read_value(characteristic)).hex()}
         if do == 'subscribe':
             await phone.subscribe(command['to'])
             return {}

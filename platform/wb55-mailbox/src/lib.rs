@@ -118,6 +118,11 @@ pub struct Shared {
 
 /// Parameters of [`BLE_INIT_OPCODE`] (`SHCI_C2_Ble_Init_Cmd_Param_t`). The radio's core runs its link layer only, so the
 /// parameters of ST's own host (`host_...`) are 0.
+///
+/// The structure has grown at its end. These are its 47 bytes in STM32CubeWB 1.23: version 1.16 added `more_options`, and version
+/// 1.23 `host_bearers`. Version 1.24 adds the address and the size of a buffer, 8 bytes. A radio's core with this version finds
+/// zeros in their place, because the command buffer is zeroed before this first command. `docs/bring-up.md` has the assumption
+/// that the radio's core accepts other lengths than its own.
 #[repr(C, packed)]
 pub struct BleInit {
     pub unused_buffer: [u32; 2],

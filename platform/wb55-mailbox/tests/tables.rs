@@ -28,7 +28,7 @@ fn packets_have_the_published_sizes() {
 
 #[test]
 fn parameters_of_bluetooth_have_the_published_layout() {
-    assert_eq!(size_of::<BleInit>(), 47, "SHCI_C2_Ble_Init_Cmd_Param_t");
+    assert_eq!(size_of::<BleInit>(), 47, "SHCI_C2_Ble_Init_Cmd_Param_t of STM32CubeWB 1.23");
     let offsets = [
         (offset_of!(BleInit, links), 14, "NumOfLinks"),
         (offset_of!(BleInit, peripheral_ppm), 20, "PeripheralSca"),

@@ -22,7 +22,8 @@ const FILLERS: u32 = (RECORDS.end - RECORDS.start + 2 * SECTOR) / FILLER_BYTES a
 impl<F: MultiwriteNorFlash> Store<F> {
     /// Erases all records about the wearer, in all versions of their formats, and the log, so that no earlier value remains in
     /// the chip either. The numbers of load records (steps, load bouts and alerts) continue. Calls `progressed` after each access
-    /// to the chip. If power is lost meanwhile, a part may remain.
+    /// to the chip. If power is lost meanwhile, a part may remain. The record with the number remains until a start finds this
+    /// number in the log; with this record, a log that cannot be read does not count as damaged.
     ///
     /// # Errors
     /// See [`StorageError`].
@@ -30,7 +31,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         self.require_full_use()?;
         self.put(0, &NumberingRecord(self.contents.next_record)).await?;
         while let Some(key) = self.key_of_wearer().await? {
-            records(&mut self.flash, &mut self.guard)?.remove_item(&mut self.buffer, &key).await?;
+            self.remove(key).await?;
             progressed();
         }
         // A removed record can be read until its sector is reused.
@@ -40,7 +41,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
             filler[0] ^= 1;
             progressed();
         }
-        records(&mut self.flash, &mut self.guard)?.remove_item(&mut self.buffer, &FILLER).await?;
+        self.remove(FILLER).await?;
         if self.log.range() != SMALL_LOG {
             // The released version 0.2.0 has its log in this range, in a chip of any size.
             self.erase_used(SMALL_LOG, &progressed).await?;

@@ -9,7 +9,7 @@ use crate::sequence::is_after;
 use crate::storage::StorageError;
 use crate::storage::flash_map::{RECORDS, SECTOR};
 use crate::storage::log::Entry;
-use crate::storage::records::{BootCounters, NumberingRecord, VERSIONS};
+use crate::storage::records::{BootCounters, NumberingRecord, Record, VERSIONS};
 use core::ops::Range;
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 
@@ -111,9 +111,14 @@ impl<F: MultiwriteNorFlash> Store<F> {
         };
         if agreed.log.is_ok_and(|entries| entries > 0)
             && let Ok(Some(NumberingRecord(next))) = self.get(0).await
-            && is_after(next, self.contents.next_record)
         {
-            self.mark_next_record(next).await;
+            if is_after(next, self.contents.next_record) {
+                self.mark_next_record(next).await;
+            } else {
+                // The log has the number. From now on, a damaged log is not the result of an erasure. If the chip refuses to
+                // remove the record, the next start repeats this.
+                let _ = self.remove([NumberingRecord::KIND, 0, NumberingRecord::VERSION]).await;
+            }
         }
         self.boot_due = Some(reset);
         // If this fails, it is repeated before a record is stored, and a failure is then reported.
@@ -126,22 +131,25 @@ impl<F: MultiwriteNorFlash> Store<F> {
         // This firmware has used the chip before if boots are counted in the chip, or its log has the number of a record.
         let is_in_use = matches!(survey.boots, Ok(Some(_))) || self.contents.next_record != 0;
         if survey.has_no_records() {
-            let _ = self.clear_area(RECORDS, records, is_in_use).await;
+            let is_lost = is_in_use || records.has_data_after_first_entry;
+            let _ = self.clear_area(RECORDS, records, is_lost).await;
         }
         if survey.has_no_log() {
-            self.is_log_foreign = self.clear_area(self.log.range(), log, is_in_use).await.is_err();
+            let numbering: Option<NumberingRecord> = self.get(0).await.ok().flatten();
+            // With the number, the log contained the data of the wearer, whose erasure was interrupted.
+            let is_lost = numbering.is_none() && (is_in_use || log.has_data_after_first_entry);
+            self.is_log_foreign = self.clear_area(self.log.range(), log, is_lost).await.is_err();
             // From here on the log always has an entry, so that numbering continues after a restart.
-            let numbering = self.get(0).await.ok().flatten();
             self.mark_next_record(numbering.map_or(0, |NumberingRecord(next)| next)).await;
         }
     }
 
-    /// Erases an area unless it is blank. The erasure is counted in [`Contents::erased`] if data may be lost.
-    async fn clear_area(&mut self, range: Range<u32>, area: Area, is_in_use: bool) -> Result<(), StorageError> {
+    /// Erases an area unless it is blank. With `is_lost`, data may be lost, and the erasure is counted in [`Contents::erased`].
+    async fn clear_area(&mut self, range: Range<u32>, area: Area, is_lost: bool) -> Result<(), StorageError> {
         if area.is_blank {
             return Ok(());
         }
-        self.contents.erased += u32::from(is_in_use || area.has_data_after_first_entry);
+        self.contents.erased += u32::from(is_lost);
         self.erase_used(range, &|| {}).await
     }
 
