@@ -28,6 +28,7 @@ pub use error::Error;
 pub use file::create_or_open_empty;
 pub use json::{bout_to_json, step_to_json};
 pub use link::{Event, Link, Open, ReconnectPolicy, SessionStart};
+pub use order::{Arrival, RecordOrder};
 pub use session::Client;
 pub use stream_file::{DamagedAt, Entries, Entry, STREAM_INSOLES, StreamFile, append};
 

@@ -14,7 +14,7 @@ const ALL_REPLAYS: u8 = 64;
 
 /// The treatment of a record that arrives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Arrival {
+pub enum Arrival {
     /// Accept it: no record before it is missing, or the missing one is assumed to have been dropped by the insole.
     InOrder,
     /// Records before it are missing. Request a replay and ignore this record, because the replay includes it.
@@ -39,8 +39,8 @@ struct Replays {
 
 /// Detects records that were lost on the way. An acknowledgement also covers all earlier ones, so a lost record must arrive
 /// before a later one is accepted.
-#[derive(Debug, Default)]
-pub(crate) struct RecordOrder {
+#[derive(Debug)]
+pub struct RecordOrder {
     /// The number after the last accepted record.
     expected: Option<u32>,
     /// When a replay that has not begun yet was requested, by the carrier's clock, us.
@@ -48,9 +48,18 @@ pub(crate) struct RecordOrder {
     replays: Option<Replays>,
 }
 
+impl Default for RecordOrder {
+    fn default() -> Self {
+        Self::NEW
+    }
+}
+
 impl RecordOrder {
+    /// Before the first record.
+    pub const NEW: Self = Self { expected: None, requested_us: None, replays: None };
+
     /// Decides how to treat a record that was not delivered before. `damaged` is the number of damaged frames that have arrived.
-    pub(crate) fn arrive(&mut self, number: u32, damaged: u32) -> Arrival {
+    pub fn arrive(&mut self, number: u32, damaged: u32) -> Arrival {
         if self.requested_us.is_some() {
             return Arrival::Awaited;
         }
@@ -74,7 +83,7 @@ impl RecordOrder {
     }
 
     /// Called when a replay was requested, at `now_us` of the carrier's clock, after this number of damaged frames.
-    pub(crate) fn request(&mut self, now_us: u64, damaged: u32) {
+    pub fn request(&mut self, now_us: u64, damaged: u32) {
         self.requested_us = Some(now_us);
         if let Some(replays) = &mut self.replays {
             replays.damaged_before = damaged;
@@ -83,17 +92,17 @@ impl RecordOrder {
 
     /// Called when a session begins, in which the insole sends its unacknowledged records from the oldest on. True if this is the
     /// replay that was requested.
-    pub(crate) fn begin(&mut self) -> bool {
+    pub fn begin(&mut self) -> bool {
         self.requested_us.take().is_some()
     }
 
     /// Called when another host receives the records. The next one that arrives here can have any number.
-    pub(crate) fn interrupt(&mut self) {
-        *self = Self::default();
+    pub fn interrupt(&mut self) {
+        *self = Self::NEW;
     }
 
     /// When a replay that has not begun yet was requested, us.
-    pub(crate) fn requested_us(&self) -> Option<u64> {
+    pub fn requested_us(&self) -> Option<u64> {
         self.requested_us
     }
 }

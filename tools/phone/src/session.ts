@@ -3,9 +3,8 @@
 import type { Hello, LayoutCell, Sole, Status, ToHost } from "./generated/messages";
 import type { DailyLoad, Ellipse, Live, Side } from "./generated/quantities";
 import { CONNECT_REQUEST_MS, TIMEOUT_MS } from "./reconnect";
-import { RecordOrder } from "./record_order";
 import type { Insole, Transport } from "./transport/transport";
-import type { Axis, LiveCounter, Wire } from "./wire";
+import type { Axis, LiveCounter, RecordOrder, Wire } from "./wire";
 
 /** Interval of the requests for the status. */
 const STATUS_MS = 1000;
@@ -107,7 +106,8 @@ export class Session {
   private readonly arrivals_ms: number[] = [];
   /** Number of the last record that has arrived in this session. */
   private last_record: number | undefined;
-  private readonly order = new RecordOrder();
+  /** Detects lost records. */
+  private readonly order: RecordOrder;
   /** Records, decoded and encoded, that wait for the time of the insole's clock. */
   private untimed: [RecordMessage, Uint8Array][] = [];
   /** Time of this device at which the wait for the time of the insole's clock began. */
@@ -135,6 +135,8 @@ export class Session {
     this.axis.clear();
     this.counter = wire.counter(insole);
     this.counter.clear();
+    this.order = wire.order(insole);
+    this.order.interrupt();
   }
 
   /** To be called when the transport has opened the link. */
@@ -217,7 +219,7 @@ export class Session {
     this.last_record = number;
     const is_replay = this.transport()?.is_replay;
     // A recording cannot repeat a record.
-    if (!is_replay && !this.isKnown(message) && !this.order.accepts(number)) return this.requestHello(now_ms);
+    if (!is_replay && !this.isKnown(message) && !this.order.accepts(number, this.damaged)) return this.requestHello(now_ms);
     // An insole sends its stored records before it answers requests. They are processed in order once it has sent its time.
     const is_untimed = this.axis.unix_s(0) === null && now_ms - this.untimed_since_ms < RECORDS_WAIT_MS;
     if (is_untimed && !is_replay) {
@@ -342,7 +344,7 @@ export class Session {
       this.connect_requested_ms = -Infinity;
     }
     const is_waiting = this.state === "waiting" || this.state === "lost";
-    if (is_waiting || (this.state === "live" && this.order.is_repetition_due)) this.requestHello(now_ms);
+    if (is_waiting || (this.state === "live" && this.order.is_replay_due)) this.requestHello(now_ms);
     if (this.state === "live" && now_ms - this.status_requested_ms >= STATUS_MS) {
       this.status_requested_ms = now_ms;
       this.send(this.wire.getStatus());

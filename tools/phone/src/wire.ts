@@ -1,4 +1,7 @@
-/** The core of the page, as WebAssembly: decodes and encodes messages, converts the times of insoles, and counts lost frames. */
+/**
+ * The core of the page, as WebAssembly: decodes and encodes messages, converts the times of insoles, counts lost frames, and
+ * detects lost records.
+ */
 
 import type { Facts, LayoutCell, Sole, ToHost } from "./generated/messages";
 import type { Gait, Step } from "./generated/quantities";
@@ -33,6 +36,10 @@ interface Exports {
   counter_due(index: number, live_due: number): void;
   counter_received(index: number): number;
   counter_lost(index: number): number;
+  order_accepts(index: number, number: number, damaged: number): number;
+  order_is_replay_due(index: number): number;
+  order_begin(index: number): void;
+  order_interrupt(index: number): void;
   gait_step(foot: number, number: number, start_s: number, duration_s: number, peak_n: number, integral_n_s: number): void;
   gait_measures(has_common_clock: boolean, stride_m: number): number;
 }
@@ -96,6 +103,38 @@ export class LiveCounter {
   }
 }
 
+/** Detects records of an insole that were lost on the way. An acknowledgement of a record also covers all earlier ones. */
+export class RecordOrder {
+  constructor(
+    private readonly core: Exports,
+    private readonly index: number,
+  ) {}
+
+  /**
+   * Returns true if the record with this number, which has not arrived before, can be used. Otherwise records before it are
+   * missing, and the insole must first send all its unacknowledged records again. `damaged` is the number of damaged messages
+   * that have arrived.
+   */
+  accepts(number: number, damaged: number): boolean {
+    return Boolean(this.core.order_accepts(this.index, number, damaged));
+  }
+
+  /** True from the detection of a gap until the insole begins to send its unacknowledged records again. */
+  get is_replay_due(): boolean {
+    return Boolean(this.core.order_is_replay_due(this.index));
+  }
+
+  /** To be called when a session begins, in which the insole sends all its unacknowledged records, oldest first. */
+  begin(): void {
+    this.core.order_begin(this.index);
+  }
+
+  /** To be called when another host receives the records. The next one that arrives here can have any number. */
+  interrupt(): void {
+    this.core.order_interrupt(this.index);
+  }
+}
+
 /** Encodes, decodes and computes by the functions of the core. */
 export class Wire {
   readonly facts: Facts;
@@ -149,6 +188,7 @@ export class Wire {
   /** The time axis of an insole in a recording. */
   recordedAxis = (insole: Insole) => new Axis(this.core, INSOLES.length + insole);
   counter = (insole: Insole) => new LiveCounter(this.core, insole);
+  order = (insole: Insole) => new RecordOrder(this.core, insole);
 
   /**
    * The measures of both feet, from the steps of the left and of the right foot. `number` counts the steps of a foot, without

@@ -1,6 +1,6 @@
 //! The core of the page for a phone, as WebAssembly. It decodes messages to JSON in physical units, encodes requests, computes
-//! the keys of records and the measures of walking, converts the times of insoles, counts lost frames, and provides the constants
-//! of the protocol.
+//! the keys of records and the measures of walking, converts the times of insoles, counts lost frames, detects lost records, and
+//! provides the constants of the protocol.
 //!
 //! The page calls plain WebAssembly exports and shares one buffer with them. A binding generator such as wasm-bindgen is not
 //! used, because its command-line program would have to be installed in exactly the version of its crate. Messages are passed as
@@ -18,8 +18,8 @@ mod typescript;
 pub use message::decode_to_json;
 pub use sole::{LayoutCell, RegionShape, Sole};
 
-use client::Axis;
 use client::gait::{FootStep, Gait, Length};
+use client::{Arrival, Axis, RecordOrder};
 use phone_buffer::put;
 use plantar::pipeline::alert::AlertRules;
 use plantar::protocol::{LiveCounter, MAJOR, MAX_MESSAGE, MINOR, ToDevice, ToHost, decode as decode_message, encode};
@@ -207,6 +207,43 @@ pub extern "C" fn counter_received(index: usize) -> f64 {
 #[unsafe(no_mangle)]
 pub extern "C" fn counter_lost(index: usize) -> f64 {
     with(&COUNTERS, index, |counter| counter.lost.into())
+}
+
+/// The orders of the records of the connected insoles.
+static ORDERS: Mutex<[RecordOrder; INSOLES]> = Mutex::new([RecordOrder::NEW; INSOLES]);
+
+/// True if the record with this number, which has not arrived before, can be used. Otherwise records before it are missing, and
+/// the insole must first send all its unacknowledged records again: see [`order_is_replay_due`]. `damaged` is the number of
+/// damaged messages that have arrived.
+#[unsafe(no_mangle)]
+pub extern "C" fn order_accepts(index: usize, number: u32, damaged: u32) -> bool {
+    with(&ORDERS, index, |order| match order.arrive(number, damaged) {
+        Arrival::InOrder => true,
+        Arrival::Gap => {
+            // The page repeats the request by its own clock.
+            order.request(0, damaged);
+            false
+        }
+        Arrival::Awaited => false,
+    })
+}
+
+/// True from the detection of a gap until [`order_begin`]: the page must request the session again.
+#[unsafe(no_mangle)]
+pub extern "C" fn order_is_replay_due(index: usize) -> bool {
+    with(&ORDERS, index, |order| order.requested_us().is_some())
+}
+
+/// See [`RecordOrder::begin`].
+#[unsafe(no_mangle)]
+pub extern "C" fn order_begin(index: usize) {
+    with(&ORDERS, index, |order| order.begin());
+}
+
+/// See [`RecordOrder::interrupt`].
+#[unsafe(no_mangle)]
+pub extern "C" fn order_interrupt(index: usize) {
+    with(&ORDERS, index, RecordOrder::interrupt);
 }
 
 /// The steps of the left and of the right foot for [`gait_measures`].
