@@ -362,8 +362,7 @@ fn hello(
     }
 }
 
-/// Applies the stored calibration to the insole and to the copy of its cells. Returns its identifier, or 0 if there is none
-/// that is complete, readable and for this layout.
+/// Applies the stored calibration to the insole and to the copy of its cells. Returns its identifier; 0 without a valid one.
 async fn restore_calibration(
     store: &mut Store<impl MultiwriteNorFlash>,
     insole: &mut DeviceInsole,

@@ -155,10 +155,7 @@ impl<R: Real> Stance<R> {
     ) -> bool {
         self.at_peak = 0;
         let total_n: R = regions.iter().map(|region| region.force.force_n).sum();
-        let missing = match self.phase {
-            Phase::Unknown => 0,
-            _ => seq.wrapping_sub(self.last_seq).wrapping_sub(1),
-        };
+        let missing = if self.phase == Phase::Unknown { 0 } else { seq.wrapping_sub(self.last_seq).wrapping_sub(1) };
         self.last_seq = seq;
         let scale = limits.scale(self.step_peaks.recent_n);
         self.constancy.push(total_n, scale);
@@ -253,18 +250,16 @@ impl<R: Real> Stance<R> {
         }
         self.lifted_n = self.constancy.level_n();
         match self.phase {
-            Phase::Swing | Phase::Ended => false,
-            Phase::Unknown | Phase::Ignored => {
-                self.phase = Phase::Swing;
-                false
-            }
+            Phase::Swing | Phase::Ended => {}
+            Phase::Unknown | Phase::Ignored => self.phase = Phase::Swing,
             Phase::Stance => {
                 // The shoe presses more than before this stance, so the end of the stance was not recognised.
                 let release_n = self.lifted_n + limits.release_n * limits.scale(self.step_peaks.recent_n);
                 self.loaded = self.curves.frames_above(release_n);
-                self.end(limits)
+                return self.end(limits);
             }
         }
+        false
     }
 
     /// True while the foot is lifted and the total force is constant.

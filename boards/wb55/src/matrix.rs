@@ -153,7 +153,7 @@ impl ResistiveMatrix {
         // The code is the sum of 16 conversions (RM0434, "Calculating the actual VDDA voltage").
         let calibration = u32::from(pac::VREFINTCAL.data().read());
         let supply_mv = (CALIBRATION_MV * calibration * 16).checked_div(code[0].into()).unwrap_or(0);
-        SUPPLY_MV.store(supply_mv as u16, Ordering::Relaxed);
+        SUPPLY_MV.store(supply_mv.try_into().unwrap_or(u16::MAX), Ordering::Relaxed);
         Ok(())
     }
 }

@@ -1,7 +1,7 @@
 //! The bootloader of the STM32WB55: swaps the images if a swap is due, and starts the active image.
 //!
-//! The watchdog starts first, and no wait is longer than its timeout. If the flash chip does not answer, or if the state in it is
-//! not readable, the active image starts without a swap.
+//! The watchdog starts directly after the clocks, which need only the internal oscillator, and no wait is longer than its timeout.
+//! If the flash chip does not answer, or if the state in it is not readable, the active image starts without a swap.
 //!
 //! Only the bootloader writes the controller's own flash; the radio's core does not run yet.
 #![no_std]
