@@ -20,7 +20,7 @@ fn each_newton_second_is_part_of_one_record_and_kinds_are_recognised() {
             let (recording, spans) = recording(&order, weight_n, rate_hz, 20.0, seed);
             let found = find(&recording, ContactRule::COVERED, StanceRule::ADAPTIVE);
             let share = found.unassigned(rate_hz);
-            // The number of activities with a kind of bout, and of those that were recognised.
+            // The number of activities for which a kind of bout is expected, and of those for which it was found.
             let counts = recognised(&spans, &found, (1e6 / rate_hz) as u64);
             println!("{weight_n} N, {rate_hz} Hz, {order:?}: {} steps, {counts:?}, {share:.6}", found.steps.len());
             assert!(share < 0.001, "{weight_n} N, {rate_hz} Hz: {share}");
@@ -58,8 +58,9 @@ fn load_at_the_end_of_a_recording_is_part_of_one_record() {
     }
 }
 
-/// At this frame rate 30 windows are a little shorter than a minute. The foot leaves the ground in the next window, before that
-/// window is long enough to have a kind of its own, and when the bout has reached its longest duration.
+/// A bout is classified in windows of 2 s, and its longest duration is a minute. At this frame rate, 30 windows are a little
+/// shorter than a minute, so the bout reaches a minute in window 31. The foot leaves the ground just after that, while window 31
+/// is still too short to have a kind.
 #[test]
 fn a_bout_of_the_longest_duration_ends_with_the_last_frame_of_its_contact() {
     const PERIOD_US: u32 = 6_667;

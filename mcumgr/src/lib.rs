@@ -21,7 +21,7 @@ use heapless::{String, Vec};
 
 /// Length of the head of a message, bytes.
 pub const HEAD: usize = 8;
-/// Largest number of bytes of a text, and of the part of a file in one request.
+/// Largest number of bytes that are used of a text, and of the part of a file in one request.
 pub const CHUNK: usize = 192;
 /// Longest message that tools may send, bytes, including two bytes for its length and two for its checksum. On a serial port,
 /// all lines of such a message together have 281 bytes, which the receive buffers of the ports can hold.

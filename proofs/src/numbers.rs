@@ -33,7 +33,7 @@ pub fn live_losses(arrived: u32, due: u32, status: u32) {
 }
 
 /// A stream of cells is sent at the highest rate, not above the requested one, at which the carrier can also send all live
-/// frames. `every` requests one of so many frames.
+/// frames. One frame in `every` is requested.
 pub fn fitting_rate(resolution: Resolution, every: u8, cells: u32, period_us: u32, bytes_per_s: u32) {
     let frames_per_s = 1_000_000 / u64::from(period_us.max(1));
     // Bytes with the framing of a byte carrier: for a frame of cells 22 plus 60 % of the length of the plain codes, for a live

@@ -12,8 +12,8 @@ use serde::{Deserialize, Serialize};
 pub const LENGTH_M: RangeInclusive<f64> = 1e-4..=0.2;
 /// Range of A B, the product of two radii, m2.
 pub const AB_M2: RangeInclusive<f64> = 1e-8..=0.04;
-/// Range of K, Pa, and G, Pa s: up to a thousand times the values of a sole. With all parameters at their limits, a force is
-/// below 1e11 N, and its square is within single precision.
+/// Range of the stiffness K, Pa, and the damping G, Pa s, of [`ForceLaw`]: up to a thousand times the values of plantar tissue.
+/// With all parameters at their limits, a force is below 1e11 N, and its square is within single precision.
 pub const COEFFICIENT: RangeInclusive<f64> = 0.0..=1e9;
 /// Largest exponent n or m; a steeper law is almost a step function. Both exponents are above -1, so that the force vanishes with
 /// the deformation.
@@ -81,7 +81,8 @@ impl<R: Real> Ellipsoid<R> {
     }
 
     /// Rate of [`Ellipsoid::local_deformation_m`], m/s (Eq. 4). The paper differentiates at fixed `q`, not at a fixed point of
-    /// the tissue: compared with a rigid indentation, the damping is half at light contact and equal at full contact.
+    /// the tissue. If all points moved at the rate of the centre, the viscous force would be twice as large at light contact, and
+    /// the same at full contact.
     pub fn local_deformation_rate_m_s(&self, deformation_m: R, rate_m_s: R, q: R) -> R {
         rate_m_s * (R::ONE - q * q * (self.c_m - deformation_m) / self.depth_m(deformation_m, q))
     }
@@ -115,7 +116,7 @@ impl<R: Real> Ellipsoid<R> {
         R::of(core::f64::consts::PI) * self.a_m * self.b_m * d / c * (elastic + viscous)
     }
 
-    /// The force law in its identifiable form, which gives the same force.
+    /// The force law in its identifiable form. It gives the same force, except that it limits tension to 0.
     pub fn force_law(&self) -> ForceLaw<R> {
         ForceLaw {
             ab_m2: self.a_m * self.b_m,

@@ -78,7 +78,7 @@ impl Update {
         if part.file_bytes != Some((FRONT + TRAILER) as u32 + image_bytes) {
             return Err(Refusal::Length);
         }
-        // `Update::begin` always refuses an older image.
+        // `Update::begin` always refuses an older version. If the image must be newer, the same version is refused as well.
         if part.must_be_newer && header.number() == running.number() {
             return Err(Refusal::Older);
         }

@@ -191,6 +191,7 @@ fn main_results(steps: &[Step], region: usize, options: &Options) -> Option<Main
     let used = usable(steps, region, options.filter).ok()?;
     let curves: Vec<&RegionCurves> = used.iter().map(|&i| &steps[i].regions[region]).collect();
     let best: SearchResult = search(curves.iter().copied(), region, options);
+    // A/B, C and d0, which the force does not determine.
     let (fixed, _) = best.fixed_parameters(&curves, region, options);
     let errors = cross_validate(&curves, &best, region, options);
     let predicted = (!errors.is_empty()).then(|| errors.iter().sum::<f64>() / errors.len() as f64);

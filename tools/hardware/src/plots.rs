@@ -33,7 +33,7 @@ struct Line<'a> {
 struct Chart<'a> {
     title: &'a str,
     /// The scales of both axes.
-    curves: Curves,
+    scales: Curves,
     x_title: &'a str,
     y_title: &'a str,
     lines: Vec<Line<'a>>,
@@ -57,12 +57,12 @@ impl Chart<'_> {
         let mut path = String::new();
         let mut before = 'M';
         for (x, y) in points {
-            if self.curves.x.is_beyond(*x) || self.curves.y.is_beyond(*y) {
+            if self.scales.x.is_beyond(*x) || self.scales.y.is_beyond(*y) {
                 before = 'M';
                 continue;
             }
             // Writing to a String does not fail.
-            let _ = write!(path, "{before}{:.1} {:.1}", self.curves.x.at(*x), self.curves.y.at(*y));
+            let _ = write!(path, "{before}{:.1} {:.1}", self.scales.x.at(*x), self.scales.y.at(*y));
             before = 'L';
         }
         path
@@ -70,7 +70,7 @@ impl Chart<'_> {
 
     /// A vertical line at `x`, with a text above it.
     fn vertical(&self, x: f64, text: &str) -> Markup {
-        let x = format!("{:.1}", self.curves.x.at(x));
+        let x = format!("{:.1}", self.scales.x.at(x));
         html! {
             path.axis.dashed d={ "M" (x) " " (BOTTOM) "V" (TOP) } {}
             text.small.middle x=(x) y=(TOP - 4.0) { (text) }
@@ -79,7 +79,7 @@ impl Chart<'_> {
 
     /// A horizontal line at `y`, with a text at its right end.
     fn horizontal(&self, y: f64, text: &str) -> Markup {
-        let y = self.curves.y.at(y);
+        let y = self.scales.y.at(y);
         html! {
             path.axis.dashed d=(format!("M{LEFT} {y:.1}H{RIGHT}")) {}
             text.small.end x=(RIGHT) y=(format!("{:.1}", y - 4.0)) { (text) }
@@ -98,7 +98,7 @@ impl Chart<'_> {
                 style { (PreEscaped(STYLE)) }
                 rect width="100%" height="100%" fill="#fff" {}
                 text.title x="10" y="20" { (self.title) }
-                (self.curves.axes(self.x_title, self.y_title))
+                (self.scales.axes(self.x_title, self.y_title))
                 (self.marks)
                 @for (i, line) in self.lines.iter().enumerate() {
                     path.line.{ "c" (i) } d=(self.path(&line.points)) {}
@@ -119,22 +119,19 @@ pub fn plots(results: &Results) -> Vec<(&'static str, String)> {
         ("settling.svg", settling(results)),
         ("crosstalk.svg", crosstalk(results)),
         ("loop-gain.svg", loops(results, "Loop gain", "dB", [-40.0, 80.0], |one| &one.gain_db)),
-        (
-            "phase.svg",
-            loops(results, "Phase above that of an oscillation", "degrees", [0.0, 150.0], |one| &one.margin_deg),
-        ),
+        ("phase.svg", loops(results, "Phase margin at each frequency", "degrees", [0.0, 150.0], |one| &one.margin_deg)),
         ("noise.svg", noise(results)),
     ]
 }
 
 fn transfer(results: &Results) -> String {
-    let curves = Curves { x: x_scale([0.0, 0.6], false), y: y_scale([0.0, 70_000.0], false) };
+    let scales = Curves { x: x_scale([0.0, 0.6], false), y: y_scale([0.0, 70_000.0], false) };
     let millisiemens = |(ohm, code): &(f64, f64)| (1000.0 / ohm, *code);
     let simulated: Points = results.transfer.iter().map(millisiemens).collect();
     let formula: Points = (0..=60).map(|i| f64::from(i) / 100.0).map(|s| (s, front_end::code(1000.0 / s))).collect();
     let mut chart = Chart {
         title: "Code of a cell over its conductance",
-        curves,
+        scales,
         x_title: "conductance, mS",
         y_title: "code",
         lines: vec![Line { name: "1 + Rf / R", points: formula }],
@@ -142,7 +139,7 @@ fn transfer(results: &Results) -> String {
     };
     let points = simulated.iter().filter(|(s, _)| *s <= 0.6);
     let dots =
-        points.map(|(s, code)| (format!("{:.1}", chart.curves.x.at(*s)), format!("{:.1}", chart.curves.y.at(*code))));
+        points.map(|(s, code)| (format!("{:.1}", chart.scales.x.at(*s)), format!("{:.1}", chart.scales.y.at(*code))));
     let dots: Vec<_> = dots.collect();
     chart.marks = html! {
         @for (x, y) in &dots { g.c1 { circle.hollow cx=(x) cy=(y) r="3.5" {} } }
@@ -162,7 +159,7 @@ fn settling(results: &Results) -> String {
     let lines = results.settling.iter().map(line).map(|(name, points)| Line { name, points }).collect();
     let mut chart = Chart {
         title: "Settling of the converter's input after a row was selected",
-        curves: Curves { x: x_scale([0.0, 60.0], false), y: y_scale([0.01, 10_000.0], true) },
+        scales: Curves { x: x_scale([0.0, 60.0], false), y: y_scale([0.01, 10_000.0], true) },
         x_title: "time, µs",
         y_title: "distance from the final value, LSB of 12 bits",
         lines,
@@ -178,17 +175,17 @@ fn settling(results: &Results) -> String {
 fn crosstalk(results: &Results) -> String {
     let mut chart = Chart {
         title: "Error of a cell when all 15 neighbours in its row are at full load",
-        curves: Curves { x: x_scale([0.1, 100.0], true), y: y_scale([0.1, 100.0], true) },
+        scales: Curves { x: x_scale([0.1, 100.0], true), y: y_scale([0.1, 100.0], true) },
         x_title: "resistance of the row switch, Ω",
         y_title: "% of the reading",
-        lines: vec![Line { name: "simulated, with 0.4 Ω of the line", points: results.row_error.clone() }],
+        lines: vec![Line { name: "simulated, row conductor of 0.4 Ω included", points: results.row_error.clone() }],
         marks: html! {},
     };
     chart.marks = html! {
         (chart.horizontal(0.5, "limit: 0.5 %"))
         (chart.vertical(SWITCH_ON_OHM.value, "FDG6335N"))
         (chart.vertical(MULTIPLEXER_TYPICAL_OHM.value, "ADG706"))
-        (chart.vertical(MULTIPLEXER_ON_OHM.value, "max."))
+        (chart.vertical(MULTIPLEXER_ON_OHM.value, "ADG706 max."))
         // For comparison: a multiplexer that is common on hobby boards, with its typical resistance.
         (chart.vertical(70.0, "74HC4067"))
     };
@@ -206,7 +203,7 @@ fn loops(
     let lines = results.loops.iter().map(|one| Line { name: one.name, points: in_khz(one) }).collect();
     Chart {
         title,
-        curves: Curves { x: x_scale([1.0, 1e5], true), y: y_scale(values, false) },
+        scales: Curves { x: x_scale([1.0, 1e5], true), y: y_scale(values, false) },
         x_title: "frequency, kHz",
         y_title: unit,
         lines,
@@ -220,7 +217,7 @@ fn noise(results: &Results) -> String {
     let lines = results.noise.iter().map(|one| Line { name: one.name, points: line(one) }).collect();
     Chart {
         title: "Noise density at the converter's input",
-        curves: Curves { x: x_scale([0.01, 1e4], true), y: y_scale([1.0, 10_000.0], true) },
+        scales: Curves { x: x_scale([0.01, 1e4], true), y: y_scale([1.0, 10_000.0], true) },
         x_title: "frequency, kHz",
         y_title: "nV/√Hz",
         lines,

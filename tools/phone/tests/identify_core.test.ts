@@ -60,8 +60,9 @@ test("a fit reports each region, and returns the parameter file and the request 
   expect(result.fitted).toBe(8);
   expect(result.parameters).toContain('side = "right"');
   expect(wire.facts.gatt.parameter_requests).toContain(result.message[0]);
-  const smaller = core.identify(1, 40).tissue_id;
-  expect([0, result.tissue_id]).not.toContain(smaller);
+  // Another shoe size gives other parameters, with another identifier, which is not 0 either.
+  const other_size_id = core.identify(1, 40).tissue_id;
+  expect([0, result.tissue_id]).not.toContain(other_size_id);
 });
 
 /** The numbers in a value, with their paths. */
@@ -94,10 +95,11 @@ test.skipIf(!plantar || !long_walk)("the parameters of sixty steps equal those o
       for (const [name, region] of Object.entries(native.regions)) {
         const ours = result.regions[name]!;
         if (!region.fitted || !ours.fitted) throw new Error(`${name} was not fitted`);
-        // The intervals from resampled steps are computed by plantar fit only, and the width of an interval may be infinite.
+        // These keys only: the others contain intervals from resampled steps, which only `plantar fit` computes.
         for (const key of ["identified", "ellipsoid", "nrmse_percent"] as const) {
           const found = new Map(numbers(ours[key]));
           for (const [path, value] of numbers(region[key])) {
+            // Infinite values have no ratio, so equal values are compared first.
             const difference = value === found.get(path) ? 0 : Math.abs((found.get(path) ?? Infinity) / value - 1);
             // The predicted error is the mean of sixty fits, each to all steps but one. The steps have no noise, so a fit
             // may end at another point of a flat minimum if WebAssembly and native code round differently.

@@ -89,8 +89,8 @@ impl<F: NorFlash> NorFlash for WatchedFlash<F> {
 #[entry]
 fn main() -> ! {
     let mut clocks = embassy_stm32::Config::default();
-    // The internal oscillator needs no crystal. When the application starts, its rate is the only setting of the clocks that
-    // differs from the state after a reset.
+    // The internal oscillator needs no crystal. The application starts with the clocks as after a reset, except for the rate of
+    // this oscillator.
     clocks.rcc.msi = Some(MSIRange::RANGE32M);
     clocks.rcc.hsi48 = None;
     clocks.rcc.ls = LsConfig::off();
