@@ -16,8 +16,8 @@ pub const DENY_WARNINGS: [&str; 3] = ["--", "--deny", "warnings"];
 const HOST_TESTS: [&str; 4] = ["run", "--locked", "--release", "--no-fail-fast"];
 
 /// Selects the tests in files with walks that are played in real time: they need a part of a core all the time.
-const IN_REAL_TIME: &str = "test(/^(both_feet|cells_bluetooth|identify|update_walking)::/) \
-     or (package(plantar-cli) and test(/^cells::/))";
+const IN_REAL_TIME: &str = "kind(test) and (test(/^(both_feet|cells_bluetooth|identify|update_walking)::/) \
+     or (package(plantar-cli) and test(/^cells::/)))";
 
 /// Excludes the tests in modules with the name `unpublished`. They need recordings of people, which are not public.
 const PUBLISHED: &str = "not test(/unpublished::/)";
@@ -44,8 +44,7 @@ pub fn all() -> Result<()> {
         join(others)?;
         python
     })?;
-    host_tests(&python)?;
-    let page_figures = page_and_package_tests()?;
+    let page_figures = tests(&python)?;
     let mut figures = bench::bench_without_page()?;
     figures.extend(page_figures);
     limits::check(&figures)
@@ -88,28 +87,26 @@ fn lint_host() -> Result<()> {
     run("cargo", &[&["clippy", "--locked", "--release", "--all-targets"], &DENY_WARNINGS[..]].concat())
 }
 
-/// Runs all tests on the host: first those in real time, one after the other and alone, because on a slow computer other tests
-/// beside them would cause missed scans and timeouts.
-fn host_tests(python: &Python) -> Result<()> {
-    selected_tests(python, IN_REAL_TIME, 1)?;
-    // Many tests wait for an emulated board, so more of them run at the same time than there are cores.
-    let threads = 2 * std::thread::available_parallelism().map_or(1, usize::from);
-    selected_tests(python, &format!("not ({IN_REAL_TIME})"), threads)?;
-    documentation_tests()
-}
-
-/// Runs the tests of the page, which mostly wait for walks that are played in real time, and beside them, with a lower priority,
-/// the tests of the Python package and a short endurance test. Returns the figures that the page's tests measure.
-fn page_and_package_tests() -> Result<bench::Figures> {
+/// Runs all tests. Those in real time, including those of the page, are executed one after the other. They mostly wait, so all
+/// others run beside them, with a lower priority: at the same priority, they would cause missed scans and timeouts on a slow
+/// computer. Returns the figures that the page's tests measure.
+fn tests(python: &Python) -> Result<bench::Figures> {
     std::thread::scope(|scope| {
-        let page = scope.spawn(|| page::test(&built("release/plantar"), &firmware(EMULATED)));
-        let package = scope.spawn(|| {
+        let in_real_time = scope.spawn(|| {
+            selected_tests(python, IN_REAL_TIME, 1)?;
+            page::test(&built("release/plantar"), &firmware(EMULATED))
+        });
+        let others = scope.spawn(|| {
             lower_priority()?;
+            // Many tests wait for an emulated board, so more of them run at the same time than there are cores.
+            let threads = 2 * std::thread::available_parallelism().map_or(1, usize::from);
+            selected_tests(python, &format!("not ({IN_REAL_TIME})"), threads)?;
+            documentation_tests()?;
             package::test()?;
             Soak { short: true, json: None }.run()
         });
-        let figures = join(page)?;
-        join(package)?;
+        let figures = join(in_real_time)?;
+        join(others)?;
         Ok(figures)
     })
 }
@@ -117,7 +114,7 @@ fn page_and_package_tests() -> Result<bench::Figures> {
 /// Gives this thread, and the programs that it starts, a lower priority than those of the other threads.
 fn lower_priority() -> Result<()> {
     #[cfg(unix)]
-    rustix::process::nice(10)?;
+    rustix::process::nice(19)?;
     Ok(())
 }
 
