@@ -1,13 +1,17 @@
 //! Builds and tests the Python package.
 
 use crate::build::{build_example, build_host};
-use crate::command::{built, root, run, run_command};
+use crate::command::{built, root, run_command};
 use crate::setup;
 use crate::test::DENY_WARNINGS;
 use anyhow::Result;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+
+/// The target folder of the compiled part. It shares no libraries with the other host programs, which enable more features of
+/// them; with a folder of its own, it can be built at the same time.
+const TARGET_FOLDER: &str = "package";
 
 /// Builds the wheel of the package and installs it in the private environment. Returns the folder of the environment.
 pub fn build() -> Result<PathBuf> {
@@ -16,7 +20,9 @@ pub fn build() -> Result<PathBuf> {
     if wheels.exists() {
         fs::remove_dir_all(&wheels)?;
     }
-    run_tool(&environment, "maturin", &["build", "--release", "--locked", "--out", &wheels.to_string_lossy()])?;
+    let target = built(TARGET_FOLDER);
+    let folders = ["--target-dir", &target.to_string_lossy(), "--out", &wheels.to_string_lossy()];
+    run_tool(&environment, "maturin", &[&["build", "--locked", "--release"], &folders[..]].concat())?;
     for wheel in fs::read_dir(&wheels)? {
         let wheel = wheel?.path();
         setup::pip(&environment, &["install", "--force-reinstall", "--no-deps", &wheel.to_string_lossy()])?;
@@ -35,7 +41,9 @@ pub fn test() -> Result<()> {
 
 /// Lints the compiled part of the package.
 pub fn lint() -> Result<()> {
-    run("cargo", &[&["clippy", "--locked", "--release", "--package", "plantar-python"], &DENY_WARNINGS[..]].concat())
+    let mut command = Command::new("cargo");
+    command.args(["clippy", "--locked", "--release", "--package", "plantar-python", "--target-dir"]);
+    run_command(command.arg(built(TARGET_FOLDER)).args(DENY_WARNINGS))
 }
 
 /// Runs a program of the environment in the folder of the package.

@@ -50,7 +50,7 @@ pub fn all() -> Result<()> {
     limits::check(&figures)
 }
 
-/// Builds and lints what runs on a board or in a browser. It runs beside [`build_host_programs`], because the builds of firmware
+/// Builds and lints what runs on a board, in a browser or in Python. It runs beside [`build_host_programs`], because the builds of firmware
 /// use one core for most of the time.
 fn build_other_targets() -> Result<()> {
     // The bootloaders contain the library without its features, and the page contains it as WebAssembly, so these builds also
@@ -61,7 +61,8 @@ fn build_other_targets() -> Result<()> {
         cargo_firmware("clippy", &bootloader(board), &DENY_WARNINGS)?;
     }
     cargo_firmware("build", "minimal-board", &[])?;
-    page::build()
+    page::build()?;
+    package::lint()
 }
 
 /// Installs what the tests need, checks the dependencies, and builds and lints what runs on the host.
@@ -69,7 +70,6 @@ fn build_host_programs() -> Result<Python> {
     let python = setup::all()?;
     deny(&["licenses", "bans", "sources"])?;
     lint_host()?;
-    package::lint()?;
     let doc = ["doc", "--locked", "--release", "--no-deps", "--package", "plantar", "--features", "firmware"];
     run_command(Command::new("cargo").args(doc).env("RUSTDOCFLAGS", "--deny warnings"))?;
     build_whole_host()?;
@@ -101,12 +101,16 @@ fn tests(python: &Python) -> Result<bench::Figures> {
             // Many tests wait for an emulated board, so more of them run at the same time than there are cores.
             let threads = 2 * std::thread::available_parallelism().map_or(1, usize::from);
             selected_tests(python, &format!("not ({IN_REAL_TIME})"), threads)?;
-            documentation_tests()?;
+            documentation_tests()
+        });
+        let package = scope.spawn(|| {
+            lower_priority()?;
             package::test()?;
             Soak { short: true, json: None }.run()
         });
         let figures = join(in_real_time)?;
         join(others)?;
+        join(package)?;
         Ok(figures)
     })
 }
