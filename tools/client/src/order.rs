@@ -82,6 +82,14 @@ impl RecordOrder {
         Arrival::InOrder
     }
 
+    /// Called for a record that was delivered before and arrives again. The insole sends it with all unacknowledged records after
+    /// it, so the next number is known even if no other record has arrived yet.
+    pub fn repeat(&mut self, number: u32) {
+        if self.requested_us.is_none() {
+            self.expected.get_or_insert(number.wrapping_add(1));
+        }
+    }
+
     /// Called when a replay was requested, at `now_us` of the carrier's clock, after this number of damaged frames.
     pub fn request(&mut self, now_us: u64, damaged: u32) {
         self.requested_us = Some(now_us);
@@ -148,6 +156,21 @@ mod tests {
     #[test]
     fn a_step_that_may_have_been_damaged_is_requested_more_often() {
         assert_eq!(replays_until_accepted(&mut RecordOrder::default(), 2), ALL_REPLAYS);
+    }
+
+    #[test]
+    fn a_record_is_missing_after_one_that_was_delivered_before() {
+        let mut order = RecordOrder::default();
+        order.repeat(5);
+        assert_eq!(order.arrive(7, 0), Arrival::Gap);
+        order.request(5, 0);
+        order.repeat(5);
+        assert!(order.begin());
+        order.repeat(5);
+        assert_eq!([6, 7].map(|step| order.arrive(step, 0)), [Arrival::InOrder; 2]);
+        order.interrupt();
+        order.repeat(6);
+        assert_eq!(order.arrive(8, 0), Arrival::Gap);
     }
 
     #[test]

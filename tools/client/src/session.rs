@@ -245,7 +245,11 @@ impl<C: Carrier> Client<C> {
 
     /// True if a record that arrives is to be delivered to the caller.
     fn deliver(&mut self, record: &LoadRecord) -> Result<bool, Error> {
-        match self.delivered.is_acknowledged(record) {
+        let delivered = self.delivered.is_acknowledged(record);
+        if delivered.is_some() {
+            self.order.repeat(record.number());
+        }
+        match delivered {
             // The insole did not receive the acknowledgement, and would repeat the record without end.
             Some(true) => self.send(ToDevice::Acknowledge { number: record.number() })?,
             Some(false) => {}

@@ -44,6 +44,8 @@ export class App {
   private readonly identify: IdentifyController;
   private readonly alerts: Alerts;
   private store: StepStore;
+  /** Resolves when no stored data are being loaded. Until then, a record would be stored where it is lost. */
+  private loaded = Promise.resolve();
   /** The last error, as a sentence for the wearer; empty without an error. */
   private problem = "";
 
@@ -91,9 +93,9 @@ export class App {
   };
 
   /** Loads what earlier visits have stored: the wearer's steps, and an interrupted guided session. */
-  private async loadStored(): Promise<void> {
-    await this.loadSteps();
-    await this.identify.load(this.databaseBlocked);
+  private loadStored(): Promise<void> {
+    this.loaded = this.loadSteps().then(() => this.identify.load(this.databaseBlocked));
+    return this.loaded;
   }
 
   /** Loads and shows the wearer's steps of earlier visits. */
@@ -122,6 +124,7 @@ export class App {
   /** Plays the recording at `url`. */
   private async replay(url: string): Promise<void> {
     try {
+      await this.loaded;
       const transport = await ReplayTransport.load(url, this.insoles.transportEvents);
       this.show(StepStore.ofRecording(this.wire));
       this.identify.useRecording();
@@ -143,9 +146,11 @@ export class App {
       this.problem = "";
       // If the wearer cancels the choice, the insoles in use or the recording continue.
       const device = await transport.choose();
-      if (transport !== before) this.use(transport);
+      const { transport: in_use } = this.insoles;
+      if (transport !== in_use) this.use(transport);
       // The data of the recording are replaced by the wearer's.
-      if (before?.is_replay) await this.loadStored();
+      if (in_use?.is_replay) void this.loadStored();
+      await this.loaded;
       await transport.connect(device);
     } catch (error) {
       this.problem = explain(error) ?? "";

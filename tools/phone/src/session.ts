@@ -192,7 +192,7 @@ export class Session {
         return;
       case "time":
         this.axis.answer(message);
-        return this.releaseUntimed();
+        return this.releaseUntimed(now_ms);
       case "refused":
         if (message.is_other_host) {
           if (this.state === "live") this.state = "other-host";
@@ -215,28 +215,30 @@ export class Session {
   private receiveRecord(message: RecordMessage, bytes: Uint8Array, now_ms: number): void {
     // A step of another major version may have another meaning, and a second insole for a foot may be another person's.
     if (this.state === "other-version" || this.state === "same-foot") return;
-    const { number } = recordOf(message);
-    this.last_record = number;
-    const is_replay = this.transport()?.is_replay;
-    // A recording cannot repeat a record.
-    if (!is_replay && !this.isKnown(message) && !this.order.accepts(number, this.damaged)) return this.requestHello(now_ms);
+    this.last_record = recordOf(message).number;
     // An insole sends its stored records before it answers requests. They are processed in order once it has sent its time.
     const is_untimed = this.axis.unix_s(0) === null && now_ms - this.untimed_since_ms < RECORDS_WAIT_MS;
-    if (is_untimed && !is_replay) {
+    if (is_untimed && !this.transport()?.is_replay) {
       this.untimed.push([message, bytes.slice()]);
       return;
     }
-    this.releaseUntimed();
-    this.passOn(message, bytes);
+    this.releaseUntimed(now_ms);
+    this.passOn(message, bytes, now_ms);
   }
 
-  private releaseUntimed(): void {
+  private releaseUntimed(now_ms: number): void {
     const untimed = this.untimed;
     this.untimed = [];
-    for (const [message, bytes] of untimed) this.passOn(message, bytes);
+    for (const [message, bytes] of untimed) this.passOn(message, bytes, now_ms);
   }
 
-  private passOn(message: RecordMessage, bytes: Uint8Array): void {
+  /** Passes a record on, unless records before it are missing; then the insole must send all of them again. */
+  private passOn(message: RecordMessage, bytes: Uint8Array, now_ms: number): void {
+    if (this.transport()?.can_lose_records) {
+      const { number } = recordOf(message);
+      if (this.isKnown(message)) this.order.repeat(number);
+      else if (!this.order.accepts(number, this.damaged)) return this.requestHello(now_ms);
+    }
     if (message.kind === "step") this.needs_refit = Object.values(message.step.regions).some((region) => region.refit);
     this.onRecord(message, bytes, this);
   }
@@ -352,7 +354,7 @@ export class Session {
     if ((this.state === "live" || this.state === "other-host") && now_ms - this.time_requested_ms >= TIME_MS) {
       this.requestTime(now_ms);
     }
-    if (now_ms - this.untimed_since_ms >= RECORDS_WAIT_MS) this.releaseUntimed();
+    if (now_ms - this.untimed_since_ms >= RECORDS_WAIT_MS) this.releaseUntimed(now_ms);
     if (this.state === "live" && now_ms - this.daily_requested_ms >= DAILY_LOAD_MS) {
       this.daily_requested_ms = now_ms;
       this.send(this.wire.getDailyLoad());

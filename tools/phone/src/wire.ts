@@ -37,6 +37,7 @@ interface Exports {
   counter_received(index: number): number;
   counter_lost(index: number): number;
   order_accepts(index: number, number: number, damaged: number): number;
+  order_repeat(index: number, number: number): void;
   order_is_replay_due(index: number): number;
   order_begin(index: number): void;
   order_interrupt(index: number): void;
@@ -117,6 +118,11 @@ export class RecordOrder {
    */
   accepts(number: number, damaged: number): boolean {
     return Boolean(this.core.order_accepts(this.index, number, damaged));
+  }
+
+  /** To be called for a record that has arrived before: the records after it are expected, too. */
+  repeat(number: number): void {
+    this.core.order_repeat(this.index, number);
   }
 
   /** True from the detection of a gap until the insole begins to send its unacknowledged records again. */

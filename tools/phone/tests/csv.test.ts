@@ -130,7 +130,7 @@ test("a message of a length that no message has is counted as damaged and is not
   const none = () => undefined;
   const events = { live: none, shape: none, record: none, isKnown: () => false, answer: none, message: none };
   const insoles = new Insoles(wire, recorder, events);
-  insoles.use({ location: "in a test", is_replay: false, send: none, close: none });
+  insoles.use({ location: "in a test", is_replay: false, can_lose_records: true, send: none, close: none });
   recorder.start(0, []);
   const [hello] = messagesOf(0);
   const received = [hello!, new Uint8Array(0), new Uint8Array(MAX_MESSAGE + 1)];

@@ -21,12 +21,12 @@ function start(decode?: (bytes: Uint8Array) => ToHost | undefined) {
   const sent: Uint8Array[] = [];
   const steps: Step[] = [];
   const send = (_: unknown, message: Uint8Array) => sent.push(message);
-  const transport: Transport = { location: "in a test", is_replay: false, send, close: () => undefined };
+  const transport = { location: "in a test", is_replay: false, can_lose_records: true, send, close: () => undefined };
   const core = decode ? (Object.assign(Object.create(wire), { decode }) as Wire) : wire;
   const onRecord = (message: RecordMessage) => message.kind === "step" && steps.push(message.step);
   const isKnown = (message: RecordMessage) => message.kind === "step" && steps.includes(message.step);
   const session = new Session(0, core, () => transport, onRecord, undefined, undefined, isKnown);
-  return { session, sent, steps };
+  return { session, sent, steps, transport };
 }
 
 /** The counters of the messages of a session. */
@@ -183,7 +183,7 @@ test("steps that arrive before the time of the insole wait for it in their order
 /** A session, and functions that pass it a step or a hello one second after the message before. */
 function startSteps() {
   const messages: ToHost[] = [];
-  const { session, sent, steps } = start(([index]) => messages[index!]);
+  const { session, sent, steps, transport } = start(([index]) => messages[index!]);
   let now_ms = 0;
   const receive = (message: ToHost) => {
     messages.push(message);
@@ -196,7 +196,7 @@ function startSteps() {
   begin();
   const receiveSteps = (...numbers: number[]) => numbers.forEach((number) => receive(walked[number]!));
   const connects = () => sent.filter((message) => message[0] === wire.connect()[0]).length;
-  return { session, receive, begin, receiveSteps, connects, numbers: () => steps.map((received) => received.step) };
+  return { session, transport, receive, begin, receiveSteps, connects, numbers: () => steps.map((received) => received.step) };
 }
 
 test("a step after a lost one is not used until the insole has sent both: its acknowledgement covers both", () => {
@@ -231,12 +231,45 @@ test("steps that another host has received are not awaited", () => {
   expect([numbers(), connects()]).toEqual([[0, 5, 6], 1]);
 });
 
+test("steps that another host has not received are awaited: the insole repeats them after a known one", () => {
+  const { receive, begin, receiveSteps, connects, numbers } = startSteps();
+  receiveSteps(0);
+  receive({ kind: "refused", reason: "another host", is_other_host: true });
+  begin();
+  receiveSteps(0, 2);
+  expect([numbers(), connects()]).toEqual([[0, 0], 2]);
+});
+
+test("steps that waited for the time when the link was lost count as lost", () => {
+  const walked = [0, 1, 2].map((number): ToHost => ({ kind: "step", key: String(number), step: step({ step: number }) }));
+  const messages = [hello(wire.facts.major), ...walked];
+  const { session, steps } = start(([index]) => messages[index!]);
+  const receive = (index: number, now_ms: number) => session.receive(Uint8Array.of(index), now_ms);
+  session.opened(0);
+  receive(0, 0);
+  receive(1, 2000);
+  receive(0, 5000);
+  receive(2, 5010);
+  receive(3, 5020);
+  receive(0, 6000);
+  receive(3, 8000);
+  expect(steps.map((received) => received.step)).toEqual([0]);
+});
+
+test("records of plantar serve, which cannot repeat more than the last ones, are all used", () => {
+  const { transport, receiveSteps, connects, numbers } = startSteps();
+  transport.can_lose_records = false;
+  receiveSteps(0, 4, 6);
+  expect([numbers(), connects()]).toEqual([[0, 4, 6], 1]);
+});
+
 test("a second insole for a foot is not used", () => {
   const received: unknown[] = [];
   const sent: Uint8Array[] = [];
   const transport: Transport = {
     location: "in a test",
     is_replay: false,
+    can_lose_records: true,
     send: (_, message) => sent.push(message),
     close: () => undefined,
   };

@@ -26,6 +26,7 @@ interface Connected {
 export class BluetoothTransport implements Transport {
   readonly location = "over Bluetooth";
   readonly is_replay = false;
+  readonly can_lose_records = true;
   private readonly insoles = new Map<Insole, Connected>();
 
   constructor(

@@ -10,6 +10,7 @@ const TICK_MS = 5;
 export class ReplayTransport implements Transport {
   readonly location = "in a recording";
   readonly is_replay = true;
+  readonly can_lose_records = false;
   private readonly timer: ReturnType<typeof setInterval>;
   private readonly recorded: Entry[];
   /** Index of the next entry to play. */

@@ -31,6 +31,11 @@ export interface Transport {
   readonly location: string;
   /** True if the messages come from a recording. Their steps must not be stored as the wearer's steps. */
   readonly is_replay: boolean;
+  /**
+   * True if records can be lost on the way that the insole can send again. `plantar serve` loses none, and after an
+   * interruption it has only the last ones.
+   */
+  readonly can_lose_records: boolean;
   /** Sends an encoded message. A message to an insole that is not connected is dropped. */
   send(insole: Insole, message: Uint8Array): void;
   close(): void;

@@ -10,6 +10,7 @@ import { INSOLES, type Insole, type Transport, type TransportEvents } from "./tr
 export class WebSocketTransport implements Transport {
   readonly location = "on this computer";
   readonly is_replay = false;
+  readonly can_lose_records = false;
   private socket: WebSocket | undefined;
   private readonly reconnect = new Reconnect(() => this.open());
 

@@ -228,6 +228,12 @@ pub extern "C" fn order_accepts(index: usize, number: u32, damaged: u32) -> bool
     })
 }
 
+/// See [`RecordOrder::repeat`].
+#[unsafe(no_mangle)]
+pub extern "C" fn order_repeat(index: usize, number: u32) {
+    with(&ORDERS, index, |order| order.repeat(number));
+}
+
 /// True from the detection of a gap until [`order_begin`]: the page must request the session again.
 #[unsafe(no_mangle)]
 pub extern "C" fn order_is_replay_due(index: usize) -> bool {
