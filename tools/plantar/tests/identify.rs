@@ -13,7 +13,7 @@ use recording::synthetic::{self, SyntheticStanding, SyntheticWalk};
 use recording::{Recording, VirtualInsole};
 use std::io::{Read, Write};
 use std::net::{Shutdown, TcpStream};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::sync::{Arc, mpsc};
 use std::sync::{Mutex, PoisonError};
@@ -137,10 +137,14 @@ fn obey(screen: &str, does: &AtomicU8) {
     }
 }
 
+/// The path of the emulated board's firmware.
+fn firmware() -> PathBuf {
+    std::env::var_os("PLANTAR_FIRMWARE").expect("PLANTAR_FIRMWARE names the emulated board's firmware").into()
+}
+
 /// Starts an emulated insole of this foot. `does` is the wearer's present action; the code of an unloaded cell is [`offset`]
 /// times `offsets`. `hardware` includes the address of the insole's radio controller, if there is one.
 fn board(side: Side, does: &Arc<AtomicU8>, offsets: u16, hardware: &Hardware) -> Board {
-    let firmware = std::env::var_os("PLANTAR_FIRMWARE").expect("PLANTAR_FIRMWARE names the emulated board's firmware");
     let walk = synthetic::walk(&SyntheticWalk { side, steps: 40, ..Default::default() }).recording;
     let standing = synthetic::standing(&SyntheticStanding { side, ..Default::default() });
     let standing = standing.frame(standing.frames() / 2).to_vec();
@@ -148,7 +152,7 @@ fn board(side: Side, does: &Arc<AtomicU8>, offsets: u16, hardware: &Hardware) ->
     let config = EmulatorConfig { address: [1, 0, 0, 0, 0, 0xc0], ..EmulatorConfig::new(insole.setup) };
     let cells = insole.cells.clone();
     let wearer = Wearer { does: does.clone(), insole, standing, walk, walked: 0, offsets };
-    Board::start_with(Path::new(&firmware), &config, &cells, Time::Real, wearer, hardware).expect("the board boots")
+    Board::start_with(&firmware(), &config, &cells, Time::Real, wearer, hardware).expect("the board boots")
 }
 
 /// Starts an emulated insole with [`board`], without a radio. Also returns the network address of its link, and the connection
@@ -159,13 +163,19 @@ fn insole(side: Side, does: &Arc<AtomicU8>, offsets: u16) -> (Board, String, Cab
     (board, address, cable)
 }
 
+/// The log of an emulated board, for the message of a failure.
+fn log(board: &Board) -> String {
+    let entries = board.log(&firmware()).expect("the log can be read");
+    entries.iter().map(|entry| format!("{entry}\n")).collect()
+}
+
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn a_wearer_is_identified_although_the_session_is_interrupted() {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let folder = tempfile::tempdir().expect("a folder");
     let does = Arc::new(AtomicU8::new(LIFTED));
-    let (_board, address, cable) = insole(Side::Right, &does, 1);
+    let (board, address, cable) = insole(Side::Right, &does, 1);
     let out = folder.path().join("me");
     let (out, steps) = (out.to_str().expect("a path"), STEPS.to_string());
     let arguments = ["identify", "--tcp", &address, "--out", out, "--steps", &steps, "--verify", "4"];
@@ -177,7 +187,7 @@ fn a_wearer_is_identified_although_the_session_is_interrupted() {
         if screen.contains(&after) { b"q" } else { b"" }
     });
     let text = screens.last().expect("a screen");
-    assert!(status == 1 && text.contains("give the same command again"), "{text}");
+    assert!(status == 1 && text.contains("give the same command again"), "{text}\n{}", log(&board));
     assert!(screens.iter().any(|screen| screen.contains("Stand up")), "the session begins with a standing trial");
 
     // The connection is cut once during the walk. The steps that were received before are not counted twice.

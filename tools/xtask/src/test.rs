@@ -50,8 +50,8 @@ pub fn all() -> Result<()> {
     limits::check(&figures)
 }
 
-/// Builds and lints what runs on a board, in a browser or in Python. It runs beside [`build_host_programs`], because the builds of firmware
-/// use one core for most of the time.
+/// Builds and lints what runs on a board, in a browser or in Python. It runs beside [`build_host_programs`], because the builds
+/// of firmware use one core for most of the time.
 fn build_other_targets() -> Result<()> {
     // The bootloaders contain the library without its features, and the page contains it as WebAssembly, so these builds also
     // show that the library compiles in both ways.
@@ -87,39 +87,27 @@ fn lint_host() -> Result<()> {
     run("cargo", &[&["clippy", "--locked", "--release", "--all-targets"], &DENY_WARNINGS[..]].concat())
 }
 
-/// Runs all tests. Those in real time, including those of the page, are executed one after the other. They mostly wait, so all
-/// others run beside them, with a lower priority: at the same priority, they would cause missed scans and timeouts on a slow
-/// computer. Returns the figures that the page's tests measure.
+/// Runs all tests. First those in real time and those of the page: both mostly wait, and other tests beside them would cause
+/// missed scans and timeouts on a slow computer. Then all others. Returns the figures that the page's tests measure.
 fn tests(python: &Python) -> Result<bench::Figures> {
+    let figures = std::thread::scope(|scope| {
+        let in_real_time = scope.spawn(|| selected_tests(python, IN_REAL_TIME, 1));
+        let figures = page::test(&built("release/plantar"), &firmware(EMULATED));
+        join(in_real_time)?;
+        figures
+    })?;
     std::thread::scope(|scope| {
-        let in_real_time = scope.spawn(|| {
-            selected_tests(python, IN_REAL_TIME, 1)?;
-            page::test(&built("release/plantar"), &firmware(EMULATED))
-        });
-        let others = scope.spawn(|| {
-            lower_priority()?;
-            // Many tests wait for an emulated board, so more of them run at the same time than there are cores.
-            let threads = 2 * std::thread::available_parallelism().map_or(1, usize::from);
-            selected_tests(python, &format!("not ({IN_REAL_TIME})"), threads)?;
-            documentation_tests()
-        });
         let package = scope.spawn(|| {
-            lower_priority()?;
             package::test()?;
             Soak { short: true, json: None }.run()
         });
-        let figures = join(in_real_time)?;
-        join(others)?;
-        join(package)?;
-        Ok(figures)
-    })
-}
-
-/// Gives this thread, and the programs that it starts, a lower priority than those of the other threads.
-fn lower_priority() -> Result<()> {
-    #[cfg(unix)]
-    rustix::process::nice(19)?;
-    Ok(())
+        // Many tests wait for an emulated board, so more of them run at the same time than there are cores.
+        let threads = 3 * std::thread::available_parallelism().map_or(1, usize::from);
+        selected_tests(python, &format!("not ({IN_REAL_TIME})"), threads)?;
+        documentation_tests()?;
+        join(package)
+    })?;
+    Ok(figures)
 }
 
 /// Runs the selected tests on the host, this many at the same time, including those that need firmware, Python, a browser or
