@@ -35,9 +35,10 @@ pub fn quick() -> Result<()> {
 pub fn all() -> Result<()> {
     setup::rust()?;
     format()?;
-    // The builds of the other targets need these two, and only one thread may install packages.
+    // The builds of the other targets need these, and only one thread may install packages.
     setup::libclang()?;
     setup::node()?;
+    setup::package()?;
     let python = std::thread::scope(|scope| {
         let others = scope.spawn(build_other_targets);
         let python = build_host_programs();
@@ -62,7 +63,8 @@ fn build_other_targets() -> Result<()> {
     }
     cargo_firmware("build", "minimal-board", &[])?;
     page::build()?;
-    package::lint()
+    package::lint()?;
+    package::build().map(drop)
 }
 
 /// Installs what the tests need, checks the dependencies, and builds and lints what runs on the host.
@@ -87,27 +89,39 @@ fn lint_host() -> Result<()> {
     run("cargo", &[&["clippy", "--locked", "--release", "--all-targets"], &DENY_WARNINGS[..]].concat())
 }
 
-/// Runs all tests. First those in real time and those of the page: both mostly wait, and other tests beside them would cause
-/// missed scans and timeouts on a slow computer. Then all others. Returns the figures that the page's tests measure.
+/// Runs all tests. Returns the figures that the page's tests measure.
 fn tests(python: &Python) -> Result<bench::Figures> {
-    let figures = std::thread::scope(|scope| {
-        let in_real_time = scope.spawn(|| selected_tests(python, IN_REAL_TIME, 1));
-        let figures = page::test(&built("release/plantar"), &firmware(EMULATED));
-        join(in_real_time)?;
-        figures
-    })?;
+    // Alone, because on a slow computer other tests beside them would cause missed scans and timeouts.
+    selected_tests(python, IN_REAL_TIME, 1)?;
+    let figures = page_and_package_tests()?;
+    // Many tests wait for an emulated board, so more of them run at the same time than there are cores.
+    let threads = 3 * std::thread::available_parallelism().map_or(1, usize::from);
+    selected_tests(python, &format!("not ({IN_REAL_TIME})"), threads)?;
+    documentation_tests()?;
+    Ok(figures)
+}
+
+/// Runs the tests of the page, which mostly wait for walks that are played in real time, and beside them, with a lower priority,
+/// the tests of the Python package and a short endurance test. Returns the figures that the page's tests measure.
+fn page_and_package_tests() -> Result<bench::Figures> {
     std::thread::scope(|scope| {
+        let page = scope.spawn(|| page::test(&built("release/plantar"), &firmware(EMULATED)));
         let package = scope.spawn(|| {
+            lower_priority()?;
             package::test()?;
             Soak { short: true, json: None }.run()
         });
-        // Many tests wait for an emulated board, so more of them run at the same time than there are cores.
-        let threads = 3 * std::thread::available_parallelism().map_or(1, usize::from);
-        selected_tests(python, &format!("not ({IN_REAL_TIME})"), threads)?;
-        documentation_tests()?;
-        join(package)
-    })?;
-    Ok(figures)
+        let figures = join(page)?;
+        join(package)?;
+        Ok(figures)
+    })
+}
+
+/// Gives this thread, and the programs that it starts, a lower priority than those of the other threads.
+fn lower_priority() -> Result<()> {
+    #[cfg(unix)]
+    rustix::process::nice(19)?;
+    Ok(())
 }
 
 /// Runs the selected tests on the host, this many at the same time, including those that need firmware, Python, a browser or
