@@ -166,27 +166,38 @@ fn the_foot_is_on_the_ground_from_heel_strike_to_confirmed_toe_off() {
     assert!(on_ground(&[Frames(5, 500.0)]));
 }
 
+/// True if a contact with 30 N is a step after contacts with these forces, N, each this many times. It is a step only of a wearer
+/// whose usual steps have less than 300 N.
+fn adapts_to(contacts: &[(usize, f64)]) -> bool {
+    let limits = StanceLimits::new(&StanceRule::ADAPTIVE, PERIOD_US);
+    let (mut stance, mut seq) = (Stance::<f64>::new(), 0);
+    let mut contact = |force_n: f64| {
+        let mut is_step = false;
+        for force_n in [0.0; 10].into_iter().chain([force_n; 30]).chain([0.0; 10]) {
+            is_step |= push(&mut stance, &limits, seq, &frame(100.0, force_n));
+            seq += 1;
+        }
+        is_step
+    };
+    for &(times, force_n) in contacts {
+        assert!((0..times).all(|_| contact(force_n)), "{force_n} N in {contacts:?}");
+    }
+    contact(30.0)
+}
+
 /// After steps with 700 N, contacts with 140 N are presses of a seated foot or, if there are many of them, the steps of a person
-/// who has begun to unload this foot. A contact with 30 N is a step only of a wearer whose usual steps have less than 300 N.
+/// who has begun to unload this foot.
 #[test]
 fn only_many_weak_contacts_lower_the_thresholds() {
-    let limits = StanceLimits::new(&StanceRule::ADAPTIVE, PERIOD_US);
-    let is_step_after = |weak_contacts: usize| {
-        let (mut stance, mut seq) = (Stance::<f64>::new(), 0);
-        let mut contact = |force_n: f64| {
-            let mut is_step = false;
-            for force_n in [0.0; 10].into_iter().chain([force_n; 30]).chain([0.0; 10]) {
-                is_step |= push(&mut stance, &limits, seq, &frame(100.0, force_n));
-                seq += 1;
-            }
-            is_step
-        };
-        let mut steps = [700.0; 10].into_iter().chain(std::iter::repeat_n(140.0, weak_contacts));
-        assert!(steps.all(&mut contact), "{weak_contacts} weak contacts");
-        contact(30.0)
-    };
-    assert!(!is_step_after(12));
-    assert!(is_step_after(40));
+    assert!(!adapts_to(&[(10, 700.0), (8, 140.0)]));
+    assert!(adapts_to(&[(10, 700.0), (40, 140.0)]));
+}
+
+/// A child with steps of 150 N hops on one foot, or stamps into the shoe.
+#[test]
+fn the_thresholds_soon_fit_ordinary_steps_after_larger_peaks() {
+    assert!(adapts_to(&[(10, 150.0), (5, 450.0), (3, 150.0)]));
+    assert!(adapts_to(&[(1, 400.0), (6, 150.0)]));
 }
 
 #[test]

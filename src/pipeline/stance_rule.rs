@@ -10,10 +10,13 @@ pub const REFERENCE_PEAK_N: f64 = 700.0;
 const SCALE: (f64, f64) = (0.2, 2.0);
 /// A step of walking has at least this peak, relative to the usual one.
 const WALKING: f64 = 0.5;
-/// Weight of a step of walking in the usual peak, and of all steps up to the first step of walking.
+/// A step with less than this peak, relative to the usual one, may be a press of a seated foot. The steps of a runner who walks
+/// now have more.
+const WEAK: f64 = 0.3;
+/// Weight of a step in the usual peak.
 const WEIGHT: f64 = 0.5;
-/// Weight of any other step. It may be a press of a seated foot, and some presses must not become the usual steps. Many such
-/// steps are those of a runner who walks now, or of a person who has begun to unload an injured foot.
+/// Weight of a weak step after the first step of walking: some presses must not become the usual steps. Many weak steps are those
+/// of a person who has begun to unload an injured foot.
 const WEAK_WEIGHT: f64 = 1.0 / 16.0;
 
 /// Time for which the total force must be constant before the foot counts as lifted, ms. After this time the toes are unloaded.
@@ -128,20 +131,21 @@ impl<R: Real> StanceLimits<R> {
 pub(super) struct StepPeaks<R> {
     /// Running mean of the recent peaks, N; 0 before the first step.
     pub(super) recent_n: R,
-    /// A step of walking has ended, so the mean is that of the wearer.
-    is_of_wearer: bool,
+    /// A step of walking has ended, so the wearer is heavy enough for the mean.
+    has_walked: bool,
 }
 
 impl<R: Real> StepPeaks<R> {
     /// Before the first step.
-    pub(super) const NONE: Self = Self { recent_n: R::ZERO, is_of_wearer: false };
+    pub(super) const NONE: Self = Self { recent_n: R::ZERO, has_walked: false };
 
     /// Adds a step with `peak_n`, N. True if it is a step of walking, and not a contact of a seated foot.
     pub(super) fn add(&mut self, peak_n: R) -> bool {
         let before_n = StanceLimits::usual_peak_n(self.recent_n);
         let is_walking = peak_n >= before_n * R::of(WALKING);
-        self.is_of_wearer |= is_walking;
-        let weight = if is_walking || !self.is_of_wearer { R::of(WEIGHT) } else { R::of(WEAK_WEIGHT) };
+        self.has_walked |= is_walking;
+        let is_weak = self.has_walked && peak_n < before_n * R::of(WEAK);
+        let weight = R::of(if is_weak { WEAK_WEIGHT } else { WEIGHT });
         self.recent_n = before_n + (peak_n - before_n) * weight;
         is_walking
     }

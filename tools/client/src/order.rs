@@ -85,8 +85,8 @@ impl RecordOrder {
     /// Called for a record that was delivered before and arrives again. The insole sends it with all unacknowledged records after
     /// it, so the next number is known even if no other record has arrived yet.
     pub fn repeat(&mut self, number: u32) {
-        if self.requested_us.is_none() {
-            self.expected.get_or_insert(number.wrapping_add(1));
+        if self.requested_us.is_none() && self.expected.is_none_or(|expected| expected == number) {
+            self.expected = Some(number.wrapping_add(1));
         }
     }
 
@@ -169,8 +169,8 @@ mod tests {
         order.repeat(5);
         assert_eq!([6, 7].map(|step| order.arrive(step, 0)), [Arrival::InOrder; 2]);
         order.interrupt();
-        order.repeat(6);
-        assert_eq!(order.arrive(8, 0), Arrival::Gap);
+        [3, 4, 5].into_iter().for_each(|step| order.repeat(step));
+        assert_eq!([6, 8].map(|step| order.arrive(step, 0)), [Arrival::InOrder, Arrival::Gap]);
     }
 
     #[test]

@@ -50,8 +50,8 @@ impl<C: Carrier> Client<C> {
     }
 
     /// Discards the answers to earlier requests, perhaps of another image or another host: a late answer to a chunk looks like
-    /// that to [`Request::Begin`], but may state the progress of another transfer. An insole answers in the order of the
-    /// requests, so late answers arrive before a status.
+    /// that to [`Request::Begin`], but may state the progress of another transfer. Answers that an insole has queued arrive
+    /// before a status; that to a chunk which it is still storing arrives later, and is not recognised.
     fn discard_late_answers(&mut self) -> Result<(), Error> {
         self.status()?;
         self.waiting.retain(|message| !matches!(message, ToHost::Update(_)));

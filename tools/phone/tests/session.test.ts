@@ -233,11 +233,11 @@ test("steps that another host has received are not awaited", () => {
 
 test("steps that another host has not received are awaited: the insole repeats them after a known one", () => {
   const { receive, begin, receiveSteps, connects, numbers } = startSteps();
-  receiveSteps(0);
+  receiveSteps(0, 1);
   receive({ kind: "refused", reason: "another host", is_other_host: true });
   begin();
-  receiveSteps(0, 2);
-  expect([numbers(), connects()]).toEqual([[0, 0], 2]);
+  receiveSteps(0, 1, 2, 4);
+  expect([numbers(), connects()]).toEqual([[0, 1, 0, 1, 2], 2]);
 });
 
 test("steps that waited for the time when the link was lost count as lost", () => {

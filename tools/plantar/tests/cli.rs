@@ -256,8 +256,9 @@ fn a_folder_without_permission_to_write_is_refused_before_the_connection() {
     let out = folder.path().join("session");
     std::fs::create_dir(&out).expect("created");
     std::fs::set_permissions(&out, PermissionsExt::from_mode(0o500)).expect("changed");
-    // Permissions do not restrict root.
-    if std::fs::create_dir(out.join("root")).is_err() {
+    if std::fs::create_dir(out.join("root")).is_ok() {
+        eprintln!("note: not tested, because permissions do not restrict root");
+    } else {
         fail(folder.path(), "record --tcp 127.0.0.1:9 --out session", &["cannot write to session", "permissions"]);
     }
 }
