@@ -1,21 +1,12 @@
 //! No test is left out of the build: cargo would not report a file that is no module of a program with tests, or a test in the
 //! sources of a target that has none by its `Cargo.toml`.
 
-use crate::listed::{FOLDERS, root, sources};
+use crate::listed::all_sources;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// The attribute in two parts, so that the test does not find itself.
 const ATTRIBUTE: &str = concat!("#[", "test]");
-
-/// All Rust sources of the repository.
-fn all_sources() -> Vec<PathBuf> {
-    let mut files = Vec::new();
-    FOLDERS.map(|folder| root().join(folder)).iter().filter(|folder| folder.is_dir()).for_each(|folder| {
-        sources(folder, &mut files);
-    });
-    files
-}
 
 #[test]
 fn every_file_beside_a_list_of_modules_is_in_the_list() {

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 const KEYWORD: &str = concat!("un", "safe");
 
 /// The folders with Rust sources. Some may be absent.
-pub const FOLDERS: [&str; 13] = [
+const FOLDERS: [&str; 13] = [
     "src",
     "bluetooth",
     "boards",
@@ -31,7 +31,7 @@ pub fn root() -> PathBuf {
 }
 
 /// Adds all Rust sources below a folder to `found`.
-pub fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
+fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
     for entry in fs::read_dir(folder).expect("the folder can be read").flatten() {
         let (path, name) = (entry.path(), entry.file_name());
         if path.is_dir() && !["target", "node_modules"].iter().any(|other| name == *other) {
@@ -40,6 +40,15 @@ pub fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
             found.push(path);
         }
     }
+}
+
+/// All Rust sources of the repository.
+pub fn all_sources() -> Vec<PathBuf> {
+    let mut files = Vec::new();
+    for folder in FOLDERS.map(|folder| root().join(folder)).iter().filter(|folder| folder.is_dir()) {
+        sources(folder, &mut files);
+    }
+    files
 }
 
 /// A line without its comment.
@@ -53,12 +62,8 @@ fn has_keyword(line: &str) -> bool {
 
 #[test]
 fn every_unsafe_line_is_listed_and_every_unsafe_block_has_a_safety_comment() {
-    let mut files = Vec::new();
-    for folder in FOLDERS.map(|folder| root().join(folder)).iter().filter(|folder| folder.is_dir()) {
-        sources(folder, &mut files);
-    }
     let mut found = BTreeMap::new();
-    for file in files {
+    for file in all_sources() {
         let text = fs::read_to_string(&file).expect("the source can be read");
         let lines: Vec<_> = text.lines().collect();
         let count = lines.iter().filter(|line| has_keyword(line)).count();

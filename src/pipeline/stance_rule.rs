@@ -131,7 +131,7 @@ impl<R: Real> StanceLimits<R> {
 pub(super) struct StepPeaks<R> {
     /// Running mean of the recent peaks, N; 0 before the first step.
     pub(super) recent_n: R,
-    /// A step of walking has ended, so the wearer is heavy enough for the mean.
+    /// A step of walking has ended. Until then, the mean may be far above the steps of a light wearer.
     has_walked: bool,
 }
 

@@ -83,7 +83,8 @@ test("the steps of a recording are not shown together with the wearer's steps", 
   await page.close();
 });
 
-test("the soles are drawn with every frame of the screen", async () => {
+// Repeated, because a busy computer may play many frames of the recording late.
+test("the soles are drawn with every frame of the screen", { retry: 2 }, async () => {
   const page = await open(served.browser, replay, { viewport: PHONE });
   await firstLoad_ms(page);
   const { deltas_ms, changed } = await page.evaluate(
@@ -105,9 +106,8 @@ test("the soles are drawn with every frame of the screen", async () => {
         requestAnimationFrame(frame);
       }),
   );
-  // While walking, at least one foot is on the ground, so the picture always changes, unless a busy computer plays some frames of
-  // the recording late. If only every second frame of the screen was drawn, 150 would differ.
-  expect(changed).toBeGreaterThan(200);
+  // While walking, at least one foot is on the ground, so the picture always changes.
+  expect(changed).toBeGreaterThan(270);
   deltas_ms.sort((a, b) => a - b);
   const [median, most] = [deltas_ms[150]?.toFixed(1), deltas_ms[285]?.toFixed(1)];
   console.log(`two feet at 100 Hz: a frame every ${median} ms (median), 95 % within ${most} ms`);
