@@ -1,7 +1,7 @@
 //! Two insoles over Bluetooth in real time: every step arrives, and every lost live frame is counted. The age of the messages and
 //! the error of the clocks are printed and not checked, because they depend on the host machine as much as on the insoles.
 //!
-//! The test is alone in its file, because other tests of the file would run at the same time and disturb it.
+//! `cargo xtask test` runs at most one other test beside this one, because more of them would disturb the walk.
 
 use crate::common::{firmware, tissue};
 use crate::phones::{Phone, RadioSimulation, boot};

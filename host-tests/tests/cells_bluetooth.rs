@@ -1,7 +1,7 @@
 //! The stream of all cells over Bluetooth in real time, beside live frames: every frame that arrives has the codes that were
 //! played. The rate is printed and not checked, because it depends on the host machine as much as on the insole.
 //!
-//! The test is alone in its file, because other tests of the file would run at the same time and disturb it.
+//! `cargo xtask test` runs at most one other test beside this one, because more of them would disturb the walk.
 
 use crate::common::{firmware, synthetic_walk};
 use crate::phones::{RadioSimulation, boot};

@@ -1,6 +1,6 @@
 //! During the transfer of an update in a walk in real time, no live frame and no step is lost. A busy emulator misses scans,
-//! also without an update, so their number is printed and not checked. The test is alone in its file, because other tests of the
-//! file would run at the same time and disturb it.
+//! also without an update, so their number is printed and not checked. `cargo xtask test` runs at most one other test beside this
+//! one, because more of them would disturb the walk.
 
 use crate::common::{connect, firmware, synthetic_walk};
 use client::{Client, Framed};

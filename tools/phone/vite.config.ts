@@ -48,5 +48,13 @@ export default defineConfig({
   base: "./",
   build: { target: "es2022", assetsInlineLimit: 0, modulePreload: { polyfill: false } },
   plugins: [offline()],
-  test: { include: ["tests/**/*.test.ts"], testTimeout: 30_000, hookTimeout: 60_000, reporters: "verbose" },
+  test: {
+    include: ["tests/**/*.test.ts"],
+    // The tests mostly wait for walks that are played in real time, so two files run at once also on two cores. More of them would
+    // disturb the walks.
+    maxWorkers: 2,
+    testTimeout: 30_000,
+    hookTimeout: 60_000,
+    reporters: "verbose",
+  },
 });
