@@ -32,8 +32,8 @@ fn run(
     run_and_take(recording, rules, |_| true, request)
 }
 
-/// As [`run`]. An alert is taken only after the seconds for which `takes` returns true, as if the queue of records were full in
-/// the others.
+/// As [`run`]. An alert is taken only after the seconds for which `takes` returns true, as if the queue of records were full
+/// in the other seconds.
 fn run_and_take(
     recording: &Recording,
     rules: &AlertRules,

@@ -53,24 +53,24 @@ fn add(graph: &mut Graph, from: &str, to: &str) {
 
 /// Returns a cycle of the graph, if it has one.
 fn cycle(graph: &Graph) -> Option<Vec<String>> {
-    fn visit(graph: &Graph, at: &str, path: &mut Vec<String>, done: &mut BTreeSet<String>) -> bool {
-        if let Some(first) = path.iter().position(|on_path| on_path == at) {
+    fn visit(graph: &Graph, node: &str, path: &mut Vec<String>, visited: &mut BTreeSet<String>) -> bool {
+        if let Some(first) = path.iter().position(|on_path| on_path == node) {
             path.drain(..first);
-            path.push(at.into());
+            path.push(node.into());
             return true;
         }
-        if !done.insert(at.into()) {
+        if !visited.insert(node.into()) {
             return false;
         }
-        path.push(at.into());
-        let found = graph.get(at).into_iter().flatten().any(|next| visit(graph, next, path, done));
+        path.push(node.into());
+        let found = graph.get(node).into_iter().flatten().any(|next| visit(graph, next, path, visited));
         if !found {
             path.pop();
         }
         found
     }
-    let (mut path, mut done) = (Vec::new(), BTreeSet::new());
-    graph.keys().any(|start| visit(graph, start, &mut path, &mut done)).then_some(path)
+    let (mut path, mut visited) = (Vec::new(), BTreeSet::new());
+    graph.keys().any(|start| visit(graph, start, &mut path, &mut visited)).then_some(path)
 }
 
 fn assert_no_cycle(graph: &Graph) {
@@ -99,12 +99,12 @@ fn used_paths(source: &str) -> Vec<Vec<String>> {
     let code = source.split("\n#[cfg(test)]").next().unwrap_or_default();
     let code: String = code.lines().map(|line| line.split("//").next().unwrap_or_default().to_owned() + "\n").collect();
     let mut paths = Vec::new();
-    let mut last = 0;
-    for (at, _) in code.match_indices("::") {
-        let start = code[..at].trim_end_matches(is_identifier).len();
-        if start >= last && ["crate", "self", "super"].contains(&&code[start..at]) {
+    let mut parsed_until = 0;
+    for (separator, _) in code.match_indices("::") {
+        let start = code[..separator].trim_end_matches(is_identifier).len();
+        if start >= parsed_until && ["crate", "self", "super"].contains(&&code[start..separator]) {
             let rest = parse_tree(&code[start..], &[], &mut paths);
-            last = code.len() - rest.len();
+            parsed_until = code.len() - rest.len();
         }
     }
     paths
@@ -125,10 +125,10 @@ fn parse_tree<'t>(text: &'t str, prefix: &[String], paths: &mut Vec<Vec<String>>
                 if let Some(rest) = list.strip_prefix('}') {
                     return rest;
                 }
-                let behind = parse_tree(list, &path, paths).trim_start();
+                let after_item = parse_tree(list, &path, paths).trim_start();
                 // The new name in `a as b` is ignored.
-                let end = behind.find([',', '}']).expect("an item has an end");
-                list = behind[end..].trim_start_matches(',');
+                let end = after_item.find([',', '}']).expect("an item has an end");
+                list = after_item[end..].trim_start_matches(',');
             }
         }
         let length = rest.find(|c| !is_identifier(c)).unwrap_or(rest.len());
@@ -309,7 +309,7 @@ fn firmware_uses_no_host_program() {
     let is_host = |name: &str| HOST.contains(&first_folder(&folders[name]));
     for (user, uses) in graph.iter().filter(|(user, _)| !is_host(user)) {
         let wrong: Vec<_> = uses.iter().filter(|used| is_host(used)).collect();
-        assert!(wrong.is_empty(), "{user} must not use {wrong:?}");
+        assert!(wrong.is_empty(), "{user} must not use {wrong:?}: these crates are for a host");
     }
     assert_no_cycle(&graph);
 }
@@ -320,8 +320,8 @@ fn the_diagrams_agree_with_the_sources() {
     let diagrams = diagrams(&top_level(&Modules::of_library().graph()), &folders, &crates);
     let path = root().join(DOCUMENT);
     let text = read(&path);
-    let (before, rest) = text.split_once(BEGIN).expect("docs/architecture.md has the line `BEGIN`");
-    let (written, after) = rest.split_once(END).expect("docs/architecture.md has the line `END`");
+    let (before, rest) = text.split_once(BEGIN).unwrap_or_else(|| panic!("{DOCUMENT} must contain the line {BEGIN}"));
+    let (written, after) = rest.split_once(END).unwrap_or_else(|| panic!("{DOCUMENT} must contain the line {END}"));
     if std::env::var_os("UPDATE_DOCS").is_some() {
         fs::write(&path, [before, BEGIN, &diagrams, END, after].concat()).expect("the document is written");
     } else {

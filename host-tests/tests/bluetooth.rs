@@ -99,7 +99,7 @@ fn an_unbonded_phone_reads_values_of_standard_services_and_nothing_else() {
 }
 
 /// Plays the complete walk of each insole, streams it to the insole's phone, and compares every message with a replay.
-fn stream(radio: &mut RadioSimulation, feet: &mut [(&Insole, &mut Phone)]) {
+fn assert_stream_equals_replay(radio: &mut RadioSimulation, feet: &mut [(&Insole, &mut Phone)]) {
     let mut got = vec![(Vec::<Live>::new(), Vec::<Step>::new()); feet.len()];
     let mut expected = Vec::new();
     for (insole, phone) in feet.iter_mut() {
@@ -142,7 +142,7 @@ fn a_bonded_phone_receives_every_frame_and_step_of_a_walk() {
     let mut world = World::start(WALK(3));
     let mut phone = world.bonded_phone(247);
     let begin = Instant::now();
-    stream(&mut world.radio, &mut [(&world.insole, &mut phone)]);
+    assert_stream_equals_replay(&mut world.radio, &mut [(&world.insole, &mut phone)]);
     // A live frame for each scan, and two fragments for each of the three steps.
     let values = f64::from(world.insole.scans()) + 6.0;
     println!("{:.0} notifications a second, nearly all of them live frames", values / begin.elapsed().as_secs_f64());
@@ -194,7 +194,7 @@ fn an_insole_that_is_not_worn_is_found_and_measures_when_it_is_put_on() {
 fn messages_are_the_same_with_the_smallest_mtu() {
     let mut world = World::start(WALK(1));
     let mut phone = world.bonded_phone(23);
-    stream(&mut world.radio, &mut [(&world.insole, &mut phone)]);
+    assert_stream_equals_replay(&mut world.radio, &mut [(&world.insole, &mut phone)]);
 }
 
 #[test]
@@ -212,7 +212,7 @@ fn a_bond_survives_a_reset_and_a_wrong_key_is_refused() {
     assert_eq!(phone.refused(&mut world.radio, CONTROL, &connect), Some(INSUFFICIENT_ENCRYPTION));
     world.radio.request(json!({"do": "encrypt", "phone": phone.name}));
     phone.open(&mut world.radio);
-    stream(&mut world.radio, &mut [(&world.insole, &mut phone)]);
+    assert_stream_equals_replay(&mut world.radio, &mut [(&world.insole, &mut phone)]);
     assert_eq!(world.insole.bonds(), Some(bonds));
     phone.disconnect(&mut world.radio);
 
@@ -253,7 +253,7 @@ fn a_stranger_cannot_recognise_an_insole_by_its_address() {
     assert!(is_private(&first) && is_private(&second) && first != second, "{first} {second}");
     // The link is encrypted with the keys of the first pairing, so the phone has recognised the insole at its new address.
     phone.reopen(&mut world.radio, 247);
-    stream(&mut world.radio, &mut [(&world.insole, &mut phone)]);
+    assert_stream_equals_replay(&mut world.radio, &mut [(&world.insole, &mut phone)]);
     phone.disconnect(&mut world.radio);
 
     // Version 1 of the stored keys has the bonds only, and a checksum.
@@ -336,9 +336,9 @@ fn four_bonds_are_stored() {
 
 /// The steps that a phone has stored. A step that arrives again is not stored again.
 #[derive(Default)]
-struct Store(Vec<Step>);
+struct StoredSteps(Vec<Step>);
 
-impl Store {
+impl StoredSteps {
     /// Stores a step, unless it was stored before.
     fn add(&mut self, step: Step) {
         if self.0.last().is_none_or(|last| step.step > last.step) {
@@ -359,23 +359,23 @@ fn break_links(seed: u32) {
     let scans_per_step = world.insole.scans() / STEPS as u32;
     let mut phone = world.bonded_phone(247);
     phone.set_tissue(&mut world.radio, tissue());
-    let (mut store, mut cuts, mut random) = (Store::default(), 0, seed);
-    while cuts < CUTS || store.0.len() < STEPS {
+    let (mut stored, mut cuts, mut random) = (StoredSteps::default(), 0, seed);
+    while cuts < CUTS || stored.0.len() < STEPS {
         // The link is cut after a random number of values, within a message or between two. Every fourth session has live frames.
         phone.send(&mut world.radio, ToDevice::Stream { live: cuts % 4 == 3 });
         // The generator of Numerical Recipes. Its upper bits are the most random ones.
         random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         for _ in 0..random >> 28 {
-            if store.0.len() == STEPS {
+            if stored.0.len() == STEPS {
                 break;
             }
-            world.insole.play((store.0.len() as u32 + AHEAD) * scans_per_step);
+            world.insole.play((stored.0.len() as u32 + AHEAD) * scans_per_step);
             let (characteristic, value) = phone.value(&mut world.radio);
             let joiner = phone.joiners.entry(characteristic).or_default();
             if let Some(message) = joiner.push(&value).expect("fragments arrive in order")
                 && let Some(ToHost::Step(step)) = decode(message)
             {
-                store.add(step);
+                stored.add(step);
                 // Every other step is not acknowledged, as if the acknowledgement were lost with the link.
                 if step.step % 2 == 1 {
                     phone.send(&mut world.radio, ToDevice::Acknowledge { number: step.step });
@@ -387,8 +387,8 @@ fn break_links(seed: u32) {
         // A step message has two fragments, or more than twenty with the smallest MTU.
         phone.reopen(&mut world.radio, if cuts % 8 == 0 { 23 } else { 247 });
     }
-    println!("{cuts} cuts, {} steps", store.0.len());
-    assert_eq!(store.0, steps);
+    println!("{cuts} cuts, {} steps", stored.0.len());
+    assert_eq!(stored.0, steps);
     let status = phone.status(&mut world.radio);
     assert_eq!((status.steps, status.records_dropped), (STEPS as u32, 0));
 }
@@ -435,6 +435,7 @@ fn malformed_values_are_refused_and_the_session_continues() {
     force_laws[5].n = 99.0;
     let refusal = ToHost::Refused(Refusal::Tissue(Region::Hallux));
     assert_eq!(phone.answer(&mut world.radio, ToDevice::SetTissue(Tissue::new(force_laws))), refusal);
+    // The ten refused values count as bad frames. The two refused requests do not, because they could be decoded.
     assert_eq!(phone.status(&mut world.radio).bad_frames, 10);
     stream_steps(&mut world, &mut phone, 1);
 }
@@ -516,7 +517,7 @@ fn both_insoles_stream_at_once() {
     let mut phone = world.bonded_phone(247);
     let mut other = world.radio.bonded_phone(2, "Plantar R", 247);
     assert_eq!(other.read(&mut world.radio, "2a00"), b"Plantar R");
-    stream(&mut world.radio, &mut [(&world.insole, &mut phone), (&right, &mut other)]);
+    assert_stream_equals_replay(&mut world.radio, &mut [(&world.insole, &mut phone), (&right, &mut other)]);
 }
 
 #[test]

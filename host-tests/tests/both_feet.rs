@@ -45,8 +45,8 @@ impl Walk for DelayedWalk {
             self.first = Some(seq);
         }
         // The walk begins and ends without load.
-        let at = self.first.map_or(0, |first| (seq - first).min(self.walk.scans() - 1));
-        self.walk.scan(at, codes)
+        let walk_scan = self.first.map_or(0, |first| (seq - first).min(self.walk.scans() - 1));
+        self.walk.scan(walk_scan, codes)
     }
 }
 
@@ -73,26 +73,26 @@ fn us_since(start: Instant, at: Instant) -> i64 {
 impl Foot {
     /// Receives a message; returns it if it is a status.
     fn receive(&mut self, radio: &mut RadioSimulation) -> Option<Status> {
-        let (at, message) = self.phone.next_at(radio);
+        let (arrival, message) = self.phone.next_with_arrival(radio);
         match message {
-            ToHost::Live(live) => self.live.push((at, live)),
+            ToHost::Live(live) => self.live.push((arrival, live)),
             ToHost::Time { host_us, device_us } => self.axis.answer(host_us, device_us),
             ToHost::Status(status) => return Some(status),
             other => {
                 let record = LoadRecord::of(&other).unwrap_or_else(|| panic!("{other:?}"));
                 self.phone.send(radio, ToDevice::Acknowledge { number: record.number() });
                 self.numbers.push(record.number());
-                self.steps.extend(record.step().map(|step| (at, *step)));
+                self.steps.extend(record.step().map(|step| (arrival, *step)));
             }
         }
         None
     }
 
-    /// Age of a message that arrived at `at` and belongs to the scan at the insole's time `t_us`, ms.
-    fn age_ms(&self, at: Instant, t_us: u64) -> f64 {
+    /// Age of a message at its `arrival`, ms. The message belongs to the scan at the insole's time `t_us`.
+    fn age_ms(&self, arrival: Instant, t_us: u64) -> f64 {
         let scanned = self.scanned.lock().unwrap_or_else(PoisonError::into_inner);
         let scan = t_us / u64::from(self.period_us);
-        at.duration_since(scanned[scan as usize]).as_secs_f64() * 1e3
+        arrival.duration_since(scanned[scan as usize]).as_secs_f64() * 1e3
     }
 
     /// True offset of the insole's time from the time since `start`, us. Each scan takes place at its time or a little later, and
@@ -165,9 +165,9 @@ fn both_feet_stream_a_minute_in_real_time() {
         // counted.
         assert_eq!(status.steps + status.rejected.broken, STEPS as u32);
 
-        let live_ms = foot.live.iter().map(|(at, live)| foot.age_ms(*at, live.t_us));
+        let live_ms = foot.live.iter().map(|(arrival, live)| foot.age_ms(*arrival, live.t_us));
         let toe_off_us = |step: &Step| step.start_us + u64::from(step.duration_us);
-        let step_ms = foot.steps.iter().map(|(at, step)| foot.age_ms(*at, toe_off_us(step)));
+        let step_ms = foot.steps.iter().map(|(arrival, step)| foot.age_ms(*arrival, toe_off_us(step)));
         let ((live_ms, live_most_ms), (step_ms, step_most_ms)) =
             (median_and_maximum(live_ms.collect()), median_and_maximum(step_ms.collect()));
         let seconds = foot.live[foot.live.len() - 1].0.duration_since(foot.live[0].0).as_secs_f64();

@@ -64,9 +64,9 @@ fn load_at_the_end_of_a_recording_is_part_of_one_record() {
 #[test]
 fn a_bout_of_the_longest_duration_ends_with_the_last_frame_of_its_contact() {
     const PERIOD_US: u32 = 6_667;
-    let at = |i: u8| SetupCell { row_column: i, ..cell(Region::Heel, f32::from(i) * 10.0, 0.0, 100.0) };
+    let heel_cell = |i: u8| SetupCell { row_column: i, ..cell(Region::Heel, f32::from(i) * 10.0, 0.0, 100.0) };
     let mut insole = Box::new(Insole::<f64, 16>::new());
-    insole.set_up(Setup { period_us: PERIOD_US, ..SETUP }, (0..16).map(at)).expect("the set-up is accepted");
+    insole.set_up(Setup { period_us: PERIOD_US, ..SETUP }, (0..16).map(heel_cell)).expect("the set-up is accepted");
     let (mut on_ground_frames, mut bout) = (0, None);
     for seq in 0..9_100 {
         let pressure_kpa = if seq < 9_020 { 300.0 } else { 0.0 };
@@ -79,7 +79,7 @@ fn a_bout_of_the_longest_duration_ends_with_the_last_frame_of_its_contact() {
     assert_eq!(bout.duration_us, on_ground_frames * PERIOD_US);
 }
 
-/// 12.346 N s are 1,234.6 units of the message, and so on.
+/// The units of the message are 0.01 N s, 0.1 kPa s and 0.1 kPa: 12.346 N s are 1,234.6 units, which are rounded to 1,235.
 #[test]
 fn the_message_of_a_load_bout_has_the_nearest_integers() {
     let region = BoutRegion { integral_n_s: 12.346, pressure_integral_kpa_s: 56.74, peak_pressure_kpa: 123.46 };

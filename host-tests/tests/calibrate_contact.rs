@@ -235,12 +235,12 @@ proptest! {
         prop_assume!(on_kpa <= 1000.0 && on_kpa / gain < 0.9 * law.full_kpa);
         let calibration = CellCalibration { offset, gain };
         let rule = ContactRule { on_kpa, off_kpa: on_kpa, full_kpa: 0.0 };
-        let at_kpa = f64::from(on_kpa) / f64::from(gain);
+        let uncalibrated_kpa = f64::from(on_kpa) / f64::from(gain);
         let mut probe = Probe::new(&law, &rule, &calibration);
-        prop_assert_eq!(probe.share_at((code_of(&law, at_kpa) + offset).min(FULL_CODE)), WHOLE);
+        prop_assert_eq!(probe.share_at((code_of(&law, uncalibrated_kpa) + offset).min(FULL_CODE)), WHOLE);
 
         // To allow for rounding, this code is three below the first one that reads the threshold.
-        let first = curve(&law).first_code_at(at_kpa as f32);
+        let first = curve(&law).first_code_at(uncalibrated_kpa as f32);
         let mut probe = Probe::new(&law, &rule, &calibration);
         prop_assert_eq!(probe.share_at(first.saturating_sub(3) + offset), 0);
     }

@@ -39,17 +39,18 @@ fn the_cells_that_arrive_over_bluetooth_are_those_that_were_played() {
     let mut expected = vec![0; insole.cells.len()];
     let (mut first, mut bytes, mut live) = (None, 0, 0);
     loop {
-        let (at, message) = phone.next_at(&mut radio);
+        let (arrival, message) = phone.next_with_arrival(&mut radio);
         match &message {
             ToHost::Cells(frame) => {
-                let (first_scan, start) = *first.get_or_insert((frame.scan, at));
+                let (first_scan, start) = *first.get_or_insert((frame.scan, arrival));
                 assert!(receiver.frame(frame), "frame {} cannot be unpacked", frame.sequence);
                 insole.codes_of(&walk, frame.scan as usize % frames, &mut expected);
+                // `Resolution::Converter` transmits the upper 12 bits of a code.
                 expected.iter_mut().for_each(|code| *code &= 0xfff0);
                 assert_eq!(receiver.codes(), expected, "scan {}", frame.scan);
                 bytes += encode(&message, &mut [0; MAX_MESSAGE]).expect("a received message fits").len();
                 if frame.scan - first_scan >= SCANS {
-                    print(&receiver, live, bytes, start, at);
+                    print(&receiver, live, bytes, start, arrival);
                     break;
                 }
             }

@@ -21,7 +21,7 @@ struct Insole {
     hello: Hello,
     from_host: Decoder,
     to_host: VecDeque<u8>,
-    /// The cable is unplugged.
+    /// True while the cable is unplugged.
     is_unplugged: bool,
     /// Number of frames to the host that are dropped, from the next one on.
     drop_next: usize,
@@ -360,7 +360,7 @@ fn the_counter_of_lost_frames_saturates() {
     assert_eq!((client.counters().frames_received, client.counters().frames_lost), (7, u32::MAX));
 }
 
-/// The hello and live frames of a session, which a terminated program has opened, are still in a buffer of the link.
+/// The hello and the live frames of the session of a program that has ended are still in a buffer of the link.
 #[test]
 fn messages_of_a_previous_session_are_not_counted_as_lost() {
     let cable = Cable::new(hello());
@@ -414,7 +414,7 @@ fn another_version_is_refused_with_both_versions_in_the_message() {
 
 /// The insole answers a chunk of another image only after its host has given up.
 #[test]
-fn a_late_answer_to_a_chunk_is_not_that_to_an_offer() {
+fn a_late_answer_to_a_chunk_is_not_taken_for_the_answer_to_an_offer() {
     let (cable, mut client) = connected();
     cable.insole().to_host.extend(framed(&ToHost::Update(Progress::Next(7))));
     let offer = Offer { header: Header::new("test", "1.0.0"), chunks: 10, signature: Default::default() };

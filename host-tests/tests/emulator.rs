@@ -614,6 +614,7 @@ fn every_kind_of_fault_is_found_on_the_device_as_on_a_host() {
 #[test]
 #[ignore = "needs the emulated board's firmware and the data set SpeedPP2DS: cargo xtask test"]
 fn the_insole_reports_the_force_that_the_fit_evaluated() {
+    /// Numbers of the steps from which the parameters are identified.
     const FITTED: std::ops::Range<u32> = 6..14;
     let walk =
         jiku::import(common::jiku(), 2, 0..FITTED.end as usize, &mut |_, _| ()).expect("the data set can be read");

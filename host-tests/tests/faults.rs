@@ -200,7 +200,7 @@ fn a_masked_cell_has_the_pressure_of_its_neighbours_whatever_their_gains() {
     }
 }
 
-/// The message has room for 49.7 days.
+/// The message has the time in ms as a `u32`, which is at most 49.7 days.
 #[test]
 fn the_time_of_a_fault_saturates() {
     const OPEN: u16 = 27;
@@ -234,7 +234,7 @@ fn the_time_of_a_fault_saturates() {
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, cases: 64, ..ProptestConfig::default() })]
 
-    /// Forces are finite and not negative for any codes, also if cells are masked.
+    /// Forces are finite and not negative for any codes, even if cells are masked.
     #[test]
     fn any_codes_give_finite_forces(seed in any::<u64>(), faulty_cells in 1u32..8) {
         let cells: Vec<SetupCell> = (0..64u8)

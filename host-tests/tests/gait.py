@@ -33,16 +33,16 @@ def estimate(values, consecutive):
     independent = n * (1 - r) / (1 + r)
     if independent < 3:
         return [n, x.mean(), x.std(ddof=1), None, None]
-    half = stats.t.ppf(0.975, independent - 1) * x.std(ddof=1) / np.sqrt(independent)
-    return [n, x.mean(), x.std(ddof=1), x.mean() - half, x.mean() + half]
+    half_width = stats.t.ppf(0.975, independent - 1) * x.std(ddof=1) / np.sqrt(independent)
+    return [n, x.mean(), x.std(ddof=1), x.mean() - half_width, x.mean() + half_width]
 
 
 def strides(own, other):
     """The strides of a foot: start, start of the other foot's step, end, and the measures by name."""
     found = []
-    for (number, start, stance, peak, integral), (after, end, *_) in zip(own, own[1:]):
+    for (number, start, stance, peak, integral), (next_number, end, *_) in zip(own, own[1:]):
         between = [k for k, step in enumerate(other) if start < step[1] < end]
-        if after != number + 1 or end - start > LONGEST_STRIDE_S or stance >= end - start or len(between) != 1:
+        if next_number != number + 1 or end - start > LONGEST_STRIDE_S or stance >= end - start or len(between) != 1:
             continue
         k = between[0]
         strike = other[k][1]

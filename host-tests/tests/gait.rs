@@ -16,12 +16,13 @@ fn irregular(seed: u64) -> [Vec<FootStep>; 2] {
     for i in 0..120 {
         stride_s += 0.02 * (random.f64() - 0.5) + 0.1 * (1.1 - stride_s);
         let lag_s = stride_s * (0.46 + 0.08 * random.f64());
-        let share = if (60..80).contains(&i) { 0.35 } else { 0.62 };
+        // The part of a stride in which the foot is on the ground, in running and in walking.
+        let stance_share = if (60..80).contains(&i) { 0.35 } else { 0.62 };
         for (foot, from_s) in [(0, 0.0), (1, lag_s)] {
             if random.f64() < 0.03 {
                 continue;
             }
-            let duration_s = stride_s * (share + 0.04 * random.f64());
+            let duration_s = stride_s * (stance_share + 0.04 * random.f64());
             let (peak_n, integral_n_s) = (700.0 + 90.0 * random.f64(), 280.0 + 40.0 * random.f64());
             let step = FootStep { number: i, start_s: t_s + from_s, duration_s, peak_n, integral_n_s };
             feet[foot].push(step);
@@ -31,7 +32,8 @@ fn irregular(seed: u64) -> [Vec<FootStep>; 2] {
     feet
 }
 
-/// Compares an estimate. The limits of the interval may differ by 1 % of its half width, because the quantile is approximated.
+/// Asserts that an estimate equals that of `gait.py`. The limits of the interval may differ by 1 % of its half width, because the
+/// quantile is approximated.
 fn compare(name: &str, found: Option<Estimate>, expected: &Value) {
     let Some(found) = found else {
         assert!(expected.is_null(), "{name}: {expected}");
@@ -47,9 +49,9 @@ fn compare(name: &str, found: Option<Estimate>, expected: &Value) {
     };
     near(Some(found.mean), number(1), 1e-9 * found.mean.abs().max(1.0));
     near(found.sd, number(2), 1e-6 * found.sd.unwrap_or(0.0).max(1e-3));
-    let half = found.interval.map_or(0.0, |[low, high]| (high - low) / 2.0);
-    near(found.interval.map(|it| it[0]), number(3), 0.01 * half + 1e-9);
-    near(found.interval.map(|it| it[1]), number(4), 0.01 * half + 1e-9);
+    let half_width = found.interval.map_or(0.0, |[low, high]| (high - low) / 2.0);
+    near(found.interval.map(|it| it[0]), number(3), 0.01 * half_width + 1e-9);
+    near(found.interval.map(|it| it[1]), number(4), 0.01 * half_width + 1e-9);
 }
 
 #[test]
@@ -89,8 +91,8 @@ fn a_computed_walk_of_both_feet_has_its_true_times() {
         let recording = synthetic::walk(&walk).recording;
         let (_, steps) = common::replay(&recording, ContactRule::COUNTED, |_| false);
         assert_eq!(steps.len(), walk.steps);
-        let at = |step| FootStep::new(step, step.start_us + (lag_s * 1e6) as u64, &[]);
-        (steps.iter().map(at).collect::<Vec<_>>(), walk)
+        let foot_step = |step| FootStep::new(step, step.start_us + (lag_s * 1e6) as u64, &[]);
+        (steps.iter().map(foot_step).collect::<Vec<_>>(), walk)
     };
     let ((left, walk), (right, _)) = (foot(Side::Left, 0.0), foot(Side::Right, LAG_S));
     // The thresholds adapt to the peaks of the first steps, so these may last a frame longer.

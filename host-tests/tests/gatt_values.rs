@@ -63,6 +63,7 @@ proptest! {
         prop_assert_eq!(joiner.push(&[0x80, 7]), Ok(Some(&[7][..])));
     }
 
+    /// The times from the beginning of 1970 to the end of 9999.
     #[test]
     fn any_time_survives_the_conversion_to_current_time_and_back(unix_s in 0..253_402_300_800_u64) {
         let time = to_current_time(Some(unix_s * 1_000_000));

@@ -28,6 +28,7 @@ fn the_matrix_is_folded_at_half_the_length() {
     for (row, columns) in WIRING.iter().enumerate() {
         for (column, cell) in columns.iter().enumerate().filter_map(|(i, cell)| Some((i, usize::from((*cell)?)))) {
             // The first half of the columns has the cells of the rear half of the insole, and the second half those of the front.
+            // The rows of both halves form 32 lines, which divide the length of 270 mm.
             let line = row + ROWS * (column / (COLUMNS / 2));
             let y_mm = (line as f32 + 0.5) * 270.0 / 32.0;
             assert!((cells[cell].cell.y_mm - y_mm).abs() < 1e-3, "row {row} column {column}");

@@ -492,11 +492,11 @@ fn a_carrier_that_is_too_slow_for_live_frames_delivers_answers() {
     };
     sent_of(&mut session, &[]);
     let sent = sent_of(&mut session, &[ToDevice::GetStatus, ToDevice::GetTime { host_us: 1 }]);
-    let at = sent.iter().position(|sent| matches!(sent, Sent::Status(_))).expect("the insole answers");
-    assert!(at <= 8, "after {at} frames");
-    assert!(matches!(sent[at + 1], Sent::Time { .. }));
+    let index = sent.iter().position(|sent| matches!(sent, Sent::Status(_))).expect("the insole answers");
+    assert!(index <= 8, "the answer is sent after {index} frames");
+    assert!(matches!(sent[index + 1], Sent::Time { .. }));
     // `live_due` of the status includes every live frame that was sent before the status, and none of those after it.
-    let (Sent::Live(before), Sent::Status(status), Sent::Live(after)) = (sent[at - 1], sent[at], sent[at + 2]) else {
+    let [Sent::Live(before), Sent::Status(status), _, Sent::Live(after)] = sent[index - 1..=index + 2] else {
         panic!("{sent:?}")
     };
     assert!(before < status.live_due && status.live_due <= after, "{before}, {status:?}, {after}");
@@ -504,10 +504,10 @@ fn a_carrier_that_is_too_slow_for_live_frames_delivers_answers() {
     // Every live frame after the answer was queued after it, because earlier frames were computed with the previous parameters.
     let first = session.next_live().expect("the host streams");
     let sent = sent_of(&mut session, &[ToDevice::SetTissue(*TISSUE)]);
-    let at = sent.iter().position(|sent| *sent == Sent::Tissue(TISSUE.id)).expect("the insole answers");
-    assert!(at <= 8, "after {at} frames");
-    let Sent::Live(after) = sent[at + 1] else { panic!("{sent:?}") };
-    assert!(after >= first + 2 * at as u32, "{first} {at} {after}");
+    let index = sent.iter().position(|sent| *sent == Sent::Tissue(TISSUE.id)).expect("the insole answers");
+    assert!(index <= 8, "the answer is sent after {index} frames");
+    let Sent::Live(after) = sent[index + 1] else { panic!("{sent:?}") };
+    assert!(after >= first + 2 * index as u32, "{first} {index} {after}");
 }
 
 /// Only new parameters make the queued live frames out of date.

@@ -69,8 +69,8 @@ fn every_unsafe_line_is_listed_and_every_unsafe_block_has_a_safety_comment() {
         let count = lines.iter().filter(|line| has_keyword(line)).count();
         let name = file.strip_prefix(root()).expect("the file is below the root").to_string_lossy().replace('\\', "/");
         for (i, _) in lines.iter().enumerate().filter(|(_, line)| code(line).contains(&format!("{KEYWORD} {{"))) {
-            let reason = lines[..i].iter().rev().take_while(|line| line.trim().starts_with("//"));
-            assert!(reason.into_iter().any(|line| line.contains("SAFETY:")), "{name}:{} has no SAFETY comment", i + 1);
+            let comment = lines[..i].iter().rev().take_while(|line| line.trim().starts_with("//"));
+            assert!(comment.into_iter().any(|line| line.contains("SAFETY:")), "{name}:{} has no SAFETY comment", i + 1);
         }
         if count > 0 {
             found.insert(name, count);

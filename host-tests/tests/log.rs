@@ -37,7 +37,7 @@ fn the_log_contains_the_state_changes_of_the_firmware_with_their_levels() {
     log.iter().for_each(|entry| println!("{entry}"));
     restart.expect("the insole restarts");
     let mut rest = log.iter();
-    for (level, begin) in [
+    for (level, beginning) in [
         ("info", "start: firmware "),
         ("info", "storage: boot 1"),
         ("info", "settings: layout "),
@@ -47,6 +47,7 @@ fn the_log_contains_the_state_changes_of_the_firmware_with_their_levels() {
         ("info", "restart: requested by the host"),
         ("info", "start: firmware "),
     ] {
-        assert!(rest.any(|entry| entry.level == level && entry.text.starts_with(begin)), "{level} {begin}");
+        let is_found = rest.any(|entry| entry.level == level && entry.text.starts_with(beginning));
+        assert!(is_found, "the log lacks \"{level} {beginning}\" after the previous entry of this list");
     }
 }

@@ -26,7 +26,7 @@ def areas(pressure_kpa):
 
 
 def loading_rate(force_n):
-    """Slope between 20 and 80 % of the first peak that is at least half of the largest force and not exceeded for 50 ms."""
+    """Slope from 20 to 80 % of the first peak of at least half the largest force that is not exceeded for 50 ms, N/s."""
     window = round(0.05 * rate_hz)
     peak = next(
         i for i, f in enumerate(force_n) if f >= 0.5 * force_n.max() and f >= force_n[i : i + window + 1].max()
@@ -72,8 +72,8 @@ def of_foot(pressure_kpa, area):
     else:
         humps = [v for i in (first, valley, second) for v in (total_n[i], i / rate_hz)]
     path = np.stack([cell_n @ x_mm / total_n, cell_n @ y_mm / total_n], axis=1)
-    at = lambda share: np.array([np.interp(share * (count - 1), range(count), path[:, k]) for k in (0, 1)])
-    line = [at(share) for share in (0.1, 0.3, 0.5, 0.7, 0.9)]
+    position_at = lambda share: np.array([np.interp(share * (count - 1), range(count), path[:, k]) for k in (0, 1)])
+    line = [position_at(share) for share in (0.1, 0.3, 0.5, 0.7, 0.9)]
     inner = [path[i] for i in range(count) if 0.1 <= i / (count - 1) <= 0.9]
     inner = np.array([line[0], *inner, line[-1]])
     length_mm = np.linalg.norm(np.diff(inner, axis=0), axis=1).sum()

@@ -86,7 +86,7 @@ fn tolerance(part: usize, index: usize) -> f64 {
     }
 }
 
-/// Compares all measures of a recording with those of NumPy, within 0.1 % and the resolution of the stored curves.
+/// Asserts that all measures of a recording equal those of NumPy, within 0.1 % and the resolution of the stored curves.
 fn compare(recording: &Recording) {
     let (virtual_insole, steps) = steps(recording);
     assert!(steps.len() > 3);
@@ -111,7 +111,7 @@ fn compare(recording: &Recording) {
             for (i, (found, expected)) in found.into_iter().zip(expected).enumerate() {
                 let tolerance = expected.abs() * 1e-3 + tolerance(part, i);
                 let step = step.step;
-                assert!((found - expected).abs() <= tolerance, "step {step}, part {part}, {i}: {found} for {expected}");
+                assert!((found - expected).abs() <= tolerance, "step {step}, part {part}, {i}: {found} not {expected}");
                 compared += 1;
             }
         }

@@ -82,16 +82,16 @@ impl RadioSimulation {
 
     /// Waits for the next line of the simulation.
     fn line(&self) -> (Instant, Value) {
-        self.lines.recv_timeout(TIMEOUT).expect("the simulated phones run")
+        self.lines.recv_timeout(TIMEOUT).expect("the simulated phones write a line within a minute")
     }
 
     /// Sends a request to the simulation; returns its result or its error.
     pub fn try_request(&mut self, request: Value) -> Result<Value, PhoneError> {
         writeln!(self.requests, "{request}").expect("the simulated phones run");
         loop {
-            let (at, line) = self.line();
+            let (arrival, line) = self.line();
             if line.get("did").is_none() {
-                self.events.push_back((at, line));
+                self.events.push_back((arrival, line));
             } else if let Some(error) = line.get("error") {
                 return Err(PhoneError { att: line["att"].as_u64(), text: error.to_string() });
             } else {
@@ -110,7 +110,7 @@ impl RadioSimulation {
     fn next_event(&mut self, phone: &str) -> (Instant, Value) {
         let mut known = self.events.iter().position(|(_, line)| line["phone"] == phone);
         loop {
-            if let Some(event) = known.and_then(|at| self.events.remove(at)) {
+            if let Some(event) = known.and_then(|index| self.events.remove(index)) {
                 return event;
             }
             let line = self.line();
@@ -413,38 +413,38 @@ impl Phone {
 
     /// The next value that the insole sends, and its characteristic.
     pub fn value(&mut self, radio: &mut RadioSimulation) -> (String, Vec<u8>) {
-        let (_, of, value) = self.value_at(radio);
-        (of, value)
+        let (_, characteristic, value) = self.value_with_arrival(radio);
+        (characteristic, value)
     }
 
     /// The same as [`Self::value`], with the time of arrival.
-    fn value_at(&mut self, radio: &mut RadioSimulation) -> (Instant, String, Vec<u8>) {
-        let (at, line) = radio.next_event(&self.name);
-        let Some(of) = line["of"].as_str() else { panic!("the connection ended: {line}") };
-        (at, of.into(), unhex(&line["value"]))
+    fn value_with_arrival(&mut self, radio: &mut RadioSimulation) -> (Instant, String, Vec<u8>) {
+        let (arrival, line) = radio.next_event(&self.name);
+        let Some(characteristic) = line["of"].as_str() else { panic!("the connection ended: {line}") };
+        (arrival, characteristic.into(), unhex(&line["value"]))
     }
 
     /// The next message that the insole sends.
     pub fn next(&mut self, radio: &mut RadioSimulation) -> ToHost {
-        self.next_at(radio).1
+        self.next_with_arrival(radio).1
     }
 
-    /// The next message and the time of its last fragment.
-    pub fn next_at(&mut self, radio: &mut RadioSimulation) -> (Instant, ToHost) {
+    /// The next message, and the time at which its last fragment arrived.
+    pub fn next_with_arrival(&mut self, radio: &mut RadioSimulation) -> (Instant, ToHost) {
         loop {
-            let (at, of, value) = self.value_at(radio);
+            let (arrival, characteristic, value) = self.value_with_arrival(radio);
             assert!(value.len() <= self.max_len);
-            let joiner = self.joiners.entry(of.clone()).or_default();
+            let joiner = self.joiners.entry(characteristic.clone()).or_default();
             let Some(message) = joiner.push(&value).expect("fragments arrive in order") else { continue };
             let message = decode(message).expect("the bytes are one complete message");
-            let characteristic = match message {
+            let expected = match message {
                 ToHost::Live(_) | ToHost::Cells(_) | ToHost::Ellipses(_) => LIVE,
                 ToHost::Step(_) | ToHost::Bout(_) | ToHost::Alert(_) => STEPS,
                 ToHost::Tissue(_) | ToHost::Refused(_) => PARAMETERS,
                 _ => CONTROL,
             };
-            assert_eq!(of, characteristic);
-            return (at, message);
+            assert_eq!(characteristic, expected, "{message:?}");
+            return (arrival, message);
         }
     }
 

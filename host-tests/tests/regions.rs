@@ -454,8 +454,11 @@ fn the_sums_of_the_largest_region_do_not_overflow() {
 /// An ellipsoid is pressed onto cells at random positions. The pressure is proportional to the local deformation (Eq. 3).
 #[test]
 fn covered_shares_give_a_more_accurate_area_than_counted_cells() {
+    /// Size of a cell along x and y, mm.
     const CELL_MM: [f64; 2] = [5.08, 7.62];
+    /// Number of cells along each axis.
     const SIDE: usize = 16;
+    /// Number of points along each axis of a cell, at which the pressure is computed.
     const POINTS: usize = 12;
     let e = Ellipsoid { a_m: 0.03, b_m: 0.03, c_m: 0.015, d0_m: 0.012, k: 1.0, n: 0.0, c: 0.0, m: 0.0 };
     let cells: Vec<_> = (0..SIDE * SIDE)
@@ -469,7 +472,7 @@ fn covered_shares_give_a_more_accurate_area_than_counted_cells() {
     let r_mm = r_mm * 1e3;
     let true_mm2 = std::f64::consts::PI * r_mm * r_mm;
     // The pressure at the centre is 700 kPa. A cell that is just covered at the edge then reads about 150 kPa.
-    let stiffness = 700.0 / deformation_m;
+    let stiffness_kpa_m = 700.0 / deformation_m;
     let area_mm2 = |rule: ContactRule, dx_mm: f64, dy_mm: f64| {
         let mut insole = new_insole::<f64>(Setup { contact: rule, ..SETUP }, &cells);
         let codes: Vec<u16> = cells
@@ -480,7 +483,7 @@ fn covered_shares_give_a_more_accurate_area_than_counted_cells() {
                     let x = f64::from(c.cell.x_mm) + offset(i % POINTS, CELL_MM[0]) - dx_mm;
                     let y = f64::from(c.cell.y_mm) + offset(i / POINTS, CELL_MM[1]) - dy_mm;
                     let q = x.hypot(y) / r_mm;
-                    if q < 1.0 { stiffness * e.local_deformation_m(deformation_m, q) } else { 0.0 }
+                    if q < 1.0 { stiffness_kpa_m * e.local_deformation_m(deformation_m, q) } else { 0.0 }
                 });
                 code_of(&LAW, points.sum::<f64>() / (POINTS * POINTS) as f64)
             })
@@ -488,7 +491,8 @@ fn covered_shares_give_a_more_accurate_area_than_counted_cells() {
         insole.frame(0, &codes);
         insole.loads()[0].frame.area.area_mm2::<f64>()
     };
-    let error = |rule: ContactRule| {
+    // The root mean square of the relative errors of the area.
+    let relative_error = |rule: ContactRule| {
         let mut next = noise(3);
         let squares = (0..40).map(|_| {
             let mut offset = |mm: f64| f64::from(next()) / 65_536.0 * mm;
@@ -496,7 +500,7 @@ fn covered_shares_give_a_more_accurate_area_than_counted_cells() {
         });
         (squares.sum::<f64>() / 40.0).sqrt()
     };
-    let (counted, covered) = (error(ContactRule::COUNTED), error(ContactRule::COVERED));
+    let (counted, covered) = (relative_error(ContactRule::COUNTED), relative_error(ContactRule::COVERED));
     println!("counted {counted:.3}, covered {covered:.3}");
     assert!(covered < 0.5 * counted, "counted {counted}, covered {covered}");
     assert!(covered < 0.08, "{covered}");

@@ -166,8 +166,8 @@ fn the_foot_is_on_the_ground_from_heel_strike_to_confirmed_toe_off() {
     assert!(on_ground(&[Frames(5, 500.0)]));
 }
 
-/// True if a contact with 30 N is a step after contacts with these forces, N, each this many times. It is a step only of a wearer
-/// whose usual steps have less than 300 N.
+/// Returns true if a contact with 30 N counts as a step after these contacts: numbers of contacts, and their force, N. It does
+/// if the usual peak is below 300 N, because the threshold of toe off, 10 % of that peak, is then below 30 N.
 fn adapts_to(contacts: &[(usize, f64)]) -> bool {
     let limits = StanceLimits::new(&StanceRule::ADAPTIVE, PERIOD_US);
     let (mut stance, mut seq) = (Stance::<f64>::new(), 0);

@@ -55,9 +55,9 @@ fn numbers(store: &mut ChipStore) -> Vec<u32> {
 fn a_loss_of_power_at_any_moment_leaves_the_old_or_the_new_value() {
     for (seed, used) in [(1, 0), (2, 12_000)] {
         let script = Script::new(seed, used, 60);
-        for at in 0..script.operations {
+        for operation in 0..script.operations {
             for torn in [Torn::Before, Torn::Within, Torn::After] {
-                script.cut(at, torn).expect("the store must have the old or the new value");
+                script.cut(operation, torn).expect("the store must have the old or the new value");
             }
         }
     }
@@ -67,15 +67,15 @@ fn a_loss_of_power_at_any_moment_leaves_the_old_or_the_new_value() {
 #[test]
 fn an_interrupted_first_start_erases_nothing_at_the_next_start() {
     for torn in [Torn::Before, Torn::Within, Torn::After] {
-        for at in 0.. {
+        for operation in 0.. {
             let mut chip = chip();
-            chip.cut = Some((at, torn));
+            chip.cut = Some((operation, torn));
             open(&mut chip);
             let was_cut = chip.is_off();
             let mut chip = chip.restarted();
             let store = open(&mut chip);
             let contents = store.contents();
-            assert_eq!((contents.erased, contents.next_record), (0, 0), "{torn:?} in operation {at}");
+            assert_eq!((contents.erased, contents.next_record), (0, 0), "{torn:?} operation {operation}");
             assert!((1..=2).contains(&contents.start));
             if !was_cut {
                 break;
@@ -374,7 +374,7 @@ fn records_of_newer_firmware_are_reported_and_not_changed() {
     assert_eq!(store.contents().newer_kinds, 1 << Tissue::KIND | 1 << 31);
     assert_eq!(store.contents().newer_records, 1);
     assert_eq!(block_on(store.get::<Tissue>(0)), Ok(None));
-    // This firmware stores its own records in the same sectors, until the sectors were reused several times.
+    // This firmware stores its own records in the same sectors, until the sectors have been reused several times.
     for i in 0..5000 {
         let tissue = Tissue::new(
             [plantar::pipeline::model::ForceLaw { c_m: 0.01 + i as f32 * 1e-6, ..TISSUE.force_laws[0] }; 8],
@@ -600,7 +600,7 @@ fn erasing_the_data_of_the_wearer_leaves_no_byte_of_them_and_preserves_the_rest(
     assert_eq!(numbers(&mut store), [100]);
 }
 
-/// A start after the erasure removes its note, so that a log that is damaged later is reported.
+/// The erasure leaves a note, which the next start removes, so that a log that is damaged later is reported.
 #[test]
 fn a_log_that_is_damaged_after_an_erasure_is_counted() {
     let mut chip = chip();
@@ -626,22 +626,22 @@ fn numbers_continue_after_an_interrupted_erasure() {
     let mut store = open(&mut whole);
     let before = store.flash().expect("there is a chip").operations;
     assert_eq!(block_on(store.erase_wearer(|| {})), Ok(()));
-    for at in before..whole.operations {
+    for operation in before..whole.operations {
         let mut chip = used.clone();
-        chip.cut = Some((at, Torn::Within));
+        chip.cut = Some((operation, Torn::Within));
         assert!(block_on(open(&mut chip).erase_wearer(|| {})).is_err());
         let mut chip = chip.restarted();
         let mut store = open(&mut chip);
-        assert_eq!((store.contents().next_record, store.contents().erased), (3000, 0), "operation {at}");
+        assert_eq!((store.contents().next_record, store.contents().erased), (3000, 0), "operation {operation}");
         // The oldest steps were erased, and the newest ones are left, without a gap.
         let left = numbers(&mut store);
-        assert!(left.iter().copied().eq(3000 - left.len() as u32..3000), "operation {at}: {left:?}");
-        assert_eq!(block_on(store.acknowledge(2999)), Ok(()), "operation {at}");
-        assert_eq!(open(&mut chip).contents().erased, 0, "operation {at}");
+        assert!(left.iter().copied().eq(3000 - left.len() as u32..3000), "operation {operation}: {left:?}");
+        assert_eq!(block_on(store.acknowledge(2999)), Ok(()), "operation {operation}");
+        assert_eq!(open(&mut chip).contents().erased, 0, "operation {operation}");
         let mut store = open(&mut chip);
-        assert_eq!(block_on(store.push_record(step(3000))), Ok(0), "operation {at}");
+        assert_eq!(block_on(store.push_record(step(3000))), Ok(0), "operation {operation}");
         let mut store = open(&mut chip);
-        assert_eq!((store.contents().next_record, numbers(&mut store)), (3001, vec![3000]), "operation {at}");
+        assert_eq!((store.contents().next_record, numbers(&mut store)), (3001, vec![3000]), "operation {operation}");
     }
 }
 
@@ -668,13 +668,13 @@ fn an_interrupted_deletion_is_repaired_once_the_supply_is_sufficient() {
         let mut store = restart(&mut whole);
         let before = store.flash().expect("there is a chip").operations;
         assert_eq!(block_on(store.acknowledge(68)), Ok(()));
-        for at in before..whole.operations {
+        for operation in before..whole.operations {
             let mut chip = used.clone();
-            chip.cut = Some((at, Torn::Within));
+            chip.cut = Some((operation, Torn::Within));
             assert!(block_on(restart(&mut chip).acknowledge(68)).is_err());
             let mut chip = chip.restarted();
             let mut store = open_with_low_supply(&mut chip);
-            let place = format!("operation {at}: {:?}", store.contents());
+            let place = format!("operation {operation}: {:?}", store.contents());
             assert_eq!(store.contents().next_record, 70, "{place}");
             assert_eq!(block_on(store.push_record(step(70))), Ok(0), "{place}");
             assert_eq!(block_on(store.acknowledge(69)), Ok(()), "{place}");

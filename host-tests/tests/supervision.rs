@@ -110,7 +110,7 @@ impl ConnectedBoard {
     }
 
     /// Waits for a live frame.
-    fn live(&mut self) {
+    fn wait_for_live_frame(&mut self) {
         while !matches!(self.receive(), Some(ToHost::Live(_))) {}
     }
 
@@ -168,7 +168,7 @@ fn assert_recovers(fault: InjectedFault, reset: Reset, text: &str, function: &st
     let up_s = board.status().uptime_us as f64 * 1e-6;
     let functions = board.functions(report(&hello));
     assert!(functions.iter().any(|name| name.contains(function)), "{}: {functions:#?}", report(&hello));
-    board.live();
+    board.wait_for_live_frame();
     let host_s = last_live.elapsed().as_secs_f64();
     let found_s = (ended_s(report(&hello)) - f64::from(AFTER_MS) * 1e-3).max(0.0);
     println!("{fault:?}: {}", report(&hello));
@@ -230,9 +230,9 @@ fn a_board_recovers_with_its_built_in_insole_after_repeated_failures() {
         (Reset::Panic, 4201, 240),
         "the insole must be the built-in one"
     );
-    board.live();
+    board.wait_for_live_frame();
     let frames = board.status().frames;
-    board.live();
+    board.wait_for_live_frame();
     assert!(board.status().frames > frames);
 }
 

@@ -215,10 +215,10 @@ fn a_flipped_bit_in_the_chip_is_detected() {
         for number in 0..NEW.offer().chunks {
             ask(&mut update, &mut chip, chunk(&NEW, number)).expect("the chunk is accepted");
         }
-        let at = random.usize(0..NEW.bytes().len());
-        chip.bytes[OTHER.start as usize + at] ^= 1 << random.u8(0..8);
+        let index = random.usize(0..NEW.bytes().len());
+        chip.bytes[OTHER.start as usize + index] ^= 1 << random.u8(0..8);
         let answer = ask(&mut update, &mut chip, Request::Finish);
-        assert!(matches!(answer, Err(Refusal::Signature | Refusal::Header)), "{answer:?} at {at}");
+        assert!(matches!(answer, Err(Refusal::Signature | Refusal::Header)), "{answer:?} at byte {index}");
         assert!(boot(&mut chip) == Ok(State::Boot) && active(&chip) == Some(&OLD));
     }
 }
@@ -325,12 +325,12 @@ fn cuts(
     uninterrupted.operations = 0;
     work(&mut uninterrupted);
     let mut count = 0;
-    for at in (0..uninterrupted.operations).step_by(stride) {
+    for operation in (0..uninterrupted.operations).step_by(stride) {
         for torn in TORN {
             let mut chip = before.restarted();
-            (chip.operations, chip.cut) = (0, Some((at, torn)));
+            (chip.operations, chip.cut) = (0, Some((operation, torn)));
             work(&mut chip);
-            check(&mut chip.restarted(), at, torn);
+            check(&mut chip.restarted(), operation, torn);
             count += 1;
         }
     }
@@ -342,11 +342,11 @@ fn a_loss_of_power_during_the_transfer_leaves_the_old_image() {
     let work = |chip: &mut NorFlashChip| {
         let _ = send(&mut Update::new(), chip, &NEW);
     };
-    let count = cuts(&chip(), 7, work, |chip, at, torn| {
+    let count = cuts(&chip(), 7, work, |chip, operation, torn| {
         // The last two operations mark the image for the swap.
         let booted = boot(chip);
         let is_marked = booted == Ok(State::Swap);
-        assert_eq!(active(chip), Some(if is_marked { &*NEW } else { &*OLD }), "{at} {torn:?}");
+        assert_eq!(active(chip), Some(if is_marked { &*NEW } else { &*OLD }), "{torn:?} operation {operation}");
     });
     println!("{count} cuts");
 }
@@ -357,14 +357,17 @@ fn a_loss_of_power_anywhere_in_the_swap_ends_in_the_new_image() {
     let work = |chip: &mut NorFlashChip| {
         let _ = boot(chip);
     };
-    let count = cuts(&before, 1, work, |chip, at, torn| {
+    let count = cuts(&before, 1, work, |chip, operation, torn| {
         // If power fails after the last operation, the swap is already complete. This start is then the second one, and swaps
         // back.
         let booted = boot(chip);
         let is_swapped_back = active(chip) == Some(&*OLD) && torn == Torn::After;
-        assert!(booted == Ok(State::Swap) && (active(chip) == Some(&*NEW) || is_swapped_back), "{at} {torn:?}");
+        assert!(
+            booted == Ok(State::Swap) && (active(chip) == Some(&*NEW) || is_swapped_back),
+            "{torn:?} operation {operation}"
+        );
         block_on(confirm(chip, NEW.header())).expect("the chip works");
-        assert_eq!(boot(chip), Ok(State::Boot), "{at} {torn:?}");
+        assert_eq!(boot(chip), Ok(State::Boot), "{torn:?} operation {operation}");
     });
     println!("{count} cuts");
 }
@@ -376,10 +379,10 @@ fn a_loss_of_power_anywhere_in_the_swap_back_ends_in_the_old_image() {
     let work = |chip: &mut NorFlashChip| {
         let _ = boot(chip);
     };
-    let count = cuts(&before.restarted(), 1, work, |chip, at, torn| {
+    let count = cuts(&before.restarted(), 1, work, |chip, operation, torn| {
         boot(chip).expect("the chip works");
-        assert_eq!(active(chip), Some(&*OLD), "{at} {torn:?}");
-        assert_eq!(block_on(is_on_trial(chip)), Ok(false), "{at} {torn:?}");
+        assert_eq!(active(chip), Some(&*OLD), "{torn:?} operation {operation}");
+        assert_eq!(block_on(is_on_trial(chip)), Ok(false), "{torn:?} operation {operation}");
     });
     println!("{count} cuts");
 }
@@ -391,12 +394,12 @@ fn a_loss_of_power_during_the_confirmation_leaves_one_of_the_two_images() {
     let work = |chip: &mut NorFlashChip| {
         let _ = block_on(confirm(chip, NEW.header()));
     };
-    let count = cuts(&before.restarted(), 1, work, |chip, at, torn| {
+    let count = cuts(&before.restarted(), 1, work, |chip, operation, torn| {
         boot(chip).expect("the chip works");
-        assert!(active(chip).is_some(), "{at} {torn:?}");
-        assert_eq!(send(&mut Update::new(), chip, &NEW), Ok(Progress::Accepted), "{at} {torn:?}");
+        assert!(active(chip).is_some(), "{torn:?} operation {operation}");
+        assert_eq!(send(&mut Update::new(), chip, &NEW), Ok(Progress::Accepted), "{torn:?} operation {operation}");
         boot(chip).expect("the chip works");
-        assert_eq!(active(chip), Some(&*NEW), "{at} {torn:?}");
+        assert_eq!(active(chip), Some(&*NEW), "{torn:?} operation {operation}");
     });
     println!("{count} cuts");
 }
@@ -434,12 +437,12 @@ fn a_loss_of_power_anywhere_in_the_return_of_the_previous_image_leaves_one_of_th
         }
     };
     let mut returned = 0;
-    let count = cuts(&confirmed(), 7, work, |chip, at, torn| {
+    let count = cuts(&confirmed(), 7, work, |chip, operation, torn| {
         boot(chip).expect("the chip works");
-        let image = active(chip).unwrap_or_else(|| panic!("{at} {torn:?}: a mixture of both images"));
+        let image = active(chip).unwrap_or_else(|| panic!("{torn:?} operation {operation}: a mixture of both images"));
         returned += usize::from(image.header() == OLD.header());
-        assert_eq!(block_on(is_on_trial(chip)), Ok(false), "{at} {torn:?}");
-        assert_eq!(send(&mut Update::new(), chip, &NEW), Ok(Progress::Accepted), "{at} {torn:?}");
+        assert_eq!(block_on(is_on_trial(chip)), Ok(false), "{torn:?} operation {operation}");
+        assert_eq!(send(&mut Update::new(), chip, &NEW), Ok(Progress::Accepted), "{torn:?} operation {operation}");
     });
     // The swap has far more operations than marking the image for it, so most of the cuts are in the swap.
     assert!(returned > count / 2, "{returned} of {count}");
@@ -455,8 +458,8 @@ fn interrupted(
     work: impl Fn(&mut NorFlashChip),
 ) -> usize {
     for count in 0.. {
-        let at = random.u64(0..within);
-        (chip.operations, chip.cut) = (0, Some((at, TORN[random.usize(..TORN.len())])));
+        let operation = random.u64(0..within);
+        (chip.operations, chip.cut) = (0, Some((operation, TORN[random.usize(..TORN.len())])));
         work(chip);
         let is_interrupted = chip.is_off();
         chip.cut = None;
@@ -552,9 +555,9 @@ fn an_update_erases_only_the_areas_of_images_and_state() {
     boot(&mut chip).expect("the chip works");
     boot(&mut chip).expect("the chip works");
     for (sector, erasures) in chip.erasures.iter().enumerate() {
-        let at = sector as u32 * SECTOR;
-        let is_allowed = [STATE, PREVIOUS, OTHER, ACTIVE_IMAGE].iter().any(|range| range.contains(&at));
-        assert!(*erasures == 0 || is_allowed, "{at:#x}");
+        let address = sector as u32 * SECTOR;
+        let is_allowed = [STATE, PREVIOUS, OTHER, ACTIVE_IMAGE].iter().any(|range| range.contains(&address));
+        assert!(*erasures == 0 || is_allowed, "the sector at {address:#x} was erased");
     }
     const { assert!(SMALL_LOG.end <= STATE.start) };
 }

@@ -155,7 +155,8 @@ fn the_law_forgets_an_earlier_change() {
 
 #[test]
 fn each_region_has_its_own_limit_of_the_change_in_both_directions() {
-    // K of region i has changed by a little less or by a little more than its limit, upwards or downwards.
+    // The change of K in region i has this sign. It is 1 % above the limit of the region if bit i of `beyond` is set, and otherwise
+    // 1 % below it.
     let refit = |beyond: u8, sign: f64| {
         let mut regions = [RegionStep::default(); 8];
         for (i, (region, limit)) in regions.iter_mut().zip(STIFFNESS_MDC).enumerate() {

@@ -12,9 +12,9 @@ use plantar::storage::update::{KEY, Update};
 use recording::VirtualInsole;
 use testkit::nor_flash::NorFlashChip;
 
-/// The board of the firmware.
+/// The name of the board in the header of the firmware.
 pub const BOARD: &str = "emulated";
-/// The version of the firmware.
+/// The version in the header of the firmware.
 pub const OLD: &str = env!("PLANTAR_VERSION");
 
 /// The key that signs development images, which the emulated board accepts.

@@ -74,7 +74,7 @@ fn the_steps_of_all_wearers_are_found() {
     }
 }
 
-/// A hard spot in the shoe presses more than a baseline can have: its cells are reported, and steps and other cells are not
+/// A hard spot in the shoe presses with more than the largest baseline: its cells are reported, and steps and other cells are not
 /// affected.
 #[test]
 fn cells_without_a_baseline_are_reported_by_region() {

@@ -450,9 +450,9 @@ proptest! {
     #[test]
     fn random_damage_never_produces_another_message(message in to_host(), hits in prop::collection::vec((any::<prop::sample::Index>(), 1u8..), 1..8)) {
         let mut bytes = framed(&message);
-        for (at, flip) in hits {
-            let at = at.index(bytes.len());
-            bytes[at] ^= flip;
+        for (position, flipped_bits) in hits {
+            let index = position.index(bytes.len());
+            bytes[index] ^= flipped_bits;
         }
         bytes.push(0);
         let got = messages::<ToHost>(&mut Decoder::new(), &bytes);
@@ -969,7 +969,7 @@ fn a_truncated_set_up_is_refused() {
     bytes.extend(cells.iter().flat_map(encoded));
     let file = |len: usize| {
         let bytes = &bytes[..len];
-        read_setup(move |at, buffer| bytes.get(at..).and_then(|mut rest| rest.read(buffer).ok()))
+        read_setup(move |offset, buffer| bytes.get(offset..).and_then(|mut rest| rest.read(buffer).ok()))
     };
     let (config, read) = file(bytes.len()).expect("the set-up is complete");
     assert_eq!((config.setup, read.collect::<Vec<_>>()), (setup, cells.to_vec()));

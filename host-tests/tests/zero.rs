@@ -53,7 +53,7 @@ fn request_after(recording: &Recording, request_s: usize) -> (Result<ZeroResult,
             return (result, at_s - request_s, total_n);
         }
     }
-    panic!("the request has no outcome: {outcome:?}");
+    panic!("the recording ends before, or less than two seconds after, the outcome: {outcome:?}");
 }
 
 #[test]
