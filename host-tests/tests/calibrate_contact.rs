@@ -289,16 +289,16 @@ proptest! {
         cells.sort_by_key(|c| c.cell.region);
         let contact = ContactRule { full_kpa, ..ContactRule::COUNTED };
         let setup = plantar::pipeline::setup::Setup { sensor: law, contact, ..SETUP };
-        let mut narrow = Insole::<f32, 64>::new();
-        let mut wide = Insole::<f64, 64>::new();
-        narrow.set_up(setup, cells.iter().copied()).expect("the set-up is accepted");
-        wide.set_up(setup, cells.iter().copied()).expect("the set-up is accepted");
+        let mut single = Insole::<f32, 64>::new();
+        let mut double = Insole::<f64, 64>::new();
+        single.set_up(setup, cells.iter().copied()).expect("the set-up is accepted");
+        double.set_up(setup, cells.iter().copied()).expect("the set-up is accepted");
         for (seq, codes) in frames.iter().enumerate() {
             // Many codes are near the thresholds.
             let codes: Vec<_> = codes.iter().map(|&c| if c % 2 == 0 { c } else { c / 16 }).collect();
-            narrow.frame(seq as u32, &codes);
-            wide.frame(seq as u32, &codes);
-            for (a, b) in narrow.loads().iter().zip(wide.loads()) {
+            single.frame(seq as u32, &codes);
+            double.frame(seq as u32, &codes);
+            for (a, b) in single.loads().iter().zip(double.loads()) {
                 prop_assert_eq!(a.frame.area, b.frame.area);
                 prop_assert_eq!(a.frame.saturated, b.frame.saturated);
             }

@@ -85,6 +85,7 @@ fn measures_of_irregular_walks_equal_those_of_numpy() {
 /// shorter than the time with force. The times between the feet are not affected, because both have the same force over time.
 #[test]
 fn a_computed_walk_of_both_feet_has_its_true_times() {
+    /// Time from a heel strike of the left foot to the next one of the right foot, s.
     const LAG_S: f64 = 0.5;
     let foot = |side, lag_s: f64| {
         let walk = SyntheticWalk { side, steps: 20, variation: 0.0, ..SyntheticWalk::default() };

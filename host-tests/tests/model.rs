@@ -190,18 +190,18 @@ proptest! {
     #[test]
     fn single_precision_agrees_with_double(e in ellipsoid(), share in 1e-3..0.99f64, rate_per_s in -50.0..50.0f64) {
         let law = e.force_law().single();
-        let wide = ForceLaw::<f64>::of(&law);
+        let double = ForceLaw::<f64>::of(&law);
         let (area_m2, rate_per_s) = ((share * section_m2(&e)) as f32, rate_per_s as f32);
         let g = law.area_ratio(area_m2).normalised_deformation();
-        let wide_g = wide.area_ratio(f64::from(area_m2)).normalised_deformation();
-        close(f64::from(g), wide_g, wide_g, 1e-5)?;
+        let double_g = double.area_ratio(f64::from(area_m2)).normalised_deformation();
+        close(f64::from(g), double_g, double_g, 1e-5)?;
 
         // Both force laws are compared at the same g, because the rounding error of g would add to the error of the force.
         let same_g = f64::from(g);
-        let elastic_n = wide.force_n(same_g, 0.0);
+        let elastic_n = double.force_n(same_g, 0.0);
         close(f64::from(law.force_n(g, 0.0)), elastic_n, elastic_n, 1e-5)?;
-        let viscous_n = wide.force_n(same_g, f64::from(rate_per_s.abs())) - elastic_n;
-        let full_n = wide.force_n(same_g, f64::from(rate_per_s));
+        let viscous_n = double.force_n(same_g, f64::from(rate_per_s.abs())) - elastic_n;
+        let full_n = double.force_n(same_g, f64::from(rate_per_s));
         close(f64::from(law.force_n(g, rate_per_s)), full_n, elastic_n + viscous_n, 1e-5)?;
     }
 }
@@ -256,6 +256,7 @@ fn the_area_ratio_is_limited_to_0_to_1() {
 
 #[test]
 fn without_contact_there_is_no_force() {
+    // The ellipsoid takes m and m/s, and the force law takes the normalised deformation and its rate in 1/s.
     for rate in [-10.0, 0.0, 10.0] {
         for deformation in [0.0, -1e-3] {
             assert_eq!(HEEL.force_n(deformation, rate), 0.0);
@@ -389,14 +390,14 @@ fn forces_at_the_limits_of_the_parameters_are_finite_in_single_precision() {
 fn square_root_logarithm_and_exponential_are_accurate() {
     for i in 1..2000 {
         let x = f64::from(i) * 0.05;
-        let narrow = x as f32;
-        let exact = f64::from(narrow);
-        assert_eq!(Real::sqrt(narrow), exact.sqrt() as f32, "square root of {narrow}");
+        let single = x as f32;
+        let exact = f64::from(single);
+        assert_eq!(Real::sqrt(single), exact.sqrt() as f32, "square root of {single}");
         assert!(
-            (f64::from(Real::log2(narrow)) - exact.log2()).abs() <= 1.2e-7 * exact.log2().abs().max(1.0),
-            "{narrow}"
+            (f64::from(Real::log2(single)) - exact.log2()).abs() <= 1.2e-7 * exact.log2().abs().max(1.0),
+            "base-2 logarithm of {single}"
         );
-        let exponent = 2.5 * (narrow - 50.0);
+        let exponent = 2.5 * (single - 50.0);
         let power = f64::from(exponent).exp2();
         assert!((f64::from(Real::exp2(exponent)) - power).abs() <= 2.5e-7 * power, "2 to the power of {exponent}");
     }

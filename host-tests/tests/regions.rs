@@ -180,35 +180,35 @@ proptest! {
     #[test]
     fn frames_agree_with_the_reference(setup in setup(), cells in layout(), frames in frames()) {
         let mut reference = Reference::new(setup, &cells);
-        let (mut wide, mut narrow) = (new_insole::<f64>(setup, &cells), new_insole::<f32>(setup, &cells));
+        let (mut double, mut single) = (new_insole::<f64>(setup, &cells), new_insole::<f32>(setup, &cells));
         for (seq, codes) in frames.iter().enumerate() {
-            wide.frame(seq as u32, codes);
-            narrow.frame(seq as u32, codes);
+            double.frame(seq as u32, codes);
+            single.frame(seq as u32, codes);
             for (region, truth) in reference.frame(codes).iter().enumerate() {
-                let (load, narrow_load) = (&wide.loads()[region].frame, &narrow.loads()[region].frame);
+                let (load, single_load) = (&double.loads()[region].frame, &single.loads()[region].frame);
                 // The area of counted cells is exact. A share is truncated in single precision, and may differ by 1/256.
                 let area_mm2 = load.area.area_mm2::<f64>();
                 let margin_mm2 = if setup.contact.full_kpa > 0.0 { region_area_mm2(&cells, region) / 256.0 } else { 0.0 };
                 prop_assert!((area_mm2 - truth.area_mm2).abs() <= margin_mm2, "{} is not {:?}", area_mm2, truth);
-                prop_assert_eq!(load.area, narrow_load.area);
+                prop_assert_eq!(load.area, single_load.area);
                 prop_assert_eq!(load.saturated, truth.saturated);
-                prop_assert_eq!(narrow_load.saturated, truth.saturated);
+                prop_assert_eq!(single_load.saturated, truth.saturated);
 
                 let near = |got: f64, want: f64, tolerance: f64| (got - want).abs() <= tolerance * want.abs();
                 prop_assert!(near(load.force.force_n, truth.force_n, 1e-12), "{:?} {:?}", load, truth);
-                prop_assert!(near(narrow_load.force.force_n.into(), truth.force_n, 1e-5), "{:?} {:?}", narrow_load, truth);
+                prop_assert!(near(single_load.force.force_n.into(), truth.force_n, 1e-5), "{:?} {:?}", single_load, truth);
 
-                match (wide.centre_of_pressure_mm(region), narrow.centre_of_pressure_mm(region)) {
-                    (Some((x, y)), Some((narrow_x, narrow_y))) => {
+                match (double.centre_of_pressure_mm(region), single.centre_of_pressure_mm(region)) {
+                    (Some((x, y)), Some((single_x, single_y))) => {
                         prop_assert!((x - truth.pressure_x_mm).abs() < 1e-9 && (y - truth.pressure_y_mm).abs() < 1e-9);
-                        prop_assert!((f64::from(narrow_x) - truth.pressure_x_mm).abs() < 1e-3);
-                        prop_assert!((f64::from(narrow_y) - truth.pressure_y_mm).abs() < 1e-3);
+                        prop_assert!((f64::from(single_x) - truth.pressure_x_mm).abs() < 1e-3);
+                        prop_assert!((f64::from(single_y) - truth.pressure_y_mm).abs() < 1e-3);
                     }
                     (None, None) => prop_assert_eq!(truth.force_n, 0.0),
                     other => prop_assert!(false, "{:?}", other),
                 }
 
-                let ellipse = wide.ellipse(region);
+                let ellipse = double.ellipse(region);
                 prop_assert_eq!(ellipse.is_some(), truth.area_mm2 > 0.0);
                 if let Some(ellipse) = ellipse.filter(|_| margin_mm2 == 0.0) {
                     prop_assert!((ellipse.x_mm - truth.x_mm).abs() < 1e-9 && (ellipse.y_mm - truth.y_mm).abs() < 1e-9);

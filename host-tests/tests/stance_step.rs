@@ -299,16 +299,16 @@ proptest! {
         let sample_s = f64::from((1.0 / rate_hz) as f32);
 
         let truth = transcription(&law, &area_mm2, &force_n, sample_s);
-        let wide = RegionStep::new(&law, &area_mm2, &force_n, sample_s, &area_moments(100.0));
-        compare(&wide, &truth, 1e-8)?;
-        prop_assert!(wide.ellipse_at_peak.is_some());
+        let double = RegionStep::new(&law, &area_mm2, &force_n, sample_s, &area_moments(100.0));
+        compare(&double, &truth, 1e-8)?;
+        prop_assert!(double.ellipse_at_peak.is_some());
 
-        let narrow_of = |samples: &[f64]| samples.iter().map(|&v| v as f32).collect::<Vec<f32>>();
-        let narrow_law = ForceLaw::<f32> { stiffness_pa: law.stiffness_pa as f32, ..TISSUE.force_laws[0] };
-        let narrow = RegionStep::new(
-            &narrow_law, &narrow_of(&area_mm2), &narrow_of(&force_n), sample_s as f32, &area_moments(100.0),
+        let single_of = |samples: &[f64]| samples.iter().map(|&v| v as f32).collect::<Vec<f32>>();
+        let single_law = ForceLaw::<f32> { stiffness_pa: law.stiffness_pa as f32, ..TISSUE.force_laws[0] };
+        let single = RegionStep::new(
+            &single_law, &single_of(&area_mm2), &single_of(&force_n), sample_s as f32, &area_moments(100.0),
         );
-        compare(&narrow, &truth, 2e-3)?;
+        compare(&single, &truth, 2e-3)?;
     }
 }
 

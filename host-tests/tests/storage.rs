@@ -470,9 +470,9 @@ fn a_chip_with_any_content_becomes_usable() {
                 for number in 0..500 {
                     block_on(store.push_record(step(number))).expect("the chip works");
                 }
-                let mut at = random.usize(..RECORDS.end as usize);
+                let mut index = random.usize(..RECORDS.end as usize);
                 for _ in 0..200 {
-                    chip.bytes[at] ^= 1 << random.u8(0..8);
+                    chip.bytes[index] ^= 1 << random.u8(0..8);
                     // In the log only bits of written bytes are flipped: the log does not verify an entry after writing it, and a
                     // flipped bit in an erased area would damage a later entry.
                     let range = if random.bool() {
@@ -480,9 +480,9 @@ fn a_chip_with_any_content_becomes_usable() {
                     } else {
                         SMALL_LOG.start as usize..chip.bytes.len()
                     };
-                    at = random.usize(range);
-                    while at >= SMALL_LOG.start as usize && chip.bytes[at] == 0xff {
-                        at = random.usize(SMALL_LOG.start as usize..chip.bytes.len());
+                    index = random.usize(range);
+                    while index >= SMALL_LOG.start as usize && chip.bytes[index] == 0xff {
+                        index = random.usize(SMALL_LOG.start as usize..chip.bytes.len());
                     }
                 }
             }

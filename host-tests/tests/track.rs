@@ -103,7 +103,8 @@ fn noisy_steps_result_in_the_batch_solution_of_numpy() {
     let changed = ForceLaw { stiffness_pa: 1.25 * 4e5, damping_pa_s: 0.7 * 1.5e4, ..identified() };
     let walk = steps(30, &changed, 0.02);
     let (law, _) = tracked::<f32>(&walk, |_| true);
-    // Columns: elastic and viscous force of the identified law, and the measured force, each divided by the peak force.
+    // Columns: elastic and viscous force of the identified law, and the measured force, each divided by the peak force. The
+    // numbers 1e-3, 1.5e4 and 1.8 are `ab_m2`, `damping_pa_s` and `m` + 1 of this law.
     let elastic_law = ForceLaw { damping_pa_s: 0.0, ..identified() };
     let mut rows = String::new();
     for (age, (area, force)) in (0..walk.len()).rev().zip(&walk) {
@@ -155,8 +156,8 @@ fn the_law_forgets_an_earlier_change() {
 
 #[test]
 fn each_region_has_its_own_limit_of_the_change_in_both_directions() {
-    // The change of K in region i has this sign. It is 1 % above the limit of the region if bit i of `beyond` is set, and otherwise
-    // 1 % below it.
+    // The change of K in region i has this sign. It is 1 % above the limit of the region if bit i of `beyond` is set, and 1 %
+    // below it otherwise.
     let refit = |beyond: u8, sign: f64| {
         let mut regions = [RegionStep::default(); 8];
         for (i, (region, limit)) in regions.iter_mut().zip(STIFFNESS_MDC).enumerate() {

@@ -40,12 +40,12 @@ fn request_after(recording: &Recording, request_s: usize) -> (Result<ZeroResult,
             continue;
         }
         second += 1;
-        let new = insole.take_zero().map(|result| (result, second));
+        let taken = insole.take_zero().map(|result| (result, second));
         if second == request_s {
             insole.request_zero();
         }
-        assert!(outcome.is_none() || new.is_none(), "there is one outcome");
-        outcome = outcome.or(new);
+        assert!(outcome.is_none() || taken.is_none(), "a request must have only one outcome");
+        outcome = outcome.or(taken);
         if let Some((result, at_s)) = outcome
             && second == at_s + 2
         {
