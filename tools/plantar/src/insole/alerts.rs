@@ -88,7 +88,7 @@ impl AlertArgs {
     /// These rules, changed by the options.
     fn changed(&self, mut rules: AlertRules) -> AlertRules {
         let limits = &mut rules.limits;
-        let set = |place: &mut f32, value: Option<f32>| *place = value.unwrap_or(*place);
+        let set = |field: &mut f32, value: Option<f32>| *field = value.unwrap_or(*field);
         set(&mut limits.sustained_kpa, self.sustained_pressure);
         set(&mut limits.dose_kpa, self.dose_pressure);
         set(&mut rules.dose_kpa_s, self.dose);
