@@ -11,6 +11,7 @@ use std::io;
 use std::net::{TcpStream, ToSocketAddrs};
 use std::path::Path;
 
+/// Options that select the connection to one insole.
 #[derive(Args, Clone)]
 #[group(skip)]
 #[command(group(ArgGroup::new("insole").required(true)))]
@@ -48,8 +49,8 @@ pub struct Ports {
 /// The client of a connected insole.
 pub type AnyClient = Client<Box<dyn Carrier + Send>>;
 
-/// A connected insole.
-pub type Insole = Link<Box<dyn Carrier + Send>>;
+/// The connection to an insole, which is opened again after it was lost.
+pub type InsoleLink = Link<Box<dyn Carrier + Send>>;
 
 impl Connection {
     /// The connection to the insole on a serial port.
@@ -79,7 +80,7 @@ impl Connection {
     }
 
     /// Opens a carrier and a session with the insole.
-    pub fn open(&self, policy: ReconnectPolicy) -> Result<Insole> {
+    pub fn open(&self, policy: ReconnectPolicy) -> Result<InsoleLink> {
         let connection = self.clone();
         let open = move || connection.carrier().map_err(open_error);
         Link::connect(Box::new(open), policy).map_err(|error| match error {

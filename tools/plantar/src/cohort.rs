@@ -50,7 +50,7 @@ use study::{Person, fits};
 /// to all steps of a recording together.
 ///
 /// Exit status: 0 if all participants and recordings were used, 3 if some could
-/// not be used, 1 if no step of any participant was found.
+/// not be used, 1 otherwise, for example if no step of any participant was found.
 #[derive(Args)]
 #[command(verbatim_doc_comment)]
 pub struct Cohort {
@@ -174,11 +174,11 @@ impl Cohort {
             return Ok(processed(&rows, true));
         }
         let mut rows = Vec::new();
-        for path in &recordings {
-            let reader = RecordingReader::open(path).map_err(Into::into);
-            match reader.and_then(|reader| fits::rows(&person, reader, path)) {
-                Ok(more) if more.is_empty() => left_out.push(format!("{}: {}", path.display(), NotFitted::NoSteps)),
-                Ok(more) => rows.extend(more),
+        for recording in &recordings {
+            let reader = RecordingReader::open(recording).map_err(Into::into);
+            match reader.and_then(|reader| fits::rows(&person, reader, recording)) {
+                Ok(new) if new.is_empty() => left_out.push(format!("{}: {}", recording.display(), NotFitted::NoSteps)),
+                Ok(new) => rows.extend(new),
                 Err(error) => left_out.push(format!("{error:#}")),
             }
         }
@@ -191,7 +191,7 @@ impl Cohort {
         }
         // Without a description of its inputs the file is out of date, so the next run tries the unusable recordings again.
         let made_from = if left_out.is_empty() { made_from } else { String::new() };
-        study::table::write(path, Some((table::KEY, &made_from)), &rows)?;
+        study::table::write(path, Some((table::MADE_FROM_KEY, &made_from)), &rows)?;
         Ok(processed(&table::read(path)?.1, false))
     }
 
@@ -199,7 +199,8 @@ impl Cohort {
     /// which the run began.
     fn report(&self, done: Vec<Processed>, start: Instant) -> Result<()> {
         let count = |is: fn(&Processed) -> bool| done.iter().filter(|done| is(done)).count();
-        let (cached, unknown) = (count(|done| done.is_cached), count(|done| done.person.settings.size.is_none()));
+        let (cached, of_unknown_size) =
+            (count(|done| done.is_cached), count(|done| done.person.settings.size.is_none()));
         let steps: usize = done.iter().filter(|done| !done.is_cached).map(|done| done.person.steps).sum();
         let people: Vec<cohort::Person> = done.into_iter().map(|done| done.person).collect();
         summary::print_participants(&people);
@@ -211,9 +212,9 @@ impl Cohort {
             output::print(&feet);
         }
         println!("Contact: {}.", rule_in_words(&self.contact.rule(None)?));
-        if unknown > 0 {
+        if of_unknown_size > 0 {
             println!(
-                "{unknown} participants without a size in participant.toml are counted as size {}.",
+                "{of_unknown_size} participants without a size in participant.toml are counted as size {}.",
                 self.search.size
             );
         }

@@ -119,7 +119,7 @@ impl Emulate {
         let EmulatedInsole { recording, insole } = EmulatedInsole::new(&self.recording, &parameters, &self.insole)?;
         let config = EmulatorConfig::new(insole.setup);
         let cells = insole.cells.clone();
-        let seconds = recording.frames() as f64 / recording.rate_hz;
+        let duration_s = recording.frames() as f64 / recording.rate_hz;
         let scans = insole.frames(&recording) as u32;
         if let Some(fault) = self.fault.iter().find(|fault| fault.cells(cells.len()).next().is_none()) {
             bail!(
@@ -139,7 +139,7 @@ impl Emulate {
         let board = Board::start(&self.firmware, &config, &cells, time, walk)?;
         let mut link = board.link()?;
         link.set_read_timeout(Some(READ_TIMEOUT))?;
-        let result = self.walk(&board, link, &parameters, seconds, scans);
+        let result = self.walk(&board, link, &parameters, duration_s, scans);
         // The log is written even after a failure, because it can explain the failure.
         #[cfg(feature = "log")]
         self.write_log(&board)?;
@@ -160,9 +160,9 @@ impl Emulate {
         check_written(&read, &written.into_iter().chain(identified).collect::<Vec<_>>())
     }
 
-    /// Plays the walk, and prints and writes its outcome. With --identify, `parameters` are not used. `seconds` is the duration
-    /// of the recording, `scans` the number of scans of the walk.
-    fn walk(&self, board: &Board, link: Link, parameters: &Parameters, seconds: f64, scans: u32) -> Result<()> {
+    /// Plays the walk, and prints and writes its outcome. With --identify, `parameters` are not used. `duration_s` is the
+    /// duration of the recording, `scans` the number of scans of the walk.
+    fn walk(&self, board: &Board, link: Link, parameters: &Parameters, duration_s: f64, scans: u32) -> Result<()> {
         let mut client = Client::connect(Framed::new(link), ReconnectPolicy::STREAM.answer)?;
         let mut identification = match &self.identify {
             Some(folder) => Some(Identification::begin(&mut client, folder, self.identify_steps.get())?),
@@ -203,7 +203,7 @@ impl Emulate {
         }
         summary::print_faults_of(&mut client);
         println!(
-            "the insole processed {} frames of a walk of {seconds:.1} s in {:.1} s; {} scans were missed or \
+            "the insole processed {} frames of a walk of {duration_s:.1} s in {:.1} s; {} scans were missed or \
              incomplete, and {} were skipped because processing was late; live frames: {} sent, {} received, {} lost; {} \
              messages of any kind were damaged",
             status.frames,

@@ -31,7 +31,8 @@ use std::str::FromStr;
 /// `plantar replay` and `plantar emulate` with --params.
 ///
 /// Exit status: 0 if all eight regions were fitted, 3 if only some were or if a part of a region's result is missing or must not
-/// be used, for example because measurements contradict each other or because the insole shifted, 1 if no region was fitted.
+/// be used, for example because measurements contradict each other or because the insole shifted, 1 otherwise, for example if no
+/// region was fitted.
 #[derive(Args)]
 pub struct Fit {
     /// The recordings and recorded live streams, all of one person.
@@ -247,7 +248,7 @@ impl Fit {
         let (mut known, mut recordings) = (Vec::new(), Vec::new());
         for input in inputs {
             match input {
-                Input::Recording(path) => recordings.push(add(&mut study, path, &self.zero, &mut known)?),
+                Input::Recording(path) => recordings.push(add_cells(&mut study, path, &self.zero, &mut known)?),
                 Input::Live(sources) => sources.into_iter().try_for_each(|source| add_live(&mut study, source))?,
             }
         }
@@ -263,12 +264,12 @@ impl Fit {
         study.fit(&|_| bar.inc(1));
         bar.finish_and_clear();
         study.counted_nrmse = self.counted_nrmse(&study, &recordings);
-        self.add_rejected(&mut study)?;
+        self.add_rejected_measurements(&mut study)?;
         Ok((study, recordings))
     }
 
     /// Adds the measurements that were out of range to the defects of their regions.
-    fn add_rejected(&self, study: &mut Study) -> Result<()> {
+    fn add_rejected_measurements(&self, study: &mut Study) -> Result<()> {
         let Some(path) = &self.search.tissue else { return Ok(()) };
         for (fit, measurements) in study.fits.iter_mut().zip(TissueMeasurements::read(path)?.0) {
             if let Ok(fit) = fit {
@@ -375,13 +376,13 @@ fn add_live(study: &mut Study, source: LiveSource) -> Result<()> {
 
 /// Adds the steps of a recording to the study, and returns the recording. `known` has the checksums and names of the previous
 /// recordings: a recording may not be given twice, because its steps would then be predicted from copies of themselves.
-fn add(study: &mut Study, path: &Path, zero: &ZeroArgs, known: &mut Vec<(u32, String)>) -> Result<Recording> {
+fn add_cells(study: &mut Study, path: &Path, zero: &ZeroArgs, known: &mut Vec<(u32, String)>) -> Result<Recording> {
     let recording = Recording::read(path)?;
-    let sum = crc32(&recording.pressure_kpa.iter().flat_map(|kpa| kpa.to_le_bytes()).collect::<Vec<_>>());
-    if let Some((_, before)) = known.iter().find(|(previous, _)| *previous == sum) {
-        bail!("{} is the same recording as {before}: give each recording once", path.display());
+    let checksum = crc32(&recording.pressure_kpa.iter().flat_map(|kpa| kpa.to_le_bytes()).collect::<Vec<_>>());
+    if let Some((_, name)) = known.iter().find(|(previous, _)| *previous == checksum) {
+        bail!("{} is the same recording as {name}: give each recording once", path.display());
     }
-    known.push((sum, path.display().to_string()));
+    known.push((checksum, path.display().to_string()));
     let mut insole = setup::insole(&recording, study.contact).with_context(|| path.display().to_string())?;
     zero.apply(&mut insole)?;
     let bar = progress(recording.frames() as u64, "frames");

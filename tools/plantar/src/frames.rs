@@ -17,14 +17,14 @@ use std::sync::Arc;
 use study::frames;
 
 /// Number of rows in a row group of a Parquet file.
-const GROUP: usize = 16_384;
+const ROWS_PER_GROUP: usize = 16_384;
 
 /// Writes the live values of successive frames.
 pub struct FrameWriter {
     path: PathBuf,
     rule: ContactRule,
-    sink: Sink,
-    /// Declared after `sink`, because fields are dropped in this order, and some systems cannot remove an open file.
+    table: Table,
+    /// Declared after `table`, because fields are dropped in this order, and some systems cannot remove an open file.
     incomplete: Incomplete,
     row: Vec<Option<f64>>,
 }
@@ -39,8 +39,8 @@ impl Drop for Incomplete {
     }
 }
 
-/// The file in one of the two formats. `columns` has the rows that are not written yet.
-enum Sink {
+/// The file in one of the two formats. `columns` contains the values of the rows that are not written yet.
+enum Table {
     Csv(Box<csv::Writer<File>>),
     Parquet { file: Box<SerializedFileWriter<File>>, columns: Vec<Vec<Option<f64>>> },
 }
@@ -54,11 +54,11 @@ impl FrameWriter {
         name.push(".incomplete");
         let incomplete = PathBuf::from(name);
         let create = || File::create(&incomplete).with_context(|| format!("cannot write {}", path.display()));
-        let sink = match path.extension().and_then(|e| e.to_str()) {
+        let table = match path.extension().and_then(|e| e.to_str()) {
             Some("csv") => {
                 let mut file = csv::Writer::from_writer(create()?);
                 file.write_record(&names)?;
-                Sink::Csv(Box::new(file))
+                Table::Csv(Box::new(file))
             }
             Some("parquet") => {
                 let field = |name: &String| {
@@ -68,12 +68,12 @@ impl FrameWriter {
                 let schema = Arc::new(Type::group_type_builder("frame").with_fields(fields).build()?);
                 let properties = WriterProperties::builder().set_compression(Compression::SNAPPY).build();
                 let file = SerializedFileWriter::new(create()?, schema, Arc::new(properties))?;
-                Sink::Parquet { file: Box::new(file), columns: vec![Vec::new(); names.len()] }
+                Table::Parquet { file: Box::new(file), columns: vec![Vec::new(); names.len()] }
             }
             _ => bail!("{}: use the extension .csv or .parquet", path.display()),
         };
         let row = Vec::with_capacity(names.len());
-        Ok(Self { path: path.into(), rule, sink, incomplete: Incomplete(incomplete), row })
+        Ok(Self { path: path.into(), rule, table, incomplete: Incomplete(incomplete), row })
     }
 
     /// Writes the values of the insole's last frame, at time `t_s`.
@@ -85,16 +85,16 @@ impl FrameWriter {
 
     fn write_row(&mut self) -> Result<()> {
         let row = &self.row;
-        match &mut self.sink {
-            Sink::Csv(file) => {
+        match &mut self.table {
+            Table::Csv(file) => {
                 let fields = row.iter().map(|value| value.map(|v| v.to_string()).unwrap_or_default());
                 file.write_record(fields)?;
             }
-            Sink::Parquet { file, columns } => {
+            Table::Parquet { file, columns } => {
                 for (column, &value) in columns.iter_mut().zip(row.iter()) {
                     column.push(value);
                 }
-                if columns.first().is_some_and(|column| column.len() >= GROUP) {
+                if columns.first().is_some_and(|column| column.len() >= ROWS_PER_GROUP) {
                     write_group(file, columns)?;
                 }
             }
@@ -104,10 +104,10 @@ impl FrameWriter {
 
     /// Writes the remaining rows and closes the file.
     pub fn finish(self) -> Result<()> {
-        let Self { path, sink, incomplete, .. } = self;
-        let closed: Result<()> = match sink {
-            Sink::Csv(mut file) => file.flush().and_then(|()| file.get_ref().sync_all()).map_err(Into::into),
-            Sink::Parquet { mut file, mut columns } => {
+        let Self { path, table, incomplete, .. } = self;
+        let closed: Result<()> = match table {
+            Table::Csv(mut file) => file.flush().and_then(|()| file.get_ref().sync_all()).map_err(Into::into),
+            Table::Parquet { mut file, mut columns } => {
                 write_group(&mut file, &mut columns).and_then(|()| Ok(file.into_inner()?.sync_all()?))
             }
         };

@@ -16,7 +16,7 @@ use clap::Args;
 use client::ReconnectPolicy;
 #[cfg(feature = "ble")]
 use client::ble::Selector;
-use foot::{Foot, Standing, Trial};
+use foot::{Foot, StandingResult, Trial};
 use parameters::Parameters;
 use plantar::Region;
 use plantar::pipeline::calibrate::CellCalibration;
@@ -69,15 +69,15 @@ pub struct Identify {
     search: Search,
 }
 
-/// The parts of the standing trial: instruction and duration, s. The times are those of the paper (section 2.4: 5, 10
-/// and 5 s), with one second more for each change of posture at the beginning or end of the part.
+/// The phases of the standing trial: instruction and duration, s. The times are those of the paper (section 2.4: 5, 10
+/// and 5 s), with one second more for each change of posture at the beginning or end of the phase.
 const STANDING: [(&str, u64); 3] = [
     ("Sit down and lift both feet off the floor", 6),
     ("Stand up and stand still", 12),
     ("Sit down and lift both feet again", 6),
 ];
 /// Largest factor by which forces are scaled to the body weight; a larger one indicates a wrong calibration or mass.
-const MAX_SCALE: f64 = 2.0;
+const MAX_FORCE_SCALE: f64 = 2.0;
 /// A region is verified if the model's error is at most this multiple of the predicted error plus [`TOLERANCE_PERCENT`].
 const TOLERANCE_FACTOR: f64 = 1.3;
 /// Percentage points that are added to the product with [`TOLERANCE_FACTOR`], for small predicted errors: if an error of 1 % is
@@ -148,14 +148,14 @@ impl Identify {
     /// Performs the standing trial, unless all feet have a calibration from an earlier one, and repeats it until it succeeds.
     fn stand(&self, feet: &mut [Foot]) -> Result<()> {
         for foot in feet.iter_mut() {
-            if let Some(cells) = read_calibration(&foot.calibration_file())? {
+            if let Some(cells) = earlier_calibration(&foot.calibration_file())? {
                 foot.calibrate(&cells)?;
             }
         }
-        let total_s = STANDING.iter().map(|(_, s)| s).sum();
+        let duration = Duration::from_secs(STANDING.iter().map(|(_, s)| s).sum());
         let mut prefix = "";
         while !feet.iter().all(|foot| foot.calibration_file().exists()) {
-            let cue = |elapsed: Duration| {
+            let instruction = |elapsed: Duration| {
                 let mut rest_s = elapsed.as_secs();
                 for (text, s) in STANDING {
                     if rest_s < s {
@@ -166,16 +166,16 @@ impl Identify {
                 "The trial is complete: wait a moment".into()
             };
             let is_lost = AtomicBool::new(false);
-            let trials = stage(feet, cue, |foot, stop| foot.stand(stop, Duration::from_secs(total_s), &is_lost))?;
+            let trials = run_part(feet, instruction, |foot, stop| foot.stand(stop, duration, &is_lost))?;
             let evaluate = |(foot, trial): (&Foot, &Option<Trial>)| {
                 foot.evaluate(trial.as_ref().context("the connection was lost: the trial begins again")?)
             };
-            let trials: Vec<_> = feet.iter().zip(&trials).map(evaluate).collect();
-            for (foot, trial) in feet.iter().zip(&trials) {
-                foot.remark(trial.as_ref().err().map_or(String::new(), |error| format!("{error:#}")));
+            let results: Vec<_> = feet.iter().zip(&trials).map(evaluate).collect();
+            for (foot, result) in feet.iter().zip(&results) {
+                foot.remark(result.as_ref().err().map_or(String::new(), |error| format!("{error:#}")));
             }
-            match trials.into_iter().collect::<Result<Vec<_>>>() {
-                Ok(trials) => self.calibrate(feet, trials)?,
+            match results.into_iter().collect::<Result<Vec<_>>>() {
+                Ok(results) => self.calibrate(feet, results)?,
                 Err(_) => prefix = "That did not work; once more. ",
             }
         }
@@ -183,17 +183,17 @@ impl Identify {
     }
 
     /// Stores the calibrations. With both feet and a known mass, the gains are scaled to the body weight.
-    fn calibrate(&self, feet: &mut [Foot], mut trials: Vec<Standing>) -> Result<()> {
-        let total_n: f64 = trials.iter().map(|trial| trial.standing_n).sum();
+    fn calibrate(&self, feet: &mut [Foot], mut results: Vec<StandingResult>) -> Result<()> {
+        let total_n: f64 = results.iter().map(|result| result.standing_n).sum();
         match self.mass.map(|kg| kg * GRAVITY_M_S2) {
             Some(weight_n) if feet.len() == 2 => {
                 let scale = weight_n / total_n;
                 ensure!(
-                    (1.0 / MAX_SCALE..=MAX_SCALE).contains(&scale),
+                    (1.0 / MAX_FORCE_SCALE..=MAX_FORCE_SCALE).contains(&scale),
                     "the insoles measure {total_n:.0} N of a body weight of {weight_n:.0} N: check --mass, and calibrate the sensors"
                 );
                 println!("standing: {total_n:.0} N of {weight_n:.0} N; forces are scaled by {scale:.3}");
-                for cell in trials.iter_mut().flat_map(|trial| &mut trial.cells) {
+                for cell in results.iter_mut().flat_map(|result| &mut result.cells) {
                     cell.gain *= scale as f32;
                 }
             }
@@ -202,16 +202,16 @@ impl Identify {
                 println!("standing: {total_n:.0} N; with --mass and both feet, forces are scaled to the body weight")
             }
         }
-        feet.iter_mut().zip(&trials).try_for_each(|(foot, trial)| foot.calibrate(&trial.cells))
+        feet.iter_mut().zip(&results).try_for_each(|(foot, result)| foot.calibrate(&result.cells))
     }
 
     /// Records the walk until each foot has enough good steps, together with those of earlier sessions.
     fn walk(&self, feet: &mut [Foot]) -> Result<()> {
         let needed = usize::from(self.steps);
-        let cue = |_| "Walk at your usual speed. Turn where you like; only complete steps count.".to_string();
+        let instruction = |_| "Walk at your usual speed. Turn where you like; only complete steps count.".to_string();
         // The stream files of earlier sessions are read here, so that notes about them are printed before the screen opens.
         let earlier = feet.iter().map(|foot| anyhow::Ok((foot.side, good_steps(foot)?))).collect::<Result<Vec<_>>>()?;
-        stage(feet, cue, |foot, stop| {
+        run_part(feet, instruction, |foot, stop| {
             let earlier = earlier.iter().find(|(side, _)| *side == foot.side).map_or(0, |(_, steps)| *steps);
             if earlier < needed { foot.walk(stop, earlier, needed) } else { Ok(()) }
         })?;
@@ -241,20 +241,20 @@ impl Identify {
 
     /// Receives further steps of each foot.
     fn verify(&self, feet: &mut [Foot]) -> Result<Vec<Vec<Step>>> {
-        let cue = |_| "Walk on: these steps verify the result.".to_string();
-        stage(feet, cue, |foot, stop| foot.verify(stop, self.verify.into()))
+        let instruction = |_| "Walk on: these steps verify the result.".to_string();
+        run_part(feet, instruction, |foot, stop| foot.verify(stop, self.verify.into()))
     }
 }
 
 /// Performs a part of the session with all feet at the same time: calls `work` for each foot in a thread of its own, and shows
-/// the instruction of `cue`, which receives the time since the start of the part. `work` ends early once the flag that it
+/// the text that `instruction` returns for the time since the start of the part. `work` ends early once the flag that it
 /// receives is set.
 ///
 /// # Errors
 /// The first error of a foot, or that the user has interrupted the session.
-fn stage<T: Send>(
+fn run_part<T: Send>(
     feet: &mut [Foot],
-    cue: impl Fn(Duration) -> String,
+    instruction: impl Fn(Duration) -> String,
     work: impl Fn(&mut Foot, &AtomicBool) -> Result<T> + Sync,
 ) -> Result<Vec<T>> {
     let shown: Vec<_> = feet.iter().map(|foot| foot.progress.clone()).collect();
@@ -262,7 +262,7 @@ fn stage<T: Send>(
     let mut screen = Screen::open()?;
     let outcomes = at_the_same_time(feet, &stop, work, || {
         let progress = shown.iter().map(|foot| foot.lock().unwrap_or_else(PoisonError::into_inner).clone());
-        screen.show(&cue(start.elapsed()), &progress.collect::<Vec<Progress>>())
+        screen.show(&instruction(start.elapsed()), &progress.collect::<Vec<Progress>>())
     });
     drop(screen);
     let outcomes = outcomes?;
@@ -336,8 +336,8 @@ fn good_steps(foot: &Foot) -> Result<usize> {
 }
 
 /// The calibration of an earlier part of the session; `None` without one.
-fn read_calibration(path: &Path) -> Result<Option<Vec<CellCalibration>>> {
-    if path.exists() { crate::insole::read(path).map(Some) } else { Ok(None) }
+fn earlier_calibration(path: &Path) -> Result<Option<Vec<CellCalibration>>> {
+    if path.exists() { crate::insole::read_calibration(path).map(Some) } else { Ok(None) }
 }
 
 /// Prints the error of the model on the insole, and the error that the fit predicted for new steps. Returns true if no region

@@ -149,7 +149,7 @@ impl From<Foot> for Side {
 
 impl Import {
     pub fn run(&self) -> Result<()> {
-        let vendor = |format: Format, vendor: &Vendor| {
+        let import = |format: Format, vendor: &Vendor| {
             vendor
                 .out
                 .write_feet(format.import(&vendor.file, vendor.side.map(Side::from))?, slice::from_ref(&vendor.file))
@@ -169,14 +169,14 @@ impl Import {
                 }
                 out.write_feet(all, files)
             }
-            Self::Xsensor(file) => vendor(Format::Xsensor, file),
-            Self::Tekscan(file) => vendor(Format::Tekscan, file),
-            Self::Emed(file) => vendor(Format::Emed, file),
-            Self::Footscan(file) => vendor(Format::Footscan, file),
-            Self::Moticon(file) => vendor(Format::Moticon, file),
-            Self::Loadsol(file) => vendor(Format::Loadsol, file),
-            Self::Gaitpdb(file) => vendor(Format::Gaitpdb, file),
-            Self::Pliance(file) => vendor(Format::Pliance, file),
+            Self::Xsensor(vendor) => import(Format::Xsensor, vendor),
+            Self::Tekscan(vendor) => import(Format::Tekscan, vendor),
+            Self::Emed(vendor) => import(Format::Emed, vendor),
+            Self::Footscan(vendor) => import(Format::Footscan, vendor),
+            Self::Moticon(vendor) => import(Format::Moticon, vendor),
+            Self::Loadsol(vendor) => import(Format::Loadsol, vendor),
+            Self::Gaitpdb(vendor) => import(Format::Gaitpdb, vendor),
+            Self::Pliance(vendor) => import(Format::Pliance, vendor),
             Self::Csv { layout, frames, side, out } => {
                 check_written(&[layout.clone(), frames.clone()], &[Some(&out.out)])?;
                 let recording = csv::import(layout, frames, (*side).into(), &mut report)?;

@@ -1,7 +1,7 @@
 //! `plantar insole`: identity, settings, alerts and calibration of an insole.
 
-use crate::carrier::{self, AnyClient, Connection};
-use crate::summary::SHORT;
+use crate::carrier::{AnyClient, Connection, InsoleLink};
+use crate::summary::REGION_LABELS;
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Subcommand, ValueEnum};
 use client::ReconnectPolicy;
@@ -57,8 +57,8 @@ pub enum Insole {
     /// Measure the baselines of all cells: sit down, lift the foot, and hold it still.
     ///
     /// An insole does this by itself at its start and in each swing, where it raises a baseline only to the lower of the
-    /// readings of two successive swings. After this command, the insole uses the next reading at once, for example after the
-    /// shoe was laced again. It refuses if the foot carries load or moves.
+    /// readings of two successive swings. This command makes the insole use the next reading at once. Use it, for example, after
+    /// the shoe was laced again. The insole refuses if the foot carries load or moves.
     Zero {
         #[command(flatten)]
         connection: Connection,
@@ -123,7 +123,7 @@ impl Insole {
                 };
                 let identity = client.set_identity(side, serial_number.unwrap_or(before.serial))?;
                 restart(&mut insole)?;
-                print(&identity);
+                print_identity(&identity);
                 Ok(())
             }
             Self::Set { settings, connection } => {
@@ -135,7 +135,7 @@ impl Insole {
             Self::Alerts { alerts, connection } => alerts.run(connection.open(ReconnectPolicy::RESTART)?.client()),
             Self::Zero { connection } => zero(connection.open(ReconnectPolicy::RESTART)?.client()),
             Self::Calibrate { file, connection } => {
-                let cells = read(file)?;
+                let cells = read_calibration(file)?;
                 let mut insole = connection.open(ReconnectPolicy::RESTART)?;
                 let client = insole.client();
                 let count = client.hello().cells;
@@ -148,7 +148,7 @@ impl Insole {
                 }
                 let identity = client.calibrate(&cells)?;
                 restart(&mut insole)?;
-                print(&identity);
+                print_identity(&identity);
                 Ok(())
             }
             Self::Erase { yes: _, connection } => {
@@ -173,7 +173,7 @@ fn show(connection: &Connection) -> Result<()> {
     let contents = status.contents;
     let hello = client.hello();
     println!("{} insole, firmware {}, {} cells", hello.board, hello.firmware, hello.cells);
-    print(&identity);
+    print_identity(&identity);
     print_settings(client)?;
     let hello = client.hello();
     println!(
@@ -224,8 +224,8 @@ fn show(connection: &Connection) -> Result<()> {
     Ok(())
 }
 
-/// Prints the shares of time without wear, for scanning and for evaluation, which determine how long the battery lasts, and the
-/// supply voltage.
+/// Prints the shares of time in which the insole was not worn, scanned, and evaluated frames: they determine how long the
+/// battery lasts. Then prints the supply voltage.
 fn print_power(status: &Status) {
     let share = |ms: u32| 100.0 * f64::from(ms) * 1000.0 / status.uptime_us.max(1) as f64;
     let unworn = 100.0 * f64::from(status.frames_skipped) / f64::from(status.frame_times().max(1));
@@ -242,11 +242,11 @@ fn print_power(status: &Status) {
 /// Measures the baselines, and prints the result.
 fn zero(client: &mut AnyClient) -> Result<()> {
     let result = client.zero()?;
-    let forces = SHORT.iter().zip(result.residual_dn).filter(|(_, dn)| *dn > 0);
+    let forces = REGION_LABELS.iter().zip(result.residual_dn).filter(|(_, dn)| *dn > 0);
     let forces: Vec<_> = forces.map(|(name, dn)| format!("{name} {:.1} N", f64::from(dn) / 10.0)).collect();
     println!("the baselines of {} cells have changed", result.changed);
     println!("force that is subtracted: {}", if forces.is_empty() { "none".into() } else { forces.join(", ") });
-    for (name, cells) in SHORT.iter().zip(result.without_baseline).filter(|(_, cells)| *cells > 0) {
+    for (name, cells) in REGION_LABELS.iter().zip(result.without_baseline).filter(|(_, cells)| *cells > 0) {
         println!(
             "warning: {cells} cells of {name} read more than {MAX_RESIDUAL_KPA} kPa, so their former baselines remain: loosen the \
              shoe, or check these cells"
@@ -256,7 +256,7 @@ fn zero(client: &mut AnyClient) -> Result<()> {
 }
 
 /// Prints foot, serial number and calibration.
-fn print(identity: &Identity) {
+fn print_identity(identity: &Identity) {
     let serial = Some(identity.serial.as_str()).filter(|serial| !serial.is_empty());
     println!("{} foot, serial number {}", identity.side.name(), serial.unwrap_or("none"));
     match identity.calibration_id {
@@ -266,26 +266,26 @@ fn print(identity: &Identity) {
 }
 
 /// Restarts an insole and waits until it answers again.
-pub fn restart(insole: &mut carrier::Insole) -> Result<()> {
+pub fn restart(insole: &mut InsoleLink) -> Result<()> {
     insole.restart().context("the insole did not answer after its restart: switch it off and on")?;
     Ok(())
 }
 
 /// A line of a calibration file.
 #[derive(Deserialize)]
-struct Line {
+struct CalibrationLine {
     cell: u16,
     offset: u16,
     gain: f32,
 }
 
 /// Reads and checks a calibration file.
-pub fn read(path: &Path) -> Result<Vec<CellCalibration>> {
+pub fn read_calibration(path: &Path) -> Result<Vec<CellCalibration>> {
     let mut lines = csv::Reader::from_path(path).with_context(|| format!("cannot read {}", path.display()))?;
     let mut cells = Vec::new();
     for (number, line) in lines.deserialize().enumerate() {
         let place = || format!("{}, cell {number}", path.display());
-        let Line { cell, offset, gain } = line.with_context(place)?;
+        let CalibrationLine { cell, offset, gain } = line.with_context(place)?;
         ensure!(
             usize::from(cell) == number,
             "{}: the line is for cell {cell}, but cells must be in order, from 0",

@@ -1,6 +1,6 @@
 //! `plantar monitor`: shows an insole's live loads and steps.
 
-use crate::carrier::{AnyClient, Connection, Insole};
+use crate::carrier::{AnyClient, Connection, InsoleLink};
 use crate::paths::check_written;
 use crate::records::Records;
 use crate::summary;
@@ -64,7 +64,7 @@ pub trait Sink {
 
 /// Passes messages to the view and the sink until the user ends the session or the sink has reached its limit. Reconnects when
 /// the link is lost.
-pub fn follow(connection: &Connection, insole: &mut Insole, view: &mut View, sink: &mut dyn Sink) -> Result<()> {
+pub fn follow(connection: &Connection, insole: &mut InsoleLink, view: &mut View, sink: &mut dyn Sink) -> Result<()> {
     let side = insole.client().hello().side;
     while !view.wants_to_end()? && !sink.has_reached_limit() {
         match insole.next_event()? {

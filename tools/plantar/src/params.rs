@@ -1,6 +1,6 @@
 //! `plantar params`: tissue parameters in files and on insoles.
 
-use crate::carrier::{Connection, Insole};
+use crate::carrier::{Connection, InsoleLink};
 use crate::insole::{restart, settings};
 use crate::setup::{note_unless_personal, rule_in_words};
 use crate::summary;
@@ -93,13 +93,13 @@ fn push(file: &Path, connection: &Connection) -> Result<()> {
     let before = insole.client().hello().tissue_id;
     send(&mut insole, &parameters)?;
     let id = parameters.tissue().id;
-    println!("parameters on the insole: {} before, now {}; they are stored", name(before), name(id));
+    println!("parameters on the insole: {} before, now {}; they are stored", id_text(before), id_text(id));
     Ok(())
 }
 
 /// Sends parameters to an insole. If they were identified with another contact rule than that of the insole, sets the rule first,
 /// for which the insole restarts.
-pub fn send(insole: &mut Insole, parameters: &Parameters) -> Result<()> {
+pub fn send(insole: &mut InsoleLink, parameters: &Parameters) -> Result<()> {
     let tissue = parameters.tissue();
     let Some(identified) = &parameters.identified else { return Ok(insole.client().set_tissue(&tissue)?) };
     let on_insole = identified.on_insole()?;
@@ -115,7 +115,7 @@ pub fn send(insole: &mut Insole, parameters: &Parameters) -> Result<()> {
 }
 
 /// Sets the contact rule of an insole and restarts the insole, unless the rule is in force already.
-pub fn set_rule(insole: &mut Insole, contact: ContactRule) -> Result<()> {
+pub fn set_rule(insole: &mut InsoleLink, contact: ContactRule) -> Result<()> {
     let client = insole.client();
     if client.hello().contact_rule == contact {
         return Ok(());
@@ -156,7 +156,7 @@ fn pull(out: &Path, connection: &Connection) -> Result<()> {
         Parameters::from_tissue(&tissue, identified.as_ref()).to_toml()
     );
     output::file(out, |to| to.write_all(text.as_bytes()))?;
-    println!("wrote {}: parameters {}", out.display(), name(tissue.id));
+    println!("wrote {}: parameters {}", out.display(), id_text(tissue.id));
     Ok(())
 }
 
@@ -172,7 +172,7 @@ fn read_tissue(connection: &Connection) -> Result<(Tissue, Option<Identified>)> 
 }
 
 /// The identifier of a parameter set as text. Sets with the same identifier are equal.
-fn name(id: u32) -> String {
+fn id_text(id: u32) -> String {
     if id == 0 { "none".into() } else { format!("{id:08x}") }
 }
 
@@ -186,14 +186,14 @@ fn show_file(parameters: &Parameters) {
         row.extend([format!("{:.4e}", e.k), format!("{:.2}", e.n), format!("{:.4e}", e.c), format!("{:.2}", e.m)]);
         row
     });
-    print(["region", "A mm", "B mm", "C mm", "d0 mm", "k N/m3", "n", "c N s/m3", "m"], regions);
+    print_table(["region", "A mm", "B mm", "C mm", "d0 mm", "k N/m3", "n", "c N s/m3", "m"], regions);
     println!("Share of assumption in C, the scale of the deformation: {}.", AssumedShare(&parameters.deformation));
     show(&parameters.tissue());
 }
 
 /// Prints the parameters in the form that an insole uses.
 fn show(tissue: &Tissue) {
-    println!("Parameters {} as an insole uses them:", name(tissue.id));
+    println!("Parameters {} as an insole uses them:", id_text(tissue.id));
     let regions = Region::ALL.iter().zip(&tissue.force_laws).map(|(region, law)| {
         vec![
             region.name().to_string(),
@@ -205,11 +205,11 @@ fn show(tissue: &Tissue) {
             format!("{:.2}", law.c_m * 1e3),
         ]
     });
-    print(["region", "K kPa", "n", "G kPa s", "m", "A B mm2", "C mm"], regions);
+    print_table(["region", "K kPa", "n", "G kPa s", "m", "A B mm2", "C mm"], regions);
 }
 
 /// Prints a table.
-fn print<const N: usize>(header: [&str; N], rows: impl Iterator<Item = Vec<String>>) {
+fn print_table<const N: usize>(header: [&str; N], rows: impl Iterator<Item = Vec<String>>) {
     let mut table = summary::table();
     table.set_header(header).add_rows(rows);
     summary::align(&mut table);

@@ -1,4 +1,4 @@
-//! Comparison of the files that a user names.
+//! Prevents a command from overwriting its inputs, or one of its outputs with another.
 
 use anyhow::{Result, ensure};
 use std::path::{Path, PathBuf};
@@ -16,7 +16,7 @@ fn resolved(path: &Path) -> PathBuf {
 /// Checks that none of the files in `written` is also one of those in `read`, or is named twice.
 ///
 /// # Errors
-/// If another name is needed for a file, which the message names.
+/// If a file in `written` is also in `read`, or is named twice. The message names the file, and asks for another name.
 pub fn check_written(read: &[PathBuf], written: &[Option<&Path>]) -> Result<()> {
     let mut files: Vec<_> = read.iter().map(|path| resolved(path)).collect();
     for path in written.iter().flatten() {

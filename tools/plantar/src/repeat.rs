@@ -34,7 +34,7 @@ use study::{Person, fits};
 /// each, in the order of the names of the recordings, are used.
 ///
 /// Exit status: 0 if all participants and recordings were used, 3 if some could
-/// not be used, 1 if there are too few trials to compare.
+/// not be used, 1 otherwise, for example if there are too few trials to compare.
 #[derive(Args)]
 #[command(verbatim_doc_comment)]
 pub struct Repeat {
@@ -69,7 +69,7 @@ impl Repeat {
     pub fn run(&self) -> Result<bool> {
         self.search.check()?;
         let rule = self.contact.rule(None)?;
-        let study = self.study();
+        let study = self.study_folder();
         let options = self.search.tissue.iter().chain(&self.zero);
         let mut read: Vec<PathBuf> = self.inputs.iter().chain(options).cloned().collect();
         if let Some(folder) = study {
@@ -85,8 +85,8 @@ impl Repeat {
             all.iter().map(|person| (person.name.as_str(), &person.trials[..])).collect();
         let least_people = if study.is_some() { 2 } else { 1 };
         let (feet, single) = repeatability(&people, least_people);
-        left_out.extend(single.iter().map(remedy));
-        left_out.extend(lone_people(&people, &feet, least_people));
+        left_out.extend(single.iter().map(single_trial_reason));
+        left_out.extend(lone_people_reasons(&people, &feet, least_people));
         left_out.iter().for_each(|reason| eprintln!("left out: {reason}"));
         if feet.is_empty() {
             match study {
@@ -114,7 +114,7 @@ impl Repeat {
 
     /// The folder of a study, if one was given: a single folder that is not a recording in parts. Such a recording is a folder
     /// that contains only files, and at least one Parquet file among them.
-    fn study(&self) -> Option<&Path> {
+    fn study_folder(&self) -> Option<&Path> {
         let [folder] = &self.inputs[..] else { return None };
         let entries: Vec<PathBuf> = folder.read_dir().ok()?.flatten().map(|entry| entry.path()).collect();
         let is_recording = entries.iter().any(|path| is_parquet(path)) && entries.iter().all(|path| path.is_file());
@@ -185,7 +185,7 @@ fn trials_of(name: &str, person: &Person, recordings: &[PathBuf]) -> Trials {
 }
 
 /// The reason why a person's only trial of a foot is left out, with the remedy.
-fn remedy(single: &SingleTrial) -> String {
+fn single_trial_reason(single: &SingleTrial) -> String {
     let side = single.side.name();
     format!(
         "{}, {side} foot: only one usable recording, and repeatability needs two or more: record another trial of the {side} foot",
@@ -195,7 +195,7 @@ fn remedy(single: &SingleTrial) -> String {
 
 /// The reasons why people with repeated trials of a foot are left out: this foot is not evaluated, because fewer than
 /// `least_people` people have repeated trials of it.
-fn lone_people(people: &[(&str, &[Trial])], feet: &[FootRepeatability], least_people: usize) -> Vec<String> {
+fn lone_people_reasons(people: &[(&str, &[Trial])], feet: &[FootRepeatability], least_people: usize) -> Vec<String> {
     let (possible, _) = repeatability(people, 1);
     let lone = possible.into_iter().filter(|foot| foot.people.len() < least_people);
     let lone = lone.filter(|foot| feet.iter().all(|evaluated| evaluated.side != foot.side));

@@ -109,7 +109,7 @@ impl Replay {
             if let Some(frames) = &mut frames {
                 frames.push(t_s, &insole)?;
             }
-            let step = step_at(toe_off, &mut insole);
+            let step = completed_step(toe_off, &mut insole);
             if let Some(picture) = &mut picture {
                 picture.push(&insole, codes, step);
             }
@@ -121,7 +121,7 @@ impl Replay {
             }
         }
         let toe_off = insole.end_stance();
-        let step = step_at(toe_off, &mut insole);
+        let step = completed_step(toe_off, &mut insole);
         if let Some(picture) = picture.as_mut().filter(|_| step.is_some()) {
             picture.push(&insole, &[], step);
         }
@@ -145,11 +145,11 @@ impl Replay {
 }
 
 /// The step that ended with the last frame, if this frame confirmed toe off.
-fn step_at<R: Real>(toe_off: bool, insole: &mut Insole<R, MAX_CELLS>) -> Option<Step> {
+fn completed_step<R: Real>(toe_off: bool, insole: &mut Insole<R, MAX_CELLS>) -> Option<Step> {
     toe_off.then(|| insole.whole_step()).flatten().map(|step| Step::new(&step))
 }
 
-/// Writes a text file, and ends its last line.
+/// Writes the text and a final line break to a file.
 pub fn write_text(path: &Path, text: &str) -> Result<()> {
     std::fs::write(path, format!("{text}\n")).with_context(|| format!("cannot write {}", path.display()))
 }

@@ -10,7 +10,8 @@ use plantar::faults::{Fault, Faults};
 use plantar::protocol::{Step, StepRegion};
 
 /// Short names of the regions for narrow columns, in the order of [`Region::ALL`].
-pub const SHORT: [&str; 8] = ["Heel", "P.midfoot", "A.midfoot", "Met 1-2", "Met 3-5", "Hallux", "Toe 2", "Toes 3-5"];
+pub const REGION_LABELS: [&str; 8] =
+    ["Heel", "P.midfoot", "A.midfoot", "Met 1-2", "Met 3-5", "Hallux", "Toe 2", "Toes 3-5"];
 
 /// Prints a table with a row for each step, and a table with the means of each region. `scales` states for each region whether
 /// the scale of its deformation was measured or assumed.
@@ -21,7 +22,7 @@ pub fn print(steps: &[Step], scales: &[DeformationScale; 8]) {
     };
     let mut table = table();
     let mut header = vec!["step".to_string(), "start s".into(), "stance s".into()];
-    header.extend(SHORT.iter().map(|name| format!("{name} N")));
+    header.extend(REGION_LABELS.iter().map(|name| format!("{name} N")));
     table.set_header(header);
     for step in steps {
         let mut row =
@@ -103,7 +104,7 @@ pub fn print(steps: &[Step], scales: &[DeformationScale; 8]) {
 /// the insole determined them at the last step.
 fn print_changes(steps: &[Step]) {
     let Some(last) = steps.last() else { return };
-    let regions = SHORT.iter().zip(&last.regions).filter(|(_, region)| region.stiffness_change_percent != 0);
+    let regions = REGION_LABELS.iter().zip(&last.regions).filter(|(_, region)| region.stiffness_change_percent != 0);
     let changes: Vec<_> =
         regions.map(|(name, region)| format!("{name} {:+} %", region.stiffness_change_percent)).collect();
     if !changes.is_empty() {
@@ -145,7 +146,7 @@ fn faults_to_lines(faults: &Faults, cells: usize) -> Vec<String> {
         (&faults.masked_cells, "masked"),
         (&faults.without_baseline, "with their former baseline, because they read a load while the foot was lifted"),
     ] {
-        let regions = SHORT.iter().zip(of_regions).filter(|&(_, &count)| count > 0);
+        let regions = REGION_LABELS.iter().zip(of_regions).filter(|&(_, &count)| count > 0);
         let regions: Vec<_> = regions.map(|(name, count)| format!("{name} {count}")).collect();
         if !regions.is_empty() {
             let count: u32 = of_regions.iter().map(|&count| u32::from(count)).sum();
@@ -167,9 +168,8 @@ pub fn model_error_percent(steps: &[Step], region: usize) -> Option<f64> {
 }
 
 /// As [`model_error_percent`], but only over steps that a fit would use, so that the result can be compared with the error that
-/// the fit predicts: those in which the region carries at least
-/// [`MIN_FORCE_N`] and has no saturated cell. With a smaller force, the error is mainly that of single cells; with a saturated
-/// cell, the measured force is only a lower bound.
+/// the fit predicts: steps in which the region carries at least [`MIN_FORCE_N`] and has no saturated cell. With a smaller force,
+/// the error is mainly that of single cells; with a saturated cell, the measured force is only a lower bound.
 pub fn comparable_error_percent(steps: &[Step], region: usize) -> Option<f64> {
     let is_comparable =
         |step: &Step| step.saturated >> region & 1 == 0 && step.regions[region].measured_force_peak_n() >= MIN_FORCE_N;

@@ -1,6 +1,6 @@
 //! `plantar update`: sends a signed image to an insole, and waits until the insole runs the image and has confirmed it.
 
-use crate::carrier::{Connection, Insole};
+use crate::carrier::{Connection, InsoleLink};
 use anyhow::{Result, anyhow, bail};
 use clap::Args;
 use client::{Error, ReconnectPolicy};
@@ -14,7 +14,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 /// Longest time that an insole needs to check a new image that works.
-const TRIAL: Duration = Duration::from_secs(30);
+const TRIAL_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Sends signed firmware to an insole, and waits until the insole runs the firmware and has confirmed it.
 ///
@@ -35,7 +35,7 @@ impl Update {
         let mut insole = self.connection.open(ReconnectPolicy::RESTART)?;
         let hello = insole.client().hello();
         let before = hello.firmware.clone();
-        self.check(&image, hello)?;
+        self.check_board_and_version(&image, hello)?;
         if insole.client().status()?.update_key == DEVELOPMENT_KEY_ID {
             eprintln!(
                 "warning: anyone can sign an update for this insole, because it accepts the public development key: flash firmware \
@@ -56,8 +56,8 @@ impl Update {
         Ok(())
     }
 
-    /// Returns an error for an image that the insole would refuse, before anything is sent.
-    fn check(&self, image: &Image, hello: &Hello) -> Result<()> {
+    /// Returns an error for an image that the insole would refuse because of its board or version, before anything is sent.
+    fn check_board_and_version(&self, image: &Image, hello: &Hello) -> Result<()> {
         let header = image.header();
         let file = self.file.display();
         if header.board() != hello.board {
@@ -78,9 +78,9 @@ impl Update {
     }
 
     /// Waits until the insole has restarted with the new image; `before` is the version that ran before.
-    fn wait_for_restart(&self, image: &Image, insole: &mut Insole, before: &str) -> Result<()> {
+    fn wait_for_restart(&self, image: &Image, insole: &mut InsoleLink, before: &str) -> Result<()> {
         let version = image.header().version();
-        let check = |hello: &Hello, was_silent: bool| match hello.firmware == version {
+        let outcome = |hello: &Hello, was_silent: bool| match hello.firmware == version {
             // If old and new version are equal, the version does not show that the insole restarted; its silence does.
             true => (was_silent || before != version).then_some(Ok(())),
             false => was_silent.then(|| {
@@ -91,7 +91,7 @@ impl Update {
                 ))
             }),
         };
-        insole.wait_for_restart(check).unwrap_or_else(|_| {
+        insole.wait_for_restart(outcome).unwrap_or_else(|_| {
             bail!(
                 "the insole has not answered since its restart: switch it off and on; `plantar insole show` then prints the \
                  version that runs"
@@ -101,13 +101,13 @@ impl Update {
 }
 
 /// Asks the insole repeatedly to confirm the new image, until it does. Returns an error if it is still checking the image after
-/// [`TRIAL`].
-fn wait_for_trial(image: &Image, insole: &mut Insole) -> Result<()> {
+/// [`TRIAL_TIMEOUT`].
+fn wait_for_trial(image: &Image, insole: &mut InsoleLink) -> Result<()> {
     let start = Instant::now();
     loop {
         match insole.client().update(Request::Confirm) {
             Ok(_) => return Ok(()),
-            Err(Error::Refused(protocol::Refusal::Update(Refusal::OnTrial))) if start.elapsed() < TRIAL => {
+            Err(Error::Refused(protocol::Refusal::Update(Refusal::OnTrial))) if start.elapsed() < TRIAL_TIMEOUT => {
                 std::thread::sleep(ReconnectPolicy::RESTART.retry);
             }
             Err(Error::Refused(protocol::Refusal::Update(Refusal::OnTrial))) => bail!(
@@ -121,7 +121,7 @@ fn wait_for_trial(image: &Image, insole: &mut Insole) -> Result<()> {
 }
 
 /// Sends an image in chunks, and a request to check and install it.
-fn send(image: &Image, insole: &mut Insole) -> Result<()> {
+fn send(image: &Image, insole: &mut InsoleLink) -> Result<()> {
     let offer = image.offer();
     let bar = ProgressBar::new(image.bytes().len() as u64);
     // The template is a valid constant, so the default is never used.

@@ -1,7 +1,7 @@
 //! Shows the live loads of the eight regions in the terminal. If stdout is not a terminal, prints one line per step instead.
 
 use crate::records::{alert_line, bout_line};
-use crate::summary::SHORT;
+use crate::summary::REGION_LABELS;
 use anyhow::Result;
 use client::LinkCounters;
 use parameters::{DeformationScale, deformation_title};
@@ -28,7 +28,7 @@ pub struct View {
     /// `None` if stdout is not a terminal, or once the display is closed.
     terminal: Option<DefaultTerminal>,
     /// Time of the last redraw.
-    drawn: Option<Instant>,
+    last_redraw: Option<Instant>,
     /// The newest live frame.
     live: Live,
     counters: LinkCounters,
@@ -69,7 +69,7 @@ impl View {
             title: title(hello),
             column_names: column_names(hello),
             terminal,
-            drawn: None,
+            last_redraw: None,
             live: Live::default(),
             counters: LinkCounters::default(),
             scale_dn: 1000,
@@ -118,9 +118,9 @@ impl View {
         for region in &live.regions {
             self.scale_dn = self.scale_dn.max(region.measured_dn).max(region.model_dn);
         }
-        let due = self.drawn.is_none_or(|drawn| drawn.elapsed() >= REDRAW);
-        if let Some(mut terminal) = self.terminal.take_if(|_| due) {
-            self.drawn = Some(Instant::now());
+        let is_due = self.last_redraw.is_none_or(|last| last.elapsed() >= REDRAW);
+        if let Some(mut terminal) = self.terminal.take_if(|_| is_due) {
+            self.last_redraw = Some(Instant::now());
             terminal.draw(|frame| self.draw(frame))?;
             self.terminal = Some(terminal);
         }
@@ -168,6 +168,7 @@ impl View {
 
     fn draw(&self, frame: &mut Frame) {
         let alert_height = if self.alert.is_empty() { 0 } else { 3 };
+        // The loads have a header, eight regions and a border.
         let heights = [11, LISTED as u16 + 2, alert_height, 1].map(Constraint::Length);
         let [loads, steps, alert, footer] = Layout::vertical(heights).areas(frame.area());
         // A line has 62 characters beside the bar: 2 for the border, 49 for the numbers, and 11 for the longest flag.
@@ -176,7 +177,7 @@ impl View {
             Line::from(format!("{:<10} {:>8} {:>8} {:>9} {:>8}  ", "", "force N", "model N", "area mm2", "deform mm"))
                 .dim(),
         ];
-        for (i, (name, r)) in SHORT.iter().zip(&self.live.regions).enumerate() {
+        for (i, (name, r)) in REGION_LABELS.iter().zip(&self.live.regions).enumerate() {
             let characters = |dn: u16| usize::from(dn) * width / usize::from(self.scale_dn);
             let (measured, model) = (characters(r.measured_dn), characters(r.model_dn));
             let bar = (0..width).map(|x| match (x < measured, x + 1 == model) {
@@ -259,7 +260,7 @@ fn column_names(hello: &Hello) -> String {
 
 /// A line with a step's number, its times, and the measured peak force of each region, N.
 fn step_line(step: &Step) -> String {
-    let peaks: Vec<_> = SHORT
+    let peaks: Vec<_> = REGION_LABELS
         .iter()
         .zip(&step.regions)
         .map(|(name, r)| format!("{name} {:.0}", f64::from(r.measured_peak_dn) / 10.0))

@@ -343,11 +343,11 @@ fn errors_of_live_streams_name_the_file_and_the_remedy() {
     write("changed.plantar", &stream(&changed, 0));
     write("text.plantar", b"this is a text and no recorded stream");
     write("empty.plantar", &stream(&covered[..1], 0));
-    let mut old = covered.clone();
-    if let Some(ToHost::Hello(hello)) = old.first_mut() {
+    let mut other_version = covered.clone();
+    if let Some(ToHost::Hello(hello)) = other_version.first_mut() {
         hello.major = MAJOR + 1;
     }
-    write("old.plantar", &stream(&old, 0));
+    write("version.plantar", &stream(&other_version, 0));
     fail(path, "fit a.plantar b.plantar", &["a.plantar", "b.plantar", "whole cells", "fit them separately"]);
     fail(path, "fit changed.plantar", &["changed.plantar", "the contact rule changed", "record each rule separately"]);
     fail(path, "fit a.plantar --contact-full 100", &["--contact-full 100 contradicts a.plantar", "omit the option"]);
@@ -355,7 +355,7 @@ fn errors_of_live_streams_name_the_file_and_the_remedy() {
     fail(path, "fit a.plantar copy.plantar", &["copy.plantar", "same steps as a.plantar", "once"]);
     fail(path, "fit text.plantar", &["text.plantar", "not a recorded stream", "plantar serve --record"]);
     fail(path, "fit empty.plantar", &["empty.plantar", "no live frames"]);
-    fail(path, "fit old.plantar", &["old.plantar", "protocol version", "use the program"]);
+    fail(path, "fit version.plantar", &["version.plantar", "protocol version", "use the program"]);
     fail(path, "fit missing.plantar", &["missing.plantar"]);
     // Options that state the rule of the stream do not contradict it. A recording that is fitted together with a stream is
     // evaluated by the stream's rule.

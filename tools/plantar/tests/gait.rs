@@ -8,8 +8,9 @@ use serde_json::Value;
 use std::path::Path;
 use std::process::{Command, Output};
 
-/// Stride time, and time from the left to the right heel strike, us.
+/// Stride time, us.
 const STRIDE_US: u64 = 1_100_000;
+/// Time from the left to the right heel strike, us.
 const LAG_US: u64 = 500_000;
 
 fn gait(folder: &Path, arguments: &str) -> Output {

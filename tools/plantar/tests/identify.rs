@@ -23,7 +23,7 @@ use std::time::Duration;
 /// once, a connection can exceed its timeout.
 static ALONE: Mutex<()> = Mutex::new(());
 
-/// The values of [`Wearer::does`].
+/// The values of [`Wearer::action`].
 const LIFTED: u8 = 0;
 const STANDING: u8 = 1;
 const WALKING: u8 = 2;
@@ -38,16 +38,16 @@ const INTERRUPTED_AFTER: usize = 4;
 /// An emulated insole's wearer, who follows the last instruction. Each unloaded cell reads its own offset.
 struct Wearer {
     /// The present action: [`LIFTED`], [`STANDING`] or [`WALKING`].
-    does: Arc<AtomicU8>,
+    action: Arc<AtomicU8>,
     insole: VirtualInsole,
     /// The pressure of each cell while the wearer stands, kPa.
-    standing: Vec<f32>,
+    standing_kpa: Vec<f32>,
     /// The recording that is played while the wearer walks.
     walk: Recording,
     /// Number of scans in which the wearer has walked.
-    walked: usize,
+    walked_scans: usize,
     /// Factor of the cells' [`offset`]: 0 for cells that read 0 without load.
-    offsets: u16,
+    offset_factor: u16,
 }
 
 impl Walk for Wearer {
@@ -56,22 +56,22 @@ impl Walk for Wearer {
     }
 
     fn scan(&mut self, _: u32, codes: &mut [u16]) -> Scan {
-        match self.does.load(Ordering::Relaxed) {
-            STANDING => self.insole.codes(&self.standing, codes),
+        match self.action.load(Ordering::Relaxed) {
+            STANDING => self.insole.codes(&self.standing_kpa, codes),
             WALKING => {
-                self.insole.codes_of(&self.walk, self.walked % self.walk.frames(), codes);
-                self.walked += 1;
+                self.insole.codes_of(&self.walk, self.walked_scans % self.walk.frames(), codes);
+                self.walked_scans += 1;
             }
             _ => codes.fill(0),
         }
         for (i, code) in codes.iter_mut().enumerate() {
-            *code = code.saturating_add(self.offsets * offset(i));
+            *code = code.saturating_add(self.offset_factor * offset(i));
         }
         Scan::Whole
     }
 }
 
-/// Code of an unloaded cell, if [`Wearer::offsets`] is 1.
+/// Code of an unloaded cell, if [`Wearer::offset_factor`] is 1.
 fn offset(cell: usize) -> u16 {
     1600 + 16 * (cell as u16 % 50)
 }
@@ -85,13 +85,13 @@ fn assert_offsets(calibration: &Path) {
     }
 }
 
-/// Runs the command with these environment variables in a terminal of 100 by 40 characters until it ends. `see` receives each
+/// Runs the command with these environment variables in a terminal of 100 by 40 characters until it ends. `respond` receives each
 /// screen that differs from the one before, and returns the keys to press. Returns the exit status and these screens; the last
 /// one has the text that the program prints after the session.
 fn run(
     arguments: &[&str],
     environment: &[(&str, &str)],
-    mut see: impl FnMut(&str) -> &'static [u8],
+    mut respond: impl FnMut(&str) -> &'static [u8],
 ) -> (u32, Vec<String>) {
     let pair = native_pty_system()
         .openpty(PtySize { rows: 40, cols: 100, pixel_width: 0, pixel_height: 0 })
@@ -119,7 +119,7 @@ fn run(
         parser.process(&bytes[..count]);
         let screen = parser.screen().contents();
         if screens.last() != Some(&screen) {
-            keys.write_all(see(&screen)).expect("the program reads its keys");
+            keys.write_all(respond(&screen)).expect("the program reads its keys");
             screens.push(screen);
         }
     }
@@ -129,10 +129,10 @@ fn run(
 }
 
 /// Makes the wearer follow the instruction on the screen.
-fn obey(screen: &str, does: &AtomicU8) {
-    for (words, action) in [("lift both feet", LIFTED), ("stand still", STANDING), ("Walk", WALKING)] {
+fn obey(screen: &str, action: &AtomicU8) {
+    for (words, next) in [("lift both feet", LIFTED), ("stand still", STANDING), ("Walk", WALKING)] {
         if screen.contains(words) {
-            does.store(action, Ordering::Relaxed);
+            action.store(next, Ordering::Relaxed);
         }
     }
 }
@@ -142,23 +142,23 @@ fn firmware() -> PathBuf {
     std::env::var_os("PLANTAR_FIRMWARE").expect("PLANTAR_FIRMWARE names the emulated board's firmware").into()
 }
 
-/// Starts an emulated insole of this foot. `does` is the wearer's present action; the code of an unloaded cell is [`offset`]
-/// times `offsets`. `hardware` includes the address of the insole's radio controller, if there is one.
-fn board(side: Side, does: &Arc<AtomicU8>, offsets: u16, hardware: &Hardware) -> Board {
+/// Starts an emulated insole of this foot. `action` is the wearer's present action; the code of an unloaded cell is [`offset`]
+/// times `offset_factor`. `hardware` includes the address of the insole's radio controller, if there is one.
+fn board(side: Side, action: &Arc<AtomicU8>, offset_factor: u16, hardware: &Hardware) -> Board {
     let walk = synthetic::walk(&SyntheticWalk { side, steps: 40, ..Default::default() }).recording;
     let standing = synthetic::standing(&SyntheticStanding { side, ..Default::default() });
-    let standing = standing.frame(standing.frames() / 2).to_vec();
+    let standing_kpa = standing.frame(standing.frames() / 2).to_vec();
     let insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
     let config = EmulatorConfig { address: [1, 0, 0, 0, 0, 0xc0], ..EmulatorConfig::new(insole.setup) };
     let cells = insole.cells.clone();
-    let wearer = Wearer { does: does.clone(), insole, standing, walk, walked: 0, offsets };
+    let wearer = Wearer { action: action.clone(), insole, standing_kpa, walk, walked_scans: 0, offset_factor };
     Board::start_with(&firmware(), &config, &cells, Time::Real, wearer, hardware).expect("the board boots")
 }
 
 /// Starts an emulated insole with [`board`], without a radio. Also returns the network address of its link, and the connection
 /// of the current host.
-fn insole(side: Side, does: &Arc<AtomicU8>, offsets: u16) -> (Board, String, Cable) {
-    let board = board(side, does, offsets, &Hardware::default());
+fn insole(side: Side, action: &Arc<AtomicU8>, offset_factor: u16) -> (Board, String, Cable) {
+    let board = board(side, action, offset_factor, &Hardware::default());
     let (address, cable) = forward(&board);
     (board, address, cable)
 }
@@ -174,13 +174,13 @@ fn log(board: &Board) -> String {
 fn a_wearer_is_identified_although_the_session_is_interrupted() {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let folder = tempfile::tempdir().expect("a folder");
-    let does = Arc::new(AtomicU8::new(LIFTED));
-    let (board, address, cable) = insole(Side::Right, &does, 1);
+    let action = Arc::new(AtomicU8::new(LIFTED));
+    let (board, address, cable) = insole(Side::Right, &action, 1);
     let out = folder.path().join("me");
     let (out, steps) = (out.to_str().expect("a path"), STEPS.to_string());
     let arguments = ["identify", "--tcp", &address, "--out", out, "--steps", &steps, "--verify", "4"];
 
-    let obey = |screen: &str| obey(screen, &does);
+    let obey = |screen: &str| obey(screen, &action);
     let after = format!("{INTERRUPTED_AFTER} of {STEPS}");
     let (status, screens) = run(&arguments, &[], |screen| {
         obey(screen);
@@ -239,8 +239,8 @@ fn both_feet_are_identified_without_a_terminal() {
     // The thickness of the heel is out of range, so its result is reported as incomplete, as by `plantar fit`.
     let tissue = folder.path().join("tissue.toml");
     std::fs::write(&tissue, "heel = 99\n").expect("written");
-    let does = Arc::new(AtomicU8::new(WALKING));
-    let feet = [Side::Left, Side::Right].map(|side| insole(side, &does, 0));
+    let action = Arc::new(AtomicU8::new(WALKING));
+    let feet = [Side::Left, Side::Right].map(|side| insole(side, &action, 0));
     let addresses = feet.each_ref().map(|(_, address, _)| address.as_str());
     let out = folder.path().join("me");
     let plantar = |addresses: &[&str]| {
@@ -275,15 +275,15 @@ fn both_feet_are_identified_without_a_terminal() {
 fn a_wearer_is_identified_over_bluetooth() {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let folder = tempfile::tempdir().expect("a folder");
-    let does = Arc::new(AtomicU8::new(LIFTED));
+    let action = Arc::new(AtomicU8::new(LIFTED));
     let (radio, address, values) = crate::radio::Radio::start("Plantar R");
-    let _board = board(Side::Right, &does, 1, &Hardware { hci: Some(address), ..Default::default() });
+    let _board = board(Side::Right, &action, 1, &Hardware { hci: Some(address), ..Default::default() });
     let bus = crate::bluez::Bus::start(Some(radio), values);
     let out = folder.path().join("me");
     let out = out.to_str().expect("a path");
     let arguments = ["identify", "--ble", "right", "--out", out, "--steps", "6", "--verify", "2"];
     let (status, screens) = run(&arguments, &bus.environment(), |screen| {
-        obey(screen, &does);
+        obey(screen, &action);
         b""
     });
     let text = screens.last().expect("a screen");

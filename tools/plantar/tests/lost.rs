@@ -344,7 +344,7 @@ fn an_address_without_an_insole_is_reported() {
 
 /// Serves a program over `link` while a second program tries to connect to the same insole, and fails. The first program must
 /// then receive its second step. `arguments` select the insole. Returns what the second program printed.
-fn refused_beside<L: Read + Write>(arguments: &[&str], link: impl FnOnce() -> L) -> String {
+fn assert_second_program_is_refused<L: Read + Write>(arguments: &[&str], link: impl FnOnce() -> L) -> String {
     let folder = tempfile::tempdir().expect("a folder");
     let json = folder.path().join("steps.json");
     let arguments = [&["monitor"], arguments].concat();
@@ -380,7 +380,7 @@ fn refused_beside<L: Read + Write>(arguments: &[&str], link: impl FnOnce() -> L)
 #[test]
 fn a_second_program_at_a_network_address_ends_with_a_remedy_and_the_first_one_loses_nothing() {
     let (listener, address) = listen();
-    let text = refused_beside(&["--tcp", &address], || listener.accept().expect("it connects").0);
+    let text = assert_second_program_is_refused(&["--tcp", &address], || listener.accept().expect("it connects").0);
     assert!(text.contains(&address) && text.contains("another program may be connected to it"), "{text}");
 }
 
@@ -418,7 +418,7 @@ mod serial {
     #[test]
     fn a_second_program_at_a_port_is_refused_and_the_first_one_loses_nothing() {
         let (insole, _host, name) = port();
-        let text = refused_beside(&["--serial", &name], || insole);
+        let text = assert_second_program_is_refused(&["--serial", &name], || insole);
         assert!(
             text.contains(&format!("cannot open {name}")) && text.contains("another program is connected"),
             "{text}"

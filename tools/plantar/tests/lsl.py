@@ -19,6 +19,7 @@ LIMIT_S = 30.0
 
 
 def description(info: pylsl.StreamInfo) -> dict:
+    """The properties of a stream, and the descriptions of its channels."""
     channels, channel = [], info.desc().child("channels").child("channel")
     while not channel.empty():
         channels.append({name: channel.child_value(name) for name in ("label", "unit", "type", "meaning", "region")})
@@ -58,6 +59,7 @@ def pull(name: str, limit_s: float) -> bool:
 
 
 def pull_until(name: str, is_last: Callable[[list], bool]) -> None:
+    """Receives samples until `is_last` is true for one, which is a pair of time and values."""
     while not (samples[name] and is_last(samples[name][-1])):
         assert pull(name, LIMIT_S), f"{name}: no more samples after {len(samples[name])}"
 

@@ -24,8 +24,9 @@ use study::table;
 const TIMEOUT: Duration = Duration::from_secs(30);
 /// Largest error of a time, s: a tenth of the time between two frames.
 const TIME_ERROR_S: f64 = 1e-3;
-/// Frames in each round of messages, and number of rounds.
+/// Number of frames in each round of messages.
 const FRAMES: usize = 40;
+/// Number of rounds of messages that the receiver must not miss.
 const ROUNDS: usize = 4;
 /// The serial number of the right insole; the left one has none.
 const SERIAL: &str = "P-0007";
@@ -180,7 +181,7 @@ impl Insole {
     }
 
     /// The first value of the last sample of each stream, except the stream of events: the number of the frame or load record.
-    fn last(&self) -> [(String, Value); 4] {
+    fn last_values(&self) -> [(String, Value); 4] {
         let frame = self.frames.last().expect("a frame").sequence;
         let number = self.next_record;
         let last = [("frames", frame), ("steps", number - 3), ("bouts", number - 2), ("alerts", number - 1)];
@@ -312,11 +313,9 @@ fn step_values(step: &Step) -> Vec<(String, Option<f64>)> {
         table::Value::Text(text) => panic!("{text:?}"),
     };
     let rows = [0, 1, 2, 3, 4, 5, 6, 7].map(|i| study::records::step_row(step, i));
-    let (mut values, texts) = (Vec::new(), ["side", "region"]);
-    for (name, value) in rows[0].iter().filter(|(name, _)| !texts.contains(name) && !name.starts_with("contact_o")) {
-        if *name == "contact_full_kpa" {
-            continue;
-        }
+    let no_channels = ["side", "region", "contact_on_kpa", "contact_off_kpa", "contact_full_kpa"];
+    let mut values = Vec::new();
+    for (name, value) in rows[0].iter().filter(|(name, _)| !no_channels.contains(name)) {
         let of_foot = Step::QUANTITIES.iter().map(|quantity| quantity.name);
         let mut of_foot = of_foot.chain(plantar::protocol::StepFoot::QUANTITIES.iter().map(|quantity| quantity.name));
         if of_foot.any(|of_foot| of_foot == *name) {
@@ -393,7 +392,7 @@ fn pylsl_receives_every_sample_of_both_feet_on_one_clock() {
 
     let mut reader = Reader::start(&configuration);
     let streams = reader.request(json!({"streams": 10}));
-    assert_eq!(streams.as_object().map(|them| them.len()), Some(10), "{streams}");
+    assert_eq!(streams.as_object().map(|by_name| by_name.len()), Some(10), "{streams}");
     assert_description(&streams);
 
     // A stream that a receiver has just opened can lose its first samples.
@@ -406,7 +405,7 @@ fn pylsl_receives_every_sample_of_both_feet_on_one_clock() {
         [&left, &right].iter().for_each(|insole| insole.round());
     }
     let last: serde_json::Map<_, _> =
-        [&left, &right].iter().flat_map(|insole| insole.act(|insole| insole.last())).collect();
+        [&left, &right].iter().flat_map(|insole| insole.act(|insole| insole.last_values())).collect();
     let answer = reader.request(json!({"last": last}));
     drop(reader);
     // The program ends without an error, although it has published streams.

@@ -63,10 +63,10 @@ fn insole() -> (SocketAddr, Arc<Mutex<Session>>) {
                         }
                     }
                 }
-                let (mut message, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
+                let (mut buffer, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
                 let contact_rule = session.setup().expect("it has a layout").contact;
                 let hello = Hello { contact_rule, ..hello() };
-                while let Some(message) = session.next(&hello, Status::default, &mut message) {
+                while let Some(message) = session.next(&hello, Status::default, &mut buffer) {
                     let len = protocol::frame(message, &mut framed);
                     host.write_all(&framed[..len]).expect("the host is connected");
                 }
@@ -287,14 +287,14 @@ fn an_insole_is_named_calibrated_and_shown() {
     };
     let cells = testkit::hello().cells;
     let good: Vec<String> = (0..cells).map(|cell| format!("{cell},{},1.5", 100 + cell)).collect();
-    for (at, line, words) in [
+    for (index, line, words) in [
         (3, "4,100,1", "cells must be in order"),
         (5, "5,100,11", "gain 11"),
         (6, "6,65000,1", "below half"),
         (7, "7,x,1", "cell 7"),
     ] {
         let mut bad = good.clone();
-        bad[at] = line.into();
+        bad[index] = line.into();
         write(&bad);
         let (done, _, text) = run("calibrate cells.csv");
         assert!(!done && text.contains(words), "{line}: {text}");

@@ -37,17 +37,19 @@ impl Radio {
         let mut python = command.spawn().expect("Python starts");
         let input = python.stdin.take().expect("piped");
         let output = BufReader::new(python.stdout.take().expect("piped"));
-        let (results, values, is_connected) = (channel(), channel(), Arc::<AtomicBool>::default());
+        let (results, received_results) = channel();
+        let (values, received_values) = channel();
+        let is_connected = Arc::<AtomicBool>::default();
         let connected = is_connected.clone();
         std::thread::spawn(move || {
             for line in output.lines().map_while(Result::ok) {
                 let line = serde_json::from_str(&line).expect("the simulation writes JSON");
-                pass(line, &results.0, &values.0, &connected);
+                pass_on(line, &results, &values, &connected);
             }
         });
         let radio = Self {
             python: Mutex::new(python),
-            requests: Mutex::new((input, results.1)),
+            requests: Mutex::new((input, received_results)),
             insole,
             is_bonded: AtomicBool::new(false),
             is_connected,
@@ -56,7 +58,7 @@ impl Radio {
         let address = ([127, 0, 0, 1], port.expect("a port") as u16).into();
         let computer = json!({"do": "phone", "name": COMPUTER, "address": "D0:00:00:00:00:01"});
         radio.request(computer).expect("a controller");
-        (Arc::new(radio), address, values.1)
+        (Arc::new(radio), address, received_values)
     }
 
     /// Sends a request to the simulation, and returns its result or its error.
@@ -71,8 +73,8 @@ impl Radio {
     }
 }
 
-/// Passes a line of the simulation on: the result of a request, a value of the insole, or the end of the connection.
-fn pass(line: Value, results: &Sender<Value>, values: &Sender<(u8, Vec<u8>)>, is_connected: &AtomicBool) {
+/// Passes on a line of the simulation: the result of a request, a value of the insole, or the end of the connection.
+fn pass_on(line: Value, results: &Sender<Value>, values: &Sender<(u8, Vec<u8>)>, is_connected: &AtomicBool) {
     // Sending fails only at the end of the test, when the receivers are dropped.
     if line.get("did").is_some() {
         let _ = results.send(line);

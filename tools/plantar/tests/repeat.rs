@@ -168,12 +168,12 @@ fn quantities_of_walkers_repeat_better_than_parameters() {
     assert_eq!(status, Some(0), "{text}");
     println!("{text}");
     let rows = csv_rows(&path.join("r.csv"));
-    let median = |variable: &str| {
+    let median_icc = |variable: &str| {
         let of = rows.iter().filter(|row| row["variable"] == variable && !row["icc_2_1"].is_empty());
         let mut all: Vec<f64> = of.map(|row| number(row, "icc_2_1")).collect();
         all.sort_by(f64::total_cmp);
         all[all.len() / 2]
     };
-    let (area, exponent) = (median("area_at_50_percent_force_mm2"), median("n"));
-    assert!(area > 0.75 && area > exponent, "{area}, {exponent}");
+    let (area_icc, exponent_icc) = (median_icc("area_at_50_percent_force_mm2"), median_icc("n"));
+    assert!(area_icc > 0.75 && area_icc > exponent_icc, "{area_icc}, {exponent_icc}");
 }

@@ -70,8 +70,8 @@ impl Insole {
 
     /// The header of the image that runs.
     fn running(&self) -> Header {
-        let at = (ACTIVE_IMAGE.start + HEADER) as usize;
-        Header::read(self.chip.bytes[at..].first_chunk().expect("the chip is larger")).expect("a valid header")
+        let offset = (ACTIVE_IMAGE.start + HEADER) as usize;
+        Header::read(self.chip.bytes[offset..].first_chunk().expect("the chip is larger")).expect("a valid header")
     }
 
     /// Runs the bootloader, which swaps the images if necessary.
@@ -102,8 +102,8 @@ impl Insole {
                 accepted = progress == Ok(Progress::Accepted);
                 session.complete(progress.map(CommandResult::Update).map_err(Refusal::Update));
             }
-            let (mut message, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
-            while let Some(message) = session.next(&hello, || status, &mut message) {
+            let (mut buffer, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
+            while let Some(message) = session.next(&hello, || status, &mut buffer) {
                 let len = protocol::frame(message, &mut framed);
                 host.write_all(&framed[..len]).expect("the host is connected");
             }

@@ -13,14 +13,14 @@ use std::path::Path;
 
 /// The metadata key under which a file stores the description of its inputs. A later run compares the description with the
 /// present inputs to determine whether the file is up to date.
-pub const KEY: &str = "plantar.made_from";
+pub const MADE_FROM_KEY: &str = "plantar.made_from";
 
 /// Reads a file: the description of its inputs, and its rows.
 pub fn read(path: &Path) -> Result<(String, Vec<HashMap<String, Field>>)> {
     let read = || {
         let file = SerializedFileReader::new(File::open(path)?)?;
         let mut entries = file.metadata().file_metadata().key_value_metadata().into_iter().flatten();
-        let made_from = entries.find(|entry| entry.key == KEY).and_then(|entry| entry.value.clone());
+        let made_from = entries.find(|entry| entry.key == MADE_FROM_KEY).and_then(|entry| entry.value.clone());
         let rows = file.get_row_iter(None)?.map(|row| Ok(row?.into_columns().into_iter().collect()));
         Ok((made_from.unwrap_or_default(), rows.collect::<Result<_>>()?))
     };

@@ -67,8 +67,8 @@ impl Identification {
         self.sent_us.is_some()
     }
 
-    /// Identifies the parameters from the recorded cells, as `plantar fit` does, and sends them to the insole. Returns the messages
-    /// that arrived meanwhile, in their order.
+    /// Identifies the parameters from the recorded cells, as `plantar fit` does, and sends them to the insole. Returns the
+    /// messages that arrived meanwhile, in their order.
     pub fn identify(&mut self, client: &mut Client<impl Carrier>, contact: &ContactArgs) -> Result<Vec<ToHost>> {
         let recording = self
             .cells

@@ -113,9 +113,9 @@ fn print_sources(study: &Study) {
         let source = if fit.fixed.is_thickness_measured { "measured" } else { "typical" };
         let effects = fit.scale_effect.map_or([NONE; 3].map(String::from), |effect| {
             let ends = [effect.at_less, effect.at_more];
-            let changes = |at: Option<f64>, ends: [Option<f64>; 2]| match (at, ends) {
-                (Some(at), [Some(less), Some(more)]) => {
-                    format!("{:+.0} / {:+.0}", (less / at - 1.0) * 100.0, (more / at - 1.0) * 100.0)
+            let changes = |base: Option<f64>, ends: [Option<f64>; 2]| match (base, ends) {
+                (Some(base), [Some(less), Some(more)]) => {
+                    format!("{:+.0} / {:+.0}", (less / base - 1.0) * 100.0, (more / base - 1.0) * 100.0)
                 }
                 _ => NONE.into(),
             };
@@ -164,28 +164,29 @@ fn format_measure(fit: &RegionFit, quantity: Quantity) -> String {
 /// none.
 fn format_parameters(fit: &RegionFit, has_prior: bool) -> Vec<String> {
     let law = &fit.law;
-    let units = [1e6, 1e-3, 1e-3, 1.0, 1.0];
+    // Factors from SI units to the units above.
+    let factors = [1e6, 1e-3, 1e-3, 1.0, 1.0];
     match &fit.uncertainty {
         Some(uncertainty) => uncertainty
             .intervals
             .iter()
-            .zip(units)
-            .map(|(interval, unit)| {
+            .zip(factors)
+            .map(|(interval, factor)| {
                 if !interval.is_identifiable && !has_prior {
                     return NONE.into();
                 }
-                let [low, high] = widest(interval).map(|end| significant(end * unit));
+                let [low, high] = widest(interval).map(|end| significant(end * factor));
                 let mark = match (interval.at_bound, interval.is_identifiable) {
                     (true, _) => "!",
                     (false, false) => "*",
                     (false, true) => "",
                 };
-                format!("{}{mark} ({low}..{high})", significant(interval.value * unit))
+                format!("{}{mark} ({low}..{high})", significant(interval.value * factor))
             })
             .collect(),
         None => {
             let values = [law.ab_m2, law.stiffness_pa, law.damping_pa_s, law.n, law.m];
-            values.iter().zip(units).map(|(value, unit)| significant(value * unit)).collect()
+            values.iter().zip(factors).map(|(value, factor)| significant(value * factor)).collect()
         }
     }
 }

@@ -1,7 +1,7 @@
 //! One insole in a guided session.
 
 use super::screen::Progress;
-use crate::carrier::{AnyClient, Insole};
+use crate::carrier::{AnyClient, InsoleLink};
 use crate::cells::CellRecorder;
 use crate::params;
 use anyhow::{Context, Result, bail, ensure};
@@ -31,7 +31,7 @@ const NO_STEP: Duration = Duration::from_secs(6);
 /// One insole and its files.
 pub struct Foot {
     /// The connection to the insole.
-    pub link: Insole,
+    pub link: InsoleLink,
     /// The foot that the insole is for.
     pub side: Side,
     /// The folder of this foot.
@@ -48,7 +48,7 @@ enum Item {
 }
 
 /// The result of the standing trial of one foot.
-pub struct Standing {
+pub struct StandingResult {
     /// The calibration with the offsets of this trial.
     pub cells: Vec<CellCalibration>,
     /// Mean force while standing, N, above the new offsets.
@@ -57,7 +57,7 @@ pub struct Standing {
 
 impl Foot {
     /// Checks the insole, and creates its folder. `folder` is the folder of the session.
-    pub fn new(mut link: Insole, folder: &Path) -> Result<Self> {
+    pub fn new(mut link: InsoleLink, folder: &Path) -> Result<Self> {
         let client = link.client();
         let hello = client.hello().clone();
         if let Some(fault) = &hello.fault {
@@ -154,7 +154,7 @@ impl Foot {
             }
         };
         // The insole also sends load records during the trial.
-        let mut file = self.new_stream_file(STAND)?;
+        let mut file = self.new_stream_file(STAND_PREFIX)?;
         let start = Instant::now();
         self.update(|progress| progress.needed = 0);
         self.follow(stop, |foot, item| {
@@ -174,7 +174,7 @@ impl Foot {
     ///
     /// # Errors
     /// If the trial has to be repeated.
-    pub fn evaluate(&self, trial: &Trial) -> Result<Standing> {
+    pub fn evaluate(&self, trial: &Trial) -> Result<StandingResult> {
         let name = format!("{} foot", self.side.name());
         let recording = trial.recording(&name, None)?;
         recording.write(self.folder.join("standing.parquet"))?;
@@ -210,17 +210,17 @@ impl Foot {
         Ok(())
     }
 
-    /// Begins the next stream file whose name begins with `name`. It contains the insole's hello.
-    fn new_stream_file(&mut self, name: &str) -> Result<StreamFile> {
-        let path = self.next_path(name, ".plantar");
+    /// Creates the next stream file with this prefix of its name, and writes the insole's hello to it.
+    fn new_stream_file(&mut self, prefix: &str) -> Result<StreamFile> {
+        let path = self.next_path(prefix, ".plantar");
         let mut file = StreamFile::create(&path).with_context(|| format!("cannot write {}", path.display()))?;
         file.write(0, &ToHost::Hello(self.link.client().hello().clone()))?;
         Ok(file)
     }
 
-    /// The first path in the folder that does not exist, of the form `name`, hyphen, number of three digits, `end`.
-    fn next_path(&self, name: &str, end: &str) -> PathBuf {
-        let mut paths = (0..).map(|number| self.folder.join(format!("{name}-{number:03}{end}")));
+    /// The first path in the folder that does not exist, of the form `prefix`, hyphen, number of three digits, `extension`.
+    fn next_path(&self, prefix: &str, extension: &str) -> PathBuf {
+        let mut paths = (0..).map(|number| self.folder.join(format!("{prefix}-{number:03}{extension}")));
         // The numbers are unlimited, so there is such a path.
         paths.find(|path| !path.exists()).unwrap_or_default()
     }
@@ -232,7 +232,7 @@ impl Foot {
         for entry in std::fs::read_dir(&self.folder).with_context(error)? {
             let path = entry.with_context(error)?.path();
             let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            if name.starts_with(WALK) && name.ends_with(".plantar") && std::fs::metadata(&path)?.len() > 0 {
+            if name.starts_with(WALK_PREFIX) && name.ends_with(".plantar") && std::fs::metadata(&path)?.len() > 0 {
                 files.push(path);
             }
         }
@@ -243,7 +243,7 @@ impl Foot {
     /// Records live frames, steps and, if the carrier is fast enough, all cells, until there are `needed` good steps, including
     /// the `earlier` ones in the stream files.
     pub fn walk(&mut self, stop: &AtomicBool, earlier: usize, needed: usize) -> Result<()> {
-        let mut file = self.new_stream_file(WALK)?;
+        let mut file = self.new_stream_file(WALK_PREFIX)?;
         let cells_folder = self.next_path("cells", "");
         self.update(|progress| (progress.done, progress.needed, progress.remark) = (earlier, needed, String::new()));
         let mut walk = Walk {
@@ -273,7 +273,7 @@ impl Foot {
     pub fn verify(&mut self, stop: &AtomicBool, count: usize) -> Result<Vec<Step>> {
         let mut begin_us = self.link.client().status()?.uptime_us;
         let mut steps: Vec<Step> = Vec::new();
-        let mut file = self.new_stream_file(VERIFY)?;
+        let mut file = self.new_stream_file(VERIFY_PREFIX)?;
         self.update(|progress| (progress.done, progress.needed, progress.remark) = (0, count, String::new()));
         self.follow(stop, |foot, item| {
             let message = match item {
@@ -321,11 +321,11 @@ fn ensure_supply(side: Side, supply_mv: Option<u16>) -> Result<()> {
 /// The remark if the insole seems to lie under the other foot.
 const OTHER_FOOT: &str = "the small toes carry more than the big toe: is this insole in the other shoe?";
 /// First part of the names of the stream files with the load records that the insole sends during the standing trial.
-const STAND: &str = "stand";
+const STAND_PREFIX: &str = "stand";
 /// First part of the names of the stream files of the walk.
-const WALK: &str = "walk";
+const WALK_PREFIX: &str = "walk";
 /// First part of the names of the stream files with the steps that verify the result.
-const VERIFY: &str = "verify";
+const VERIFY_PREFIX: &str = "verify";
 
 /// The walk in progress.
 struct Walk {
@@ -473,7 +473,7 @@ impl Trial {
         streamed.take("Standing trial of a guided session").with_context(|| format!("{name}: no cells arrived"))
     }
 
-    fn evaluate(&self, name: &str, recording: &Recording) -> Result<Standing> {
+    fn evaluate(&self, name: &str, recording: &Recording) -> Result<StandingResult> {
         let trial = StandingTrial::find(recording, name)?;
         let frames = self.regular_frames(name)?;
         let lifted = || trial.lifted.iter().flat_map(|lifted| &frames[lifted.clone()]);
@@ -492,7 +492,7 @@ impl Trial {
         let corrected = self.recording(name, Some(&calibrations))?;
         let standing = trial.standing;
         let standing_n = standing.clone().map(|i| corrected.force_n(i)).sum::<f64>() / standing.len() as f64;
-        Ok(Standing { cells: calibrations, standing_n })
+        Ok(StandingResult { cells: calibrations, standing_n })
     }
 }
 

@@ -1,7 +1,7 @@
 //! The rules of alerts of an insole, and the load of the day.
 
 use crate::carrier::AnyClient;
-use crate::summary::{self, SHORT};
+use crate::summary::{self, REGION_LABELS};
 use anyhow::{Result, ensure};
 use clap::Args;
 use comfy_table::CellAlignment;
@@ -35,7 +35,7 @@ pub struct AlertArgs {
     #[arg(long, value_name = "KPA_S")]
     dose: Option<f32>,
     /// Raise alerts for this region only. Repeat the option for several regions; `all` stands for all regions.
-    #[arg(long, value_name = "REGION", value_parser = region)]
+    #[arg(long, value_name = "REGION", value_parser = region_bits)]
     region: Vec<u8>,
     /// Raise no alert for this time after another one, minutes, 1 to 720.
     #[arg(long, value_name = "MIN", value_parser = clap::value_parser!(u16).range(1..=720))]
@@ -52,7 +52,7 @@ pub struct AlertArgs {
 }
 
 /// The bit of the region with this name in [`AlertRules::regions`], or all bits for `all`.
-fn region(name: &str) -> Result<u8, String> {
+fn region_bits(name: &str) -> Result<u8, String> {
     if name == "all" {
         return Ok(0xff);
     }
@@ -88,7 +88,7 @@ impl AlertArgs {
     /// These rules, changed by the options.
     fn changed(&self, mut rules: AlertRules) -> AlertRules {
         let limits = &mut rules.limits;
-        let set = |place: &mut f32, value: Option<f32>| *place = value.unwrap_or(*place);
+        let set = |field: &mut f32, value: Option<f32>| *field = value.unwrap_or(*field);
         set(&mut limits.sustained_kpa, self.sustained_pressure);
         set(&mut limits.dose_kpa, self.dose_pressure);
         set(&mut rules.dose_kpa_s, self.dose);
@@ -116,7 +116,8 @@ fn print_rules(rules: &AlertRules) {
     if rules.per_day == 0 {
         println!("alerts: off; --on raises them");
     } else {
-        let regions = SHORT.iter().enumerate().filter(|(i, _)| rules.regions >> i & 1 == 1).map(|(_, name)| *name);
+        let has_alerts = |i: usize| rules.regions >> i & 1 == 1;
+        let regions = REGION_LABELS.iter().enumerate().filter(|(i, _)| has_alerts(*i)).map(|(_, name)| *name);
         println!("alerts: at most {} in a day, at least {} minutes apart", rules.per_day, rules.pause_s / 60);
         println!(
             "  regions: {}",
@@ -150,7 +151,7 @@ fn print_daily(daily: &DailyLoad) {
     }
     let mut table = summary::table();
     table.set_header(["region", "dose kPa s", "squared pressure kPa2 s", "sustained load min"]);
-    for (i, (name, total)) in SHORT.iter().zip(&daily.totals.regions).enumerate() {
+    for (i, (name, total)) in REGION_LABELS.iter().zip(&daily.totals.regions).enumerate() {
         let is_sustained = daily.sustained >> i & 1 == 1;
         table.add_row([
             (*name).into(),

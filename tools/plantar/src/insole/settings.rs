@@ -51,7 +51,8 @@ pub struct SettingsArgs {
     size: Option<InsoleSize>,
     /// Remove all settings: the configuration in the insole's firmware is in force again.
     #[arg(long, conflicts_with_all = [
-        "contact_on", "contact_off", "contact_full", "thresholds", "strike", "release", "min_stance", "min_swing", "max_stance", "rate", "size",
+        "contact_on", "contact_off", "contact_full", "thresholds", "strike", "release", "min_stance", "min_swing",
+        "max_stance", "rate", "size",
     ])]
     reset: bool,
 }
@@ -72,11 +73,11 @@ impl SettingsArgs {
     fn changed(&self, mut settings: Settings) -> Settings {
         let Settings { contact, stance, period_us, scale } = &mut settings;
         *contact = self.contact.changed(*contact);
-        let set = |place: &mut f32, value: Option<f32>| *place = value.unwrap_or(*place);
+        let set = |field: &mut f32, value: Option<f32>| *field = value.unwrap_or(*field);
         set(&mut stance.strike_n, self.strike);
         set(&mut stance.release_n, self.release);
         set(scale, self.size.map(|size| f32::from(size.eur()) / REFERENCE_SIZE));
-        let set_ms = |place: &mut u16, value: Option<u16>| *place = value.unwrap_or(*place);
+        let set_ms = |field: &mut u16, value: Option<u16>| *field = value.unwrap_or(*field);
         stance.is_adaptive =
             self.thresholds.map_or(stance.is_adaptive, |thresholds| thresholds == Thresholds::Adaptive);
         set_ms(&mut stance.min_stance_ms, self.min_stance);

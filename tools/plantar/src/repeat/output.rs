@@ -1,6 +1,6 @@
 //! The repeatability of trials as printed text, as CSV and as JSON.
 
-use crate::summary::{self, SHORT};
+use crate::summary::{self, REGION_LABELS};
 use anyhow::{Context, Result};
 use comfy_table::Table;
 use fit::agreement::{Agreement, FootRepeatability, VariableRow};
@@ -37,9 +37,9 @@ fn print_medians(foot: &FootRepeatability) {
                 row.variable.title_and_unit(),
                 regions.to_string(),
                 row.median(|agreement| agreement.icc).map_or(NONE.into(), coefficient),
-                median(&|agreement| agreement.sem).map_or(NONE.into(), short),
-                median(&|agreement| agreement.mdc).map_or(NONE.into(), short),
-                row.median(Agreement::mdc_percent).map_or(NONE.into(), short),
+                median(&|agreement| agreement.sem).map_or(NONE.into(), compact),
+                median(&|agreement| agreement.mdc).map_or(NONE.into(), compact),
+                row.median(Agreement::mdc_percent).map_or(NONE.into(), compact),
             ]);
         }
     }
@@ -58,14 +58,14 @@ fn print_regions(foot: &FootRepeatability) {
         };
         println!("ICC(2,1) by region, {side} foot:\n{}", by_region(foot, cell));
     }
-    let cell = |agreement: &Agreement| format!("{} / {}", short(agreement.sem), short(agreement.mdc));
+    let cell = |agreement: &Agreement| format!("{} / {}", compact(agreement.sem), compact(agreement.mdc));
     println!("SEM / MDC by region, {side} foot:\n{}", by_region(foot, cell));
 }
 
 /// A table with a row for each variable and a column for each region.
 fn by_region(foot: &FootRepeatability, cell: impl Fn(&Agreement) -> String) -> Table {
     let mut table = summary::table();
-    table.set_header(std::iter::once("").chain(SHORT));
+    table.set_header(std::iter::once("").chain(REGION_LABELS));
     for row in foot.rows.iter().filter(|row| row.regions.iter().any(Option::is_some)) {
         let cells = row.regions.iter().map(|agreement| agreement.as_ref().map_or(NONE.into(), &cell));
         table.add_row(std::iter::once(row.variable.title_and_unit()).chain(cells));
@@ -79,7 +79,7 @@ fn coefficient(icc: f64) -> String {
 }
 
 /// Formats a value as [`significant`] does, but with a power of ten from 1e5 on.
-fn short(value: f64) -> String {
+fn compact(value: f64) -> String {
     if value.abs() < 1e5 { significant(value) } else { format!("{value:.2e}") }
 }
 

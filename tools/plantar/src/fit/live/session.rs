@@ -232,7 +232,7 @@ impl Row {
     fn integer(&self, column: &'static str) -> Result<i32> {
         match self.0.get(column) {
             Some(Field::Int(value)) => Ok(*value),
-            _ => Err(anyhow!("a value in the column {column} is missing or no integer")),
+            _ => Err(anyhow!("a value in the column {column} is missing or not an integer")),
         }
     }
 
@@ -240,7 +240,7 @@ impl Row {
         match self.0.get(column) {
             Some(Field::Double(value)) => Ok(Some(*value)),
             Some(Field::Null) => Ok(None),
-            _ => Err(anyhow!("a value in the column {column} is no number")),
+            _ => Err(anyhow!("a value in the column {column} is not a number")),
         }
     }
 
@@ -251,7 +251,7 @@ impl Row {
     fn flag(&self, column: &'static str) -> Result<bool> {
         match self.0.get(column) {
             Some(Field::Bool(value)) => Ok(*value),
-            _ => Err(anyhow!("a value in the column {column} is missing or no flag")),
+            _ => Err(anyhow!("a value in the column {column} is missing or not a boolean")),
         }
     }
 
@@ -261,7 +261,7 @@ impl Row {
             Some(Field::Str(name)) => Region::from_name(name),
             _ => None,
         };
-        region.map(|region| region as usize).context("a value in the column region is no region")
+        region.map(|region| region as usize).context("a value in the column region is not the name of a region")
     }
 
     fn side(&self) -> Result<Side> {
