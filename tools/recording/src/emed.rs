@@ -65,7 +65,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     )];
     let foot = Foot {
         side,
-        grid: Grid { row_mm: height_mm, column_mm: width_mm, toes: Toes::Walked },
+        grid: Grid { row_mm: height_mm, column_mm: width_mm, toes: Toes::AlongMovement },
         frames: frames.with_swing(path)?,
         name: "emed plate".to_owned(),
         source: format!(

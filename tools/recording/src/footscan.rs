@@ -105,7 +105,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     for (foot, frames) in wanted {
         let foot = Foot {
             side: foot.or(side),
-            grid: Grid { row_mm: CELL_LENGTH_MM, column_mm: CELL_WIDTH_MM, toes: Toes::Walked },
+            grid: Grid { row_mm: CELL_LENGTH_MM, column_mm: CELL_WIDTH_MM, toes: Toes::AlongMovement },
             frames: frames.with_swing(path)?,
             name: "footscan plate".to_owned(),
             source: format!(

@@ -8,7 +8,7 @@
 //! This importer follows published programs that read such exports. It was not tested with a real export. The positions and
 //! areas of the zones are nominal: forces are measured, and pressures, areas and ellipses are not.
 
-use crate::assembly::Parts;
+use crate::assembly::UncheckedRecording;
 use crate::table::{at_line, check_later, file_name};
 use crate::text::{decode, number};
 use crate::{Cell, Error, Export, Result};
@@ -101,7 +101,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
             let (_, [x_mm, y_mm], region) = ZONES[zone];
             Cell { x_mm, y_mm, area_mm2: AREA_MM2, region }
         };
-        let parts = Parts {
+        let unchecked = UncheckedRecording {
             side: foot,
             cells: insole.zones.iter().map(cell).collect(),
             t_s,
@@ -113,7 +113,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
                 foot.name()
             ),
         };
-        export.feet.push(parts.recording(path, &mut export.remarks)?);
+        export.feet.push(unchecked.recording(path, &mut export.remarks)?);
     }
     if export.feet.is_empty() {
         let problem = "no foot with a time and the forces of its zones: heel, medial, lateral";

@@ -8,7 +8,7 @@
 //! are the same in all sizes and for both feet. They were determined from the exports in the package `moticon-opengo`
 //! (Apache-2.0, Moticon).
 
-use crate::assembly::Parts;
+use crate::assembly::UncheckedRecording;
 use crate::footprint::capitalised;
 use crate::least_squares;
 use crate::table::{at_line, check_later, file_name};
@@ -165,7 +165,7 @@ fn read_foot(side: Side, columns: &Columns, rows: &[(u64, Vec<&str>)], path: &Pa
         areas_mm2.iter().sum::<f64>(),
         totals_n.len()
     ));
-    let parts = Parts {
+    let unchecked = UncheckedRecording {
         side,
         cells,
         t_s,
@@ -177,7 +177,7 @@ fn read_foot(side: Side, columns: &Columns, rows: &[(u64, Vec<&str>)], path: &Pa
             side.name()
         ),
     };
-    export.feet.push(parts.recording(path, &mut export.remarks)?);
+    export.feet.push(unchecked.recording(path, &mut export.remarks)?);
     Ok(())
 }
 

@@ -73,7 +73,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     let mut remarks = Vec::new();
     let foot = Foot {
         side,
-        grid: Grid { row_mm: places.row_mm, column_mm: places.column_mm, toes: Toes::Walked },
+        grid: Grid { row_mm: places.row_mm, column_mm: places.column_mm, toes: Toes::AlongMovement },
         frames,
         name: format!("pliance mat, {sensors} sensors"),
         source: format!("pliance measurement {}, regions by template.", file_name(path)),

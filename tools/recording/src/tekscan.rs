@@ -5,7 +5,7 @@
 //! stands for a cell outside of the sensor. Lines that begin with `@@`, such as the last one, have no values. Insoles are
 //! exported with the toes in the first row, as seen from above.
 
-use crate::grid::{Foot, Frames, Grid, MAX_LINES, Toes};
+use crate::grid::{Foot, Frames, Grid, MAX_CELL_MM, MAX_LINES, Toes};
 use crate::table::{at_line, file_name};
 use crate::text::{decode, first_number, number, parse_number, shortened};
 use crate::{Error, Export, Result, units};
@@ -86,7 +86,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     }
     let foot = Foot {
         side,
-        grid: Grid { row_mm, column_mm, toes: if is_insole { Toes::Top } else { Toes::Walked } },
+        grid: Grid { row_mm, column_mm, toes: if is_insole { Toes::Top } else { Toes::AlongMovement } },
         frames,
         name: format!(
             "Tekscan {}, {rows} x {columns} cells",
@@ -144,13 +144,13 @@ fn spacing_mm(value: &str, name: &str, place: &dyn Fn() -> String) -> Result<f64
     let unit = value.trim_start_matches(|c: char| c.is_ascii_digit() || ".,-+ \t".contains(c));
     let mm = number(&value[..value.len() - unit.len()], name, place)?
         * units::mm(if unit.is_empty() { "mm" } else { unit }, place)?;
-    if mm > 0.0 && mm <= 60.0 {
+    if mm > 0.0 && mm <= MAX_CELL_MM {
         return Ok(mm);
     }
     Err(Error::content(
         place(),
         format!("{name} is {mm} mm"),
-        "cells have a size of up to 60 mm: export the measurement again",
+        format!("cells have a size of up to {MAX_CELL_MM} mm: export the measurement again"),
     ))
 }
 

@@ -17,9 +17,6 @@ use insole::{Insole, check_equal, count, size_mm};
 use plantar::Side;
 use std::path::Path;
 
-/// Largest plausible size of a cell, mm.
-const MAX_CELL_MM: f64 = 60.0;
-
 /// True for the text of an XSENSOR export.
 pub fn recognise(text: &str) -> bool {
     let has = |word: &str| {

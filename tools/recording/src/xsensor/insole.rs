@@ -1,7 +1,6 @@
 //! One insole of an export: its description, its frames, and its recording.
 
-use super::MAX_CELL_MM;
-use crate::grid::{Foot, Frames, Grid, MAX_LINES, Toes};
+use crate::grid::{Foot, Frames, Grid, MAX_CELL_MM, MAX_LINES, Toes};
 use crate::table::file_name;
 use crate::text::shortened;
 use crate::totals::Totals;
