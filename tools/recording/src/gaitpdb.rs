@@ -117,6 +117,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
 
 /// The cells in foot coordinates, which are equal for both feet.
 fn cells() -> Vec<Cell> {
+    // 300 and -800 are the least coordinates, so that the first cells touch the axes.
     let half_mm = AREA_MM2.sqrt() / 2.0;
     let mut cells: Vec<Cell> = POSITIONS
         .iter()

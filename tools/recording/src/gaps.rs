@@ -11,11 +11,11 @@ pub const GAP_INTERVALS: f64 = 1.5;
 const SHORTEST_FILLED_PERIOD_S: f64 = 1e-3;
 
 /// Fills gaps of up to [`LONGEST_FILLED_S`] linearly. In a longer gap the load is unknown: only the longest part without one
-/// remains. `kpa` contains the pressures of `cells` cells for each time. Returns sentences with the number of frames that were filled and
-/// left out; `None` without a gap.
+/// remains. `kpa` contains the pressures of `cells` cells for each time. Returns sentences with the number of frames that were
+/// filled and left out; `None` without a gap.
 ///
-/// Nothing is changed if the median interval is below [`SHORTEST_FILLED_PERIOD_S`]. Times that do not increase are left as they are;
-/// [`crate::rate::of`] rejects them.
+/// Nothing is changed if the median interval is below [`SHORTEST_FILLED_PERIOD_S`]. Times that do not increase are left as they
+/// are; [`crate::rate::of`] rejects them.
 pub fn fill(t_s: &mut Vec<f64>, kpa: &mut Vec<f32>, cells: usize) -> Option<String> {
     let period_s = median_interval_s(t_s)?;
     let is_gap = |before_s: f64, after_s: f64| after_s - before_s > GAP_INTERVALS * period_s;

@@ -87,7 +87,8 @@ impl StreamedCells {
                 contact.off_kpa,
                 contact.full_kpa,
                 if self.interpolated > 0 {
-                    format!(" From {:.2} s on, {} frames are interpolated.", f64::from(first) * period_s, self.interpolated)
+                    let first_s = f64::from(first) * period_s;
+                    format!(" From {first_s:.2} s on, {} frames are interpolated.", self.interpolated)
                 } else {
                     String::new()
                 }

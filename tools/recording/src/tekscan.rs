@@ -194,9 +194,9 @@ fn read_frames<'a>(
     let mut frames = Frames::default();
     let mut numbers: Vec<u64> = Vec::new();
     // The number of rows that were read of the current frame; `rows` before the first frame.
-    let mut found = rows;
-    let cut_off = |place: String, found: usize| {
-        let problem = format!("a frame ends after {found} of {rows} rows");
+    let mut rows_read = rows;
+    let cut_off = |place: String, rows_read: usize| {
+        let problem = format!("a frame ends after {rows_read} of {rows} rows");
         Error::content(place, problem, "the export is cut off or damaged: export or copy it again")
     };
     for (line, row) in lines {
@@ -206,8 +206,8 @@ fn read_frames<'a>(
             continue;
         }
         if let Some(rest) = row.trim_start_matches('"').strip_prefix("Frame") {
-            if found != rows {
-                return Err(cut_off(place(), found));
+            if rows_read != rows {
+                return Err(cut_off(place(), rows_read));
             }
             let next = numbers.last().map_or(1, |last| last + 1);
             let number = first_number(rest).filter(|n| *n < 1e12).map_or(next, |n| n as u64);
@@ -217,11 +217,11 @@ fn read_frames<'a>(
             }
             numbers.push(number);
             frames.begin((number - numbers[0]) as f64 * period_s);
-            found = 0;
+            rows_read = 0;
             continue;
         }
         let fields = row.split([',', ';', '\t']).map(str::trim);
-        if found == rows {
+        if rows_read == rows {
             let problem = format!("`{}`, expected the beginning of a frame", shortened(row));
             return Err(Error::content(place(), problem, "export the measurement again, and do not edit the file"));
         }
@@ -232,12 +232,12 @@ fn read_frames<'a>(
         }
         for (column, field) in fields.enumerate().filter(|(_, field)| !field.eq_ignore_ascii_case("B")) {
             let value = number(field, &format!("the value in column {}", column + 1), &place)?;
-            frames.add(found, column, (value * kpa_per_unit) as f32);
+            frames.add(rows_read, column, (value * kpa_per_unit) as f32);
         }
-        found += 1;
+        rows_read += 1;
     }
-    match found == rows {
+    match rows_read == rows {
         true => Ok(frames),
-        false => Err(cut_off(path.display().to_string(), found)),
+        false => Err(cut_off(path.display().to_string(), rows_read)),
     }
 }
