@@ -7,7 +7,7 @@ use plantar::Side;
 use std::path::Path;
 
 /// The contents of a recording that are not yet checked. Frames may be missing.
-pub struct Parts {
+pub struct UncheckedRecording {
     pub side: Side,
     pub cells: Vec<Cell>,
     /// Time of each frame, increasing, s.
@@ -20,7 +20,7 @@ pub struct Parts {
     pub source: String,
 }
 
-impl Parts {
+impl UncheckedRecording {
     /// The recording, in which short gaps are filled; if there are longer gaps, only the longest part without one remains. A
     /// sentence about filled and omitted frames is added to `remarks`.
     ///
@@ -61,7 +61,7 @@ mod tests {
         let message = |t_s: [f64; 4], kpa: f32| {
             let mut pressure_kpa = vec![0.0; 8];
             pressure_kpa[5] = kpa;
-            let parts = Parts {
+            let unchecked = UncheckedRecording {
                 side: Side::Left,
                 cells: vec![cell(0.0), cell(10.0)],
                 t_s: t_s.into(),
@@ -69,7 +69,7 @@ mod tests {
                 name: String::new(),
                 source: String::new(),
             };
-            parts.recording(Path::new("walk.txt"), &mut Vec::new()).err().map(|error| error.to_string())
+            unchecked.recording(Path::new("walk.txt"), &mut Vec::new()).err().map(|error| error.to_string())
         };
         let starts = |message: Option<String>, with: &str| message.is_some_and(|message| message.starts_with(with));
         assert!(starts(message([0.0, 0.01, 0.01, 0.02], 0.0), "walk.txt, at 0.01 s: time 0.01 s is repeated"));

@@ -86,8 +86,8 @@ fn merged(recording: &Recording, groups: &[Vec<usize>], processing: &str) -> Rec
     let mut pressure_kpa = Vec::with_capacity(recording.frames() * groups.len());
     for frame in recording.pressure_kpa.chunks_exact(cells.len()) {
         for (group, cell) in groups.iter().zip(&merged_cells) {
-            let load: f64 = group.iter().map(|&i| f64::from(frame[i]) * cells[i].area_mm2).sum();
-            pressure_kpa.push((load / cell.area_mm2) as f32);
+            let force_mn: f64 = group.iter().map(|&i| f64::from(frame[i]) * cells[i].area_mm2).sum();
+            pressure_kpa.push((force_mn / cell.area_mm2) as f32);
         }
     }
     Recording {

@@ -26,9 +26,9 @@ pub fn recording(recording: &Recording, place: &dyn Fn(At) -> String) -> Result<
             "provide one pressure for each frame and cell",
         ));
     }
-    let mut clock = Clock::new(recording.rate_hz, place)?;
-    clock.add(&recording.t_s, place)?;
-    clock.finish(place)?;
+    let mut time_check = TimeCheck::new(recording.rate_hz, place)?;
+    time_check.add(&recording.t_s, place)?;
+    time_check.finish(place)?;
     pressures(&recording.pressure_kpa, cells, place)
 }
 
@@ -101,14 +101,14 @@ pub fn cell_count(cells: usize, place: &str) -> Result<()> {
 /// Checks the times of a recording, which can come in blocks: each frame follows the previous one after `1 / rate_hz`, to within
 /// half of this interval, and the mean rate is `rate_hz`.
 #[derive(Clone)]
-pub struct Clock {
+pub struct TimeCheck {
     rate_hz: f64,
     frames: usize,
     first_s: f64,
     last_s: f64,
 }
 
-impl Clock {
+impl TimeCheck {
     /// Checks the rate.
     pub fn new(rate_hz: f64, place: &dyn Fn(At) -> String) -> Result<Self> {
         if !(rate_hz.is_finite() && rate_hz > 0.0) {
@@ -132,8 +132,8 @@ impl Clock {
         Ok(())
     }
 
-    /// Checks the number of frames and the mean rate. If every interval is slightly too long, each one passes [`Clock::add`], but
-    /// the mean rate is wrong.
+    /// Checks the number of frames and the mean rate. If every interval is slightly too long, each one passes [`TimeCheck::add`],
+    /// but the mean rate is wrong.
     pub fn finish(&self, place: &dyn Fn(At) -> String) -> Result<()> {
         if self.frames == 0 {
             return Err(Error::content(place(At::Whole), "no frames", "record at least one frame"));

@@ -1,6 +1,7 @@
 //! The clock of an export that numbers its frames and states the time of day of each.
 
-/// Largest difference between the stated times and a uniform clock, s, if the times have fractions of a second, and if not.
+/// Largest difference between the stated times and a uniform clock, s, if the times have fractions of a second, and if not:
+/// whole seconds are rounded down by up to one second.
 const LARGEST_RESIDUAL_S: [f64; 2] = [0.1, 1.1];
 /// Least number of frames at which the second changes, if no time has a fraction. The first and the last of them are at least 4 s
 /// apart, so that the period is exact to one frame in 4 s.
@@ -30,26 +31,26 @@ pub fn time_of_day_s(text: &str) -> Option<f64> {
     })
 }
 
-/// The times of frames, s from the first one. `numbers` are the numbers of the frames, `times_s` their times of day.
+/// The times of frames, s from the first one. `numbers` are the numbers of the frames, `stated_s` their times of day.
 ///
 /// Times of day come from the clock of a computer: they jitter, and some programs state whole seconds. If the numbers increase
 /// and the times are near a straight line over them, the frames are on this line. Otherwise the stated times are used, and also
 /// if they are whole seconds that change fewer than [`LEAST_CHANGES`] times: such times repeat, and the importer refuses them.
-pub fn times_s(numbers: &[u64], times_s: &[f64]) -> Vec<f64> {
-    let mut passed_s = Vec::with_capacity(times_s.len());
-    let mut midnights = 0.0;
-    for (i, &now_s) in times_s.iter().enumerate() {
-        if i > 0 && now_s < times_s[i - 1] - DAY_S / 2.0 {
-            midnights += DAY_S;
+pub fn times_s(numbers: &[u64], stated_s: &[f64]) -> Vec<f64> {
+    let mut passed_s = Vec::with_capacity(stated_s.len());
+    let mut days_s = 0.0;
+    for (i, &now_s) in stated_s.iter().enumerate() {
+        if i > 0 && now_s < stated_s[i - 1] - DAY_S / 2.0 {
+            days_s += DAY_S;
         }
-        passed_s.push(now_s + midnights - times_s[0]);
+        passed_s.push(now_s + days_s - stated_s[0]);
     }
     let is_numbered = numbers.len() == passed_s.len() && numbers.windows(2).all(|pair| pair[0] < pair[1]);
     if !is_numbered || numbers.len() < 3 {
         return passed_s;
     }
     let count = |i: usize| (numbers[i] - numbers[0]) as f64;
-    let is_fractional = times_s.iter().any(|time_s| time_s.fract() != 0.0);
+    let is_fractional = stated_s.iter().any(|time_s| time_s.fract() != 0.0);
     let line = match is_fractional {
         true => Some(least_squares(numbers, &passed_s)),
         false => through_changes(numbers, &passed_s),

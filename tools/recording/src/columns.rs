@@ -1,7 +1,7 @@
 //! Reads the columns of a recording's Parquet file, one row group at a time.
 
 use crate::check::{self, At};
-use crate::file::{KEY, Metadata, check_columns, column_name};
+use crate::file::{METADATA_KEY, Metadata, check_columns, column_name};
 use crate::pages::CheckedPages;
 use crate::source::Source;
 use crate::{Error, Recording, Result};
@@ -228,11 +228,11 @@ fn rows(group: &RowGroupMetaData) -> usize {
 /// Reads the JSON in the metadata of the file.
 fn metadata(reader: &SerializedFileReader<Source>, file: &str) -> Result<Metadata<'static>> {
     let entries = reader.metadata().file_metadata().key_value_metadata().into_iter().flatten();
-    let mut values = entries.filter(|entry| entry.key == KEY).filter_map(|entry| entry.value.as_deref());
+    let mut values = entries.filter(|entry| entry.key == METADATA_KEY).filter_map(|entry| entry.value.as_deref());
     let json = values.next().ok_or_else(|| {
         Error::content(
             file,
-            format!("Parquet, but without the metadata `{KEY}` that describes the cells"),
+            format!("Parquet, but without the metadata `{METADATA_KEY}` that describes the cells"),
             "create a recording with `plantar import csv`",
         )
     })?;

@@ -214,7 +214,7 @@ fn check_overlap(rows: &[(usize, u64, Cell)], path: &Path) -> Result<()> {
         at_line(path, line_a.max(line_b)),
         format!(
             "cell {a} (line {line_a}) and cell {b} (line {line_b}), each {aspect} times as wide as long, overlap by \
-             {:.0} % of the smaller",
+             {:.0} % of the smaller cell",
             100.0 * fraction
         ),
         "correct the positions or areas of these cells",

@@ -5,7 +5,7 @@
 //! which the import is compared. Pages of a summary, such as the maximum of all frames, are skipped. Rows are numbered from the
 //! top, as seen from above.
 
-use crate::grid::{Foot, Frames, Grid, MAX_LINES, SWING_S, Toes};
+use crate::grid::{Foot, Frames, Grid, MAX_CELL_MM, MAX_LINES, SWING_S, Toes};
 use crate::table::{at_line, file_name};
 use crate::text::{decode, first_number, number, shortened};
 use crate::{Error, Export, Result, units};
@@ -65,7 +65,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     )];
     let foot = Foot {
         side,
-        grid: Grid { row_mm: height_mm, column_mm: width_mm, toes: Toes::Walked },
+        grid: Grid { row_mm: height_mm, column_mm: width_mm, toes: Toes::AlongMovement },
         frames: frames.with_swing(path)?,
         name: "emed plate".to_owned(),
         source: format!(
@@ -100,7 +100,7 @@ impl Pages<'_> {
         }
         let mut lines = (first_line..).zip(page.lines());
         let (mut size_mm, mut area_mm2, mut period_s, mut picture, mut is_frame) = (None, None, None, None, false);
-        // The line with the numbers of the columns is the first line of which the first field that is not empty is a number.
+        // The first line whose first non-empty field is a number contains the numbers of the columns.
         let columns = loop {
             let Some((line, row)) = lines.next() else {
                 self.summaries += 1;
@@ -135,10 +135,13 @@ impl Pages<'_> {
             return Ok(());
         }
         let place = || at_line(self.path, first_line);
-        let size_mm =
-            size_mm.or(area_mm2.map(|mm2| [mm2.sqrt(); 2])).filter(|s| s.iter().all(|mm| *mm > 0.0 && *mm <= 60.0));
+        // A page without the size of a sensor states its area; the sensor is then assumed to be square.
+        let size_mm = size_mm.or(area_mm2.map(|mm2| [mm2.sqrt(); 2]));
+        let size_mm = size_mm.filter(|size| size.iter().all(|mm| *mm > 0.0 && *mm <= MAX_CELL_MM));
         let (Some(size_mm), Some(period_s)) = (size_mm, period_s.filter(|s| (1e-5..=1.0).contains(s))) else {
-            let problem = "no sensor size of up to 60 mm, or no time of a picture, on this page";
+            let problem = format!(
+                "no sensor size of up to {MAX_CELL_MM} mm, or no time of a picture of 0.01 ms to 1 s, on this page"
+            );
             return Err(Error::content(place(), problem, "export the measurement with the header of each page"));
         };
         if self.size_mm.is_some_and(|before| before != size_mm)
@@ -185,7 +188,7 @@ impl Pages<'_> {
                 stated = fields.last().and_then(|field| first_number(field)).map(|stated_n| (line, stated_n));
                 break;
             }
-            let at = index(fields[0], "row", &place)?;
+            let row_number = index(fields[0], "row", &place)?;
             if fields.len() != names.len() + 1 {
                 let problem = format!("{} values in a row, the table has {} columns", fields.len() - 1, names.len());
                 return Err(Error::content(
@@ -197,7 +200,7 @@ impl Pages<'_> {
             let mut row_n = 0.0;
             for (field, &column) in fields[1..].iter().zip(&numbers) {
                 let kpa = number(field, &format!("the pressure in column {column}"), &place)?;
-                self.frames.add(at, column, kpa as f32);
+                self.frames.add(row_number, column, kpa as f32);
                 row_n += kpa.max(0.0) * cell_mm2 * 1e-3;
             }
             if has_force {
@@ -222,7 +225,7 @@ impl Pages<'_> {
     }
 }
 
-/// Checks a force against the one in the file, N.
+/// Checks the force on cells, N, against the force that the file states for them, N.
 fn check_force(force_n: f64, stated_n: f64, place: &dyn Fn() -> String) -> Result<()> {
     // The file rounds forces to 0.01 N, and each pressure to 0.01 kPa.
     if (force_n - stated_n).abs() <= FORCE_TOLERANCE * stated_n + 0.02 {
@@ -235,7 +238,7 @@ fn check_force(force_n: f64, stated_n: f64, place: &dyn Fn() -> String) -> Resul
     ))
 }
 
-/// Reads the number of a row or a column; `what` is `row` or `column`.
+/// Parses the number of a row or a column; `what` is `row` or `column`.
 fn index(field: &str, what: &str, place: &dyn Fn() -> String) -> Result<usize> {
     field.parse().ok().filter(|index| *index < MAX_LINES).ok_or_else(|| {
         let problem = format!("`{}` is not a {what} number from 0 to {}", shortened(field), MAX_LINES - 1);

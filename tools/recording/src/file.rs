@@ -19,7 +19,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 /// The key under which the metadata of the file contains the JSON.
-pub const KEY: &str = "plantar";
+pub const METADATA_KEY: &str = "plantar";
 /// Version of the JSON and of the columns.
 const VERSION: u32 = 1;
 /// Number of frames in a row group. A reader needs memory for one group at a time.
@@ -77,7 +77,7 @@ fn write_columns(recording: &Recording, json: String, file: File) -> std::result
         .set_compression(Compression::SNAPPY)
         .set_statistics_enabled(EnabledStatistics::Chunk)
         .set_offset_index_disabled(true)
-        .set_key_value_metadata(Some(vec![KeyValue::new(KEY.to_owned(), json)]))
+        .set_key_value_metadata(Some(vec![KeyValue::new(METADATA_KEY.to_owned(), json)]))
         .build();
     let schema = Arc::new(schema(recording.cells())?);
     let mut writer = SerializedFileWriter::new(file, schema, Arc::new(properties))?;
@@ -126,7 +126,7 @@ impl Metadata<'static> {
         let broken = |error: serde_json::Error| {
             Error::content(
                 file,
-                format!("the metadata `{KEY}` cannot be understood ({error})"),
+                format!("the metadata `{METADATA_KEY}` cannot be understood ({error})"),
                 "import the measurement again",
             )
         };

@@ -10,7 +10,8 @@ use plantar::{Region, Side};
 
 /// Fraction of the largest force above which the foot is on the ground.
 const IN_STANCE: f64 = 0.1;
-/// Least movement of the centre of pressure in a step, as a fraction of the length of the foot.
+/// Least movement of the centre of pressure in a step that shows the direction of walking, as a fraction of the length of the
+/// foot.
 const LEAST_MOVEMENT: f64 = 0.1;
 /// Further bands across the foot, as [`HEEL`] and [`FOREFOOT`].
 const MIDFOOT: [f64; 2] = [0.32, 0.52];
@@ -29,7 +30,8 @@ pub(crate) struct Footprint<'a> {
 }
 
 impl Footprint<'_> {
-    /// Determines the foot from the shape of its footprint. y must point to the toes, and x to the right as seen from above.
+    /// Determines the foot from the shape of its footprint; if the shape does not show it, the right foot is assumed. y must
+    /// point to the toes, and x to the right as seen from above.
     pub fn side(&self) -> Side {
         if self.lateral_asymmetry().unwrap_or(0.0) < 0.0 { Side::Left } else { Side::Right }
     }
@@ -74,8 +76,8 @@ impl Footprint<'_> {
     fn centre(&self, frame: &[f32]) -> (f64, f64, f64) {
         let mut sum = (0.0, 0.0, 0.0);
         for ((cell, &kpa), _) in self.cells.iter().zip(frame).zip(self.under_foot).filter(|(_, is_under)| **is_under) {
-            let force = f64::from(kpa) * cell.area_mm2;
-            sum = (sum.0 + cell.x_mm * force, sum.1 + cell.y_mm * force, sum.2 + force);
+            let force_mn = f64::from(kpa) * cell.area_mm2;
+            sum = (sum.0 + cell.x_mm * force_mn, sum.1 + cell.y_mm * force_mn, sum.2 + force_mn);
         }
         if sum.2 > 0.0 { (sum.0 / sum.2, sum.1 / sum.2, sum.2) } else { (0.0, 0.0, 0.0) }
     }

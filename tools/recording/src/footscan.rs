@@ -51,8 +51,8 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         text.lines().map(|line| line.split(['\t', ';']).map(|field| field.trim().to_owned()).collect()).collect()
     };
     let mut feet: Vec<(Option<Side>, Frames)> = Vec::new();
-    // Number of rows of the current frame that were read, and number of its columns.
-    let (mut at, mut columns): (usize, Option<usize>) = (0, None);
+    // The number of rows of the current frame that were read, and the number of its columns.
+    let (mut rows_read, mut columns): (usize, Option<usize>) = (0, None);
     for (line, fields) in (1..).zip(&rows) {
         let place = || format!("{}:{line}", path.display());
         let filled = fields.iter().rposition(|field| !field.is_empty()).map_or(0, |last| last + 1);
@@ -78,13 +78,13 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
                 return Err(Error::content(place(), problem, "export each measurement to a file of its own"));
             }
             frames.begin(t_s);
-            (at, columns) = (0, None);
+            (rows_read, columns) = (0, None);
             continue;
         }
         // Before the first frame of a foot, lines describe the measurement.
         let Some((_, frames)) = feet.last_mut().filter(|(_, frames)| !frames.t_s.is_empty()) else { continue };
         let expected = *columns.get_or_insert(filled);
-        if expected != filled || at >= MAX_LINES || filled > MAX_LINES {
+        if expected != filled || rows_read >= MAX_LINES || filled > MAX_LINES {
             let problem = match expected == filled {
                 true => format!("a frame of more than {MAX_LINES} rows or columns"),
                 false => format!("{filled} values, the rows before have {expected}"),
@@ -93,10 +93,11 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         }
         for (column, field) in fields.iter().enumerate() {
             let force_n = number(field, &format!("the force in column {}", column + 1), &place)?;
+            let kpa = force_n / (CELL_LENGTH_MM * CELL_WIDTH_MM) * 1e3;
             // `Grid` numbers rows from the top, and the first row of the export is at the lower edge.
-            frames.add(MAX_LINES - 1 - at, column, (force_n / (CELL_LENGTH_MM * CELL_WIDTH_MM) * 1e3) as f32);
+            frames.add(MAX_LINES - 1 - rows_read, column, kpa as f32);
         }
-        at += 1;
+        rows_read += 1;
     }
     let mut export = Export { feet: Vec::new(), remarks: Vec::new() };
     let wanted = feet
@@ -105,7 +106,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     for (foot, frames) in wanted {
         let foot = Foot {
             side: foot.or(side),
-            grid: Grid { row_mm: CELL_LENGTH_MM, column_mm: CELL_WIDTH_MM, toes: Toes::Walked },
+            grid: Grid { row_mm: CELL_LENGTH_MM, column_mm: CELL_WIDTH_MM, toes: Toes::AlongMovement },
             frames: frames.with_swing(path)?,
             name: "footscan plate".to_owned(),
             source: format!(

@@ -6,7 +6,7 @@
 //! the positions are scaled to a foot of 260 mm, and the areas are equal parts of its sole. So forces are measured, and
 //! pressures, areas and ellipses are nominal.
 
-use crate::assembly::Parts;
+use crate::assembly::UncheckedRecording;
 use crate::table::{at_line, check_later, file_name};
 use crate::text::{decode, number, parse_number};
 use crate::totals::Totals;
@@ -94,7 +94,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
             continue;
         }
         export.remarks.extend(totals.remark(foot));
-        let parts = Parts {
+        let unchecked = UncheckedRecording {
             side: foot,
             cells: cells(),
             t_s: t_s.clone(),
@@ -106,7 +106,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
                 foot.name()
             ),
         };
-        export.feet.push(parts.recording(path, &mut export.remarks)?);
+        export.feet.push(unchecked.recording(path, &mut export.remarks)?);
     }
     export.remarks.push(
         "The positions and areas of the sensors are nominal: forces are measured, pressures and areas are not."
@@ -117,6 +117,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
 
 /// The cells in foot coordinates, which are equal for both feet.
 fn cells() -> Vec<Cell> {
+    // 300 and -800 are the least coordinates, so that the first cells touch the axes.
     let half_mm = AREA_MM2.sqrt() / 2.0;
     let mut cells: Vec<Cell> = POSITIONS
         .iter()

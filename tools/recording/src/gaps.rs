@@ -5,24 +5,24 @@
 /// beginning of a step.
 const LONGEST_FILLED_S: f64 = 0.1;
 /// If the time between two frames is longer than this number of median intervals, frames between them were lost.
-pub const LOST: f64 = 1.5;
+pub const GAP_INTERVALS: f64 = 1.5;
 /// Shortest median interval with which gaps are filled, s. A shorter one is not plausible, and the number of frames in a gap
 /// would have no limit.
-const SHORTEST_PERIOD_S: f64 = 1e-3;
+const SHORTEST_FILLED_PERIOD_S: f64 = 1e-3;
 
 /// Fills gaps of up to [`LONGEST_FILLED_S`] linearly. In a longer gap the load is unknown: only the longest part without one
-/// remains. `kpa` contains `cells` pressures for each time. Returns sentences with the number of frames that were filled and
-/// left out; `None` without a gap.
+/// remains. `kpa` contains the pressures of `cells` cells for each time. Returns sentences with the number of frames that were
+/// filled and left out; `None` without a gap.
 ///
-/// Nothing is changed if the median interval is below [`SHORTEST_PERIOD_S`]. Times that do not increase are left as they are;
-/// [`crate::rate::of`] rejects them.
+/// Nothing is changed if the median interval is below [`SHORTEST_FILLED_PERIOD_S`]. Times that do not increase are left as they
+/// are; [`crate::rate::of`] rejects them.
 pub fn fill(t_s: &mut Vec<f64>, kpa: &mut Vec<f32>, cells: usize) -> Option<String> {
     let period_s = median_interval_s(t_s)?;
-    let is_gap = |before_s: f64, after_s: f64| after_s - before_s > LOST * period_s;
-    if period_s < SHORTEST_PERIOD_S || !t_s.windows(2).any(|pair| is_gap(pair[0], pair[1])) {
+    let is_gap = |before_s: f64, after_s: f64| after_s - before_s > GAP_INTERVALS * period_s;
+    if period_s < SHORTEST_FILLED_PERIOD_S || !t_s.windows(2).any(|pair| is_gap(pair[0], pair[1])) {
         return None;
     }
-    let longest_filled_s = LONGEST_FILLED_S.max(LOST * period_s);
+    let longest_filled_s = LONGEST_FILLED_S.max(GAP_INTERVALS * period_s);
     let part = longest_part(t_s, longest_filled_s);
     let left_out = t_s.len() - part.len();
     let (old_s, old_kpa) = (t_s[part.clone()].to_vec(), kpa[part.start * cells..part.end * cells].to_vec());

@@ -1,8 +1,8 @@
 //! Matrix sensors: equal cells in rows and columns, in an insole or a pressure plate.
 
-use crate::assembly::Parts;
+use crate::assembly::UncheckedRecording;
 use crate::footprint::Footprint;
-use crate::gaps::{LOST, median_interval_s};
+use crate::gaps::{GAP_INTERVALS, median_interval_s};
 use crate::{Cell, Error, MAX_CELLS, Recording, Result, check, template};
 use plantar::{Region, Side};
 use std::collections::BTreeMap;
@@ -10,6 +10,8 @@ use std::path::Path;
 
 /// Largest number of rows and of columns. The largest plates have a few hundred of each.
 pub const MAX_LINES: usize = 4096;
+/// Largest plausible width and height of a cell, mm.
+pub const MAX_CELL_MM: f64 = 60.0;
 
 /// Unloaded time that [`Frames::with_swing`] adds before and after a step, s.
 pub const SWING_S: f64 = crate::jiku::SWING_S;
@@ -34,7 +36,7 @@ pub enum Toes {
     Top,
     /// In any direction, as on a plate. It is determined from the movement of the centre of pressure along the longer extent of
     /// the footprint.
-    Walked,
+    AlongMovement,
 }
 
 /// The frames of one matrix sensor. Only loaded cells take memory.
@@ -83,7 +85,7 @@ impl Frames {
         // A single frame has no rate. The check of the rate in `Foot::recording` reports this.
         let Some(median_s) = median_interval_s(&self.t_s) else { return Ok(self) };
         let mut intervals_s: Vec<f64> = self.t_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
-        intervals_s.retain(|interval_s| *interval_s <= LOST * median_s);
+        intervals_s.retain(|interval_s| *interval_s <= GAP_INTERVALS * median_s);
         // If the times are rounded, the mean interval is still exact; the median is not.
         let period_s = intervals_s.iter().sum::<f64>() / intervals_s.len() as f64;
         if period_s < SHORTEST_PERIOD_S {
@@ -157,7 +159,7 @@ impl Foot {
             .collect();
         let under_foot = under_foot(&indices, &pressure_kpa);
         let mut half_mm = [grid.column_mm / 2.0, grid.row_mm / 2.0];
-        if grid.toes == Toes::Walked {
+        if grid.toes == Toes::AlongMovement {
             check_one_foot(&cells, &under_foot, &file)?;
             if turn_toes_to_top(&mut cells, &under_foot, &pressure_kpa, remarks) {
                 half_mm.reverse();
@@ -178,8 +180,8 @@ impl Foot {
         }
         place_at_origin(&mut cells, &under_foot, half_mm);
         template::assign_within(&mut cells, &under_foot);
-        let parts = Parts { side, cells, t_s: frames.t_s, pressure_kpa, name, source };
-        let recording = parts.recording(path, remarks)?;
+        let unchecked = UncheckedRecording { side, cells, t_s: frames.t_s, pressure_kpa, name, source };
+        let recording = unchecked.recording(path, remarks)?;
         if recording.cells() <= MAX_CELLS {
             return Ok(recording);
         }

@@ -41,7 +41,7 @@ struct LawTable {
 /// Number of trailing bits of a pressure, over which the table interpolates. The nine leading bits of the mantissa select an
 /// entry, so that each doubling of the pressure has 2^9 entries.
 const INTERPOLATED_BITS: u32 = f32::MANTISSA_DIGITS - 1 - 9;
-/// Pressure, kPa, up to which a code is less than a half and rounds to 0: 2^-14.
+/// Pressure, kPa, up to which a code of the virtual sensor is less than a half and rounds to 0: 2^-14.
 const MIN_KPA: f32 = 1.0 / 16384.0;
 /// Number of entries: enough for 32 doublings of [`MIN_KPA`], which exceed every full scale.
 const ENTRIES: usize = 1 << 14;
@@ -146,8 +146,11 @@ impl VirtualInsole {
         recording.frames() + self.repetitions()
     }
 
-    /// Writes the codes of frame `i` to `codes`, which has one element for each cell of the insole. `i` must be less than
-    /// [`VirtualInsole::frames`].
+    /// Writes the codes of frame `i` to `codes`, which has one element for each cell of the insole. From the last frame of the
+    /// recording on, these are the codes of the last frame.
+    ///
+    /// # Panics
+    /// Panics if the recording has no frame.
     pub fn codes_of(&self, recording: &Recording, i: usize, codes: &mut [u16]) {
         self.codes(recording.frame(i.min(recording.frames() - 1)), codes);
     }

@@ -8,7 +8,7 @@
 //! This importer follows published programs that read such exports. It was not tested with a real export. The positions and
 //! areas of the zones are nominal: forces are measured, and pressures, areas and ellipses are not.
 
-use crate::assembly::Parts;
+use crate::assembly::UncheckedRecording;
 use crate::table::{at_line, check_later, file_name};
 use crate::text::{decode, number};
 use crate::{Cell, Error, Export, Result};
@@ -28,7 +28,7 @@ const ZONES: [(&str, [f64; 2], Region); 3] = [
 /// The columns of an insole.
 struct Insole {
     /// Column of the time.
-    time: usize,
+    time_column: usize,
     /// Column and index in [`ZONES`] of each zone.
     zones: Vec<(usize, usize)>,
 }
@@ -64,28 +64,28 @@ pub fn recognise(text: &str) -> bool {
 pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     let text = decode(bytes, path)?;
     let file = path.display().to_string();
-    let Some(units_at) = units_line(&text).filter(|line| *line > 0) else {
+    let Some(units_index) = units_line(&text).filter(|line| *line > 0) else {
         let problem = "no line with the units of the columns, such as [sec] and [N]";
         return Err(Error::content(file, problem, "export the measurement as text"));
     };
     let lines: Vec<&str> = text.lines().collect();
-    let (names, units): (Vec<&str>, Vec<String>) =
-        (lines[units_at - 1].split('\t').map(str::trim).collect(), lines[units_at].split('\t').map(unit).collect());
+    let names: Vec<&str> = lines[units_index - 1].split('\t').map(str::trim).collect();
+    let units: Vec<String> = lines[units_index].split('\t').map(unit).collect();
     let mut export = Export { feet: Vec::new(), remarks: Vec::new() };
     for foot in [Side::Left, Side::Right] {
         let Some(insole) = insole(&names, &units, foot).filter(|_| side.is_none_or(|side| side == foot)) else {
             continue;
         };
         let (mut t_s, mut pressure_kpa): (Vec<f64>, Vec<f32>) = Default::default();
-        for (line, row) in (units_at as u64 + 2..).zip(&lines[units_at + 1..]) {
+        for (line, row) in (units_index as u64 + 2..).zip(&lines[units_index + 1..]) {
             let fields: Vec<&str> = row.split('\t').map(str::trim).collect();
             let field = |column: usize| fields.get(column).copied().unwrap_or("");
             let columns = insole.zones.iter().map(|(column, _)| *column);
-            if columns.clone().chain([insole.time]).any(|column| ["", "-"].contains(&field(column))) {
+            if columns.clone().chain([insole.time_column]).any(|column| ["", "-"].contains(&field(column))) {
                 continue;
             }
             let place = || at_line(path, line);
-            let now_s = number(field(insole.time), "the time", &place)?;
+            let now_s = number(field(insole.time_column), "the time", &place)?;
             check_later(now_s, t_s.last().copied(), &place)?;
             t_s.push(now_s);
             for column in columns {
@@ -101,7 +101,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
             let (_, [x_mm, y_mm], region) = ZONES[zone];
             Cell { x_mm, y_mm, area_mm2: AREA_MM2, region }
         };
-        let parts = Parts {
+        let unchecked = UncheckedRecording {
             side: foot,
             cells: insole.zones.iter().map(cell).collect(),
             t_s,
@@ -113,7 +113,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
                 foot.name()
             ),
         };
-        export.feet.push(parts.recording(path, &mut export.remarks)?);
+        export.feet.push(unchecked.recording(path, &mut export.remarks)?);
     }
     if export.feet.is_empty() {
         let problem = "no foot with a time and the forces of its zones: heel, medial, lateral";
@@ -148,7 +148,7 @@ fn insole(names: &[&str], units: &[String], side: Side) -> Option<Insole> {
             ZONES.iter().position(|(zone, ..)| name.contains(zone)).map(|zone| (column, zone))
         })
         .collect();
-    let first = zones.first()?.0;
-    let time = units[..first].iter().rposition(|unit| is_time(unit))?;
-    Some(Insole { time, zones })
+    let first_zone_column = zones.first()?.0;
+    let time_column = units[..first_zone_column].iter().rposition(|unit| is_time(unit))?;
+    Some(Insole { time_column, zones })
 }

@@ -8,7 +8,7 @@
 //! are the same in all sizes and for both feet. They were determined from the exports in the package `moticon-opengo`
 //! (Apache-2.0, Moticon).
 
-use crate::assembly::Parts;
+use crate::assembly::UncheckedRecording;
 use crate::footprint::capitalised;
 use crate::least_squares;
 use crate::table::{at_line, check_later, file_name};
@@ -165,7 +165,7 @@ fn read_foot(side: Side, columns: &Columns, rows: &[(u64, Vec<&str>)], path: &Pa
         areas_mm2.iter().sum::<f64>(),
         totals_n.len()
     ));
-    let parts = Parts {
+    let unchecked = UncheckedRecording {
         side,
         cells,
         t_s,
@@ -177,7 +177,7 @@ fn read_foot(side: Side, columns: &Columns, rows: &[(u64, Vec<&str>)], path: &Pa
             side.name()
         ),
     };
-    export.feet.push(parts.recording(path, &mut export.remarks)?);
+    export.feet.push(unchecked.recording(path, &mut export.remarks)?);
     Ok(())
 }
 
@@ -185,7 +185,7 @@ fn read_foot(side: Side, columns: &Columns, rows: &[(u64, Vec<&str>)], path: &Pa
 fn areas_mm2(pressure_kpa: &[f32], totals_n: &[f64]) -> [f64; CELLS] {
     /// Weight of the deviations from the typical areas in the sum of squares, relative to the mean square of the pressures. It
     /// affects only cells that are hardly loaded.
-    const TYPICAL: f64 = 1e-6;
+    const TYPICAL_WEIGHT: f64 = 1e-6;
     let frames = || pressure_kpa.as_chunks::<CELLS>().0.iter().map(|frame| frame.map(f64::from)).zip(totals_n);
     let (mut product, mut square) = (0.0, 0.0);
     for (frame, total_n) in frames() {
@@ -207,7 +207,7 @@ fn areas_mm2(pressure_kpa: &[f32], totals_n: &[f64]) -> [f64; CELLS] {
         }
     }
     let mean = (0..CELLS).map(|i| matrix[i][i]).sum::<f64>() / CELLS as f64;
-    (0..CELLS).for_each(|i| matrix[i][i] += TYPICAL * mean.max(f64::MIN_POSITIVE));
+    (0..CELLS).for_each(|i| matrix[i][i] += TYPICAL_WEIGHT * mean.max(f64::MIN_POSITIVE));
     let Some(deviation_mm2) = least_squares::solve(matrix, right) else { return typical_mm2 };
     // An area that differs from the typical one by more than half is not plausible.
     std::array::from_fn(|i| (typical_mm2[i] + deviation_mm2[i]).clamp(0.5 * typical_mm2[i], 1.5 * typical_mm2[i]))

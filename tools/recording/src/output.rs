@@ -7,6 +7,9 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 /// Writes a file. If this fails, an existing file with this name is unchanged.
+///
+/// # Errors
+/// Fails if `write` fails, or the file cannot be created, stored or renamed.
 pub fn file(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> Result<()> {
     at(path, |incomplete| {
         let mut to = BufWriter::new(File::create(incomplete)?);
@@ -19,6 +22,9 @@ pub fn file(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<
 
 /// Writes a file or a folder: `write` receives a temporary path, which is then renamed to `path`. After a failure, the
 /// temporary file or folder is removed.
+///
+/// # Errors
+/// Fails if `write` fails, or the temporary file or folder cannot be renamed.
 pub fn at(path: &Path, write: impl FnOnce(&Path) -> io::Result<()>) -> Result<()> {
     let mut name = OsString::from(path);
     name.push(".incomplete");

@@ -37,10 +37,10 @@ pub fn open(folder: &Path) -> Result<(Recording, Vec<ColumnFile>)> {
     let mut last_s = files[0].last_s()?;
     for path in parts {
         let (part, file) = ColumnFile::open(path)?;
-        let is_continued = (part.side, part.rate_hz, &part.layout) == (head.side, head.rate_hz, &head.layout);
+        let is_same_sensor = (part.side, part.rate_hz, &part.layout) == (head.side, head.rate_hz, &head.layout);
         // A part without frames has no times.
         let gap_s = file.first_s()?.zip(last_s).map(|(next_s, last_s)| next_s - last_s);
-        if !is_continued || gap_s.is_some_and(|gap_s| (gap_s * head.rate_hz - 1.0).abs() > 0.1) {
+        if !is_same_sensor || gap_s.is_some_and(|gap_s| (gap_s * head.rate_hz - 1.0).abs() > 0.1) {
             return Err(Error::content(
                 path.display().to_string(),
                 "this part does not continue the one before it: another foot, layout or rate, or a gap in time",

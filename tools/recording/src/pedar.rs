@@ -127,11 +127,11 @@ fn read_geometry(text: &[u8], path: &Path, side: Side) -> Result<Vec<Cell>> {
         }
         let [area_mm2, coordinates @ ..] = values;
         // Seen from above, the medial side of a right foot is at small x, that of a left foot at large x.
-        let lateral = match side {
+        let x_sign = match side {
             Side::Left => -1.0,
             Side::Right => 1.0,
         };
-        let polygon: [[f64; 2]; 4] = std::array::from_fn(|i| [lateral * coordinates[2 * i], coordinates[2 * i + 1]]);
+        let polygon: [[f64; 2]; 4] = std::array::from_fn(|i| [x_sign * coordinates[2 * i], coordinates[2 * i + 1]]);
         let (centroid, polygon_mm2) = centroid_and_area(&polygon);
         let similar = 1.0 - AREA_TOLERANCE..=1.0 + AREA_TOLERANCE;
         if !similar.contains(&(polygon_mm2 / area_mm2)) {
@@ -196,8 +196,8 @@ struct Header {
 }
 
 impl Header {
-    /// The columns of a foot, each with the number of its sensor. An export of one foot is taken as that of `side`. `most`
-    /// is the number of sensors in the geometry.
+    /// The columns of a foot, each with the number of its sensor. An export of one foot is assumed to be of `side`. `most` is
+    /// the number of sensors in the geometry.
     fn sensors_of(&self, side: Side, most: usize, path: &Path, geometry_path: &Path) -> Result<Vec<(usize, usize)>> {
         let is_known = |sensor: &usize| (1..=most).contains(sensor);
         let (first_column, sensors) = match (&self.feet[..], side) {
@@ -281,7 +281,7 @@ fn read_frames<'a>(
         // Some programs write decimal commas.
         let row_with_points = row.replace(',', ".");
         let fields: Vec<&str> = row_with_points.split_whitespace().collect();
-        // The mean and the maximum of all frames.
+        // Lines with the mean and the maximum of all frames are skipped.
         if fields.is_empty() || ["MVP", "MPP"].iter().any(|summary| fields[0].starts_with(summary)) {
             continue;
         }

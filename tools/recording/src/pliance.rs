@@ -73,7 +73,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     let mut remarks = Vec::new();
     let foot = Foot {
         side,
-        grid: Grid { row_mm: places.row_mm, column_mm: places.column_mm, toes: Toes::Walked },
+        grid: Grid { row_mm: places.row_mm, column_mm: places.column_mm, toes: Toes::AlongMovement },
         frames,
         name: format!("pliance mat, {sensors} sensors"),
         source: format!("pliance measurement {}, regions by template.", file_name(path)),
@@ -81,13 +81,13 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     Ok(Export { feet: vec![foot.recording(path, &mut remarks)?], remarks })
 }
 
-/// Whether the first field of a line begins a title and not a frame. `NaN` and `inf`, which Rust parses as numbers, are damaged
+/// True if the first field of a line begins a title and not a frame. `NaN` and `inf`, which Rust parses as numbers, are damaged
 /// times and not titles.
 fn is_title(first: &str) -> bool {
     first.starts_with(char::is_alphabetic) && first.parse::<f64>().is_err()
 }
 
-/// Whether a line is a frame of this number of sensors.
+/// True if a line is a frame of this number of sensors.
 fn is_frame(row: &str, sensors: usize) -> bool {
     let mut fields = row.split_whitespace();
     fields.next().and_then(parse_number).is_some() && fields.count() == sensors

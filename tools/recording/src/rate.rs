@@ -52,7 +52,7 @@ pub fn at_rate(recording: &Recording, rate_hz: f64) -> Result<Recording> {
         ));
     }
     let frames = intervals as usize + 1;
-    let mut at_s = Vec::with_capacity(frames);
+    let mut resampled_s = Vec::with_capacity(frames);
     let mut pressure_kpa = Vec::with_capacity(frames * recording.cells());
     let mut before = 0;
     for k in 0..frames {
@@ -63,14 +63,14 @@ pub fn at_rate(recording: &Recording, rate_hz: f64) -> Result<Recording> {
         let after = (before + 1).min(t_s.len() - 1);
         let gap_s = t_s[after] - t_s[before];
         let share = if gap_s > 0.0 { ((now_s - t_s[before]) / gap_s).min(1.0) as f32 } else { 0.0 };
-        at_s.push(now_s);
+        resampled_s.push(now_s);
         pressure_kpa
             .extend(recording.frame(before).iter().zip(recording.frame(after)).map(|(a, b)| a + (b - a) * share));
     }
     Ok(Recording {
         rate_hz,
         source: format!("{} Resampled linearly from {:.6} Hz to {rate_hz:.6} Hz.", recording.source, recording.rate_hz),
-        t_s: at_s,
+        t_s: resampled_s,
         pressure_kpa,
         side: recording.side,
         layout: recording.layout.clone(),

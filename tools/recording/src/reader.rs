@@ -1,6 +1,6 @@
 //! A recording that is read in blocks of frames, so that the memory in use does not grow with its length.
 
-use crate::check::{self, At, Clock};
+use crate::check::{self, At, TimeCheck};
 use crate::columns::{ColumnFile, DECODERS};
 use crate::{Recording, Result, parts};
 use rayon::prelude::*;
@@ -18,7 +18,7 @@ pub struct RecordingReader {
     /// The files in the order of time; at least one.
     files: Vec<ColumnFile>,
     /// The check of the times, before the first frame.
-    clock: Clock,
+    time_check: TimeCheck,
 }
 
 /// Successive frames.
@@ -54,8 +54,8 @@ impl RecordingReader {
     }
 
     fn new(head: Recording, files: Vec<ColumnFile>) -> Result<Self> {
-        let clock = Clock::new(head.rate_hz, &|at| files[0].place(at))?;
-        Ok(Self { head, files, clock })
+        let time_check = TimeCheck::new(head.rate_hz, &|at| files[0].place(at))?;
+        Ok(Self { head, files, time_check })
     }
 
     /// Number of frames.
@@ -82,7 +82,7 @@ impl RecordingReader {
     /// Reads all frames.
     ///
     /// # Errors
-    /// Fails if the frames violate a rule of recordings, or need more memory than this program uses.
+    /// Fails if the frames violate a rule of recordings, or if there are more pressures than this program holds in memory.
     pub fn whole(&self) -> Result<Recording> {
         let mut recording = self.head.clone();
         check::value_count(self.frames() as u64, recording.cells(), &self.files[0].place(At::Whole))?;
@@ -106,24 +106,24 @@ impl RecordingReader {
         })
     }
 
-    /// The frames of each row group. For each value of a frame, `order` contains the index of its cell in the recording.
-    /// `convert` converts the pressures of one cell in all frames of the row group, kPa, to values.
+    /// The frames of each row group, or the violation of a rule. For each value of a frame, `order` contains the index of its
+    /// cell in the recording. `convert` converts the pressures of one cell in all frames of the row group, kPa, to values.
     pub(crate) fn blocks<T: Copy + Default + Send + Sync>(
         &self,
         order: &[usize],
         convert: &(dyn Fn(Vec<f32>) -> Vec<T> + Sync),
     ) -> impl Iterator<Item = Result<Block<T>>> {
         let mut groups = self.groups();
-        let mut clock = Some(self.clock.clone());
+        let mut time_check = Some(self.time_check.clone());
         from_fn(move || {
             let Some((file, group, first_row)) = groups.next() else {
-                let is_valid = clock.take()?.finish(&|at| self.files[0].place(at));
-                return is_valid.err().map(Err);
+                let checked = time_check.take()?.finish(&|at| self.files[0].place(at));
+                return checked.err().map(Err);
             };
             let mut block = || {
                 let t_s = file.times(group, first_row)?;
-                clock.as_mut().map_or(Ok(()), |clock| {
-                    clock.add(&t_s, &|at| match at {
+                time_check.as_mut().map_or(Ok(()), |time_check| {
+                    time_check.add(&t_s, &|at| match at {
                         At::Frame(frame) => file.place(At::Frame(first_row + frame)),
                         other => file.place(other),
                     })

@@ -45,7 +45,7 @@ impl ChunkReader for Source {
         match self {
             Self::Memory(bytes) => Ok(Box::new(EndGuard { reader: bytes.get_read(start)?, empty_reads: 0 })),
             Self::Disk { file, .. } => {
-                let reader = BufReader::new(Position { file: file.clone(), at: start });
+                let reader = BufReader::new(PositionedReader { file: file.clone(), position: start });
                 Ok(Box::new(EndGuard { reader, empty_reads: 0 }))
             }
         }
@@ -60,7 +60,7 @@ impl ChunkReader for Source {
                     return Err(ParquetError::EOF(format!("{length} bytes at {start} of a file of {bytes} bytes")));
                 }
                 let mut buffer = vec![0; length];
-                Position { file: file.clone(), at: start }.read_exact(&mut buffer)?;
+                PositionedReader { file: file.clone(), position: start }.read_exact(&mut buffer)?;
                 Ok(buffer.into())
             }
         }
@@ -91,18 +91,18 @@ impl<R: Read> Read for EndGuard<R> {
 }
 
 /// A reader of a shared file with its own position.
-struct Position {
+struct PositionedReader {
     file: Arc<Mutex<File>>,
-    at: u64,
+    position: u64,
 }
 
-impl Read for Position {
+impl Read for PositionedReader {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         // Every reader sets the position before it reads, so a reader that panicked leaves nothing invalid.
         let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
-        file.seek(SeekFrom::Start(self.at))?;
+        file.seek(SeekFrom::Start(self.position))?;
         let read = file.read(buffer)?;
-        self.at += read as u64;
+        self.position += read as u64;
         Ok(read)
     }
 }

@@ -81,9 +81,9 @@ impl StandingTrial {
         let swaying = longest_run(0..frames, |i| (smooth_n(i) - high_n).abs() <= SWAY * span_n);
         let level_n = force.mean_n(swaying.clone());
         let is_settled = |&i: &usize| (smooth_n(i) - level_n).abs() <= SETTLED * span_n;
-        let start = swaying.clone().find(is_settled).unwrap_or(swaying.end);
-        let end = swaying.clone().rfind(is_settled).map_or(start, |last| last + 1);
-        let standing = guarded(start..end);
+        let stand_start = swaying.clone().find(is_settled).unwrap_or(swaying.end);
+        let stand_end = swaying.clone().rfind(is_settled).map_or(stand_start, |last| last + 1);
+        let standing = guarded(stand_start..stand_end);
         if standing.len() < frames_in(STAND_S) {
             return Err(wrong(format!(
                 "the longest interval of standing still lasts {:.1} s; at least {STAND_S} s are needed",
@@ -92,17 +92,17 @@ impl StandingTrial {
         }
 
         let find_lifted = |within: Range<usize>, when: &str| {
-            let once = frames_in(LIFTED_EACH_S);
-            let lowest_n = force.means_n(within.clone(), once).fold(f64::INFINITY, f64::min);
+            let least_frames = frames_in(LIFTED_EACH_S);
+            let lowest_n = force.means_n(within.clone(), least_frames).fold(f64::INFINITY, f64::min);
             let lifted = guarded(longest_run(within, |i| smooth_n(i) <= lowest_n + LIFTED * span_n));
             // If `within` is shorter than a second, the lowest mean is infinite.
-            if lowest_n <= low_n + DRIFT * span_n && lifted.len() >= once {
+            if lowest_n <= low_n + DRIFT * span_n && lifted.len() >= least_frames {
                 return Ok(lifted);
             }
-            let (from_s, to_s) = (recording.t_s[start], recording.t_s[end - 1]);
+            let (from_s, to_s) = (recording.t_s[stand_start], recording.t_s[stand_end - 1]);
             Err(wrong(format!("no lifted foot {when} standing, which lasts from {from_s:.1} s to {to_s:.1} s")))
         };
-        let lifted = [find_lifted(0..start, "before")?, find_lifted(end..frames, "after")?];
+        let lifted = [find_lifted(0..stand_start, "before")?, find_lifted(stand_end..frames, "after")?];
         let lifted_frames = lifted[0].len() + lifted[1].len();
         if lifted_frames < frames_in(LIFTED_S) {
             return Err(wrong(format!(
@@ -135,12 +135,12 @@ impl Force {
         (self.sums_n[frames.end] - self.sums_n[frames.start]) / frames.len() as f64
     }
 
-    /// Mean over frame `i` and up to `neighbours` frames on each side of frame `i`.
+    /// Mean force in frame `i` and up to `neighbours` frames on each side of it, N.
     fn around_n(&self, i: usize, neighbours: usize) -> f64 {
         self.mean_n(i.saturating_sub(neighbours)..(i + neighbours + 1).min(self.sums_n.len() - 1))
     }
 
-    /// Means over all runs of `length` successive frames in `within`.
+    /// Mean force in each run of `length` successive frames in `within`, N.
     fn means_n(&self, within: Range<usize>, length: usize) -> impl Iterator<Item = f64> {
         (within.start..(within.end + 1).saturating_sub(length)).map(move |i| self.mean_n(i..i + length))
     }

@@ -5,7 +5,7 @@ use plantar::pipeline::calibrate::{FULL_CODE, SensorLaw};
 use plantar::pipeline::setup::{Setup, SetupCell};
 
 /// Largest number of successive missing frames of the stream that are interpolated; a longer gap ends the recording.
-const MAX_BRIDGED: u32 = 3;
+const MAX_INTERPOLATED: u32 = 3;
 
 /// Collects the codes of scans, and converts them to pressures by the configuration of the insole.
 #[derive(Clone, Debug)]
@@ -21,21 +21,21 @@ pub struct StreamedCells {
     /// The pressures of these scans.
     pressure_kpa: Vec<f32>,
     /// The number of interpolated scans among them.
-    bridged: u32,
+    interpolated: u32,
 }
 
 impl StreamedCells {
     /// Starts without scans, for an insole with this configuration that sends one of `every` scans.
     pub fn new(setup: Setup, cells: Vec<SetupCell>, every: u8) -> Self {
         let every = u32::from(every.max(1));
-        Self { setup, cells, every, last: None, scans: Vec::new(), pressure_kpa: Vec::new(), bridged: 0 }
+        Self { setup, cells, every, last: None, scans: Vec::new(), pressure_kpa: Vec::new(), interpolated: 0 }
     }
 
     /// True if a scan continues the scans so far, perhaps over a gap that is short enough to be interpolated.
     pub fn is_continued_by(&self, scan: u32) -> bool {
         self.last.as_ref().is_none_or(|(last, _)| {
             let elapsed = scan.wrapping_sub(*last);
-            elapsed > 0 && elapsed.is_multiple_of(self.every) && elapsed / self.every <= 1 + MAX_BRIDGED
+            elapsed > 0 && elapsed.is_multiple_of(self.every) && elapsed / self.every <= 1 + MAX_INTERPOLATED
         })
     }
 
@@ -54,7 +54,7 @@ impl StreamedCells {
                 let share = i as f32 / intervals as f32;
                 self.pressure_kpa.extend(before.iter().zip(&new).map(|(before, new)| before + share * (new - before)));
                 self.scans.push(last.wrapping_add(i * self.every));
-                self.bridged += 1;
+                self.interpolated += 1;
             }
         }
         self.pressure_kpa.extend(&new);
@@ -86,8 +86,9 @@ impl StreamedCells {
                 contact.on_kpa,
                 contact.off_kpa,
                 contact.full_kpa,
-                if self.bridged > 0 {
-                    format!(" From {:.2} s on, {} frames are interpolated.", f64::from(first) * period_s, self.bridged)
+                if self.interpolated > 0 {
+                    let first_s = f64::from(first) * period_s;
+                    format!(" From {first_s:.2} s on, {} frames are interpolated.", self.interpolated)
                 } else {
                     String::new()
                 }
@@ -96,7 +97,7 @@ impl StreamedCells {
             pressure_kpa: std::mem::take(&mut self.pressure_kpa),
         };
         self.scans.clear();
-        self.bridged = 0;
+        self.interpolated = 0;
         Some(recording)
     }
 }

@@ -5,7 +5,7 @@
 //! stands for a cell outside of the sensor. Lines that begin with `@@`, such as the last one, have no values. Insoles are
 //! exported with the toes in the first row, as seen from above.
 
-use crate::grid::{Foot, Frames, Grid, MAX_LINES, Toes};
+use crate::grid::{Foot, Frames, Grid, MAX_CELL_MM, MAX_LINES, Toes};
 use crate::table::{at_line, file_name};
 use crate::text::{decode, first_number, number, parse_number, shortened};
 use crate::{Error, Export, Result, units};
@@ -86,7 +86,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     }
     let foot = Foot {
         side,
-        grid: Grid { row_mm, column_mm, toes: if is_insole { Toes::Top } else { Toes::Walked } },
+        grid: Grid { row_mm, column_mm, toes: if is_insole { Toes::Top } else { Toes::AlongMovement } },
         frames,
         name: format!(
             "Tekscan {}, {rows} x {columns} cells",
@@ -144,13 +144,13 @@ fn spacing_mm(value: &str, name: &str, place: &dyn Fn() -> String) -> Result<f64
     let unit = value.trim_start_matches(|c: char| c.is_ascii_digit() || ".,-+ \t".contains(c));
     let mm = number(&value[..value.len() - unit.len()], name, place)?
         * units::mm(if unit.is_empty() { "mm" } else { unit }, place)?;
-    if mm > 0.0 && mm <= 60.0 {
+    if mm > 0.0 && mm <= MAX_CELL_MM {
         return Ok(mm);
     }
     Err(Error::content(
         place(),
         format!("{name} is {mm} mm"),
-        "cells have a size of up to 60 mm: export the measurement again",
+        format!("cells have a size of up to {MAX_CELL_MM} mm: export the measurement again"),
     ))
 }
 
@@ -194,9 +194,9 @@ fn read_frames<'a>(
     let mut frames = Frames::default();
     let mut numbers: Vec<u64> = Vec::new();
     // The number of rows that were read of the current frame; `rows` before the first frame.
-    let mut found = rows;
-    let cut_off = |place: String, found: usize| {
-        let problem = format!("a frame ends after {found} of {rows} rows");
+    let mut rows_read = rows;
+    let cut_off = |place: String, rows_read: usize| {
+        let problem = format!("a frame ends after {rows_read} of {rows} rows");
         Error::content(place, problem, "the export is cut off or damaged: export or copy it again")
     };
     for (line, row) in lines {
@@ -206,8 +206,8 @@ fn read_frames<'a>(
             continue;
         }
         if let Some(rest) = row.trim_start_matches('"').strip_prefix("Frame") {
-            if found != rows {
-                return Err(cut_off(place(), found));
+            if rows_read != rows {
+                return Err(cut_off(place(), rows_read));
             }
             let next = numbers.last().map_or(1, |last| last + 1);
             let number = first_number(rest).filter(|n| *n < 1e12).map_or(next, |n| n as u64);
@@ -217,11 +217,11 @@ fn read_frames<'a>(
             }
             numbers.push(number);
             frames.begin((number - numbers[0]) as f64 * period_s);
-            found = 0;
+            rows_read = 0;
             continue;
         }
         let fields = row.split([',', ';', '\t']).map(str::trim);
-        if found == rows {
+        if rows_read == rows {
             let problem = format!("`{}`, expected the beginning of a frame", shortened(row));
             return Err(Error::content(place(), problem, "export the measurement again, and do not edit the file"));
         }
@@ -232,12 +232,12 @@ fn read_frames<'a>(
         }
         for (column, field) in fields.enumerate().filter(|(_, field)| !field.eq_ignore_ascii_case("B")) {
             let value = number(field, &format!("the value in column {}", column + 1), &place)?;
-            frames.add(found, column, (value * kpa_per_unit) as f32);
+            frames.add(rows_read, column, (value * kpa_per_unit) as f32);
         }
-        found += 1;
+        rows_read += 1;
     }
-    match found == rows {
+    match rows_read == rows {
         true => Ok(frames),
-        false => Err(cut_off(path.display().to_string(), found)),
+        false => Err(cut_off(path.display().to_string(), rows_read)),
     }
 }

@@ -63,8 +63,8 @@ impl Extent {
 
 /// The extent of cells along the axis of `along`, including half of the side of each cell.
 fn extent(cells: &[Cell], along: fn(&Cell) -> f64) -> Extent {
-    let start = Extent { low_mm: f64::INFINITY, high_mm: f64::NEG_INFINITY };
-    cells.iter().fold(start, |extent, cell| Extent {
+    let empty = Extent { low_mm: f64::INFINITY, high_mm: f64::NEG_INFINITY };
+    cells.iter().fold(empty, |extent, cell| Extent {
         low_mm: extent.low_mm.min(along(cell) - cell.half_side_mm()),
         high_mm: extent.high_mm.max(along(cell) + cell.half_side_mm()),
     })

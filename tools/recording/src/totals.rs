@@ -4,9 +4,9 @@ use crate::footprint::capitalised;
 use plantar::Side;
 
 /// Frames with more than this fraction of the largest total are compared: in the others, rounding dominates.
-const COMPARED: f64 = 0.1;
+const COMPARED_SHARE: f64 = 0.1;
 /// Largest relative difference between totals that agree. It covers the rounding of the size of a cell.
-const AGREEMENT: f64 = 0.005;
+const TOLERANCE: f64 = 0.005;
 
 /// The totals of each frame: first that of the imported cells, then that which the vendor states.
 #[derive(Default)]
@@ -26,7 +26,7 @@ impl Totals {
         self.area_mm2.extend(stated_mm2.map(|stated_mm2| (imported_mm2, stated_mm2)));
     }
 
-    /// A sentence about the differences; `None` if there is no value of the vendor.
+    /// Sentences about the differences; `None` if no frame is compared.
     pub fn remark(&self, side: Side) -> Option<String> {
         let parts = [("force", &self.force_n), ("contact area", &self.area_mm2)].map(|(what, totals)| {
             let (mean, largest, frames) = differences(totals)?;
@@ -35,7 +35,7 @@ impl Totals {
                 100.0 * mean,
                 100.0 * largest
             );
-            Some((text, largest > AGREEMENT))
+            Some((text, largest > TOLERANCE))
         });
         let parts: Vec<_> = parts.into_iter().flatten().collect();
         let advice = match parts.iter().any(|(_, differs)| *differs) {
@@ -49,10 +49,10 @@ impl Totals {
 
 /// The mean and the largest relative difference, and the number of compared frames; `None` if no frame is compared.
 fn differences(totals: &[(f64, f64)]) -> Option<(f64, f64, usize)> {
-    let most = totals.iter().map(|(_, stated)| *stated).fold(0.0, f64::max);
+    let largest_stated = totals.iter().map(|(_, stated)| *stated).fold(0.0, f64::max);
     let relative: Vec<f64> = totals
         .iter()
-        .filter(|(_, stated)| *stated > COMPARED * most)
+        .filter(|(_, stated)| *stated > COMPARED_SHARE * largest_stated)
         .map(|(imported, stated)| imported / stated - 1.0)
         .collect();
     let largest = relative.iter().map(|difference| difference.abs()).fold(0.0, f64::max);

@@ -36,19 +36,19 @@ pub fn rows(bytes: &[u8]) -> Result<Vec<Vec<String>>, String> {
     // A damaged file may claim a stream that is longer than the file.
     stream.take(bytes.len() as u64).read_to_end(&mut workbook).map_err(|error| error.to_string())?;
     let records = records(&workbook);
-    let start =
-        records.iter().position(|(id, data)| *id == BOF && u16_at(data, 2) == Some(WORKSHEET)).ok_or("no sheet")?;
+    let is_sheet = |(id, data): &(u16, &[u8])| *id == BOF && u16_at(data, 2) == Some(WORKSHEET);
+    let sheet_start = records.iter().position(is_sheet).ok_or("no sheet")?;
     // Without the record that ends the sheet, rows may be missing: the sheet is cut off, or a damaged length exceeds the stream.
-    let end = records[start..].iter().position(|(id, _)| *id == EOF).ok_or_else(|| {
-        let at: usize = records.iter().map(|(_, data)| 4 + data.len()).sum();
+    let sheet_length = records[sheet_start..].iter().position(|(id, _)| *id == EOF).ok_or_else(|| {
+        let byte: usize = records.iter().map(|(_, data)| 4 + data.len()).sum();
         format!(
-            "the sheet has no end: no whole record begins at byte {at} of the {} bytes of the workbook",
+            "the sheet has no end: no whole record begins at byte {byte} of the {} bytes of the workbook",
             workbook.len()
         )
     })?;
-    let texts = texts(&records[..start]);
+    let texts = texts(&records[..sheet_start]);
     let mut cells: BTreeMap<usize, Vec<String>> = BTreeMap::new();
-    for (id, data) in &records[start..start + end] {
+    for (id, data) in &records[sheet_start..sheet_start + sheet_length] {
         let (Some(row), Some(column)) = (u16_at(data, 0), u16_at(data, 2)) else { continue };
         let mut set = |column: usize, text: String| {
             let fields = cells.entry(row.into()).or_default();
@@ -111,34 +111,35 @@ fn rk_value(rk: u32) -> f64 {
 fn texts(records: &[(u16, &[u8])]) -> Vec<String> {
     let Some(start) = records.iter().position(|(id, _)| *id == SST) else { return Vec::new() };
     let continued = records[start + 1..].iter().take_while(|(id, _)| *id == CONTINUE).map(|(_, data)| *data);
-    let mut parts = Parts { parts: std::iter::once(records[start].1).chain(continued).collect(), part: 0, at: 0 };
+    let records = std::iter::once(records[start].1).chain(continued).collect();
+    let mut data = ContinuedData { records, record: 0, position: 0 };
     let mut texts = Vec::new();
     // The first 8 bytes, the number of references to texts and the number of texts, are not needed.
-    parts.bytes(8);
-    while let Some(text) = parts.text() {
+    data.bytes(8);
+    while let Some(text) = data.text() {
         texts.push(text);
     }
     texts
 }
 
 /// Reads the data of a record and of the records that continue it.
-struct Parts<'a> {
+struct ContinuedData<'a> {
     /// The data of each record.
-    parts: Vec<&'a [u8]>,
+    records: Vec<&'a [u8]>,
     /// Index of the record with the next byte.
-    part: usize,
+    record: usize,
     /// Position of the next byte in this record.
-    at: usize,
+    position: usize,
 }
 
-impl Parts<'_> {
+impl ContinuedData<'_> {
     /// The next byte.
     fn byte(&mut self) -> Option<u8> {
-        while self.at >= self.parts.get(self.part)?.len() {
-            (self.part, self.at) = (self.part + 1, 0);
+        while self.position >= self.records.get(self.record)?.len() {
+            (self.record, self.position) = (self.record + 1, 0);
         }
-        let byte = self.parts[self.part][self.at];
-        self.at += 1;
+        let byte = self.records[self.record][self.position];
+        self.position += 1;
         Some(byte)
     }
 
@@ -160,7 +161,7 @@ impl Parts<'_> {
         let mut units = Vec::new();
         for _ in 0..length {
             // A record that continues the characters begins with flags, of which bit 0 states their width.
-            if self.at >= self.parts.get(self.part)?.len() {
+            if self.position >= self.records.get(self.record)?.len() {
                 flags = self.byte()?;
             }
             let width = if flags & 1 != 0 { 2 } else { 1 };

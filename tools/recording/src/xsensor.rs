@@ -17,9 +17,6 @@ use insole::{Insole, check_equal, count, size_mm};
 use plantar::Side;
 use std::path::Path;
 
-/// Largest plausible size of a cell, mm.
-const MAX_CELL_MM: f64 = 60.0;
-
 /// True for the text of an XSENSOR export.
 pub fn recognise(text: &str) -> bool {
     let has = |word: &str| {
@@ -193,7 +190,7 @@ impl Reader<'_> {
         };
         let (frame, place) = (self.frames.len() - 1, self.place());
         let insole = self.insole(side);
-        insole.stated = [None; 2];
+        (insole.stated_force_n, insole.stated_area_mm2) = (None, None);
         if insole.indices.last() == Some(&frame) {
             let problem = format!("a second sensor of the {} foot in one frame", side.name());
             return Err(Error::content(place, problem, "export the insoles alone"));
@@ -217,13 +214,13 @@ impl Reader<'_> {
                 check_equal(&mut insole.cell_height_mm, size_mm(value_of()?, unit, &place)?, name, &place)
             }
             "est. load" | "estimated load" | "load" => {
-                insole.stated[0] =
+                insole.stated_force_n =
                     parse_number(value).zip(units::newtons_of(unit)).map(|(load, newtons)| load * newtons);
                 Ok(())
             }
             "contact area" => {
                 let mm = units::mm(unit.trim_end_matches(['2', '²', '^']), &|| place.clone()).ok();
-                insole.stated[1] = first_number(value).zip(mm).map(|(area, mm)| area * mm * mm);
+                insole.stated_area_mm2 = first_number(value).zip(mm).map(|(area, mm)| area * mm * mm);
                 Ok(())
             }
             _ => Ok(()),
@@ -251,13 +248,13 @@ impl Reader<'_> {
         }
         insole.indices.push(frame);
         insole.frames.begin(frame as f64);
-        insole.sums = (0.0, 0);
+        (insole.pressure_sum_kpa, insole.loaded_cells) = (0.0, 0);
         self.state = State::Sensels(side, 0);
         Ok(())
     }
 
-    /// Reads row `at` of the pressures of an insole.
-    fn pressures(&mut self, row: &StringRecord, side: Side, at: usize) -> Result<()> {
+    /// Reads row `row_index`, counted from 0, of the pressures of an insole.
+    fn pressures(&mut self, row: &StringRecord, side: Side, row_index: usize) -> Result<()> {
         let (place, kpa_per_unit) = (self.place(), self.kpa_per_unit.unwrap_or(1.0));
         let insole = self.insole(side);
         let (rows, columns) = (insole.rows.unwrap_or(0), insole.columns.unwrap_or(0));
@@ -285,11 +282,12 @@ impl Reader<'_> {
                 insole.invalid += 1;
                 continue;
             }
-            insole.frames.add(at, column, kpa as f32);
-            insole.sums = (insole.sums.0 + kpa, insole.sums.1 + usize::from(kpa > 0.0));
+            insole.frames.add(row_index, column, kpa as f32);
+            insole.pressure_sum_kpa += kpa;
+            insole.loaded_cells += usize::from(kpa > 0.0);
         }
-        self.state = State::Sensels(side, at + 1);
-        if at + 1 == rows {
+        self.state = State::Sensels(side, row_index + 1);
+        if row_index + 1 == rows {
             self.end_table(side);
         }
         Ok(())
@@ -299,18 +297,18 @@ impl Reader<'_> {
     fn end_table(&mut self, side: Side) {
         let insole = self.insole(side);
         let area_mm2 = insole.cell_width_mm.unwrap_or(0.0) * insole.cell_height_mm.unwrap_or(0.0);
-        insole.totals.push_force(insole.sums.0 * area_mm2 * 1e-3, insole.stated[0]);
-        insole.totals.push_area(insole.sums.1 as f64 * area_mm2, insole.stated[1]);
+        insole.totals.push_force(insole.pressure_sum_kpa * area_mm2 * 1e-3, insole.stated_force_n);
+        insole.totals.push_area(insole.loaded_cells as f64 * area_mm2, insole.stated_area_mm2);
         self.state = State::Skipped;
     }
 
     /// Fails if the current table of pressures lacks rows. `found` describes the line that follows instead of the next row.
     fn check_no_open_table(&mut self, found: &str) -> Result<()> {
-        let State::Sensels(side, at) = self.state else { return Ok(()) };
+        let State::Sensels(side, rows_read) = self.state else { return Ok(()) };
         let rows = self.insole(side).rows.unwrap_or(0);
         Err(Error::content(
             self.place(),
-            format!("{found} after {at} of {rows} rows of pressures of the {} foot", side.name()),
+            format!("{found} after {rows_read} of {rows} rows of pressures of the {} foot", side.name()),
             "the export is cut off or damaged: export or copy it again",
         ))
     }

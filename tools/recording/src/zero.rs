@@ -41,6 +41,7 @@ pub struct FootZero {
     pub offset_kpa: Vec<f32>,
 }
 
+/// The content of the file.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {
@@ -49,6 +50,7 @@ struct File {
     right: Option<FileFoot>,
 }
 
+/// The table `[left]` or `[right]` of the file.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct FileFoot {
@@ -136,7 +138,7 @@ impl Zero {
     /// messages, such as its file.
     ///
     /// # Errors
-    /// Fails if this is the zero of the other foot or of other cells, or an offset exceeds half of the scale of a cell.
+    /// Fails if this is the zero of the other foot or of other cells, or the code of an offset is at least half of the scale.
     pub fn apply_to(&self, insole: &mut VirtualInsole, name: &str) -> Result<()> {
         let (foot, other) = match insole.setup.side {
             Side::Left => (&self.left, Side::Right),
@@ -158,7 +160,7 @@ impl FootZero {
     /// name of the recording in messages.
     ///
     /// # Errors
-    /// Fails if a cell of the lifted foot reads more than half of its scale.
+    /// Fails if the code of a cell of the lifted foot is at least half of the scale.
     pub fn measure(recording: &Recording, trial: &StandingTrial, name: &str) -> Result<Self> {
         // The codes depend on neither of these two rules.
         let mut insole = VirtualInsole::new(recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
@@ -181,7 +183,7 @@ impl FootZero {
     /// As [`Zero::apply_to`], for an insole of either foot.
     ///
     /// # Errors
-    /// Fails if this is the zero of other cells, or an offset exceeds half of the scale of a cell.
+    /// Fails if this is the zero of other cells, or the code of an offset is at least half of the scale.
     pub fn apply_to(&self, insole: &mut VirtualInsole, name: &str) -> Result<()> {
         let (found, cells) = (self.offset_kpa.len(), insole.cells.len());
         if self.layout_id != insole.setup.layout_id || found != cells {
@@ -201,7 +203,8 @@ impl FootZero {
                 return Err(Error::content(
                     name,
                     format!(
-                        "the cell at x {:.0} mm, y {:.0} mm reads {kpa:.0} kPa unloaded, more than half of its scale",
+                        "the cell at x {:.0} mm, y {:.0} mm reads {kpa:.0} kPa unloaded, a code of at least half of \
+                         its scale",
                         cell.cell.x_mm, cell.cell.y_mm
                     ),
                     "check the cell for a short circuit, or remove it from the layout",

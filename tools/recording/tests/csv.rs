@@ -115,7 +115,7 @@ fn invalid_layout_rows_are_rejected() {
     assert_refused("cell,x_mm,y_mm,area_mm2\n", FRAMES, &["layout.csv", "at least one cell"]);
 }
 
-/// The layout of a matrix of 4 by 4 cells with this size, in which cell 5 is shifted medially.
+/// The layout of a matrix of 4 by 4 cells with this size, in which cell 5 is shifted medially by `shift_mm`.
 fn matrix((width_mm, length_mm): (f64, f64), shift_mm: f64) -> (String, String) {
     let (mut layout, mut frames) = (String::from("cell,x_mm,y_mm,area_mm2\n"), String::from("t_s"));
     for cell in 0..16 {

@@ -8,8 +8,8 @@ use recording::{Export, Format, Result};
 
 /// The force on a sensor of a foot in a frame, N: the load moves from the first to the last sensor.
 fn force_n(foot: usize, frame: usize, sensor: usize, sensors: usize) -> f64 {
-    let at = ((frame + 50 * foot) % 100) as f64 / 60.0 - sensor as f64 / sensors as f64;
-    (300.0 * (1.0 - (at / 0.3).powi(2)).max(0.0) * 100.0).round() / 100.0
+    let time = ((frame + 50 * foot) % 100) as f64 / 60.0 - sensor as f64 / sensors as f64;
+    (300.0 * (1.0 - (time / 0.3).powi(2)).max(0.0) * 100.0).round() / 100.0
 }
 
 fn gaitpdb_file() -> String {
@@ -46,8 +46,9 @@ fn parse(format: Format, text: &str) -> Result<Export> {
     common::parse(format, "walk.txt", text.as_bytes(), None)
 }
 
-/// Checks feet, times and forces. Frame 40 is not compared, because it is lost in the loadsol file.
-fn check(export: &Export, sensors: usize) {
+/// Checks the feet, times and forces of an import from `sensors` sensors of each foot. Frame 40 is not compared, because it is
+/// lost in the loadsol file.
+fn assert_both_feet(export: &Export, sensors: usize) {
     assert_eq!(export.feet.iter().map(|foot| foot.side).collect::<Vec<_>>(), [Side::Left, Side::Right]);
     assert_eq!(export.feet[0].t_s, export.feet[1].t_s);
     for (foot, recording) in export.feet.iter().enumerate() {
@@ -66,7 +67,7 @@ fn forces_of_gaitpdb_are_conserved_from_heel_to_toes() {
     let text = gaitpdb_file();
     assert_eq!(Format::recognise(text.as_bytes(), "walk.txt".as_ref()).unwrap(), Format::Gaitpdb);
     let export = parse(Format::Gaitpdb, &text).unwrap();
-    check(&export, 8);
+    assert_both_feet(&export, 8);
     let cells = &export.feet[1].layout.cells;
     assert_eq!(cells[0].region, Region::Heel);
     assert_eq!((cells[5].region, cells[6].region), (Region::Metatarsals35, Region::Metatarsals12));
@@ -79,7 +80,7 @@ fn forces_of_loadsol_are_conserved_and_a_lost_frame_is_interpolated() {
     let text = loadsol_file();
     assert_eq!(Format::recognise(text.as_bytes(), "walk.txt".as_ref()).unwrap(), Format::Loadsol);
     let export = parse(Format::Loadsol, &text).unwrap();
-    check(&export, 3);
+    assert_both_feet(&export, 3);
     assert!(
         export.remarks.iter().any(|remark| remark.starts_with("Right foot: Lost frames that were filled linearly: 1")),
         "{:?}",

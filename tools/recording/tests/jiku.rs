@@ -79,7 +79,7 @@ fn a_walk_has_the_documented_layout_and_provenance() {
 
 #[test]
 #[ignore = "needs the data set SpeedPP2DS: cargo xtask test"]
-fn steps_are_aligned() {
+fn ten_aligned_steps_load_few_more_cells_than_one() {
     let folder = folder();
     // If the steps were not shifted onto each other, ten steps together would load far more cells than one step.
     let one_step = import(&folder, 1, [0]).cells();

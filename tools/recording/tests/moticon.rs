@@ -11,7 +11,7 @@ const AREAS_CM2: [f64; 16] =
     [12.4, 11.1, 13.4, 13.1, 13.1, 13.0, 18.0, 18.2, 15.7, 12.4, 12.5, 12.7, 10.2, 10.1, 12.5, 6.4];
 
 /// Pressure of a cell in a frame, N/cm². The peaks of the cells are at different times.
-fn pressure(frame: usize, cell: usize) -> f64 {
+fn pressure_n_cm2(frame: usize, cell: usize) -> f64 {
     let distance = (frame as f64 - 6.0 * cell as f64 - 10.0) / 20.0;
     // The export has a resolution of 0.25 N/cm².
     (30.0 * (1.0 - distance * distance).max(0.0) * 4.0).round() / 4.0
@@ -19,7 +19,7 @@ fn pressure(frame: usize, cell: usize) -> f64 {
 
 /// The force on all cells in a frame, N.
 fn total_n(frame: usize) -> f64 {
-    (0..16).map(|cell| pressure(frame, cell) * AREAS_CM2[cell]).sum::<f64>()
+    (0..16).map(|cell| pressure_n_cm2(frame, cell) * AREAS_CM2[cell]).sum::<f64>()
 }
 
 /// A file of both feet. The right foot lacks the frames `lost`.
@@ -40,7 +40,7 @@ fn text(lost: &[usize]) -> String {
                 continue;
             }
             for cell in 0..16 {
-                text += &format!("\t{:.2}", pressure(frame, cell));
+                text += &format!("\t{:.2}", pressure_n_cm2(frame, cell));
             }
             text += &format!("\t0.01\t{:.2}", total_n(frame).round());
         }

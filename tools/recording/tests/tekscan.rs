@@ -7,7 +7,7 @@ use plantar::Side;
 use recording::{Export, Format, Result};
 
 /// Area of a cell, mm2: a square with a side of 0.4 inches, 10.16 mm.
-const CELL_MM2: f64 = 5.08 * 5.08 * 4.0;
+const CELL_MM2: f64 = 10.16 * 10.16;
 
 /// A file of one step in this unit, with this spacing of rows and columns. A pressure of 1 kPa is `per_kpa` units.
 fn text(side: Side, unit: &str, per_kpa: f64, spacing: &str) -> String {

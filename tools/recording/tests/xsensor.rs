@@ -93,7 +93,8 @@ fn parse(text: &str) -> Result<Export> {
     common::parse(Format::Xsensor, "walk.csv", text.as_bytes(), None)
 }
 
-fn check(export: &Export) {
+/// Checks that both feet of the computed walk were imported on one clock, and agree with the vendor's totals.
+fn assert_both_feet(export: &Export) {
     let [left, right] = &export.feet[..] else { panic!("{} feet", export.feet.len()) };
     assert!((left.rate_hz - 100.0).abs() < 0.01, "{} Hz", left.rate_hz);
     assert_eq!(left.t_s, right.t_s, "both feet are on one clock");
@@ -117,7 +118,7 @@ fn check(export: &Export) {
 
 #[test]
 fn both_feet_are_imported_with_their_forces_sides_and_clock() {
-    check(&parse(&text(USUAL, &lines(USUAL))).unwrap());
+    assert_both_feet(&parse(&text(USUAL, &lines(USUAL))).unwrap());
 }
 
 #[test]
@@ -128,10 +129,10 @@ fn files_in_all_styles_yield_the_same_recordings() {
     let psi = Style { unit: "PSI", per_kpa: 0.145_037_7, separator: "\t", ..USUAL };
     let newtons = Style { unit: "N/cm²", per_kpa: 0.1, ..USUAL };
     for style in [unix, quoted, semicolons, psi, newtons] {
-        check(&parse(&text(style, &lines(style))).unwrap());
+        assert_both_feet(&parse(&text(style, &lines(style))).unwrap());
     }
     let utf16: Vec<u8> = text(USUAL, &lines(USUAL)).encode_utf16().flat_map(u16::to_le_bytes).collect();
-    check(&common::parse(Format::Xsensor, "walk.csv", &utf16, None).unwrap());
+    assert_both_feet(&common::parse(Format::Xsensor, "walk.csv", &utf16, None).unwrap());
 }
 
 #[test]

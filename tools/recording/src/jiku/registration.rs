@@ -25,9 +25,9 @@ pub fn shifts(steps: &[Step]) -> Vec<Shift> {
     let mut common = BTreeMap::<(isize, isize), f64>::new();
     let mut shifts = Vec::with_capacity(steps.len());
     for step in steps {
-        let print = footprint(step);
-        let shift = best_shift(&print, &common);
-        for &(cell, weight) in &print {
+        let footprint = footprint(step);
+        let shift = best_shift(&footprint, &common);
+        for &(cell, weight) in &footprint {
             *common.entry(shift.apply(cell)).or_default() += weight;
         }
         shifts.push(shift);
@@ -46,11 +46,11 @@ fn footprint(step: &Step) -> Vec<(NativeCell, f64)> {
         .collect()
 }
 
-/// The shift with which the footprint `print` has the largest overlap with the previous steps. `common` contains, for each
-/// cell, the sum of its weights in the previous steps.
-fn best_shift(print: &[(NativeCell, f64)], common: &BTreeMap<(isize, isize), f64>) -> Shift {
+/// The shift with which the footprint has the largest overlap with the previous steps. `common` contains, for each cell, the
+/// sum of its weights in the previous steps.
+fn best_shift(footprint: &[(NativeCell, f64)], common: &BTreeMap<(isize, isize), f64>) -> Shift {
     let overlap = |shift: Shift| -> f64 {
-        print.iter().filter_map(|&(cell, weight)| Some(weight * common.get(&shift.apply(cell))?)).sum()
+        footprint.iter().filter_map(|&(cell, weight)| Some(weight * common.get(&shift.apply(cell))?)).sum()
     };
     let mut best = Shift { rows: 0, columns: 0 };
     let mut most = overlap(best);

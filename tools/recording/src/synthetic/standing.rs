@@ -58,8 +58,8 @@ pub fn standing(trial: &SyntheticStanding) -> Recording {
         let transition = 0.5 + 0.5 * (PI * (away_s / trial.transition_s).min(1.0)).cos();
         transition * (1.0 + trial.sway * (2.0 * PI * standing_since_s / SWAY_PERIOD_S).sin())
     };
-    let seconds = trial.lifted_s[0] + trial.lifted_s[1] + trial.stand_s + 2.0 * trial.transition_s;
-    let t_s: Vec<f64> = (0..(seconds * trial.rate_hz).round() as usize).map(|k| k as f64 / trial.rate_hz).collect();
+    let duration_s = trial.lifted_s[0] + trial.lifted_s[1] + trial.stand_s + 2.0 * trial.transition_s;
+    let t_s: Vec<f64> = (0..(duration_s * trial.rate_hz).round() as usize).map(|k| k as f64 / trial.rate_hz).collect();
     let frame = |&t_s: &f64| {
         let share = load(t_s) * trial.standing_n / frame_n;
         kpa_of_frame.iter().map(move |&kpa| (f64::from(kpa) * share) as f32)

@@ -1,7 +1,6 @@
 //! One insole of an export: its description, its frames, and its recording.
 
-use super::MAX_CELL_MM;
-use crate::grid::{Foot, Frames, Grid, MAX_LINES, Toes};
+use crate::grid::{Foot, Frames, Grid, MAX_CELL_MM, MAX_LINES, Toes};
 use crate::table::file_name;
 use crate::text::shortened;
 use crate::totals::Totals;
@@ -22,12 +21,16 @@ pub struct Insole {
     pub indices: Vec<usize>,
     /// The frames, with their indices instead of times.
     pub frames: Frames,
-    /// The vendor's load, N, and contact area, mm2, of the last frame.
-    pub stated: [Option<f64>; 2],
+    /// The vendor's load of the last frame, N.
+    pub stated_force_n: Option<f64>,
+    /// The vendor's contact area of the last frame, mm2.
+    pub stated_area_mm2: Option<f64>,
     /// The comparison of load and contact area in each frame with the vendor's values.
     pub totals: Totals,
-    /// The sum of the pressures of the last frame, kPa, and the number of its loaded cells.
-    pub sums: (f64, usize),
+    /// The sum of the pressures of the last frame, kPa.
+    pub pressure_sum_kpa: f64,
+    /// The number of loaded cells of the last frame.
+    pub loaded_cells: usize,
     /// Number of pressures, of all frames, that are negative, empty or a placeholder such as `-`. They are read as 0.
     pub invalid: usize,
 }

@@ -33,9 +33,9 @@ pub fn pressure_kpa(side: Side, frame: usize, row: usize, column: usize) -> f64 
     ];
     let kpa: f64 = parts
         .iter()
-        .map(|&(y, x, radius, most, at)| {
+        .map(|&(y, x, radius, largest_kpa, peak_time)| {
             let distance = ((forward - y).powi(2) + (0.4 * (lateral - x)).powi(2)) / (radius * radius);
-            most * (1.0 - distance).max(0.0) * (1.0 - ((time - at) / 0.28).powi(2)).max(0.0)
+            largest_kpa * (1.0 - distance).max(0.0) * (1.0 - ((time - peak_time) / 0.28).powi(2)).max(0.0)
         })
         .sum();
     // Vendors' systems read pressures below a threshold as 0.
