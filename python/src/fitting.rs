@@ -26,7 +26,7 @@ pub struct Fitted {
     size: InsoleSize,
 }
 
-/// Identifies a person's parameters from recordings. Also returns notes for the user.
+/// Identifies a person's parameters from recordings. `participant` is the name of the person. Also returns notes for the user.
 #[pyfunction]
 pub fn identify(
     py: Python,
@@ -37,7 +37,8 @@ pub fn identify(
     let recordings: Vec<(Arc<recording::Recording>, PathBuf)> =
         recordings.iter().map(|recording| (recording.inner.clone(), recording.path.clone())).collect();
     for (i, (recording, path)) in recordings.iter().enumerate() {
-        // If a recording were given twice, its steps would be predicted from copies of themselves.
+        // The cross-validation predicts a step from the other steps. With a copy of the step among them, the predicted error
+        // would be too small.
         if let Some((_, same)) =
             recordings[..i].iter().find(|(before, _)| before.pressure_kpa == recording.pressure_kpa)
         {
@@ -112,13 +113,13 @@ impl Fitted {
     }
 }
 
-/// A row with one sample of the curves of a region.
+/// A row with one sample of the curves of a region. `t_s` is the time since the start of the region's contact.
 fn row(step: &fit::Step, region: Region, t_s: f64, area_mm2: f64, measured_n: f64, model_n: f64) -> Row {
     // A recording has fewer steps than an i32 can count.
-    let count = |count: usize| Value::Integer(i32::try_from(count).ok());
+    let integer = |count: usize| Value::Integer(i32::try_from(count).ok());
     vec![
-        ("recording", count(step.recording)),
-        ("step", count(step.number as usize)),
+        ("recording", integer(step.recording)),
+        ("step", integer(step.number as usize)),
         ("region", region.name().into()),
         ("t_s", t_s.into()),
         ("area_mm2", area_mm2.into()),

@@ -28,7 +28,8 @@ pub struct Insole {
 
 #[pymethods]
 impl Insole {
-    /// Opens a session with the insole at a network address, HOST:PORT, or at a serial port with this bit rate.
+    /// Opens a session with the insole at the network address HOST:PORT if `baud` is `None`, or at a serial port with this bit
+    /// rate, bit/s.
     #[staticmethod]
     fn connect(py: Python, address: String, baud: Option<u32>) -> PyResult<Self> {
         let name = address.clone();
@@ -58,9 +59,9 @@ impl Insole {
         })
     }
 
-    /// The next event: its kind, its values as JSON, and the time of its frame or of the start of its record on this computer's
-    /// clock, s since 1970. `None` if none arrived within [`READ_TIMEOUT`]. After the link was lost, each call waits and makes
-    /// one attempt to open it again.
+    /// The next event: its kind, its values as JSON, and the time of the frame, or of the start of the record, on this
+    /// computer's clock, s since 1970. `None` if none arrived within [`READ_TIMEOUT`]. After the link was lost, each call waits
+    /// and makes one attempt to open it again.
     fn next_event(&self, py: Python) -> PyResult<Option<(&'static str, String, Option<f64>)>> {
         let (event, axis) = self.with_link(py, |link| Ok((link.next_event()?, link.client().axis().clone())))?;
         let seconds = |us: Option<u64>| us.map(|us| us as f64 / 1e6);
@@ -85,10 +86,10 @@ impl Insole {
         })
     }
 
-    /// Lets the insole delete its records up to the number `step`: steps, load bouts and alerts are numbered together.
-    fn acknowledge(&self, py: Python, step: u32) -> PyResult<()> {
+    /// Lets the insole delete its records up to this number: steps, load bouts and alerts are numbered together.
+    fn acknowledge(&self, py: Python, number: u32) -> PyResult<()> {
         self.with_link(py, |link| {
-            link.send(ToDevice::Acknowledge { number: step });
+            link.send(ToDevice::Acknowledge { number });
             Ok(())
         })
     }
@@ -139,17 +140,17 @@ fn failure(name: &str, error: Error) -> PyErr {
     if is_link_failure { PyConnectionError::new_err(message) } else { PyRuntimeError::new_err(message) }
 }
 
-/// Opens the serial port `address` with the bit rate `baud`, or a network connection to `address` if `baud` is `None`.
+/// Opens the serial port `address` with the bit rate `baud`, bit/s, or a network connection to `address` if `baud` is `None`.
 fn carrier(address: &str, baud: Option<u32>) -> anyhow::Result<Box<dyn Carrier + Send>> {
     if let Some(baud) = baud {
         let port = serialport::new(address, baud).timeout(READ_TIMEOUT).open();
-        let remedy =
+        let problem =
             "the serial port cannot be opened: is the insole plugged in, and no other program connected to it?";
-        return Ok(Box::new(Framed::new(port.context(remedy)?)));
+        return Ok(Box::new(Framed::new(port.context(problem)?)));
     }
     let remedy = "is the insole or its bridge running there, or is another program connected to it?";
     let problem = "the address must have the form HOST:PORT, and this computer must know the host";
-    let mut last = anyhow!(problem);
+    let mut last_error = anyhow!(problem);
     for address in address.to_socket_addrs().context(problem)? {
         match TcpStream::connect_timeout(&address, ReconnectPolicy::STREAM.answer) {
             Ok(stream) => {
@@ -157,10 +158,10 @@ fn carrier(address: &str, baud: Option<u32>) -> anyhow::Result<Box<dyn Carrier +
                 stream.set_nodelay(true)?;
                 return Ok(Box::new(Framed::new(stream)));
             }
-            Err(error) => last = anyhow!(error).context(remedy),
+            Err(error) => last_error = anyhow!(error).context(remedy),
         }
     }
-    Err(last)
+    Err(last_error)
 }
 
 /// A live frame as an object; the key `regions` has an object for each region by its name.

@@ -25,7 +25,7 @@ pub struct Options {
     pub zero: Option<PathBuf>,
 }
 
-/// The value in `all` with this name. `option` is the name of the option, for the message of the exception.
+/// The value in `all` with this name. The exception for an unknown name contains `option`, the name of the option.
 fn named<T>(option: &str, name: &str, all: &[(&str, T)]) -> PyResult<T>
 where
     T: Copy,
@@ -47,18 +47,18 @@ impl Options {
         let filters = [Filter::Direct, Filter::Live, Filter::Smoothed].map(|filter| (filter.name(), filter));
         let methods = [Method::Projection, Method::Paper].map(|method| (method.name(), method));
         let filter = self.filter.as_ref().map(|name| named("filter", name, &filters)).transpose()?;
-        let usual = Search::default();
+        let default = Search::default();
         Ok(Search {
             filter,
             method: named("method", &self.method, &methods)?,
             has_paper_bounds: named("bounds", &self.bounds, &[("free", false), ("paper", true)])?,
             tissue: self.tissue.clone(),
             size: self.size()?,
-            compression: self.compression.unwrap_or(usual.compression),
+            compression: self.compression.unwrap_or(default.compression),
         })
     }
 
-    /// The contact rule: that with which the parameters were identified, or else the usual one, changed by the options.
+    /// The rule with which the parameters were identified, or otherwise the default rule, changed by the options.
     pub fn contact(&self, parameters: Option<&Parameters>) -> PyResult<ContactRule> {
         let identified = parameters.and_then(|parameters| parameters.identified.as_ref());
         let options = ContactOptions {

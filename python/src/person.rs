@@ -26,7 +26,7 @@ pub struct Trial(trials::Trial);
 
 #[pymethods]
 impl Person {
-    /// A participant without a folder, with the zero file of the options.
+    /// A participant without a folder and therefore without `participant.toml`, with the zero file of the options.
     #[new]
     fn new(py: Python, options: Options) -> PyResult<Self> {
         let settings = Participant { zero: options.zero.clone(), ..Participant::default() };
@@ -66,13 +66,13 @@ impl Person {
         })
     }
 
-    /// Fits each region to all steps of a recording.
+    /// Fits one set of parameters for each region to all steps of a recording together.
     fn trial(&self, py: Python, recording: &Recording) -> PyResult<Trial> {
         py.detach(|| fits::trial(&self.0, &*recording.inner, &recording.path)).map(Trial).map_err(exception)
     }
 }
 
-/// The path of a participant's file in the table of a study.
+/// The path of a participant's file, relative to the folder of the study's table.
 #[pyfunction]
 pub fn partition(participant: &str) -> String {
     format!("{}/{STEPS_FILE}", study::table::partition(participant))

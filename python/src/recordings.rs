@@ -19,7 +19,7 @@ pub struct Recording {
     pub path: PathBuf,
 }
 
-/// Holds a recording in memory while an array uses its times or pressures.
+/// Holds a recording in memory while an array uses its times or pressures, which the function returns as bytes.
 struct Shared(Arc<recording::Recording>, fn(&recording::Recording) -> &[u8]);
 
 impl AsRef<[u8]> for Shared {
@@ -37,7 +37,7 @@ impl Recording {
         Ok(Self { inner: Arc::new(inner), path })
     }
 
-    /// As `read`, from the content of a file. Messages name `path`.
+    /// As `read`, from the content of a file. Error messages name the file `path`.
     #[staticmethod]
     fn parse(py: Python, content: &[u8], path: PathBuf) -> PyResult<Self> {
         let inner = py.detach(|| recording::Recording::parse(content.to_vec(), &path)).map_err(exception)?;
@@ -90,7 +90,7 @@ impl Recording {
             ]
         };
         let rows: Vec<Row> = self.inner.layout.cells.iter().enumerate().map(row).collect();
-        // The check of a recording ensures that it has cells.
+        // `read` and `parse` refuse a recording without cells.
         Ok(PyArrowType(table(&rows[0], &rows)?))
     }
 }

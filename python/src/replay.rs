@@ -21,7 +21,8 @@ use study::{frames, virtual_insole};
 /// The result of a replay.
 struct Replayed {
     steps: Vec<Step>,
-    /// The live values: one vector for each of the columns [`frames::column_names`], empty if they were not requested.
+    /// The live values: one vector for each of the columns [`frames::column_names`]. The vectors are empty if the values were not
+    /// requested.
     frames: Vec<Vec<Option<f64>>>,
 }
 
@@ -79,7 +80,7 @@ pub fn replay(
     })
 }
 
-/// Runs an insole with the arithmetic `R` on a recording. The live values are computed only if `has_frames` is true.
+/// Evaluates a recording with a virtual insole that computes with `R`. The live values are computed only if `has_frames` is true.
 fn run<R: Real>(
     recording: &recording::Recording,
     virtual_insole: &VirtualInsole,
@@ -99,6 +100,7 @@ fn run<R: Real>(
         // As on the insole, steps and load bouts are numbered in one sequence. Taking a bout advances the number of the next
         // step.
         insole.take_bout();
+        // A scan without a time repeats the last frame, to confirm the toe off at the end.
         if has_frames && let Some(t_s) = t_s {
             row.clear();
             frames::push_row(&mut row, t_s, &insole, virtual_insole.setup.contact);

@@ -15,9 +15,9 @@ PROGRAM = os.environ.get("PLANTAR", "plantar")
 def plantar(*arguments: object, cwd: pathlib.Path | None = None, status: int = 0) -> str:
     """Runs the command line, asserts that it ends with this exit status, and returns its output."""
     words = [PROGRAM, *map(str, arguments)]
-    done = subprocess.run(words, cwd=cwd, capture_output=True, text=True, check=False)
-    assert done.returncode == status, done.stderr
-    return done.stdout + done.stderr
+    completed = subprocess.run(words, cwd=cwd, capture_output=True, text=True, check=False)
+    assert completed.returncode == status, completed.stderr
+    return completed.stdout + completed.stderr
 
 
 def walk(path: pathlib.Path, *options: object, scale: float = 1.0) -> pathlib.Path:

@@ -1,4 +1,4 @@
-"""The cohort on Dask: equal to the command line, restartable, and robust."""
+"""The cohort on Dask has the rows of the command line, continues after an interruption, and tolerates failures."""
 
 import contextlib
 import os
@@ -22,7 +22,7 @@ COMMAND = [sys.executable, "-m", "plantar.cohort"]
 
 
 def table(folder: pathlib.Path) -> pd.DataFrame:
-    """All rows, as pandas reads them."""
+    """All rows of the table, as pandas reads them."""
     rows: pd.DataFrame = pd.read_parquet(folder)
     return rows.sort_values(["participant", "recording", "step", "region"], ignore_index=True)
 
@@ -54,7 +54,7 @@ def free_port() -> int:
 
 @contextlib.contextmanager
 def scheduler(workers: int) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    """The address of a scheduler, and its process and those of its workers, as a user starts them."""
+    """Starts a scheduler and workers as a user does. Yields the address, and the processes, that of the scheduler first."""
     address = f"tcp://127.0.0.1:{free_port()}"
     with contextlib.ExitStack() as stack:
         port = address.rsplit(":", 1)[1]
@@ -70,11 +70,11 @@ def scheduler(workers: int) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]
 def test_a_local_run_has_the_rows_of_the_command_line(
     local: str, study_folder: pathlib.Path, expected: pd.DataFrame, tmp_path: pathlib.Path
 ) -> None:
-    done = subprocess.run(
+    completed = subprocess.run(
         [*COMMAND, study_folder, "--out", tmp_path / "table", "--scheduler", local], capture_output=True, text=True, check=False
     )
-    assert done.returncode == 0, done.stderr
-    assert "16 steps of 4 participants" in done.stdout
+    assert completed.returncode == 0, completed.stderr
+    assert "16 steps of 4 participants" in completed.stdout
     assert len(expected) == 8 * 16
     pd.testing.assert_frame_equal(table(tmp_path / "table"), expected)
 
@@ -102,7 +102,7 @@ def test_the_rows_are_complete_although_a_worker_is_killed(
         killed: list[int] = []
 
         def kill(done: int, total: int) -> None:
-            # Three participants are left: each of the workers has at least one.
+            # Three participants remain, so each of the two workers has at least one of them.
             if not killed:
                 processes[1].kill()
                 killed.append(processes[1].wait())

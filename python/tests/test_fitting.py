@@ -43,18 +43,18 @@ def test_the_curves_of_a_fit_have_its_error(walk_file: pathlib.Path) -> None:
     fit = package.fit(walk_file)
     steps = fit.curves.groupby(["region", "recording", "step"])
     # NRMSE (Eq. 20): root mean square of model minus measured force, divided by the largest measured force.
-    error = steps.apply(
-        lambda of: float(
-            np.sqrt(((of["model_force_n"] - of["measured_force_n"]) ** 2).mean()) / of["measured_force_n"].max() * 100
+    error_percent = steps.apply(
+        lambda step: float(
+            np.sqrt(((step["model_force_n"] - step["measured_force_n"]) ** 2).mean()) / step["measured_force_n"].max() * 100
         )
     )
-    means = error.groupby(level="region").mean()
+    means = error_percent.groupby(level="region").mean()
     table = fit.table().query("fitted")
     assert set(means.index) == set(table.index)
     np.testing.assert_allclose(means[table.index], table["nrmse_fitted_percent"].astype(float), rtol=1e-9)
 
 
-def test_a_recording_may_not_be_given_twice(walk_file: pathlib.Path) -> None:
+def test_a_recording_that_is_given_twice_and_an_empty_list_are_errors(walk_file: pathlib.Path) -> None:
     with pytest.raises(ValueError, match="walk.parquet has the same pressures as .*walk.parquet"):
         package.fit([walk_file, walk_file])
     with pytest.raises(ValueError, match="no recording"):

@@ -1,4 +1,4 @@
-"""Sessions with a simulated insole, whose side of the session is the code of the firmware."""
+"""Sessions with a simulated insole, which runs the firmware's code for sessions."""
 
 import asyncio
 import contextlib
@@ -20,7 +20,7 @@ needs_insole = pytest.mark.skipif(not PROGRAM, reason="PLANTAR_INSOLE does not n
 
 @contextlib.contextmanager
 def simulated(steps: int) -> Iterator[tuple[str, subprocess.Popen[str]]]:
-    """The address of an insole with this number of steps, and its process, which prints acknowledgements."""
+    """The address of a simulated insole with this number of steps, and its process, which prints each acknowledgement."""
     with subprocess.Popen([PROGRAM, str(steps)], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         try:

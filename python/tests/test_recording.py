@@ -16,11 +16,11 @@ import plantar as package
 
 def test_a_recording_has_the_values_of_its_file(walk_file: pathlib.Path) -> None:
     file = pq.read_table(walk_file)
-    layout = json.loads(file.schema.metadata[b"plantar"])
+    metadata = json.loads(file.schema.metadata[b"plantar"])
     recording = package.read(walk_file)
-    assert (recording.side, recording.rate_hz) == (layout["side"], layout["rate_hz"])
-    assert recording.source == layout["source"]
-    cells = pd.DataFrame(layout["layout"]["cells"])
+    assert (recording.side, recording.rate_hz) == (metadata["side"], metadata["rate_hz"])
+    assert recording.source == metadata["source"]
+    cells = pd.DataFrame(metadata["layout"]["cells"])
     pd.testing.assert_frame_equal(recording.cells, cells.rename_axis("cell"), check_dtype=False, check_index_type=False)
     expected = file.to_pandas().set_index("t_s")
     pd.testing.assert_frame_equal(recording.to_pandas(), expected)
@@ -101,8 +101,8 @@ def test_normalised_steps_are_interpolated_from_heel_strike_to_toe_off(
         assert curves.shape == (6, 101)
         column = frames[quantity if region is None else f"{region}_{quantity}"]
         for curve, step in zip(curves, json.loads((tmp_path / "steps.json").read_text()), strict=True):
-            at_s = frames["t_s"][0] + step["start_s"] + np.arange(101) / 100 * step["duration_s"]
-            np.testing.assert_allclose(curve, np.interp(at_s, frames["t_s"], column), rtol=1e-12, atol=1e-9)
+            sample_t_s = frames["t_s"][0] + step["start_s"] + np.arange(101) / 100 * step["duration_s"]
+            np.testing.assert_allclose(curve, np.interp(sample_t_s, frames["t_s"], column), rtol=1e-12, atol=1e-9)
             if region is None:
                 # The step begins and ends near the threshold of stance, and its peak is that of the step record.
                 assert curve[0] < 0.2 * curve.max() and curve[-1] < 0.2 * curve.max()
@@ -123,7 +123,7 @@ def test_normalised_steps_do_not_drift_at_a_rate_whose_period_is_no_whole_micros
 
 
 @pytest.mark.filterwarnings("ignore:parameters .* are not personal")
-def test_a_recording_without_steps_has_empty_tables(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
+def test_a_recording_without_steps_has_tables_without_rows(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
     table = pq.read_table(walk_file)
     pq.write_table(table.slice(0, 20), tmp_path / "short.parquet")
     replay = package.replay(tmp_path / "short.parquet")

@@ -81,6 +81,7 @@ def evaluate(participant: str, study: str, out: str, options: Options) -> Outcom
     """
     files, root = fsspec.url_to_fs(study)
     table_files, table = fsspec.url_to_fs(out)
+    # The participant's file in the table.
     target = f"{table}/{_core.partition(participant)}"
     try:
         return _evaluate(participant, files, f"{root}/{participant}", table_files, target, options)
@@ -92,6 +93,8 @@ def evaluate(participant: str, study: str, out: str, options: Options) -> Outcom
 
 
 def _evaluate(participant: str, files: Any, folder: str, table_files: Any, target: str, options: Options) -> Outcome:
+    """Evaluates the recordings in ``folder``, and writes the rows to the file ``target``. ``files`` and ``table_files`` are the
+    file systems of these two."""
     tissue = None if options.tissue is None else os.fspath(options.tissue)
 
     def read(path: str) -> bytes:
@@ -101,12 +104,12 @@ def _evaluate(participant: str, files: Any, folder: str, table_files: Any, targe
     person = _core.Person.open(folder, options, read)
     files.invalidate_cache(folder)
     entries = [entry for entry in files.ls(folder, detail=True) if entry["name"].endswith(".parquet")]
-    # Names such as `._walk.parquet` are of files that macOS writes beside others.
+    # macOS writes files with names such as `._walk.parquet` beside others. They are not recordings.
     recordings = [entry for entry in entries if not entry["name"].rsplit("/", 1)[-1].startswith(".")]
     recordings.sort(key=lambda entry: entry["name"])
     stamps = [f"\n{entry['name']} {[(key, entry[key]) for key in _STAMPS if key in entry]}" for entry in recordings]
     made_from = f"{_core.version} python {person.description}{''.join(stamps)}".encode()
-    if (rows := _rows_of(table_files, target, made_from)) is not None:
+    if (rows := _up_to_date_rows(table_files, target, made_from)) is not None:
         return Outcome(participant, rows // len(REGIONS), True, (), tuple(person.notes))
     batches, left_out = [], []
     for entry in recordings:
@@ -130,8 +133,8 @@ def _evaluate(participant: str, files: Any, folder: str, table_files: Any, targe
     return Outcome(participant, steps, False, tuple(left_out), tuple(person.notes))
 
 
-def _rows_of(files: Any, path: str, made_from: bytes) -> int | None:
-    """The number of rows of an existing file that was made from these inputs. A file that cannot be read is out of date."""
+def _up_to_date_rows(files: Any, path: str, made_from: bytes) -> int | None:
+    """The number of rows of a file that was made from these inputs. ``None`` if it is missing, out of date or unreadable."""
     try:
         with files.open(path, "rb") as file:
             metadata = pyarrow.parquet.read_metadata(file)
@@ -196,7 +199,7 @@ def run(
     """
     study, out = _address(study), _address(out)
     names = participants(study, out)
-    # Otherwise invalid options would be an error of every participant, and remove the rows of an earlier run.
+    # Raises an exception if the options are invalid. `evaluate` would remove the rows of an earlier run of every participant.
     _core.Person(dataclasses.replace(options, zero=None))
     outcomes: dict[str, Outcome] = {}
     client = _client(scheduler)
@@ -250,7 +253,7 @@ def _address(path: str | os.PathLike[str]) -> str:
 
 
 def _options(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of the evaluation, which are those of ``plantar cohort``."""
+    """Adds the options of the evaluation, which are options of ``plantar cohort``."""
     parser.add_argument("--size", type=int, default=42, help="European shoe size of participants without a size [42]")
     filters = "filter of the contact area [direct, or smoothed with --method paper]"
     parser.add_argument("--filter", choices=["direct", "live", "smoothed"], help=filters)
@@ -294,9 +297,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"note: {note}", file=sys.stderr)
     for reason in left_out:
         print(f"left out: {reason}", file=sys.stderr)
-    cached = sum(outcome.is_cached for outcome in outcomes)
+    cached_count = sum(outcome.is_cached for outcome in outcomes)
     fitted = [outcome for outcome in outcomes if outcome.steps and not outcome.is_cached]
-    if cached == len(fitted) == 0:
+    if cached_count == len(fitted) == 0:
         print(f"error: {study}: no step of any participant was found, for the reasons above", file=sys.stderr)
         return 1
     for path in _without_folder(out, [outcome.participant for outcome in outcomes]):
@@ -304,7 +307,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"note: the table has {path}, {problem}", file=sys.stderr)
     print(
         f"wrote {out}: {sum(outcome.steps for outcome in fitted)} steps of {len(fitted)} participants in "
-        f"{time.monotonic() - start_s:.1f} s; {cached} participants were already up to date"
+        f"{time.monotonic() - start_s:.1f} s; {cached_count} participants were already up to date"
     )
     return 3 if left_out else 0
 

@@ -25,11 +25,12 @@ Recordings = Recording | Path | Iterable[Recording | Path]
 
 def _recordings(recordings: Recordings) -> list[Recording]:
     """All recordings, read from their files if necessary."""
-    every = [recordings] if isinstance(recordings, (Recording, str, os.PathLike)) else recordings
-    return [recording if isinstance(recording, Recording) else read(recording) for recording in every]
+    several = [recordings] if isinstance(recordings, (Recording, str, os.PathLike)) else recordings
+    return [recording if isinstance(recording, Recording) else read(recording) for recording in several]
 
 
 def _warn(notes: list[str]) -> None:
+    """Issues each note as a warning at the place where the user called the function of the package."""
     for note in notes:
         warnings.warn(note, stacklevel=3)
 
@@ -40,11 +41,11 @@ def fit(recordings: Recordings, *, participant: str | None = None, options: Opti
     Several trials and both feet may be given. ``participant`` is the name of the person; the default is the name of the first
     file without its extension.
     """
-    every = _recordings(recordings)
-    if not every:
+    opened = _recordings(recordings)
+    if not opened:
         raise ValueError("no recording: give one or more recordings of a person")
-    name = pathlib.Path(every[0].path).stem if participant is None else participant
-    core, notes = _core.identify([recording._core for recording in every], name, options)
+    name = pathlib.Path(opened[0].path).stem if participant is None else participant
+    core, notes = _core.identify([recording._core for recording in opened], name, options)
     _warn(notes)
     return Fit(core)
 
@@ -67,8 +68,8 @@ def repeat(people: Recordings | dict[str, Recordings], *, options: Options = Opt
     """Repeatability between trials, like ``plantar repeat``: ICC(2,1), standard error of measurement and minimal detectable
     change.
 
-    ``people`` has the recordings of each person by the person's name. It can also be the recordings of one person; the ICC
-    is then missing. The table has one row for each foot, variable and region.
+    ``people`` has the recordings of each person by the person's name. It can also be the recordings of one person; the
+    column of the ICC is then empty. The table has one row for each foot, variable and region.
     """
     person = _core.Person(options)
     _warn(person.notes)
@@ -77,7 +78,7 @@ def repeat(people: Recordings | dict[str, Recordings], *, options: Options = Opt
         return [person.trial(recording._core) for recording in _recordings(recordings)]
 
     if isinstance(people, dict):
-        table = _core.repeatability([(name, trials(of)) for name, of in people.items()], least_people=2)
+        table = _core.repeatability([(name, trials(recordings)) for name, recordings in people.items()], least_people=2)
     else:
         table = _core.repeatability([("the person", trials(people))], least_people=1)
     frame: pd.DataFrame = table.to_pandas()
@@ -100,19 +101,19 @@ class Fit:
         """One row for each region: the paper's eight parameters, the identified parameters with their 95 % intervals, the
         errors in percent of the peak force, and for a region that was not fitted the reason."""
         rows = []
-        for region, of in self.results["regions"].items():
-            row: dict[str, Any] = {"region": region, "fitted": of["fitted"], "reason": of.get("reason")}
-            if of["fitted"]:
-                row |= {"steps": len(of["steps"]), "area_max_mm2": of["area_max_mm2"], **of["ellipsoid"]}
-                intervals = (of["uncertainty"] or {}).get("intervals_95", {})
-                for name, value in of["identified"].items():
+        for region, result in self.results["regions"].items():
+            row: dict[str, Any] = {"region": region, "fitted": result["fitted"], "reason": result.get("reason")}
+            if result["fitted"]:
+                row |= {"steps": len(result["steps"]), "area_max_mm2": result["area_max_mm2"], **result["ellipsoid"]}
+                intervals = (result["uncertainty"] or {}).get("intervals_95", {})
+                for name, value in result["identified"].items():
                     name, factor = ("ab_mm2", 1e6) if name == "ab_m2" else (name, 1.0)
                     interval = intervals.get("ab_m2" if name == "ab_mm2" else name, {})
                     ends = _widest(interval.get("jacobian"), interval.get("bootstrap"))
                     row[name] = value * factor
                     row[f"{name}_low"], row[f"{name}_high"] = (end * factor for end in ends)
-                row |= {f"nrmse_{name}_percent": value for name, value in of["nrmse_percent"].items()}
-                row["verdict"] = of["verdict"]
+                row |= {f"nrmse_{name}_percent": value for name, value in result["nrmse_percent"].items()}
+                row["verdict"] = result["verdict"]
             rows.append(row)
         return pd.DataFrame(rows).set_index("region")
 
@@ -138,6 +139,6 @@ class Fit:
 
 
 def _widest(*intervals: list[float] | None) -> tuple[float, float]:
-    """The widest of the intervals that exist, or NaN."""
-    known = [(low, high) for low, high in filter(None, intervals)]
-    return max(known, key=lambda ends: ends[1] - ends[0], default=(float("nan"), float("nan")))
+    """The widest of the intervals that exist; two NaN if there is none."""
+    existing = [(low, high) for low, high in filter(None, intervals)]
+    return max(existing, key=lambda ends: ends[1] - ends[0], default=(float("nan"), float("nan")))

@@ -36,17 +36,18 @@ class Insole:
 
     def __init__(self, core: _core.Insole) -> None:
         self._core = core
-        # Number of the record that is acknowledged when the next event is requested.
-        self._pending: int | None = None
+        # Number of the delivered record that is acknowledged when the next event is requested.
+        self._unacknowledged: int | None = None
         self._executor = ThreadPoolExecutor(1)
-        # A call of `_receive` in the thread. It remains until its event is delivered, even if the waiting task is cancelled.
+        # The call of `_receive` that runs in the thread of the executor. It is not discarded until its event is delivered, even
+        # if the task that waits for it is cancelled.
         self._call: Future[Event | None] | None = None
 
     @classmethod
     def connect(cls, *, tcp: str | None = None, serial: str | None = None, baud: int = 460_800) -> Insole:
         """Opens a session with the insole at a network address, ``HOST:PORT``, or on a serial port such as ``/dev/ttyACM0``.
 
-        ``baud`` is the bit rate of the serial port. Raises a ``ConnectionError`` if no insole answers.
+        ``baud`` is the bit rate of the serial port, bit/s. Raises a ``ConnectionError`` if no insole answers.
         """
         if (tcp is None) == (serial is None):
             raise ValueError("give either tcp or serial")
@@ -74,15 +75,15 @@ class Insole:
         return self._receive() if call is None or call.cancelled() else call.result()
 
     def _receive(self) -> Event | None:
-        if self._pending is not None:
-            self._core.acknowledge(self._pending)
-            self._pending = None
+        if self._unacknowledged is not None:
+            self._core.acknowledge(self._unacknowledged)
+            self._unacknowledged = None
         event = self._core.next_event()
         if event is None:
             return None
         kind, values, unix_s = event[0], json.loads(event[1]), event[2]
         if kind in ("step", "bout", "alert"):
-            self._pending = values["step" if kind == "step" else "number"]
+            self._unacknowledged = values["step" if kind == "step" else "number"]
         return Event(kind, values, unix_s)
 
     def __iter__(self) -> Iterator[Event]:
@@ -98,7 +99,7 @@ class Insole:
             try:
                 event = await asyncio.wrap_future(self._call)
             except asyncio.CancelledError:
-                # The thread goes on, and the next call delivers its event.
+                # The call in the thread continues, and the next iteration delivers its event.
                 raise
             except BaseException:
                 self._call = None

@@ -20,7 +20,7 @@ _MEASURED = "0.35"
 _MODEL = "tab:red"
 """Colour of the model force."""
 _MARGIN_MM = 70.0
-"""Width of the names of the regions beside a foot."""
+"""Width of the space for the names of the regions on each side of a foot."""
 
 
 def foot(recording: Recording) -> Figure:
@@ -28,8 +28,8 @@ def foot(recording: Recording) -> Figure:
     cells = recording.cells
     peak_kpa = recording.pressure_kpa.max(axis=0)
     side_mm = np.sqrt(cells["area_mm2"].to_numpy())
-    corners = zip(cells["x_mm"] - side_mm / 2, cells["y_mm"] - side_mm / 2, side_mm, strict=True)
-    squares = PatchCollection([Rectangle((x_mm, y_mm), mm, mm) for x_mm, y_mm, mm in corners], cmap="viridis")
+    places = zip(cells["x_mm"] - side_mm / 2, cells["y_mm"] - side_mm / 2, side_mm, strict=True)
+    squares = PatchCollection([Rectangle((x_mm, y_mm), size_mm, size_mm) for x_mm, y_mm, size_mm in places], cmap="viridis")
     squares.set_array(peak_kpa)
     figure, axes = plt.subplots(figsize=(6.0, 7.0), layout="constrained")
     axes.add_collection(squares)
@@ -39,9 +39,9 @@ def foot(recording: Recording) -> Figure:
     margins_mm = (edges_mm[0] - _MARGIN_MM, edges_mm[1] + _MARGIN_MM)
     axes.set_xlim(margins_mm if recording.side == "right" else margins_mm[::-1])
     axes.set_ylim(float(cells["y_mm"].min()) - side_mm.max(), float(cells["y_mm"].max()) + side_mm.max())
-    for region, of in cells.groupby("region", sort=False):
+    for region, region_cells in cells.groupby("region", sort=False):
         # The names are beside the foot, so that they do not hide cells.
-        x_mm, y_mm = float(of["x_mm"].mean()), float(of["y_mm"].mean())
+        x_mm, y_mm = float(region_cells["x_mm"].mean()), float(region_cells["y_mm"].mean())
         is_lateral = bool(x_mm > middle_mm)
         is_left = is_lateral != (recording.side == "right")
         axes.annotate(
@@ -61,14 +61,15 @@ def foot(recording: Recording) -> Figure:
 
 def step(replay: Replay, number: int | None = None) -> Figure:
     """The measured force and the live model force of the regions in a step, by default the first one."""
-    known = replay.steps.index.unique("step")
-    if known.empty:
+    numbers = replay.steps.index.unique("step")
+    if numbers.empty:
         raise ValueError(f"{replay.recording.path} has no complete step: record a walk of several steps")
-    number = int(known[0]) if number is None else number
-    if number not in known:
-        raise ValueError(f"there is no step {number}: the steps are {known[0]} to {known[-1]}")
-    of = replay.steps.xs(number, level="step").iloc[0]
-    first, length = (round(of[name] / replay._period_s) for name in ("start_s", "duration_s"))
+    number = int(numbers[0]) if number is None else number
+    if number not in numbers:
+        raise ValueError(f"there is no step {number}: the steps are {numbers[0]} to {numbers[-1]}")
+    # Start and duration are the same in the rows of all regions of a step.
+    row = replay.steps.xs(number, level="step").iloc[0]
+    first, length = (round(row[name] / replay._period_s) for name in ("start_s", "duration_s"))
     frames = replay.frames.iloc[first : first + length + 1]
     t_s = frames.index.to_numpy() - frames.index[0]
     figure, panels = _panels("time since heel strike, s")
@@ -90,10 +91,10 @@ def fit(fitted: Fit) -> Figure:
         if not row["fitted"]:
             axes.text(0.5, 0.5, "not fitted", transform=axes.transAxes, ha="center", color="0.5")
             continue
-        for index, (_, of) in enumerate(_steps(curves, region)):
+        for index, (_, curve) in enumerate(_steps(curves, region)):
             first = index == 0
-            axes.plot(of["t_s"], of["measured_force_n"], color=_MEASURED, lw=0.6, label="measured" if first else None)
-            axes.plot(of["t_s"], of["model_force_n"], color=_MODEL, lw=0.6, label="model" if first else None)
+            axes.plot(curve["t_s"], curve["measured_force_n"], color=_MEASURED, lw=0.6, label="measured" if first else None)
+            axes.plot(curve["t_s"], curve["model_force_n"], color=_MODEL, lw=0.6, label="model" if first else None)
         axes.legend(fontsize=7, loc="upper right")
         kind: str = "fitted" if pd.isna(row["nrmse_predicted_percent"]) else "predicted"
         error_percent = row[f"nrmse_{kind}_percent"]

@@ -67,12 +67,12 @@ class Recording:
 
     @property
     def path(self) -> str:
-        """The file."""
+        """The file, or the folder with the parts of the recording."""
         return self._core.path
 
     @property
     def side(self) -> Literal["left", "right"]:
-        """The foot."""
+        """The foot: ``left`` or ``right``."""
         return self._core.side
 
     @property
@@ -119,7 +119,7 @@ class Recording:
         """A data set with ``pressure_kpa`` along ``t_s`` and ``cell``; the cells have coordinates."""
         import xarray
 
-        coordinates: dict[str, Any] = {str(name): ("cell", of.to_numpy()) for name, of in self.cells.items()}
+        coordinates: dict[str, Any] = {str(name): ("cell", column.to_numpy()) for name, column in self.cells.items()}
         return xarray.Dataset(
             {"pressure_kpa": (("t_s", "cell"), self.pressure_kpa)},
             coords={"t_s": self.t_s, "cell": self.cells.index.to_numpy(), **coordinates},

@@ -17,8 +17,9 @@ const FRESH_S = 300;
 const SNOOZE_MIN = 30;
 /** Number of alerts in the table. */
 const ROWS = 10;
-/** Time within which the insoles answer a change of the switch. During this time, the switch is not updated. */
+/** Longest time that the insoles need to answer a change of the switch. During this time, the switch is not updated. */
 const ANSWER_MS = 3000;
+/** Durations of the vibrations of an alert and of the pauses between them, beginning with a vibration. */
 const VIBRATION_MS = [400, 200, 400, 200, 400];
 
 /** Minutes from midnight UTC to midnight of the phone's time zone. */
@@ -28,6 +29,7 @@ const dayStartMinutes = () => (new Date().getTimezoneOffset() + 1440) % 1440;
 export class Alerts {
   private readonly cues = new PhoneCues();
   private readonly shown = new Map<Side, Alert>();
+  /** Time of the last change of the switch by the wearer. */
   private switched_ms = -Infinity;
 
   constructor(
@@ -102,11 +104,12 @@ export class Alerts {
     const alerts = byId("alerts-on", HTMLInputElement);
     alerts.disabled = sessions.length === 0 || sessions.some(({ has_alerts }) => has_alerts === undefined);
     if (performance.now() - this.switched_ms > ANSWER_MS) {
-      const on = sessions.filter(({ has_alerts }) => has_alerts);
-      alerts.checked = on.length > 0 && on.length === sessions.length;
+      const with_alerts = sessions.filter(({ has_alerts }) => has_alerts);
+      alerts.checked = with_alerts.length > 0 && with_alerts.length === sessions.length;
       // An insole that was connected later, or that refused the change, raises no alerts: the wearer must know.
-      alerts.indeterminate = on.length > 0 && on.length < sessions.length;
-      fill("alerts-note", alerts.indeterminate ? [`Alerts are on for the ${on[0]?.hello?.side ?? ""} foot only.`] : []);
+      alerts.indeterminate = with_alerts.length > 0 && with_alerts.length < sessions.length;
+      const only = with_alerts[0]?.hello?.side ?? "";
+      fill("alerts-note", alerts.indeterminate ? [`Alerts are on for the ${only} foot only.`] : []);
     }
     const daily = SIDES.map((side) => this.insoles.of(side)?.daily);
     byId("today").hidden = daily.every((load) => !load);
@@ -125,7 +128,7 @@ export class Alerts {
     const snoozed_s = Math.max(0, ...daily.map((load) => load?.snoozed_s ?? 0));
     const raised = daily.reduce((sum, load) => sum + (load?.alerts ?? 0), 0);
     fill("today-note", [
-      `Alerts today: ${raised}.` + (snoozed_s > 0 ? ` None for another ${Math.ceil(snoozed_s / 60)} minutes.` : ""),
+      `Alerts today: ${raised}.` + (snoozed_s > 0 ? ` No alert for another ${Math.ceil(snoozed_s / 60)} minutes.` : ""),
     ]);
   }
 }

@@ -108,6 +108,7 @@ export class App {
     this.show(is_loaded ? store : new StepStore(this.wire, new NoStorage()));
   }
 
+  /** Uses this store from now on, and shows its records. */
   private show(store: StepStore): void {
     this.store = store;
     this.stepsChanged();
@@ -169,6 +170,7 @@ export class App {
     byId("start").hidden = true;
   }
 
+  /** Stores and shows a record, and acknowledges it once it is stored. */
   private readonly onRecord = (message: RecordMessage, bytes: Uint8Array, session: Session): void => {
     if (message.kind === "step") this.identify.step(message.step.side, message.step, message.key);
     const { record, number } = recordOf(message);
@@ -186,6 +188,7 @@ export class App {
     this.stepsChanged();
   };
 
+  /** Shows the stored records and their measures. To be called after each change of the records or of the settings. */
   private stepsChanged(): void {
     const { latest, days } = this.store;
     const [steps, bouts, alerts] = [this.store.count("steps"), this.store.count("bouts"), this.store.count("alerts")];

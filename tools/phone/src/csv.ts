@@ -25,8 +25,8 @@ export function liveCsv(recorded: Iterable<Entry>, wire: Wire): string[] {
   const axes = INSOLES.map(wire.recordedAxis);
   // The clock of an insole begins again at each restart, which a hello reports. The axis of a session is therefore computed from
   // the time messages up to the next hello.
-  const beginSession = (from: number, of_insole: number) => {
-    const rest = all.slice(from).filter(({ insole }) => insole === of_insole);
+  const beginSession = (first: number, of_insole: number) => {
+    const rest = all.slice(first).filter(({ insole }) => insole === of_insole);
     const end = rest.findIndex(({ decoded }) => decoded?.kind === "hello");
     axes[of_insole]?.clear();
     for (const { decoded } of end < 0 ? rest : rest.slice(0, end)) if (decoded?.kind === "time") axes[of_insole]?.answer(decoded);

@@ -19,7 +19,7 @@ const NO_STORAGE: IdentifyStorage = {
   clear: () => Promise.resolve(),
 };
 
-/** The storage for a recording, of which the session must not be offered as one of the wearer at the next visit. */
+/** The storage for the session of a recording. It stores nothing, because the wearer cannot continue it at the next visit. */
 const RECORDING: IdentifyStorage = { ...NO_STORAGE, add: () => Promise.resolve() };
 
 /** The guided session of the page. */
@@ -76,6 +76,7 @@ export class IdentifyController {
     if (this.stored.length > 0) this.show();
   }
 
+  /** Opens the view of the guided session. */
   private show(): void {
     document.body.dataset["view"] = "identify";
     document.querySelectorAll("nav button").forEach((button) => button.removeAttribute("aria-current"));
@@ -115,6 +116,7 @@ export class IdentifyController {
     }));
   }
 
+  /** Executes the action of a button of the view. */
   private act(action: string): void {
     const { session } = this;
     switch (action) {

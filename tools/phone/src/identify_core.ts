@@ -36,7 +36,7 @@ export interface Collected {
 
 /** The 95 % interval of a parameter. */
 interface Interval {
-  /** The lower and the upper end of the interval, computed from the Jacobian of the fit; `null` for an infinite one. */
+  /** The lower and the upper end of the interval, computed from the Jacobian of the fit; `null` for an infinite end. */
   jacobian: [number | null, number | null];
   /** The value is at a bound of the search. */
   at_bound: boolean;
@@ -104,8 +104,8 @@ export class IdentifyCore {
 
   /** Adds a message of an insole. Returns true if it is a step. */
   add(insole: Insole, message: Uint8Array): boolean {
-    const at = this.core.resize_buffer(message.length);
-    new Uint8Array(this.core.memory.buffer, at, message.length).set(message);
+    const address = this.core.resize_buffer(message.length);
+    new Uint8Array(this.core.memory.buffer, address, message.length).set(message);
     return this.core.add(insole) !== 0;
   }
 

@@ -12,8 +12,8 @@ export const MIN_STEPS = 3;
 /** Number of steps of each foot on which the result is checked. */
 export const CHECK_STEPS = 10;
 /**
- * A region with a smaller peak force in all steps is not fitted. The check ignores a region in the steps in which its peak force is
- * smaller.
+ * A region with a smaller peak force in all steps is not fitted (`MIN_FORCE_N` in tools/fit/src/screen.rs). The check ignores a
+ * region in the steps in which its peak force is smaller.
  */
 const LOADED_N = 3;
 /** The check succeeds if the measured error is at most this multiple of the predicted error plus {@link TOLERANCE_PERCENT}. */
@@ -42,30 +42,31 @@ export function predictedErrors({ regions }: FootResult): Map<string, number> {
   return new Map(errors);
 }
 
-/** Errors of the model, mean over the fitted regions, %. */
+/** Errors of the model (NRMSE), mean over the fitted regions. */
 export interface Check {
   /** The error that the fit predicts. */
-  predicted: number;
+  predicted_percent: number;
   /** The error that the insole measured on the steps of the check. */
-  measured: number;
+  measured_percent: number;
   /** True if the measured error confirms the result, see {@link TOLERANCE_FACTOR}. */
-  holds: boolean;
+  is_confirmed: boolean;
 }
 
 /** Compares the insole's own model error in these steps with the result. `undefined` if no fitted region was loaded. */
 export function check(result: FootResult, steps: readonly Step[]): Check | undefined {
-  const predicted: number[] = [];
-  const measured: number[] = [];
-  for (const [name, error] of predictedErrors(result)) {
+  const predicted_percent: number[] = [];
+  const measured_percent: number[] = [];
+  for (const [name, error_percent] of predictedErrors(result)) {
     const all = steps.flatMap((step) => step.regions[name] ?? []);
     const regions = all.filter((region) => region.measured_force_peak_n >= LOADED_N);
     if (regions.length === 0) continue;
-    predicted.push(error);
-    measured.push(mean(regions.map((region) => region.model_error_nrmse_percent)));
+    predicted_percent.push(error_percent);
+    measured_percent.push(mean(regions.map((region) => region.model_error_nrmse_percent)));
   }
-  if (predicted.length === 0) return undefined;
-  const errors = { predicted: mean(predicted), measured: mean(measured) };
-  return { ...errors, holds: errors.measured <= TOLERANCE_FACTOR * errors.predicted + TOLERANCE_PERCENT };
+  if (predicted_percent.length === 0) return undefined;
+  const errors = { predicted_percent: mean(predicted_percent), measured_percent: mean(measured_percent) };
+  const limit_percent = TOLERANCE_FACTOR * errors.predicted_percent + TOLERANCE_PERCENT;
+  return { ...errors, is_confirmed: errors.measured_percent <= limit_percent };
 }
 
 const mean = (values: readonly number[]) => values.reduce((sum, value) => sum + value, 0) / values.length;

@@ -18,7 +18,7 @@ import type { Insole } from "./transport/transport";
 const STAND_MS = 3000;
 /** A foot counts as standing on the ground from this total force on. */
 const STANDING_N = 50;
-/** Messages are passed to the worker and to the storage after this time at the latest. */
+/** Longest time after which collected messages are passed to the worker and to the storage. */
 const PASS_ON_MS = 1000;
 /** Least time between two spoken remarks on steps that were not used. */
 const REMARK_MS = 8000;
@@ -89,7 +89,7 @@ export interface Foot {
 }
 
 /** The index of a foot's insole in the stream file. It does not depend on the order in which insoles were connected. */
-const indexOf = (side: Side): Insole => (side === "left" ? 0 : 1);
+const insoleOf = (side: Side): Insole => (side === "left" ? 0 : 1);
 
 /** A guided session. `now_ms` is a time of `performance.now()`, and `unix_ms` is a time of `Date.now()`. */
 export class IdentifySession {
@@ -190,7 +190,7 @@ export class IdentifySession {
 
   private collect(side: Side, message: Uint8Array, unix_ms: number): void {
     const t_ms = Math.max(0, Math.round(unix_ms - this.start_unix_ms));
-    this.pending.push(entry({ t_ms, insole: indexOf(side), message }));
+    this.pending.push(entry({ t_ms, insole: insoleOf(side), message }));
   }
 
   /** Passes the pending messages to the worker and to the storage. */
@@ -266,7 +266,7 @@ export class IdentifySession {
   answer(answer: Answer, now_ms: number): void {
     switch (answer.kind) {
       case "collected":
-        for (const foot of this.feet) this.counted(foot, answer.insoles[indexOf(foot.side)], now_ms);
+        for (const foot of this.feet) this.updateCounts(foot, answer.insoles[insoleOf(foot.side)], now_ms);
         if (this.phase === "walk" && this.feet.every(({ collected }) => (collected?.good ?? 0) >= TARGET_STEPS)) {
           this.finishWalk();
         }
@@ -284,8 +284,8 @@ export class IdentifySession {
     }
   }
 
-  /** Compares the counts of a foot with those before, and gives cues. */
-  private counted(foot: Foot, collected: Collected | undefined, now_ms: number): void {
+  /** Stores the counts of a foot. During the walk, compares them with the previous counts, and gives cues. */
+  private updateCounts(foot: Foot, collected: Collected | undefined, now_ms: number): void {
     if (!collected) return;
     const before = foot.collected;
     foot.collected = collected;
@@ -345,13 +345,13 @@ export class IdentifySession {
 
   private solveNext(): void {
     const next = this.fittable().find(({ result }) => !result);
-    if (next) return this.host.solve({ kind: "identify", insole: indexOf(next.side), size: this.host.size() });
+    if (next) return this.host.solve({ kind: "identify", insole: insoleOf(next.side), size: this.host.size() });
     this.phase = "result";
     this.host.cues.say("The result is ready.");
   }
 
   private receiveResult(insole: Insole, result: FootResult): void {
-    const foot = this.feet.find(({ side }) => indexOf(side) === insole);
+    const foot = this.feet.find(({ side }) => insoleOf(side) === insole);
     if (!foot || this.phase !== "fit") return;
     foot.result = result;
     this.solveNext();

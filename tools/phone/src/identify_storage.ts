@@ -1,7 +1,7 @@
 /** Storage of the messages of a guided session, so that the session can continue after the page was closed or reloaded. */
 
 import { type IdentifyStorage } from "./identify_session";
-import { complete, done, openDatabase } from "./indexed_db";
+import { committed, openDatabase, resultOf } from "./indexed_db";
 
 const DATABASE = "plantar-identify";
 const STORE = "messages";
@@ -18,7 +18,7 @@ export class DatabaseIdentifyStorage implements IdentifyStorage {
 
   load(): Promise<Uint8Array<ArrayBuffer>[]> {
     const store = this.database.transaction(STORE, "readonly").objectStore(STORE);
-    return done(store.getAll() as IDBRequest<Uint8Array<ArrayBuffer>[]>);
+    return resultOf(store.getAll() as IDBRequest<Uint8Array<ArrayBuffer>[]>);
   }
 
   async add(part: Uint8Array<ArrayBuffer>): Promise<void> {
@@ -33,6 +33,6 @@ export class DatabaseIdentifyStorage implements IdentifyStorage {
   private change(act: (store: IDBObjectStore) => void): Promise<void> {
     const transaction = this.database.transaction(STORE, "readwrite");
     act(transaction.objectStore(STORE));
-    return complete(transaction);
+    return committed(transaction);
   }
 }

@@ -11,7 +11,7 @@ import { SIDES, sideTitle } from "./side";
 /** Least share of an insole's frames that must arrive. Below it, the wearer is warned before the session. */
 const LEAST_RATE = 0.8;
 const LOW_BATTERY_PERCENT = 15;
-/** Errors of the model below these values, %, are called good and fair. */
+/** An error of the model below the first value, %, is called good, and below the second one fair. */
 const [GOOD_PERCENT, FAIR_PERCENT] = [10, 20];
 
 /** The data that the view shows besides the session. */
@@ -168,17 +168,17 @@ export function regionRow(name: string, region: RegionResult): Node {
   if (!region.fitted) return ["tr", {}, title, ["td", { colspan: "2" }, `not determined: ${region.reason}`]];
   const kPa = (pa: number | null) => (pa === null ? "∞" : (pa / 1000).toFixed(pa < 10_000 ? 1 : 0));
   const { jacobian, at_bound } = region.uncertainty.intervals_95.stiffness_pa;
-  const error = region.nrmse_percent.predicted ?? region.nrmse_percent.fitted;
-  const word = error < GOOD_PERCENT ? "good" : error < FAIR_PERCENT ? "fair" : "rough";
+  const error_percent = region.nrmse_percent.predicted ?? region.nrmse_percent.fitted;
+  const rating = error_percent < GOOD_PERCENT ? "good" : error_percent < FAIR_PERCENT ? "fair" : "rough";
   const range = at_bound ? "at the limit of the search" : `${kPa(jacobian[0])} to ${kPa(jacobian[1])}`;
   return ["tr", {}, title,
     ["td", {}, kPa(region.identified.stiffness_pa), ["small", {}, range]],
-    ["td", {}, `${error.toFixed(0)} %`, ["small", {}, word]]];
+    ["td", {}, `${error_percent.toFixed(0)} %`, ["small", {}, rating]]];
 }
 
 function resultTable({ side, collected, result }: Foot, { regions }: FootResult): Node[] {
   const rows = Object.entries(regions).map(([name, region]) => regionRow(name, region));
-  const warnings = Object.entries(regions).flatMap(([name, region]) =>
+  const details = Object.entries(regions).flatMap(([name, region]) =>
     region.fitted ? [region.verdict, ...region.warnings].map((text): Node => ["li", {}, `${regionTitle(name)}: ${text}`]) : [],
   );
   const good = collected?.good ?? 0;
@@ -189,7 +189,7 @@ function resultTable({ side, collected, result }: Foot, { regions }: FootResult)
       ["thead", {}, ["tr", {}, ...titles]],
       ["tbody", {}, ...rows]],
     ...(good < RELIABLE_STEPS ? [note(`Only ${good} steps of the ${side} foot: its result is uncertain.`)] : []),
-    ["details", {}, ["summary", {}, `Details of the ${side} foot`], ["ul", { class: "soft" }, ...warnings]],
+    ["details", {}, ["summary", {}, `Details of the ${side} foot`], ["ul", { class: "soft" }, ...details]],
   ];
 }
 
@@ -204,10 +204,10 @@ const exports = (session: IdentifySession): Node[] => [
 ];
 
 function result(session: IdentifySession, is_replay: boolean): Node[] {
-  const without = session.feet.filter(({ result }) => !result).map(({ side }) => side);
+  const unfitted = session.feet.filter(({ result }) => !result).map(({ side }) => side);
   const is_sending = session.phase === "push";
   return [
-    ...without.map((side) => note(`There are too few steps of the ${side} foot. Its insole is left unchanged.`)),
+    ...unfitted.map((side) => note(`There are too few steps of the ${side} foot. Its insole is left unchanged.`)),
     ...refusals(session),
     ...(is_replay ? [note("This is a recording, so there is no insole to send the parameters to.")]
       : is_sending ? [["p", { class: "fine" }, "Sending the parameters…"] as Node]
@@ -227,10 +227,11 @@ function done(session: IdentifySession): Node[] {
     ...session.feet.flatMap(({ side, check, sent }): Node[] => {
       if (sent !== "confirmed") return [];
       if (!check) return [note(`The ${side} insole has your parameters. They were not checked on further steps.`)];
-      const { predicted, measured, holds } = check;
-      const errors = `error ${measured.toFixed(0)} % on your last ${CHECK_STEPS} steps, ${predicted.toFixed(0)} % were expected.`;
+      const { predicted_percent, measured_percent, is_confirmed } = check;
+      const expected = `${predicted_percent.toFixed(0)} % were expected.`;
+      const errors = `error ${measured_percent.toFixed(0)} % on your last ${CHECK_STEPS} steps, ${expected}`;
       const words = `${sideTitle(side)} foot: ${errors}`;
-      if (holds) return [["p", { class: "fine" }, words]];
+      if (is_confirmed) return [["p", { class: "fine" }, words]];
       return [note(`${words} Repeat the session on a straight path at your usual pace.`)];
     }),
     ...refusals(session),

@@ -4,15 +4,15 @@
 export const failed = (error: DOMException | null) => error ?? new Error("The browser's database failed.");
 
 /** Resolves with the result of a request. */
-export function done<T>(request: IDBRequest<T>): Promise<T> {
+export function resultOf<T>(request: IDBRequest<T>): Promise<T> {
   return new Promise((resolve, reject) => {
     request.onsuccess = () => resolve(request.result);
     request.onerror = () => reject(failed(request.error));
   });
 }
 
-/** Resolves when a transaction is stored. */
-export function complete(transaction: IDBTransaction): Promise<void> {
+/** Resolves when the changes of a transaction are stored. */
+export function committed(transaction: IDBTransaction): Promise<void> {
   return new Promise((resolve, reject) => {
     transaction.oncomplete = () => resolve();
     transaction.onabort = () => reject(failed(transaction.error));
@@ -34,7 +34,7 @@ export async function openDatabase(
   const request = indexedDB.open(name, version);
   request.onupgradeneeded = () => upgrade(request);
   request.onblocked = () => blocked(true);
-  const database = await done(request).finally(() => blocked(false));
+  const database = await resultOf(request).finally(() => blocked(false));
   // A page of a newer version can upgrade the database only once this page has closed it.
   database.onversionchange = () => database.close();
   return database;

@@ -1,7 +1,7 @@
 /** Storage of the wearer's steps, load bouts and alerts across visits of the page. */
 
 import { type DayLoad, type DayTotals, addLoad } from "./days";
-import { complete, done, failed, openDatabase } from "./indexed_db";
+import { committed, failed, openDatabase, resultOf } from "./indexed_db";
 
 /** A stored step, load bout or alert. `start_unix_s` is that of `StoredStep`, `StoredBout` or `StoredAlert`. */
 export interface StepRecord {
@@ -65,7 +65,7 @@ export class NoStorage extends TemporaryStorage {
   }
 }
 
-const NAME = "plantar";
+const DATABASE = "plantar";
 /** The records in the order in which they were stored, with their keys as an index. */
 const RECORDS = "records";
 /** The totals of each day. */
@@ -73,7 +73,7 @@ const DAYS = "days";
 /** The records of version 1 of the database, which had no keys and no totals. */
 const RECORDS_1 = "steps";
 /** Number of records that are read at once. */
-const PART = 2000;
+const PART_RECORDS = 2000;
 
 /** Stores records in the browser's database. */
 export class DatabaseStorage implements StepStorage {
@@ -92,41 +92,42 @@ export class DatabaseStorage implements StepStorage {
       database.createObjectStore(DAYS, { keyPath: "day" });
       if (transaction && database.objectStoreNames.contains(RECORDS_1)) upgrade(database, transaction, keyed);
     };
-    return new DatabaseStorage(await openDatabase(NAME, 2, create, blocked));
+    return new DatabaseStorage(await openDatabase(DATABASE, 2, create, blocked));
   }
 
   async latest(count: number): Promise<StepRecord[]> {
     const records = this.database.transaction(RECORDS, "readonly").objectStore(RECORDS);
-    return done(records.getAll(await rangeOfLast(records, count)) as IDBRequest<StepRecord[]>);
+    return resultOf(records.getAll(await rangeOfLast(records, count)) as IDBRequest<StepRecord[]>);
   }
 
   async *parts(): AsyncGenerator<StepRecord[]> {
-    let rest: IDBKeyRange | null = null;
+    // The records that were not read yet; `null` for all.
+    let range: IDBKeyRange | null = null;
     for (;;) {
       const records = this.database.transaction(RECORDS, "readonly").objectStore(RECORDS);
       const [values, keys] = await Promise.all([
-        done(records.getAll(rest, PART) as IDBRequest<StepRecord[]>),
-        done(records.getAllKeys(rest, PART)),
+        resultOf(records.getAll(range, PART_RECORDS) as IDBRequest<StepRecord[]>),
+        resultOf(records.getAllKeys(range, PART_RECORDS)),
       ]);
       if (values.length === 0) return;
       yield values;
-      rest = IDBKeyRange.lowerBound(keys[keys.length - 1], true);
+      range = IDBKeyRange.lowerBound(keys[keys.length - 1], true);
     }
   }
 
   days(): Promise<DayTotals[]> {
-    return done(this.database.transaction(DAYS, "readonly").objectStore(DAYS).getAll() as IDBRequest<DayTotals[]>);
+    return resultOf(this.database.transaction(DAYS, "readonly").objectStore(DAYS).getAll() as IDBRequest<DayTotals[]>);
   }
 
   async add(records: readonly NewRecord[]): Promise<void> {
     // An acknowledgement lets the insole delete a record, so the record must be on the disk before the promise resolves.
     const transaction = this.database.transaction([RECORDS, DAYS], "readwrite", { durability: "strict" });
     const [stored, days] = [transaction.objectStore(RECORDS).index("key"), transaction.objectStore(DAYS)];
-    const found = await Promise.all(records.map(({ key }) => done(stored.getKey(key))));
+    const found = await Promise.all(records.map(({ key }) => resultOf(stored.getKey(key))));
     const added = records.filter((_, i) => found[i] === undefined);
     const totals = new Map<string, DayTotals>();
     for (const day of new Set(added.map(({ load }) => load.day))) {
-      const before = await done(days.get(day) as IDBRequest<DayTotals | undefined>);
+      const before = await resultOf(days.get(day) as IDBRequest<DayTotals | undefined>);
       if (before) totals.set(day, before);
     }
     for (const record of added) {
@@ -134,13 +135,13 @@ export class DatabaseStorage implements StepStorage {
       addLoad(totals, record.load);
     }
     for (const day of totals.values()) days.put(day);
-    await complete(transaction);
+    await committed(transaction);
   }
 
   async clear(): Promise<void> {
     const transaction = this.database.transaction([RECORDS, DAYS], "readwrite");
     for (const name of [RECORDS, DAYS]) transaction.objectStore(name).clear();
-    await complete(transaction);
+    await committed(transaction);
   }
 }
 
@@ -153,19 +154,19 @@ function store(transaction: IDBTransaction, { key, message, start_unix_s }: NewR
 function upgrade(database: IDBDatabase, transaction: IDBTransaction, keyed: (record: StepRecord) => NewRecord | undefined): void {
   const keys = new Set<string>();
   const days = new Map<string, DayTotals>();
-  const cursor = transaction.objectStore(RECORDS_1).openCursor();
-  cursor.onsuccess = () => {
-    const at = cursor.result;
-    if (at) {
-      const record = keyed(at.value as StepRecord);
-      if (!record) transaction.objectStore(RECORDS).add(at.value);
+  const request = transaction.objectStore(RECORDS_1).openCursor();
+  request.onsuccess = () => {
+    const cursor = request.result;
+    if (cursor) {
+      const record = keyed(cursor.value as StepRecord);
+      if (!record) transaction.objectStore(RECORDS).add(cursor.value);
       // If two pages were open in one browser, they may have stored a record twice.
       else if (!keys.has(record.key)) {
         keys.add(record.key);
         addLoad(days, record.load);
         store(transaction, record);
       }
-      at.continue();
+      cursor.continue();
       return;
     }
     for (const totals of days.values()) transaction.objectStore(DAYS).put(totals);
@@ -183,14 +184,14 @@ function totalsOf(records: readonly NewRecord[]): DayTotals[] {
 /** The range of the last `count` records; `null`, which stands for all records, if there are at most `count`. */
 function rangeOfLast(records: IDBObjectStore, count: number): Promise<IDBKeyRange | null> {
   return new Promise((resolve, reject) => {
-    const cursor = records.openKeyCursor(null, "prev");
+    const request = records.openKeyCursor(null, "prev");
     let is_advanced = false;
-    cursor.onsuccess = () => {
-      const at = cursor.result;
-      if (!at || is_advanced) return resolve(at && IDBKeyRange.lowerBound(at.key, true));
+    request.onsuccess = () => {
+      const cursor = request.result;
+      if (!cursor || is_advanced) return resolve(cursor && IDBKeyRange.lowerBound(cursor.key, true));
       is_advanced = true;
-      at.advance(count);
+      cursor.advance(count);
     };
-    cursor.onerror = () => reject(failed(cursor.error));
+    request.onerror = () => reject(failed(request.error));
   });
 }

@@ -50,7 +50,7 @@ export class Records {
   }
 
   /** Removes all but the last `count` records of each kind. */
-  keep(count: number): void {
+  trimTo(count: number): void {
     for (const records of [this.steps, this.bouts, this.alerts]) records.splice(0, Math.max(0, records.length - count));
   }
 }
@@ -88,8 +88,8 @@ export class StepStore {
   private storing = Promise.resolve();
 
   /**
-   * `most_repeated` is the largest number of records of a foot after which one of them can arrive again. By default, it is
-   * that of an insole, which sends again at most as many records as its queue holds.
+   * `most_repeated` is the largest number of last records of a foot that can arrive again. The default is twice the number that
+   * an insole sends again, which is at most the number of records in its queue.
    */
   constructor(
     private readonly wire: Wire,
@@ -145,7 +145,8 @@ export class StepStore {
       const record = withKey(decoded, { message: message.slice(), start_unix_s }, now_unix_s());
       this.latest.add(decoded, start_unix_s);
       // Removing one record at a time would copy all others each time.
-      if (Math.max(this.latest.steps.length, this.latest.bouts.length, this.latest.alerts.length) >= 2 * LOADED) this.latest.keep(LOADED);
+      const { steps, bouts, alerts } = this.latest;
+      if (Math.max(steps.length, bouts.length, alerts.length) >= 2 * LOADED) this.latest.trimTo(LOADED);
       addLoad(this.days, record.load);
       this.pending.push(record);
       this.remember(decoded);
@@ -156,7 +157,7 @@ export class StepStore {
 
   /** Deletes all records. */
   async clear(): Promise<void> {
-    this.latest.keep(0);
+    this.latest.trimTo(0);
     this.days.clear();
     this.pending = [];
     await this.storage.clear();

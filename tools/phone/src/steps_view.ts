@@ -7,7 +7,7 @@ import type { Estimate, Gait, GaitMeasure, Step } from "./generated/quantities";
 import { type Settings, percentOfWeight } from "./settings";
 import { SIDES, sideTitle } from "./side";
 import type { StoredBout, StoredStep } from "./step_store";
-import { LATEST, stepsOf } from "./walk";
+import { LATEST_STEPS, stepsOf } from "./walk";
 
 /** Largest number of steps of each foot in the diagram. */
 const TREND_STEPS = 60;
@@ -117,8 +117,8 @@ function drawGait(gait: Gait, settings: Settings): void {
   const compared = gait.has_both_feet ? ""
     : "The feet are not compared, because one foot has no steps, or the time of a step is unknown. ";
   fill("both-feet-note", [
-    `${compared}Strides in use: ${both(strides)}, of the last ${LATEST} steps of each foot. Not used, because of a pause or a ` +
-      `missing step: ${both(gaps)}; without exactly one step of the other foot: ${both(unpaired)}.`,
+    `${compared}Strides in use: ${both(strides)}, of the last ${LATEST_STEPS} steps of each foot. Not used, because of a pause ` +
+      `or a missing step: ${both(gaps)}; without exactly one step of the other foot: ${both(unpaired)}.`,
   ]);
 }
 
@@ -162,7 +162,8 @@ function trend(steps: readonly StoredStep[], settings: Settings): Node[] {
       ...series.flatMap(({ side, values }): Node[] => {
         const points = values.map((value, i) => `${x(i, values.length).toFixed(1)} ${y(value).toFixed(1)}`);
         // Circles for left and squares for right, so that colour is not the only difference.
-        const mark = (at: string) => (side === "left" ? `M${at}m-3 0a3 3 0 1 0 6 0a3 3 0 1 0-6 0` : `M${at}m-3-3h6v6h-6z`);
+        const mark = (point: string) =>
+          side === "left" ? `M${point}m-3 0a3 3 0 1 0 6 0a3 3 0 1 0-6 0` : `M${point}m-3-3h6v6h-6z`;
         const colour = `var(--${side})`;
         return [
           ["path", { class: "trace", stroke: colour, d: `M${points.join("L")}` }],

@@ -6,7 +6,7 @@
 import { INSOLES, type Insole } from "./transport/transport";
 
 /** Length of an entry without its message, bytes. */
-const HEAD = 7;
+const HEAD_BYTES = 7;
 /** Length of the longest message of the protocol, bytes: `MAX_MESSAGE` in `src/protocol/codec.rs`. */
 export const MAX_MESSAGE = 560;
 const NOT_A_RECORDING = "This file is not a recording of insoles. Use a recording of this page or of plantar serve.";
@@ -28,27 +28,28 @@ export const isMessageLength = (length: number) => length >= 1 && length <= MAX_
  */
 export function* entries(bytes: Uint8Array): Generator<Entry> {
   const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
-  for (let at = 0; at < bytes.length; ) {
-    if (at + HEAD > bytes.length) return;
-    const length = view.getUint16(at + 5, true);
-    const insole = INSOLES.find((index) => index === bytes[at + 4]);
-    // A damaged length must not pass for that of an incomplete last entry.
+  for (let offset = 0; offset < bytes.length; ) {
+    if (offset + HEAD_BYTES > bytes.length) return;
+    const length = view.getUint16(offset + 5, true);
+    const insole = INSOLES.find((index) => index === bytes[offset + 4]);
+    // An entry with a damaged length must not be taken for an incomplete last entry.
     if (insole === undefined || !isMessageLength(length)) {
-      throw new Error(at === 0 ? NOT_A_RECORDING : `This recording is damaged at byte ${at}. Use another one.`);
+      throw new Error(offset === 0 ? NOT_A_RECORDING : `This recording is damaged at byte ${offset}. Use another one.`);
     }
-    if (at + HEAD + length > bytes.length) return;
-    yield { t_ms: view.getUint32(at, true), insole, message: bytes.subarray(at + HEAD, at + HEAD + length) };
-    at += HEAD + length;
+    const start = offset + HEAD_BYTES;
+    if (start + length > bytes.length) return;
+    yield { t_ms: view.getUint32(offset, true), insole, message: bytes.subarray(start, start + length) };
+    offset = start + length;
   }
 }
 
 /** Encodes an entry. */
 export function entry({ t_ms, insole, message }: Entry): Uint8Array {
-  const bytes = new Uint8Array(HEAD + message.length);
+  const bytes = new Uint8Array(HEAD_BYTES + message.length);
   const view = new DataView(bytes.buffer);
   view.setUint32(0, t_ms, true);
   view.setUint8(4, insole);
   view.setUint16(5, message.length, true);
-  bytes.set(message, HEAD);
+  bytes.set(message, HEAD_BYTES);
   return bytes;
 }

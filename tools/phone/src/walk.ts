@@ -7,14 +7,14 @@ import type { Records, StoredStep } from "./step_store";
 import type { Wire } from "./wire";
 
 /** The measures are computed from this number of the last steps of each foot. */
-export const LATEST = 100;
+export const LATEST_STEPS = 100;
 
 /** The steps of one foot. */
 export const stepsOf = (steps: readonly StoredStep[], side: Side) => steps.filter(({ step }) => step.side === side);
 
 /** The measures of both feet. The feet are compared only if the times of all steps are on the clock of the browser. */
 export function gaitOf(wire: Wire, { steps, bouts, alerts }: Pick<Records, "steps" | "bouts" | "alerts">, settings: Settings): Gait {
-  const feet = SIDES.map((side) => stepsOf(steps, side).slice(-LATEST));
+  const feet = SIDES.map((side) => stepsOf(steps, side).slice(-LATEST_STEPS));
   const has_common_clock = feet.flat().every(({ start_unix_s }) => start_unix_s !== null);
   const start_s = ({ step, start_unix_s }: StoredStep) => (has_common_clock ? (start_unix_s ?? 0) : step.start_s);
   const stride_m = (settings.stride_cm ?? 0) / 100;

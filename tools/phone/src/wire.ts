@@ -212,8 +212,8 @@ export class Wire {
   }
 
   private write(bytes: Uint8Array): void {
-    const at = this.core.resize_buffer(bytes.length);
-    new Uint8Array(this.core.memory.buffer, at, bytes.length).set(bytes);
+    const address = this.core.resize_buffer(bytes.length);
+    new Uint8Array(this.core.memory.buffer, address, bytes.length).set(bytes);
   }
 
   private request(length: number): Uint8Array {

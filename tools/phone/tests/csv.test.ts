@@ -109,7 +109,7 @@ test("a file that is not a recording is refused", () => {
   expect(() => [...entries(bytes)]).toThrow("not a recording");
 });
 
-test("a length that no message has is damage, also in the last entry", () => {
+test("an entry with a length that no message has is reported as damage, also if it is the last one", () => {
   const first = entry({ t_ms: 1, insole: 0, message: Uint8Array.of(1, 2, 3) });
   for (const length of [0, MAX_MESSAGE + 1, 0xffff]) {
     const last = entry({ t_ms: 2, insole: 0, message: Uint8Array.of(4, 5) });
@@ -120,7 +120,7 @@ test("a length that no message has is damage, also in the last entry", () => {
   expect([...entries(entry(longest))]).toEqual([longest]);
 });
 
-test("the longest message is that of the firmware", () => {
+test("the length of the longest message is that of the firmware", () => {
   const codec = readFileSync(new URL("../../../src/protocol/codec.rs", import.meta.url), "utf8");
   expect(Number(/MAX_MESSAGE: usize = (\d+)/.exec(codec)?.[1])).toBe(MAX_MESSAGE);
 });

@@ -152,7 +152,7 @@ test("the feet are fitted one after the other, the parameters are sent until the
     for (const side of ["left", "left", "right"] as const) session.step(side, withError(i === 0 ? 90 : 9), `${i}`, 4000);
   }
   expect(session.phase).toBe("done");
-  expect(session.feet.map(({ check }) => check?.holds)).toEqual([true, true]);
+  expect(session.feet.map(({ check }) => check?.is_confirmed)).toEqual([true, true]);
 });
 
 test("an insole that refuses or does not answer is named, and the parameters can be sent again", () => {
@@ -232,8 +232,9 @@ test("an insole under the wrong foot is named", () => {
 
 test("the check compares loaded fitted regions with the prediction, and excluded steps are described in words", () => {
   const unloaded = anyStep({ regions: { heel: region({ measured_force_peak_n: 2, model_error_nrmse_percent: 90 }) } });
-  expect(check(result(8), [withError(9), withError(11), unloaded])).toEqual({ predicted: 8, measured: 10, holds: true });
-  expect(check(result(8), [withError(20)])?.holds).toBe(false);
+  const confirmed = { predicted_percent: 8, measured_percent: 10, is_confirmed: true };
+  expect(check(result(8), [withError(9), withError(11), unloaded])).toEqual(confirmed);
+  expect(check(result(8), [withError(20)])?.is_confirmed).toBe(false);
   expect(check(result(8), [unloaded])).toBeUndefined();
   const sentences = exclusions(collected("left", 3, { broken: 1 }));
   expect(sentences).toEqual(["Not used: 1 left step with lost data. Hold the phone closer to your feet."]);

@@ -14,8 +14,8 @@ beforeAll(async () => {
 });
 
 /**
- * Creates a session that logs its requests and steps. If `decode` is given, it replaces the decoding of messages. A step that
- * was logged is known.
+ * Creates a session that logs its requests and steps. If `decode` is given, it replaces the decoding of messages. A step counts
+ * as known once it was logged.
  */
 function start(decode?: (bytes: Uint8Array) => ToHost | undefined) {
   const sent: Uint8Array[] = [];
@@ -297,7 +297,7 @@ test("an insole that reports a fault after its start measures, unless it has no 
   expect(problems("cell 3 has no area", 0, "power")).toMatch(/cannot measure.*cell 3/);
 });
 
-test("the rate is the mean of the last seconds, also in the first second", () => {
+test("the rate is the mean of the last two seconds, and at first the mean since the hello", () => {
   const { session } = start();
   session.opened(0);
   const [hello, ...messages] = messagesOf(0);

@@ -18,9 +18,10 @@ use std::io::{BufWriter, Write};
 const STEPS: usize = 6;
 /// Duration of a stride, s; the right foot strikes half a stride after the left foot.
 const STRIDE_S: f64 = 1.05;
-/// Number of frames between two answers with the time of the insole, by which a host puts both feet on one clock.
+/// Number of frames between two messages with the time of the insole, by which a host converts the times of both feet to one
+/// clock.
 const TIME_FRAMES: usize = 25;
-/// Number of frames between two messages with ellipses: 25 Hz.
+/// Number of frames between two messages with ellipses: 25 Hz at 100 frames per second.
 const ELLIPSE_FRAMES: usize = 4;
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -38,7 +39,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 /// The messages of an insole, each with its time in ms, during a walk that starts `lag_s` after time 0. `peak_n` is the peak
-/// force on the foot, N.
+/// force on the foot, N, and `seed` determines the random variation of the steps.
 fn messages(
     side: Side,
     steps: usize,

@@ -16,10 +16,10 @@ pub(crate) type Session = Link<Box<dyn Carrier + Send>>;
 pub struct Source {
     /// Its name, as the user gave it.
     pub name: String,
-    /// Opens the carrier; called again after the carrier failed.
+    /// Opens the carrier. Called again after the carrier failed.
     pub open: Open<Box<dyn Carrier + Send>>,
-    /// The wearer's parameters, which the insole receives once, at the beginning of the first session: those that a page sends
-    /// later must remain in force after a reconnection.
+    /// The wearer's parameters. The insole receives them at the beginning of the first session only, so that parameters that a
+    /// page sends later remain in force after a reconnection.
     pub tissue: Option<Tissue>,
 }
 
@@ -35,11 +35,11 @@ impl Source {
     }
 }
 
-/// Bridges the insole with this index to the hub until the program ends. Reconnects after a lost link. Errors are printed with
-/// `name` before them.
+/// Bridges the insole with this index to the hub until the program ends, or until the reconnection policy gives up. Reconnects
+/// after a lost link. Printed errors begin with `name`.
 pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
     pass_hello(hub, index, &mut insole);
-    let mut status_requested = Instant::now();
+    let mut status_requested_at = Instant::now();
     loop {
         let event = insole.next_event();
         if let Ok(Event::Message(message)) = &event {
@@ -72,8 +72,8 @@ pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
             }
         }
         hub.clock(index, insole.client().axis());
-        if let Some(step) = hub.acknowledgement(index) {
-            insole.send(ToDevice::Acknowledge { number: step });
+        if let Some(number) = hub.acknowledgement(index) {
+            insole.send(ToDevice::Acknowledge { number });
         }
         if let Some(request) = hub.to_send(index) {
             insole.send(request);
@@ -81,8 +81,8 @@ pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
         if let Some(request) = hub.ellipses_to_request(index) {
             insole.send(request);
         }
-        if status_requested.elapsed() > STATUS_INTERVAL {
-            status_requested = Instant::now();
+        if status_requested_at.elapsed() > STATUS_INTERVAL {
+            status_requested_at = Instant::now();
             insole.send(ToDevice::GetStatus);
             insole.send(ToDevice::GetDailyLoad);
         }

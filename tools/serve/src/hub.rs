@@ -15,7 +15,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
 
-/// Time after which a request counts as lost: an insole answers within a second.
+/// Time after which a request of a page counts as lost. An insole answers within a second.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// The state of all insoles, and the sessions of all pages.
@@ -25,7 +25,8 @@ pub(crate) struct Hub {
     accepts_parameters: bool,
     /// `None` without a recording, or after it failed.
     recorder: Mutex<Option<StreamFile>>,
-    next_page: Mutex<u64>,
+    /// Number of the page that was added last.
+    last_page: Mutex<u64>,
     /// Wakes the tasks of the pages.
     changed: watch::Sender<()>,
     has_ended: AtomicBool,
@@ -36,13 +37,13 @@ struct Insole {
     hello: Option<Hello>,
     /// The configuration that pages can read, and its identifier in the hello.
     layout: Option<(u32, Layout)>,
-    /// The rate of the stream of ellipses that was requested from the insole: one of this number of frames, or 0 for none.
+    /// The stream of ellipses that was requested from the insole: the ellipses of one frame out of this number, or 0 for none.
     ellipses_every: u8,
     /// The wearer's parameters, if they are known.
     tissue: Option<Tissue>,
-    /// Requests of pages, to be sent to the insole next.
+    /// Requests of pages that were not sent to the insole yet, oldest first.
     to_send: VecDeque<ToDevice>,
-    /// The page that has requested a change and waits for the insole's answer, and the time of its request.
+    /// The number of the page that has requested a change and waits for the insole's answer, and the time of its request.
     waiting: Option<(u64, Instant)>,
     /// The rules of alerts, if they are known.
     alert_rules: Option<AlertRules>,
@@ -54,7 +55,7 @@ struct Insole {
     session: u64,
     /// Records that no page has acknowledged, at most as many as the insole holds in RAM.
     pending: VecDeque<Pending>,
-    /// The last records that a page acknowledged: after a lost acknowledgement, the insole sends them again.
+    /// The last records that a page acknowledged. The insole sends such a record again if it did not receive the acknowledgement.
     acknowledged: VecDeque<LoadRecord>,
     /// Number of the record to acknowledge to the insole next.
     to_acknowledge: Option<u32>,
@@ -92,7 +93,7 @@ impl Hub {
             accepts_parameters,
             insoles: outlets.into_iter().map(insole).collect(),
             recorder: Mutex::new(recorder),
-            next_page: Mutex::new(0),
+            last_page: Mutex::new(0),
             changed: watch::Sender::new(()),
             has_ended: AtomicBool::new(false),
         }
@@ -166,7 +167,7 @@ impl Hub {
         self.changed.send_replace(());
     }
 
-    /// The layout with this identifier, if the last session with the insole had the same.
+    /// The layout with this identifier, if the insole had it in its last session, so that it need not be read again.
     pub fn layout(&self, index: usize, id: u32) -> Option<Layout> {
         self.insole(index).layout.filter(|(known, _)| *known == id).map(|(_, layout)| layout)
     }
@@ -189,12 +190,12 @@ impl Hub {
     pub fn tissue_answer(&self, index: usize, answer: Result<Tissue, Refusal>) {
         let mut insole = self.insole(index);
         let insole = &mut *insole;
-        // Only one page waits for an answer at a time. The insole may also announce what another host has set.
+        // Only one page waits for an answer at a time. The insole may also announce parameters that another host has set.
         let waiting = match answer {
             Ok(tissue) => {
                 insole.take_waiting(|command| matches!(command, Command::Tissue(sent, _) if sent.id == tissue.id))
             }
-            // These refuse a snooze or a stream of ellipses, for the answer to which no page waits.
+            // These refuse a snooze or a rate of ellipses. No page waits for the answer to such a request.
             Err(Refusal::NoLayout | Refusal::EllipseRate { .. }) => None,
             Err(_) => insole.take_waiting(|_| true),
         };
@@ -334,8 +335,8 @@ impl Hub {
 
     /// Adds a page.
     pub fn join(self: &Arc<Self>) -> Page {
-        let mut next = self.next_page.lock().unwrap_or_else(PoisonError::into_inner);
-        *next += 1;
+        let mut last_page = self.last_page.lock().unwrap_or_else(PoisonError::into_inner);
+        *last_page += 1;
         for insole in &self.insoles {
             let mut insole = insole.lock().unwrap_or_else(PoisonError::into_inner);
             let mut link = Session::new();
@@ -343,13 +344,13 @@ impl Hub {
             for pending in &insole.pending {
                 link.push_record(pending.record);
             }
-            insole.pages.push((*next, link));
+            insole.pages.push((*last_page, link));
         }
-        Page { hub: self.clone(), id: *next, turn: 0, changed: self.changed.subscribe() }
+        Page { hub: self.clone(), id: *last_page, turn: 0, changed: self.changed.subscribe() }
     }
 }
 
-/// The insole's time for messages that do not need a time.
+/// The time that a page's session receives with messages for which it does not use the insole's time.
 const NO_CLOCK_US: u64 = 0;
 
 const CONNECT: ToDevice = ToDevice::Connect { major: plantar::protocol::MAJOR, minor: plantar::protocol::MINOR };
@@ -374,7 +375,7 @@ fn open_session(link: &mut Session, connect: ToDevice, tissue: Option<Tissue>, a
 pub(crate) struct Page {
     hub: Arc<Hub>,
     id: u64,
-    /// The index of the insole whose message is sent next, if it has one: on a slow connection, each insole gets its share.
+    /// The index of the insole that sends the next message, if it has one. On a slow connection, the insoles thus take turns.
     turn: usize,
     changed: watch::Receiver<()>,
 }
@@ -414,13 +415,14 @@ impl Page {
             Some(
                 request @ (ToDevice::SetTissue(_) | ToDevice::SetIdentifiedTissue { .. } | ToDevice::SetAlertRules(_)),
             ) if self.hub.accepts_parameters => {
-                // The session of the page may have no layout, so the contact rule is checked above.
+                // The session of the page checks the values. It may have no layout and thus no contact rule, so the rule is
+                // checked above.
                 let checked = match request {
                     ToDevice::SetIdentifiedTissue { tissue, .. } => ToDevice::SetTissue(tissue),
                     request => request,
                 };
                 link.receive(checked, NO_CLOCK_US);
-                // Invalid parameters and rules are refused already.
+                // The session has already refused invalid parameters and rules.
                 if link.command().is_some() {
                     insole.to_send.push_back(request);
                     insole.waiting = Some((self.id, Instant::now()));
@@ -462,8 +464,8 @@ impl Page {
             }
             Some(message) => {
                 link.receive(message, NO_CLOCK_US);
-                if let ToDevice::Acknowledge { number: step } = message {
-                    insole.acknowledged_by_page(step);
+                if let ToDevice::Acknowledge { number } = message {
+                    insole.acknowledged_by_page(number);
                 }
             }
         }
@@ -507,7 +509,7 @@ impl Insole {
     fn take_waiting(&mut self, is_answered: impl Fn(&Command) -> bool) -> Option<(u64, Command)> {
         let (waiting, _) = self.waiting?;
         let command = self.pages.iter().find(|(id, _)| *id == waiting).and_then(|(_, link)| link.command());
-        // A page that has closed its session or its connection no longer waits either.
+        // A page that has ended its session or its connection has no command, and no longer waits.
         if command.as_ref().is_none_or(is_answered) {
             self.waiting = None;
         }
@@ -516,8 +518,9 @@ impl Insole {
 
     /// Removes the record with this number from the pending records, and acknowledges it to the insole.
     fn acknowledged_by_page(&mut self, number: u32) {
-        let Some(at) = self.pending.iter().position(|pending| pending.record.number() == number) else { return };
-        if let Some(Pending { record, session, .. }) = self.pending.remove(at) {
+        let is_acknowledged = |pending: &Pending| pending.record.number() == number;
+        let Some(position) = self.pending.iter().position(is_acknowledged) else { return };
+        if let Some(Pending { record, session, .. }) = self.pending.remove(position) {
             push(&mut self.acknowledged, record);
             // In a later session the insole may use this number for another record.
             if session == self.session {

@@ -38,7 +38,7 @@ pub const MAX_INSOLES: usize = 2;
 pub struct Options {
     /// The address to listen on; port 0 chooses a free port.
     pub listen: SocketAddr,
-    /// The folder of the built page.
+    /// The folder of the built page, which contains `index.html`.
     pub page: PathBuf,
     /// Origins of other pages that may connect, in addition to the served page.
     pub origins: Vec<String>,
@@ -61,7 +61,7 @@ pub enum Error {
     /// The session with an insole could not be opened.
     #[error("{0}")]
     Insole(String, #[source] LinkError),
-    /// Both insoles are for the same foot.
+    /// Both insoles are for this foot.
     #[error("both insoles are for the {0} foot: connect one insole for each foot")]
     SameFoot(&'static str),
     /// The address cannot be listened on.
@@ -128,7 +128,7 @@ pub fn serve(sources: Vec<Source>, options: &Options, ready: impl FnOnce(SocketA
 
 /// Publishes the streams of an insole over the Lab Streaming Layer.
 fn publish(lsl: Liblsl, insole: &mut Session) -> Result<Outlets, Error> {
-    // An insole that does not answer is published without its serial number.
+    // If the insole does not answer, its streams have no serial number.
     let serial = insole.client().identity().map(|identity| identity.serial).unwrap_or_default();
     Outlets::new(lsl, insole.client().hello(), serial.as_str())
 }

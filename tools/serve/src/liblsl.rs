@@ -46,9 +46,10 @@ const DOUBLE: i32 = 2;
 const STRING: i32 = 3;
 /// `LSL_IRREGULAR_RATE` of liblsl.
 const IRREGULAR: f64 = 0.0;
-/// Each sample is sent at once.
+/// The size of a chunk that stands for sending each sample at once.
 const NO_CHUNKS: i32 = 0;
-/// The buffer for a receiver that does not keep up, in hundreds of samples: liblsl's own default.
+/// The size of the buffer for a receiver that is too slow, in hundreds of samples, as liblsl counts it for a stream with an
+/// irregular rate: its own default.
 const BUFFER: i32 = 360;
 
 /// liblsl cannot be loaded.
@@ -82,7 +83,7 @@ pub(crate) type Properties = Vec<(&'static str, String)>;
 /// A stream before it is published.
 pub(crate) struct Stream {
     pub name: String,
-    /// The type of its content.
+    /// The type of its content, a term of the Lab Streaming Layer such as `Markers`.
     pub content: &'static str,
     /// A unique and permanent name, by which receivers find the stream again after this program was restarted; empty if there
     /// is none.
@@ -94,7 +95,7 @@ pub(crate) struct Stream {
 }
 
 impl Liblsl {
-    /// Loads this file, or the library where the system finds it.
+    /// Loads the library from this file, or, without a file, from where the system finds it.
     pub fn load(file: Option<&Path>) -> Result<Self, MissingLiblsl> {
         let file = file.map_or_else(|| libloading::library_filename("lsl"), OsString::from);
         let missing = |error: libloading::Error| MissingLiblsl {

@@ -10,7 +10,7 @@ use plantar::protocol::{
 };
 use plantar::{Region, Side};
 
-/// The last parts of the names of the streams.
+/// The last part of the name of each stream. [`stream_name`] adds the side.
 const NAMES: [&str; 5] = ["frames", "steps", "bouts", "alerts", "events"];
 /// The unit of a channel that is 1 if a property is present, and 0 if not.
 const FLAG: &str = "boolean";
@@ -81,11 +81,12 @@ fn stream_name(side: Side, name: &str) -> String {
     format!("plantar_{}_{name}", side.name())
 }
 
-/// The time on LSL's clock, s, at `unix_us` on this computer's clock; `None` before LSL's clock began. liblsl gives negative
-/// times and 0 another meaning.
+/// The time on LSL's clock, s, at `unix_us` on this computer's clock. `None` before LSL's clock began: liblsl interprets 0 and
+/// negative times otherwise.
 fn lsl_s(now: Now, unix_us: u64) -> Option<f64> {
-    let ago_us = now.unix_us.wrapping_sub(unix_us) as i64;
-    Some(now.lsl_s - ago_us as f64 / 1e6).filter(|t_s| *t_s > 0.0)
+    // Negative for a time in the future.
+    let elapsed_us = now.unix_us.wrapping_sub(unix_us) as i64;
+    Some(now.lsl_s - elapsed_us as f64 / 1e6).filter(|t_s| *t_s > 0.0)
 }
 
 /// The properties that describe the insole, which are the same for all of its streams.
@@ -131,7 +132,7 @@ impl<M> Channel<M> {
     }
 }
 
-/// A stream of numbers.
+/// A stream of numbers: one sample for each message `M`.
 struct Numbers<M> {
     channels: Vec<Channel<M>>,
     outlet: Outlet,

@@ -12,10 +12,11 @@ pub(crate) fn is_allowed(origin: Option<&str>, host: Option<&str>, others: &[Str
     if others.iter().any(|other| other.trim_end_matches('/') == origin) {
         return true;
     }
-    let from = origin.strip_prefix("http://").or_else(|| origin.strip_prefix("https://"));
-    from.is_some() && from == host && host.is_some_and(is_address)
+    let origin_host = origin.strip_prefix("http://").or_else(|| origin.strip_prefix("https://"));
+    origin_host.is_some() && origin_host == host && host.is_some_and(is_address)
 }
 
+/// True for `localhost` or an IP address, with or without a port.
 fn is_address(host: &str) -> bool {
     let name = match host.rsplit_once(':') {
         Some((name, port)) if port.bytes().all(|b| b.is_ascii_digit()) => name,

@@ -19,7 +19,7 @@ use tower_http::set_header::SetResponseHeaderLayer;
 /// Size of the system's send buffer for a page, bytes: about one second of messages from two feet. While the buffer is full, the
 /// page's sessions drop live frames.
 const SEND_BUFFER: u32 = 16 * 1024;
-/// Size of the longest message from a page, bytes.
+/// Largest size of a message from a page, bytes. Longer ones end the connection.
 const MAX_REQUEST: usize = 512;
 /// Largest number of connections that wait to be accepted.
 const BACKLOG: u32 = 64;
@@ -46,6 +46,7 @@ pub(crate) fn run(hub: Arc<Hub>, options: &Options, ready: impl FnOnce(SocketAdd
 
 fn listen(address: SocketAddr) -> std::io::Result<TcpListener> {
     let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
+    // On Windows, this option would let two programs listen on the same port.
     socket.set_reuseaddr(cfg!(unix))?;
     // The accepted connections inherit these two options.
     socket.set_send_buffer_size(SEND_BUFFER)?;
@@ -70,11 +71,11 @@ async fn insoles(State(served): State<Served>, headers: HeaderMap, upgrade: WebS
         return (StatusCode::FORBIDDEN, "pages from other origins may not connect").into_response();
     }
     let page = served.hub.join();
-    upgrade.max_message_size(MAX_REQUEST).max_frame_size(MAX_REQUEST).on_upgrade(|socket| follow(socket, page))
+    upgrade.max_message_size(MAX_REQUEST).max_frame_size(MAX_REQUEST).on_upgrade(|socket| forward(socket, page))
 }
 
 /// Forwards messages in both directions until the page disconnects.
-async fn follow(mut socket: WebSocket, mut page: Page) {
+async fn forward(mut socket: WebSocket, mut page: Page) {
     loop {
         while let Some(message) = page.next() {
             if socket.send(Message::Binary(message.into())).await.is_err() {

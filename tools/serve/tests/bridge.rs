@@ -29,7 +29,7 @@ struct Insole {
     from_host: Decoder,
     /// Bytes that the host has not read yet.
     to_host: VecDeque<u8>,
-    /// Steps whose acknowledgement the insole received.
+    /// Numbers of the records whose acknowledgement the insole received.
     acknowledged: Vec<u32>,
     side: Side,
     is_unplugged: bool,
@@ -79,10 +79,10 @@ impl Cable {
         assert!(!waited.1.timed_out());
     }
 
-    /// Changes the insole, and puts its messages on the cable.
+    /// Calls `act` with the insole, and then puts the messages that the insole has to send on the cable.
     fn act<T>(&self, act: impl FnOnce(&mut Insole) -> T) -> T {
         let mut insole = self.0.0.lock().expect("no test panics here");
-        let done = act(&mut insole);
+        let result = act(&mut insole);
         let hello = hello(insole.side);
         let mut buffer = [0; MAX_MESSAGE];
         while let Some(message) = insole.link.next(&hello, Status::default, &mut buffer) {
@@ -91,9 +91,10 @@ impl Cable {
             insole.to_host.extend(&out[..len]);
         }
         self.0.1.notify_all();
-        done
+        result
     }
 
+    /// Sends a live frame, if the host has requested the live stream.
     fn live(&self) {
         self.act(|insole| {
             if let Some(sequence) = insole.link.next_live() {
@@ -107,7 +108,7 @@ impl Cable {
         self.act(|insole| insole.link.push_record(step));
     }
 
-    /// Waits until the insole received a command.
+    /// Waits until the insole has a pending command.
     fn wait_for_command(&self) {
         let insole = self.0.0.lock().expect("no test panics here");
         let is_idle = |insole: &mut Insole| insole.link.command().is_none();
@@ -115,7 +116,7 @@ impl Cable {
         assert!(!waited.1.timed_out());
     }
 
-    /// Waits until the insole received a command, and answers it.
+    /// Waits until the insole has a pending command, and answers it.
     fn answer_command(&self, answer: Result<CommandResult, Refusal>) {
         self.wait_for_command();
         self.act(|insole| insole.link.complete(answer));
@@ -148,8 +149,8 @@ impl Write for Cable {
         self.act(|insole| {
             for &byte in bytes {
                 let Some(message) = insole.from_host.push(byte).and_then(decode) else { continue };
-                if let ToDevice::Acknowledge { number: step } = message {
-                    insole.acknowledged.push(step);
+                if let ToDevice::Acknowledge { number } = message {
+                    insole.acknowledged.push(number);
                 }
                 insole.link.receive(message, insole_us());
             }
@@ -162,7 +163,7 @@ impl Write for Cable {
     }
 }
 
-/// The insoles' clock, which started 1.7e15 us after the Unix epoch.
+/// The time of the insoles' clock, us. It started 1.7e15 us after the Unix epoch.
 fn insole_us() -> u64 {
     unix_us() - 1_700_000_000_000_000
 }
@@ -188,7 +189,7 @@ fn serve_sources(sources: Vec<Source>, record: Option<std::path::PathBuf>, accep
     std::thread::spawn(move || {
         let listen = (Ipv4Addr::LOCALHOST, 0).into();
         let options = Options { listen, page: folder, origins: Vec::new(), accepts_parameters, record, lsl: None };
-        serve::serve(sources, &options, |at| ready.send(at).expect("the test waits")).expect("it serves");
+        serve::serve(sources, &options, |local| ready.send(local).expect("the test waits")).expect("it serves");
     });
     address.recv_timeout(TIMEOUT).expect("it serves in time")
 }
@@ -240,7 +241,7 @@ async fn pages_read_the_layout_and_receive_ellipses_at_the_highest_rate_that_one
             let first = received.len() as u16;
             page.send(0, ToDevice::GetSetupCells { first }).await;
             let part = page.find(0, |message| match message {
-                ToHost::SetupCells { first: at, cells } if at == first => Some(cells),
+                ToHost::SetupCells { first: answered, cells } if answered == first => Some(cells),
                 _ => None,
             });
             received.extend(part.await);
@@ -384,7 +385,7 @@ async fn a_page_receives_nothing_while_the_insole_is_unplugged() {
     page.live(0).await;
 }
 
-/// The acknowledgement is lost with the link, and the insole restarts.
+/// The acknowledgement is lost with the link, the insole restarts, and sends the step again.
 #[tokio::test]
 async fn a_repeated_step_is_acknowledged_again_and_recorded_once() {
     let cable = Cable::new(Side::Left);
@@ -495,17 +496,17 @@ async fn the_refusal_of_a_snooze_is_not_the_answer_to_new_parameters() {
 #[tokio::test]
 async fn parameters_of_a_page_remain_in_force_after_a_reconnection() {
     let cable = Cable::new(Side::Left);
-    let [at_first, of_page] = ["42", "36"].map(|size| {
+    let [of_source, of_page] = ["42", "36"].map(|size| {
         let size: InsoleSize = size.parse().expect("a shoe size");
         Parameters::typical(size).tissue()
     });
-    let source = Source { tissue: Some(at_first), ..cable.source() };
+    let source = Source { tissue: Some(of_source), ..cable.source() };
     let insole = cable.clone();
     let answering = std::thread::spawn(move || insole.answer_command(Ok(CommandResult::Stored)));
     let address = serve_sources(vec![source], None, true);
     answering.join().expect("no panic");
     let mut page = Page::open(address).await;
-    assert_eq!(page.first_hello(0).await.tissue_id, at_first.id);
+    assert_eq!(page.first_hello(0).await.tissue_id, of_source.id);
     page.send(0, ToDevice::SetTissue(of_page)).await;
     cable.answer_command(Ok(CommandResult::Stored));
     page.find(0, |m| (m == ToHost::Tissue(of_page)).then_some(())).await;

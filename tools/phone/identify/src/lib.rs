@@ -36,7 +36,7 @@ pub extern "C" fn clear() {
     with(|session| *session = Session::default());
 }
 
-/// Adds the message in the buffer, which arrived from the insole with this index. True if it is a step.
+/// Adds the message in the buffer, which arrived from the insole with this index. Returns true if it is a step.
 #[unsafe(no_mangle)]
 pub extern "C" fn add(insole: usize) -> bool {
     phone_buffer::with(|message| with(|session| session.add(insole, message)))

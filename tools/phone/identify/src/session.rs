@@ -38,15 +38,15 @@ struct Insole {
 }
 
 impl Session {
-    /// Adds an encoded message of the insole with this index. True if it is a step. Messages that a fit does not use, messages of
-    /// an insole of another major version, and other bytes are ignored.
+    /// Adds an encoded message of the insole with this index. Returns true if it is a step. Messages that a fit does not use,
+    /// messages of an insole of another major version, and other bytes are ignored.
     pub fn add(&mut self, insole: usize, message: &[u8]) -> bool {
         let Some(insole) = self.insoles.get_mut(insole) else { return false };
-        let is_known = insole.hello.as_ref().is_none_or(|hello| hello.major == MAJOR);
+        let has_same_version = insole.hello.as_ref().is_none_or(|hello| hello.major == MAJOR);
         match decode::<ToHost>(message) {
             Some(ToHost::Hello(hello)) => insole.hello = Some(hello),
-            Some(ToHost::Live(live)) if is_known => insole.steps.frame(&live),
-            Some(ToHost::Step(step)) if is_known => {
+            Some(ToHost::Live(live)) if has_same_version => insole.steps.frame(&live),
+            Some(ToHost::Step(step)) if has_same_version => {
                 insole.steps.step(&step);
                 return true;
             }
@@ -88,7 +88,7 @@ impl Session {
 }
 
 impl Insole {
-    /// The foot.
+    /// The foot by the steps, or otherwise by the hello; right if neither has arrived.
     fn side(&self) -> Side {
         self.steps.side().or(self.hello.as_ref().map(|hello| hello.side)).unwrap_or(Side::Right)
     }

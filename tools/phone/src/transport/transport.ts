@@ -8,8 +8,8 @@ export type Insole = (typeof INSOLES)[number];
 /** Events of a transport. */
 export interface TransportEvents {
   /**
-   * The link is open over which an insole sends its messages; the insole has not sent one yet. `plantar serve` and a recording
-   * have one link for both indices, so both are reported, even if there is only one insole.
+   * The link of an insole is open, but no message has arrived over it yet. `plantar serve` and a recording have one link for
+   * both indices, so both are reported, even if there is only one insole.
    */
   opened(insole: Insole): void;
   /** A message arrived. `bytes` is the encoded message. */
@@ -32,8 +32,8 @@ export interface Transport {
   /** True if the messages come from a recording. Their steps must not be stored as the wearer's steps. */
   readonly is_replay: boolean;
   /**
-   * True if records can be lost on the way that the insole can send again. `plantar serve` loses none, and after an
-   * interruption it has only the last ones.
+   * True if records can be lost on the way, and the insole can send them again. `plantar serve` loses none, and after an
+   * interruption it can send only the last ones again.
    */
   readonly can_lose_records: boolean;
   /** Sends an encoded message. A message to an insole that is not connected is dropped. */

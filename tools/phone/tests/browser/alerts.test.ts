@@ -79,7 +79,7 @@ test("an alert is shown in plain words, signalled, stored, acknowledged and snoo
   await page.locator("#today").waitFor();
   const heel = await page.locator("#today tbody tr").first().locator("th, td").allTextContents();
   expect(heel).toEqual(["Heel ●", "20", "–", "500", "–"]);
-  expect(await page.locator("#today-note").textContent()).toBe("Alerts today: 2. None for another 10 minutes.");
+  expect(await page.locator("#today-note").textContent()).toBe("Alerts today: 2. No alert for another 10 minutes.");
   await page.locator("#today").scrollIntoViewIfNeeded();
   await page.screenshot({ path: phonePath("tests/screenshots/daily-load.png") });
   insoles.stop();

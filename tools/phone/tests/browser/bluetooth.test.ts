@@ -25,12 +25,12 @@ beforeAll(async () => {
   wire = await loadWire();
 });
 
-/** Emulates an insole that accepts all operations. `done` lists the operations on its characteristics in their order. */
-async function emulateInsole(): Promise<{ done: string[]; disconnect(): Promise<void> }> {
+/** Emulates an insole that accepts all operations. `operations` lists the operations on its characteristics in their order. */
+async function emulateInsole(): Promise<{ operations: string[]; disconnect(): Promise<void> }> {
   const session = untyped(await served.browser.newBrowserCDPSession());
   const { gatt } = wire.facts;
   const names = new Map<string, string>();
-  const done: string[] = [];
+  const operations: string[] = [];
   const add = async () => {
     const { serviceId } = await session.send("BluetoothEmulation.addService", { address: ADDRESS, serviceUuid: gatt.service });
     for (const [name, characteristicUuid, properties] of [
@@ -54,14 +54,14 @@ async function emulateInsole(): Promise<{ done: string[]; disconnect(): Promise<
   });
   session.on("BluetoothEmulation.characteristicOperationReceived", ({ characteristicId, type, data }) => {
     const bytes = data ? ` ${Buffer.from(data, "base64").toString("hex")}` : "";
-    done.push(`${names.get(characteristicId ?? "")} ${type}${bytes}`);
+    operations.push(`${names.get(characteristicId ?? "")} ${type}${bytes}`);
     void session.send("BluetoothEmulation.simulateCharacteristicOperationResponse", { characteristicId, type, code: 0 });
   });
   await session.send("BluetoothEmulation.enable", { state: "powered-on", leSupported: true });
   const peripheral = { address: ADDRESS, name: "Plantar", manufacturerData: [], knownServiceUuids: [gatt.service] };
   await session.send("BluetoothEmulation.simulatePreconnectedPeripheral", peripheral);
   const disconnect = () => session.send("BluetoothEmulation.simulateGATTDisconnection", { address: ADDRESS }).then(() => undefined);
-  return { done, disconnect };
+  return { operations, disconnect };
 }
 
 test("the page subscribes to the chosen insole and sends a connect request, also after the link was lost", async () => {
@@ -88,11 +88,11 @@ test("the page subscribes to the chosen insole and sends a connect request, also
     "parameters subscribe-to-notifications",
     `control write ${request}`,
   ];
-  await expect.poll(() => insole.done.slice(0, 5), { timeout: 20_000 }).toEqual(expected);
+  await expect.poll(() => insole.operations.slice(0, 5), { timeout: 20_000 }).toEqual(expected);
   await page.getByText("Waiting for an insole over Bluetooth.").waitFor();
 
-  insole.done.length = 0;
+  insole.operations.length = 0;
   await insole.disconnect();
-  await expect.poll(() => insole.done.slice(0, 5), { timeout: 20_000 }).toEqual(expected);
+  await expect.poll(() => insole.operations.slice(0, 5), { timeout: 20_000 }).toEqual(expected);
   await page.close();
 }, 60_000);

@@ -19,7 +19,7 @@ export const varint = (value: number): number[] => (value < 128 ? [value] : [(va
 /** The insoles of a recording. */
 export class FakeInsoles {
   /** The requests with parameters, each with the index of the insole that received it. */
-  readonly received: [number, Uint8Array][] = [];
+  readonly parameter_requests: [number, Uint8Array][] = [];
   /** The acknowledgements, each as the index of the insole that received it and the bytes of the number. */
   readonly acknowledged: [number, Uint8Array][] = [];
   /** All requests, each with the index of the insole that received it. */
@@ -29,9 +29,11 @@ export class FakeInsoles {
   /** Time of the walk at which the insoles wait, ms. */
   wait_at_ms = Infinity;
   /** The messages of the walk, without the hello messages. */
-  private readonly all: Entry[];
+  private readonly messages: Entry[];
   private readonly hellos: Entry[];
+  /** Index of the message that is sent next. */
   private next = 0;
+  /** Time of the walk so far. */
   private elapsed_ms = 0;
   private timer: ReturnType<typeof setInterval> | undefined;
   /** The connection of the page that is open. */
@@ -46,7 +48,7 @@ export class FakeInsoles {
     const used = [...entries(file)].filter(({ insole }) => only === undefined || insole === only);
     // The first message of each insole is its hello.
     this.hellos = [0, 1].flatMap((index) => used.find(({ insole }) => insole === index) ?? []);
-    this.all = used.filter((item) => !this.hellos.includes(item));
+    this.messages = used.filter((item) => !this.hellos.includes(item));
   }
 
   /** Answers the connections of a page. */
@@ -65,7 +67,7 @@ export class FakeInsoles {
     if (request[0] === STREAM && this.timer === undefined) this.play();
     if (request[0] === ACKNOWLEDGE) this.acknowledged.push([insole!, Uint8Array.from(request.slice(1))]);
     if (request[0] === SET_IDENTIFIED_TISSUE) {
-      this.received.push([insole!, Uint8Array.from(request)]);
+      this.parameter_requests.push([insole!, Uint8Array.from(request)]);
       // In the last byte of the identifier, an integer of variable length, the highest bit is 0.
       const last = request.findIndex((byte, index) => index > 0 && byte < 0x80);
       this.send(socket, { ...hello, message: Uint8Array.of(TISSUE, ...request.slice(1, last + 1 + FORCE_LAWS_BYTES)) });
@@ -84,7 +86,7 @@ export class FakeInsoles {
       const speed = this.elapsed_ms < this.wait_at_ms ? this.speed : WAITING;
       if (this.is_connected) this.elapsed_ms += speed * Math.min(now_ms - last_ms, MOST_TICK_MS);
       last_ms = now_ms;
-      for (let due = this.all[this.next]; due && due.t_ms <= this.elapsed_ms; due = this.all[this.next]) {
+      for (let due = this.messages[this.next]; due && due.t_ms <= this.elapsed_ms; due = this.messages[this.next]) {
         this.next += 1;
         if (this.socket) this.send(this.socket, due);
       }

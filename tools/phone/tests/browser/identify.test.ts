@@ -138,7 +138,7 @@ test.skipIf(!walk)("both feet are identified, despite a reload, and the paramete
   }
   await act(page, "push").click();
   await page.getByText("Walk 10 more steps").waitFor();
-  expect(insoles.received.map(([insole]) => insole)).toEqual([0, 1]);
+  expect(insoles.parameter_requests.map(([insole]) => insole)).toEqual([0, 1]);
   await inspect(page, "check");
   insoles.wait_at_ms = Infinity;
   // These insoles do not compute with the parameters that they received, so the check may fail.

@@ -67,7 +67,8 @@ pub extern "C" fn stream(live: bool) -> usize {
     request(ToDevice::Stream { live })
 }
 
-/// Encodes [`ToDevice::StreamEllipses`]; returns the length of the message.
+/// Encodes [`ToDevice::StreamEllipses`] for the ellipses of one frame out of `every`, or of no frame for 0; returns the length of
+/// the message.
 #[unsafe(no_mangle)]
 pub extern "C" fn stream_ellipses(every: u8) -> usize {
     request(ToDevice::StreamEllipses { every })
@@ -91,15 +92,16 @@ pub extern "C" fn get_status() -> usize {
     request(ToDevice::GetStatus)
 }
 
-/// Encodes a request for the rules of alerts.
+/// Encodes [`ToDevice::GetAlertRules`]; returns the length of the message.
 #[unsafe(no_mangle)]
 pub extern "C" fn get_alert_rules() -> usize {
     request(ToDevice::GetAlertRules)
 }
 
-/// Encodes a request that turns alerts on or off. The buffer contains the insole's message with its present rules; all values but
-/// the number of alerts in a day and the beginning of the day remain. Alerts are off if their number in a day is 0; if it was 0,
-/// it becomes the recommended one when they are turned on. The wearer's day begins `day_start_min` minutes after midnight UTC.
+/// Encodes [`ToDevice::SetAlertRules`], which turns alerts on or off; returns the length of the message. The buffer contains the
+/// insole's message with its present rules; all values but the number of alerts in a day and the beginning of the day remain.
+/// Alerts are off if their number in a day is 0; if it was 0, it becomes the recommended one when they are turned on. The
+/// wearer's day begins `day_start_min` minutes after midnight UTC.
 #[unsafe(no_mangle)]
 pub extern "C" fn set_alerts(is_on: bool, day_start_min: u16) -> usize {
     let rules = match phone_buffer::with(|message| decode_message(message)) {
@@ -114,13 +116,13 @@ pub extern "C" fn set_alerts(is_on: bool, day_start_min: u16) -> usize {
     request(ToDevice::SetAlertRules(AlertRules { day_start_min, per_day, ..rules }))
 }
 
-/// Encodes a request for the load of the day.
+/// Encodes [`ToDevice::GetDailyLoad`]; returns the length of the message.
 #[unsafe(no_mangle)]
 pub extern "C" fn get_daily_load() -> usize {
     request(ToDevice::GetDailyLoad)
 }
 
-/// Encodes a request to raise no alerts for this time, s.
+/// Encodes [`ToDevice::SnoozeAlerts`], after which no alerts are raised for `snoozed_s`; returns the length of the message.
 #[unsafe(no_mangle)]
 pub extern "C" fn snooze_alerts(snoozed_s: u16) -> usize {
     request(ToDevice::SnoozeAlerts { snoozed_s })
@@ -220,7 +222,7 @@ pub extern "C" fn order_accepts(index: usize, number: u32, damaged: u32) -> bool
     with(&ORDERS, index, |order| match order.arrive(number, damaged) {
         Arrival::InOrder => true,
         Arrival::Gap => {
-            // The page repeats the request by its own clock.
+            // The time of the request is not used, because the page repeats the request by its own clock.
             order.request(0, damaged);
             false
         }
@@ -257,7 +259,7 @@ static GAIT_STEPS: Mutex<[Vec<FootStep>; 2]> = Mutex::new([Vec::new(), Vec::new(
 
 /// Adds a step for [`gait_measures`]. `foot` is 0 for the left and 1 for the right foot. `number` counts the steps of the foot,
 /// without its other records, `start_s` is the time of the heel strike, `duration_s` is the stance time, `peak_n` is the peak of
-/// the total force, and `integral_n_s` is its time integral.
+/// the total force, and `integral_n_s` is the time integral of the total force.
 #[unsafe(no_mangle)]
 pub extern "C" fn gait_step(foot: usize, number: u32, start_s: f64, duration_s: f64, peak_n: f64, integral_n_s: f64) {
     with(&GAIT_STEPS, foot, |steps| steps.push(FootStep { number, start_s, duration_s, peak_n, integral_n_s }));

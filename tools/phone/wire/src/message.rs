@@ -310,7 +310,7 @@ impl Serialize for Regions<'_> {
     }
 }
 
-/// The region of a live frame with this index.
+/// The region with this index in a live frame.
 struct RegionOf<'a>(&'a protocol::Live, usize);
 
 impl Serialize for RegionOf<'_> {
@@ -325,11 +325,11 @@ impl Serialize for RegionOf<'_> {
     }
 }
 
-/// Serialises quantities of a live frame or of a contact ellipse. Unlike the quantities of a step, they have no nested keys and
-/// are always present.
-fn serialize_quantities<T, M: SerializeMap>(map: &mut M, quantities: &[Quantity<T>], of: &T) -> Result<(), M::Error> {
+/// Serialises the quantities of a part of a message: a live frame, its region or a contact ellipse. Unlike the quantities of a
+/// step, they have no nested keys and are always present.
+fn serialize_quantities<T, M: SerializeMap>(map: &mut M, quantities: &[Quantity<T>], part: &T) -> Result<(), M::Error> {
     quantities.iter().try_for_each(|quantity| match quantity.per_unit {
-        1 => map.serialize_entry(quantity.key, &(quantity.value)(of)),
-        _ => map.serialize_entry(quantity.key, &quantity.in_unit(of)),
+        1 => map.serialize_entry(quantity.key, &(quantity.value)(part)),
+        _ => map.serialize_entry(quantity.key, &quantity.in_unit(part)),
     })
 }

@@ -121,7 +121,7 @@ impl Sole {
             return None;
         }
         let (mut row_mm, mut near) = (f32::NAN, Vec::new());
-        let nearest = |x_mm: f32, y_mm: f32| {
+        let nearest_region = |x_mm: f32, y_mm: f32| {
             // NaN differs from every y, so the first point begins a row.
             if row_mm != y_mm {
                 row_mm = y_mm;
@@ -131,10 +131,10 @@ impl Sole {
             // The power distance, so that large cells reach farther than small ones.
             let distance =
                 |cell: &LayoutCell| (cell.x_mm - x_mm).powi(2) + (cell.y_mm - y_mm).powi(2) - cell.half_mm().powi(2);
-            let nearest = near.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
-            nearest.map_or(REGION_COUNT, |cell| cell.region)
+            let nearest_cell = near.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
+            nearest_cell.map_or(REGION_COUNT, |cell| cell.region)
         };
-        Some(Self::new(outline_mm(cells), nearest))
+        Some(Self::new(outline_mm(cells), nearest_region))
     }
 }
 
@@ -146,6 +146,7 @@ fn outline_mm(cells: &[LayoutCell]) -> Vec<[f32; 2]> {
         ends.fold(-sign * f32::INFINITY, of) + sign * (NOTCH_MM + 1.0)
     };
     let (first_mm, last_mm) = (end(f32::min, -1.0), end(f32::max, 1.0));
+    // The rows are 1 mm apart.
     let rows: Vec<_> = (0..=(last_mm - first_mm) as usize).map(|k| first_mm + k as f32).collect();
     // The half width of a disc of this radius at the distance `dy_mm` from its centre; NaN beyond the disc.
     let chord_mm = |radius_mm: f32, dy_mm: f32| (radius_mm.powi(2) - dy_mm.powi(2)).sqrt();
@@ -159,6 +160,7 @@ fn outline_mm(cells: &[LayoutCell]) -> Vec<[f32; 2]> {
     });
     let widened: Vec<_> = widened.collect();
     let radius_mm = NOTCH_MM - RIM_MM;
+    // The number of rows within the radius.
     let span = radius_mm as usize;
     let narrowed = (span..rows.len() - span).filter_map(|k| {
         let edges = (k - span..=k + span).map(|other| {

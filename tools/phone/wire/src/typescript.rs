@@ -303,8 +303,8 @@ fn quantity_field<T>(text: &mut String, quantity: &Quantity<T>) {
     let Quantity { meaning, unit, is_optional, .. } = quantity;
     // If the quantities of a nested object are absent, the whole object is null, so none of its fields is ever null.
     let (nested, key) = quantity.path();
-    let of_type = if *is_optional && nested.is_none() { "number | null" } else { "number" };
-    field(text, &format!("{meaning} Unit: {unit}."), key, of_type);
+    let type_name = if *is_optional && nested.is_none() { "number | null" } else { "number" };
+    field(text, &format!("{meaning} Unit: {unit}."), key, type_name);
 }
 
 fn flag_field<T>(text: &mut String, flag: &Flag<T>) {
@@ -312,16 +312,16 @@ fn flag_field<T>(text: &mut String, flag: &Flag<T>) {
 }
 
 /// Adds a field of an interface to `text`, with its meaning as a comment.
-fn field(text: &mut String, meaning: &str, name: &str, of_type: &str) {
-    writeln!(text, "  /** {meaning} */\n  {name}: {of_type};").expect("a string grows");
+fn field(text: &mut String, meaning: &str, name: &str, type_name: &str) {
+    writeln!(text, "  /** {meaning} */\n  {name}: {type_name};").expect("a string grows");
 }
 
-/// Adds a list of keys of the interface `of_type` to `text`.
-fn constant(text: &mut String, meaning: &str, name: &str, of_type: &str, values: &[&str]) {
+/// Adds a list of keys of the interface `type_name` to `text`.
+fn constant(text: &mut String, meaning: &str, name: &str, type_name: &str, values: &[&str]) {
     let values: String = values.iter().map(|value| format!("  \"{value}\",\n")).collect();
     write!(
         text,
-        "\n/** {meaning} */\nexport const {name} = [\n{values}] as const satisfies readonly (keyof {of_type})[];\n"
+        "\n/** {meaning} */\nexport const {name} = [\n{values}] as const satisfies readonly (keyof {type_name})[];\n"
     )
     .expect("a string grows");
 }

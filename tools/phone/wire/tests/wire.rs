@@ -99,8 +99,8 @@ fn cells_of_the_computed_insole_lie_in_the_regions_of_the_generic_sole() {
     let Sole { regions, outline_mm, .. } = Sole::generic();
     let cells = synthetic::insole(240).cells;
     let outside = cells.iter().filter(|cell| {
-        let at = [cell.x_mm as f32, cell.y_mm as f32];
-        !inside(&regions[cell.region as usize].outline_mm, at) || !inside(&outline_mm, at)
+        let centre_mm = [cell.x_mm as f32, cell.y_mm as f32];
+        !inside(&regions[cell.region as usize].outline_mm, centre_mm) || !inside(&outline_mm, centre_mm)
     });
     // The centres of cells on a boundary may be on either side of it, so a few of the 240 cells may be outside.
     assert!(outside.count() <= 8);

@@ -42,12 +42,12 @@ impl Page {
         (bytes[0], decode(&bytes[1..]).expect("a valid message"))
     }
 
-    /// Returns the first value that `of` returns for a message of this insole; skips all messages before it.
-    pub async fn find<T>(&mut self, insole: u8, of: impl Fn(ToHost) -> Option<T>) -> T {
+    /// Returns the first value that `select` returns for a message of this insole; skips all messages before it.
+    pub async fn find<T>(&mut self, insole: u8, select: impl Fn(ToHost) -> Option<T>) -> T {
         loop {
             let (from, message) = self.next().await;
             if from == insole
-                && let Some(found) = of(message)
+                && let Some(found) = select(message)
             {
                 return found;
             }
