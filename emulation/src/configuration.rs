@@ -7,9 +7,9 @@ use semihosting::io::{Read, Seek, SeekFrom};
 
 /// Reads the configuration and the cells; `None` if the file is absent or incomplete.
 pub fn configuration() -> Option<(EmulatorConfig, impl Iterator<Item = SetupCell> + Clone)> {
-    read_setup(|at, bytes| {
+    read_setup(|offset, bytes| {
         let mut file = File::open(SETUP_FILE).ok()?;
-        file.seek(SeekFrom::Start(at as u64)).ok()?;
+        file.seek(SeekFrom::Start(offset as u64)).ok()?;
         file.read(bytes).ok()
     })
 }

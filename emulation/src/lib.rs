@@ -37,6 +37,7 @@ pub const FLASH_FILE: &core::ffi::CStr = c"flash.bin";
 pub const FLASH_BYTES: usize = 4 << 20;
 /// Addresses of the active image. It is in the flash chip, because the controller's flash is read-only in the emulator.
 pub const ACTIVE_IMAGE: Range<u32> = 0x20_0000..0x20_0000 + MAX_IMAGE;
+// The step log of a large chip begins after the active image.
 const _: () = assert!(ACTIVE_IMAGE.end <= log(LARGEST_CHIP as usize).start);
 /// Exit status after the bootloader swapped images: the emulator must be started again with the image that is active now.
 pub const SWAPPED: i32 = 3;
@@ -124,7 +125,7 @@ pub fn read_setup<F>(read: F) -> Option<(EmulatorConfig, impl Iterator<Item = Se
 where
     F: Fn(usize, &mut [u8]) -> Option<usize> + Clone,
 {
-    let mut items = Items { read, at: 0 };
+    let mut items = Items { read, offset: 0 };
     let config = items.next()?;
     let cells = items.clone();
     while !items.is_at_end() {
@@ -138,20 +139,20 @@ where
 struct Items<F> {
     read: F,
     /// Offset of the next item in the file, bytes.
-    at: usize,
+    offset: usize,
 }
 
 impl<F: Fn(usize, &mut [u8]) -> Option<usize>> Items<F> {
     fn next<T: DeserializeOwned>(&mut self) -> Option<T> {
         let mut bytes = [0; ITEM_BYTES];
-        let len = (self.read)(self.at, &mut bytes)?;
+        let len = (self.read)(self.offset, &mut bytes)?;
         let (item, rest) = postcard::take_from_bytes(bytes.get(..len)?).ok()?;
-        self.at += len - rest.len();
+        self.offset += len - rest.len();
         Some(item)
     }
 
     fn is_at_end(&self) -> bool {
-        (self.read)(self.at, &mut [0]) == Some(0)
+        (self.read)(self.offset, &mut [0]) == Some(0)
     }
 }
 

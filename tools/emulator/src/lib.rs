@@ -23,7 +23,7 @@ use emulation::{
 };
 use plantar::pipeline::setup::{DEVICE_CELLS, SetupCell};
 use plantar::storage::flash_map::{ACTIVE, STM32_FLASH};
-use port::{Port, START};
+use port::{Port, START_TIMEOUT};
 use std::fs::File;
 use std::io;
 use std::net::SocketAddr;
@@ -73,7 +73,7 @@ pub enum Error {
     #[error("QEMU exited before the board started: {0}")]
     Exited(String),
     /// QEMU did not connect in time.
-    #[error("QEMU did not connect within {} s: try again when this computer is less busy", START.as_secs())]
+    #[error("QEMU did not connect within {} s: try again when this computer is less busy", START_TIMEOUT.as_secs())]
     Timeout,
     /// The firmware file is not an executable of the board.
     #[error(transparent)]
@@ -185,19 +185,20 @@ impl Board {
         if hardware.swapped {
             std::fs::write(file(SWAPPED_FILE), [])?;
         }
-        let hci = hardware.hci.map_or("null".into(), |at| format!("tcp:{at},nodelay=on"));
+        let hci = hardware.hci.map_or("null".into(), |address| format!("tcp:{address},nodelay=on"));
 
         let link = Port::create(directory.path(), LINK)?;
         let plant = Port::create(directory.path(), "plant")?;
-        let active_at = STM32_FLASH + ACTIVE.start;
+        let active_address = STM32_FLASH + ACTIVE.start;
         let mut command = Command::new("qemu-system-arm");
         command
             .args(["-M", MACHINE, "-display", "none", "-monitor", "none"])
             .args(["-semihosting-config", "enable=on,target=native"])
+            // In the order of the controller's ports USART1 to USART3.
             .args(["-serial", &link.argument, "-serial", &hci, "-serial", &plant.argument])
             .arg("-kernel")
             .arg(std::path::absolute(bootloader)?)
-            .args(["-device", &format!("loader,file={ACTIVE_FILE},addr={active_at:#x},force-raw=on")])
+            .args(["-device", &format!("loader,file={ACTIVE_FILE},addr={active_address:#x},force-raw=on")])
             .current_dir(directory.path())
             .stdin(Stdio::null())
             .stdout(File::create(directory.path().join(LOG_FILE))?)

@@ -16,14 +16,15 @@ use std::process::Child;
 use std::time::{Duration, Instant};
 
 /// Time within which QEMU must connect its serial ports.
-pub const START: Duration = Duration::from_secs(20);
+pub const START_TIMEOUT: Duration = Duration::from_secs(20);
 
 /// Repeats `connect` until it returns a connection; it returns `None` while QEMU has not connected yet.
 ///
 /// # Errors
-/// The errors of `connect`, [`Error::Exited`] with QEMU's message if QEMU exits before, and [`Error::Timeout`] after [`START`].
+/// The errors of `connect`, [`Error::Exited`] with QEMU's message if QEMU exits earlier, and [`Error::Timeout`] after
+/// [`START_TIMEOUT`].
 fn wait<T>(qemu: &mut Child, mut connect: impl FnMut() -> io::Result<Option<T>>) -> Result<T, Error> {
-    let deadline = Instant::now() + START;
+    let deadline = Instant::now() + START_TIMEOUT;
     loop {
         if let Some(connection) = connect()? {
             return Ok(connection);

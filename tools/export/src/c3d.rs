@@ -62,12 +62,14 @@ fn header(session: &Session, data_block: u16) -> [u8; BLOCK] {
     // Words are counted from 1 in descriptions of the format.
     let mut put = |word: usize, bytes: &[u8]| header[2 * (word - 1)..][..bytes.len()].copy_from_slice(bytes);
     put(1, &[PARAMETER_BLOCK, MAGIC]);
+    // The number of analog samples in a frame, then the numbers of the first and the last frame.
     put(3, &(session.channels().len() as u16).to_le_bytes());
     put(4, &1u16.to_le_bytes());
     put(5, &(session.frames().min(MOST_FRAMES) as u16).to_le_bytes());
     // A negative scale states that all values are floating-point numbers.
     put(7, &(-1.0f32).to_le_bytes());
     put(9, &data_block.to_le_bytes());
+    // The number of samples of each analog channel in a frame, and the frame rate in Hz.
     put(10, &1u16.to_le_bytes());
     put(11, &(session.rate_hz as f32).to_le_bytes());
     put(150, &FOUR_CHARACTERS.to_le_bytes());

@@ -211,13 +211,13 @@ impl Session {
             let problem = format!("it is of the {} foot, as is {}", first.side.name(), first.file);
             return Err(content(&second.file, problem, "name one recording for each foot"));
         }
-        let begins = feet.iter().map(|foot| foot.t_s[0]).chain(from_s).fold(f64::NEG_INFINITY, f64::max);
-        let ends = feet.iter().map(|foot| foot.t_s[foot.t_s.len() - 1]).chain(to_s).fold(f64::INFINITY, f64::min);
-        let first_s = feet[0].t_s[feet[0].nearest(begins)];
+        let begins_s = feet.iter().map(|foot| foot.t_s[0]).chain(from_s).fold(f64::NEG_INFINITY, f64::max);
+        let ends_s = feet.iter().map(|foot| foot.t_s[foot.t_s.len() - 1]).chain(to_s).fold(f64::INFINITY, f64::min);
+        let first_s = feet[0].t_s[feet[0].nearest(begins_s)];
         let firsts: Vec<usize> = feet.iter().map(|foot| foot.nearest(first_s)).collect();
-        let counts = feet.iter().zip(&firsts).map(|(foot, first)| (foot.nearest(ends) + 1).saturating_sub(*first));
+        let counts = feet.iter().zip(&firsts).map(|(foot, first)| (foot.nearest(ends_s) + 1).saturating_sub(*first));
         let count = counts.min().unwrap_or(0);
-        if begins > ends || count == 0 {
+        if begins_s > ends_s || count == 0 {
             let files = feet.iter().map(|foot| foot.file.as_str()).collect::<Vec<_>>().join(" and ");
             let times = feet.iter().map(|foot| format!("{} to {} s", foot.t_s[0], foot.t_s[foot.t_s.len() - 1]));
             let times = times.collect::<Vec<_>>().join(" and ");
@@ -231,6 +231,7 @@ impl Session {
         let (rate_hz, t_s) = (feet[0].rate_hz, feet[0].t_s.clone());
         for foot in &feet {
             let apart_s = t_s.iter().zip(&foot.t_s).map(|(t_s, other_s)| (t_s - other_s).abs()).fold(0.0, f64::max);
+            // Frames that are nearest in time are at most half a frame period apart, but for rounding errors.
             if apart_s * rate_hz > 0.51 || (foot.rate_hz / rate_hz - 1.0).abs() > 0.01 {
                 let problem = format!("the feet differ in frame times or rates ({} and {rate_hz} Hz)", foot.rate_hz);
                 return Err(content(&foot.file, problem, "import both feet with the same --rate, such as --rate 100"));
@@ -270,7 +271,7 @@ impl Session {
     }
 }
 
-/// An error about the content of a recording.
+/// An error in the content of a recording or in an option of the export. `place` is the recording or the output.
 pub(crate) fn content(place: &str, problem: String, remedy: &str) -> Error {
     Error::Content { place: place.into(), problem, remedy: remedy.into() }
 }

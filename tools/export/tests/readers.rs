@@ -68,7 +68,7 @@ fn compare(name: &str, found: &Value, expected: impl IntoIterator<Item = f64>, t
 /// Compares all channels, with `absent` for the values that are absent, and the units if the format has them.
 fn compare_channels(found: &Value, session: &Session, absent: f64, tolerance: f64) {
     let channels = session.channels();
-    assert_eq!(found["channels"].as_object().map(|them| them.len()), Some(channels.len()));
+    assert_eq!(found["channels"].as_object().map(|object| object.len()), Some(channels.len()));
     for channel in &channels {
         let values = (0..session.frames()).map(|i| channel.value(i).unwrap_or(absent));
         compare(&channel.name(), &found["channels"][channel.name()], values, tolerance);
@@ -260,7 +260,7 @@ fn external_loads_are_read_by_opensim() {
         opensim::write(&session, &path).expect("written");
         let found = read("opensim", &path);
         compare("t_s", &found["t_s"], session.t_s.iter().copied(), 1e-15);
-        assert_eq!(found["channels"].as_object().map(|them| them.len()), Some(18));
+        assert_eq!(found["channels"].as_object().map(|object| object.len()), Some(18));
         // The lateral side of the left foot is at its left, at negative z.
         for (foot, side, right) in [(&session.feet[0], 'l', -1.0), (&session.feet[1], 'r', 1.0)] {
             let column = |name: &str, value: fn(f64, (f64, f64)) -> f64| {
@@ -364,7 +364,7 @@ fn csv_is_read_by_pandas() {
     compare_channels(&found, &session, f64::NAN, SINGLE_TEXT);
     compare_events(&found, &session, 0.0);
     // All quantities of both feet are present.
-    assert_eq!(Quantity::all().count() * 2, found["channels"].as_object().map_or(0, |them| them.len()));
+    assert_eq!(Quantity::all().count() * 2, found["channels"].as_object().map_or(0, |object| object.len()));
 }
 
 #[test]
@@ -397,8 +397,8 @@ fn mcap_is_read_by_foxgloves_own_reader() {
                 assert_eq!(*column("measured_force_peak_n"), f64::from(of.measured_peak_dn) / 10.0);
                 assert_eq!(*column("area_peak_mm2"), f64::from(of.area_peak_mm2));
             }
-            let names = Step::QUANTITIES.len() + StepFoot::QUANTITIES.len() + 8 * StepRegion::QUANTITIES.len() + 2;
-            assert!(found.as_object().is_some_and(|step| step.len() <= names && step.len() > names / 2));
+            let most = Step::QUANTITIES.len() + StepFoot::QUANTITIES.len() + 8 * StepRegion::QUANTITIES.len() + 2;
+            assert!(found.as_object().is_some_and(|step| step.len() <= most && step.len() > most / 2));
             assert_eq!(found["foot_force_peak_n"], f64::from(step.step.foot.peak_dn) / 10.0);
         }
     }

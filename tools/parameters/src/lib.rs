@@ -199,7 +199,7 @@ impl Parameters {
                 return Err(wrong(region.name(), "is missing; provide all eight regions".into()));
             };
             let line = line_of(text, found.span().start);
-            let ellipsoid = found.get_ref().check().map_err(|p| wrong(region.name(), format!("(line {line}) {p}")))?;
+            let ellipsoid = found.get_ref().checked().map_err(|p| wrong(region.name(), format!("(line {line}) {p}")))?;
             *slot = Some(ellipsoid);
             let name = found.get_ref().deformation_scale.as_deref();
             *scale = DeformationScale::of_file(name).map_err(|p| wrong(region.name(), format!("(line {line}) {p}")))?;
@@ -224,8 +224,8 @@ impl Parameters {
         }
         if identified.as_ref().is_some_and(|i| !i.contact.is_valid()) {
             return Err(form(
-                "[identified] the contact rule is out of range: needs 0 < contact_off_kpa <= contact_on_kpa, and \
-                 contact_full_kpa of 0 or at least contact_on_kpa"
+                "[identified] the contact rule is out of range: needs 0 < contact_off_kpa <= contact_on_kpa <= 1000, \
+                 and contact_full_kpa of 0 or from contact_on_kpa to 2000"
                     .into(),
             ));
         }
@@ -324,7 +324,7 @@ impl Parameters {
     }
 }
 
-/// The line of this place in a text, from 1.
+/// The number, from 1, of the line that contains the byte at `offset`.
 fn line_of(text: &str, offset: usize) -> usize {
     text[..offset].matches('\n').count() + 1
 }
@@ -353,7 +353,7 @@ impl FileRegion {
     ///
     /// # Errors
     /// The violated rule, if a value is out of range.
-    fn check(&self) -> Result<Ellipsoid<f64>, String> {
+    fn checked(&self) -> Result<Ellipsoid<f64>, String> {
         let lengths = [("a_mm", self.a_mm), ("b_mm", self.b_mm), ("c_mm", self.c_mm), ("d0_mm", self.d0_mm)];
         let mm = 1e-3;
         for (name, value) in lengths {

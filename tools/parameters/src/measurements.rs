@@ -107,7 +107,7 @@ struct Table {
 impl Table {
     fn checked(self) -> Measurements {
         let mut rejected = Vec::new();
-        let mut check = |name, value: Option<f64>, range: [f64; 2]| {
+        let mut in_range = |name, value: Option<f64>, range: [f64; 2]| {
             let value = value?;
             let is_valid = (range[0]..=range[1]).contains(&value);
             if !is_valid {
@@ -116,10 +116,10 @@ impl Table {
             is_valid.then_some(value)
         };
         let radii = self.curvature_mm.unwrap_or_default();
-        let thickness_mm = check("thickness_mm", self.thickness_mm, THICKNESS_MM);
-        let peak_strain = check("peak_strain", self.peak_strain, PEAK_STRAIN);
-        let medial_lateral_mm = check("curvature_mm (medial-lateral)", radii.medial_lateral, CURVATURE_MM);
-        let heel_toe_mm = check("curvature_mm (heel-toe)", radii.heel_toe, CURVATURE_MM);
+        let thickness_mm = in_range("thickness_mm", self.thickness_mm, THICKNESS_MM);
+        let peak_strain = in_range("peak_strain", self.peak_strain, PEAK_STRAIN);
+        let medial_lateral_mm = in_range("curvature_mm (medial-lateral)", radii.medial_lateral, CURVATURE_MM);
+        let heel_toe_mm = in_range("curvature_mm (heel-toe)", radii.heel_toe, CURVATURE_MM);
         Measurements {
             thickness_m: thickness_mm.map(|mm| mm * 1e-3),
             peak_strain,

@@ -49,9 +49,9 @@ pub fn bars(study: &Study) -> Drawing {
                 @match fit_of(study, region) {
                     Ok(fit) => @for (i, error) in errors(&fit.quality).into_iter().enumerate() {
                         @if let Some(share) = error.filter(|share| share.is_finite()) {
-                            @let end = scale.at(share * 100.0);
-                            g.(colour(region)) { (bar(ERRORS[i].1, top + i as f64 * BAR, end)) }
-                            text.small x=(format!("{:.1}", end + 3.0)) y=(top + (i + 1) as f64 * BAR - 1.2) { (percent(share)) }
+                            @let right = scale.at(share * 100.0);
+                            g.(colour(region)) { (bar(ERRORS[i].1, top + i as f64 * BAR, right)) }
+                            text.small x=(format!("{:.1}", right + 3.0)) y=(top + (i + 1) as f64 * BAR - 1.2) { (percent(share)) }
                         }
                     },
                     Err(reason) =>
@@ -64,9 +64,9 @@ pub fn bars(study: &Study) -> Drawing {
     }
 }
 
-fn bar(class: &str, y: f64, end: f64) -> Markup {
-    let width = format!("{:.1}", end - LEFT);
-    html! { rect class=(class) x=(LEFT) y=(y + 0.5) width=(width) height=(BAR - 1.0) {} }
+fn bar(class: &str, top: f64, right: f64) -> Markup {
+    let width = format!("{:.1}", right - LEFT);
+    html! { rect class=(class) x=(LEFT) y=(top + 0.5) width=(width) height=(BAR - 1.0) {} }
 }
 
 /// The mark for the value of the paper: a triangle that points down at the upper edge of the bars, `bars_top`.

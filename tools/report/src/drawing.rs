@@ -106,10 +106,10 @@ impl Scale {
         Self { values, positions, kind: Kind::Linear }
     }
 
-    /// A logarithmic scale from the range of values, which are positive, to the range of positions. With `zero`, the scale also
-    /// has a position for 0, which is the first position.
-    pub fn logarithmic(values: [f64; 2], [first, last]: [f64; 2], zero: bool) -> Self {
-        match zero {
+    /// A logarithmic scale from the range of values, which are positive, to the range of positions. With `has_zero`, the scale
+    /// also has a position for 0, which is the first position.
+    pub fn logarithmic(values: [f64; 2], [first, last]: [f64; 2], has_zero: bool) -> Self {
+        match has_zero {
             true => Self { values, positions: [first + ZERO_GAP, last], kind: Kind::LogarithmicAndZero },
             false => Self { values, positions: [first, last], kind: Kind::Logarithmic },
         }

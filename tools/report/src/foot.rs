@@ -141,6 +141,7 @@ fn pitch_mm(cells: &[Cell]) -> Option<[f64; 2]> {
     let least = |along: fn(&Cell) -> f64| {
         let mut places: Vec<f64> = cells.iter().map(along).collect();
         places.sort_by(f64::total_cmp);
+        // Smaller distances are rounding errors between cells of the same row or column.
         let gaps = places.windows(2).map(|pair| pair[1] - pair[0]).filter(|gap_mm| *gap_mm > 0.1);
         gaps.min_by(f64::total_cmp)
     };

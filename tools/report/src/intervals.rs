@@ -18,9 +18,9 @@ pub struct IntervalChart {
     /// Title with the unit.
     pub title: String,
     /// True if the axis is logarithmic.
-    pub logarithmic: bool,
+    pub is_logarithmic: bool,
     /// True if a logarithmic axis also has a position for the value 0; without effect on a linear axis.
-    pub zero: bool,
+    pub has_zero: bool,
     /// The rows, in the order of the regions.
     pub rows: [Row; 8],
 }
@@ -48,7 +48,7 @@ pub enum Mark {
     /// An estimate at a bound of the search.
     Bound,
     /// A value that the data do not determine.
-    Open,
+    Undetermined,
 }
 
 impl Mark {
@@ -58,7 +58,7 @@ impl Mark {
             @match self {
                 Self::Point => circle.fill cx=(format!("{x:.1}")) cy=(y) r="3.2" {},
                 Self::Bound => path.hollow d=(format!("M{x:.1} {:.1}l5 5l-5 5l-5 -5z", y - 5.0)) {},
-                Self::Open => circle.hollow cx=(format!("{x:.1}")) cy=(y) r="3.4" {},
+                Self::Undetermined => circle.hollow cx=(format!("{x:.1}")) cy=(y) r="3.4" {},
             }
         }
     }
@@ -79,7 +79,7 @@ impl IntervalChart {
                     path.grid d={ "M" (format!("{:.1}", scale.at(value))) " " (TOP) "V" (bottom) } {}
                     text.middle x=(format!("{:.1}", scale.at(value))) y=(bottom + 14.0) { (tick(value)) }
                 }
-                @if self.logarithmic && self.zero { text.middle x=(scale.at(0.0)) y=(bottom + 14.0) { "0" } }
+                @if self.is_logarithmic && self.has_zero { text.middle x=(scale.at(0.0)) y=(bottom + 14.0) { "0" } }
                 path.axis d={ "M" (LEFT) " " (bottom) "H" (WIDTH - RIGHT) } {}
                 @for (region, row) in self.rows.iter().enumerate() {
                     @let y = TOP + (region as f64 + 0.5) * ROW;
@@ -102,7 +102,7 @@ impl IntervalChart {
     /// axis.
     fn scale(&self) -> Scale {
         let positions = [LEFT, WIDTH - RIGHT];
-        let is_shown = |value: &f64| value.is_finite() && (*value > 0.0 || !self.logarithmic);
+        let is_shown = |value: &f64| value.is_finite() && (*value > 0.0 || !self.is_logarithmic);
         let ends_of = |values: Vec<f64>| {
             let values = values.into_iter().filter(is_shown);
             values.fold([f64::MAX, f64::MIN], |[low, high], value| [low.min(value), high.max(value)])
@@ -120,18 +120,18 @@ impl IntervalChart {
             [low, high] if low > high => ends,
             estimates => estimates,
         };
-        match (ends[0] <= ends[1], self.logarithmic) {
+        match (ends[0] <= ends[1], self.is_logarithmic) {
             (true, true) => {
                 let low = ends[0].max(estimates[0] / 10.0) / 1.2;
                 let high = (ends[1].min(estimates[1] * 10.0) * 1.2).max(4.0 * low);
-                Scale::logarithmic([low, high], positions, self.zero)
+                Scale::logarithmic([low, high], positions, self.has_zero)
             }
             (true, false) => {
                 let beyond = 3.0 * (estimates[1].max(0.0) - estimates[0].min(0.0)).max(0.1);
                 let low = ends[0].min(0.0).max(estimates[0].min(0.0) - beyond);
                 Scale::linear([low, (1.05 * ends[1]).min(estimates[1] + beyond).max(0.1)], positions)
             }
-            (false, true) => Scale::logarithmic([1.0, 1000.0], positions, self.zero),
+            (false, true) => Scale::logarithmic([1.0, 1000.0], positions, self.has_zero),
             (false, false) => Scale::linear([0.0, 5.0], positions),
         }
     }

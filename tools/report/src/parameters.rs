@@ -16,18 +16,18 @@ struct Parameter {
     /// Factor from SI to `unit`.
     factor: f64,
     /// True if its axis is logarithmic.
-    logarithmic: bool,
+    is_logarithmic: bool,
     /// True if its value may be 0.
-    zero: bool,
+    may_be_zero: bool,
 }
 
 /// The display of the five identifiable parameters, in the order of [`FIVE`].
 const SHOWN: [Parameter; 5] = [
-    Parameter { name: "size", unit: "mm²", factor: 1e6, logarithmic: true, zero: false },
-    Parameter { name: "stiffness", unit: "kPa", factor: 1e-3, logarithmic: true, zero: false },
-    Parameter { name: "damping", unit: "kPa s", factor: 1e-3, logarithmic: true, zero: true },
-    Parameter { name: "stiffness exponent", unit: "", factor: 1.0, logarithmic: false, zero: true },
-    Parameter { name: "damping exponent", unit: "", factor: 1.0, logarithmic: false, zero: true },
+    Parameter { name: "size", unit: "mm²", factor: 1e6, is_logarithmic: true, may_be_zero: false },
+    Parameter { name: "stiffness", unit: "kPa", factor: 1e-3, is_logarithmic: true, may_be_zero: false },
+    Parameter { name: "damping", unit: "kPa s", factor: 1e-3, is_logarithmic: true, may_be_zero: true },
+    Parameter { name: "stiffness exponent", unit: "", factor: 1.0, is_logarithmic: false, may_be_zero: true },
+    Parameter { name: "damping exponent", unit: "", factor: 1.0, is_logarithmic: false, may_be_zero: true },
 ];
 
 /// Index in [`FIVE`] of the damping exponent m, which has no meaning without damping.
@@ -62,8 +62,8 @@ pub fn charts(study: &Study) -> [Drawing; 5] {
         let shown = &SHOWN[parameter];
         IntervalChart {
             title: shown.title(FIVE[parameter]),
-            logarithmic: shown.logarithmic,
-            zero: shown.zero,
+            is_logarithmic: shown.is_logarithmic,
+            has_zero: shown.may_be_zero,
             rows: std::array::from_fn(|region| row(study, parameter, region)),
         }
         .draw()
@@ -82,7 +82,7 @@ fn row(study: &Study, parameter: usize, region: usize) -> Row {
                 value: value * shown.factor,
                 mark: match interval {
                     Some(interval) if interval.at_bound => Mark::Bound,
-                    Some(interval) if !interval.is_identifiable => Mark::Open,
+                    Some(interval) if !interval.is_identifiable => Mark::Undetermined,
                     _ => Mark::Point,
                 },
                 broad: interval.map(|interval| shown.scaled(interval.jacobian)),
@@ -97,7 +97,7 @@ fn row(study: &Study, parameter: usize, region: usize) -> Row {
 pub fn legend() -> Vec<Drawing> {
     drawing::legend_entries([
         (Mark::Point.at(12.0, 9.0), "estimate"),
-        (Mark::Open.at(12.0, 9.0), "not determined: mostly the usual value of other people"),
+        (Mark::Undetermined.at(12.0, 9.0), "not determined: mostly the usual value of other people"),
         (Mark::Bound.at(12.0, 9.0), "estimate at a bound"),
         (html! { path.jacobian d="M0 9h24" {} }, "95 %, Jacobian"),
         (html! { path.line d="M0 9h24" {} }, "95 %, resampled steps"),
@@ -207,6 +207,7 @@ pub fn eight(study: &Study) -> Markup {
                             Ok(fit) => {
                                 @let e = &fit.ellipsoid;
                                 @for mm in [e.a_m, e.b_m, e.c_m, e.d0_m].map(|m| m * 1e3) { td { (number(mm)) } }
+                                // The second number is the index in `FIVE`: k depends on K, and c on G.
                                 @for (value, parameter) in [(e.k, 1), (e.n, 3), (e.c, 2), (e.m, 4)] {
                                     td { (number(value)) (dagger(fit, parameter)) }
                                 }

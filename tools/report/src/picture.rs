@@ -48,6 +48,9 @@ pub fn png(study: &Study) -> Result<Vec<u8>> {
 }
 
 /// Converts a picture from SVG to PNG.
+///
+/// # Errors
+/// As [`png`].
 pub fn render(svg: Markup) -> Result<Vec<u8>> {
     let options = usvg::Options { fontdb: Arc::new(fonts()?), ..usvg::Options::default() };
     let tree = usvg::Tree::from_str(&svg.into_string(), &options)?;
@@ -74,14 +77,15 @@ fn fonts() -> Result<usvg::fontdb::Database> {
 fn svg(study: &Study) -> Markup {
     let foot = foot::foot(study);
     let foot_width = foot.as_ref().map_or(0.0, |foot| foot.width + 2.0 * GAP);
-    let grid = Grid { x: MARGIN + foot_width, y: HEADER + LEGEND, height: TITLE + curves::FORCE_HEIGHT + GAP };
+    let force_grid = Grid { x: MARGIN + foot_width, y: HEADER + LEGEND, height: TITLE + curves::FORCE_HEIGHT + GAP };
     let foot_bottom = HEADER + foot.as_ref().map_or(0.0, |foot| foot.height) + GAP;
-    let lower = (grid.y + 3.0 * grid.height).max(foot_bottom + 2.0 * LEGEND) + GAP;
+    let lower = (force_grid.y + 3.0 * force_grid.height).max(foot_bottom + 2.0 * LEGEND) + GAP;
     let (bars, charts) = (bars::bars(study), parameters::charts(study));
     // The legend of the parameters has two rows.
-    let beside = Grid { x: MARGIN + bars.width + 3.0 * GAP, y: lower + 2.0 * LEGEND, height: intervals::HEIGHT + GAP };
-    let width = grid.width().max(beside.width());
-    let height = (lower + LEGEND + bars.height).max(beside.y + 2.0 * beside.height) + MARGIN;
+    let parameter_grid =
+        Grid { x: MARGIN + bars.width + 3.0 * GAP, y: lower + 2.0 * LEGEND, height: intervals::HEIGHT + GAP };
+    let width = force_grid.width().max(parameter_grid.width());
+    let height = (lower + LEGEND + bars.height).max(parameter_grid.y + 2.0 * parameter_grid.height) + MARGIN;
     let sum = curves::Sum::of(study);
     html! {
         svg.drawing xmlns="http://www.w3.org/2000/svg" width=(width) height=(height) viewBox={ "0 0 " (width) " " (height) } {
@@ -96,18 +100,18 @@ fn svg(study: &Study) -> Markup {
                 (foot.at(MARGIN, HEADER))
                 @for (i, item) in foot::legend().iter().enumerate() { (item.at(MARGIN, foot_bottom + 22.0 * i as f64)) }
             }
-            (legend_row(&curves::legend(), grid.x, HEADER))
+            (legend_row(&curves::legend(), force_grid.x, HEADER))
             @for region in 0..8 {
                 @let force = curves::force(study, region, &curves::Typical::of(study, region));
-                (grid.panel(region, TITLES[region], &force))
+                (force_grid.panel(region, TITLES[region], &force))
             }
-            (grid.panel(8, "Sum of the regions", &curves::sum(study, sum.as_ref())))
+            (force_grid.panel(8, "Sum of the regions", &curves::sum(study, sum.as_ref())))
             (legend_row(&bars::legend(), MARGIN, lower))
             (bars.at(MARGIN, lower + LEGEND))
             @for (i, entries) in parameters::legend().chunks(3).enumerate() {
-                (legend_row(entries, beside.x, lower + i as f64 * LEGEND))
+                (legend_row(entries, parameter_grid.x, lower + i as f64 * LEGEND))
             }
-            @for (i, chart) in charts.iter().enumerate() { (beside.panel(i, "", chart)) }
+            @for (i, chart) in charts.iter().enumerate() { (parameter_grid.panel(i, "", chart)) }
         }
     }
 }

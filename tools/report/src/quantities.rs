@@ -31,7 +31,11 @@ pub fn charts(study: &Study) -> impl Iterator<Item = Drawing> {
         let row = |region: usize| match fit_of(study, region).map(|fit| fit.measure(quantity)) {
             Ok(Some(measure)) => Row::Value {
                 value: measure.value,
-                mark: if measure.interval.is_none() || measure.is_determined() { Mark::Point } else { Mark::Open },
+                mark: if measure.interval.is_none() || measure.is_determined() {
+                    Mark::Point
+                } else {
+                    Mark::Undetermined
+                },
                 broad: measure.interval,
                 thin: None,
             },
@@ -40,8 +44,8 @@ pub fn charts(study: &Study) -> impl Iterator<Item = Drawing> {
             Err(reason) => unfitted(&reason),
         };
         let title = title(quantity);
-        let logarithmic = quantity != Quantity::DissipatedEnergy;
-        IntervalChart { title, logarithmic, zero: false, rows: std::array::from_fn(row) }.draw()
+        let is_logarithmic = quantity != Quantity::DissipatedEnergy;
+        IntervalChart { title, is_logarithmic, has_zero: false, rows: std::array::from_fn(row) }.draw()
     })
 }
 
@@ -49,7 +53,7 @@ pub fn charts(study: &Study) -> impl Iterator<Item = Drawing> {
 pub fn legend() -> Vec<Drawing> {
     drawing::legend_entries([
         (Mark::Point.at(12.0, 9.0), "value"),
-        (Mark::Open.at(12.0, 9.0), "not determined"),
+        (Mark::Undetermined.at(12.0, 9.0), "not determined"),
         (html! { path.jacobian d="M0 9h24" {} }, "95 % interval"),
         (html! { path.fill d="M9 9l5 -3v6z" {} }, "beyond the axis"),
     ])

@@ -62,9 +62,9 @@ pub fn table(study: &Study) -> Markup {
 fn changes(fit: &RegionFit) -> [String; 3] {
     let Some(effect) = fit.scale_effect else { return [NONE; 3].map(String::from) };
     let value = |quantity| fit.measure(quantity).map(|m| m.value);
-    let both = |at: Option<f64>, less: Option<f64>, more: Option<f64>| match (at, less, more) {
-        (Some(at), Some(less), Some(more)) => {
-            let change = |to: f64| format!("{:+.0}", (to / at - 1.0) * 100.0).replace('-', "−");
+    let both = |fitted: Option<f64>, less: Option<f64>, more: Option<f64>| match (fitted, less, more) {
+        (Some(fitted), Some(less), Some(more)) => {
+            let change = |to: f64| format!("{:+.0}", (to / fitted - 1.0) * 100.0).replace('-', "−");
             format!("{} / {}", change(less), change(more))
         }
         _ => NONE.into(),

@@ -86,7 +86,7 @@ impl StepPicture<'_> {
         }
     }
 
-    /// Opacity of each cell, from its peak pressure in the step.
+    /// Opacity of each cell: it increases with the square root of its peak pressure, so that lightly loaded cells are visible.
     fn opacity(&self) -> Vec<f64> {
         let largest_kpa = self.peak_kpa.iter().copied().fold(1.0, f32::max);
         let opacity = |&kpa: &f32| UNLOADED_OPACITY + (1.0 - UNLOADED_OPACITY) * f64::from(kpa / largest_kpa).sqrt();

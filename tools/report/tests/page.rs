@@ -52,6 +52,7 @@ fn sections_and_regions_are_present_in_order() {
         }
         let drawings = html.matches("<svg class=\"drawing\"").count();
         assert_eq!(html.matches("role=\"img\" aria-label=\"").count(), drawings);
+        // Eight charts of force, their sum, six quantities and five parameters.
         assert!(drawings >= 8 + 1 + 6 + 5);
     }
 }

@@ -118,6 +118,7 @@ fn row(person: &Person, recording: &str, step: &Step, region: Region, fit: Resul
         row.push((high.into(), real(interval.map(|i| i.jacobian[1] * factor))));
         row.push((at_bound.into(), Value::Flag(interval.map(|i| i.at_bound))));
     }
+    // The variables that are neither quantities nor identified parameters.
     let rest: Vec<_> =
         Variable::all().map(value).filter(|(name, _)| row.iter().all(|(other, _)| other != name)).collect();
     row.extend(rest);

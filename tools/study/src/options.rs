@@ -137,8 +137,8 @@ impl ContactOptions {
         if !rule.is_valid() {
             bail!(
                 "invalid contact rule, on at {} kPa, off below {} kPa, whole cell from {} kPa: contact-off must be positive, \
-                 contact-off may not be above contact-on, contact-on not above 1000, and contact-full either 0, for whole \
-                 cells, or from contact-on to 2000",
+                 contact-off may not be above contact-on, contact-on not above 1000 kPa, and contact-full either 0, \
+                 for whole cells, or from contact-on to 2000 kPa",
                 rule.on_kpa,
                 rule.off_kpa,
                 rule.full_kpa

@@ -16,6 +16,8 @@ const SAMPLE_TRIALS: &str = "37";
 /// The wearer's parameters are identified from this number of steps. The next step begins before the insole has received the
 /// parameters, so 12 steps remain.
 const IDENTIFIED_STEPS: &str = "24";
+/// Pressure from which a cell counts with its whole area, kPa, as in the library's contact rule with covered shares.
+const CONTACT_FULL_KPA: &str = "150";
 
 impl Demo {
     /// Runs the demonstration.
@@ -30,7 +32,8 @@ impl Demo {
         let mut command = Command::new(&plantar);
         command.arg("emulate").arg(&walk).args(["--speed", &self.speed]).arg("--firmware").arg(firmware(EMULATED));
         if self.recording.is_none() {
-            command.args(["--contact-full", "150", "--identify-steps", IDENTIFIED_STEPS, "--identify"]).arg(&session);
+            command.args(["--contact-full", CONTACT_FULL_KPA, "--identify-steps", IDENTIFIED_STEPS]);
+            command.arg("--identify").arg(&session);
         }
         if let Some(steps) = self.steps {
             command.args(["--steps", &steps.to_string()]);

@@ -8,9 +8,9 @@ use std::process::Command;
 use tempfile::TempDir;
 
 /// A copy of the last commit in a temporary folder, which is deleted with this value.
-struct Copy(TempDir);
+struct CommitCopy(TempDir);
 
-impl Copy {
+impl CommitCopy {
     /// Copies the last commit. The name of the folder begins with `prefix`.
     fn of_last_commit(prefix: &str) -> Result<Self> {
         let folder = tempfile::Builder::new().prefix(prefix).tempdir()?;
@@ -29,7 +29,7 @@ pub fn reproduce() -> Result<()> {
     setup::rust()?;
     let packages: Vec<String> = BOARDS.iter().flat_map(|board| [build::bootloader(board), (*board).into()]).collect();
     let build = |name: &str| -> Result<Vec<Vec<u8>>> {
-        let copy = Copy::of_last_commit(name)?;
+        let copy = CommitCopy::of_last_commit(name)?;
         packages.iter().try_for_each(|package| copy.run(&mut build::firmware_command("build", package)?))?;
         let loaded = |package: &String| {
             let firmware = copy.0.path().join("target").join(TARGET).join(build::profile(package)).join(package);
@@ -56,7 +56,7 @@ pub fn write_sboms(out: &Path) -> Result<()> {
     std::fs::create_dir_all(out).with_context(|| format!("cannot create {}", out.display()))?;
     let out = std::path::absolute(out)?;
     // The tool writes its files beside each Cargo.toml, so it runs in a copy.
-    let copy = Copy::of_last_commit("plantar-sbom")?;
+    let copy = CommitCopy::of_last_commit("plantar-sbom")?;
     let write = |target: &[&str], packages: &[(&str, &str)]| -> Result<()> {
         let arguments = ["cyclonedx", "--format", "json", "--spec-version", "1.5", "--quiet"];
         copy.run(Command::new(&tool).args(arguments).args(target))?;

@@ -120,7 +120,7 @@ pub fn qemu() -> Result<()> {
     if has("qemu-system-arm") {
         return Ok(());
     }
-    install(&Package {
+    install(&OsPackage {
         title: "QEMU for Arm (qemu-system-arm)",
         apt: "qemu-system-arm",
         dnf: "qemu-system-arm",
@@ -134,7 +134,7 @@ pub fn ngspice() -> Result<()> {
     if has("ngspice") {
         return Ok(());
     }
-    install(&Package { title: "ngspice", apt: "ngspice", dnf: "ngspice", pacman: "ngspice", brew: "ngspice" })
+    install(&OsPackage { title: "ngspice", apt: "ngspice", dnf: "ngspice", pacman: "ngspice", brew: "ngspice" })
 }
 
 /// Installs GDB for Arm, and returns the name of the program.
@@ -148,7 +148,7 @@ pub fn gdb() -> Result<&'static str> {
     if let Some(program) = find() {
         return Ok(program);
     }
-    install(&Package {
+    install(&OsPackage {
         title: "GDB for Arm",
         apt: "gdb-multiarch",
         dnf: "gdb",
@@ -164,7 +164,7 @@ const NODE_MAJOR: u32 = 18;
 /// Installs Node.js with npm, for the page.
 pub fn node() -> Result<()> {
     if !has("node") || !has("npm") {
-        let named = |apt, other| Package { title: "Node.js with npm", apt, dnf: other, pacman: other, brew: "node" };
+        let named = |apt, other| OsPackage { title: "Node.js with npm", apt, dnf: other, pacman: other, brew: "node" };
         // If only npm is missing, only npm is installed. Homebrew has both in the package `node`.
         install(&if has("node") { named("npm", "npm") } else { named("nodejs npm", "nodejs npm") })?;
     }
@@ -185,13 +185,13 @@ pub fn chromium() -> Result<()> {
     if ["chromium", "chromium-browser", "google-chrome"].into_iter().any(has) {
         return Ok(());
     }
-    install(&Package { title: "Chromium", apt: "chromium", dnf: "chromium", pacman: "chromium", brew: "chromium" })
+    install(&OsPackage { title: "Chromium", apt: "chromium", dnf: "chromium", pacman: "chromium", brew: "chromium" })
 }
 
 /// Installs cargo-fuzz and the C++ compiler that libFuzzer needs. Returns the path of cargo-fuzz.
 pub fn cargo_fuzz() -> Result<PathBuf> {
     if !has("c++") {
-        install(&Package { title: "A C++ compiler", apt: "g++", dnf: "gcc-c++", pacman: "gcc", brew: "gcc" })?;
+        install(&OsPackage { title: "A C++ compiler", apt: "g++", dnf: "gcc-c++", pacman: "gcc", brew: "gcc" })?;
     }
     cargo_tool("cargo-fuzz", "0.13.2")
 }
@@ -281,7 +281,7 @@ fn bus() -> Result<()> {
     if !cfg!(target_os = "linux") || has("dbus-daemon") {
         return Ok(());
     }
-    install(&Package { title: "D-Bus", apt: "dbus-daemon", dnf: "dbus-daemon", pacman: "dbus", brew: "dbus" })
+    install(&OsPackage { title: "D-Bus", apt: "dbus-daemon", dnf: "dbus-daemon", pacman: "dbus", brew: "dbus" })
 }
 
 /// Installs GNU Octave, which reads exported MATLAB files in a test. On Debian, packages that it only recommends are omitted.
@@ -290,7 +290,7 @@ fn octave() -> Result<()> {
         return Ok(());
     }
     let apt = "--no-install-recommends octave";
-    install(&Package { title: "GNU Octave", apt, dnf: "octave", pacman: "octave", brew: "octave" })
+    install(&OsPackage { title: "GNU Octave", apt, dnf: "octave", pacman: "octave", brew: "octave" })
 }
 
 /// The file in a Python environment with the list of the packages that were installed.
@@ -321,31 +321,31 @@ pub fn python() -> Result<Python> {
 /// Creates the private Python environment with the tools for the Python package, if it is missing or has other packages. Returns
 /// its folder.
 pub fn package() -> Result<PathBuf> {
-    let needs = "the tools for the Python package come from PyPI: check the network connection";
-    environment_of("package", &PACKAGE_TOOLS, &[], needs)
+    let remedy = "the tools for the Python package come from PyPI: check the network connection";
+    environment_of("package", &PACKAGE_TOOLS, &[], remedy)
 }
 
 /// Creates the private Python environment with [`FORMAT_READERS`], if it is missing or has other packages. Returns its
 /// interpreter.
 pub fn formats() -> Result<PathBuf> {
-    let needs =
+    let remedy =
         "the readers of exported files come from PyPI and need Python 3.11 or newer: check the network connection";
-    Ok(program(&environment_of("formats", &FORMAT_READERS, &["--no-deps"], needs)?, "python"))
+    Ok(program(&environment_of("formats", &FORMAT_READERS, &["--no-deps"], remedy)?, "python"))
 }
 
 /// Creates the private Python environment with [`MANAGEMENT_CLIENT`], if it is missing or has other packages. Returns its
 /// interpreter.
 pub fn management() -> Result<PathBuf> {
-    let needs = "smpclient comes from PyPI: check the network connection";
-    Ok(program(&environment_of("management", &MANAGEMENT_CLIENT, &[], needs)?, "python"))
+    let remedy = "smpclient comes from PyPI: check the network connection";
+    Ok(program(&environment_of("management", &MANAGEMENT_CLIENT, &[], remedy)?, "python"))
 }
 
 /// Creates the private Python environment `name` with these packages, if it is missing or has other packages. Returns its folder.
-/// `options` are those of `pip install`; `needs` is reported if the installation fails.
-fn environment_of(name: &str, packages: &[&str], options: &[&str], needs: &'static str) -> Result<PathBuf> {
+/// `options` are those of `pip install`; `remedy` is reported if the installation fails.
+fn environment_of(name: &str, packages: &[&str], options: &[&str], remedy: &'static str) -> Result<PathBuf> {
     let environment = cache().join(name);
     environment_with(&environment, &packages.join(" "), || {
-        pip(&environment, &[&["install"], options, packages].concat()).context(needs)
+        pip(&environment, &[&["install"], options, packages].concat()).context(remedy)
     })?;
     Ok(environment)
 }
@@ -382,7 +382,7 @@ fn create_environment(environment: &Path) -> Result<()> {
         return Ok(());
     }
     // Debian has the module venv in a separate package.
-    install(&Package {
+    install(&OsPackage {
         title: "Python 3 with venv",
         apt: "python3-venv",
         dnf: "python3",
@@ -400,8 +400,8 @@ fn find(environment: &Path, below: &Path) -> Option<PathBuf> {
     libraries.find_map(|library| Some(library.join("site-packages").join(below)).filter(|path| path.is_dir()))
 }
 
-/// A system package: its title for messages, and its name for each package manager.
-struct Package {
+/// A package of the operating system: its title for messages, and its name for each package manager.
+struct OsPackage {
     title: &'static str,
     apt: &'static str,
     dnf: &'static str,
@@ -410,7 +410,7 @@ struct Package {
 }
 
 /// Installs a package with the system's package manager, through sudo unless the user is root. Homebrew needs no sudo.
-fn install(package: &Package) -> Result<()> {
+fn install(package: &OsPackage) -> Result<()> {
     let managers: [(&str, &[&str], &str); 4] = [
         ("apt-get", &["install", "--yes"], package.apt),
         ("dnf", &["install", "--assumeyes"], package.dnf),

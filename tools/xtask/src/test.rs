@@ -91,8 +91,8 @@ fn lint_host() -> Result<()> {
 
 /// Runs all tests. Returns the figures that the page's tests measure.
 fn tests(python: &Python) -> Result<bench::Figures> {
-    // Two at a time, because they mostly wait. On a slow computer, more of them or other tests beside them would cause missed scans
-    // and timeouts.
+    // Two at a time, because they mostly wait. On a slow computer, more of them or other tests beside them would cause missed
+    // scans and timeouts.
     selected_tests(python, IN_REAL_TIME, 2)?;
     let figures = page_and_package_tests()?;
     // Many tests wait for an emulated board, so more of them run at the same time than there are cores.

@@ -48,7 +48,8 @@ impl Port {
     /// Waits until QEMU has connected its serial port.
     ///
     /// # Errors
-    /// [`Error::Exited`] with QEMU's message if QEMU exits before, and [`Error::Timeout`] after [`START`](super::START).
+    /// [`Error::Exited`] with QEMU's message if QEMU exits earlier, and [`Error::Timeout`] after
+    /// [`START_TIMEOUT`](super::START_TIMEOUT).
     pub fn connect(&self, qemu: &mut Child) -> Result<Stream, Error> {
         let mut writing = OpenOptions::new();
         writing.write(true);

@@ -21,6 +21,8 @@ const TOP: f64 = 26.0;
 const BOTTOM: f64 = 22.0;
 /// Distance between the regions.
 const GAP: f64 = 8.0;
+/// Height of the mark of a size group in the [`charts`].
+const CHARTS_MARK_HEIGHT: f64 = 5.0;
 /// The axis of a variable is logarithmic if its largest mean is more than this factor times its smallest mean.
 const LOGARITHMIC_FROM: f64 = 30.0;
 
@@ -34,35 +36,36 @@ fn colour(group: &SizeGroup) -> String {
 struct Form {
     width: f64,
     /// Height of the mark of a size group.
-    step: f64,
+    mark_height: f64,
     /// True for bars that begin at 0, false for points.
     bars: bool,
 }
 
 /// The chart of the NRMSE (Fig. 7).
 pub fn errors(groups: &[SizeGroup]) -> Drawing {
-    chart(groups, Variable::nrmse(), &Form { width: ERRORS_WIDTH, step: 9.0, bars: true })
+    chart(groups, Variable::nrmse(), &Form { width: ERRORS_WIDTH, mark_height: 9.0, bars: true })
 }
 
 /// The charts of variables of which at least one region has values.
 pub fn charts(groups: &[SizeGroup], variables: impl Iterator<Item = Variable>) -> Vec<Drawing> {
     let has_values = |variable: &Variable| moments(groups, *variable).next().is_some();
-    variables.filter(has_values).map(|v| chart(groups, v, &Form { width: WIDTH, step: 5.0, bars: false })).collect()
+    let form = Form { width: WIDTH, mark_height: CHARTS_MARK_HEIGHT, bars: false };
+    variables.filter(has_values).map(|variable| chart(groups, variable, &form)).collect()
 }
 
 /// The height of each of the [`charts`].
 #[cfg(feature = "png")]
 pub fn height(groups: &[SizeGroup]) -> f64 {
-    chart_height(groups, 5.0)
+    chart_height(groups, CHARTS_MARK_HEIGHT)
 }
 
-fn chart_height(groups: &[SizeGroup], step: f64) -> f64 {
-    TOP + 8.0 * row(groups, step) + BOTTOM
+fn chart_height(groups: &[SizeGroup], mark_height: f64) -> f64 {
+    TOP + 8.0 * row_height(groups, mark_height) + BOTTOM
 }
 
 /// Height of the row of a region, with the gap to the next one.
-fn row(groups: &[SizeGroup], step: f64) -> f64 {
-    (groups.len() as f64 * step).max(9.0) + GAP
+fn row_height(groups: &[SizeGroup], mark_height: f64) -> f64 {
+    (groups.len() as f64 * mark_height).max(9.0) + GAP
 }
 
 /// The moments of all regions and groups.
@@ -73,8 +76,8 @@ fn moments<'g>(groups: &'g [SizeGroup], variable: Variable) -> impl Iterator<Ite
 fn chart(groups: &[SizeGroup], variable: Variable, form: &Form) -> Drawing {
     let title = title(variable);
     let scale = scale(groups, variable, form.width);
-    let row = row(groups, form.step);
-    let height = chart_height(groups, form.step);
+    let row_height = row_height(groups, form.mark_height);
+    let height = chart_height(groups, form.mark_height);
     let bottom = height - BOTTOM;
     Drawing {
         width: form.width,
@@ -89,11 +92,11 @@ fn chart(groups: &[SizeGroup], variable: Variable, form: &Form) -> Drawing {
             }
             path.axis d={ "M" (LEFT) " " (bottom) "H" (form.width - RIGHT) } {}
             @for region in 0..8 {
-                @let top = TOP + region as f64 * row + GAP / 2.0;
-                text.end x=(LEFT - 8.0) y=(top + (row - GAP) / 2.0 + 4.0) { (TITLES[region]) }
+                @let top = TOP + region as f64 * row_height + GAP / 2.0;
+                text.end x=(LEFT - 8.0) y=(top + (row_height - GAP) / 2.0 + 4.0) { (TITLES[region]) }
                 @for (i, group) in groups.iter().enumerate() {
                     @if let Some(moments) = group.moments(region, variable) {
-                        @let y = top + (i as f64 + 0.5) * (row - GAP) / groups.len() as f64;
+                        @let y = top + (i as f64 + 0.5) * (row_height - GAP) / groups.len() as f64;
                         g.(colour(group)) { (mark(&scale, &moments, y, form)) }
                     }
                 }
@@ -128,7 +131,8 @@ fn mark(scale: &Scale, Moments { mean, deviation, .. }: &Moments, y: f64, form: 
     let x = scale.at(*mean);
     html! {
         @if form.bars {
-            rect.fill.own x=(LEFT) y=(y - form.step / 2.0 + 0.5) width=(format!("{:.1}", x - LEFT)) height=(form.step - 1.0) {}
+            rect.fill.own x=(LEFT) y=(y - form.mark_height / 2.0 + 0.5) width=(format!("{:.1}", x - LEFT))
+                height=(form.mark_height - 1.0) {}
         } @else {
             circle.fill cx=(format!("{x:.1}")) cy=(format!("{y:.1}")) r="2.4" {}
         }

@@ -26,8 +26,8 @@ pub fn rows(people: &[Person]) -> Vec<[String; 6]> {
 }
 
 /// Mean ± standard deviation with this number of decimals.
-fn text(moments: Option<Moments>, digits: usize) -> String {
-    moments.map_or(NONE.into(), |moments| plus_minus(&moments, |value| format!("{value:.digits$}")))
+fn text(moments: Option<Moments>, decimals: usize) -> String {
+    moments.map_or(NONE.into(), |moments| plus_minus(&moments, |value| format!("{value:.decimals$}")))
 }
 
 /// Mean ± standard deviation; only the mean if there is a single value.
@@ -57,7 +57,7 @@ pub fn by_size(people: &[Person]) -> Markup {
 
 /// The table with a row for each person.
 pub fn each(people: &[Person]) -> Markup {
-    let known = |value: Option<f64>, digits: usize| value.map_or(NONE.into(), |value| format!("{value:.digits$}"));
+    let known = |value: Option<f64>, decimals: usize| value.map_or(NONE.into(), |value| format!("{value:.decimals$}"));
     html! {
         table #participants {
             caption { "Each participant" }
