@@ -359,8 +359,9 @@ fn vendor() {
     };
     let mut xsensor = "Units:,mmHg\n".to_owned();
     let mut tekscan = format!(
-        "FILENAME walkL.fsx\nSENSOR_TYPE FSCAN\nROWS {ROWS}\nCOLS {COLUMNS}\nROW_SPACING 20 mm\nCOL_SPACING 0.7 inches\n\
-         SECONDS_PER_FRAME 0.02\nCALIBRATION_POINT_1 75 (Kgs) 4798 (Raw Sum) 24 (Number of Loaded Cells)\nUNITS KPa\nASCII_DATA @@\n"
+        "FILENAME walkL.fsx\nSENSOR_TYPE FSCAN\nROWS {ROWS}\nCOLS {COLUMNS}\nROW_SPACING 20 mm\n\
+         COL_SPACING 0.7 inches\nSECONDS_PER_FRAME 0.02\n\
+         CALIBRATION_POINT_1 75 (Kgs) 4798 (Raw Sum) 24 (Number of Loaded Cells)\nUNITS KPa\nASCII_DATA @@\n"
     );
     let (mut emed, mut footscan) = (String::new(), "Right foot data\n".to_owned());
     let mut moticon = "# time".to_owned();

@@ -62,6 +62,9 @@ pub fn scan_s() -> f64 {
 }
 
 /// The voltages at the converter's inputs in the steady state, V, by column.
+///
+/// # Errors
+/// If ngspice is missing or finds no solution.
 pub fn inputs_v(board: &Netlist, conditions: &Conditions) -> Result<Vec<f64>> {
     let vectors = (0..COLUMNS).map(|column| format!("v({}) ", input_net(column))).collect::<String>();
     let tables = Run::of(circuit(board, conditions)).table("op", &vectors).tables()?;
@@ -75,6 +78,9 @@ fn measured_code(board: &Netlist, conditions: &Conditions) -> Result<f64> {
 }
 
 /// The codes of the measured cell at these resistances, ohm, with all other cells open.
+///
+/// # Errors
+/// If ngspice is missing or finds no solution.
 pub fn transfer(board: &Netlist, cell_ohm: &[f64]) -> Result<Vec<f64>> {
     let code = |ohm: &f64| measured_code(board, &Conditions::selected(ROW).with_cell(ROW, COLUMN, *ohm));
     cell_ohm.iter().map(code).collect()
@@ -128,6 +134,9 @@ pub fn extreme_change() -> (&'static str, Conditions) {
 }
 
 /// Simulates the settling after the change from row `ROW - 1` to row `ROW`.
+///
+/// # Errors
+/// If ngspice is missing or finds no solution.
 pub fn settling(board: &Netlist, name: &'static str, mut conditions: Conditions) -> Result<Settling> {
     let selected_s = DESELECTED_S + BREAK_S;
     conditions.gates[ROW - 1] = Gate::OnUntil(DESELECTED_S);
@@ -177,6 +186,9 @@ fn rise_s(board: &Netlist) -> Result<(f64, f64)> {
 
 /// Time from enabling the load switch until the converter's input of the measured cell remains within half an LSB of its final
 /// voltage, s: the longer one of those of an open cell and of a cell at full load.
+///
+/// # Errors
+/// If no capacitor is at CT, or ngspice is missing or finds no solution.
 pub fn start_s(board: &Netlist) -> Result<f64> {
     let (from_s, until_s) = rise_s(board)?;
     let settled_s = |cell_ohm| -> Result<f64> {
@@ -191,6 +203,9 @@ pub fn start_s(board: &Netlist) -> Result<f64> {
 
 /// The error of the code of an open cell that is converted directly after a cell at full load, codes: at the first of its
 /// conversions, the sampling capacitor still has the voltage of the column before.
+///
+/// # Errors
+/// If ngspice is missing or finds no solution.
 pub fn sampling_error_codes(board: &Netlist) -> Result<f64> {
     let start_s = 0.5e-6;
     let count = CONVERSIONS as usize;
@@ -239,12 +254,18 @@ fn reading_beside(board: &Netlist, switch_ohm: f64, beside_ohm: f64) -> Result<f
 
 /// How far 15 neighbours at full load change the reading of a cell at full load in the same row, in percent, with row switches
 /// of `switch_ohm`.
+///
+/// # Errors
+/// If ngspice is missing or finds no solution.
 pub fn row_crosstalk(board: &Netlist, switch_ohm: f64) -> Result<f64> {
     let alone = reading_beside(board, switch_ohm, f64::INFINITY)?;
     Ok(((reading_beside(board, switch_ohm, FULL_LOAD_OHM)? / alone - 1.0) * 100.0).abs())
 }
 
 /// Simulates the crosstalk.
+///
+/// # Errors
+/// If ngspice is missing or finds no solution.
 pub fn crosstalk(board: &Netlist) -> Result<Crosstalk> {
     let base = Conditions::selected(ROW);
     let other_row = ROW + 2;
@@ -269,6 +290,9 @@ pub fn crosstalk(board: &Netlist) -> Result<Crosstalk> {
 
 /// How far the cells of all other rows, each of `cell_ohm`, change the reading of an open cell, in percent of a cell's reading
 /// at full load. The offset is `offset_v` at the amplifier of the open cell, and `-offset_v` at those of the other columns.
+///
+/// # Errors
+/// If ngspice is missing or finds no solution.
 pub fn sheet_crosstalk(board: &Netlist, cell_ohm: f64, offset_v: f64) -> Result<f64> {
     let open = Conditions::selected(ROW).with_offset_against(COLUMN, offset_v);
     let mut loaded = open.clone().with_all(cell_ohm);
@@ -312,7 +336,7 @@ pub fn loop_conditions() -> Vec<(&'static str, Conditions)> {
 /// Simulates the loop gain of the probed amplifier.
 ///
 /// # Errors
-/// If the simulation fails, or the gain does not cross 1.
+/// If no amplifier is probed, if ngspice is missing or finds no solution, or if the gain does not cross 1.
 pub fn loop_gain(board: &Netlist, name: &'static str, conditions: &Conditions) -> Result<Loop> {
     let (designator, unit) = conditions.probe.as_ref().context("no amplifier is probed")?;
     let feedback = if designator == "U5" { REFERENCE.to_string() } else { column_net(COLUMN) };
@@ -350,6 +374,9 @@ pub fn noise_conditions() -> Vec<(&'static str, Conditions)> {
 
 /// Simulates the noise. The front end's noise is assumed to be the same in all conversions of a code, which is its worst case;
 /// that of the converter is independent between conversions.
+///
+/// # Errors
+/// If ngspice is missing or finds no solution.
 pub fn noise(board: &Netlist, name: &'static str, conditions: &Conditions) -> Result<Noise> {
     let run = Run::of(circuit(board, conditions))
         .command(&format!("noise v({}) {SUPPLY_SOURCE} dec 20 10 1g", input_net(COLUMN)))
@@ -363,6 +390,9 @@ pub fn noise(board: &Netlist, name: &'static str, conditions: &Conditions) -> Re
 }
 
 /// The supply current of the front end, A.
+///
+/// # Errors
+/// If ngspice is missing or finds no solution.
 pub fn supply_a(board: &Netlist, conditions: &Conditions) -> Result<f64> {
     let run = Run::of(circuit(board, conditions)).table("op", &format!("i({SUPPLY_SOURCE})"));
     Ok(-run.tables()?[0][0][1])

@@ -50,6 +50,9 @@ pub struct Schematic<'a> {
 
 impl<'a> Schematic<'a> {
     /// Draws the board.
+    ///
+    /// # Panics
+    /// If the board lacks a part or a pin that the schematic has.
     pub fn of(board: &'a Netlist) -> Self {
         let mut sheet = Self {
             board,

@@ -230,7 +230,8 @@ impl Circuit<'_> {
         let RowSwitch { on_ohm, off_ohm, drain_f, gate_drain_f, gate_source_f } = self.conditions.row_switch;
         // A current source, because ngspice's own switch is always off in the analysis of noise.
         self.line(format_args!(
-            "B_{name} {drain} {source} I=V({drain},{source})*({:e}+{:e}/(1+exp(({HALF_ON_V}-V({gate},{source}))/{HALF_ON_SCALE_V})))",
+            "B_{name} {drain} {source} I=V({drain},{source})\
+             *({:e}+{:e}/(1+exp(({HALF_ON_V}-V({gate},{source}))/{HALF_ON_SCALE_V})))",
             1.0 / off_ohm,
             1.0 / on_ohm
         ));
