@@ -4,7 +4,8 @@ Each line of input and output is a JSON object. A line of input is a command wit
 For each command, in the same order, a line of output has the result, {"did": <command>, ...}. If the command failed, the
 result has "error" with a message. If an answer of the attribute protocol reported the error, "att" has its code. Other lines of
 output report events: {"value": <value>, "of": <uuid>, "phone": <name>} for each notification and indication, and
-{"lost": <reason>, "phone": <name>} for each connection that ends. Values are in hex, characteristics are given by UUID.
+{"lost": <reason>, "phone": <name>} for each connection that ends, with the HCI error code as its reason. Values are in hex,
+characteristics are given by UUID.
 
 These commands create simulated devices:
 
@@ -84,7 +85,9 @@ class InsoleParser(PacketParser):
     def __init__(self):
         super().__init__(self)
         self.controller = None
+        # The last received bytes, as many as the command to reset the controller has.
         self.tail = b''
+        # The last complete packet of the bytes that were fed last.
         self.last_packet = b''
         self.timer = None
 
@@ -125,7 +128,7 @@ class Radio(Controller):
     # The insole's present private address. A real controller replaces it every 15 minutes, this one after each restart.
     private_address = None
 
-    def is_at(self, address):
+    def has_address(self, address):
         """True for the address that is in use, and for the insole's identity address."""
         return address in (self.random_address, self.identity_address)
 
@@ -180,7 +183,7 @@ class Radio(Controller):
         self.le_connections.clear()
         for controller in self.link.controllers:
             for connection in list(controller.le_connections.values()):
-                if self.is_at(connection.peer_address):
+                if self.has_address(connection.peer_address):
                     controller.on_le_disconnected(connection, HCI_CONNECTION_TIMEOUT_ERROR)
         return super().on_hci_reset_command(command)
 
@@ -242,7 +245,7 @@ class Phone:
 
     def is_connected_to(self, radio):
         """True for a phone that is connected to this controller."""
-        return self.connection is not None and radio.is_at(self.connection.peer_address)
+        return self.connection is not None and radio.has_address(self.connection.peer_address)
 
     async def discover(self):
         """Discovers the GATT table and returns it."""
@@ -303,11 +306,12 @@ class World:
             transport = await open_tcp_server_transport_with_socket(listener)
             transport.source.parser = InsoleParser()
             # Removes the controller of the insole's previous run, if there is one.
-            if (old := self.radios.get(command['name'])) is not None:
-                self.link.remove_controller(old[0])
-                old[1].server.close()
+            if (previous := self.radios.get(command['name'])) is not None:
+                previous_controller, previous_transport = previous
+                self.link.remove_controller(previous_controller)
+                previous_transport.server.close()
                 for phone in self.phones.values():
-                    if phone.is_connected_to(old[0]):
+                    if phone.is_connected_to(previous_controller):
                         drop_connections(phone.controller)
                         await phone.disconnected.wait()
             controller = Radio(command['name'], transport.source, transport.sink, link=self.link)
@@ -406,7 +410,7 @@ async def main():
             write(did=command['do'], **await asyncio.wait_for(world.execute(command), 2 * TIMEOUT_S))
         except ProtocolError as error:
             write(did=command['do'], error=str(error), att=error.error_code if isinstance(error, ATT_Error) else None)
-        # bumble cancels a command whose connection ends.
+        # bumble cancels a command if its connection ends.
         except (Exception, asyncio.CancelledError) as error:  # pylint: disable=broad-except
             write(did=command['do'], error=f'{type(error).__name__}: {error}')
 

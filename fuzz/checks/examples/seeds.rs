@@ -71,7 +71,7 @@ fn main() {
     let virtual_insole = VirtualInsole::new(&recording, ContactRule::COVERED, StanceRule::ADAPTIVE);
     let parameters = Parameters::typical(InsoleSize::default());
     let tissue = parameters.tissue();
-    let (live, step) = walked(&recording, &virtual_insole, &tissue);
+    let (live, step) = live_and_step(&recording, &virtual_insole, &tissue);
 
     let serial = Serial::new("R-0001").expect("the serial number is valid");
     let fault = Fault { kind: FaultKind::Open, place: Place::Cell(0), found_ms: 1_920 };
@@ -156,7 +156,7 @@ fn main() {
         let fragments = fragments(message);
         seed("fragments", &format!("to-device-{i}"), &pieces(fragments.iter().map(Vec::as_slice)));
     }
-    // An echo, the first part of a file, and a request in two lines.
+    // Messages of MCUmgr: an echo, the first part of an upload, and a request in two lines of a serial port.
     seed("management", "echo", b"\x0a\0\0\x0a\0\0\x01\0\xa1adfInsole");
     seed(
         "management",
@@ -233,7 +233,7 @@ fn pieces<'p>(pieces: impl IntoIterator<Item = &'p [u8]>) -> Vec<u8> {
 }
 
 /// The last live frame of the first stance of a walk, and the step of that stance.
-fn walked(recording: &Recording, virtual_insole: &VirtualInsole, tissue: &Tissue) -> (Live, Step) {
+fn live_and_step(recording: &Recording, virtual_insole: &VirtualInsole, tissue: &Tissue) -> (Live, Step) {
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
     insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("the recording is valid");
     insole.set_tissue(tissue).expect("typical parameters are valid");
@@ -344,10 +344,10 @@ fn vendor() {
     const COLUMNS: usize = 5;
     const FRAMES: usize = 30;
     let kpa = |frame: usize, row: usize, column: usize| {
-        // The load moves from the heel, the last row, to the toes. `late` is the time until the row is loaded most, as
-        // a share of the step.
-        let late = (ROWS - 1 - row) as f64 / ROWS as f64 - frame as f64 / FRAMES as f64;
-        (200.0 * (1.0 - 9.0 * late * late).max(0.0) * (1.0 - 0.1 * column as f64)).round()
+        // The load moves from the heel, the last row, to the toes. `until_peak` is the time until the row is loaded most, as a
+        // share of the step.
+        let until_peak = (ROWS - 1 - row) as f64 / ROWS as f64 - frame as f64 / FRAMES as f64;
+        (200.0 * (1.0 - 9.0 * until_peak * until_peak).max(0.0) * (1.0 - 0.1 * column as f64)).round()
     };
     // `scale` is the pressure of 1 kPa in the unit of the format: 7.5 mmHg or 0.1 N/cm².
     let table = |frame: usize, separator: &str, scale: f64| -> String {
@@ -359,8 +359,9 @@ fn vendor() {
     };
     let mut xsensor = "Units:,mmHg\n".to_owned();
     let mut tekscan = format!(
-        "FILENAME walkL.fsx\nSENSOR_TYPE FSCAN\nROWS {ROWS}\nCOLS {COLUMNS}\nROW_SPACING 20 mm\nCOL_SPACING 0.7 inches\n\
-         SECONDS_PER_FRAME 0.02\nCALIBRATION_POINT_1 75 (Kgs) 4798 (Raw Sum) 24 (Number of Loaded Cells)\nUNITS KPa\nASCII_DATA @@\n"
+        "FILENAME walkL.fsx\nSENSOR_TYPE FSCAN\nROWS {ROWS}\nCOLS {COLUMNS}\nROW_SPACING 20 mm\n\
+         COL_SPACING 0.7 inches\nSECONDS_PER_FRAME 0.02\n\
+         CALIBRATION_POINT_1 75 (Kgs) 4798 (Raw Sum) 24 (Number of Loaded Cells)\nUNITS KPa\nASCII_DATA @@\n"
     );
     let (mut emed, mut footscan) = (String::new(), "Right foot data\n".to_owned());
     let mut moticon = "# time".to_owned();

@@ -1,5 +1,5 @@
 //! A firmware image, as `plantar update` reads it, and its header, as an insole reads it: each is refused, or has the same bytes
-//! when it is written again.
+//! when it is encoded again.
 
 use firmware_image::Image;
 use plantar::protocol::update::Header;

@@ -67,7 +67,7 @@ pub fn check(data: &[u8]) {
             }
             // The carrier sends the next message.
             [b'N'] => {
-                next(&mut session, &mut expected);
+                check_next(&mut session, &mut expected);
             }
             // The pending command succeeds or fails.
             [b'K'] => session.complete(Ok(CommandResult::Stored)),
@@ -85,19 +85,19 @@ pub fn check(data: &[u8]) {
     }
     // A host that connects at the end receives every step that it has not acknowledged, in order.
     receive(&mut session, ToDevice::Connect { major: MAJOR, minor: MINOR }, &mut expected);
-    while next(&mut session, &mut expected) {}
+    while check_next(&mut session, &mut expected) {}
     assert_eq!(expected.sent, expected.unacknowledged.len());
     assert_eq!(expected.unacknowledged.len() as u32 + expected.dropped + expected.acknowledged, expected.pushed);
 }
 
 /// Passes a message from the host to the session.
 fn receive(session: &mut Session, message: ToDevice, expected: &mut Expected) {
-    // A closed session accepts no acknowledgement: `sent` is 0 in a closed session.
+    // `sent` is 0 while the session is closed, so that no acknowledgement is expected to be accepted then.
     match message {
         ToDevice::Connect { .. } => expected.end_session(),
-        ToDevice::Acknowledge { number: step } => {
+        ToDevice::Acknowledge { number } => {
             let accepted =
-                expected.unacknowledged[..expected.sent].iter().take_while(|&&waiting| !is_after(waiting, step));
+                expected.unacknowledged[..expected.sent].iter().take_while(|&&waiting| !is_after(waiting, number));
             let accepted = accepted.count();
             expected.unacknowledged.drain(..accepted);
             expected.sent -= accepted;
@@ -109,7 +109,7 @@ fn receive(session: &mut Session, message: ToDevice, expected: &mut Expected) {
 }
 
 /// Checks the next message to the host; returns false if there is none.
-fn next(session: &mut Session, expected: &mut Expected) -> bool {
+fn check_next(session: &mut Session, expected: &mut Expected) -> bool {
     let mut buffer = [0; MAX_MESSAGE];
     let Some(message) = session.next(&hello(), Status::default, &mut buffer) else { return false };
     match decode(message).expect("the message has this version") {
@@ -141,6 +141,7 @@ fn next(session: &mut Session, expected: &mut Expected) -> bool {
     true
 }
 
+/// A hello with a long version and a long crash report.
 fn hello() -> Hello {
     let longest = "0123456789abcdef".try_into().expect("the text fits");
     Hello {
@@ -159,9 +160,10 @@ fn hello() -> Hello {
     }
 }
 
-fn step(step: u32) -> Step {
+/// A step with this number and with the longest encoding of most of its other fields.
+fn step(number: u32) -> Step {
     Step {
-        step,
+        step: number,
         side: Side::Right,
         start_us: u64::MAX,
         duration_us: u32::MAX,

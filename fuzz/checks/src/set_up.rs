@@ -9,14 +9,14 @@ use plantar::pipeline::setup::DEVICE_CELLS;
 use plantar::pipeline::tissue::Tissue;
 use std::io::Read;
 
-/// Size of the force laws of eight regions, six numbers of four bytes each.
-const FORCE_LAWS: usize = 8 * 6 * 4;
+/// Length of the encoded force laws of eight regions, six numbers of four bytes each.
+const FORCE_LAWS_BYTES: usize = 8 * 6 * 4;
 
 /// Checks one input.
 pub fn check(data: &[u8]) {
     let Some((len, rest)) = data.split_first_chunk() else { return };
     let Some((setup, rest)) = rest.split_at_checked(u16::from_le_bytes(*len).into()) else { return };
-    let Some((force_laws, frames)) = rest.split_first_chunk::<FORCE_LAWS>() else { return };
+    let Some((force_laws, frames)) = rest.split_first_chunk::<FORCE_LAWS_BYTES>() else { return };
     let Ok(force_laws) = postcard::from_bytes(force_laws) else { return };
     let tissue = Tissue::new(force_laws);
     walk::<f32>(setup, &tissue, frames);

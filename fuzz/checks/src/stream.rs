@@ -9,12 +9,12 @@ use plantar::protocol::{ToHost, decode};
 pub fn check(data: &[u8]) {
     let mut insoles: [LiveSteps; STREAM_INSOLES] = Default::default();
     let mut records = 0;
-    let (mut entries, mut again) = (Entries::new(data), Vec::new());
+    let (mut entries, mut rewritten) = (Entries::new(data), Vec::new());
     for Entry { t_ms, insole, message } in entries.by_ref().map_while(Result::ok) {
-        again.extend(t_ms.to_le_bytes());
-        again.push(insole as u8);
-        again.extend((message.len() as u16).to_le_bytes());
-        again.extend(message);
+        rewritten.extend(t_ms.to_le_bytes());
+        rewritten.push(insole as u8);
+        rewritten.extend((message.len() as u16).to_le_bytes());
+        rewritten.extend(message);
         match decode::<ToHost>(message) {
             Some(ToHost::Live(live)) => insoles[insole].frame(&live),
             Some(ToHost::Step(step)) => {
@@ -24,7 +24,7 @@ pub fn check(data: &[u8]) {
             _ => (),
         }
     }
-    assert_eq!([&again, entries.rest()].concat(), data);
+    assert_eq!([&rewritten, entries.rest()].concat(), data);
     let mut evaluated = 0;
     for insole in &mut insoles {
         insole.finish();

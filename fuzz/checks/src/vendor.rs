@@ -10,6 +10,7 @@ use std::path::Path;
 pub fn check(data: &[u8]) {
     let Some((&selector, bytes)) = data.split_first() else { return };
     let path = Path::new("export");
+    // Each format, and the recognition of the format from the content.
     let choices = Format::ALL.len() + 1;
     let format = match Format::ALL.get(usize::from(selector) % choices) {
         Some(format) => *format,

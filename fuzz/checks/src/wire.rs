@@ -10,6 +10,7 @@ pub fn check(data: &[u8]) {
     read_and_write::<ToHost>(data);
 }
 
+/// Decodes a message, and encodes and decodes it again.
 fn read_and_write<T: Serialize + DeserializeOwned>(data: &[u8]) {
     let Some(message) = decode::<T>(data) else { return };
     let mut buffers = [[0; MAX_MESSAGE]; 2];

@@ -11,7 +11,7 @@ use std::path::Path;
 /// The folder with seeds and entry points.
 const FUZZ: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 
-/// One change to an input at some place.
+/// A change to an input, at a place that is chosen separately.
 #[derive(Clone, Copy, Debug)]
 enum Change {
     Replace(u8),
@@ -51,7 +51,7 @@ fn seeds(target: &str) -> Vec<Vec<u8>> {
 }
 
 /// Checks all seeds of a target, and this number of variations.
-fn check(target: &str, check: fn(&[u8]), variations: u32) {
+fn check_target(target: &str, check: fn(&[u8]), variations: u32) {
     let seeds = seeds(target);
     seeds.iter().for_each(|seed| check(seed));
     let inputs = (select(seeds), prop::collection::vec((any::<Index>(), change()), 1..=4))
@@ -68,7 +68,7 @@ macro_rules! targets {
     ($($target:ident: $variations:literal),* $(,)?) => {
         $(#[test]
         fn $target() {
-            check(stringify!($target), fuzz_checks::$target::check, $variations);
+            check_target(stringify!($target), fuzz_checks::$target::check, $variations);
         })*
 
         /// The names of all targets.

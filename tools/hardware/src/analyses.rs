@@ -20,7 +20,7 @@ pub const ROW: usize = 5;
 /// The column of the measured cell.
 pub const COLUMN: usize = 5;
 /// The column beside that of the measured cell.
-const BESIDE: usize = 6;
+const NEXT_COLUMN: usize = COLUMN + 1;
 /// Resistance of a cell at full load, ohm: the smallest round resistance that does not saturate the amplifier. It stands for
 /// 855 kPa by the sensor law.
 pub const FULL_LOAD_OHM: f64 = 3_400.0;
@@ -62,6 +62,9 @@ pub fn scan_s() -> f64 {
 }
 
 /// The voltages at the converter's inputs in the steady state, V, by column.
+///
+/// # Errors
+/// If ngspice is missing or finds no solution.
 pub fn inputs_v(board: &Netlist, conditions: &Conditions) -> Result<Vec<f64>> {
     let vectors = (0..COLUMNS).map(|column| format!("v({}) ", input_net(column))).collect::<String>();
     let tables = Run::of(circuit(board, conditions)).table("op", &vectors).tables()?;
@@ -75,6 +78,9 @@ fn measured_code(board: &Netlist, conditions: &Conditions) -> Result<f64> {
 }
 
 /// The codes of the measured cell at these resistances, ohm, with all other cells open.
+///
+/// # Errors
+/// If ngspice is missing or finds no solution.
 pub fn transfer(board: &Netlist, cell_ohm: &[f64]) -> Result<Vec<f64>> {
     let code = |ohm: &f64| measured_code(board, &Conditions::selected(ROW).with_cell(ROW, COLUMN, *ohm));
     cell_ohm.iter().map(code).collect()
@@ -87,7 +93,7 @@ pub type Points = Vec<(f64, f64)>;
 pub struct Settling {
     /// Description of the change of row.
     pub name: &'static str,
-    /// Time after the selection, s, and distance from the final voltage, LSB of 12 bits.
+    /// Times after the selection, s, with the distances from the final voltage, LSB of 12 bits.
     pub error_lsb: Points,
     /// Time from the selection until the distance remains below half an LSB, s.
     pub settled_s: f64,
@@ -101,21 +107,21 @@ const BREAK_S: f64 = 0.2e-6;
 const SETTLING_S: f64 = 81e-6;
 
 /// The changes from row `ROW - 1` to row `ROW` after which the settling is simulated: name and conditions.
-pub fn changes() -> Vec<(&'static str, Conditions)> {
+pub fn row_changes() -> Vec<(&'static str, Conditions)> {
     let (before, open) = (ROW - 1, f64::INFINITY);
-    let none = Conditions::idle();
-    let walking = none.clone().with_all(WALKING_OHM).with_row(before, FULL_LOAD_OHM).with_cell(ROW, COLUMN, open);
+    let idle = Conditions::idle();
+    let walking = idle.clone().with_all(WALKING_OHM).with_row(before, FULL_LOAD_OHM).with_cell(ROW, COLUMN, open);
     vec![
-        ("open cell to full load", none.clone().with_cell(ROW, COLUMN, FULL_LOAD_OHM)),
-        ("full load to open cell", none.clone().with_cell(before, COLUMN, FULL_LOAD_OHM)),
-        ("row at full load to open row", none.clone().with_row(before, FULL_LOAD_OHM)),
+        ("open cell to full load", idle.clone().with_cell(ROW, COLUMN, FULL_LOAD_OHM)),
+        ("full load to open cell", idle.clone().with_cell(before, COLUMN, FULL_LOAD_OHM)),
+        ("row at full load to open row", idle.clone().with_row(before, FULL_LOAD_OHM)),
         ("row at full load to open cell, sheet at 300 kPa", walking),
-        ("saturated cell to open cell", none.with_cell(before, COLUMN, SATURATING_OHM)),
+        ("saturated cell to open cell", idle.with_cell(before, COLUMN, SATURATING_OHM)),
         slowest_change(),
     ]
 }
 
-/// The slowest of the [`changes`]. 300 kPa on the whole sheet are some 6 kN.
+/// The slowest of the [`row_changes`]. 300 kPa on the whole sheet are some 6 kN.
 pub fn slowest_change() -> (&'static str, Conditions) {
     let conditions = Conditions::idle().with_all(WALKING_OHM).with_row(ROW - 1, SATURATING_OHM);
     ("saturated row to open cell, sheet at 300 kPa", conditions.with_cell(ROW, COLUMN, f64::INFINITY))
@@ -128,6 +134,9 @@ pub fn extreme_change() -> (&'static str, Conditions) {
 }
 
 /// Simulates the settling after the change from row `ROW - 1` to row `ROW`.
+///
+/// # Errors
+/// If ngspice is missing or finds no solution.
 pub fn settling(board: &Netlist, name: &'static str, mut conditions: Conditions) -> Result<Settling> {
     let selected_s = DESELECTED_S + BREAK_S;
     conditions.gates[ROW - 1] = Gate::OnUntil(DESELECTED_S);
@@ -136,11 +145,11 @@ pub fn settling(board: &Netlist, name: &'static str, mut conditions: Conditions)
     Ok(Settling { name, error_lsb, settled_s })
 }
 
-/// Simulates the measured cell's input of the converter until `end_s` in steps of the time `step`. Returns the times after
-/// `from_s`, s, with the distances from the final voltage, LSB of 12 bits, and the time after `from_s` from which the distance
-/// remains below half an LSB, s.
-fn approach(board: &Netlist, conditions: &Conditions, step: &str, from_s: f64, end_s: f64) -> Result<(Points, f64)> {
-    let analysis = format!("tran {step} {end_s:e} 0 {step}");
+/// Simulates the measured cell's input of the converter until `end_s`; `dt` is the time step with its unit, as ngspice reads it.
+/// Returns the times after `from_s`, s, with the distances from the final voltage, LSB of 12 bits, and the time after `from_s`
+/// from which the distance remains below half an LSB, s.
+fn approach(board: &Netlist, conditions: &Conditions, dt: &str, from_s: f64, end_s: f64) -> Result<(Points, f64)> {
+    let analysis = format!("tran {dt} {end_s:e} 0 {dt}");
     let vector = format!("v({})", input_net(COLUMN));
     let table = Run::of(circuit(board, conditions)).table(&analysis, &vector).tables()?.remove(0);
     let final_v = table[table.len() - 1][1];
@@ -156,13 +165,13 @@ fn approach(board: &Netlist, conditions: &Conditions, step: &str, from_s: f64, e
 
 /// Capacitance at the load switch's pin CT for which the data sheet states the slow turn-on, farad.
 const SLOW_RISE_F: f64 = 1e-9;
-/// The part of the supply's voltage at the end of the turn-on time.
-const TURNED_ON: f64 = 0.9;
+/// The share of the supply voltage that the output has reached at the end of the turn-on time.
+const TURNED_ON_SHARE: f64 = 0.9;
 /// Time for which the simulation of the start continues after the supply has risen, s.
-const STARTED_S: f64 = 1e-3;
+const AFTER_RISE_S: f64 = 1e-3;
 
-/// The times at which the output of the load switch begins and ends to rise after the load switch was enabled at 0 s. The
-/// turn-on time and the time per volt are interpolated between those of the data sheet, linearly in the capacitance at CT.
+/// The times from enabling the load switch to the beginning and to the end of the rise of its output, s. The turn-on time and the
+/// time per volt are interpolated between those of the data sheet, linearly in the capacitance at CT.
 ///
 /// # Errors
 /// If no capacitor is at CT.
@@ -172,11 +181,14 @@ fn rise_s(board: &Netlist) -> Result<(f64, f64)> {
     let turn_on_s = between(LOAD_SWITCH_OPEN_ON_S.value, LOAD_SWITCH_SLOW_ON_S.value);
     let s_per_v = between(1.0 / LOAD_SWITCH_OPEN_V_PER_S.value, 1.0 / LOAD_SWITCH_SLOW_V_PER_S.value);
     let rise_s = SUPPLY_V.value * s_per_v;
-    Ok((turn_on_s - TURNED_ON * rise_s, turn_on_s + (1.0 - TURNED_ON) * rise_s))
+    Ok((turn_on_s - TURNED_ON_SHARE * rise_s, turn_on_s + (1.0 - TURNED_ON_SHARE) * rise_s))
 }
 
 /// Time from enabling the load switch until the converter's input of the measured cell remains within half an LSB of its final
 /// voltage, s: the longer one of those of an open cell and of a cell at full load.
+///
+/// # Errors
+/// If no capacitor is at CT, or ngspice is missing or finds no solution.
 pub fn start_s(board: &Netlist) -> Result<f64> {
     let (from_s, until_s) = rise_s(board)?;
     let settled_s = |cell_ohm| -> Result<f64> {
@@ -184,13 +196,16 @@ pub fn start_s(board: &Netlist) -> Result<f64> {
             power: Power::Rising { from_s, until_s },
             ..Conditions::selected(ROW).with_cell(ROW, COLUMN, cell_ohm)
         };
-        Ok(approach(board, &conditions, "1u", 0.0, until_s + STARTED_S)?.1)
+        Ok(approach(board, &conditions, "1u", 0.0, until_s + AFTER_RISE_S)?.1)
     };
     Ok(settled_s(f64::INFINITY)?.max(settled_s(FULL_LOAD_OHM)?))
 }
 
 /// The error of the code of an open cell that is converted directly after a cell at full load, codes: at the first of its
 /// conversions, the sampling capacitor still has the voltage of the column before.
+///
+/// # Errors
+/// If ngspice is missing or finds no solution.
 pub fn sampling_error_codes(board: &Netlist) -> Result<f64> {
     let start_s = 0.5e-6;
     let count = CONVERSIONS as usize;
@@ -205,7 +220,7 @@ pub fn sampling_error_codes(board: &Netlist) -> Result<f64> {
     let run = Run::of(circuit(board, &conditions)).table(&format!("tran 5n {end_s:e} 0 5n"), &format!("v({SAMPLED})"));
     let table = run.tables()?.remove(0);
     let steady_v = inputs_v(board, &Conditions { samples: Vec::new(), ..conditions.clone() })?[COLUMN];
-    // After a sampling window, the capacitor holds its voltage.
+    // After a sampling window, the capacitor holds its voltage, which is read 10 ns, two time steps, after the window.
     let held_v = |end_s: f64| {
         let after = table.iter().find(|row| row[0] >= end_s + 10e-9).context("the simulation ends too early")?;
         Ok::<_, anyhow::Error>(after[1])
@@ -218,15 +233,15 @@ pub fn sampling_error_codes(board: &Netlist) -> Result<f64> {
 /// How far loaded neighbours change the reading of a cell, in percent of a cell's reading at full load.
 pub struct Crosstalk {
     /// One neighbour in the row of a cell at full load, through the resistance of switch and line.
-    pub row_one: f64,
+    pub row_one_percent: f64,
     /// One neighbour in the column of an open cell, through the amplifiers' offsets, at their maximum.
-    pub column_one: f64,
+    pub column_one_percent: f64,
     /// One cell in the next column and another row, beside a loaded cell of the measured column, also through the offsets at
     /// their maximum.
-    pub diagonal: f64,
+    pub diagonal_percent: f64,
     /// A saturated cell beside the measured one, while one cell of each of the two columns is loaded in another row: the column
     /// of the saturated cell is not at the virtual ground.
-    pub saturated: f64,
+    pub saturated_percent: f64,
 }
 
 /// The code of a cell at full load minus that of an unloaded cell, with row switches of `switch_ohm`. All other cells of its
@@ -239,39 +254,51 @@ fn reading_beside(board: &Netlist, switch_ohm: f64, beside_ohm: f64) -> Result<f
 
 /// How far 15 neighbours at full load change the reading of a cell at full load in the same row, in percent, with row switches
 /// of `switch_ohm`.
+///
+/// # Errors
+/// If ngspice is missing or finds no solution.
 pub fn row_crosstalk(board: &Netlist, switch_ohm: f64) -> Result<f64> {
     let alone = reading_beside(board, switch_ohm, f64::INFINITY)?;
     Ok(((reading_beside(board, switch_ohm, FULL_LOAD_OHM)? / alone - 1.0) * 100.0).abs())
 }
 
 /// Simulates the crosstalk.
+///
+/// # Errors
+/// If ngspice is missing or finds no solution.
 pub fn crosstalk(board: &Netlist) -> Result<Crosstalk> {
     let base = Conditions::selected(ROW);
-    let other = ROW + 2;
-    let full = front_end::code(FULL_LOAD_OHM) - front_end::code(f64::INFINITY);
-    let change = |before: &Conditions, after: &Conditions| -> Result<f64> {
-        Ok(((measured_code(board, after)? - measured_code(board, before)?) / full * 100.0).abs())
+    let other_row = ROW + 2;
+    let full_codes = front_end::code(FULL_LOAD_OHM) - front_end::code(f64::INFINITY);
+    let change_percent = |before: &Conditions, after: &Conditions| -> Result<f64> {
+        Ok(((measured_code(board, after)? - measured_code(board, before)?) / full_codes * 100.0).abs())
     };
     let alone = base.clone().with_cell(ROW, COLUMN, FULL_LOAD_OHM);
     let offset = base.clone().with_offset_against(COLUMN, AMPLIFIER_OFFSET_V.value);
-    let pair = offset.clone().with_cell(other, COLUMN, FULL_LOAD_OHM);
-    let beside = base.with_cell(other, COLUMN, FULL_LOAD_OHM).with_cell(other, BESIDE, FULL_LOAD_OHM);
+    let column = offset.clone().with_cell(other_row, COLUMN, FULL_LOAD_OHM);
+    let pair = base.with_cell(other_row, COLUMN, FULL_LOAD_OHM).with_cell(other_row, NEXT_COLUMN, FULL_LOAD_OHM);
+    let beside_loaded = alone.clone().with_cell(ROW, NEXT_COLUMN, FULL_LOAD_OHM);
+    let with_diagonal = column.clone().with_cell(other_row, NEXT_COLUMN, FULL_LOAD_OHM);
+    let beside_saturated = pair.clone().with_cell(ROW, NEXT_COLUMN, SATURATING_OHM);
     Ok(Crosstalk {
-        row_one: change(&alone, &alone.clone().with_cell(ROW, BESIDE, FULL_LOAD_OHM))?,
-        column_one: change(&offset, &pair)?,
-        diagonal: change(&pair, &pair.clone().with_cell(other, BESIDE, FULL_LOAD_OHM))?,
-        saturated: change(&beside, &beside.clone().with_cell(ROW, BESIDE, SATURATING_OHM))?,
+        row_one_percent: change_percent(&alone, &beside_loaded)?,
+        column_one_percent: change_percent(&offset, &column)?,
+        diagonal_percent: change_percent(&column, &with_diagonal)?,
+        saturated_percent: change_percent(&pair, &beside_saturated)?,
     })
 }
 
 /// How far the cells of all other rows, each of `cell_ohm`, change the reading of an open cell, in percent of a cell's reading
 /// at full load. The offset is `offset_v` at the amplifier of the open cell, and `-offset_v` at those of the other columns.
+///
+/// # Errors
+/// If ngspice is missing or finds no solution.
 pub fn sheet_crosstalk(board: &Netlist, cell_ohm: f64, offset_v: f64) -> Result<f64> {
     let open = Conditions::selected(ROW).with_offset_against(COLUMN, offset_v);
     let mut loaded = open.clone().with_all(cell_ohm);
     loaded.cell_ohm[ROW] = open.cell_ohm[ROW];
-    let full = front_end::code(FULL_LOAD_OHM) - front_end::code(f64::INFINITY);
-    Ok(((measured_code(board, &loaded)? - measured_code(board, &open)?) / full * 100.0).abs())
+    let full_codes = front_end::code(FULL_LOAD_OHM) - front_end::code(f64::INFINITY);
+    Ok(((measured_code(board, &loaded)? - measured_code(board, &open)?) / full_codes * 100.0).abs())
 }
 
 /// The loop gain of an amplifier.
@@ -282,12 +309,12 @@ pub struct Loop {
     pub gain_db: Points,
     /// Frequency, Hz, and distance of the phase from that of an oscillation, degrees.
     pub margin_deg: Points,
-    /// This distance at the frequency at which the loop gain is 1, degrees.
+    /// The phase margin: the distance at the frequency at which the loop gain is 1, degrees.
     pub phase_margin_deg: f64,
 }
 
 /// The conditions under which the stability is simulated.
-pub fn loops() -> Vec<(&'static str, Conditions)> {
+pub fn loop_conditions() -> Vec<(&'static str, Conditions)> {
     let open = Conditions::selected(ROW);
     let column = Some(amplifier(COLUMN));
     let probed = |conditions: &Conditions| Conditions { probe: column.clone(), ..conditions.clone() };
@@ -309,7 +336,7 @@ pub fn loops() -> Vec<(&'static str, Conditions)> {
 /// Simulates the loop gain of the probed amplifier.
 ///
 /// # Errors
-/// If the simulation fails, or the gain does not cross 1.
+/// If no amplifier is probed, if ngspice is missing or finds no solution, or if the gain does not cross 1.
 pub fn loop_gain(board: &Netlist, name: &'static str, conditions: &Conditions) -> Result<Loop> {
     let (designator, unit) = conditions.probe.as_ref().context("no amplifier is probed")?;
     let feedback = if designator == "U5" { REFERENCE.to_string() } else { column_net(COLUMN) };
@@ -332,11 +359,11 @@ pub struct Noise {
     /// Frequency, Hz, and density, V/sqrt(Hz).
     pub density: Points,
     /// Standard deviation of a code, codes, including the noise of the converter.
-    pub code_rms: f64,
+    pub deviation_codes: f64,
 }
 
 /// The conditions under which the noise is simulated.
-pub fn noises() -> Vec<(&'static str, Conditions)> {
+pub fn noise_conditions() -> Vec<(&'static str, Conditions)> {
     let open = Conditions::selected(ROW);
     vec![
         ("all cells open", open.clone()),
@@ -347,6 +374,9 @@ pub fn noises() -> Vec<(&'static str, Conditions)> {
 
 /// Simulates the noise. The front end's noise is assumed to be the same in all conversions of a code, which is its worst case;
 /// that of the converter is independent between conversions.
+///
+/// # Errors
+/// If ngspice is missing or finds no solution.
 pub fn noise(board: &Netlist, name: &'static str, conditions: &Conditions) -> Result<Noise> {
     let run = Run::of(circuit(board, conditions))
         .command(&format!("noise v({}) {SUPPLY_SOURCE} dec 20 10 1g", input_net(COLUMN)))
@@ -356,10 +386,13 @@ pub fn noise(board: &Netlist, name: &'static str, conditions: &Conditions) -> Re
     let density = tables[0].iter().map(|row| (row[0], row[1])).collect();
     let front_end_codes = code(tables[1][0][1]);
     let converter_codes = CONVERTER_NOISE_LSB.value * f64::from(CONVERSIONS).sqrt();
-    Ok(Noise { name, density, code_rms: front_end_codes.hypot(converter_codes) })
+    Ok(Noise { name, density, deviation_codes: front_end_codes.hypot(converter_codes) })
 }
 
 /// The supply current of the front end, A.
+///
+/// # Errors
+/// If ngspice is missing or finds no solution.
 pub fn supply_a(board: &Netlist, conditions: &Conditions) -> Result<f64> {
     let run = Run::of(circuit(board, conditions)).table("op", &format!("i({SUPPLY_SOURCE})"));
     Ok(-run.tables()?[0][0][1])

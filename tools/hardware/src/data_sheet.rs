@@ -12,7 +12,7 @@ pub enum Status {
 }
 
 impl Status {
-    /// The status as it is listed.
+    /// The status as the table of the figures states it.
     pub fn text(self) -> &'static str {
         match self {
             Self::Read => "read",
@@ -24,12 +24,12 @@ impl Status {
 
 /// A figure of a part.
 #[derive(Clone, Copy, Debug)]
-pub struct Figure {
+pub struct DataSheetFigure {
     /// The part.
     pub part: &'static str,
     /// The quantity.
     pub quantity: &'static str,
-    /// The value in [`Figure::unit`].
+    /// The value in [`DataSheetFigure::unit`].
     pub value: f64,
     /// The unit, as in the table of the figures.
     pub unit: &'static str,
@@ -43,7 +43,7 @@ macro_rules! figures {
     ($($name:ident: $part:literal, $quantity:literal, $value:literal $unit:literal, $source:literal, $status:ident;)*) => {
         $(
             #[doc = concat!($part, ": ", $quantity, ", ", $unit, ".")]
-            pub const $name: Figure = Figure {
+            pub const $name: DataSheetFigure = DataSheetFigure {
                 part: $part,
                 quantity: $quantity,
                 value: $value,
@@ -53,7 +53,7 @@ macro_rules! figures {
             };
         )*
         /// All figures.
-        pub const FIGURES: &[Figure] = &[$($name),*];
+        pub const FIGURES: &[DataSheetFigure] = &[$($name),*];
     };
 }
 

@@ -1,8 +1,8 @@
 //! The figures of the front end, and the limits that they must meet.
 
 use crate::analyses::{
-    Crosstalk, FULL_LOAD_OHM, Loop, Noise, ROW, SATURATING_OHM, Settling, WALKING_OHM, changes, crosstalk,
-    extreme_change, loop_gain, loops, noise, noises, row_crosstalk, row_s, sampling_error_codes, scan_s, settling,
+    FULL_LOAD_OHM, Loop, Noise, ROW, SATURATING_OHM, Settling, WALKING_OHM, crosstalk, extreme_change, loop_conditions,
+    loop_gain, noise, noise_conditions, row_changes, row_crosstalk, row_s, sampling_error_codes, scan_s, settling,
     sheet_crosstalk, slowest_change, start_s, supply_a, transfer,
 };
 use crate::data_sheet::{
@@ -158,7 +158,7 @@ fn simulate_transfer(board: &Netlist, figures: &mut Figures) -> Result<Vec<(f64,
 
 fn simulate_timing(board: &Netlist, figures: &mut Figures) -> Result<Vec<Settling>> {
     let run = |(name, conditions): (&'static str, Conditions)| settling(board, name, conditions);
-    let mut settling = changes().into_iter().map(run).collect::<Result<Vec<_>>>()?;
+    let mut settling = row_changes().into_iter().map(run).collect::<Result<Vec<_>>>()?;
     let settled_us = settling.iter().map(|change| change.settled_s * 1e6).fold(0.0, f64::max);
     figures.at_most(
         "settling_us",
@@ -201,30 +201,30 @@ fn simulate_timing(board: &Netlist, figures: &mut Figures) -> Result<Vec<Settlin
 }
 
 fn simulate_crosstalk(board: &Netlist, figures: &mut Figures) -> Result<Vec<(f64, f64)>> {
-    let Crosstalk { row_one, column_one, diagonal, saturated } = crosstalk(board)?;
-    let row_all = row_crosstalk(board, SWITCH_ON_OHM.value)?;
+    let crosstalk = crosstalk(board)?;
+    let row_all_percent = row_crosstalk(board, SWITCH_ON_OHM.value)?;
     let limit = CROSSTALK_PERCENT;
     figures.at_most(
         "crosstalk_row_one_percent",
-        row_one,
+        crosstalk.row_one_percent,
         limit,
         "one neighbour at full load in the row, % of its reading",
     );
     figures.at_most(
         "crosstalk_row_all_percent",
-        row_all,
+        row_all_percent,
         limit,
         "15 neighbours at full load in the row, % of one reading",
     );
     figures.at_most(
         "crosstalk_column_percent",
-        column_one,
+        crosstalk.column_one_percent,
         limit,
         "one neighbour at full load in the column, largest offsets, % of its reading",
     );
     figures.at_most(
         "crosstalk_diagonal_percent",
-        diagonal,
+        crosstalk.diagonal_percent,
         limit,
         "a cell at full load in the next column and another row, beside a cell at full load of the measured column, \
          largest offsets, % of a reading at full load",
@@ -254,7 +254,7 @@ fn simulate_crosstalk(board: &Netlist, figures: &mut Figures) -> Result<Vec<(f64
     )?;
     figures.add(
         "crosstalk_saturated_percent",
-        saturated,
+        crosstalk.saturated_percent,
         "a saturated neighbour of 1 kohm, % of a reading at full load",
     );
     for (key, figure, meaning) in [
@@ -278,7 +278,8 @@ fn simulate_crosstalk(board: &Netlist, figures: &mut Figures) -> Result<Vec<(f64
 }
 
 fn simulate_stability(board: &Netlist, figures: &mut Figures) -> Result<Vec<Loop>> {
-    let loops = loops().into_iter().map(|(name, c)| loop_gain(board, name, &c)).collect::<Result<Vec<_>>>()?;
+    let run = |(name, conditions): (&'static str, Conditions)| loop_gain(board, name, &conditions);
+    let loops = loop_conditions().into_iter().map(run).collect::<Result<Vec<_>>>()?;
     let smallest_deg = |prefix: &str| {
         let loops = loops.iter().filter(|one| one.name.starts_with(prefix));
         loops.map(|one| one.phase_margin_deg).fold(f64::INFINITY, f64::min)
@@ -305,15 +306,16 @@ fn simulate_stability(board: &Netlist, figures: &mut Figures) -> Result<Vec<Loop
 }
 
 fn simulate_noise(board: &Netlist, figures: &mut Figures) -> Result<Vec<Noise>> {
-    let noise = noises().into_iter().map(|(name, c)| noise(board, name, &c)).collect::<Result<Vec<_>>>()?;
+    let run = |(name, conditions): (&'static str, Conditions)| noise(board, name, &conditions);
+    let noise = noise_conditions().into_iter().map(run).collect::<Result<Vec<_>>>()?;
     figures.at_most(
         "noise_codes",
-        noise[0].code_rms,
+        noise[0].deviation_codes,
         NOISE_CODES / 3.0,
         "noise of an unloaded cell, codes, standard deviation; the limit is a third of the largest noise of the \
          sensors that the firmware's tests simulate",
     );
-    let loaded_codes = noise[noise.len() - 1].code_rms;
+    let loaded_codes = noise[noise.len() - 1].deviation_codes;
     figures.add("noise_loaded_codes", loaded_codes, "noise with the whole sheet at 300 kPa, codes, standard deviation");
     Ok(noise)
 }
@@ -322,8 +324,8 @@ fn simulate_supply(board: &Netlist, figures: &mut Figures) -> Result<()> {
     let scanning_a = supply_a(board, &Conditions::selected(ROW).with_row(ROW, WALKING_OHM))?;
     let between_a = supply_a(board, &Conditions::idle())?;
     let off_a = supply_a(board, &Conditions { power: Power::Off, ..Conditions::idle() })?;
-    let connected = ROWS as f64 * row_s() / (f64::from(PERIOD_US) * 1e-6);
-    let mean_a = between_a + (scanning_a - between_a) * connected;
+    let connected_share = ROWS as f64 * row_s() / (f64::from(PERIOD_US) * 1e-6);
+    let mean_a = between_a + (scanning_a - between_a) * connected_share;
     figures.at_most(
         "supply_scanning_ma",
         scanning_a * 1e3,

@@ -31,9 +31,9 @@ pub fn files(board: &Netlist) -> Result<Vec<File>> {
 }
 
 /// The text of a CSV file.
-fn table(head: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> Result<String> {
+fn table(header: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> Result<String> {
     let mut writer = csv::Writer::from_writer(Vec::new());
-    writer.write_record(head)?;
+    writer.write_record(header)?;
     rows.into_iter().try_for_each(|row| writer.write_record(row))?;
     Ok(String::from_utf8(writer.into_inner()?)?)
 }
@@ -59,9 +59,9 @@ fn bill_of_materials(board: &Netlist) -> Result<String> {
             kind.purpose.into(),
         ]
     });
-    let head =
+    let header =
         ["designators", "quantity", "part number", "manufacturer", "alternatives", "value", "package", "purpose"];
-    table(&head, rows)
+    table(&header, rows)
 }
 
 /// The nets, each with its pins as designator and number, for the layout of a board.

@@ -181,7 +181,7 @@ impl Netlist {
         board
     }
 
-    /// Adds a part. `net` returns the net of the pin with a name.
+    /// Adds a part. `net` returns the net of the pin with the given name.
     fn add(&mut self, designator: String, kind: &'static PartType, net: impl Fn(&str) -> String) {
         let nets = kind.pins.iter().map(|(_, name)| net(name)).collect();
         self.parts.push(Part { designator, kind, nets });

@@ -15,14 +15,14 @@ pub type Table = Vec<Vec<f64>>;
 pub struct Run {
     circuit: String,
     control: String,
-    tables: usize,
+    table_count: usize,
 }
 
 impl Run {
     /// A run of this circuit without analyses.
     pub fn of(circuit: String) -> Self {
         let control = "set wr_singlescale\nset numdgt=12\nset noaskquit\n".into();
-        Self { circuit, control, tables: 0 }
+        Self { circuit, control, table_count: 0 }
     }
 
     /// Adds a command.
@@ -34,8 +34,8 @@ impl Run {
 
     /// Adds an analysis, and a table of these vectors over its scale.
     pub fn table(mut self, analysis: &str, vectors: &str) -> Self {
-        let write = format!("wrdata table{}.txt {vectors}", self.tables);
-        self.tables += 1;
+        let write = format!("wrdata table{}.txt {vectors}", self.table_count);
+        self.table_count += 1;
         self.command(analysis).command(&write)
     }
 
@@ -64,7 +64,7 @@ impl Run {
             let row = |line: &str| line.split_whitespace().map(|number| Ok(number.parse()?)).collect();
             text.lines().map(row).collect::<Result<_>>().with_context(|| format!("cannot read table {i} of ngspice"))
         };
-        let tables = (0..self.tables).map(table).collect::<Result<Vec<_>>>()?;
+        let tables = (0..self.table_count).map(table).collect::<Result<Vec<_>>>()?;
         if !output.status.success() || tables.iter().any(Vec::is_empty) {
             bail!("ngspice failed: {log}");
         }

@@ -226,7 +226,7 @@ pub const CAPACITOR_47P: PartType = capacitor(
     &["CL10C470JB8NNNC", "CC0603JRNPO9BN470"],
     "stability of a column amplifier; rise time of the load switch",
 );
-/// Filters a converter's input.
+/// Capacitor that filters an input of the converter.
 pub const CAPACITOR_330P: PartType = capacitor(
     330e-12,
     "330 pF C0G 5 %",
@@ -307,7 +307,7 @@ pub const ROW_SWITCH: PartType = PartType {
     pins: &[("1", "A S"), ("2", "A G"), ("6", "A D"), ("4", "B S"), ("5", "B G"), ("3", "B D")],
     model: Model::Switches(&["A", "B"]),
 };
-/// Selects one of 16 rows.
+/// Decoder that selects one of 16 rows, or none.
 pub const DECODER: PartType = PartType {
     number: "CD74HC4514M96",
     manufacturer: "Texas Instruments",
@@ -343,7 +343,7 @@ pub const DECODER: PartType = PartType {
     ],
     model: Model::Decoder,
 };
-/// Switches the supply of the front end.
+/// Load switch of the front end's supply.
 pub const LOAD_SWITCH: PartType = PartType {
     number: "TPS22917DBVR",
     manufacturer: "Texas Instruments",
@@ -354,7 +354,7 @@ pub const LOAD_SWITCH: PartType = PartType {
     pins: &[("1", "VIN"), ("2", "GND"), ("3", "ON"), ("4", "CT"), ("5", "QOD"), ("6", "VOUT")],
     model: Model::LoadSwitch,
 };
-/// Stores parameters, bonds and steps.
+/// Flash chip for parameters, bonds, steps and updates.
 pub const FLASH: PartType = PartType {
     number: "W25Q128JVSIQ",
     manufacturer: "Winbond",

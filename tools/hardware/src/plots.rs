@@ -55,15 +55,15 @@ impl Chart<'_> {
     /// The SVG path of a curve, which is interrupted at points beyond the scales.
     fn path(&self, points: &Points) -> String {
         let mut path = String::new();
-        let mut before = 'M';
+        let mut command = 'M';
         for (x, y) in points {
             if self.scales.x.is_beyond(*x) || self.scales.y.is_beyond(*y) {
-                before = 'M';
+                command = 'M';
                 continue;
             }
             // Writing to a String does not fail.
-            let _ = write!(path, "{before}{:.1} {:.1}", self.scales.x.at(*x), self.scales.y.at(*y));
-            before = 'L';
+            let _ = write!(path, "{command}{:.1} {:.1}", self.scales.x.at(*x), self.scales.y.at(*y));
+            command = 'L';
         }
         path
     }
@@ -186,7 +186,7 @@ fn crosstalk(results: &Results) -> String {
         (chart.vertical(SWITCH_ON_OHM.value, "FDG6335N"))
         (chart.vertical(MULTIPLEXER_TYPICAL_OHM.value, "ADG706"))
         (chart.vertical(MULTIPLEXER_ON_OHM.value, "ADG706 max."))
-        // For comparison: a multiplexer that is common on hobby boards, with its typical resistance.
+        // For comparison: a multiplexer that is common on hobby boards, with its typical resistance, ohm.
         (chart.vertical(70.0, "74HC4067"))
     };
     chart.svg()

@@ -31,7 +31,7 @@ enum Axis {
 /// channel.
 const TRANSISTOR: &str = "h22m0 -12v24m6 -28v8m0 4v8m0 4v8m0 -28h12v-18m-12 42h12v12m0 -12v-12h-12m4 -3l-4 3l4 3";
 
-/// Distance between the ends of a resistor or a capacitor.
+/// Distance between the ends of a resistor or a capacitor, in units of the view box.
 const LENGTH: i32 = 40;
 
 /// A pin of a part: designator and number of the pin.
@@ -50,6 +50,9 @@ pub struct Schematic<'a> {
 
 impl<'a> Schematic<'a> {
     /// Draws the board.
+    ///
+    /// # Panics
+    /// If the board lacks a part or a pin that the schematic has.
     pub fn of(board: &'a Netlist) -> Self {
         let mut sheet = Self {
             board,
@@ -113,9 +116,9 @@ impl<'a> Schematic<'a> {
     /// If a pin is missing or drawn twice, if pins of different nets are connected, or if pins of a net are neither connected nor
     /// labelled with its name.
     pub fn check(&self) -> Result<(), String> {
-        let drawn: BTreeSet<_> = self.pins.iter().map(|(pin, _)| pin.clone()).collect();
-        if drawn.len() != self.pins.len() {
-            return Err("a pin is drawn twice".into());
+        let mut drawn = BTreeSet::new();
+        if let Some((designator, number)) = self.pins.iter().map(|(pin, _)| pin).find(|pin| !drawn.insert(*pin)) {
+            return Err(format!("pin {number} of {designator} is drawn twice"));
         }
         let mut groups_of_net = BTreeMap::<&str, BTreeSet<usize>>::new();
         let mut net_of_group = BTreeMap::<usize, &str>::new();
@@ -242,7 +245,8 @@ impl<'a> Schematic<'a> {
         found.unwrap_or_else(|| panic!("{designator} has no pin {name}")).0
     }
 
-    /// An amplifier: its inverting input is at a point, its other input 20 below, its output 60 to the right of their middle.
+    /// An amplifier: its inverting input is at a point, its other input 20 units below, and its output 60 to the right, midway
+    /// between the inputs.
     fn amplifier(&mut self, (designator, unit): (&str, &str), (x, y): Point) {
         self.body.push(html! {
             path.line d={ "M" (x) " " (y) "h10m-10 20h10M" (x + 10) " " (y - 15) "v50l40 -25zm40 25h10" } {}
@@ -256,7 +260,7 @@ impl<'a> Schematic<'a> {
         }
     }
 
-    /// A part as a box with its upper left corner at a point: all pins are labelled with their nets. Pins are 12 apart.
+    /// A part as a box with its upper left corner at a point. All pins are labelled with their nets, and are 12 units apart.
     fn labelled_box(&mut self, designator: &str, (x, y): Point, width: i32, left: &[&str], right: &[&str]) {
         let height = 12 * left.len().max(right.len()) as i32 + 8;
         let part = self.board.part(designator);

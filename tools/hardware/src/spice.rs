@@ -228,9 +228,10 @@ impl Circuit<'_> {
         let (drain, gate, source) = (pin("D"), pin("G"), pin("S"));
         let name = format!("{}{unit}", part.designator);
         let RowSwitch { on_ohm, off_ohm, drain_f, gate_drain_f, gate_source_f } = self.conditions.row_switch;
-        // ngspice's own switch is always off in the analysis of noise.
+        // A current source, because ngspice's own switch is always off in the analysis of noise.
         self.line(format_args!(
-            "B_{name} {drain} {source} I=V({drain},{source})*({:e}+{:e}/(1+exp(({HALF_ON_V}-V({gate},{source}))/{HALF_ON_SCALE_V})))",
+            "B_{name} {drain} {source} I=V({drain},{source})\
+             *({:e}+{:e}/(1+exp(({HALF_ON_V}-V({gate},{source}))/{HALF_ON_SCALE_V})))",
             1.0 / off_ohm,
             1.0 / on_ohm
         ));
@@ -292,10 +293,11 @@ impl Circuit<'_> {
         let stage_f = 10e-12;
         let conductance = std::f64::consts::TAU * a.gain_bandwidth_hz * stage_f;
         let stage_ohm = a.open_loop_gain / conductance;
-        // Beyond the swing, `B_swing` draws 0.1 A/V, so that this current drives the stage at most 1.5 mV beyond it.
+        // The largest current of the stage. Beyond the swing, `B_swing` draws 0.1 A/V, so that the stage exceeds the swing by at
+        // most 1.5 mV.
         let limit_a = a.slew_v_per_s * stage_f;
-        // With Boltzmann's constant, J/K: a resistor of this value has the noise density of the amplifier at 27 °C, the
-        // temperature at which ngspice simulates.
+        // A resistor of this value has the noise density of the amplifier at 27 °C, the temperature at which ngspice simulates;
+        // the constant is Boltzmann's, J/K.
         let noise_ohm = a.noise_v_per_sqrt_hz.powi(2) / (4.0 * 1.380_649e-23 * 300.15);
         let pole_f = 1.0 / (std::f64::consts::TAU * a.second_pole_hz);
         let Amplifier { swing_v, output_ohm, supply_a, .. } = *a;

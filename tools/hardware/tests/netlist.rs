@@ -35,7 +35,7 @@ fn the_committed_files_are_those_of_the_netlist() {
 fn designators_are_unique_and_every_net_connects_parts() {
     let board = Netlist::reference();
     let designators: BTreeSet<_> = board.parts.iter().map(|part| &part.designator).collect();
-    assert_eq!(designators.len(), board.parts.len());
+    assert_eq!(designators.len(), board.parts.len(), "a designator is used twice");
     for (net, pins) in board.nets() {
         assert!(pins.len() >= 2, "{net} has the single pin {pins:?}");
     }
@@ -88,12 +88,13 @@ fn the_firmware_uses_the_pins_of_the_netlist() {
     let columns: Vec<_> = source.lines().filter_map(|line| line.trim().strip_suffix(".degrade_adc(),")).collect();
     let expected: Vec<_> =
         (0..COLUMNS).map(|column| format!("p.{}", controller_pin(&board, &input_net(column)))).collect();
-    assert_eq!(columns, expected);
+    assert_eq!(columns, expected, "pins of the columns in boards/wb55/src/main.rs");
     let address = (0..4).map(|bit| format!("line(p.{}.into())", controller_pin(&board, &format!("ROW_A{bit}"))));
-    assert!(source.contains(&format!("[{}]", address.collect::<Vec<_>>().join(", "))));
+    let address = format!("[{}]", address.collect::<Vec<_>>().join(", "));
+    assert!(source.contains(&address), "boards/wb55/src/main.rs lacks {address}");
     for (output, net) in [("rows_off", "ROWS_OFF"), ("front_end", "FE_ON")] {
         let set_up = format!("let {output} = Output::new(p.{}, Level::High", controller_pin(&board, net));
-        assert!(source.contains(&set_up), "{set_up}");
+        assert!(source.contains(&set_up), "boards/wb55/src/main.rs lacks {set_up}");
     }
 }
 

@@ -30,8 +30,9 @@ fn farad(model: Model) -> f64 {
     }
 }
 
-fn assert_near(value: f64, expected: f64, share: f64, what: &str) {
-    assert!((value / expected - 1.0).abs() <= share, "{what}: {value}, expected {expected}");
+/// Asserts that a value is as expected, within a relative tolerance.
+fn assert_near(value: f64, expected: f64, tolerance: f64, quantity: &str) {
+    assert!((value / expected - 1.0).abs() <= tolerance, "{quantity}: {value}, expected {expected}");
 }
 
 #[test]
