@@ -199,7 +199,8 @@ impl Parameters {
                 return Err(wrong(region.name(), "is missing; provide all eight regions".into()));
             };
             let line = line_of(text, found.span().start);
-            let ellipsoid = found.get_ref().checked().map_err(|p| wrong(region.name(), format!("(line {line}) {p}")))?;
+            let ellipsoid =
+                found.get_ref().checked().map_err(|p| wrong(region.name(), format!("(line {line}) {p}")))?;
             *slot = Some(ellipsoid);
             let name = found.get_ref().deformation_scale.as_deref();
             *scale = DeformationScale::of_file(name).map_err(|p| wrong(region.name(), format!("(line {line}) {p}")))?;
