@@ -233,3 +233,11 @@ fn a_restart_is_waited_for_until_the_check_accepts_the_hello() {
     let version = link.wait_for_restart(|hello, _| (checks > 1).then(|| hello.firmware.clone()));
     assert_eq!(version.expect("the insole answers again"), "2.0.0");
 }
+
+#[test]
+fn an_insole_that_answers_without_a_restart_is_not_reported_as_silent() {
+    let insole = Insole::new();
+    let mut link = insole.connect().expect("an insole");
+    let restart = link.wait_for_restart(|_, _| None::<()>);
+    assert!(matches!(restart, Err(Error::NotRestarted)), "{restart:?}");
+}
