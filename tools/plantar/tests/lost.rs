@@ -366,6 +366,27 @@ fn a_recorder_that_cannot_write_leaves_the_steps_on_the_insole() {
     assert!(expected.iter().all(|part| text.contains(part)), "{text}");
 }
 
+/// The steps are in their file, so it makes no difference to the insole that the cells could not be written.
+#[test]
+fn the_steps_of_a_recorder_that_cannot_write_the_cells_are_acknowledged() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("session");
+    let (listener, address) = listen();
+    let program = plantar(&["record", "--cells", "--tcp", &address, "--steps", "3", "--out"]).arg(&out).spawn();
+    let mut insole = Insole::with_steps([]).with_cells();
+    let mut host = listener.accept().expect("it connects").0;
+    assert!(insole.serve(&mut host, after_time_requests(3)));
+    // A file takes the place of the folder of the cells.
+    std::fs::write(out.join("cells"), "").expect("written");
+    (0..3).for_each(|number| insole.session.push_record(step(number)));
+    assert!(insole.serve(&mut host, is_acknowledgement));
+    insole.serve(&mut host, |_| false);
+    let (output, text) = wait_for_end(program.expect("it runs"));
+    assert!(!output.status.success());
+    assert!(text.contains("cannot create") && text.contains("cells") && !text.contains("not stored"), "{text}");
+    assert_eq!(rows(&out.join("steps/part-00000.parquet")), 8 * 3);
+}
+
 #[test]
 fn an_address_without_an_insole_is_reported() {
     let (listener, address) = listen();
