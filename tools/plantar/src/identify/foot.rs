@@ -488,7 +488,8 @@ impl Trial {
             let calibration = CellCalibration { offset, ..cell.calibration };
             if !calibration.is_valid() {
                 bail!(
-                    "{name}: cell {i} reads more than half of its scale without load: it is shorted, or the foot was not lifted"
+                    "{name}: cell {i} reads a code of at least half of its scale without load: it is shorted, or the foot was \
+                     not lifted"
                 );
             }
             calibrations.push(calibration);
