@@ -1,6 +1,6 @@
 //! The requests of a host, each with its answer. [`Client::receive`] returns the other messages that arrive before the answer.
 
-use crate::session::elapsed;
+use crate::session::{ANSWER, elapsed};
 use crate::{Carrier, Client, Error};
 use plantar::Side;
 use plantar::faults::Faults;
@@ -18,6 +18,10 @@ use std::time::Duration;
 /// 16 MiB with a full log needs about three minutes.
 const ERASURE: Duration = Duration::from_secs(300);
 
+/// Time within which an insole must answer the first requests for its status after one to restart. It is short, because an insole
+/// that restarts meanwhile does not answer.
+const ANSWER_BEFORE_RESTART: Duration = Duration::from_millis(250);
+
 /// The errors of each request are [`Error::NoAnswer`], [`Error::Refused`] and those of the carrier.
 impl<C: Carrier> Client<C> {
     /// The insole's counters. They arrive after all messages that were due before the request.
@@ -25,7 +29,11 @@ impl<C: Carrier> Client<C> {
     /// # Errors
     /// See the `impl` block.
     pub fn status(&mut self) -> Result<Status, Error> {
-        self.request(ToDevice::GetStatus, |message| match message {
+        self.status_within(ANSWER)
+    }
+
+    fn status_within(&mut self, patience: Duration) -> Result<Status, Error> {
+        self.request_within(patience, ToDevice::GetStatus, |message| match message {
             ToHost::Status(status) => Some(*status),
             _ => None,
         })
@@ -281,14 +289,18 @@ impl<C: Carrier> Client<C> {
         let before = self.status()?;
         self.send(ToDevice::Restart)?;
         let sent_us = C::now_us();
+        let mut answer_patience = ANSWER_BEFORE_RESTART;
         while let Some(left) = patience.checked_sub(elapsed::<C>(sent_us)) {
             self.reconnect(left)?;
             // The hello may have been sent before the restart, so the counters decide. Without working storage the number of
             // boots does not change, but the uptime does.
             let is_restarted =
                 |status: Status| status.contents.start != before.contents.start || status.uptime_us < before.uptime_us;
-            if self.status().is_ok_and(is_restarted) {
-                return Ok(&self.hello);
+            match self.status_within(answer_patience) {
+                Ok(status) if is_restarted(status) => return Ok(&self.hello),
+                Ok(_) => {}
+                // The insole has restarted meanwhile, or the carrier is slow and needs the usual time.
+                Err(_) => answer_patience = ANSWER,
             }
         }
         Err(Error::NoAnswer(patience, self.damaged()))

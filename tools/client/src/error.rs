@@ -17,6 +17,10 @@ pub enum Error {
          first; otherwise check the port, the wiring (docs/hardware.md) and the bit rate"
     )]
     NoAnswer(Duration, u32),
+    /// The insole was expected to restart. It answers, but did not restart within the time of the
+    /// [`ReconnectPolicy`](crate::ReconnectPolicy).
+    #[error("the insole answers, but no restart was noticed")]
+    NotRestarted,
     /// The other end closed the link before the insole answered, as a bridge with another client does.
     #[error(
         "the link was closed before an insole answered: another program may be connected to it, which must be closed first"

@@ -220,7 +220,7 @@ impl<C: Carrier + 'static> Link<C> {
     /// until `check` returns a value. `check` receives the insole's hello, and whether the insole was silent at any time before.
     ///
     /// # Errors
-    /// The error of the last attempt, or [`Error::NoAnswer`], once the policy gives up.
+    /// Once the policy gives up: the error of the last attempt, or [`Error::NotRestarted`] if the insole answered it.
     pub fn wait_for_restart<T>(&mut self, mut check: impl FnMut(&Hello, bool) -> Option<T>) -> Result<T, Error> {
         let start = Instant::now();
         let mut was_silent = false;
@@ -236,7 +236,7 @@ impl<C: Carrier + 'static> Link<C> {
                 return Ok(value);
             }
             if self.gives_up(start) {
-                return Err(answer.err().unwrap_or(Error::NoAnswer(start.elapsed(), self.client.damaged())));
+                return Err(answer.err().unwrap_or(Error::NotRestarted));
             }
             sleep(self.policy.retry);
         }

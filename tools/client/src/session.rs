@@ -12,7 +12,7 @@ use std::io;
 use std::time::Duration;
 
 /// An insole answers a request within this time.
-const ANSWER: Duration = Duration::from_secs(2);
+pub(crate) const ANSWER: Duration = Duration::from_secs(2);
 /// Time between two connect requests while the insole does not answer.
 const CONNECT_INTERVAL: Duration = Duration::from_millis(500);
 /// Time between two requests for the insole's time.

@@ -1,10 +1,13 @@
 //! Reconnecting: when a link counts as lost, how it is opened again, and when the host gives up.
 
-use client::{Carrier, Error, Event, Link, ReconnectPolicy, SessionStart};
+use client::{Carrier, Client, Error, Event, Link, ReconnectPolicy, SessionStart};
 use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::session::Session;
-use plantar::protocol::{Hello, Live, MAJOR, MAX_MESSAGE, MINOR, Refusal, Reset, Status, ToDevice, ToHost, decode};
+use plantar::protocol::{
+    Contents, Hello, Live, MAJOR, MAX_MESSAGE, MINOR, Refusal, Reset, Status, ToDevice, ToHost, decode,
+};
+use std::cell::Cell;
 use std::io;
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
@@ -72,20 +75,7 @@ impl Carrier for Insole {
         if state.is_unplugged {
             return Err(io::ErrorKind::UnexpectedEof.into());
         }
-        let hello = Hello {
-            major: MAJOR,
-            minor: MINOR,
-            firmware: state.firmware.try_into().expect("the text is short"),
-            board: "test".try_into().expect("the text is short"),
-            side: Side::Left,
-            layout_id: 1,
-            cells: 240,
-            period_us: 10_000,
-            tissue_id: 0,
-            contact_rule: ContactRule::COUNTED,
-            reset: Reset::Power,
-            fault: None,
-        };
+        let hello = hello(state.firmware);
         let mut buffer = [0; MAX_MESSAGE];
         let message = match state.is_silent {
             true => None,
@@ -100,6 +90,23 @@ impl Carrier for Insole {
 
     fn damaged(&self) -> u32 {
         0
+    }
+}
+
+fn hello(firmware: &str) -> Hello {
+    Hello {
+        major: MAJOR,
+        minor: MINOR,
+        firmware: firmware.try_into().expect("the text is short"),
+        board: "test".try_into().expect("the text is short"),
+        side: Side::Left,
+        layout_id: 1,
+        cells: 240,
+        period_us: 10_000,
+        tissue_id: 0,
+        contact_rule: ContactRule::COUNTED,
+        reset: Reset::Power,
+        fault: None,
     }
 }
 
@@ -232,4 +239,66 @@ fn a_restart_is_waited_for_until_the_check_accepts_the_hello() {
     insole.state().is_silent = false;
     let version = link.wait_for_restart(|hello, _| (checks > 1).then(|| hello.firmware.clone()));
     assert_eq!(version.expect("the insole answers again"), "2.0.0");
+}
+
+#[test]
+fn an_insole_that_answers_without_a_restart_is_not_reported_as_silent() {
+    let insole = Insole::new();
+    let mut link = insole.connect().expect("an insole");
+    let restart = link.wait_for_restart(|_, _| None::<()>);
+    assert!(matches!(restart, Err(Error::NotRestarted)), "{restart:?}");
+}
+
+thread_local! {
+    /// The virtual clock of [`Restarting`], us.
+    static NOW_US: Cell<u64> = const { Cell::new(0) };
+}
+
+/// An insole that still answers a connect request after a request to restart, and restarts when it receives the next one for its
+/// status, which it does not answer. A read without a message takes 50 ms of a virtual clock.
+struct Restarting {
+    session: Session,
+    boots: u32,
+    is_restart_due: bool,
+}
+
+impl Carrier for Restarting {
+    fn send(&mut self, message: ToDevice) -> io::Result<()> {
+        match message {
+            ToDevice::Restart => self.is_restart_due = true,
+            ToDevice::GetStatus if self.is_restart_due => {
+                *self = Self { session: Session::new(), boots: self.boots + 1, is_restart_due: false };
+            }
+            message => self.session.receive(message, 1),
+        }
+        Ok(())
+    }
+
+    fn receive(&mut self) -> io::Result<Option<ToHost>> {
+        let contents = Contents { start: self.boots, ..Contents::default() };
+        let status = || Status { contents, ..Status::default() };
+        let message = self.session.next(&hello("1.0.0"), status, &mut [0; MAX_MESSAGE]).and_then(decode);
+        if message.is_none() {
+            NOW_US.set(NOW_US.get() + 50_000);
+        }
+        Ok(message)
+    }
+
+    fn damaged(&self) -> u32 {
+        0
+    }
+
+    fn now_us() -> u64 {
+        NOW_US.get()
+    }
+}
+
+/// An insole answers a status within two seconds. One that restarts earlier is not waited for as long.
+#[test]
+fn a_status_that_is_lost_in_a_restart_is_soon_requested_again() {
+    let insole = Restarting { session: Session::new(), boots: 1, is_restart_due: false };
+    let mut client = Client::connect(insole, Duration::from_secs(5)).expect("an insole");
+    client.restart(Duration::from_secs(5)).expect("the insole restarts");
+    assert_eq!(client.status().expect("an answer").contents.start, 2);
+    assert!(NOW_US.get() < 1_000_000, "{} us", NOW_US.get());
 }

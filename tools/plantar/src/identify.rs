@@ -4,8 +4,7 @@ mod foot;
 mod screen;
 
 use crate::carrier::{Connection, Ports};
-use crate::fit::live::{self, LiveSource};
-use crate::fit::{Fit, Search};
+use crate::fit::{Fit, Search, live};
 use crate::params;
 use crate::setup::rule_in_words;
 use crate::summary;
@@ -210,7 +209,8 @@ impl Identify {
         let needed = usize::from(self.steps);
         let instruction = |_| "Walk at your usual speed. Turn where you like; only complete steps count.".to_string();
         // The stream files of earlier sessions are read here, so that notes about them are printed before the screen opens.
-        let earlier = feet.iter().map(|foot| anyhow::Ok((foot.side, good_steps(foot)?))).collect::<Result<Vec<_>>>()?;
+        let earlier = feet.iter_mut().map(|foot| anyhow::Ok((foot.side, earlier_good_steps(foot)?)));
+        let earlier = earlier.collect::<Result<Vec<_>>>()?;
         run_part(feet, instruction, |foot, stop| {
             let earlier = earlier.iter().find(|(side, _)| *side == foot.side).map_or(0, |(_, steps)| *steps);
             if earlier < needed { foot.walk(stop, earlier, needed) } else { Ok(()) }
@@ -221,12 +221,7 @@ impl Identify {
     /// Identifies the parameters of a foot, writes them and their report, and sends them to the insole.
     fn identify(&self, foot: &mut Foot) -> Result<Study> {
         println!("\n{} foot", foot.side.name());
-        let fit = Fit::of_streams(
-            streams(foot)?.into_iter().map(|(path, _)| path).collect(),
-            folder_name(&self.out),
-            &foot.folder,
-            self.search.clone(),
-        );
+        let fit = Fit::of_streams(foot.stream_files()?, folder_name(&self.out), &foot.folder, self.search.clone());
         let study = fit.study()?;
         fit.write(&study)?;
         let parameters = Parameters::read(&foot.folder.join("params.toml"))?;
@@ -316,23 +311,21 @@ fn folder_name(path: &Path) -> String {
         .map_or("the wearer".into(), |name| name.to_string_lossy().into_owned())
 }
 
-/// The stream files of a foot's walk with the streams in them. A file without live frames and steps, from a session that was
-/// interrupted at once, is omitted. Prints a note on stderr about each file that cannot be read.
-fn streams(foot: &Foot) -> Result<Vec<(PathBuf, Vec<LiveSource>)>> {
-    let read = |path: PathBuf| match live::read_stream(&path) {
-        Ok(sources) => (!sources.is_empty()).then_some((path, sources)),
-        Err(error) => {
+/// Number of good steps in the stream files of earlier sessions. Prints a note on stderr about each file that cannot be read.
+/// Neither such a file nor one without live frames and steps, from a session that was interrupted at once, is used later.
+fn earlier_good_steps(foot: &mut Foot) -> Result<usize> {
+    let mut good_steps = 0;
+    for path in foot.stream_files()? {
+        let sources = live::read_stream(&path).unwrap_or_else(|error| {
             eprintln!("note: {error:#}; the steps in this file are not used");
-            None
+            Vec::new()
+        });
+        if sources.is_empty() {
+            foot.unusable_files.push(path);
         }
-    };
-    Ok(foot.stream_files()?.into_iter().filter_map(read).collect())
-}
-
-/// Number of good steps in the stream files of earlier sessions.
-fn good_steps(foot: &Foot) -> Result<usize> {
-    let count = |source: &LiveSource| source.steps.collected(0).0.len();
-    Ok(streams(foot)?.iter().flat_map(|(_, sources)| sources).map(count).sum())
+        good_steps += sources.iter().map(|source| source.steps.collected(0).0.len()).sum::<usize>();
+    }
+    Ok(good_steps)
 }
 
 /// The calibration of an earlier part of the session; `None` without one.

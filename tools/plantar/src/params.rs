@@ -6,12 +6,12 @@ use crate::setup::{note_unless_personal, rule_in_words};
 use crate::summary;
 use anyhow::{Result, bail, ensure};
 use clap::Subcommand;
-use client::ReconnectPolicy;
+use client::{Error, ReconnectPolicy};
 use parameters::{AssumedShare, Identified as Conditions, InsoleSize, Parameters};
 use plantar::Region;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::tissue::{Identified, Tissue};
-use plantar::protocol::Settings;
+use plantar::protocol::{Refusal, Settings};
 use recording::output;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -167,8 +167,12 @@ fn read_tissue(connection: &Connection) -> Result<(Tissue, Option<Identified>)> 
     if tissue == Tissue::NONE {
         bail!("the insole has no parameters: send some with `plantar params push`");
     }
-    // Older firmware does not store how its parameters were identified, and refuses the request.
-    Ok((tissue, insole.client().identified().unwrap_or_default()))
+    let identified = match insole.client().identified() {
+        // Older firmware does not store how its parameters were identified, and does not know the request.
+        Err(Error::Refused(Refusal::NotUnderstood)) => None,
+        identified => identified?,
+    };
+    Ok((tissue, identified))
 }
 
 /// The identifier of a parameter set as text. Sets with the same identifier are equal.

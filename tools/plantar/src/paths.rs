@@ -1,29 +1,45 @@
 //! Prevents a command from overwriting its inputs, or one of its outputs with another.
 
 use anyhow::{Result, ensure};
+use recording::is_parquet;
 use std::path::{Path, PathBuf};
+
+/// The folder of a file, in a form that is the same for all paths that lead to this folder; `None` if it does not exist.
+fn folder_of(path: &Path) -> Option<PathBuf> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    folder.canonicalize().ok()
+}
 
 /// The path of a file in a form that is the same for all paths that lead to this file, such as relative paths and links.
 fn resolved(path: &Path) -> PathBuf {
     // A file that does not exist yet cannot be resolved, but its folder can.
-    let in_folder = || {
-        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        Some(folder.canonicalize().ok()?.join(path.file_name()?))
-    };
+    let in_folder = || Some(folder_of(path)?.join(path.file_name()?));
     path.canonicalize().ok().or_else(in_folder).unwrap_or_else(|| path.into())
 }
 
-/// Checks that none of the files in `written` is also one of those in `read`, or is named twice.
+/// True if a file at `path` would replace a Parquet file in one of the folders `read`, or be read together with those there.
+fn is_part(path: &Path, read: &[PathBuf]) -> bool {
+    let Some(folder) = folder_of(path).filter(|_| is_parquet(path)) else { return false };
+    let mut entries = folder.read_dir().into_iter().flatten().flatten();
+    read.iter().any(|input| folder.starts_with(input)) && entries.any(|entry| is_parquet(&entry.path()))
+}
+
+/// Checks that none of the files in `written` is also one of those in `read`, or is named twice. If `read` contains a folder,
+/// such as a recording in parts, none of the files may be among the Parquet files in it.
 ///
 /// # Errors
-/// If a file in `written` is also in `read`, or is named twice. The message names the file, and asks for another name.
+/// If a file in `written` is also in `read` or in such a folder, or is named twice. The message names the file, and asks for
+/// another name.
 pub fn check_written(read: &[PathBuf], written: &[Option<&Path>]) -> Result<()> {
-    let mut files: Vec<_> = read.iter().map(|path| resolved(path)).collect();
+    let read: Vec<_> = read.iter().map(|path| resolved(path)).collect();
+    let mut files = read.clone();
     for path in written.iter().flatten() {
         let file = resolved(path);
+        // If the path is a link, both the link and its target may be among the Parquet files.
         ensure!(
-            !files.contains(&file),
-            "{} would be written twice, or is an input of this command: name another file",
+            !files.contains(&file) && !is_part(path, &read) && !is_part(&file, &read),
+            "{} would be written twice, is an input of this command, or is among the Parquet files of an input: name another \
+             file",
             path.display()
         );
         files.push(file);

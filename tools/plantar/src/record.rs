@@ -82,8 +82,9 @@ impl Record {
             // An error is ignored: without the acknowledgement, the insole sends these records again in its next session.
             let _ = insole.client().send(ToDevice::Acknowledge { number });
         }
-        if completed.is_err() {
-            let count = recorder.pending.len();
+        // If only the cells could not be written, no record is pending.
+        let count = recorder.pending.len();
+        if count > 0 {
             eprintln!(
                 "note: {count} received steps, load bouts and alerts were not stored; they remain on the insole until its log is full"
             );
@@ -164,7 +165,8 @@ impl<'r> Recorder<'r> {
         Ok(())
     }
 
-    /// Writes the collected rows as the next file of each table. The records among them can then be acknowledged.
+    /// Writes the collected rows as the next file of each table, and the collected cells. The records among the rows can then be
+    /// acknowledged, even if the cells could not be written.
     fn complete_file(&mut self) -> Result<()> {
         let path = |table: &str| self.record.out.join(table).join(format!("part-{:05}.parquet", self.file_number));
         let tables = [
@@ -179,13 +181,10 @@ impl<'r> Recorder<'r> {
                 rows.clear();
             }
         }
-        if let Some(cells) = &mut self.cells {
-            cells.complete_part()?;
-        }
         self.file_number += 1;
         self.file_start = Instant::now();
         self.stored = self.pending.drain(..).next_back().or(self.stored);
-        Ok(())
+        self.cells.as_mut().map_or(Ok(()), CellRecorder::complete_part)
     }
 
     /// Completes the files after [`FILE_RECORDS`] load records, or [`FILE_TIME`].

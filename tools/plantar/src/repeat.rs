@@ -13,7 +13,7 @@ use fit::agreement::{FootRepeatability, SingleTrial, repeatability};
 use fit::trials::Trial;
 use parameters::Participant;
 use rayon::prelude::*;
-use recording::RecordingReader;
+use recording::{RecordingReader, is_parquet};
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -113,7 +113,7 @@ impl Repeat {
     }
 
     /// The folder of a study, if one was given: a single folder that is not a recording in parts. Such a recording is a folder
-    /// that contains only files, and at least one Parquet file among them.
+    /// that contains only files, and at least one Parquet file among them that is not hidden.
     fn study_folder(&self) -> Option<&Path> {
         let [folder] = &self.inputs[..] else { return None };
         let entries: Vec<PathBuf> = folder.read_dir().ok()?.flatten().map(|entry| entry.path()).collect();
@@ -164,10 +164,6 @@ impl Repeat {
         print_notes(&person.notes);
         Ok(trials_of("the person", &person, &self.inputs))
     }
-}
-
-fn is_parquet(path: &Path) -> bool {
-    path.extension().is_some_and(|ending| ending == "parquet")
 }
 
 /// Fits each recording of a person.

@@ -1,7 +1,7 @@
 //! `plantar update`: sends a signed image to an insole, and waits until the insole runs the image and has confirmed it.
 
 use crate::carrier::{Connection, InsoleLink};
-use anyhow::{Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 use client::{Error, ReconnectPolicy};
 use firmware_image::Image;
@@ -91,12 +91,10 @@ impl Update {
                 ))
             }),
         };
-        insole.wait_for_restart(outcome).unwrap_or_else(|_| {
-            bail!(
-                "the insole has not answered since its restart: switch it off and on; `plantar insole show` then prints the \
-                 version that runs"
-            )
-        })
+        insole.wait_for_restart(outcome).context(
+            "it is not known whether the new image runs: switch the insole off and on; `plantar insole show` then prints the \
+             version that runs",
+        )?
     }
 }
 

@@ -204,6 +204,19 @@ fn no_command_overwrites_its_input_or_personal_parameters() {
         fail(&path, command, &["name another file"]);
     }
     assert!(std::fs::read(path.join("people/ann/walk.parquet")).expect("a recording") == walk);
+    // The input is a folder: a part of a recording is not overwritten, and no other Parquet file is added to the parts.
+    std::fs::create_dir(path.join("parts")).expect("made");
+    std::fs::write(path.join("parts/part-00000.parquet"), &walk).expect("written");
+    for name in ["part-00000.parquet", "part-00001.parquet"] {
+        for command in ["replay parts --frames parts/", "replay ./parts --json parts/../parts/"] {
+            fail(&path, &format!("{command}{name}"), &[name, "name another file"]);
+        }
+    }
+    assert!(std::fs::read(path.join("parts/part-00000.parquet")).expect("a part") == walk);
+    // Files of other kinds may be written there, also again.
+    for _ in 0..2 {
+        succeed(&path, "replay parts --json parts/steps.json --frames parts/live.csv");
+    }
     for command in [IMPORT.replace("walk.parquet", "frames.csv"), "zero walk.parquet --out walk.parquet".into()] {
         fail(&path, &command, &["name another file"]);
     }

@@ -343,6 +343,8 @@ fn errors_of_live_streams_name_the_file_and_the_remedy() {
     write("changed.plantar", &stream(&changed, 0));
     write("text.plantar", b"this is a text and no recorded stream");
     write("empty.plantar", &stream(&covered[..1], 0));
+    let is_live = |message: &&ToHost| matches!(message, ToHost::Live(_));
+    write("unknown.plantar", &stream(&covered.iter().filter(is_live).cloned().collect::<Vec<_>>(), 0));
     let mut other_version = covered.clone();
     if let Some(ToHost::Hello(hello)) = other_version.first_mut() {
         hello.major = MAJOR + 1;
@@ -355,6 +357,7 @@ fn errors_of_live_streams_name_the_file_and_the_remedy() {
     fail(path, "fit a.plantar copy.plantar", &["copy.plantar", "same steps as a.plantar", "once"]);
     fail(path, "fit text.plantar", &["text.plantar", "not a recorded stream", "plantar serve --record"]);
     fail(path, "fit empty.plantar", &["empty.plantar", "no live frames"]);
+    fail(path, "fit unknown.plantar", &["unknown.plantar", "the foot is not known", "record a walk"]);
     fail(path, "fit version.plantar", &["version.plantar", "protocol version", "use the program"]);
     fail(path, "fit missing.plantar", &["missing.plantar"]);
     // Options that state the rule of the stream do not contradict it. A recording that is fitted together with a stream is
@@ -421,6 +424,10 @@ fn the_folder_of_a_recorded_session_results_in_the_same_parameters_as_its_stream
 
     std::fs::write(path.join("session/live/part-99999.parquet"), b"PAR1 truncated").expect("written");
     fail(path, "fit session", &["part-99999.parquet", "remove the file"]);
+    std::fs::remove_file(path.join("session/live/part-99999.parquet")).expect("removed");
+    std::fs::remove_dir_all(path.join("session/steps")).expect("removed");
+    std::fs::create_dir(path.join("session/steps")).expect("made");
+    fail(path, "fit session", &["session: no steps", "record a walk"]);
     std::fs::remove_dir_all(path.join("session/live")).expect("removed");
     fail(path, "fit session", &["live is missing"]);
 }

@@ -243,6 +243,9 @@ fn both_feet_are_identified_without_a_terminal() {
     let feet = [Side::Left, Side::Right].map(|side| insole(side, &action, 0));
     let addresses = feet.each_ref().map(|(_, address, _)| address.as_str());
     let out = folder.path().join("me");
+    // A file of an earlier session that cannot be read is named once.
+    std::fs::create_dir_all(out.join("left")).expect("made");
+    std::fs::write(out.join("left/walk-000.plantar"), "damaged").expect("written");
     let plantar = |addresses: &[&str]| {
         let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_plantar"));
         command.args(["identify", "--no-standing", "--steps", "6", "--verify", "2", "--out"]).arg(&out);
@@ -255,6 +258,7 @@ fn both_feet_are_identified_without_a_terminal() {
     let output = plantar(&addresses);
     let [text, errors] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).expect("text"));
     assert!(output.status.code() == Some(3) && text.contains("INCOMPLETE"), "{text}{errors}");
+    assert_eq!(errors.matches("walk-000.plantar").count(), 1, "{errors}");
     for (side, address) in ["left", "right"].into_iter().zip(addresses) {
         assert!(text.contains(&format!("{side}: 6 of 6")), "{text}");
         let parameters = Parameters::read(&out.join(side).join("params.toml")).expect("parameters");

@@ -2,6 +2,7 @@
 //!
 //! The insole is simulated: the code of the firmware's session runs in the test, on a socket or a pseudo-terminal.
 
+use parameters::{InsoleSize, Parameters};
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
@@ -73,14 +74,22 @@ impl Insole {
                 self.session.push_cells(self.scan, &[1000; CELLS]);
                 self.scan += 1;
             }
-            let (mut buffer, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
-            while let Some(message) = self.session.next(&hello(), Status::default, &mut buffer) {
-                let len = frame(message, &mut framed);
-                if carrier.write_all(&framed[..len]).is_err() {
-                    return false;
-                }
+            if !self.send_due(&mut carrier) {
+                return false;
             }
         }
+    }
+
+    /// Sends the messages that are due. Returns false if the host has disconnected.
+    fn send_due(&mut self, carrier: &mut impl Write) -> bool {
+        let (mut buffer, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
+        while let Some(message) = self.session.next(&hello(), Status::default, &mut buffer) {
+            let len = frame(message, &mut framed);
+            if carrier.write_all(&framed[..len]).is_err() {
+                return false;
+            }
+        }
+        true
     }
 }
 
@@ -262,6 +271,30 @@ fn a_recorder_requests_the_cells_until_their_stream_is_on_again() {
     assert!(text.contains(&expected), "{text}");
 }
 
+/// Only an insole with older firmware, which does not know the request, has parameters of unknown origin. After any other
+/// failure, personal parameters would be written as not personal.
+#[test]
+fn parameters_whose_origin_could_not_be_read_are_not_written() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("params.toml");
+    let (listener, address) = listen();
+    let mut insole = Insole::with_steps([]);
+    insole.session.restore_tissue(Parameters::typical(InsoleSize::default()).tissue(), None);
+    for is_older_firmware in [false, true] {
+        let program = plantar(&["params", "pull", "--tcp", &address, "--out"]).arg(&out).spawn().expect("it runs");
+        let mut host = listener.accept().expect("it connects").0;
+        assert!(insole.serve(&mut host, |message| matches!(message, ToDevice::GetIdentified)));
+        if is_older_firmware {
+            insole.session.receive_unknown();
+            assert!(insole.send_due(&mut host) && !insole.serve(&mut host, |_| false));
+        }
+        drop(host);
+        let (output, text) = wait_for_end(program);
+        assert_eq!((output.status.success(), out.exists()), (is_older_firmware, is_older_firmware), "{text}");
+    }
+    assert!(!Parameters::read(&out).expect("parameters").personal);
+}
+
 /// The instructions have fixed times, so a recording that begins later would not match them.
 #[test]
 fn a_standing_trial_in_which_the_link_was_lost_begins_again_with_its_instructions() {
@@ -331,6 +364,27 @@ fn a_recorder_that_cannot_write_leaves_the_steps_on_the_insole() {
     let expected =
         ["cannot write", "part-00000.parquet", "File too large", "were not stored; they remain on the insole"];
     assert!(expected.iter().all(|part| text.contains(part)), "{text}");
+}
+
+/// The steps are in their file, so it makes no difference to the insole that the cells could not be written.
+#[test]
+fn the_steps_of_a_recorder_that_cannot_write_the_cells_are_acknowledged() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("session");
+    let (listener, address) = listen();
+    let program = plantar(&["record", "--cells", "--tcp", &address, "--steps", "3", "--out"]).arg(&out).spawn();
+    let mut insole = Insole::with_steps([]).with_cells();
+    let mut host = listener.accept().expect("it connects").0;
+    assert!(insole.serve(&mut host, after_time_requests(3)));
+    // A file takes the place of the folder of the cells.
+    std::fs::write(out.join("cells"), "").expect("written");
+    (0..3).for_each(|number| insole.session.push_record(step(number)));
+    assert!(insole.serve(&mut host, is_acknowledgement));
+    insole.serve(&mut host, |_| false);
+    let (output, text) = wait_for_end(program.expect("it runs"));
+    assert!(!output.status.success());
+    assert!(text.contains("cannot create") && text.contains("cells") && !text.contains("not stored"), "{text}");
+    assert_eq!(rows(&out.join("steps/part-00000.parquet")), 8 * 3);
 }
 
 #[test]

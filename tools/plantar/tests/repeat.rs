@@ -138,6 +138,11 @@ fn the_recordings_of_one_person_are_compared_without_an_icc() {
         let (status, text) = plantar(&path, arguments);
         assert_eq!((status, text.contains(words)), (Some(1), true), "{arguments}: {text}");
     }
+    // A folder whose only file is hidden, such as one of macOS, is no recording in parts, but a study without participants.
+    fs::create_dir(path.join("hidden")).expect("made");
+    fs::write(path.join("hidden/._a.parquet"), "of macOS").expect("written");
+    let (status, text) = plantar(&path, "repeat hidden");
+    assert_eq!((status, text.contains("hidden: no participant")), (Some(1), true), "{text}");
     // A study in which only one person has two trials of a foot.
     fs::remove_dir_all(path.join("people/bob")).expect("removed");
     fs::remove_file(path.join("people/cid/b.parquet")).expect("removed");

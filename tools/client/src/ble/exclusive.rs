@@ -4,6 +4,7 @@
 //! one, and end the connection of both when it ends.
 
 use std::fs::{File, TryLockError};
+use std::path::PathBuf;
 
 /// Another program of this computer uses the insole.
 pub(super) struct InUse;
@@ -14,11 +15,35 @@ pub(super) struct InUse;
 /// # Errors
 /// If another program has reserved the insole.
 pub(super) fn reserve(id: &str) -> Result<Option<File>, InUse> {
-    let name: String = id.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
-    let Ok(file) = File::create(std::env::temp_dir().join(format!("plantar-{name}.lock"))) else { return Ok(None) };
+    // The file is not truncated: others can predict its path, and place a link to another file of this user there.
+    let opened = File::options().write(true).create(true).truncate(false).open(lock_file(id));
+    let Ok(file) = opened else { return Ok(None) };
     match file.try_lock() {
         Ok(()) => Ok(Some(file)),
         Err(TryLockError::WouldBlock) => Err(InUse),
         Err(TryLockError::Error(_)) => Ok(None),
+    }
+}
+
+/// The path of the lock file of the insole with this identifier.
+fn lock_file(id: &str) -> PathBuf {
+    let name: String = id.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
+    std::env::temp_dir().join(format!("plantar-{name}.lock"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{InUse, lock_file, reserve};
+
+    #[test]
+    fn an_insole_is_reserved_once_and_the_content_of_the_lock_file_remains() {
+        let id = format!("test:{}", std::process::id());
+        std::fs::write(lock_file(&id), "of the user").expect("written");
+        let reserved = reserve(&id);
+        assert!(matches!(reserved, Ok(Some(_))) && matches!(reserve(&id), Err(InUse)));
+        drop(reserved);
+        assert!(matches!(reserve(&id), Ok(Some(_))));
+        assert_eq!(std::fs::read_to_string(lock_file(&id)).expect("a file"), "of the user");
+        std::fs::remove_file(lock_file(&id)).expect("removed");
     }
 }

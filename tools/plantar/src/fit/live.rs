@@ -138,22 +138,27 @@ fn from_stream(name: &str, bytes: &[u8]) -> Result<Vec<LiveSource>> {
     if unknown > 0 {
         eprintln!("note: {name}: {unknown} messages are unknown to this program and were not used");
     }
-    Ok(insoles.into_iter().filter(|insole| insole.count > 0).map(|insole| insole.into_source(name)).collect())
+    insoles.into_iter().filter(|insole| insole.count > 0).map(|insole| insole.into_source(name)).collect()
 }
 
 impl Messages {
-    /// The source of a fit. `file` is the name of the file for display.
-    fn into_source(mut self, file: &str) -> LiveSource {
+    /// The source of a fit. `file` is the name of the file for display. Returns an error if the foot is not known.
+    fn into_source(mut self, file: &str) -> Result<LiveSource> {
         self.steps.finish();
-        let side = self.steps.side().or(self.hello.as_ref().map(|hello| hello.side)).unwrap_or(Side::Right);
+        let side = self.steps.side().or(self.hello.as_ref().map(|hello| hello.side)).with_context(|| {
+            format!(
+                "{file}: live frames of an insole without its first message and without steps, so the foot is not known: record \
+                 a walk of several steps from its beginning"
+            )
+        })?;
         let device = self.hello.map_or_else(String::new, |hello| {
             format!(" The insole had the board {}, firmware {} and {} cells.", hello.board, hello.firmware, hello.cells)
         });
-        LiveSource {
+        Ok(LiveSource {
             name: format!("{file}, {}", side.name()),
             origin: format!("Recorded live stream of an insole.{device}"),
             side,
             steps: self.steps,
-        }
+        })
     }
 }

@@ -36,6 +36,9 @@ pub struct Foot {
     pub side: Side,
     /// The folder of this foot.
     pub folder: PathBuf,
+    /// Stream files of earlier sessions that [`Self::stream_files`] omits, because they cannot be read or contain neither live
+    /// frames nor steps.
+    pub unusable_files: Vec<PathBuf>,
     /// The state that the screen shows, which another thread draws.
     pub progress: Arc<Mutex<Progress>>,
 }
@@ -80,7 +83,7 @@ impl Foot {
             hello.firmware,
             hello.cells
         );
-        Ok(Self { link, side: hello.side, folder, progress })
+        Ok(Self { link, side: hello.side, folder, unusable_files: Vec::new(), progress })
     }
 
     /// Sets the contact rule of the insole.
@@ -225,14 +228,15 @@ impl Foot {
         paths.find(|path| !path.exists()).unwrap_or_default()
     }
 
-    /// The stream files of the walk so far.
+    /// The stream files of the walk so far that are not in [`Self::unusable_files`].
     pub fn stream_files(&self) -> Result<Vec<PathBuf>> {
         let mut files = Vec::new();
         let error = || format!("cannot read {}", self.folder.display());
         for entry in std::fs::read_dir(&self.folder).with_context(error)? {
             let path = entry.with_context(error)?.path();
             let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            if name.starts_with(WALK_PREFIX) && name.ends_with(".plantar") && std::fs::metadata(&path)?.len() > 0 {
+            let is_stream = name.starts_with(WALK_PREFIX) && name.ends_with(".plantar");
+            if is_stream && !self.unusable_files.contains(&path) && std::fs::metadata(&path)?.len() > 0 {
                 files.push(path);
             }
         }
@@ -484,7 +488,8 @@ impl Trial {
             let calibration = CellCalibration { offset, ..cell.calibration };
             if !calibration.is_valid() {
                 bail!(
-                    "{name}: cell {i} reads more than half of its scale without load: it is shorted, or the foot was not lifted"
+                    "{name}: cell {i} reads a code of at least half of its scale without load: it is shorted, or the foot was \
+                     not lifted"
                 );
             }
             calibrations.push(calibration);

@@ -30,7 +30,8 @@ const STEP_COLUMNS: [&str; 11] = [
     "contact_full_kpa",
 ];
 
-/// Reads the live frames and the steps in the folder; `None` if it has neither table. Fails if only one of the two is missing.
+/// Reads the live frames and the steps in the folder; `None` if it has neither table. Fails if only one of the two is missing, or
+/// if there are no steps in sessions with live frames.
 pub fn read(folder: &Path) -> Result<Option<Vec<LiveSource>>> {
     let (live, steps) = (folder.join("live"), folder.join("steps"));
     if !live.is_dir() && !steps.is_dir() {
@@ -50,8 +51,9 @@ pub fn read(folder: &Path) -> Result<Option<Vec<LiveSource>>> {
         collect(&mut collected, frames, records);
     }
     collected.finish();
+    let side = collected.side();
     Ok(Some(vec![LiveSource {
-        side: collected.side().unwrap_or(Side::Right),
+        side: side.with_context(|| format!("{name}: no steps with live frames: record a walk of several steps"))?,
         origin: "Live frames and steps that plantar record stored.".into(),
         name,
         steps: collected,
