@@ -141,6 +141,19 @@ fn a_gap_after_a_part_without_frames_is_refused() {
 }
 
 #[test]
+fn the_source_of_joined_parts_contains_each_source_once() {
+    let folder = TempDir::new().unwrap();
+    for (i, source) in ["First.", "Second.", "Second.", "Third.", "First."].iter().enumerate() {
+        let path = folder.path().join(format!("part-{i}.parquet"));
+        let begin_s = 0.02 * i as f64;
+        let t_s = [begin_s, begin_s + 0.01];
+        let metadata = TWO_CELLS.replace("Test.", source);
+        write(&path, Some(&metadata), ["t_s", "c0_kpa", "c1_kpa"], &t_s, [&[1.0, 1.0], &[1.0, 1.0]]);
+    }
+    assert_eq!(Recording::read(folder.path()).unwrap().source, "First. Second. Third.");
+}
+
+#[test]
 fn a_file_of_another_writer_with_the_metadata_is_read() {
     let (_folder, path) = in_folder();
     write(
