@@ -33,6 +33,17 @@ fn write_with(
     t_s: &[f64],
     columns_kpa: [&[f32]; 2],
 ) {
+    write_groups(statistics, path, metadata, names, &[(t_s, columns_kpa)]);
+}
+
+/// Writes a row group for each of `groups`: its times, s, and the pressures of its cells, kPa.
+fn write_groups(
+    statistics: EnabledStatistics,
+    path: &Path,
+    metadata: Option<&str>,
+    names: [&str; 3],
+    groups: &[(&[f64], [&[f32]; 2])],
+) {
     let [time, first, second] = names;
     let schema = parse_message_type(&format!(
         "message test {{ required double {time}; required float {first}; required float {second}; }}"
@@ -43,16 +54,18 @@ fn write_with(
         WriterProperties::builder().set_key_value_metadata(metadata).set_statistics_enabled(statistics).build();
     let file = File::create(path).unwrap();
     let mut writer = SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties)).unwrap();
-    let mut group = writer.next_row_group().unwrap();
-    let mut times = group.next_column().unwrap().unwrap();
-    times.typed::<DoubleType>().write_batch(t_s, None, None).unwrap();
-    times.close().unwrap();
-    for values in columns_kpa {
-        let mut column = group.next_column().unwrap().unwrap();
-        column.typed::<FloatType>().write_batch(values, None, None).unwrap();
-        column.close().unwrap();
+    for (t_s, columns_kpa) in groups {
+        let mut group = writer.next_row_group().unwrap();
+        let mut times = group.next_column().unwrap().unwrap();
+        times.typed::<DoubleType>().write_batch(t_s, None, None).unwrap();
+        times.close().unwrap();
+        for values in columns_kpa {
+            let mut column = group.next_column().unwrap().unwrap();
+            column.typed::<FloatType>().write_batch(values, None, None).unwrap();
+            column.close().unwrap();
+        }
+        group.close().unwrap();
     }
-    group.close().unwrap();
     writer.close().unwrap();
 }
 
@@ -138,6 +151,23 @@ fn a_gap_after_a_part_without_frames_is_refused() {
     part("part-2.parquet", &[0.023, 0.033]);
     let error = RecordingReader::open(folder.path()).err().expect("an error").to_string();
     assert!(error.contains("part-2.parquet") && error.contains("gap in time"), "{error}");
+}
+
+#[test]
+fn a_gap_between_parts_with_row_groups_without_rows_is_refused() {
+    let folder = TempDir::new().unwrap();
+    let part = |name: &str, groups: &[(&[f64], [&[f32]; 2])]| {
+        let path = folder.path().join(name);
+        write_groups(EnabledStatistics::Chunk, &path, Some(TWO_CELLS), ["t_s", "c0_kpa", "c1_kpa"], groups);
+    };
+    let empty: (&[f64], [&[f32]; 2]) = (&[], [&[], &[]]);
+    let kpa: [&[f32]; 2] = [&[1.0, 2.0], &[3.0, 4.0]];
+    part("part-0.parquet", &[(&[0.0, 0.01], kpa), empty]);
+    part("part-1.parquet", &[empty, (&[0.02, 0.03], kpa)]);
+    assert_eq!(Recording::read(folder.path()).unwrap().t_s, [0.0, 0.01, 0.02, 0.03]);
+    part("part-1.parquet", &[empty, (&[0.023, 0.033], kpa)]);
+    let error = RecordingReader::open(folder.path()).err().expect("an error").to_string();
+    assert!(error.contains("part-1.parquet") && error.contains("gap in time"), "{error}");
 }
 
 #[test]
