@@ -268,6 +268,7 @@ fn missing_or_invalid_metadata_is_rejected() {
     refused(Some(&TWO_CELLS.replace("\"right\"", "\"both\"")), &["unknown side `both`"]);
     refused(Some(&TWO_CELLS.replace("\"area_mm2\":100", "\"area_mm2\":0")), &["cell 0", "0.0625 to 4000"]);
     refused(Some(&TWO_CELLS.replace("\"rate_hz\":100", "\"rate_hz\":0")), &["positive rate"]);
+    refused(Some(&TWO_CELLS.replace("\"rate_hz\":100", "\"rate_hz\":3e6")), &["3000000 Hz", "at most 1000000 Hz"]);
 }
 
 #[test]
