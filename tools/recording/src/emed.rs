@@ -5,7 +5,7 @@
 //! which the import is compared. Pages of a summary, such as the maximum of all frames, are skipped. Rows are numbered from the
 //! top, as seen from above.
 
-use crate::grid::{Foot, Frames, Grid, MAX_CELL_MM, MAX_LINES, SWING_S, Toes};
+use crate::grid::{Foot, Frames, Grid, MAX_CELL_MM, MAX_LINES, SWING_S, Toes, check_period};
 use crate::table::{at_line, file_name};
 use crate::text::{decode, first_number, number, shortened};
 use crate::{Error, Export, Result, units};
@@ -138,12 +138,11 @@ impl Pages<'_> {
         // A page without the size of a sensor states its area; the sensor is then assumed to be square.
         let size_mm = size_mm.or(area_mm2.map(|mm2| [mm2.sqrt(); 2]));
         let size_mm = size_mm.filter(|size| size.iter().all(|mm| *mm > 0.0 && *mm <= MAX_CELL_MM));
-        let (Some(size_mm), Some(period_s)) = (size_mm, period_s.filter(|s| (1e-5..=1.0).contains(s))) else {
-            let problem = format!(
-                "no sensor size of up to {MAX_CELL_MM} mm, or no time of a picture of 0.01 ms to 1 s, on this page"
-            );
+        let (Some(size_mm), Some(period_s)) = (size_mm, period_s) else {
+            let problem = format!("no sensor size of up to {MAX_CELL_MM} mm, or no time of a picture, on this page");
             return Err(Error::content(place(), problem, "export the measurement with the header of each page"));
         };
+        check_period(period_s, &place)?;
         if self.size_mm.is_some_and(|before| before != size_mm)
             || self.period_s.is_some_and(|before| before != period_s)
         {

@@ -93,6 +93,14 @@ fn missing_pictures_are_interpolated_and_exchanged_ones_are_refused() {
     assert_message(parse(&pages.concat()), "step.lst:", &["picture 1", "on its own"]);
 }
 
+/// The times of the frames are rounded, so that the mean interval may be slightly below the limit.
+#[test]
+fn the_shortest_time_between_frames_is_a_tenth_of_a_millisecond() {
+    let text: String = file(Side::Right, false).into_iter().map(char::from).collect();
+    let export = parse(text.replace("picture:10.0 ms", "picture:0.1 ms").as_bytes()).unwrap();
+    assert!((export.feet[0].rate_hz / 1e4 - 1.0).abs() < 1e-6, "{} Hz", export.feet[0].rate_hz);
+}
+
 #[test]
 fn damaged_files_are_refused_with_the_line_and_a_remedy() {
     let text: String = file(Side::Right, false).into_iter().map(char::from).collect();
@@ -110,6 +118,7 @@ fn damaged_files_are_refused_with_the_line_and_a_remedy() {
     assert_message(parse(cut.as_bytes()), &at(first_row - 1), &["total Force", "cut off"]);
     assert_message(changed("1.000x1.000 cm", "1.000x1.000 cubits"), &at(7), &["cubits"]);
     assert_message(changed("Time/picture:10.0 ms", ""), &at(1), &["time of a picture"]);
+    assert_message(changed("picture:10.0 ms", "picture:0.05 ms"), &at(1), &["5e-5 s", "1e-4 to 1 s"]);
     assert_message(parse(b"File: 2.dat\nMVP\n"), "step.lst: ", &["no page"]);
     assert_message(parse(b""), "step.lst: ", &["empty"]);
 }
