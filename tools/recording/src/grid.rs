@@ -117,7 +117,8 @@ impl Frames {
 
 /// A foot on a matrix sensor.
 pub struct Foot {
-    /// The foot; `None` if the export does not state it. The shape of the footprint then decides.
+    /// The foot; `None` if the export does not state it. The shape of the footprint then decides; if it does not show the foot,
+    /// the right foot is assumed.
     pub side: Option<Side>,
     pub grid: Grid,
     pub frames: Frames,
@@ -178,10 +179,14 @@ impl Foot {
         }
         let footprint = Footprint { cells: &cells, under_foot: &under_foot, pressure_kpa: &pressure_kpa };
         let side = side.unwrap_or_else(|| {
-            let side = footprint.side();
+            let by_shape = footprint.side();
+            let side = by_shape.unwrap_or(Side::Right);
+            let reason = match by_shape {
+                Some(_) => "By the shape of the footprint, it is",
+                None => "The shape of the footprint does not show it, so it is assumed to be",
+            };
             remarks.push(format!(
-                "The export does not name the foot. By the shape of the footprint, it is the {} foot; if it is not, \
-                 use --side.",
+                "The export does not name the foot. {reason} the {} foot; if it is not, use --side.",
                 side.name()
             ));
             side

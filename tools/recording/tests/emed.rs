@@ -78,6 +78,24 @@ fn a_step_is_imported_in_both_directions_of_walking_and_its_foot_is_recognised()
     }
 }
 
+/// The load moves from the heel to the toes, and is the same on both sides of the foot.
+#[test]
+fn a_symmetric_footprint_does_not_show_the_foot() {
+    let page = |frame: usize| {
+        let row = |row: usize| {
+            let kpa = if (11 - row).abs_diff(frame) <= 2 { 100 } else { 0 };
+            format!("{row}\t{kpa}\t{kpa}\t{kpa}\n")
+        };
+        let rows: String = (0..12).map(row).collect();
+        format!("\tTime/picture:10.0 ms\n\tSensor size: 2.000x2.000 cm\n\tPict-No.: {frame}\n\t1\t2\t3\n{rows}\x0c")
+    };
+    let export = parse((0..12).map(page).collect::<String>().as_bytes()).unwrap();
+    assert_eq!(export.feet[0].side, Side::Right);
+    let remarks = export.remarks.join(" ");
+    assert!(remarks.contains("assumed to be the right foot") && remarks.contains("--side"), "{remarks}");
+    assert!(!remarks.contains("By the shape"), "{remarks}");
+}
+
 #[test]
 fn missing_pictures_are_interpolated_and_exchanged_ones_are_refused() {
     let whole = parse(&file(Side::Right, false)).unwrap();
