@@ -129,6 +129,8 @@ fn damaged_files_are_refused_with_the_line_and_a_remedy() {
     assert_message(changed("\n20\t0.00\t", "\n20\t"), &at(first_row), &["11 values"]);
     assert_message(changed("\n20\t", "\n9999999\t"), &at(first_row), &["9999999", "row"]);
     assert_message(changed("\n20\t0.00\t", "\n20\tNaN\t"), &at(first_row), &["NaN", "number"]);
+    assert_message(changed("\n21\t", "\n20\t"), &at(first_row + 1), &["row number is repeated", "damaged"]);
+    assert_message(changed("\t20\t21\t", "\t20\t20\t"), &at(first_row - 1), &["column number is repeated", "damaged"]);
     let forces = text.lines().position(|line| line.starts_with("Force\t")).unwrap();
     let total = text.lines().nth(forces).and_then(|line| line.rsplit('\t').next()).unwrap();
     assert_message(changed(&format!("\t{total}\n\x0c"), "\t999.00\n\x0c"), &at(forces + 1), &["999.00 N", "Force"]);
