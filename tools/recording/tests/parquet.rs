@@ -10,8 +10,9 @@ use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
 use rayon::prelude::*;
 use recording::synthetic::{self, SyntheticWalk};
-use recording::{MAX_CELLS, Recording, RecordingReader, VirtualInsole};
+use recording::{MAX_CELLS, Recording, RecordingReader, VirtualInsole, output};
 use std::fs::File;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use tempfile::TempDir;
@@ -120,11 +121,28 @@ fn a_failed_write_leaves_an_existing_recording_as_it_is() {
     walk.write(&path).unwrap();
     let incomplete = path.with_extension("parquet.incomplete");
     assert!(!incomplete.exists());
-    // A folder with the temporary name makes the write fail.
-    std::fs::create_dir(&incomplete).unwrap();
-    let error = walk.write(&path).unwrap_err().to_string();
-    assert!(error.starts_with(path.to_str().unwrap()), "{error}");
+    // A recording is written in the same way.
+    let written = output::file(&path, |to| {
+        to.write_all(b"PAR1")?;
+        Err(io::Error::other("the disk is full"))
+    });
+    let error = written.unwrap_err().to_string();
+    assert!(error.starts_with(path.to_str().unwrap()) && error.contains("the disk is full"), "{error}");
     assert!(walk == Recording::read(&path).unwrap());
+    assert!(!incomplete.exists());
+}
+
+#[test]
+fn a_folder_of_a_user_with_the_temporary_name_remains() {
+    let (_folder, path) = in_folder();
+    let walk = synthetic::walk(&SyntheticWalk { steps: 1, ..SyntheticWalk::default() }).recording;
+    let incomplete = path.with_extension("parquet.incomplete");
+    std::fs::create_dir(&incomplete).unwrap();
+    std::fs::write(incomplete.join("notes.txt"), "of the user").unwrap();
+    let error = walk.write(&path).unwrap_err().to_string();
+    assert!(error.starts_with(incomplete.to_str().unwrap()) && error.contains("rename it"), "{error}");
+    assert_eq!(std::fs::read_to_string(incomplete.join("notes.txt")).unwrap(), "of the user");
+    assert!(!path.exists());
 }
 
 /// macOS writes hidden files such as `._foot.parquet` beside other files.
