@@ -212,6 +212,13 @@ fn assert_device_equals_host(recording: &Recording, contact: ContactRule, min_st
 }
 
 #[test]
+fn an_error_of_a_file_names_the_folder_with_the_files_of_the_emulator() {
+    let text = emulator::Error::from(std::io::Error::other("the disk is full")).to_string();
+    assert!(text.contains("the disk is full") && text.contains("free space"), "{text}");
+    assert!(text.contains(std::env::temp_dir().to_str().expect("UTF-8")), "{text}");
+}
+
+#[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn a_synthetic_walk_is_the_same_on_the_device_and_on_a_host() {
     assert_device_equals_host(&synthetic_walk(4, 100.0), ContactRule::COUNTED, 4);

@@ -82,8 +82,13 @@ pub enum Error {
     #[cfg(feature = "log")]
     #[error(transparent)]
     Log(#[from] LogError),
-    /// An error of a file or a serial port.
-    #[error("the emulation failed: {0}")]
+    /// An error of a file or a serial port of the emulator. Both are in the folder for temporary files, except where a serial
+    /// port is a socket.
+    #[error(
+        "the emulation failed: {0}; check the free space and the permissions of {folder}, the folder for temporary \
+         files",
+        folder = std::env::temp_dir().display()
+    )]
     Io(#[from] io::Error),
 }
 

@@ -72,13 +72,15 @@ impl Foot {
     /// # Errors
     /// Fails if the insole refuses the recording or the parameters.
     pub fn new(recording: Recording, virtual_insole: &VirtualInsole, tissue: &Tissue, file: &str) -> Result<Self> {
-        let refused = |problem: String| {
-            content(file, format!("the recording cannot be evaluated ({problem})"), "import the measurement again")
-        };
         let mut insole = Box::new(Insole::<f32, MAX_CELLS>::new());
         let accepted = insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied());
-        accepted.map_err(|error| refused(error.to_string()))?;
-        insole.set_tissue(tissue).map_err(|error| refused(error.to_string()))?;
+        accepted.map_err(|error| {
+            content(file, format!("the recording cannot be evaluated ({error})"), "import the measurement again")
+        })?;
+        insole.set_tissue(tissue).map_err(|error| {
+            let remedy = "identify the parameters again with `plantar fit`, or use typical ones";
+            content("tissue parameters", format!("the insole refuses them ({error})"), remedy)
+        })?;
         let period_us = u64::from(virtual_insole.setup.period_us);
         let last = recording.frames() - 1;
         let frame_s = |i: usize| recording.t_s[i.min(last)] + i.saturating_sub(last) as f64 / recording.rate_hz;

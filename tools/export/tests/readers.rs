@@ -5,6 +5,7 @@ use export::{EventKind, Foot, Quantity, Session, c3d, csv, mat, mcap, motion_bid
 use parameters::{InsoleSize, Parameters};
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
+use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::{Step, StepFoot, StepRegion};
 use plantar::{Region, Side};
 use recording::synthetic::{self, SyntheticWalk};
@@ -34,6 +35,16 @@ fn foot(recording: Recording) -> Foot {
 fn both_feet() -> Session {
     let feet = [Side::Right, Side::Left].map(|side| foot(walk(side, 5, 60)));
     Session::new(feet.into(), None, None).expect("one clock")
+}
+
+#[test]
+fn refused_parameters_are_not_reported_as_a_defect_of_the_recording() {
+    let recording = walk(Side::Left, 1, 60);
+    let insole = VirtualInsole::new(&recording, ContactRule::COVERED, StanceRule::ADAPTIVE);
+    // An insole accepts no parameters that are all zeros.
+    let error = Foot::new(recording, &insole, &Tissue::NONE, "walk.parquet").expect_err("an error").to_string();
+    assert!(error.starts_with("tissue parameters: ") && error.contains("plantar fit"), "{error}");
+    assert!(!error.contains("walk.parquet") && !error.contains("import"), "{error}");
 }
 
 /// The content of a file, as readers.py prints it.

@@ -8,6 +8,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
+use study::table::{self, Value};
 use tempfile::TempDir;
 
 type Row = HashMap<String, Field>;
@@ -265,6 +266,19 @@ fn unusable_recordings_are_left_out_and_named_and_tried_again() {
         assert!(!path.join("table/participant=ann/steps.parquet").exists());
         assert!(!summary(&path).contains("35-36"));
     }
+}
+
+/// The name of a file without its extension does not identify it in its folder.
+#[test]
+fn the_unfinished_file_of_another_table_remains() {
+    let folder = tempfile::tempdir().expect("a folder");
+    // The unfinished file of a table with the name `steps`.
+    let unfinished = folder.path().join(".steps.part");
+    fs::write(&unfinished, "unfinished").expect("written");
+    let rows = [vec![("step", Value::Integer(Some(7)))]];
+    table::write(&folder.path().join("steps.parquet"), None, &rows).expect("written");
+    assert_eq!(fs::read_to_string(&unfinished).expect("the file remains"), "unfinished");
+    assert!(folder.path().join("steps.parquet").is_file());
 }
 
 /// macOS writes a hidden file with the prefix `._` beside some files.

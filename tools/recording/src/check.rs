@@ -36,6 +36,9 @@ pub fn recording(recording: &Recording, place: &dyn Fn(At) -> String) -> Result<
 const MAX_COORDINATE_MM: f64 = 10_000.0;
 /// Largest time, s: three hundred years. A larger value must be in another unit.
 const MAX_TIME_S: f64 = 1e10;
+/// Largest frame rate, Hz, because a virtual insole counts the time between frames in whole microseconds. A larger value must be
+/// in another unit.
+pub const MAX_HZ: f64 = 1e6;
 /// Largest pressure, kPa: ten times the pressure of a hard edge under a heel. A larger value must be in another unit.
 pub const MAX_KPA: f32 = 50_000.0;
 
@@ -111,9 +114,7 @@ pub struct TimeCheck {
 impl TimeCheck {
     /// Checks the rate.
     pub fn new(rate_hz: f64, place: &dyn Fn(At) -> String) -> Result<Self> {
-        if !(rate_hz.is_finite() && rate_hz > 0.0) {
-            return Err(Error::content(place(At::Whole), format!("a rate of {rate_hz} Hz"), "state a positive rate"));
-        }
+        rate(rate_hz, place)?;
         Ok(Self { rate_hz, frames: 0, first_s: 0.0, last_s: 0.0 })
     }
 
@@ -148,6 +149,18 @@ impl TimeCheck {
         }
         Ok(())
     }
+}
+
+/// Checks that a frame rate is positive, and at most [`MAX_HZ`].
+pub fn rate(rate_hz: f64, place: &dyn Fn(At) -> String) -> Result<()> {
+    if rate_hz > 0.0 && rate_hz <= MAX_HZ {
+        return Ok(());
+    }
+    Err(Error::content(
+        place(At::Whole),
+        format!("a rate of {rate_hz} Hz"),
+        format!("state a positive rate of at most {MAX_HZ} Hz, and times in seconds"),
+    ))
 }
 
 /// Checks that all times are finite, and at most [`MAX_TIME_S`] in magnitude.

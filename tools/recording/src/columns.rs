@@ -76,15 +76,14 @@ impl ColumnFile {
 
     /// Time of the first frame, s; `None` without frames.
     pub fn first_s(&self) -> Result<Option<f64>> {
-        if self.groups() == 0 { Ok(None) } else { Ok(self.times(0, 0)?.first().copied()) }
+        let Some(group) = (0..self.groups()).find(|&group| self.rows(group) > 0) else { return Ok(None) };
+        Ok(self.times(group, 0)?.first().copied())
     }
 
     /// Time of the last frame, s; `None` without frames.
     pub fn last_s(&self) -> Result<Option<f64>> {
-        match self.groups().checked_sub(1) {
-            Some(last) => Ok(self.times(last, self.frames().saturating_sub(self.rows(last)))?.last().copied()),
-            None => Ok(None),
-        }
+        let Some(group) = (0..self.groups()).rfind(|&group| self.rows(group) > 0) else { return Ok(None) };
+        Ok(self.times(group, self.frames().saturating_sub(self.rows(group)))?.last().copied())
     }
 
     /// Number of row groups.

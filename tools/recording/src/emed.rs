@@ -5,17 +5,20 @@
 //! which the import is compared. Pages of a summary, such as the maximum of all frames, are skipped. Rows are numbered from the
 //! top, as seen from above.
 
-use crate::grid::{Foot, Frames, Grid, MAX_CELL_MM, MAX_LINES, SWING_S, Toes};
+use crate::grid::{Foot, Frames, Grid, MAX_CELL_MM, MAX_LINES, SWING_S, Toes, check_period};
 use crate::table::{at_line, file_name};
 use crate::text::{decode, first_number, number, shortened};
 use crate::{Error, Export, Result, units};
 use plantar::Side;
+use std::collections::BTreeSet;
 use std::path::Path;
 
 /// Name of the column and of the line with forces.
 const FORCE: &str = "Force";
 /// Largest accepted difference between the force that the cells carry and the force in the file, as a fraction of the latter.
 const FORCE_TOLERANCE: f64 = 0.005;
+/// The remedy for a damaged table.
+const CUT_OFF: &str = "the export is cut off or damaged: export or copy it again";
 
 /// True for the text of an emed export.
 pub fn recognise(text: &str) -> bool {
@@ -138,12 +141,11 @@ impl Pages<'_> {
         // A page without the size of a sensor states its area; the sensor is then assumed to be square.
         let size_mm = size_mm.or(area_mm2.map(|mm2| [mm2.sqrt(); 2]));
         let size_mm = size_mm.filter(|size| size.iter().all(|mm| *mm > 0.0 && *mm <= MAX_CELL_MM));
-        let (Some(size_mm), Some(period_s)) = (size_mm, period_s.filter(|s| (1e-5..=1.0).contains(s))) else {
-            let problem = format!(
-                "no sensor size of up to {MAX_CELL_MM} mm, or no time of a picture of 0.01 ms to 1 s, on this page"
-            );
+        let (Some(size_mm), Some(period_s)) = (size_mm, period_s) else {
+            let problem = format!("no sensor size of up to {MAX_CELL_MM} mm, or no time of a picture, on this page");
             return Err(Error::content(place(), problem, "export the measurement with the header of each page"));
         };
+        check_period(period_s, &place)?;
         if self.size_mm.is_some_and(|before| before != size_mm)
             || self.period_s.is_some_and(|before| before != period_s)
         {
@@ -175,6 +177,14 @@ impl Pages<'_> {
         let has_force = names.last() == Some(&FORCE);
         let numbers = names[..names.len() - usize::from(has_force)].iter().map(|name| index(name, "column", &place));
         let numbers = numbers.collect::<Result<Vec<usize>>>()?;
+        // Of two rows or columns with the same number, only the last one would be imported.
+        let repeated = |what: &str, place: &dyn Fn() -> String| {
+            Error::content(place(), format!("a {what} number is repeated"), CUT_OFF)
+        };
+        if numbers.iter().collect::<BTreeSet<_>>().len() < numbers.len() {
+            return Err(repeated("column", &place));
+        }
+        let mut rows = BTreeSet::new();
         let cell_mm2 = self.size_mm.map_or(0.0, |[width_mm, height_mm]| width_mm * height_mm);
         self.frames.begin(t_s);
         let (mut force_n, mut stated) = (0.0, None);
@@ -189,13 +199,12 @@ impl Pages<'_> {
                 break;
             }
             let row_number = index(fields[0], "row", &place)?;
+            if !rows.insert(row_number) {
+                return Err(repeated("row", &place));
+            }
             if fields.len() != names.len() + 1 {
                 let problem = format!("{} values in a row, the table has {} columns", fields.len() - 1, names.len());
-                return Err(Error::content(
-                    place(),
-                    problem,
-                    "the export is cut off or damaged: export or copy it again",
-                ));
+                return Err(Error::content(place(), problem, CUT_OFF));
             }
             let mut row_n = 0.0;
             for (field, &column) in fields[1..].iter().zip(&numbers) {
@@ -211,11 +220,7 @@ impl Pages<'_> {
         let Some((line, stated_n)) = stated else {
             if has_force {
                 let problem = "the table below ends without its total Force";
-                return Err(Error::content(
-                    place(),
-                    problem,
-                    "the export is cut off or damaged: export or copy it again",
-                ));
+                return Err(Error::content(place(), problem, CUT_OFF));
             }
             return Ok(());
         };
@@ -242,7 +247,7 @@ fn check_force(force_n: f64, stated_n: f64, place: &dyn Fn() -> String) -> Resul
 fn index(field: &str, what: &str, place: &dyn Fn() -> String) -> Result<usize> {
     field.parse().ok().filter(|index| *index < MAX_LINES).ok_or_else(|| {
         let problem = format!("`{}` is not a {what} number from 0 to {}", shortened(field), MAX_LINES - 1);
-        Error::content(place(), problem, "the export is cut off or damaged: export or copy it again")
+        Error::content(place(), problem, CUT_OFF)
     })
 }
 

@@ -18,6 +18,8 @@ const MIDFOOT: [f64; 2] = [0.32, 0.52];
 const TOES: [f64; 2] = [0.84, 1.0];
 /// Least asymmetry towards the wrong side that indicates a mirrored layout, as a fraction of the width of the forefoot.
 const LEAST_ASYMMETRY: f64 = 0.05;
+/// Largest asymmetry that rounding may cause, as a fraction of the width of the forefoot.
+const NO_ASYMMETRY: f64 = 1e-3;
 
 /// The pressures on the cells of a sensor. The origin of the cells' coordinates is arbitrary; the methods state the
 /// directions of x and y that they require.
@@ -30,10 +32,11 @@ pub(crate) struct Footprint<'a> {
 }
 
 impl Footprint<'_> {
-    /// Determines the foot from the shape of its footprint; if the shape does not show it, the right foot is assumed. y must
-    /// point to the toes, and x to the right as seen from above.
-    pub fn side(&self) -> Side {
-        if self.lateral_asymmetry().unwrap_or(0.0) < 0.0 { Side::Left } else { Side::Right }
+    /// The foot, determined from the shape of its footprint; `None` if the shape does not show it. y must point to the toes, and
+    /// x to the right as seen from above.
+    pub fn side(&self) -> Option<Side> {
+        let asymmetry = self.lateral_asymmetry().filter(|asymmetry| asymmetry.abs() > NO_ASYMMETRY)?;
+        Some(if asymmetry < 0.0 { Side::Left } else { Side::Right })
     }
 
     /// The direction from heel to toes: a unit vector along the longer extent of the foot. `None` if the centre of pressure

@@ -5,7 +5,7 @@
 //! contains the force on each cell in N. The first row is at the lower edge of the plate, as seen from above.
 
 use crate::grid::{Foot, Frames, Grid, MAX_LINES, SWING_S, Toes};
-use crate::table::file_name;
+use crate::table::{at_line, file_name};
 use crate::text::{decode, first_number, number, shortened};
 use crate::{Error, Export, Result, xls};
 use plantar::Side;
@@ -17,6 +17,8 @@ const CELL_LENGTH_MM: f64 = 7.62;
 const CELL_WIDTH_MM: f64 = 5.08;
 /// The first bytes of an Excel file, version 97 to 2003.
 const XLS: &[u8] = &[0xd0, 0xcf, 0x11, 0xe0, 0xa1, 0xb1, 0x1a, 0xe1];
+/// The remedy for a frame without all of its values.
+const CUT_OFF: &str = "the export is cut off or damaged: export or copy it again";
 
 /// True for an Excel file, version 97 to 2003. Of all formats of [`crate::Format`], only footscan's export can be such a file.
 pub fn is_xls(bytes: &[u8]) -> bool {
@@ -35,6 +37,32 @@ fn frame_s(line: &str) -> Option<f64> {
     is_time.then(|| first_number(time)).flatten().map(|ms| ms * 1e-3)
 }
 
+/// A foot of the export.
+#[derive(Default)]
+struct ReadFoot {
+    /// The foot; `None` if the export does not state it.
+    side: Option<Side>,
+    frames: Frames,
+    /// For each frame, its line and the number of its rows that were read.
+    rows: Vec<(u64, usize)>,
+    /// Number of columns of the last frame; `None` before its first row.
+    columns: Option<usize>,
+}
+
+impl ReadFoot {
+    /// Checks that all frames have the same number of rows. The export may be cut off between two rows of its last frame.
+    fn check_rows(&self, path: &Path) -> Result<()> {
+        for pair in self.rows.windows(2) {
+            let ((_, before), (line, rows)) = (pair[0], pair[1]);
+            if rows != before {
+                let problem = format!("a frame of {rows} rows, the frame before has {before}");
+                return Err(Error::content(at_line(path, line), problem, CUT_OFF));
+            }
+        }
+        Ok(())
+    }
+}
+
 /// Imports the feet of an export. `side` restricts the import to one foot, or states the foot if the export does not.
 ///
 /// # Errors
@@ -50,17 +78,15 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         text = decode(bytes, path)?;
         text.lines().map(|line| line.split(['\t', ';']).map(|field| field.trim().to_owned()).collect()).collect()
     };
-    let mut feet: Vec<(Option<Side>, Frames)> = Vec::new();
-    // The number of rows of the current frame that were read, and the number of its columns.
-    let (mut rows_read, mut columns): (usize, Option<usize>) = (0, None);
+    let mut feet: Vec<ReadFoot> = Vec::new();
     for (line, fields) in (1..).zip(&rows) {
-        let place = || format!("{}:{line}", path.display());
+        let place = || at_line(path, line);
         let filled = fields.iter().rposition(|field| !field.is_empty()).map_or(0, |last| last + 1);
         let fields = &fields[..filled];
         let Some(first) = fields.first() else { continue };
         let named = [("Left foot data", Side::Left), ("Right foot data", Side::Right)];
         if let Some((_, side)) = named.iter().find(|(name, _)| first.eq_ignore_ascii_case(name)) {
-            feet.push((Some(*side), Frames::default()));
+            feet.push(ReadFoot { side: Some(*side), ..ReadFoot::default() });
             continue;
         }
         if first.starts_with("Frame") {
@@ -70,42 +96,47 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
             };
             if feet.is_empty() {
                 // The export does not state the foot.
-                feet.push((None, Frames::default()));
+                feet.push(ReadFoot::default());
             }
-            let Some((_, frames)) = feet.last_mut() else { continue };
-            if frames.t_s.last().is_some_and(|&before_s| t_s <= before_s) {
+            let Some(foot) = feet.last_mut() else { continue };
+            if foot.frames.t_s.last().is_some_and(|&before_s| t_s <= before_s) {
                 let problem = format!("the time {t_s} s is not later than that of the frame before");
                 return Err(Error::content(place(), problem, "export each measurement to a file of its own"));
             }
-            frames.begin(t_s);
-            (rows_read, columns) = (0, None);
+            foot.frames.begin(t_s);
+            foot.rows.push((line, 0));
+            foot.columns = None;
             continue;
         }
         // Before the first frame of a foot, lines describe the measurement.
-        let Some((_, frames)) = feet.last_mut().filter(|(_, frames)| !frames.t_s.is_empty()) else { continue };
+        let Some(ReadFoot { frames, rows: foot_rows, columns, .. }) = feet.last_mut() else { continue };
+        let Some((_, rows_read)) = foot_rows.last_mut() else { continue };
         let expected = *columns.get_or_insert(filled);
-        if expected != filled || rows_read >= MAX_LINES || filled > MAX_LINES {
+        if expected != filled || *rows_read >= MAX_LINES || filled > MAX_LINES {
             let problem = match expected == filled {
                 true => format!("a frame of more than {MAX_LINES} rows or columns"),
                 false => format!("{filled} values, the rows before have {expected}"),
             };
-            return Err(Error::content(place(), problem, "the export is cut off or damaged: export or copy it again"));
+            return Err(Error::content(place(), problem, CUT_OFF));
         }
         for (column, field) in fields.iter().enumerate() {
             let force_n = number(field, &format!("the force in column {}", column + 1), &place)?;
             let kpa = force_n / (CELL_LENGTH_MM * CELL_WIDTH_MM) * 1e3;
             // `Grid` numbers rows from the top, and the first row of the export is at the lower edge.
-            frames.add(MAX_LINES - 1 - rows_read, column, kpa as f32);
+            frames.add(MAX_LINES - 1 - *rows_read, column, kpa as f32);
         }
-        rows_read += 1;
+        *rows_read += 1;
+    }
+    for foot in &feet {
+        foot.check_rows(path)?;
     }
     let mut export = Export { feet: Vec::new(), remarks: Vec::new() };
     let wanted = feet
         .into_iter()
-        .filter(|(foot, frames)| !frames.t_s.is_empty() && (foot.is_none() || side.is_none() || *foot == side));
-    for (foot, frames) in wanted {
+        .filter(|foot| !foot.rows.is_empty() && (foot.side.is_none() || side.is_none() || foot.side == side));
+    for ReadFoot { side: stated, frames, .. } in wanted {
         let foot = Foot {
-            side: foot.or(side),
+            side: stated.or(side),
             grid: Grid { row_mm: CELL_LENGTH_MM, column_mm: CELL_WIDTH_MM, toes: Toes::AlongMovement },
             frames: frames.with_swing(path)?,
             name: "footscan plate".to_owned(),

@@ -6,9 +6,9 @@
 const LONGEST_FILLED_S: f64 = 0.1;
 /// If the time between two frames is longer than this number of median intervals, frames between them were lost.
 pub const GAP_INTERVALS: f64 = 1.5;
-/// Shortest median interval with which gaps are filled, s. A shorter one is not plausible, and the number of frames in a gap
-/// would have no limit.
-const SHORTEST_FILLED_PERIOD_S: f64 = 1e-3;
+/// Shortest median interval with which gaps are filled, s; with a shorter one, the number of frames in a gap would have no limit.
+/// It is half of the interval at 1000 Hz, because the times of an export are rounded.
+const SHORTEST_FILLED_PERIOD_S: f64 = 5e-4;
 
 /// Fills gaps of up to [`LONGEST_FILLED_S`] linearly. In a longer gap the load is unknown: only the longest part without one
 /// remains. `kpa` contains the pressures of `cells` cells for each time. Returns sentences with the number of frames that were
@@ -90,6 +90,18 @@ mod tests {
             assert!((t_s - i as f64 * 0.01).abs() < 1e-12 && (kpa - i as f32 * 10.0).abs() < 1e-4);
         }
         assert_eq!(t_s.len(), 6);
+    }
+
+    /// As numbers in double precision, 1.001 and 1 differ by slightly less than 0.001.
+    #[test]
+    fn a_gap_at_1000_hz_is_filled_although_the_times_are_rounded() {
+        let frames = || (0..10u16).filter(|i| *i != 5);
+        let mut t_s: Vec<f64> = frames().map(|i| 1.0 + 1e-3 * f64::from(i)).collect();
+        let mut kpa: Vec<f32> = frames().map(f32::from).collect();
+        assert!(median_interval_s(&t_s).is_some_and(|median_s| median_s < 1e-3));
+        let note = fill(&mut t_s, &mut kpa, 1).expect("a gap");
+        assert_eq!(note, "Lost frames that were filled linearly: 1.");
+        assert!((t_s[5] - 1.005).abs() < 1e-9 && (kpa[5] - 5.0).abs() < 1e-4, "{} s, {} kPa", t_s[5], kpa[5]);
     }
 
     #[test]

@@ -15,9 +15,23 @@ pub const MAX_CELL_MM: f64 = 60.0;
 
 /// Unloaded time that [`Frames::with_swing`] adds before and after a step, s.
 pub const SWING_S: f64 = crate::jiku::SWING_S;
-/// Shortest plausible time between frames, s. No plate records faster, and with a shorter time the number of frames that
+/// Shortest plausible time between frames, s. No matrix sensor records faster, and with a shorter time the number of frames that
 /// [`Frames::with_swing`] adds would have no limit.
 const SHORTEST_PERIOD_S: f64 = 1e-4;
+/// Longest time between frames of a measurement over time, s.
+const LONGEST_PERIOD_S: f64 = 1.0;
+
+/// Checks that the time between frames, s, is plausible. Messages begin with `place`.
+pub fn check_period(period_s: f64, place: &dyn Fn() -> String) -> Result<()> {
+    /// Largest rounding error of a period that is computed from times, as a fraction of the period.
+    const ROUNDING: f64 = 1e-6;
+    if (SHORTEST_PERIOD_S * (1.0 - ROUNDING)..=LONGEST_PERIOD_S * (1.0 + ROUNDING)).contains(&period_s) {
+        return Ok(());
+    }
+    let problem =
+        format!("a frame every {period_s:e} s, expected one every {SHORTEST_PERIOD_S:e} to {LONGEST_PERIOD_S} s");
+    Err(Error::content(place(), problem, "export a measurement over time, with its times"))
+}
 
 /// The geometry of a matrix sensor as a picture: seen from above, with rows numbered from the top and columns from the left.
 pub struct Grid {
@@ -79,7 +93,7 @@ impl Frames {
     /// frames at the cut, so that the cut is not mistaken for a heel strike or toe off.
     ///
     /// # Errors
-    /// Fails if the frames are closer together than those of any plate. The message names `path`.
+    /// Fails if the time between frames is not plausible: see [`check_period`]. The message names `path`.
     pub fn with_swing(mut self, path: &Path) -> Result<Self> {
         let (Some(&first_s), Some(&last_s)) = (self.t_s.first(), self.t_s.last()) else { return Ok(self) };
         // A single frame has no rate. The check of the rate in `Foot::recording` reports this.
@@ -88,10 +102,7 @@ impl Frames {
         intervals_s.retain(|interval_s| *interval_s <= GAP_INTERVALS * median_s);
         // If the times are rounded, the mean interval is still exact; the median is not.
         let period_s = intervals_s.iter().sum::<f64>() / intervals_s.len() as f64;
-        if period_s < SHORTEST_PERIOD_S {
-            let problem = format!("a frame every {period_s:e} s");
-            return Err(Error::content(path.display().to_string(), problem, "export the measurement with its times"));
-        }
+        check_period(period_s, &|| path.display().to_string())?;
         // The small addend includes a frame that would be left out only because of rounding.
         let added = ((SWING_S / period_s + 1e-6).floor() as usize).max(1);
         let mut t_s = Vec::with_capacity(self.t_s.len() + 2 * added);
@@ -106,7 +117,8 @@ impl Frames {
 
 /// A foot on a matrix sensor.
 pub struct Foot {
-    /// The foot; `None` if the export does not state it. The shape of the footprint then decides.
+    /// The foot; `None` if the export does not state it. The shape of the footprint then decides; if it does not show the foot,
+    /// the right foot is assumed.
     pub side: Option<Side>,
     pub grid: Grid,
     pub frames: Frames,
@@ -167,10 +179,14 @@ impl Foot {
         }
         let footprint = Footprint { cells: &cells, under_foot: &under_foot, pressure_kpa: &pressure_kpa };
         let side = side.unwrap_or_else(|| {
-            let side = footprint.side();
+            let by_shape = footprint.side();
+            let side = by_shape.unwrap_or(Side::Right);
+            let reason = match by_shape {
+                Some(_) => "By the shape of the footprint, it is",
+                None => "The shape of the footprint does not show it, so it is assumed to be",
+            };
             remarks.push(format!(
-                "The export does not name the foot. By the shape of the footprint, it is the {} foot; if it is not, \
-                 use --side.",
+                "The export does not name the foot. {reason} the {} foot; if it is not, use --side.",
                 side.name()
             ));
             side

@@ -21,14 +21,22 @@ pub fn file(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<
 }
 
 /// Writes a file or a folder: `write` receives a temporary path, which is then renamed to `path`. After a failure, the
-/// temporary file or folder is removed.
+/// temporary file or folder is removed. A file with the temporary name, which an interrupted program may have left, is replaced.
 ///
 /// # Errors
-/// Fails if `write` fails, or the temporary file or folder cannot be renamed.
+/// Fails if `write` fails, the temporary file or folder cannot be renamed, or a folder with the temporary name exists.
 pub fn at(path: &Path, write: impl FnOnce(&Path) -> io::Result<()>) -> Result<()> {
     let mut name = OsString::from(path);
     name.push(".incomplete");
     let incomplete = PathBuf::from(name);
+    // The folder may contain anything, so it is not removed, also not after a failure.
+    if incomplete.is_dir() {
+        return Err(Error::content(
+            incomplete.display().to_string(),
+            "the folder exists, but its name is that of unfinished output",
+            "rename it, or remove it if an interrupted program left it",
+        ));
+    }
     let written = write(&incomplete).and_then(|()| fs::rename(&incomplete, path));
     written.map_err(|reason| {
         // If nothing was written, there is nothing to remove.

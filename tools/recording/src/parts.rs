@@ -34,6 +34,7 @@ pub fn open(folder: &Path) -> Result<(Recording, Vec<ColumnFile>)> {
     };
     let (mut head, first) = ColumnFile::open(first)?;
     let mut files = vec![first];
+    let mut sources = vec![head.source];
     let mut last_s = files[0].last_s()?;
     for path in parts {
         let (part, file) = ColumnFile::open(path)?;
@@ -47,11 +48,12 @@ pub fn open(folder: &Path) -> Result<(Recording, Vec<ColumnFile>)> {
                 "move it to a folder of its own",
             ));
         }
-        if part.source != head.source {
-            head.source = format!("{} {}", head.source, part.source);
+        if !sources.contains(&part.source) {
+            sources.push(part.source);
         }
         last_s = file.last_s()?.or(last_s);
         files.push(file);
     }
+    head.source = sources.join(" ");
     Ok((head, files))
 }

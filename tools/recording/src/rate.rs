@@ -30,6 +30,7 @@ pub fn of(t_s: &[f64], place: &dyn Fn(At) -> String) -> Result<f64> {
         let problem = format!("a frame every {:.3} s", 1.0 / rate_hz);
         return Err(Error::content(place(At::Whole), problem, "give times in seconds"));
     }
+    check::rate(rate_hz, place)?;
     Ok(rate_hz)
 }
 
@@ -44,11 +45,11 @@ pub fn at_rate(recording: &Recording, rate_hz: f64) -> Result<Recording> {
     };
     // The small addend includes a last frame that would lie after the end only because of rounding.
     let intervals = (span_s * rate_hz + 1e-6).floor();
-    if !(rate_hz > 0.0 && intervals < f64::from(u32::MAX)) {
+    if !(rate_hz > 0.0 && rate_hz <= check::MAX_HZ && intervals < f64::from(u32::MAX)) {
         return Err(Error::content(
             "resampling",
             format!("cannot resample to {rate_hz} Hz"),
-            "choose a positive rate that results in at most 2^32 - 1 frames",
+            format!("choose a positive rate of at most {} Hz that results in at most 2^32 - 1 frames", check::MAX_HZ),
         ));
     }
     let frames = intervals as usize + 1;

@@ -11,7 +11,7 @@ pub struct Recording {
     pub side: Side,
     /// The sensors, in the order of a frame's values.
     pub layout: Layout,
-    /// Frames per second.
+    /// Frames per second, at most 1 MHz.
     pub rate_hz: f64,
     /// Provenance: the origin of the measurement and its processing, in sentences.
     pub source: String,
@@ -85,7 +85,8 @@ impl Recording {
     /// No filter is applied: on downsampling, content above half the new rate aliases.
     ///
     /// # Errors
-    /// Fails if `rate_hz` is not a positive number or results in more than [`u32::MAX`] frames, or the recording has no frame.
+    /// Fails if `rate_hz` is not a positive number up to 1 MHz or results in more than [`u32::MAX`] frames, or the recording has
+    /// no frame.
     pub fn at_rate(&self, rate_hz: f64) -> Result<Self> {
         rate::at_rate(self, rate_hz)
     }

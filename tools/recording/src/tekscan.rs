@@ -5,7 +5,7 @@
 //! stands for a cell outside of the sensor. Lines that begin with `@@`, such as the last one, have no values. Insoles are
 //! exported with the toes in the first row, as seen from above.
 
-use crate::grid::{Foot, Frames, Grid, MAX_CELL_MM, MAX_LINES, Toes};
+use crate::grid::{Foot, Frames, Grid, MAX_CELL_MM, MAX_LINES, Toes, check_period};
 use crate::table::{at_line, file_name};
 use crate::text::{decode, first_number, number, parse_number, shortened};
 use crate::{Error, Export, Result, units};
@@ -111,10 +111,7 @@ fn header<'a>(lines: &mut impl Iterator<Item = (u64, &'a str)>, path: &Path) -> 
             "COL_SPACING" => header.column_mm = Some(spacing_mm(value, name, &place)?),
             "SECONDS_PER_FRAME" => {
                 let period_s = number(value, name, &place)?;
-                if !(1e-5..=1.0).contains(&period_s) {
-                    let problem = format!("{period_s} s for a frame");
-                    return Err(Error::content(place(), problem, "export a measurement over time, of at least 1 Hz"));
-                }
+                check_period(period_s, &place)?;
                 header.period_s = Some(period_s);
             }
             "UNITS" => header.unit = Some((value, line)),

@@ -41,11 +41,18 @@ pub struct FootZero {
     pub offset_kpa: Vec<f32>,
 }
 
+/// The field `version`, which is checked before all others, because a file of another version may have other fields.
+#[derive(Deserialize)]
+struct Version {
+    version: u32,
+}
+
 /// The content of the file.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {
-    version: u32,
+    #[serde(rename = "version")]
+    _version: u32,
     left: Option<FileFoot>,
     right: Option<FileFoot>,
 }
@@ -74,13 +81,14 @@ impl Zero {
     /// Fails in the same cases as [`Zero::read`].
     pub fn parse(text: &str, path: &Path) -> Result<Self> {
         let place = |offset: usize| at_line(path, text[..offset].matches('\n').count() as u64 + 1);
-        let file: File = toml::from_str(text)
-            .map_err(|e| Error::content(place(e.span().map_or(0, |span| span.start)), e.message(), REMEDY))?;
-        if file.version != VERSION {
-            let problem =
-                format!("version {} of the format is unknown; this program reads version {VERSION}", file.version);
+        let malformed =
+            |e: toml::de::Error| Error::content(place(e.span().map_or(0, |span| span.start)), e.message(), REMEDY);
+        let Version { version } = toml::from_str(text).map_err(malformed)?;
+        if version != VERSION {
+            let problem = format!("version {version} of the format is unknown; this program reads version {VERSION}");
             return Err(Error::content(path.display().to_string(), problem, "update plantar"));
         }
+        let file: File = toml::from_str(text).map_err(malformed)?;
         if file.left.is_none() && file.right.is_none() {
             return Err(Error::content(path.display().to_string(), "neither [left] nor [right] is present", REMEDY));
         }

@@ -67,6 +67,13 @@ fn times_in_milliseconds_are_rejected() {
     assert_refused(LAYOUT, "t_s,c0,c1\n0,0,0\n10,0,0\n20,0,0\n", &["frames.csv", "every 10.000 s", "times in seconds"]);
 }
 
+/// A virtual insole counts the time between frames in whole microseconds.
+#[test]
+fn times_less_than_a_microsecond_apart_are_rejected() {
+    let frames = "t_s,c0,c1\n0,0,0\n1e-7,0,0\n2e-7,0,0\n";
+    assert_refused(LAYOUT, frames, &["frames.csv", "at most 1000000 Hz", "times in seconds"]);
+}
+
 #[test]
 fn progress_ends_at_the_size_of_the_file() {
     let folder = TempDir::new().unwrap();

@@ -78,6 +78,24 @@ fn a_step_is_imported_in_both_directions_of_walking_and_its_foot_is_recognised()
     }
 }
 
+/// The load moves from the heel to the toes, and is the same on both sides of the foot.
+#[test]
+fn a_symmetric_footprint_does_not_show_the_foot() {
+    let page = |frame: usize| {
+        let row = |row: usize| {
+            let kpa = if (11 - row).abs_diff(frame) <= 2 { 100 } else { 0 };
+            format!("{row}\t{kpa}\t{kpa}\t{kpa}\n")
+        };
+        let rows: String = (0..12).map(row).collect();
+        format!("\tTime/picture:10.0 ms\n\tSensor size: 2.000x2.000 cm\n\tPict-No.: {frame}\n\t1\t2\t3\n{rows}\x0c")
+    };
+    let export = parse((0..12).map(page).collect::<String>().as_bytes()).unwrap();
+    assert_eq!(export.feet[0].side, Side::Right);
+    let remarks = export.remarks.join(" ");
+    assert!(remarks.contains("assumed to be the right foot") && remarks.contains("--side"), "{remarks}");
+    assert!(!remarks.contains("By the shape"), "{remarks}");
+}
+
 #[test]
 fn missing_pictures_are_interpolated_and_exchanged_ones_are_refused() {
     let whole = parse(&file(Side::Right, false)).unwrap();
@@ -93,6 +111,14 @@ fn missing_pictures_are_interpolated_and_exchanged_ones_are_refused() {
     assert_message(parse(&pages.concat()), "step.lst:", &["picture 1", "on its own"]);
 }
 
+/// The times of the frames are rounded, so that the mean interval may be slightly below the limit.
+#[test]
+fn the_shortest_time_between_frames_is_a_tenth_of_a_millisecond() {
+    let text: String = file(Side::Right, false).into_iter().map(char::from).collect();
+    let export = parse(text.replace("picture:10.0 ms", "picture:0.1 ms").as_bytes()).unwrap();
+    assert!((export.feet[0].rate_hz / 1e4 - 1.0).abs() < 1e-6, "{} Hz", export.feet[0].rate_hz);
+}
+
 #[test]
 fn damaged_files_are_refused_with_the_line_and_a_remedy() {
     let text: String = file(Side::Right, false).into_iter().map(char::from).collect();
@@ -103,6 +129,8 @@ fn damaged_files_are_refused_with_the_line_and_a_remedy() {
     assert_message(changed("\n20\t0.00\t", "\n20\t"), &at(first_row), &["11 values"]);
     assert_message(changed("\n20\t", "\n9999999\t"), &at(first_row), &["9999999", "row"]);
     assert_message(changed("\n20\t0.00\t", "\n20\tNaN\t"), &at(first_row), &["NaN", "number"]);
+    assert_message(changed("\n21\t", "\n20\t"), &at(first_row + 1), &["row number is repeated", "damaged"]);
+    assert_message(changed("\t20\t21\t", "\t20\t20\t"), &at(first_row - 1), &["column number is repeated", "damaged"]);
     let forces = text.lines().position(|line| line.starts_with("Force\t")).unwrap();
     let total = text.lines().nth(forces).and_then(|line| line.rsplit('\t').next()).unwrap();
     assert_message(changed(&format!("\t{total}\n\x0c"), "\t999.00\n\x0c"), &at(forces + 1), &["999.00 N", "Force"]);
@@ -110,6 +138,7 @@ fn damaged_files_are_refused_with_the_line_and_a_remedy() {
     assert_message(parse(cut.as_bytes()), &at(first_row - 1), &["total Force", "cut off"]);
     assert_message(changed("1.000x1.000 cm", "1.000x1.000 cubits"), &at(7), &["cubits"]);
     assert_message(changed("Time/picture:10.0 ms", ""), &at(1), &["time of a picture"]);
+    assert_message(changed("picture:10.0 ms", "picture:0.05 ms"), &at(1), &["5e-5 s", "1e-4 to 1 s"]);
     assert_message(parse(b"File: 2.dat\nMVP\n"), "step.lst: ", &["no page"]);
     assert_message(parse(b""), "step.lst: ", &["empty"]);
 }

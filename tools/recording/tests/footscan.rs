@@ -165,6 +165,10 @@ fn damaged_files_are_refused_with_the_line_and_a_remedy() {
     assert_message(changed("(0.00 ms)\n0.00000\t", "(0.00 ms)\n"), &at(first_row + 1), &["11 values", "10"]);
     assert_message(changed("Frame 1 (2.00 ms)", "Frame 1 (0.00 ms)"), &at(first_row + 31), &["not later"]);
     assert_message(changed("Frame 1 (2.00 ms)", "Frame one"), &at(first_row + 31), &["Frame one"]);
+    // The export ends after 20 of the 30 rows of its last frame. Each frame has 32 lines.
+    let last_frame = first_row - 1 + 32 * (STANCE - 1);
+    let cut: String = text.split_inclusive('\n').take(last_frame + 20).collect();
+    assert_message(parse(&cut), &at(last_frame), &["20 rows", "30", "cut off"]);
     assert_message(parse("Right foot data\n"), "step.txt: ", &["no frame"]);
     // With zeros instead of all digits, all frames have the same time.
     assert_message(parse(&text.replace(|c: char| c.is_ascii_digit() && c != '0', "0")), "step.txt", &[]);

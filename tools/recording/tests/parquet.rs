@@ -10,8 +10,9 @@ use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
 use rayon::prelude::*;
 use recording::synthetic::{self, SyntheticWalk};
-use recording::{MAX_CELLS, Recording, RecordingReader, VirtualInsole};
+use recording::{MAX_CELLS, Recording, RecordingReader, VirtualInsole, output};
 use std::fs::File;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use tempfile::TempDir;
@@ -33,6 +34,17 @@ fn write_with(
     t_s: &[f64],
     columns_kpa: [&[f32]; 2],
 ) {
+    write_groups(statistics, path, metadata, names, &[(t_s, columns_kpa)]);
+}
+
+/// Writes a row group for each of `groups`: its times, s, and the pressures of its cells, kPa.
+fn write_groups(
+    statistics: EnabledStatistics,
+    path: &Path,
+    metadata: Option<&str>,
+    names: [&str; 3],
+    groups: &[(&[f64], [&[f32]; 2])],
+) {
     let [time, first, second] = names;
     let schema = parse_message_type(&format!(
         "message test {{ required double {time}; required float {first}; required float {second}; }}"
@@ -43,16 +55,18 @@ fn write_with(
         WriterProperties::builder().set_key_value_metadata(metadata).set_statistics_enabled(statistics).build();
     let file = File::create(path).unwrap();
     let mut writer = SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties)).unwrap();
-    let mut group = writer.next_row_group().unwrap();
-    let mut times = group.next_column().unwrap().unwrap();
-    times.typed::<DoubleType>().write_batch(t_s, None, None).unwrap();
-    times.close().unwrap();
-    for values in columns_kpa {
-        let mut column = group.next_column().unwrap().unwrap();
-        column.typed::<FloatType>().write_batch(values, None, None).unwrap();
-        column.close().unwrap();
+    for (t_s, columns_kpa) in groups {
+        let mut group = writer.next_row_group().unwrap();
+        let mut times = group.next_column().unwrap().unwrap();
+        times.typed::<DoubleType>().write_batch(t_s, None, None).unwrap();
+        times.close().unwrap();
+        for values in columns_kpa {
+            let mut column = group.next_column().unwrap().unwrap();
+            column.typed::<FloatType>().write_batch(values, None, None).unwrap();
+            column.close().unwrap();
+        }
+        group.close().unwrap();
     }
-    group.close().unwrap();
     writer.close().unwrap();
 }
 
@@ -107,11 +121,28 @@ fn a_failed_write_leaves_an_existing_recording_as_it_is() {
     walk.write(&path).unwrap();
     let incomplete = path.with_extension("parquet.incomplete");
     assert!(!incomplete.exists());
-    // A folder with the temporary name makes the write fail.
-    std::fs::create_dir(&incomplete).unwrap();
-    let error = walk.write(&path).unwrap_err().to_string();
-    assert!(error.starts_with(path.to_str().unwrap()), "{error}");
+    // A recording is written in the same way.
+    let written = output::file(&path, |to| {
+        to.write_all(b"PAR1")?;
+        Err(io::Error::other("the disk is full"))
+    });
+    let error = written.unwrap_err().to_string();
+    assert!(error.starts_with(path.to_str().unwrap()) && error.contains("the disk is full"), "{error}");
     assert!(walk == Recording::read(&path).unwrap());
+    assert!(!incomplete.exists());
+}
+
+#[test]
+fn a_folder_of_a_user_with_the_temporary_name_remains() {
+    let (_folder, path) = in_folder();
+    let walk = synthetic::walk(&SyntheticWalk { steps: 1, ..SyntheticWalk::default() }).recording;
+    let incomplete = path.with_extension("parquet.incomplete");
+    std::fs::create_dir(&incomplete).unwrap();
+    std::fs::write(incomplete.join("notes.txt"), "of the user").unwrap();
+    let error = walk.write(&path).unwrap_err().to_string();
+    assert!(error.starts_with(incomplete.to_str().unwrap()) && error.contains("rename it"), "{error}");
+    assert_eq!(std::fs::read_to_string(incomplete.join("notes.txt")).unwrap(), "of the user");
+    assert!(!path.exists());
 }
 
 /// macOS writes hidden files such as `._foot.parquet` beside other files.
@@ -138,6 +169,36 @@ fn a_gap_after_a_part_without_frames_is_refused() {
     part("part-2.parquet", &[0.023, 0.033]);
     let error = RecordingReader::open(folder.path()).err().expect("an error").to_string();
     assert!(error.contains("part-2.parquet") && error.contains("gap in time"), "{error}");
+}
+
+#[test]
+fn a_gap_between_parts_with_row_groups_without_rows_is_refused() {
+    let folder = TempDir::new().unwrap();
+    let part = |name: &str, groups: &[(&[f64], [&[f32]; 2])]| {
+        let path = folder.path().join(name);
+        write_groups(EnabledStatistics::Chunk, &path, Some(TWO_CELLS), ["t_s", "c0_kpa", "c1_kpa"], groups);
+    };
+    let empty: (&[f64], [&[f32]; 2]) = (&[], [&[], &[]]);
+    let kpa: [&[f32]; 2] = [&[1.0, 2.0], &[3.0, 4.0]];
+    part("part-0.parquet", &[(&[0.0, 0.01], kpa), empty]);
+    part("part-1.parquet", &[empty, (&[0.02, 0.03], kpa)]);
+    assert_eq!(Recording::read(folder.path()).unwrap().t_s, [0.0, 0.01, 0.02, 0.03]);
+    part("part-1.parquet", &[empty, (&[0.023, 0.033], kpa)]);
+    let error = RecordingReader::open(folder.path()).err().expect("an error").to_string();
+    assert!(error.contains("part-1.parquet") && error.contains("gap in time"), "{error}");
+}
+
+#[test]
+fn the_source_of_joined_parts_contains_each_source_once() {
+    let folder = TempDir::new().unwrap();
+    for (i, source) in ["First.", "Second.", "Second.", "Third.", "First."].iter().enumerate() {
+        let path = folder.path().join(format!("part-{i}.parquet"));
+        let begin_s = 0.02 * i as f64;
+        let t_s = [begin_s, begin_s + 0.01];
+        let metadata = TWO_CELLS.replace("Test.", source);
+        write(&path, Some(&metadata), ["t_s", "c0_kpa", "c1_kpa"], &t_s, [&[1.0, 1.0], &[1.0, 1.0]]);
+    }
+    assert_eq!(Recording::read(folder.path()).unwrap().source, "First. Second. Third.");
 }
 
 #[test]
@@ -225,6 +286,7 @@ fn missing_or_invalid_metadata_is_rejected() {
     refused(Some(&TWO_CELLS.replace("\"right\"", "\"both\"")), &["unknown side `both`"]);
     refused(Some(&TWO_CELLS.replace("\"area_mm2\":100", "\"area_mm2\":0")), &["cell 0", "0.0625 to 4000"]);
     refused(Some(&TWO_CELLS.replace("\"rate_hz\":100", "\"rate_hz\":0")), &["positive rate"]);
+    refused(Some(&TWO_CELLS.replace("\"rate_hz\":100", "\"rate_hz\":3e6")), &["3000000 Hz", "at most 1000000 Hz"]);
 }
 
 #[test]

@@ -276,6 +276,8 @@ fn the_error_for_a_malformed_file_names_the_line() {
     let id = "layout_id = 7";
     for (from, to, at, words) in [
         ("version = 1", "version = 2", None, "version 2"),
+        // A newer version may have further fields.
+        ("version = 1", "version = 2\ncreated = 1_700_000_000", None, "update plantar"),
         (id, "layout_id = seven", Some(line(id)), ""),
         (id, "layout = 7", Some(line(id)), "layout"),
         ("[left]", "[both]", Some(line("[left]")), "both"),

@@ -79,7 +79,7 @@ impl From<i32> for Value {
 /// Panics if there are no rows.
 pub fn write<Name: AsRef<str>>(path: &Path, metadata: Option<(&str, &str)>, rows: &[Row<Name>]) -> Result<()> {
     // The name of the unfinished file begins with a dot, because programs that read a folder as a table ignore such files.
-    let temporary = path.with_file_name(format!(".{}.part", path.file_stem().unwrap_or_default().to_string_lossy()));
+    let temporary = path.with_file_name(format!(".{}.part", path.file_name().unwrap_or_default().to_string_lossy()));
     let written = || -> Result<()> {
         fs::create_dir_all(path.parent().unwrap_or(Path::new(".")))?;
         let field = |(name, value): &(Name, Value)| {

@@ -104,7 +104,11 @@ pub fn has(program: &str) -> bool {
 
 /// Installs the targets and components of the pinned toolchain. rustup usually does this itself, but users can disable that.
 pub fn rust() -> Result<()> {
-    let sysroot = Command::new("rustc").args(["--print", "sysroot"]).current_dir(root()).output()?;
+    let rustc = Command::new("rustc").args(["--print", "sysroot"]).current_dir(root()).output();
+    let sysroot = rustc.context("rustc does not start: install rustup from https://rustup.rs")?;
+    if !sysroot.status.success() {
+        bail!("rustc --print sysroot failed: {}", String::from_utf8_lossy(&sysroot.stderr).trim());
+    }
     let libraries = PathBuf::from(String::from_utf8(sysroot.stdout)?.trim()).join("lib/rustlib");
     let targets = [TARGET, "wasm32-unknown-unknown"];
     if targets.into_iter().any(|target| !libraries.join(target).is_dir()) {
