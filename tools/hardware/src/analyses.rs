@@ -4,7 +4,7 @@ use crate::data_sheet::{
     AMPLIFIER_LARGE_OUTPUT_OHM, AMPLIFIER_OFFSET_V, CONVERTER_NOISE_LSB, LOAD_SWITCH_OPEN_ON_S,
     LOAD_SWITCH_OPEN_V_PER_S, LOAD_SWITCH_SLOW_ON_S, LOAD_SWITCH_SLOW_V_PER_S, SUPPLY_V,
 };
-use crate::netlist::{Netlist, REFERENCE, amplifier, column_net, input_net};
+use crate::netlist::{Netlist, amplifier, input_net};
 use crate::ngspice::Run;
 use crate::parts::Model;
 use crate::spice::{Conditions, Gate, Power, SAMPLED, SUPPLY_SOURCE, circuit, probed_node};
@@ -337,9 +337,12 @@ pub fn loop_conditions() -> Vec<(&'static str, Conditions)> {
 ///
 /// # Errors
 /// If no amplifier is probed, if ngspice is missing or finds no solution, or if the gain does not cross 1.
+///
+/// # Panics
+/// If the board has no such amplifier.
 pub fn loop_gain(board: &Netlist, name: &'static str, conditions: &Conditions) -> Result<Loop> {
     let (designator, unit) = conditions.probe.as_ref().context("no amplifier is probed")?;
-    let feedback = if designator == "U5" { REFERENCE.to_string() } else { column_net(COLUMN) };
+    let feedback = board.part(designator).net(&format!("{unit} -"));
     let probed = probed_node(designator, unit);
     let ratio = format!("v({feedback})/v({probed})");
     let run = Run::of(circuit(board, conditions)).command("set units=degrees");
