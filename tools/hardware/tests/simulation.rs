@@ -1,6 +1,6 @@
 //! The simulated front end, compared with closed forms.
 
-use hardware::analyses::{COLUMN, FULL_LOAD_OHM, ROW, loop_gain, noise, row_crosstalk, transfer};
+use hardware::analyses::{COLUMN, FULL_LOAD_OHM, Points, ROW, loop_gain, noise, row_crosstalk, settled_s, transfer};
 use hardware::data_sheet::{SHEET_LINE_OHM, SUPPLY_V, SWITCH_ON_OHM};
 use hardware::figures::simulate;
 use hardware::netlist::{Netlist, amplifier};
@@ -88,6 +88,23 @@ fn a_row_returns_to_the_virtual_ground_with_its_time_constant() {
     };
     let ((early_s, early_v), (late_s, late_v)) = (remaining_v(3e-6), remaining_v(9e-6));
     assert_near(early_v / late_v, ((late_s - early_s) / tau_s).exp(), 0.02, "decay");
+}
+
+/// A distance of 4096 LSB that decays with the time constant tau is half an LSB after tau * ln(8192), 9.01 tau.
+#[test]
+fn an_input_that_still_changes_at_the_end_of_a_simulation_is_an_error() {
+    let (tau_s, step_s) = (1e-6, 10e-9);
+    let settled = |samples: u32| {
+        let error_lsb = |t_s: f64| 4096.0 * (-t_s / tau_s).exp();
+        let times_s = (0..=samples).map(|i| f64::from(i) * step_s);
+        let final_lsb = error_lsb(f64::from(samples) * step_s);
+        settled_s(&times_s.map(|t_s| (t_s, error_lsb(t_s) - final_lsb)).collect::<Points>())
+    };
+    let found_s = settled(2_000).expect("the input settles within 20 us");
+    assert!((found_s - tau_s * 8192f64.ln()).abs() <= step_s, "{found_s} s");
+    for samples in [100, 500, 900, 1_100] {
+        assert!(settled(samples).is_err(), "the input counts as settled after {samples} samples");
+    }
 }
 
 /// A filter with the time constant tau approaches a ramp that is delayed by tau. After the end of the ramp, the distance from
