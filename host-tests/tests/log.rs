@@ -35,6 +35,7 @@ fn the_log_contains_the_state_changes_of_the_firmware_with_their_levels() {
 
     let log = board.log(&firmware).expect("the log can be decoded");
     log.iter().for_each(|entry| println!("{entry}"));
+    assert_eq!(steps, 4, "steps within {TIMEOUT:?}");
     restart.expect("the insole restarts");
     let mut rest = log.iter();
     for (level, beginning) in [
