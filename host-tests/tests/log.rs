@@ -20,7 +20,7 @@ fn the_log_contains_the_state_changes_of_the_firmware_with_their_levels() {
     let walk =
         Faulty::new(Recorded::new(recording, virtual_insole.clone()), faults, virtual_insole.setup.period_us, zeros);
     let board =
-        Board::start(&firmware, &EmulatorConfig::new(virtual_insole.setup), &virtual_insole.cells, Time::Max, walk)
+        Board::start(&firmware, &EmulatorConfig::new(virtual_insole.setup), &virtual_insole.cells, Time::Fastest, walk)
             .expect("the board boots");
     let mut client = connect(&board);
     client.set_tissue(&tissue()).expect("the parameters are accepted");
