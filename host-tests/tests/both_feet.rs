@@ -5,7 +5,7 @@
 
 use crate::common::{firmware, tissue};
 use crate::phones::{Phone, RadioSimulation, boot};
-use client::Axis;
+use client::ClockMapping;
 use emulator::{Recorded, Scan, Time, Walk};
 use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
@@ -63,7 +63,7 @@ struct Foot {
     /// The steps, and the times at which they arrived.
     steps: Vec<(Instant, Step)>,
     /// Converts the insole's time to the time since the start of the test.
-    axis: Axis,
+    mapping: ClockMapping,
 }
 
 fn us_since(start: Instant, at: Instant) -> i64 {
@@ -76,7 +76,7 @@ impl Foot {
         let (arrival, message) = self.phone.next_with_arrival(radio);
         match message {
             ToHost::Live(live) => self.live.push((arrival, live)),
-            ToHost::Time { host_us, device_us } => self.axis.answer(host_us, device_us),
+            ToHost::Time { host_us, device_us } => self.mapping.answer(host_us, device_us),
             ToHost::Status(status) => return Some(status),
             other => {
                 let record = LoadRecord::of(&other).unwrap_or_else(|| panic!("{other:?}"));
@@ -134,7 +134,8 @@ fn both_feet_stream_a_minute_in_real_time() {
         let mut phone = radio.bonded_phone(boards.len() as u8, name, 247);
         phone.set_tissue(&mut radio, tissue());
         let period_us = virtual_insole.setup.period_us;
-        Foot { phone, scanned, period_us, live: Vec::new(), numbers: Vec::new(), steps: Vec::new(), axis: Axis::new() }
+        let mapping = ClockMapping::new();
+        Foot { phone, scanned, period_us, live: Vec::new(), numbers: Vec::new(), steps: Vec::new(), mapping }
     });
     for foot in &mut feet {
         foot.phone.send(&mut radio, ToDevice::Stream { live: true });
@@ -186,7 +187,7 @@ fn both_feet_stream_a_minute_in_real_time() {
     // A phone cannot determine these errors itself, because it does not know when the insole scans.
     let errors_us = feet.each_ref().map(|foot| {
         let (_, last) = foot.live[foot.live.len() - 1];
-        let found_us = foot.axis.host_us(last.t_us).expect("the axis has answers") as i64;
+        let found_us = foot.mapping.host_us(last.t_us).expect("the mapping has answers") as i64;
         let error_us = found_us - (last.t_us as i64 - foot.true_offset_us(start));
         println!("error of a foot's converted time, due to the delay of its requests: {error_us} us");
         error_us

@@ -29,7 +29,7 @@ fn every_cell_of_every_frame_arrives_in_either_resolution() {
             &firmware(),
             &EmulatorConfig::new(insole.setup),
             &insole.cells,
-            Time::Max,
+            Time::Fastest,
             Recorded::new(walk.clone(), insole.clone()),
         )
         .expect("the board boots");
@@ -83,7 +83,7 @@ fn a_rate_that_the_port_cannot_carry_is_refused_with_the_highest_that_it_can() {
     let walk = synthetic_walk(1, 400.0);
     let insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
     let config = EmulatorConfig::new(insole.setup);
-    let board = Board::start(&firmware(), &config, &insole.cells, Time::Max, Recorded::new(walk, insole.clone()))
+    let board = Board::start(&firmware(), &config, &insole.cells, Time::Fastest, Recorded::new(walk, insole.clone()))
         .expect("the board boots");
     let mut client = connect(&board);
     let request = |every| Some(CellStream { resolution: Resolution::Converter, every });

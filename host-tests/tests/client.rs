@@ -188,10 +188,10 @@ fn bytes_that_were_in_transit_before_the_session_are_ignored() {
 fn the_client_requests_the_insoles_time_while_it_receives() {
     let before_us = unix_us();
     let (_, mut client) = connected();
-    assert_eq!(client.axis().host_us(0), None);
+    assert_eq!(client.clock_mapping().host_us(0), None);
     assert_eq!(receive_all(&mut client), []);
     // This insole answers each request with the time 0.
-    let requested_us = client.axis().host_us(0).expect("the insole answers");
+    let requested_us = client.clock_mapping().host_us(0).expect("the insole answers");
     assert!((before_us..=unix_us()).contains(&requested_us));
 }
 

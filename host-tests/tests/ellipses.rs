@@ -127,7 +127,8 @@ fn the_emulated_board_streams_the_ellipses_of_its_frames() {
     let virtual_insole = VirtualInsole::new(&recording, ContactRule::COVERED, StanceRule::ADAPTIVE);
     let played = Recorded::new(recording.clone(), virtual_insole.clone());
     let config = EmulatorConfig::new(virtual_insole.setup);
-    let board = Board::start(&firmware(), &config, &virtual_insole.cells, Time::Max, played).expect("the board boots");
+    let board =
+        Board::start(&firmware(), &config, &virtual_insole.cells, Time::Fastest, played).expect("the board boots");
     let mut client = connect(&board);
     client.stream_ellipses(EVERY).expect("25 Hz are accepted");
     board.play();

@@ -87,7 +87,8 @@ impl Session {
         let firmware = firmware();
         let scans = walk.scans();
         let config = EmulatorConfig::new(virtual_insole.setup);
-        let board = Board::start(&firmware, &config, &virtual_insole.cells, Time::Max, walk).expect("the board boots");
+        let board =
+            Board::start(&firmware, &config, &virtual_insole.cells, Time::Fastest, walk).expect("the board boots");
         let client = connect(&board);
         Self { board, client, scans }
     }
@@ -308,7 +309,7 @@ fn bytes_that_arrive_during_the_start_do_not_stop_the_insole() {
     let config = EmulatorConfig::new(virtual_insole.setup);
     let recorded = Recorded::new(walk, virtual_insole.clone());
     let board =
-        Board::start(&firmware(), &config, &virtual_insole.cells, Time::Max, recorded).expect("the board boots");
+        Board::start(&firmware(), &config, &virtual_insole.cells, Time::Fastest, recorded).expect("the board boots");
     let mut link = board.link().expect("the board has a link");
     link.write_all(&[0x55; 200_000]).expect("the link works");
     // The emulated port receives some 10 to 60 kB/s.
@@ -337,7 +338,7 @@ fn a_refused_set_up_is_reported_in_the_hello() {
     cells.reverse();
     assert_ne!(cells.first().map(|c| c.cell.region), Some(Region::Heel));
     let config = EmulatorConfig::new(virtual_insole.setup);
-    let board = Board::start(&firmware, &config, &cells, Time::Max, Recorded::new(walk, virtual_insole))
+    let board = Board::start(&firmware, &config, &cells, Time::Fastest, Recorded::new(walk, virtual_insole))
         .expect("the board boots");
     let client = connect(&board);
     let report = client.hello().fault.as_deref().unwrap_or_default().to_owned();
@@ -361,7 +362,8 @@ fn an_insole_continues_with_a_full_log_of_16_mib() {
     let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
     let (config, cells) = (EmulatorConfig::new(virtual_insole.setup), virtual_insole.cells.clone());
     let walk = Recorded::new(walk, virtual_insole);
-    let board = Board::start_with(&firmware(), &config, &cells, Time::Max, walk, &hardware).expect("the board boots");
+    let board =
+        Board::start_with(&firmware(), &config, &cells, Time::Fastest, walk, &hardware).expect("the board boots");
     let mut client = connect(&board);
     let status = client.status().expect("the insole answers");
     assert_eq!((status.contents.next_record, status.contents.erased, status.not_stored), (STEPS, 0, 0));
@@ -387,7 +389,8 @@ fn stored_settings_that_do_not_fit_are_reported_in_the_hello() {
     let hardware = Hardware { flash: Some(chip.bytes), ..Hardware::default() };
     let (config, cells) = (EmulatorConfig::new(virtual_insole.setup), virtual_insole.cells.clone());
     let walk = Recorded::new(walk, virtual_insole);
-    let board = Board::start_with(&firmware(), &config, &cells, Time::Max, walk, &hardware).expect("the board boots");
+    let board =
+        Board::start_with(&firmware(), &config, &cells, Time::Fastest, walk, &hardware).expect("the board boots");
     let client = connect(&board);
     let hello = client.hello();
     assert!(hello.fault.as_deref().unwrap_or_default().contains("the stored settings do not fit"), "{hello:?}");

@@ -20,7 +20,7 @@ fn the_log_contains_the_state_changes_of_the_firmware_with_their_levels() {
     let walk =
         Faulty::new(Recorded::new(recording, virtual_insole.clone()), faults, virtual_insole.setup.period_us, zeros);
     let board =
-        Board::start(&firmware, &EmulatorConfig::new(virtual_insole.setup), &virtual_insole.cells, Time::Max, walk)
+        Board::start(&firmware, &EmulatorConfig::new(virtual_insole.setup), &virtual_insole.cells, Time::Fastest, walk)
             .expect("the board boots");
     let mut client = connect(&board);
     client.set_tissue(&tissue()).expect("the parameters are accepted");
@@ -35,6 +35,7 @@ fn the_log_contains_the_state_changes_of_the_firmware_with_their_levels() {
 
     let log = board.log(&firmware).expect("the log can be decoded");
     log.iter().for_each(|entry| println!("{entry}"));
+    assert_eq!(steps, 4, "steps within {TIMEOUT:?}");
     restart.expect("the insole restarts");
     let mut rest = log.iter();
     for (level, beginning) in [

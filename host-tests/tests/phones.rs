@@ -203,7 +203,7 @@ impl Insole {
             scanned: 0,
             allowed: allowed.clone(),
         };
-        let board = boot(radio, firmware, &virtual_insole, Time::Max, walk, change, flash);
+        let board = boot(radio, firmware, &virtual_insole, Time::Fastest, walk, change, flash);
         board.play();
         Self { board, recording, allowed }
     }

@@ -23,7 +23,7 @@ fn settings_and_steps_survive_a_restart_and_a_loss_of_power() {
             &firmware,
             &EmulatorConfig::new(virtual_insole.setup),
             &virtual_insole.cells,
-            Time::Max,
+            Time::Fastest,
             walk,
             &hardware,
         )

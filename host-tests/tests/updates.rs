@@ -57,7 +57,7 @@ impl Insole {
         let hci = hci.map(|port| ([127, 0, 0, 1], port as u16).into());
         let hardware = Hardware { flash: self.flash.clone(), swapped, hci };
         let walk = Looped(Recorded::new(walk, virtual_insole));
-        Board::start_with(&firmware(), &config, &cells, Time::Max, walk, &hardware).expect("the board boots")
+        Board::start_with(&firmware(), &config, &cells, Time::Fastest, walk, &hardware).expect("the board boots")
     }
 
     /// Waits until the board ends by a swap, a crash or a power cut, and saves its chip. Returns true if the bootloader swapped

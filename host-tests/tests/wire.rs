@@ -920,9 +920,7 @@ const SET_CLOCK: &str = "0e078080f9c0c1c48203c9aa264a00";
 #[test]
 fn live_values_are_rounded_and_limited() {
     let mut insole = Insole::<f64, 1>::new();
-    insole
-        .set_up(Setup { ..testkit::SETUP }, [cell(Region::Heel, 0.0, 0.0, 25.0)].into_iter())
-        .expect("the set-up is accepted");
+    insole.set_up(testkit::SETUP, [cell(Region::Heel, 0.0, 0.0, 25.0)].into_iter()).expect("the set-up is accepted");
     let mut loads = *insole.loads();
     // Force in N, and the value in the message in 0.1 N.
     let cases = [

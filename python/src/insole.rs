@@ -63,11 +63,12 @@ impl Insole {
     /// computer's clock, s since 1970. `None` if none arrived within [`READ_TIMEOUT`]. After the link was lost, each call waits
     /// and makes one attempt to open it again.
     fn next_event(&self, py: Python) -> PyResult<Option<(&'static str, String, Option<f64>)>> {
-        let (event, axis) = self.with_link(py, |link| Ok((link.next_event()?, link.client().axis().clone())))?;
+        let (event, mapping) =
+            self.with_link(py, |link| Ok((link.next_event()?, link.client().clock_mapping().clone())))?;
         let seconds = |us: Option<u64>| us.map(|us| us as f64 / 1e6);
         Ok(match event {
             Event::Message(ToHost::Live(live)) => {
-                Some(("live", live_to_json(&live).to_string(), seconds(axis.host_us(live.t_us))))
+                Some(("live", live_to_json(&live).to_string(), seconds(mapping.host_us(live.t_us))))
             }
             Event::Message(message) => LoadRecord::of(&message).map(|record| {
                 let (kind, values) = match &record {
@@ -75,7 +76,7 @@ impl Insole {
                     LoadRecord::Bout(bout) => ("bout", bout_to_json(bout)),
                     LoadRecord::Alert(alert) => ("alert", alert_to_json(alert)),
                 };
-                (kind, values.to_string(), seconds(axis.start_us(&record)))
+                (kind, values.to_string(), seconds(mapping.start_us(&record)))
             }),
             Event::Started(_) => Some(("started", "{}".into(), None)),
             Event::Lost(error) if error.is_link_failure() => {

@@ -37,10 +37,11 @@ impl Recording {
         Ok(Self { inner: Arc::new(inner), path })
     }
 
-    /// As `read`, from the content of a file. Error messages name the file `path`.
+    /// As `read`, from the paths and the contents of the files of a recording, which are in the order of time. `path` is that of
+    /// the recording.
     #[staticmethod]
-    fn parse(py: Python, content: &[u8], path: PathBuf) -> PyResult<Self> {
-        let inner = py.detach(|| recording::Recording::parse(content.to_vec(), &path)).map_err(exception)?;
+    fn parse(py: Python, files: Vec<(PathBuf, Vec<u8>)>, path: PathBuf) -> PyResult<Self> {
+        let inner = py.detach(|| recording::Recording::parse_parts(files, &path)).map_err(exception)?;
         Ok(Self { inner: Arc::new(inner), path })
     }
 

@@ -12,8 +12,10 @@ from collections.abc import Iterator
 import distributed
 import fsspec
 import pandas as pd
+import pyarrow.parquet as pq
 import pytest
 from conftest import plantar as command
+from conftest import walk
 
 import plantar
 from plantar import cohort
@@ -173,6 +175,36 @@ def test_hidden_files_are_not_recordings(study_folder: pathlib.Path, tmp_path: p
     (study / "ann" / "._0.parquet").write_bytes(b"attributes")
     outcome = cohort.evaluate("ann", str(study), str(out), plantar.Options())
     assert (outcome.steps, outcome.left_out) == (4, ())
+
+
+def test_a_recording_in_parts_has_the_rows_of_the_command_line(tmp_path: pathlib.Path) -> None:
+    study, parts = tmp_path / "study", tmp_path / "study" / "ann" / "walk.parquet"
+    parts.mkdir(parents=True)
+    whole = pq.read_table(walk(tmp_path / "walk.parquet", "--steps", 4))
+    middle = whole.num_rows // 2
+    pq.write_table(whole.slice(0, middle), parts / "part-0.parquet")
+    pq.write_table(whole.slice(middle), parts / "part-1.parquet")
+    (parts / "._part-1.parquet").write_bytes(b"attributes")
+    command("cohort", study, "--out", tmp_path / "rust")
+    expected = table(tmp_path / "rust")
+    assert len(expected) == 8 * 4
+    assert set(expected["recording"]) == {"walk.parquet"}
+
+    def evaluate(root: str) -> cohort.Outcome:
+        return cohort.evaluate("ann", f"{root}/study", f"{root}/dask", plantar.Options())
+
+    outcome = evaluate(str(tmp_path))
+    assert (outcome.steps, outcome.left_out) == (4, ())
+    pd.testing.assert_frame_equal(table(tmp_path / "dask"), expected)
+    # A changed part causes a new evaluation.
+    assert evaluate(str(tmp_path)).is_cached
+    os.utime(parts / "part-1.parquet")
+    assert not evaluate(str(tmp_path)).is_cached
+    memory = fsspec.filesystem("memory")
+    memory.put(str(study), "/parts/study", recursive=True)
+    evaluate("memory://parts")
+    memory.get("/parts/dask", str(tmp_path / "from-memory"), recursive=True)
+    pd.testing.assert_frame_equal(table(tmp_path / "from-memory"), expected)
 
 
 def test_an_unreachable_scheduler_is_an_error_that_names_the_remedy(

@@ -102,7 +102,8 @@ impl Bench {
         let config = EmulatorConfig { power_cut, ..EmulatorConfig::new(self.virtual_insole.setup) };
         let walk = Recorded::new(self.recording.clone(), self.virtual_insole.clone());
         let hardware = Hardware { flash: Some(chip.into()), ..Hardware::default() };
-        let board = Board::start_with(&self.firmware, &config, &self.virtual_insole.cells, Time::Max, walk, &hardware);
+        let board =
+            Board::start_with(&self.firmware, &config, &self.virtual_insole.cells, Time::Fastest, walk, &hardware);
         let board = board.expect("the board boots");
         let mut link = board.link().expect("the board has a link");
         link.set_read_timeout(Some(Duration::from_millis(20))).expect("a timeout");

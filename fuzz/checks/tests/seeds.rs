@@ -6,7 +6,7 @@ use proptest::sample::{Index, select};
 use proptest::test_runner::TestRunner;
 use std::collections::BTreeSet;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// The folder with seeds and entry points.
 const FUZZ: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
@@ -43,17 +43,18 @@ fn changed(mut input: Vec<u8>, changes: &[(Index, Change)]) -> Vec<u8> {
     input
 }
 
-/// The seeds of a target.
-fn seeds(target: &str) -> Vec<Vec<u8>> {
-    let folder = Path::new(FUZZ).join("corpus").join(target);
-    let files = fs::read_dir(folder).expect("the target has a folder with seeds");
-    files.map(|file| fs::read(file.expect("the folder can be read").path()).expect("the seed can be read")).collect()
-}
-
 /// Checks all seeds of a target, and this number of variations.
 fn check_target(target: &str, check: fn(&[u8]), variations: u32) {
-    let seeds = seeds(target);
-    seeds.iter().for_each(|seed| check(seed));
+    let folder = Path::new(FUZZ).join("corpus").join(target);
+    let files = fs::read_dir(folder).expect("the target has a folder with seeds");
+    let seed = |path: PathBuf| {
+        let seed = fs::read(&path).expect("the seed can be read");
+        // If a seed fails, its name is the last one in the output of the test.
+        println!("seed {}", path.display());
+        check(&seed);
+        seed
+    };
+    let seeds: Vec<_> = files.map(|file| seed(file.expect("the folder can be read").path())).collect();
     let inputs = (select(seeds), prop::collection::vec((any::<Index>(), change()), 1..=4))
         .prop_map(|(seed, changes)| changed(seed, &changes));
     let config = ProptestConfig { cases: variations, failure_persistence: None, ..ProptestConfig::default() };

@@ -53,6 +53,19 @@ class Outcome:
     """A note on each value of the tissue measurements that is out of range and therefore not used."""
 
 
+def _is_folder(files: Any, entry: dict[str, Any]) -> bool:
+    return bool(entry["type"] == "directory" or (entry.get("islink") and files.isdir(entry["name"])))
+
+
+def _parquet_entries(files: Any, folder: str) -> list[dict[str, Any]]:
+    """The entries of a folder with the names of Parquet files, sorted by name: recordings, or the parts of one."""
+    files.invalidate_cache(folder)
+    entries = [entry for entry in files.ls(folder, detail=True) if entry["name"].rstrip("/").endswith(".parquet")]
+    # macOS writes files with names such as `._walk.parquet` beside others. They are not recordings.
+    entries = [entry for entry in entries if not entry["name"].rstrip("/").rsplit("/", 1)[-1].startswith(".")]
+    return sorted(entries, key=lambda entry: entry["name"])
+
+
 def participants(study: str, out: str) -> list[str]:
     """The names of the participants' folders in a study, sorted. The folder of the table is not one of them."""
     files, root = fsspec.url_to_fs(study)
@@ -63,10 +76,7 @@ def participants(study: str, out: str) -> list[str]:
     except (FileNotFoundError, NotADirectoryError) as error:
         raise OSError(f"cannot read {study}: it must be a folder with one folder per participant") from error
 
-    def is_folder(entry: dict[str, Any]) -> bool:
-        return bool(entry["type"] == "directory" or (entry.get("islink") and files.isdir(entry["name"])))
-
-    paths = [entry["name"].rstrip("/") for entry in entries if is_folder(entry)]
+    paths = [entry["name"].rstrip("/") for entry in entries if _is_folder(files, entry)]
     names = sorted(path.rsplit("/", 1)[-1] for path in paths if path != table.rstrip("/"))
     names = [name for name in names if not name.startswith(".")]
     if not names:
@@ -102,22 +112,23 @@ def _evaluate(participant: str, files: Any, folder: str, table_files: Any, targe
         return pathlib.Path(path).read_bytes() if path == tissue else bytes(files.cat_file(path))
 
     person = _core.Person.open(folder, options, read)
-    files.invalidate_cache(folder)
-    entries = [entry for entry in files.ls(folder, detail=True) if entry["name"].endswith(".parquet")]
-    # macOS writes files with names such as `._walk.parquet` beside others. They are not recordings.
-    recordings = [entry for entry in entries if not entry["name"].rsplit("/", 1)[-1].startswith(".")]
-    recordings.sort(key=lambda entry: entry["name"])
-    stamps = [f"\n{entry['name']} {[(key, entry[key]) for key in _STAMPS if key in entry]}" for entry in recordings]
+    # The files of each recording, by the path of the recording: the file itself, or the parts in a folder.
+    recordings: dict[str, list[dict[str, Any]]] = {}
+    for entry in _parquet_entries(files, folder):
+        path = entry["name"].rstrip("/")
+        recordings[path] = _parquet_entries(files, path) if _is_folder(files, entry) else [entry]
+    entries = [entry for parts in recordings.values() for entry in parts]
+    stamps = [f"\n{entry['name']} {[(key, entry[key]) for key in _STAMPS if key in entry]}" for entry in entries]
     made_from = f"{_core.version} python {person.description}{''.join(stamps)}".encode()
     if (rows := _up_to_date_rows(table_files, target, made_from)) is not None:
         return Outcome(participant, rows // len(REGIONS), True, (), tuple(person.notes))
     batches, left_out = [], []
-    for entry in recordings:
+    for path, parts in recordings.items():
         try:
-            recording = _core.Recording.parse(files.cat_file(entry["name"]), entry["name"])
-            rows = person.rows(recording)
+            contents = [(entry["name"], files.cat_file(entry["name"])) for entry in parts]
+            rows = person.rows(_core.Recording.parse(contents, path))
             if rows.num_rows == 0:
-                left_out.append(f"{entry['name']}: no complete step: record a walk of several steps")
+                left_out.append(f"{path}: no complete step: record a walk of several steps")
             batches.append(rows)
         except (OSError, ValueError) as error:
             left_out.append(str(error))

@@ -88,7 +88,7 @@ fn play(firmware: &Path, walk: &Recording) -> Result<Sent> {
     let insole = VirtualInsole::new(walk, CONTACT, StanceRule::ADAPTIVE);
     let (config, scans) = (EmulatorConfig::new(insole.setup), insole.frames(walk) as u32);
     let played = Recorded::new(walk.clone(), insole.clone());
-    let board = Board::start(firmware, &config, &insole.cells, Time::Max, played)?;
+    let board = Board::start(firmware, &config, &insole.cells, Time::Fastest, played)?;
     let mut link = board.link()?;
     link.set_read_timeout(Some(client::READ_TIMEOUT))?;
     let mut client = Client::connect(Framed::new(link), ANSWER_TIMEOUT)?;

@@ -15,7 +15,7 @@ pub struct FootStep {
     /// Number of the step on its insole, without other records: the next step has the next number.
     pub number: u32,
     /// Time of the heel strike, s. The times of both feet are comparable if they are on a common clock, such as that of
-    /// [`crate::Axis`]. Without one, [`Gait::new`] does not compare the feet.
+    /// [`crate::ClockMapping`]. Without one, [`Gait::new`] does not compare the feet.
     pub start_s: f64,
     /// Time from heel strike to toe off, s.
     pub duration_s: f64,

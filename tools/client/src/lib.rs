@@ -1,11 +1,11 @@
 //! The host's side of a session with an insole, over any carrier of messages.
 
 mod alert;
-mod axis;
 #[cfg(feature = "ble")]
 pub mod ble;
 mod carrier;
 mod cells;
+mod clock_mapping;
 mod commands;
 mod counters;
 mod delivered;
@@ -20,9 +20,9 @@ mod stream_file;
 mod update;
 
 pub use alert::{alert_advice, alert_to_json, daily_load_to_json};
-pub use axis::Axis;
 pub use carrier::{Carrier, Framed, READ_TIMEOUT};
 pub use cells::{CellReceiver, StartedCells};
+pub use clock_mapping::ClockMapping;
 pub use counters::LinkCounters;
 pub use error::Error;
 pub use file::create_or_open_empty;

@@ -4,7 +4,7 @@
 use crate::counters::LinkCounters;
 use crate::delivered::Delivered;
 use crate::order::{Arrival, RecordOrder};
-use crate::{Axis, Carrier, Error};
+use crate::{Carrier, ClockMapping, Error};
 use plantar::protocol::session::CLOCK_US;
 use plantar::protocol::{Hello, LiveCounter, LoadRecord, MAJOR, MINOR, Refusal, ToDevice, ToHost};
 use std::collections::VecDeque;
@@ -30,7 +30,7 @@ pub struct Client<C> {
     /// Number of live frames that the insole sent, by its last status.
     frames_sent: u32,
     live: LiveCounter,
-    axis: Axis,
+    clock_mapping: ClockMapping,
     /// When the insole's time was last requested, by [`Carrier::now_us`].
     time_requested_us: Option<u64>,
     delivered: Delivered,
@@ -53,7 +53,7 @@ impl<C: Carrier> Client<C> {
             hello,
             frames_sent: 0,
             live: LiveCounter::NEW,
-            axis: Axis::new(),
+            clock_mapping: ClockMapping::new(),
             time_requested_us: None,
             delivered: Delivered::new(),
             order: RecordOrder::default(),
@@ -69,7 +69,7 @@ impl<C: Carrier> Client<C> {
     pub fn reconnect(&mut self, patience: Duration) -> Result<&Hello, Error> {
         self.hello = open_session(carrier(&mut self.carrier)?, patience)?;
         self.waiting.clear();
-        self.axis = Axis::new();
+        self.clock_mapping = ClockMapping::new();
         self.live.new_session();
         self.is_streaming = false;
         self.order.begin();
@@ -172,11 +172,11 @@ impl<C: Carrier> Client<C> {
 
     /// Converts between the insole's clock and this computer's, us since 1970, UTC. Every call of [`Client::receive`] can refine
     /// it.
-    pub fn axis(&self) -> &Axis {
-        &self.axis
+    pub fn clock_mapping(&self) -> &ClockMapping {
+        &self.clock_mapping
     }
 
-    /// Requests the insole's time, us since its first scan, which [`Client::axis`] uses, too.
+    /// Requests the insole's time, us since its first scan, which [`Client::clock_mapping`] uses, too.
     ///
     /// # Errors
     /// If the link is lost or the insole does not answer.
@@ -186,7 +186,7 @@ impl<C: Carrier> Client<C> {
             ToHost::Time { host_us, device_us } => Some((host_us, device_us)),
             _ => None,
         })?;
-        self.axis.answer(host_us, device_us);
+        self.clock_mapping.answer(host_us, device_us);
         Ok(device_us)
     }
 
@@ -200,7 +200,7 @@ impl<C: Carrier> Client<C> {
 
     /// The next message for the caller. `None` if none arrived within the carrier's timeout, or if this function handled the
     /// message itself: the insole's time, a repeated record, a record after a gap, or the hello of a requested replay. Requests
-    /// the insole's time four times a second, for [`Client::axis`].
+    /// the insole's time four times a second, for [`Client::clock_mapping`].
     ///
     /// Each record (step, load bout or alert) is returned once, however often the insole repeats it. Send
     /// [`ToDevice::Acknowledge`] once the record is stored; if the insole repeats the record afterwards, this function
@@ -221,7 +221,7 @@ impl<C: Carrier> Client<C> {
         }
         match &message {
             ToHost::Time { host_us, device_us } => {
-                self.axis.answer(*host_us, *device_us);
+                self.clock_mapping.answer(*host_us, *device_us);
                 return Ok(None);
             }
             ToHost::Live(live) => self.live.frame(live.sequence),

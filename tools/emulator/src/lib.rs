@@ -49,8 +49,8 @@ pub enum Time {
     /// Real time: the board's own clock paces the scans.
     Real,
     /// As fast as possible: the plant paces the scans.
-    Max,
-    /// As [`Time::Max`], but each instruction takes one nanosecond of the board's time, so that instructions can be counted.
+    Fastest,
+    /// As [`Time::Fastest`], but each instruction takes one nanosecond of the board's time, so that instructions can be counted.
     Counted,
 }
 

@@ -4,11 +4,11 @@ use crate::data_sheet::{
     AMPLIFIER_LARGE_OUTPUT_OHM, AMPLIFIER_OFFSET_V, CONVERTER_NOISE_LSB, LOAD_SWITCH_OPEN_ON_S,
     LOAD_SWITCH_OPEN_V_PER_S, LOAD_SWITCH_SLOW_ON_S, LOAD_SWITCH_SLOW_V_PER_S, SUPPLY_V,
 };
-use crate::netlist::{Netlist, REFERENCE, amplifier, column_net, input_net};
+use crate::netlist::{Netlist, amplifier, input_net};
 use crate::ngspice::Run;
 use crate::parts::Model;
 use crate::spice::{Conditions, Gate, Power, SAMPLED, SUPPLY_SOURCE, circuit, probed_node};
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use plantar::firmware::front_end::{
     self, ADC_KHZ, ALLOWANCE_US, CONVERSIONS, CONVERT_HALF_CYCLES, SAMPLE_HALF_CYCLES, SETTLE_US,
 };
@@ -105,6 +105,9 @@ const DESELECTED_S: f64 = 1e-6;
 const BREAK_S: f64 = 0.2e-6;
 /// Duration of a simulation of settling, s.
 const SETTLING_S: f64 = 81e-6;
+/// Largest share of a simulation until the converter's input has settled. Distances are taken from the last sample, so an input
+/// that still changes has a distance of more than half an LSB until shortly before the end.
+const SETTLED_SHARE: f64 = 0.75;
 
 /// The changes from row `ROW - 1` to row `ROW` after which the settling is simulated: name and conditions.
 pub fn row_changes() -> Vec<(&'static str, Conditions)> {
@@ -136,7 +139,7 @@ pub fn extreme_change() -> (&'static str, Conditions) {
 /// Simulates the settling after the change from row `ROW - 1` to row `ROW`.
 ///
 /// # Errors
-/// If ngspice is missing or finds no solution.
+/// If ngspice is missing or finds no solution, or if the input does not settle.
 pub fn settling(board: &Netlist, name: &'static str, mut conditions: Conditions) -> Result<Settling> {
     let selected_s = DESELECTED_S + BREAK_S;
     conditions.gates[ROW - 1] = Gate::OnUntil(DESELECTED_S);
@@ -158,9 +161,25 @@ fn approach(board: &Netlist, conditions: &Conditions, dt: &str, from_s: f64, end
         .filter(|row| row[0] >= from_s)
         .map(|row| (row[0] - from_s, (code(row[1]) - code(final_v)) / CODES_PER_LSB))
         .collect();
+    let settled_s = settled_s(&error_lsb)?;
+    Ok((error_lsb, settled_s))
+}
+
+/// The time from which the distance from the last sample remains below half an LSB, s. `error_lsb` contains times, s, with these
+/// distances, LSB.
+///
+/// # Errors
+/// If the input has not settled within three quarters of the time, because the last sample may not be the final voltage then.
+pub fn settled_s(error_lsb: &[(f64, f64)]) -> Result<f64> {
+    let (end_s, _) = *error_lsb.last().context("the simulation has no sample")?;
     let last = error_lsb.iter().rposition(|(_, lsb)| lsb.abs() > 0.5);
     let settled_s = last.map_or(0.0, |i| error_lsb[(i + 1).min(error_lsb.len() - 1)].0);
-    Ok((error_lsb, settled_s))
+    ensure!(
+        settled_s <= SETTLED_SHARE * end_s,
+        "the converter's input has not settled within {:.0} us: simulate a longer time",
+        SETTLED_SHARE * end_s * 1e6
+    );
+    Ok(settled_s)
 }
 
 /// Capacitance at the load switch's pin CT for which the data sheet states the slow turn-on, farad.
@@ -188,7 +207,7 @@ fn rise_s(board: &Netlist) -> Result<(f64, f64)> {
 /// voltage, s: the longer one of those of an open cell and of a cell at full load.
 ///
 /// # Errors
-/// If no capacitor is at CT, or ngspice is missing or finds no solution.
+/// If no capacitor is at CT, if ngspice is missing or finds no solution, or if the input does not settle.
 pub fn start_s(board: &Netlist) -> Result<f64> {
     let (from_s, until_s) = rise_s(board)?;
     let settled_s = |cell_ohm| -> Result<f64> {
@@ -337,9 +356,12 @@ pub fn loop_conditions() -> Vec<(&'static str, Conditions)> {
 ///
 /// # Errors
 /// If no amplifier is probed, if ngspice is missing or finds no solution, or if the gain does not cross 1.
+///
+/// # Panics
+/// If the board has no such amplifier.
 pub fn loop_gain(board: &Netlist, name: &'static str, conditions: &Conditions) -> Result<Loop> {
     let (designator, unit) = conditions.probe.as_ref().context("no amplifier is probed")?;
-    let feedback = if designator == "U5" { REFERENCE.to_string() } else { column_net(COLUMN) };
+    let feedback = board.part(designator).net(&format!("{unit} -"));
     let probed = probed_node(designator, unit);
     let ratio = format!("v({feedback})/v({probed})");
     let run = Run::of(circuit(board, conditions)).command("set units=degrees");

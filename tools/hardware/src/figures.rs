@@ -70,7 +70,7 @@ pub struct Results {
 }
 
 /// Largest allowed crosstalk, percent of the reading of a cell at full load.
-const CROSSTALK_PERCENT: f64 = 0.5;
+pub const CROSSTALK_PERCENT: f64 = 0.5;
 /// Smallest allowed phase margin, degrees.
 const PHASE_MARGIN_DEG: f64 = 45.0;
 /// Largest allowed error of sampling, codes: half a step of 12 bits in a code, which is the sum of 16 conversions.

@@ -2,7 +2,7 @@
 
 use crate::analyses::Points;
 use crate::data_sheet::{MULTIPLEXER_ON_OHM, MULTIPLEXER_TYPICAL_OHM, SWITCH_ON_OHM};
-use crate::figures::Results;
+use crate::figures::{CROSSTALK_PERCENT, Results};
 use maud::{Markup, PreEscaped, html};
 use plantar::firmware::front_end::{self, SETTLE_US};
 use report::drawing::{Curves, STYLE, Scale, legend_entries};
@@ -182,7 +182,7 @@ fn crosstalk(results: &Results) -> String {
         marks: html! {},
     };
     chart.marks = html! {
-        (chart.horizontal(0.5, "limit: 0.5 %"))
+        (chart.horizontal(CROSSTALK_PERCENT, &format!("limit: {CROSSTALK_PERCENT} %")))
         (chart.vertical(SWITCH_ON_OHM.value, "FDG6335N"))
         (chart.vertical(MULTIPLEXER_TYPICAL_OHM.value, "ADG706"))
         (chart.vertical(MULTIPLEXER_ON_OHM.value, "ADG706 max."))

@@ -1,6 +1,6 @@
 //! The simulated front end, compared with closed forms.
 
-use hardware::analyses::{COLUMN, FULL_LOAD_OHM, ROW, loop_gain, noise, row_crosstalk, transfer};
+use hardware::analyses::{COLUMN, FULL_LOAD_OHM, Points, ROW, loop_gain, noise, row_crosstalk, settled_s, transfer};
 use hardware::data_sheet::{SHEET_LINE_OHM, SUPPLY_V, SWITCH_ON_OHM};
 use hardware::figures::simulate;
 use hardware::netlist::{Netlist, amplifier};
@@ -90,6 +90,23 @@ fn a_row_returns_to_the_virtual_ground_with_its_time_constant() {
     assert_near(early_v / late_v, ((late_s - early_s) / tau_s).exp(), 0.02, "decay");
 }
 
+/// A distance of 4096 LSB that decays with the time constant tau is half an LSB after tau * ln(8192), 9.01 tau.
+#[test]
+fn an_input_that_still_changes_at_the_end_of_a_simulation_is_an_error() {
+    let (tau_s, step_s) = (1e-6, 10e-9);
+    let settled = |samples: u32| {
+        let error_lsb = |t_s: f64| 4096.0 * (-t_s / tau_s).exp();
+        let times_s = (0..=samples).map(|i| f64::from(i) * step_s);
+        let final_lsb = error_lsb(f64::from(samples) * step_s);
+        settled_s(&times_s.map(|t_s| (t_s, error_lsb(t_s) - final_lsb)).collect::<Points>())
+    };
+    let found_s = settled(2_000).expect("the input settles within 20 us");
+    assert!((found_s - tau_s * 8192f64.ln()).abs() <= step_s, "{found_s} s");
+    for samples in [100, 500, 900, 1_100] {
+        assert!(settled(samples).is_err(), "the input counts as settled after {samples} samples");
+    }
+}
+
 /// A filter with the time constant tau approaches a ramp that is delayed by tau. After the end of the ramp, the distance from
 /// the final voltage decays exponentially.
 #[test]
@@ -147,10 +164,8 @@ fn neighbours_in_a_row_share_the_resistance_of_switch_and_line() {
 #[ignore = "needs ngspice: cargo xtask test"]
 fn the_phase_margin_is_that_of_the_feedback_network() {
     let mut conditions = Conditions::selected(ROW);
-    conditions.probe = Some(amplifier(COLUMN));
     conditions.amplifier.output_ohm = 1e-3;
     conditions.amplifier.second_pole_hz = 1e12;
-    let simulated = loop_gain(&Netlist::reference(), "", &conditions).expect("the simulation runs").phase_margin_deg;
     // The feedback network divides by 1 + (input admittance) / (feedback admittance).
     let input_f = conditions.line_f + conditions.amplifier.input_f;
     let feedback = |hz: f64| (1.0 / f64::from(FEEDBACK_OHM), TAU * hz * farad(CAPACITOR_47P.model));
@@ -164,5 +179,9 @@ fn the_phase_margin_is_that_of_the_feedback_network() {
         (0..10_000).map(|i| 1e4 * 1.001f64.powi(i)).find(|hz| gain(*hz).0 < 1.0).expect("the gain crosses 1");
     // The open-loop gain lags by 90 degrees.
     let expected = 90.0 + gain(crossing_hz).1.to_degrees();
-    assert!((simulated - expected).abs() < 1.0, "{simulated} degrees, expected {expected}");
+    for column in [0, COLUMN] {
+        let probed = Conditions { probe: Some(amplifier(column)), ..conditions.clone() };
+        let simulated = loop_gain(&Netlist::reference(), "", &probed).expect("the simulation runs").phase_margin_deg;
+        assert!((simulated - expected).abs() < 1.0, "column {column}: {simulated} degrees, expected {expected}");
+    }
 }

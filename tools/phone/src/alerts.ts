@@ -25,6 +25,18 @@ const VIBRATION_MS = [400, 200, 400, 200, 400];
 /** Minutes from midnight UTC to midnight of the phone's time zone. */
 const dayStartMinutes = () => (new Date().getTimezoneOffset() + 1440) % 1440;
 
+/**
+ * Age of an alert, s. `start_unix_s` is the time of the alert, s since 1970; `null` if it is unknown. `t_s` is the present time
+ * on the insole's clock; `undefined` before the first live frame.
+ */
+function ageOf_s(alert: Alert, start_unix_s: number | null, t_s: number | undefined): number {
+  if (start_unix_s !== null) return Date.now() / 1000 - start_unix_s;
+  // Without a known time, an alert from before a restart of the insole may be hours old.
+  if (alert.starts_ago > 0) return Infinity;
+  // An alert that may be new counts as new, because a wearer who does not see it does not unload the region.
+  return t_s === undefined ? 0 : t_s - alert.start_s;
+}
+
 /** Shows alerts until the wearer closes them. */
 export class Alerts {
   private readonly cues = new PhoneCues();
@@ -66,14 +78,11 @@ export class Alerts {
   }
 
   /**
-   * Shows a new alert, with sound and vibration if the wearer has allowed them. `start_unix_s` is the time of the alert, s
-   * since 1970; `null` if it is unknown. `t_s` is the present time on the insole's clock.
+   * Shows a new alert, with sound and vibration if the wearer has allowed them. `start_unix_s` and `t_s` are those of
+   * {@link ageOf_s}.
    */
   raise(alert: Alert, start_unix_s: number | null, t_s: number | undefined): void {
-    const now_s = start_unix_s === null && alert.starts_ago === 0 ? t_s : Date.now() / 1000;
-    // Without a known time, an alert from before a restart of the insole may be hours old. It is not shown: its `start_s` is on
-    // the insole's clock, far below the seconds since 1970.
-    if (now_s === undefined || now_s - (start_unix_s ?? alert.start_s) > FRESH_S) return;
+    if (ageOf_s(alert, start_unix_s, t_s) > FRESH_S) return;
     this.shown.set(alert.side, alert);
     this.signal();
     this.draw();

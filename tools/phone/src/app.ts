@@ -174,7 +174,7 @@ export class App {
   private readonly onRecord = (message: RecordMessage, bytes: Uint8Array, session: Session): void => {
     if (message.kind === "step") this.identify.step(message.step.side, message.step, message.key);
     const { record, number } = recordOf(message);
-    const start_unix_s = (record.starts_ago === 0 ? session.axis.unix_s(record.start_s) : null) ?? record.start_unix_s;
+    const start_unix_s = (record.starts_ago === 0 ? session.clock_mapping.unix_s(record.start_s) : null) ?? record.start_unix_s;
     // An alert that the page has already stored is a repetition, because its acknowledgement was lost.
     if (message.kind === "alert" && !this.store.has(message)) this.alerts.raise(message.alert, start_unix_s, session.live?.t_s);
     this.store.add(message, bytes, start_unix_s).then(

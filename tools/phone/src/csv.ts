@@ -22,14 +22,15 @@ export function liveCsv(recorded: Iterable<Entry>, wire: Wire): string[] {
   const rows = [line(["unix_s", "t_s", "side", "sequence", "device_t_s", ...columns])];
   const sides = new Map<number, Side>();
   const all = [...recorded].map(({ t_ms, insole, message }) => ({ t_ms, insole, decoded: wire.decode(message) }));
-  const axes = INSOLES.map(wire.recordedAxis);
-  // The clock of an insole begins again at each restart, which a hello reports. The axis of a session is therefore computed from
-  // the time messages up to the next hello.
+  const mappings = INSOLES.map(wire.recordedClockMapping);
+  // The clock of an insole begins again at each restart, which a hello reports. The clock mapping of a session is therefore
+  // computed from the time messages up to the next hello.
   const beginSession = (first: number, of_insole: number) => {
     const rest = all.slice(first).filter(({ insole }) => insole === of_insole);
     const end = rest.findIndex(({ decoded }) => decoded?.kind === "hello");
-    axes[of_insole]?.clear();
-    for (const { decoded } of end < 0 ? rest : rest.slice(0, end)) if (decoded?.kind === "time") axes[of_insole]?.answer(decoded);
+    const mapping = mappings[of_insole];
+    mapping?.clear();
+    for (const { decoded } of end < 0 ? rest : rest.slice(0, end)) if (decoded?.kind === "time") mapping?.answer(decoded);
   };
   INSOLES.forEach((insole) => beginSession(0, insole));
   for (const [i, { t_ms, insole, decoded }] of all.entries()) {
@@ -39,7 +40,7 @@ export function liveCsv(recorded: Iterable<Entry>, wire: Wire): string[] {
     }
     if (decoded?.kind !== "live") continue;
     const values = decoded.regions.flatMap((region) => LIVE_COLUMNS.map((column) => Number(region[column])));
-    const unix_s = axes[insole]?.unix_s(decoded.t_s) ?? null;
+    const unix_s = mappings[insole]?.unix_s(decoded.t_s) ?? null;
     rows.push(line([unix_s, t_ms / 1000, sides.get(insole) ?? "", decoded.sequence, decoded.t_s, ...values]));
   }
   return rows;

@@ -4,7 +4,7 @@ import type { Hello, LayoutCell, Sole, Status, ToHost } from "./generated/messag
 import type { DailyLoad, Ellipse, Live, Side } from "./generated/quantities";
 import { CONNECT_REQUEST_MS, TIMEOUT_MS } from "./reconnect";
 import type { Insole, Transport } from "./transport/transport";
-import type { Axis, LiveCounter, RecordOrder, Wire } from "./wire";
+import type { ClockMapping, LiveCounter, RecordOrder, Wire } from "./wire";
 
 /** Interval of the requests for the status. */
 const STATUS_MS = 1000;
@@ -95,7 +95,7 @@ export class Session {
   /** Number of damaged or unknown messages. */
   damaged = 0;
   /** Converts times of the insole's clock. */
-  readonly axis: Axis;
+  readonly clock_mapping: ClockMapping;
   /** Counts the live frames of the insole. */
   readonly counter: LiveCounter;
   /** True if the last step reports that tissue or shoe have changed so much that the parameters should be identified again. */
@@ -131,8 +131,8 @@ export class Session {
     /** True if this record has arrived before and was passed to `onRecord`. */
     private readonly isKnown: (message: RecordMessage) => boolean = () => false,
   ) {
-    this.axis = wire.axis(insole);
-    this.axis.clear();
+    this.clock_mapping = wire.clockMapping(insole);
+    this.clock_mapping.clear();
     this.counter = wire.counter(insole);
     this.counter.clear();
     this.order = wire.order(insole);
@@ -158,7 +158,7 @@ export class Session {
   clockChanged(now_ms: number): void {
     if (this.state !== "live") return;
     this.send(this.wire.setClock(unix_us(now_ms)));
-    this.restartAxis(now_ms);
+    this.restartClockMapping(now_ms);
   }
 
   /** Handles a message of the insole. */
@@ -191,7 +191,7 @@ export class Session {
         this.alert_rules = bytes.slice();
         return;
       case "time":
-        this.axis.answer(message);
+        this.clock_mapping.answer(message);
         return this.releaseUntimed(now_ms);
       case "refused":
         if (message.is_other_host) {
@@ -217,7 +217,7 @@ export class Session {
     if (this.state === "other-version" || this.state === "same-foot") return;
     this.last_record = recordOf(message).number;
     // An insole sends its stored records before it answers requests. They are processed in order once it has sent its time.
-    const is_untimed = this.axis.unix_s(0) === null && now_ms - this.untimed_since_ms < RECORDS_WAIT_MS;
+    const is_untimed = this.clock_mapping.unix_s(0) === null && now_ms - this.untimed_since_ms < RECORDS_WAIT_MS;
     if (is_untimed && !this.transport()?.is_replay) {
       this.untimed.push([message, bytes.slice()]);
       return;
@@ -244,8 +244,8 @@ export class Session {
   }
 
   /** Discards the known times of the insole's clock, and requests the present one. */
-  private restartAxis(now_ms: number): void {
-    this.axis.clear();
+  private restartClockMapping(now_ms: number): void {
+    this.clock_mapping.clear();
     this.untimed_since_ms = now_ms;
     this.requestTime(now_ms);
   }
@@ -275,7 +275,7 @@ export class Session {
     }
     this.state = "live";
     this.send(this.wire.setClock(unix_us(now_ms)));
-    this.restartAxis(now_ms);
+    this.restartClockMapping(now_ms);
     this.send(this.wire.getAlertRules());
     this.send(this.wire.stream(true));
     this.send(this.wire.streamEllipses(Math.ceil(hello.rate_hz / ELLIPSES_HZ)));

@@ -31,22 +31,38 @@ const DEFAULTS: Settings = {
   stride_cm: null,
 };
 
+/** The smallest and the largest value that the wearer can state. */
+export const LIMITS = {
+  body_mass_kg: { min: 1, max: 700 },
+  stride_cm: { min: 10, max: 400 },
+} as const;
+
+/** True if the wearer can state this value. False for NaN. */
+export const isWithinLimits = (key: keyof typeof LIMITS, value: number) => value >= LIMITS[key].min && value <= LIMITS[key].max;
+
 /**
  * The stored settings. Missing or invalid settings have their defaults. `storage` may throw, as `localStorage` does if the
  * browser stores nothing for this site.
  */
 export function loadSettings(storage: () => Storage): Settings {
   try {
-    const positive = (value: unknown) => (typeof value === "number" && value > 0 ? value : null);
-    const saved = JSON.parse(storage().getItem(KEY) ?? "{}") as Partial<Settings>;
+    const saved = JSON.parse(storage().getItem(KEY) ?? "{}") as Partial<Record<keyof Settings, unknown>>;
+    const stated = (key: keyof typeof LIMITS) => {
+      const value = saved[key];
+      return typeof value === "number" && isWithinLimits(key, value) ? value : DEFAULTS[key];
+    };
+    /** The stored value if it is one of `values`, otherwise the default. */
+    const oneOf = <Key extends keyof Settings>(key: Key, ...values: Settings[Key][]): Settings[Key] =>
+      values.find((value) => value === saved[key]) ?? DEFAULTS[key];
+    const { shoe_size } = saved;
     return {
-      body_mass_kg: positive(saved.body_mass_kg),
-      mass_unit: saved.mass_unit === "lb" ? "lb" : "kg",
-      force_unit: saved.force_unit === "%BW" ? "%BW" : "N",
-      shoe_size: Number.isInteger(saved.shoe_size) ? Math.min(46, Math.max(35, saved.shoe_size ?? 42)) : 42,
-      alert_sound: saved.alert_sound === true,
-      alert_vibration: saved.alert_vibration !== false,
-      stride_cm: positive(saved.stride_cm),
+      body_mass_kg: stated("body_mass_kg"),
+      mass_unit: oneOf("mass_unit", "kg", "lb"),
+      force_unit: oneOf("force_unit", "N", "%BW"),
+      shoe_size: Number.isInteger(shoe_size) ? Math.min(46, Math.max(35, shoe_size as number)) : DEFAULTS.shoe_size,
+      alert_sound: oneOf("alert_sound", false, true),
+      alert_vibration: oneOf("alert_vibration", false, true),
+      stride_cm: stated("stride_cm"),
     };
   } catch {
     return { ...DEFAULTS };

@@ -5,10 +5,25 @@ import { type Node, byId, download, fill } from "./dom";
 import type { Insoles } from "./insoles";
 import type { Recorder } from "./recorder";
 import type { Session } from "./session";
-import { KG_PER_LB, type Settings, saveSettings } from "./settings";
+import { KG_PER_LB, LIMITS, type Settings, isWithinLimits, saveSettings } from "./settings";
 import { sideTitle } from "./side";
 import type { Records, StepStore } from "./step_store";
 import type { Wire } from "./wire";
+
+/**
+ * The number that the wearer has entered for a setting. `per_unit` is the size of the unit of the field in that of the setting.
+ * Returns `null` if there is no number or if it is out of range, which the note below the field then says.
+ */
+function enteredNumber(field: HTMLInputElement, key: keyof typeof LIMITS, per_unit: number, unit: string): number | null {
+  const value = field.valueAsNumber * per_unit;
+  const is_valid = isWithinLimits(key, value);
+  const { min, max } = LIMITS[key];
+  // The value of a field whose text is no number is empty.
+  const is_empty = field.value === "" && !field.validity.badInput;
+  const limits = `Enter ${Math.ceil(min / per_unit)} to ${Math.floor(max / per_unit)} ${unit}. Other values are not used.`;
+  fill(`${field.id}-note`, is_valid || is_empty ? [] : [limits]);
+  return is_valid ? value : null;
+}
 
 /** Shows the wearer's settings in the form, and stores each change of the form. `changed` is called after each change. */
 export function listenToSettings(settings: Settings, changed: () => void): void {
@@ -27,18 +42,17 @@ export function listenToSettings(settings: Settings, changed: () => void): void 
     changed();
   };
   mass.oninput = () => {
-    const value = mass.valueAsNumber;
-    settings.body_mass_kg = value > 0 ? value * kg_per_unit() : null;
+    settings.body_mass_kg = enteredNumber(mass, "body_mass_kg", kg_per_unit(), settings.mass_unit);
     save();
   };
   stride.oninput = () => {
-    const value = stride.valueAsNumber;
-    settings.stride_cm = value > 0 ? value : null;
+    settings.stride_cm = enteredNumber(stride, "stride_cm", 1, "cm");
     save();
   };
   mass_unit.onchange = () => {
     settings.mass_unit = mass_unit.value === "lb" ? "lb" : "kg";
     show();
+    fill("mass-note", []);
     save();
   };
   force_unit.onchange = () => {

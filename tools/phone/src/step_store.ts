@@ -116,15 +116,20 @@ export class StepStore {
 
   /** All records in parts, oldest first, including those that could not be stored. */
   async *parts(): AsyncGenerator<Records> {
-    for await (const part of this.storage.parts()) yield this.decoded(part);
-    yield this.decoded(this.pending);
+    // These records can be stored before or after the last part is read.
+    const pending = new Map<string, StepRecord>(this.pending.map((record) => [record.key, record]));
+    for await (const part of this.storage.parts()) yield this.decoded(part, pending);
+    yield this.decoded([...pending.values()], pending);
   }
 
-  private decoded(part: readonly StepRecord[]): Records {
+  /** Decodes the records of a part, and removes them from `pending`. */
+  private decoded(part: readonly StepRecord[], pending: Map<string, StepRecord>): Records {
     const records = new Records();
     for (const record of part) {
       const decoded = decodeRecord(this.wire, record);
-      if (decoded) records.add(decoded, record.start_unix_s);
+      if (!decoded) continue;
+      records.add(decoded, record.start_unix_s);
+      pending.delete(decoded.key);
     }
     return records;
   }

@@ -27,9 +27,9 @@ interface Exports {
   snooze_alerts(snoozed_s: number): number;
   get_time(unix_us: number): number;
   set_clock(unix_us: number): number;
-  axis_clear(index: number): void;
-  axis_answer(index: number, asked_us: number, device_us: number): void;
-  axis_unix_us(index: number, device_us: number): number;
+  clock_mapping_clear(index: number): void;
+  clock_mapping_answer(index: number, asked_us: number, device_us: number): void;
+  clock_mapping_unix_us(index: number, device_us: number): number;
   counter_clear(index: number): void;
   counter_new_session(index: number): void;
   counter_frame(index: number, sequence: number): void;
@@ -46,7 +46,7 @@ interface Exports {
 }
 
 /** Converts times of an insole's clock to times of the browser's clock, so that the times of both feet can be compared. */
-export class Axis {
+export class ClockMapping {
   constructor(
     private readonly core: Exports,
     private readonly index: number,
@@ -54,17 +54,17 @@ export class Axis {
 
   /** Removes the answers received so far. */
   clear(): void {
-    this.core.axis_clear(this.index);
+    this.core.clock_mapping_clear(this.index);
   }
 
   /** Adds a time message of the insole: the page's time in the request, and the insole's time when the request arrived. */
   answer({ host_us, device_us }: { host_us: number; device_us: number }): void {
-    this.core.axis_answer(this.index, host_us, device_us);
+    this.core.clock_mapping_answer(this.index, host_us, device_us);
   }
 
   /** The time, s since 1970, at which the insole's clock showed `device_s`; `null` before the first answer. */
   unix_s(device_s: number): number | null {
-    const unix_us = this.core.axis_unix_us(this.index, Math.round(device_s * 1e6));
+    const unix_us = this.core.clock_mapping_unix_us(this.index, Math.round(device_s * 1e6));
     return Number.isNaN(unix_us) ? null : unix_us / 1e6;
   }
 }
@@ -189,10 +189,10 @@ export class Wire {
   snoozeAlerts = (snoozed_s: number) => this.request(this.core.snooze_alerts(snoozed_s));
   getTime = (unix_us: number) => this.request(this.core.get_time(unix_us));
   setClock = (unix_us: number) => this.request(this.core.set_clock(unix_us));
-  /** The time axis of a connected insole. */
-  axis = (insole: Insole) => new Axis(this.core, insole);
-  /** The time axis of an insole in a recording. */
-  recordedAxis = (insole: Insole) => new Axis(this.core, INSOLES.length + insole);
+  /** The clock mapping of a connected insole. */
+  clockMapping = (insole: Insole) => new ClockMapping(this.core, insole);
+  /** The clock mapping of an insole in a recording. */
+  recordedClockMapping = (insole: Insole) => new ClockMapping(this.core, INSOLES.length + insole);
   counter = (insole: Insole) => new LiveCounter(this.core, insole);
   order = (insole: Insole) => new RecordOrder(this.core, insole);
 

@@ -168,7 +168,7 @@ test("steps that arrive before the time of the insole wait for it in their order
   expect(numbers()).toEqual([]);
   receive(4, 30);
   expect(numbers()).toEqual([0, 1]);
-  expect(session.axis.unix_s(0.5)).toBeCloseTo(1000, 5);
+  expect(session.clock_mapping.unix_s(0.5)).toBeCloseTo(1000, 5);
   receive(3, 40);
   expect(numbers()).toEqual([0, 1, 2]);
   // In the next session, the insole does not answer.

@@ -1,5 +1,5 @@
 import { expect, test } from "vitest";
-import { loadSettings, saveSettings } from "../src/settings";
+import { type Settings, loadSettings, saveSettings } from "../src/settings";
 
 /** As in a browser in which the wearer has blocked the data of sites. */
 const blocked = (): Storage => {
@@ -16,7 +16,23 @@ test("the settings are those that were stored", () => {
   const stored = new Map<string, string>();
   const storage = () =>
     ({ getItem: (key: string) => stored.get(key) ?? null, setItem: stored.set.bind(stored) }) as unknown as Storage;
-  const settings = { ...loadSettings(storage), body_mass_kg: 70.5, alert_vibration: false };
+  const settings: Settings = {
+    body_mass_kg: 70.5,
+    mass_unit: "lb",
+    force_unit: "%BW",
+    shoe_size: 39,
+    alert_sound: true,
+    alert_vibration: false,
+    stride_cm: 150,
+  };
   saveSettings(storage, settings);
   expect(loadSettings(storage)).toEqual(settings);
+});
+
+test("invalid stored settings have their defaults", () => {
+  const invalid = { mass_unit: "stone", force_unit: 1, shoe_size: "42", alert_sound: "yes", alert_vibration: null };
+  for (const [body_mass_kg, stride_cm] of [[0.9, 9], [701, 401], [-70, -150], ["70", null]]) {
+    const storage = () => ({ getItem: () => JSON.stringify({ ...invalid, body_mass_kg, stride_cm }) }) as unknown as Storage;
+    expect(loadSettings(storage)).toEqual(loadSettings(blocked));
+  }
 });

@@ -1,6 +1,6 @@
 import { beforeAll, expect, test } from "vitest";
 import type { RecordMessage } from "../src/session";
-import { type NewRecord, TemporaryStorage } from "../src/step_storage";
+import { type NewRecord, type StepRecord, TemporaryStorage } from "../src/step_storage";
 import { StepStore } from "../src/step_store";
 import type { Wire } from "../src/wire";
 import { loadWire, messagesOf } from "./wire";
@@ -26,6 +26,13 @@ function decodeStep(message: Uint8Array): [StepMessage, Uint8Array] {
 
 class TestStorage extends TemporaryStorage {
   is_full = false;
+  /** Runs before the records are read. */
+  before_reading = (): Promise<void> => Promise.resolve();
+
+  override async *parts(): AsyncGenerator<StepRecord[]> {
+    await this.before_reading();
+    yield* super.parts();
+  }
 
   override async add(records: readonly NewRecord[]): Promise<void> {
     if (this.is_full) throw new Error("full");
@@ -178,4 +185,24 @@ test("a step that cannot be stored is exported with the others", async () => {
   const exported: unknown[] = [];
   for await (const { steps } of store.parts()) exported.push(...steps.map(({ step }) => step));
   expect(exported).toEqual([one![0].step, other![0].step]);
+});
+
+test("a step that is stored during an export is exported once, before and after the last part is read", async () => {
+  for (const is_stored_before of [true, false]) {
+    const storage = new TestStorage();
+    const store = new StepStore(wire, storage);
+    const [one, other] = received;
+    await store.add(...one!, null);
+    storage.is_full = true;
+    await expect(store.add(...other!, null)).rejects.toThrow("full");
+    storage.is_full = false;
+    if (is_stored_before) storage.before_reading = () => store.add(...other!, null);
+    const exported: unknown[] = [];
+    for await (const { steps } of store.parts()) {
+      exported.push(...steps.map(({ step }) => step));
+      await store.add(...other!, null);
+    }
+    expect(exported).toEqual([one![0].step, other![0].step]);
+    expect(storage.records.size).toBe(2);
+  }
 });

@@ -25,9 +25,9 @@ use study::{Person, fits};
 /// Fits each step of many participants separately, as the paper does, and computes means by insole size, and the repeatability.
 ///
 /// FOLDER contains one folder per participant with that person's recordings
-/// (*.parquet): any number of trials, both feet. A participant's folder can also
-/// contain a file participant.toml. All of its lines are optional, and its paths
-/// are relative to the participant's folder:
+/// (*.parquet, files or folders with parts): any number of trials, both feet. A
+/// participant's folder can also contain a file participant.toml. All of its
+/// lines are optional, and its paths are relative to the participant's folder:
 ///
 ///   size = 41                    # European shoe size; replaces --size
 ///   age_years = 24.5             # age, sex, mass, height: columns of the table
@@ -242,14 +242,17 @@ impl Cohort {
     }
 }
 
-/// Describes everything that determines a participant's rows: the recordings with their sizes and times, the settings and
-/// options, and the program's version.
+/// Describes everything that determines a participant's rows: the files of the recordings with their sizes and times, the
+/// settings and options, and the program's version.
 fn made_from(person: &Person, recordings: &[PathBuf]) -> Result<String> {
     let mut text = format!("{} {}", env!("PLANTAR_VERSION"), person.description());
-    for path in recordings {
-        let file = path.metadata().with_context(|| format!("cannot read {}", path.display()))?;
-        let name = path.file_name().unwrap_or_default();
-        text += &format!("\n{name:?} {} {:?}", file.len(), file.modified()?);
+    for recording in recordings {
+        text += &format!("\n{:?}", recording.file_name().unwrap_or_default());
+        // A change of a part does not change the time of its folder.
+        for path in recording::files(recording)? {
+            let file = path.metadata().with_context(|| format!("cannot read {}", path.display()))?;
+            text += &format!(" {:?} {} {:?}", path.file_name().unwrap_or_default(), file.len(), file.modified()?);
+        }
     }
     Ok(text)
 }

@@ -134,7 +134,7 @@ impl Emulate {
         let walk = Faulty::new(Recorded::new(recording, insole), self.fault.clone(), period_us, zeros);
         let time = match self.speed {
             Speed::Real => Time::Real,
-            Speed::Max => Time::Max,
+            Speed::Max => Time::Fastest,
         };
         let board = Board::start(&self.firmware, &config, &cells, time, walk)?;
         let mut link = board.link()?;

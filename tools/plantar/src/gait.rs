@@ -8,7 +8,7 @@ use crate::summary::{align, table};
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 use client::gait::{Estimate, FootStep, Gait, Length, MEASURES};
-use client::{Axis, Entries, STREAM_INSOLES};
+use client::{ClockMapping, Entries, STREAM_INSOLES};
 use plantar::Side;
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
@@ -111,11 +111,11 @@ fn read(path: &Path) -> Result<Walk> {
 fn from_stream(path: &Path) -> Result<Walk> {
     let bytes = std::fs::read(path)?;
     let mut entries = Entries::new(&bytes);
-    let mut axes = [const { Axis::new() }; STREAM_INSOLES];
+    let mut mappings = [const { ClockMapping::new() }; STREAM_INSOLES];
     let Walk { mut steps, mut others } = Walk::default();
     for entry in &mut entries {
         let entry = entry.map_err(|damaged| anyhow!("{damaged}, {}", live::NO_STREAM))?;
-        let axis = &mut axes[entry.insole];
+        let mapping = &mut mappings[entry.insole];
         match decode::<ToHost>(entry.message) {
             Some(ToHost::Hello(Hello { major, .. })) if major != MAJOR => {
                 bail!(
@@ -123,15 +123,15 @@ fn from_stream(path: &Path) -> Result<Walk> {
                      version"
                 )
             }
-            Some(ToHost::Hello(_)) => *axis = Axis::new(),
-            Some(ToHost::Time { host_us, device_us }) => axis.answer(host_us, device_us),
+            Some(ToHost::Hello(_)) => *mapping = ClockMapping::new(),
+            Some(ToHost::Time { host_us, device_us }) => mapping.answer(host_us, device_us),
             Some(ToHost::Step(step)) => {
                 // An insole can repeat up to twice as many records as its queue holds, and a file has up to two insoles.
                 let record = LoadRecord::from(step);
                 let is_same = |known: &Step| LoadRecord::from(*known).is_same(&record);
                 let is_known = steps.iter().rev().take(4 * RECORD_QUEUE).any(|(known, _)| is_same(known));
                 if !is_known {
-                    steps.push((step, axis.start_us(&record).or(step.start_unix_us)));
+                    steps.push((step, mapping.start_us(&record).or(step.start_unix_us)));
                 }
             }
             Some(ToHost::Bout(Bout { side, number, .. }) | ToHost::Alert(Alert { side, number, .. }))

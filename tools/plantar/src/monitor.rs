@@ -7,7 +7,7 @@ use crate::summary;
 use crate::view::View;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use client::{Axis, Event, ReconnectPolicy, SessionStart, alert_to_json, bout_to_json, step_to_json};
+use client::{ClockMapping, Event, ReconnectPolicy, SessionStart, alert_to_json, bout_to_json, step_to_json};
 use parameters::DeformationScale;
 use plantar::protocol::{CellFrame, Live, LoadRecord, ToDevice, ToHost};
 use std::fs::File;
@@ -39,11 +39,11 @@ pub struct Monitor {
 
 /// Stores the messages of a session with an insole.
 pub trait Sink {
-    /// Processes a live frame; `axis` converts its time to this computer's clock.
-    fn live(&mut self, live: &Live, axis: &Axis) -> Result<()>;
+    /// Processes a live frame; `mapping` converts its time to this computer's clock.
+    fn live(&mut self, live: &Live, mapping: &ClockMapping) -> Result<()>;
 
     /// Processes a step, load bout or alert.
-    fn load_record(&mut self, record: &LoadRecord, axis: &Axis) -> Result<()>;
+    fn load_record(&mut self, record: &LoadRecord, mapping: &ClockMapping) -> Result<()>;
 
     /// Returns the number of the newest stored record, if one was stored since the last call. This record and all earlier ones
     /// can be acknowledged.
@@ -70,11 +70,11 @@ pub fn follow(connection: &Connection, insole: &mut InsoleLink, view: &mut View,
         match insole.next_event()? {
             Event::Message(ToHost::Live(live)) => {
                 let client = insole.client();
-                sink.live(&live, client.axis())?;
+                sink.live(&live, client.clock_mapping())?;
                 view.live(&live, client.counters())?;
             }
             Event::Message(message) if let Some(record) = LoadRecord::of(&message) => {
-                sink.load_record(&record, insole.client().axis())?;
+                sink.load_record(&record, insole.client().clock_mapping())?;
                 view.load_record(&record);
             }
             Event::Message(ToHost::Cells(frame)) => sink.cells(&frame)?,
@@ -168,11 +168,11 @@ struct Collected<'m> {
 }
 
 impl Sink for Collected<'_> {
-    fn live(&mut self, _: &Live, _: &Axis) -> Result<()> {
+    fn live(&mut self, _: &Live, _: &ClockMapping) -> Result<()> {
         Ok(())
     }
 
-    fn load_record(&mut self, record: &LoadRecord, axis: &Axis) -> Result<()> {
+    fn load_record(&mut self, record: &LoadRecord, mapping: &ClockMapping) -> Result<()> {
         self.all.push(record);
         // The record is written before it is acknowledged, because the insole deletes an acknowledged record.
         let (file, mut object) = match record {
@@ -180,7 +180,7 @@ impl Sink for Collected<'_> {
             LoadRecord::Bout(bout) => (&mut self.bouts, bout_to_json(bout)),
             LoadRecord::Alert(alert) => (&mut self.alerts, alert_to_json(alert)),
         };
-        if let Some(start_us) = axis.start_us(record) {
+        if let Some(start_us) = mapping.start_us(record) {
             object["start_unix_s"] = (start_us as f64 / 1e6).into();
         }
         if let Some(file) = file {

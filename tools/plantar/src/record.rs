@@ -8,7 +8,7 @@ use crate::summary;
 use crate::view::View;
 use anyhow::{Context, Result, bail};
 use clap::Args;
-use client::{Axis, ReconnectPolicy};
+use client::{ClockMapping, ReconnectPolicy};
 use parameters::DeformationScale;
 use plantar::protocol::{
     Alert, Bout, BoutRegion, CellFrame, CellStream, Live, LiveRegion, LoadRecord, Resolution, ToDevice,
@@ -195,12 +195,12 @@ impl<'r> Recorder<'r> {
 }
 
 impl Sink for Recorder<'_> {
-    fn live(&mut self, live: &Live, axis: &Axis) -> Result<()> {
+    fn live(&mut self, live: &Live, mapping: &ClockMapping) -> Result<()> {
         self.frames += 1;
         for (i, (region, r)) in Region::ALL.iter().zip(&live.regions).enumerate() {
             let mut row: Row = vec![("session", self.session.into()), ("side", self.side.name().into())];
             row.extend(columns(Live::QUANTITIES, live));
-            row.push(("unix_s", Value::Real(axis.host_us(live.t_us).map(seconds))));
+            row.push(("unix_s", Value::Real(mapping.host_us(live.t_us).map(seconds))));
             row.push(("region", region.name().into()));
             row.extend(columns(LiveRegion::QUANTITIES, r));
             row.extend(flag_columns(Live::FLAGS, live, i));
@@ -209,10 +209,10 @@ impl Sink for Recorder<'_> {
         self.complete_file_if_due()
     }
 
-    fn load_record(&mut self, record: &LoadRecord, axis: &Axis) -> Result<()> {
+    fn load_record(&mut self, record: &LoadRecord, mapping: &ClockMapping) -> Result<()> {
         self.all.push(record);
         self.pending.push(record.number());
-        let start = Value::Real(axis.start_us(record).map(seconds));
+        let start = Value::Real(mapping.start_us(record).map(seconds));
         for (i, region) in Region::ALL.iter().enumerate() {
             let (rows, columns) = match record {
                 LoadRecord::Step(step) => (&mut self.steps, step_row(step, i)),

@@ -3,11 +3,13 @@
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
 use plantar::{Region, Side};
+use recording::Recording;
 use recording::synthetic::{self, SyntheticWalk};
 use std::collections::{BTreeMap, HashMap};
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
+use std::time::SystemTime;
 use study::table::{self, Value};
 use tempfile::TempDir;
 
@@ -279,6 +281,34 @@ fn the_unfinished_file_of_another_table_remains() {
     table::write(&folder.path().join("steps.parquet"), None, &rows).expect("written");
     assert_eq!(fs::read_to_string(&unfinished).expect("the file remains"), "unfinished");
     assert!(folder.path().join("steps.parquet").is_file());
+}
+
+#[test]
+fn a_folder_with_the_parts_of_a_recording_is_one_recording() {
+    let (_folder, path) = people();
+    assert_eq!(outcome(&cohort(&path, "")).0, Some(0));
+    let expected = rows(&path, "ann");
+    let file = path.join("people/ann/a.parquet");
+    let whole = Recording::read(&file).expect("a recording");
+    fs::remove_file(&file).expect("removed");
+    fs::create_dir(&file).expect("made");
+    let middle = whole.frames() / 2;
+    for (name, frames) in [("part-0.parquet", 0..middle), ("part-1.parquet", middle..whole.frames())] {
+        let pressure_kpa = whole.pressure_kpa[frames.start * whole.cells()..frames.end * whole.cells()].to_vec();
+        let part = Recording { t_s: whole.t_s[frames].to_vec(), pressure_kpa, ..whole.clone() };
+        part.write(file.join(name)).expect("written");
+    }
+    let run = |words: &str| {
+        let (status, text_of_run) = outcome(&cohort(&path, ""));
+        assert!(status == Some(0) && text_of_run.contains(words), "{text_of_run}");
+    };
+    run("1 participants were already up to date");
+    assert!(rows(&path, "ann") == expected);
+    run("2 participants were already up to date");
+    // A changed part causes a new evaluation.
+    let part = File::options().write(true).open(file.join("part-1.parquet")).expect("a part");
+    part.set_modified(SystemTime::UNIX_EPOCH).expect("changed");
+    run("1 participants were already up to date");
 }
 
 /// macOS writes a hidden file with the prefix `._` beside some files.

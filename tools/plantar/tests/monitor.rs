@@ -52,7 +52,7 @@ fn run_with_insole(arguments: &[&str]) -> Output {
     let config = EmulatorConfig::new(virtual_insole.setup);
     let cells = virtual_insole.cells.clone();
     let walk = Recorded::new(walk, virtual_insole);
-    let board = Board::start(firmware.as_ref(), &config, &cells, Time::Max, walk).expect("the board boots");
+    let board = Board::start(firmware.as_ref(), &config, &cells, Time::Fastest, walk).expect("the board boots");
     let bridge = TcpListener::bind("127.0.0.1:0").expect("a port");
     let program = Command::new(env!("CARGO_BIN_EXE_plantar"))
         .args(arguments)

@@ -57,7 +57,7 @@ pub use export::{Export, Format};
 pub use insole::VirtualInsole;
 pub use layout::{Cell, Layout, MAX_CELLS};
 pub use names::area_title;
-pub use parts::is_parquet;
+pub use parts::{files, is_parquet};
 pub use reader::RecordingReader;
 pub use recording::Recording;
 pub use scans::{FrameSource, Scan, Scans};

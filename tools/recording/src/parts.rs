@@ -1,5 +1,6 @@
 //! A recording in parts: a folder of files, each of which continues the one before it.
 
+use crate::check::At;
 use crate::columns::ColumnFile;
 use crate::{Error, Recording, Result};
 use std::path::{Path, PathBuf};
@@ -11,20 +12,43 @@ pub fn is_parquet(path: &Path) -> bool {
     !is_hidden && path.extension().is_some_and(|end| end == "parquet")
 }
 
-/// Opens the files of a folder in the order of their names, and returns them with the description of the joined recording.
+/// The files of a recording: `path` itself, or the parts in the folder `path` in the order of their names.
 ///
 /// # Errors
-/// Fails if the folder or a file cannot be read, if the folder has no recording, or if a part does not continue the one before
-/// it: it must be of the same foot, layout and rate, and begin one frame later, to within a tenth of a frame.
-pub fn open(folder: &Path) -> Result<(Recording, Vec<ColumnFile>)> {
-    let entries = std::fs::read_dir(folder).map_err(Error::io(folder))?;
-    let mut paths: Vec<PathBuf> = entries
-        .map(|entry| entry.map(|entry| entry.path()).map_err(Error::io(folder)))
+/// Fails if the folder cannot be read.
+pub fn files(path: &Path) -> Result<Vec<PathBuf>> {
+    if !path.is_dir() {
+        return Ok(vec![path.to_owned()]);
+    }
+    let entries = std::fs::read_dir(path).map_err(Error::io(path))?;
+    let mut parts: Vec<PathBuf> = entries
+        .map(|entry| entry.map(|entry| entry.path()).map_err(Error::io(path)))
         // Errors pass this filter, and end the collection.
-        .filter(|path| !path.as_ref().is_ok_and(|path| !is_parquet(path)))
+        .filter(|part| !part.as_ref().is_ok_and(|part| !is_parquet(part)))
         .collect::<Result<_>>()?;
-    paths.sort();
-    let mut parts = paths.iter();
+    parts.sort();
+    Ok(parts)
+}
+
+/// Opens the parts in a folder, and returns them with the description of the joined recording.
+///
+/// # Errors
+/// Fails if the folder cannot be read, or in the cases of [`join`].
+pub fn open(folder: &Path) -> Result<(Recording, Vec<ColumnFile>)> {
+    join(folder, files(folder)?.iter().map(|part| ColumnFile::open(part)))
+}
+
+/// Joins the parts of a recording, which are in the order of time, and returns them with the description of the joined
+/// recording. `folder` is their folder, for messages.
+///
+/// # Errors
+/// Fails if a part could not be opened, if there is none, or if a part does not continue the one before it: it must be of the
+/// same foot, layout and rate, and begin one frame later, to within a tenth of a frame.
+pub fn join(
+    folder: &Path,
+    parts: impl IntoIterator<Item = Result<(Recording, ColumnFile)>>,
+) -> Result<(Recording, Vec<ColumnFile>)> {
+    let mut parts = parts.into_iter();
     let Some(first) = parts.next() else {
         return Err(Error::content(
             folder.display().to_string(),
@@ -32,18 +56,18 @@ pub fn open(folder: &Path) -> Result<(Recording, Vec<ColumnFile>)> {
             "name a recording, or a folder with the parts of one",
         ));
     };
-    let (mut head, first) = ColumnFile::open(first)?;
+    let (mut head, first) = first?;
     let mut files = vec![first];
     let mut sources = vec![head.source];
     let mut last_s = files[0].last_s()?;
-    for path in parts {
-        let (part, file) = ColumnFile::open(path)?;
+    for part in parts {
+        let (part, file) = part?;
         let is_same_sensor = (part.side, part.rate_hz, &part.layout) == (head.side, head.rate_hz, &head.layout);
         // A part without frames has no times.
         let gap_s = file.first_s()?.zip(last_s).map(|(next_s, last_s)| next_s - last_s);
         if !is_same_sensor || gap_s.is_some_and(|gap_s| (gap_s * head.rate_hz - 1.0).abs() > 0.1) {
             return Err(Error::content(
-                path.display().to_string(),
+                file.place(At::Whole),
                 "this part does not continue the one before it: another foot, layout or rate, or a gap in time",
                 "move it to a folder of its own",
             ));

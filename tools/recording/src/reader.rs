@@ -5,7 +5,7 @@ use crate::columns::{ColumnFile, DECODERS};
 use crate::{Recording, Result, parts};
 use rayon::prelude::*;
 use std::iter::from_fn;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Number of columns and rows that are transposed at a time, so that the cache holds the parts of the rows that are written.
 const COLUMNS_PER_BLOCK: usize = 16;
@@ -51,6 +51,16 @@ impl RecordingReader {
     pub fn parse(bytes: Vec<u8>, path: &Path) -> Result<Self> {
         let (head, file) = ColumnFile::parse(bytes, path)?;
         Self::new(head, vec![file])
+    }
+
+    /// As [`RecordingReader::open`], from the paths and the contents of the parts in `folder`, which are in the order of time.
+    ///
+    /// # Errors
+    /// Fails in the same cases as [`RecordingReader::open`].
+    pub fn parse_parts(parts: Vec<(PathBuf, Vec<u8>)>, folder: &Path) -> Result<Self> {
+        let parts = parts.into_iter().map(|(path, bytes)| ColumnFile::parse(bytes, &path));
+        let (head, files) = parts::join(folder, parts)?;
+        Self::new(head, files)
     }
 
     fn new(head: Recording, files: Vec<ColumnFile>) -> Result<Self> {

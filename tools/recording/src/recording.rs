@@ -2,7 +2,7 @@
 
 use crate::{Layout, RecordingReader, Result, bins, file, rate};
 use plantar::Side;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// The pressure under one foot over time.
 #[derive(Clone, Debug, PartialEq)]
@@ -69,6 +69,14 @@ impl Recording {
     /// Fails in the same cases as [`Recording::read`].
     pub fn parse(bytes: Vec<u8>, path: &Path) -> Result<Self> {
         RecordingReader::parse(bytes, path)?.whole()
+    }
+
+    /// As [`Recording::read`], from the paths and the contents of the parts in `folder`, which are in the order of time.
+    ///
+    /// # Errors
+    /// Fails in the same cases as [`Recording::read`].
+    pub fn parse_parts(parts: Vec<(PathBuf, Vec<u8>)>, folder: &Path) -> Result<Self> {
+        RecordingReader::parse_parts(parts, folder)?.whole()
     }
 
     /// Writes the recording to Parquet: a column `t_s` in seconds, columns `c0_kpa`, `c1_kpa`, ..., and side, rate, source and

@@ -202,6 +202,28 @@ fn the_source_of_joined_parts_contains_each_source_once() {
 }
 
 #[test]
+fn parts_in_memory_are_read_like_a_folder() {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("walk.parquet");
+    std::fs::create_dir(&path).unwrap();
+    let names = ["t_s", "c0_kpa", "c1_kpa"];
+    write(&path.join("part-0.parquet"), Some(TWO_CELLS), names, &[0.0, 0.01], [&[1.0, 2.0], &[3.0, 4.0]]);
+    write(&path.join("part-1.parquet"), Some(TWO_CELLS), names, &[0.02], [&[5.0], &[6.0]]);
+    let mut parts: Vec<_> = ["part-0.parquet", "part-1.parquet"]
+        .map(|name| (path.join(name), std::fs::read(path.join(name)).unwrap()))
+        .into();
+    let recording = Recording::parse_parts(parts.clone(), &path).unwrap();
+    assert_eq!(recording.t_s, [0.0, 0.01, 0.02]);
+    assert_eq!(recording.pressure_kpa, [1.0, 3.0, 2.0, 4.0, 5.0, 6.0]);
+    assert!(recording == Recording::read(&path).unwrap());
+    parts.reverse();
+    let error = Recording::parse_parts(parts, &path).unwrap_err().to_string();
+    assert!(error.contains("part-0.parquet") && error.contains("gap in time"), "{error}");
+    let error = Recording::parse_parts(vec![], &path).unwrap_err().to_string();
+    assert!(error.contains("walk.parquet: the folder has no .parquet file"), "{error}");
+}
+
+#[test]
 fn a_file_of_another_writer_with_the_metadata_is_read() {
     let (_folder, path) = in_folder();
     write(

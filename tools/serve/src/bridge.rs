@@ -43,7 +43,7 @@ pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
     loop {
         let event = insole.next_event();
         if let Ok(Event::Message(message)) = &event {
-            hub.publish(index, message, insole.client().axis());
+            hub.publish(index, message, insole.client().clock_mapping());
         }
         match event {
             Ok(Event::Started(_)) => pass_hello(hub, index, &mut insole),
@@ -71,7 +71,7 @@ pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
                 return;
             }
         }
-        hub.clock(index, insole.client().axis());
+        hub.clock_mapping(index, insole.client().clock_mapping());
         if let Some(number) = hub.acknowledgement(index) {
             insole.send(ToDevice::Acknowledge { number });
         }

@@ -1,7 +1,7 @@
 //! Connects insoles with pages. Each page has a session of its own with each insole, in which the hub acts as the insole.
 
 use crate::lsl::Outlets;
-use client::{Axis, StreamFile, unix_us};
+use client::{ClockMapping, StreamFile, unix_us};
 use plantar::pipeline::alert::{AlertRules, DailyLoad};
 use plantar::pipeline::setup::{Setup, SetupCell};
 use plantar::pipeline::tissue::Tissue;
@@ -50,7 +50,7 @@ struct Insole {
     daily_load: DailyLoad,
     status: Status,
     /// Converts between the insole's clock and this computer's.
-    axis: Axis,
+    clock_mapping: ClockMapping,
     /// Number of sessions with the insole so far. Numbers of records can be compared only within one session.
     session: u64,
     /// Records that no page has acknowledged, at most as many as the insole holds in RAM.
@@ -153,7 +153,7 @@ impl Hub {
         insole.layout = layout.map(|layout| (hello.layout_id, layout));
         insole.ellipses_every = 0;
         insole.session += 1;
-        insole.axis = Axis::new();
+        insole.clock_mapping = ClockMapping::new();
         insole.to_acknowledge = None;
         insole.forget_requests();
         for (_, link) in &mut insole.pages {
@@ -252,9 +252,9 @@ impl Hub {
     }
 
     /// Publishes a message over the Lab Streaming Layer, if this was requested.
-    pub fn publish(&self, index: usize, message: &ToHost, axis: &Axis) {
+    pub fn publish(&self, index: usize, message: &ToHost, mapping: &ClockMapping) {
         if let Some(outlets) = &mut self.insole(index).outlets {
-            outlets.send(message, axis);
+            outlets.send(message, mapping);
         }
     }
 
@@ -324,8 +324,8 @@ impl Hub {
     }
 
     /// Stores the current estimate of the insole's clock.
-    pub fn clock(&self, index: usize, axis: &Axis) {
-        self.insole(index).axis.clone_from(axis);
+    pub fn clock_mapping(&self, index: usize, mapping: &ClockMapping) {
+        self.insole(index).clock_mapping.clone_from(mapping);
     }
 
     /// Takes the number of the record that must be acknowledged to the insole.
@@ -454,7 +454,7 @@ impl Page {
             // Ignored, because the bridge sets the clock.
             Some(ToDevice::SetClock { .. }) => {}
             Some(request @ ToDevice::GetTime { .. }) => {
-                if let Some(device_us) = insole.axis.device_us(unix_us()) {
+                if let Some(device_us) = insole.clock_mapping.device_us(unix_us()) {
                     link.receive(request, device_us);
                 }
             }

@@ -3,7 +3,7 @@
 
 use crate::Error;
 use crate::liblsl::{Liblsl, Now, Outlet, Properties, Stream};
-use client::Axis;
+use client::ClockMapping;
 use plantar::pipeline::bout::BoutKind;
 use plantar::protocol::{
     Alert, Bout, BoutRegion, Flag, Hello, Live, LiveRegion, LoadRecord, Quantity, Step, StepFoot, StepRegion, ToHost,
@@ -55,15 +55,15 @@ impl Outlets {
 
     /// Sends a message with its time. A message without a known time is not sent: a frame that arrives before the first answer to
     /// a request for the insole's time, and a record from before the insole's last start if its clock was not set then.
-    pub fn send(&mut self, message: &ToHost, axis: &Axis) {
+    pub fn send(&mut self, message: &ToHost, mapping: &ClockMapping) {
         let now = self.lsl.now();
         if let ToHost::Live(live) = message
-            && let Some(t_s) = axis.host_us(live.t_us).and_then(|us| lsl_s(now, us))
+            && let Some(t_s) = mapping.host_us(live.t_us).and_then(|us| lsl_s(now, us))
         {
             self.frames.push(live, t_s);
         }
         let Some(record) = LoadRecord::of(message) else { return };
-        let Some(start_us) = axis.start_us(&record) else { return };
+        let Some(start_us) = mapping.start_us(&record) else { return };
         let Some(start_s) = lsl_s(now, start_us) else { return };
         match record {
             LoadRecord::Step(step) => {

@@ -18,6 +18,8 @@ const f32 = (value: number) => [...new Uint8Array(Float32Array.of(value).buffer)
 
 /** An alert 0.3 s after the first scan: heel and big toe of the left foot carried load for most of a window of 15 minutes. */
 const ALERT_BYTES = [ALERT, ...varint(NUMBER), 0, ...varint(300_000), 0b10_0001, 0, ...varint(900), 1, 0, 0];
+/** The alert 0.4 s after the beginning of the walk. */
+const ALERT_ENTRY = { t_ms: 400, insole: 0, message: Uint8Array.from(ALERT_BYTES) } as const;
 /** The recommended rules, with this number of alerts in a day. */
 const rules = (per_day: number) =>
   [ALERT_RULES, ...f32(200), ...f32(4.7), ...varint(900), 95, 80, 255, ...f32(0), ...varint(1200), per_day, 0];
@@ -32,8 +34,7 @@ test("an alert is shown in plain words, signalled, stored, acknowledged and snoo
   const walk = entries(new Uint8Array(readFileSync(phonePath("public/walk.plantar"))));
   // The times of the recording are not those of today: without them, the alert has no time and counts as new.
   const timeless = [...walk].filter(({ message }) => message[0] !== TIME);
-  const alert = { t_ms: 400, insole: 0, message: Uint8Array.from(ALERT_BYTES) } as const;
-  const insoles = new FakeInsoles(new Uint8Array(Buffer.concat([...timeless, alert].map(entry))), 1);
+  const insoles = new FakeInsoles(new Uint8Array(Buffer.concat([...timeless, ALERT_ENTRY].map(entry))), 1);
   const context = await served.browser.newContext({ viewport: PHONE });
   const page = await context.newPage();
   // The browser of the test has no vibration motor and no loudspeaker, so the calls are counted.
@@ -82,6 +83,20 @@ test("an alert is shown in plain words, signalled, stored, acknowledged and snoo
   expect(await page.locator("#today-note").textContent()).toBe("Alerts today: 2. No alert for another 10 minutes.");
   await page.locator("#today").scrollIntoViewIfNeeded();
   await page.screenshot({ path: phonePath("tests/screenshots/daily-load.png") });
+  insoles.stop();
+  await context.close();
+});
+
+test("an alert without a known time is shown before the first live frame", async () => {
+  const walk = [...entries(new Uint8Array(readFileSync(phonePath("public/walk.plantar"))))];
+  const hello = walk.find(({ insole }) => insole === ALERT_ENTRY.insole)!;
+  const insoles = new FakeInsoles(new Uint8Array(Buffer.concat([hello, ALERT_ENTRY].map(entry))), 1);
+  const context = await served.browser.newContext({ viewport: PHONE });
+  const page = await context.newPage();
+  await insoles.serve(page);
+  await page.goto(served.url);
+  await page.locator("#alert").waitFor();
+  expect(await page.locator("#alert-list tbody td").allTextContents()).toEqual(["Left", "–", "Heel, Big toe"]);
   insoles.stop();
   await context.close();
 });

@@ -170,6 +170,36 @@ test("with a body mass, forces are shown in % of body weight, and the mass is st
   await page.close();
 });
 
+test("a body mass or stride length out of range is refused with the limits", async () => {
+  const page = await open(served.browser, replay, { viewport: PHONE });
+  await show(page, "settings");
+  const stored = async () => JSON.parse((await page.evaluate(() => localStorage.getItem("plantar.settings"))) ?? "{}") as unknown;
+  const notes = async () => [await page.locator("#mass-note").textContent(), await page.locator("#stride-note").textContent()];
+  const kg = "Enter 1 to 700 kg. Other values are not used.";
+  const cm = "Enter 10 to 400 cm. Other values are not used.";
+  for (const [mass_kg, stride_cm, expected] of [
+    [0.9, 9, [kg, cm]],
+    [1, 10, ["", ""]],
+    [700, 400, ["", ""]],
+    [701, 401, [kg, cm]],
+  ] as const) {
+    await page.locator("#mass").fill(String(mass_kg));
+    await page.locator("#stride").fill(String(stride_cm));
+    expect(await notes()).toEqual(expected);
+    const is_valid = expected[0] === "";
+    expect(await stored()).toMatchObject({ body_mass_kg: is_valid ? mass_kg : null, stride_cm: is_valid ? stride_cm : null });
+  }
+  await page.locator("#mass-unit").selectOption("lb");
+  expect(await notes()).toEqual(["", cm]);
+  // 700 kg are 1543.2 lb.
+  await page.locator("#mass").fill("1544");
+  expect(await notes()).toEqual(["Enter 3 to 1543 lb. Other values are not used.", cm]);
+  await page.locator("#mass").fill("");
+  await page.locator("#stride").fill("");
+  expect(await notes()).toEqual(["", ""]);
+  await page.close();
+});
+
 test("live values are recorded and exported, and steps are exported", async () => {
   const page = await open(served.browser, replay, { viewport: DESKTOP });
   await waitForSteps(page, 1);

@@ -19,7 +19,7 @@ pub use message::decode_to_json;
 pub use sole::{LayoutCell, RegionShape, Sole};
 
 use client::gait::{FootStep, Gait, Length};
-use client::{Arrival, Axis, RecordOrder};
+use client::{Arrival, ClockMapping, RecordOrder};
 use phone_buffer::put;
 use plantar::pipeline::alert::AlertRules;
 use plantar::protocol::{LiveCounter, MAJOR, MAX_MESSAGE, MINOR, ToDevice, ToHost, decode as decode_message, encode};
@@ -143,8 +143,8 @@ pub extern "C" fn set_clock(unix_us: f64) -> usize {
 /// Number of insoles that can be connected at the same time.
 const INSOLES: usize = 2;
 
-/// The time axes of the connected insoles, followed by the time axes of the insoles in a recording.
-static AXES: Mutex<[Axis; 2 * INSOLES]> = Mutex::new([const { Axis::new() }; 2 * INSOLES]);
+/// The clock mappings of the connected insoles, followed by those of the insoles in a recording.
+static CLOCK_MAPPINGS: Mutex<[ClockMapping; 2 * INSOLES]> = Mutex::new([const { ClockMapping::new() }; 2 * INSOLES]);
 
 /// The counters of the live frames of the connected insoles.
 static COUNTERS: Mutex<[LiveCounter; INSOLES]> = Mutex::new([LiveCounter::NEW; INSOLES]);
@@ -156,23 +156,23 @@ fn with<const N: usize, I: Default, T>(items: &Mutex<[I; N]>, index: usize, act:
     act(items.get_mut(index).unwrap_or(&mut I::default()))
 }
 
-/// Resets the time axis of an insole. `index` is 0 or 1 for the connected insoles, and 2 or 3 for the insoles in a recording.
+/// Resets the clock mapping of an insole. `index` is 0 or 1 for the connected insoles, and 2 or 3 for the insoles in a recording.
 #[unsafe(no_mangle)]
-pub extern "C" fn axis_clear(index: usize) {
-    with(&AXES, index, |axis| *axis = Axis::new());
+pub extern "C" fn clock_mapping_clear(index: usize) {
+    with(&CLOCK_MAPPINGS, index, |mapping| *mapping = ClockMapping::new());
 }
 
-/// Adds an insole's answer to [`get_time`] to its time axis. `asked_us` is the time in the request, and `device_us` is the time
-/// of the insole in its answer.
+/// Adds an insole's answer to [`get_time`] to its clock mapping. `asked_us` is the time in the request, and `device_us` is the
+/// time of the insole in its answer.
 #[unsafe(no_mangle)]
-pub extern "C" fn axis_answer(index: usize, asked_us: f64, device_us: f64) {
-    with(&AXES, index, |axis| axis.answer(asked_us as u64, device_us as u64));
+pub extern "C" fn clock_mapping_answer(index: usize, asked_us: f64, device_us: f64) {
+    with(&CLOCK_MAPPINGS, index, |mapping| mapping.answer(asked_us as u64, device_us as u64));
 }
 
 /// The time, us since 1970, at which an insole's clock showed `device_us`. NaN before the first answer.
 #[unsafe(no_mangle)]
-pub extern "C" fn axis_unix_us(index: usize, device_us: f64) -> f64 {
-    with(&AXES, index, |axis| axis.host_us(device_us as u64).map_or(f64::NAN, |us| us as f64))
+pub extern "C" fn clock_mapping_unix_us(index: usize, device_us: f64) -> f64 {
+    with(&CLOCK_MAPPINGS, index, |mapping| mapping.host_us(device_us as u64).map_or(f64::NAN, |us| us as f64))
 }
 
 /// Resets the counter of the live frames of an insole.

@@ -118,7 +118,7 @@ fn walk(firmware: &Path, side: Side, steps: u32) -> Result<Walked> {
 
     let config = EmulatorConfig { first_scan, ..EmulatorConfig::new(insole.setup) };
     let hardware = Hardware { flash: Some(used_chip(first_step)?), ..Hardware::default() };
-    let board = Board::start_with(firmware, &config, &insole.cells, Time::Max, repeated(), &hardware)?;
+    let board = Board::start_with(firmware, &config, &insole.cells, Time::Fastest, repeated(), &hardware)?;
     let mut link = board.link()?;
     link.set_read_timeout(Some(READ_TIMEOUT))?;
     let mut client = Client::connect(Framed::new(link), Duration::from_secs(20))?;

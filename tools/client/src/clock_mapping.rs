@@ -18,7 +18,7 @@ const MAX_DRIFT: f64 = 100e-6;
 /// measurements"). The delay of the answers has no influence. The least delay of the requests remains as an error, which is about
 /// the same for all insoles on links of the same kind.
 #[derive(Clone, Debug, Default)]
-pub struct Axis {
+pub struct ClockMapping {
     /// The request with the least delay in each window, oldest first.
     samples: VecDeque<Sample>,
     /// The line below all samples that is closest at their mean time.
@@ -41,8 +41,8 @@ struct Line {
     drift: f64,
 }
 
-impl Axis {
-    /// An axis before the first answer.
+impl ClockMapping {
+    /// A mapping before the first answer.
     pub const fn new() -> Self {
         Self { samples: VecDeque::new(), line: None }
     }

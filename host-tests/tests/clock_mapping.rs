@@ -1,6 +1,6 @@
 //! The conversion of insoles' times to the host's time, tested with known clocks.
 
-use client::Axis;
+use client::ClockMapping;
 use fastrand::Rng;
 
 /// The true clock of an insole, and the delay of the link to the insole.
@@ -24,25 +24,25 @@ impl Clock {
 const EPOCH_US: u64 = 1_735_689_600_000_000;
 
 #[test]
-fn two_insoles_share_one_axis_within_2_ms() {
+fn two_insoles_share_one_time_axis_within_2_ms() {
     // Largest differences between the two insoles' times, from 5 s to 40 s and afterwards, when the drift is known.
     let (mut early_us, mut late_us) = (0.0f64, 0.0f64);
     for seed in 0..40 {
         let mut random = Rng::with_seed(seed);
         let clocks =
             [(30e-6, 2e6), (-40e-6, 500e6)].map(|(drift, start_us)| Clock { start_us, drift, interval_us: 15e3 });
-        let mut axes = [Axis::new(), Axis::new()];
+        let mut mappings = [ClockMapping::new(), ClockMapping::new()];
         // Ten minutes with four requests a second.
         for request in 0..2400 {
             let host_us = f64::from(request) * 250e3 + 20e3 * random.f64();
-            for (axis, clock) in axes.iter_mut().zip(&clocks) {
+            for (mapping, clock) in mappings.iter_mut().zip(&clocks) {
                 let missed = if random.f64() < 0.1 { (10.0 * random.f64()).ceil() } else { 0.0 };
                 let delay_us = 400.0 + clock.interval_us * (random.f64() + missed);
-                axis.answer(EPOCH_US + host_us as u64, clock.at(host_us + delay_us) as u64);
+                mapping.answer(EPOCH_US + host_us as u64, clock.at(host_us + delay_us) as u64);
             }
             // Both insoles' times of the same moment are converted to the host's time.
             let [left_us, right_us] = [0, 1].map(|i| {
-                let found_us = axes[i].host_us(clocks[i].at(host_us) as u64).expect("the axis has an answer");
+                let found_us = mappings[i].host_us(clocks[i].at(host_us) as u64).expect("the mapping has an answer");
                 found_us as f64 - EPOCH_US as f64
             });
             let apart_us = (left_us - right_us).abs();
@@ -64,28 +64,28 @@ fn two_insoles_share_one_axis_within_2_ms() {
 
 #[test]
 fn times_are_converted_in_both_directions() {
-    let mut axis = Axis::new();
-    assert_eq!(axis.host_us(5), None);
-    assert_eq!(axis.device_us(5), None);
+    let mut mapping = ClockMapping::new();
+    assert_eq!(mapping.host_us(5), None);
+    assert_eq!(mapping.device_us(5), None);
     for second in 0..100u64 {
         let host_us = EPOCH_US + second * 1_000_000;
         // The insole's clock is 50 ppm fast, and the link has no delay.
-        axis.answer(host_us, 7_000_000 + second * 1_000_050);
+        mapping.answer(host_us, 7_000_000 + second * 1_000_050);
     }
     for second in [0u64, 50, 130] {
         let (host_us, device_us) = (EPOCH_US + second * 1_000_000, 7_000_000 + second * 1_000_050);
-        assert!(axis.host_us(device_us).expect("the axis has answers").abs_diff(host_us) <= 1);
-        assert!(axis.device_us(host_us).expect("the axis has answers").abs_diff(device_us) <= 1);
+        assert!(mapping.host_us(device_us).expect("the mapping has answers").abs_diff(host_us) <= 1);
+        assert!(mapping.device_us(host_us).expect("the mapping has answers").abs_diff(device_us) <= 1);
     }
 }
 
 #[test]
-fn a_restart_of_the_insole_resets_the_axis() {
-    let mut axis = Axis::new();
+fn a_restart_of_the_insole_resets_the_mapping() {
+    let mut mapping = ClockMapping::new();
     for second in 0..100u64 {
-        axis.answer(EPOCH_US + second * 1_000_000, 500_000_000 + second * 1_000_000);
+        mapping.answer(EPOCH_US + second * 1_000_000, 500_000_000 + second * 1_000_000);
     }
     let restart_us = EPOCH_US + 100_000_000;
-    axis.answer(restart_us, 30_000);
-    assert_eq!(axis.host_us(40_000), Some(restart_us + 10_000));
+    mapping.answer(restart_us, 30_000);
+    assert_eq!(mapping.host_us(40_000), Some(restart_us + 10_000));
 }
