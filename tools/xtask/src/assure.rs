@@ -217,13 +217,21 @@ fn mutation_score(every: u32) -> Result<f64> {
     println!("Testing, with the slower tests, the {} changes that the fast tests did not notice", missed.len());
     let names: Vec<String> = missed.iter().map(|change| escaped(change)).collect();
     let names = format!("^({})$", names.join("|"));
-    // cargo-mutants ignores the names for changes that delete a field, and tests those in all of these files.
+    // cargo-mutants ignores the names for changes that delete a field, and tests those in all of these files. It adds the files of
+    // its configuration, so it does not read that.
     let files: BTreeSet<_> = missed.iter().filter_map(|change| change.split(':').next()).collect();
     let files = files.into_iter().flat_map(|file| ["--file", file]);
+    let configuration = ["--no-config", "--profile", "mutants"];
     // There is no baseline, the run without changes: cargo-mutants would look for these tests in the changed package.
     let tested = ["--test-package", "host-tests", "--baseline", "skip", "--timeout", SLOWER_TESTS_TIMEOUT_S];
     // Arguments after the first separator are for `cargo test`, those after the second one for the program with the tests.
-    let arguments = files.chain(["--re", &names]).chain(tested).chain(["--", "--"]).chain(SLOWER_TESTS);
+    let arguments = configuration
+        .into_iter()
+        .chain(files)
+        .chain(["--re", &names])
+        .chain(tested)
+        .chain(["--", "--"])
+        .chain(SLOWER_TESTS);
     let (noticed, _) = mutants("slow", &arguments.collect::<Vec<_>>())?;
     // A change that was not tested counts as not noticed.
     let never: Vec<_> = missed.into_iter().filter(|change| !noticed.contains(change)).collect();
