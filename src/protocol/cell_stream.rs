@@ -97,3 +97,14 @@ impl CellSender {
         Some(out)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_longest_head_has_the_stated_length() {
+        let longest = (ToHost::CELLS, u32::MAX, u32::MAX, u32::MAX, u16::MAX, MAX_PACKED as u32);
+        assert_eq!(encode(&longest, &mut [0; 2 * MAX_HEAD]).expect("the buffer is long enough").len(), MAX_HEAD);
+    }
+}
