@@ -94,6 +94,21 @@ fn a_rate_that_the_port_cannot_carry_is_refused_with_the_highest_that_it_can() {
     client.stream_cells(request(every)).expect("the rate that was offered is accepted");
 }
 
+/// The link carries some 32,500 bytes a second: four values of 244 bytes in each 30 ms. Of these, 100 live frames take 9,200, and
+/// 100 frames of cells, assumed to have 238 bytes, would take another 23,800.
+#[test]
+fn bluetooth_carries_every_second_frame_of_cells_and_refuses_every_frame() {
+    let world = Rc::new(RefCell::new(World::new(1, 100.0)));
+    let link = Link::open(&world, 0, LinkKind::Bluetooth).expect("the insole is in range");
+    let mut client = Client::connect(link, TIMEOUT).expect("the insole answers");
+    let request = |every| Some(CellStream { resolution: Resolution::Converter, every });
+    let Err(Error::Refused(Refusal::CellRate { every })) = client.stream_cells(request(1)) else {
+        panic!("every frame must be refused")
+    };
+    assert_eq!(every, 2);
+    client.stream_cells(request(2)).expect("every second frame is accepted");
+}
+
 #[test]
 fn a_cell_stream_with_every_0_has_the_cells_of_all_frames() {
     let world = Rc::new(RefCell::new(World::new(1, 100.0)));
