@@ -207,6 +207,18 @@ def test_a_recording_in_parts_has_the_rows_of_the_command_line(tmp_path: pathlib
     pd.testing.assert_frame_equal(table(tmp_path / "from-memory"), expected)
 
 
+def test_a_folder_that_lists_itself_has_only_its_parts() -> None:
+    class Listing(fsspec.AbstractFileSystem):
+        """An object storage that lists a folder as an object without content in this folder."""
+
+        def ls(self, path: str, detail: bool = True, **_: object) -> list[dict[str, object]]:
+            names = [f"{path}/", f"{path}/part-0.parquet"]
+            return [{"name": name, "type": "file", "size": 0} for name in names]
+
+    names = [entry["name"] for entry in cohort._parquet_entries(Listing(), "study/ann/walk.parquet")]
+    assert names == ["study/ann/walk.parquet/part-0.parquet"]
+
+
 def test_an_unreachable_scheduler_is_an_error_that_names_the_remedy(
     study_folder: pathlib.Path, tmp_path: pathlib.Path
 ) -> None:

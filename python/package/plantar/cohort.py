@@ -60,7 +60,9 @@ def _is_folder(files: Any, entry: dict[str, Any]) -> bool:
 def _parquet_entries(files: Any, folder: str) -> list[dict[str, Any]]:
     """The entries of a folder with the names of Parquet files, sorted by name: recordings, or the parts of one."""
     files.invalidate_cache(folder)
-    entries = [entry for entry in files.ls(folder, detail=True) if entry["name"].rstrip("/").endswith(".parquet")]
+    # An object storage can list the folder itself as one of its entries.
+    entries = [entry for entry in files.ls(folder, detail=True) if entry["name"].rstrip("/") != folder.rstrip("/")]
+    entries = [entry for entry in entries if entry["name"].rstrip("/").endswith(".parquet")]
     # macOS writes files with names such as `._walk.parquet` beside others. They are not recordings.
     entries = [entry for entry in entries if not entry["name"].rstrip("/").rsplit("/", 1)[-1].startswith(".")]
     return sorted(entries, key=lambda entry: entry["name"])

@@ -105,7 +105,7 @@ const DESELECTED_S: f64 = 1e-6;
 const BREAK_S: f64 = 0.2e-6;
 /// Duration of a simulation of settling, s.
 const SETTLING_S: f64 = 81e-6;
-/// Largest share of a simulation until the converter's input has settled. Distances are taken from the last sample, so an input
+/// Largest share of the simulated time after a change until the converter's input has settled. Distances are taken from the last sample, so an input
 /// that still changes has a distance of more than half an LSB until shortly before the end.
 const SETTLED_SHARE: f64 = 0.75;
 
@@ -144,40 +144,37 @@ pub fn settling(board: &Netlist, name: &'static str, mut conditions: Conditions)
     let selected_s = DESELECTED_S + BREAK_S;
     conditions.gates[ROW - 1] = Gate::OnUntil(DESELECTED_S);
     conditions.gates[ROW] = Gate::OnFrom(selected_s);
-    let (error_lsb, settled_s) = approach(board, &conditions, "50n", selected_s, SETTLING_S)?;
+    let error_lsb = approach(board, &conditions, "50n", selected_s, SETTLING_S)?;
+    let settled_s = settled_s(&error_lsb, 0.0)?;
     Ok(Settling { name, error_lsb, settled_s })
 }
 
 /// Simulates the measured cell's input of the converter until `end_s`; `dt` is the time step with its unit, as ngspice reads it.
-/// Returns the times after `from_s`, s, with the distances from the final voltage, LSB of 12 bits, and the time after `from_s`
-/// from which the distance remains below half an LSB, s.
-fn approach(board: &Netlist, conditions: &Conditions, dt: &str, from_s: f64, end_s: f64) -> Result<(Points, f64)> {
+/// Returns the times after `from_s`, s, with the distances from the final voltage, LSB of 12 bits.
+fn approach(board: &Netlist, conditions: &Conditions, dt: &str, from_s: f64, end_s: f64) -> Result<Points> {
     let analysis = format!("tran {dt} {end_s:e} 0 {dt}");
     let vector = format!("v({})", input_net(COLUMN));
     let table = Run::of(circuit(board, conditions)).table(&analysis, &vector).tables()?.remove(0);
     let final_v = table[table.len() - 1][1];
-    let error_lsb: Points = table
-        .iter()
-        .filter(|row| row[0] >= from_s)
-        .map(|row| (row[0] - from_s, (code(row[1]) - code(final_v)) / CODES_PER_LSB))
-        .collect();
-    let settled_s = settled_s(&error_lsb)?;
-    Ok((error_lsb, settled_s))
+    let distance = |row: &Vec<f64>| (row[0] - from_s, (code(row[1]) - code(final_v)) / CODES_PER_LSB);
+    Ok(table.iter().filter(|row| row[0] >= from_s).map(distance).collect())
 }
 
 /// The time from which the distance from the last sample remains below half an LSB, s. `error_lsb` contains times, s, with these
-/// distances, LSB.
+/// distances, LSB. At `changed_s`, s, the change ends after which the input settles.
 ///
 /// # Errors
-/// If the input has not settled within three quarters of the time, because the last sample may not be the final voltage then.
-pub fn settled_s(error_lsb: &[(f64, f64)]) -> Result<f64> {
+/// If the input has not settled within three quarters of the time after the change, because the last sample may not be the final
+/// voltage then.
+pub fn settled_s(error_lsb: &[(f64, f64)], changed_s: f64) -> Result<f64> {
     let (end_s, _) = *error_lsb.last().context("the simulation has no sample")?;
     let last = error_lsb.iter().rposition(|(_, lsb)| lsb.abs() > 0.5);
     let settled_s = last.map_or(0.0, |i| error_lsb[(i + 1).min(error_lsb.len() - 1)].0);
+    let latest_s = changed_s + SETTLED_SHARE * (end_s - changed_s);
     ensure!(
-        settled_s <= SETTLED_SHARE * end_s,
+        settled_s <= latest_s,
         "the converter's input has not settled within {:.0} us: simulate a longer time",
-        SETTLED_SHARE * end_s * 1e6
+        latest_s * 1e6
     );
     Ok(settled_s)
 }
@@ -210,14 +207,14 @@ fn rise_s(board: &Netlist) -> Result<(f64, f64)> {
 /// If no capacitor is at CT, if ngspice is missing or finds no solution, or if the input does not settle.
 pub fn start_s(board: &Netlist) -> Result<f64> {
     let (from_s, until_s) = rise_s(board)?;
-    let settled_s = |cell_ohm| -> Result<f64> {
+    let start_s = |cell_ohm| {
         let conditions = Conditions {
             power: Power::Rising { from_s, until_s },
             ..Conditions::selected(ROW).with_cell(ROW, COLUMN, cell_ohm)
         };
-        Ok(approach(board, &conditions, "1u", 0.0, until_s + AFTER_RISE_S)?.1)
+        settled_s(&approach(board, &conditions, "1u", 0.0, until_s + AFTER_RISE_S)?, until_s)
     };
-    Ok(settled_s(f64::INFINITY)?.max(settled_s(FULL_LOAD_OHM)?))
+    Ok(start_s(f64::INFINITY)?.max(start_s(FULL_LOAD_OHM)?))
 }
 
 /// The error of the code of an open cell that is converted directly after a cell at full load, codes: at the first of its

@@ -94,17 +94,22 @@ fn a_row_returns_to_the_virtual_ground_with_its_time_constant() {
 #[test]
 fn an_input_that_still_changes_at_the_end_of_a_simulation_is_an_error() {
     let (tau_s, step_s) = (1e-6, 10e-9);
-    let settled = |samples: u32| {
+    // The decay begins `before_s` after the first time.
+    let decay = |samples: u32, before_s: f64| -> Points {
         let error_lsb = |t_s: f64| 4096.0 * (-t_s / tau_s).exp();
         let times_s = (0..=samples).map(|i| f64::from(i) * step_s);
         let final_lsb = error_lsb(f64::from(samples) * step_s);
-        settled_s(&times_s.map(|t_s| (t_s, error_lsb(t_s) - final_lsb)).collect::<Points>())
+        times_s.map(|t_s| (before_s + t_s, error_lsb(t_s) - final_lsb)).collect()
     };
+    let settled = |samples| settled_s(&decay(samples, 0.0), 0.0);
     let found_s = settled(2_000).expect("the input settles within 20 us");
     assert!((found_s - tau_s * 8192f64.ln()).abs() <= step_s, "{found_s} s");
     for samples in [100, 500, 900, 1_100] {
         assert!(settled(samples).is_err(), "the input counts as settled after {samples} samples");
     }
+    // Only the time after the change counts: 9 of 13 us.
+    let delayed = decay(1_300, 10e-6);
+    assert!(settled_s(&delayed, 10e-6).is_ok() && settled_s(&delayed, 0.0).is_err());
 }
 
 /// A filter with the time constant tau approaches a ramp that is delayed by tau. After the end of the ramp, the distance from

@@ -263,6 +263,8 @@ export class Session {
     this.order.begin();
     this.counter.newSession();
     this.arrivals_ms.length = 0;
+    // If the insole has restarted, the last frame has a time of another clock.
+    this.live = undefined;
     this.ellipses = [];
     this.cells = [];
     if (hello.major !== this.wire.facts.major) {

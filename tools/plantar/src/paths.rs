@@ -21,7 +21,7 @@ fn resolved(path: &Path) -> PathBuf {
 fn is_part(path: &Path, read: &[PathBuf]) -> bool {
     let Some(folder) = folder_of(path).filter(|_| is_parquet(path)) else { return false };
     let mut entries = folder.read_dir().into_iter().flatten().flatten();
-    read.iter().any(|input| folder.starts_with(input)) && entries.any(|entry| is_parquet(&entry.path()))
+    read.contains(&folder) && entries.any(|entry| is_parquet(&entry.path()))
 }
 
 /// Checks that none of the files in `written` is also one of those in `read`, or is named twice. If `read` contains a folder,

@@ -213,9 +213,11 @@ fn no_command_overwrites_its_input_or_personal_parameters() {
         }
     }
     assert!(std::fs::read(path.join("parts/part-00000.parquet")).expect("a part") == walk);
-    // Files of other kinds may be written there, also again.
+    // Files of other kinds may be written there, and Parquet files in another folder, also again.
     for _ in 0..2 {
         succeed(&path, "replay parts --json parts/steps.json --frames parts/live.csv");
+        std::fs::create_dir_all(path.join("parts/out")).expect("made");
+        succeed(&path, "replay parts --frames parts/out/live.parquet");
     }
     for command in [IMPORT.replace("walk.parquet", "frames.csv"), "zero walk.parquet --out walk.parquet".into()] {
         fail(&path, &command, &["name another file"]);

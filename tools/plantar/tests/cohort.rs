@@ -202,7 +202,7 @@ fn a_second_run_processes_only_changed_participants() {
     let bob_written = written(&bob);
     // Sets up the state after a run that was interrupted while it wrote ann's file.
     fs::remove_file(&ann).expect("removed");
-    fs::write(ann.with_file_name(".steps.part"), "PAR1").expect("written");
+    fs::write(ann.with_file_name(".steps.parquet.part"), "PAR1").expect("written");
     again("", &["6 steps of 1 participants", "1 participants were already up to date"]);
     assert_eq!((summary(&path), written(&bob)), (complete_summary.clone(), bob_written));
     // A damaged file, another recording, another size and other options each cause the participant to be processed again.

@@ -325,6 +325,13 @@ fn a_stream_file_results_in_the_same_parameters_as_the_recording_of_all_cells() 
     let (status, out, err) = run(path, "fit both.plantar --json both.json");
     assert_eq!(status, 0, "{out}{err}");
     assert!(out.contains("12 steps of 2 recordings") && err.contains("both.plantar is truncated"), "{out}{err}");
+
+    // The foot of the second insole is not known, because neither its hello nor a step has arrived.
+    left.retain(|message| matches!(message, ToHost::Live(_)));
+    std::fs::write(path.join("one.plantar"), [stream(&left, 1), stream(&right, 0)].concat()).expect("written");
+    let (status, out, err) = run(path, "fit one.plantar --json one.json");
+    assert_eq!(status, 0, "{out}{err}");
+    assert!(out.contains("6 steps of 1 recordings") && err.contains("the foot is not known"), "{out}{err}");
 }
 
 #[test]

@@ -127,14 +127,13 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         }
         *rows_read += 1;
     }
-    for foot in &feet {
-        foot.check_rows(path)?;
-    }
     let mut export = Export { feet: Vec::new(), remarks: Vec::new() };
     let wanted = feet
         .into_iter()
         .filter(|foot| !foot.rows.is_empty() && (foot.side.is_none() || side.is_none() || foot.side == side));
-    for ReadFoot { side: stated, frames, .. } in wanted {
+    for foot in wanted {
+        foot.check_rows(path)?;
+        let ReadFoot { side: stated, frames, .. } = foot;
         let foot = Foot {
             side: stated.or(side),
             grid: Grid { row_mm: CELL_LENGTH_MM, column_mm: CELL_WIDTH_MM, toes: Toes::AlongMovement },

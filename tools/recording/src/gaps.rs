@@ -7,8 +7,8 @@ const LONGEST_FILLED_S: f64 = 0.1;
 /// If the time between two frames is longer than this number of median intervals, frames between them were lost.
 pub const GAP_INTERVALS: f64 = 1.5;
 /// Shortest median interval with which gaps are filled, s; with a shorter one, the number of frames in a gap would have no limit.
-/// It is half of the interval at 1000 Hz, because the times of an export are rounded.
-const SHORTEST_FILLED_PERIOD_S: f64 = 5e-4;
+/// It is between the intervals at 1000 Hz, which are filled, and at 2000 Hz, because the times of an export are rounded.
+const SHORTEST_FILLED_PERIOD_S: f64 = 7e-4;
 
 /// Fills gaps of up to [`LONGEST_FILLED_S`] linearly. In a longer gap the load is unknown: only the longest part without one
 /// remains. `kpa` contains the pressures of `cells` cells for each time. Returns sentences with the number of frames that were

@@ -37,6 +37,9 @@ pub fn at(path: &Path, write: impl FnOnce(&Path) -> io::Result<()>) -> Result<()
             "rename it, or remove it if an interrupted program left it",
         ));
     }
+    if incomplete.is_file() {
+        fs::remove_file(&incomplete).map_err(|reason| Error::Io { file: incomplete.clone(), reason })?;
+    }
     let written = write(&incomplete).and_then(|()| fs::rename(&incomplete, path));
     written.map_err(|reason| {
         // If nothing was written, there is nothing to remove.

@@ -169,6 +169,11 @@ fn damaged_files_are_refused_with_the_line_and_a_remedy() {
     let last_frame = first_row - 1 + 32 * (STANCE - 1);
     let cut: String = text.split_inclusive('\n').take(last_frame + 20).collect();
     assert_message(parse(&cut), &at(last_frame), &["20 rows", "30", "cut off"]);
+    // The complete other foot can be imported.
+    let both = file(&foot(Side::Left, false)) + &cut[cut.find("Right foot data").expect("the foot is named")..];
+    assert_message(parse(&both), "step.txt:", &["20 rows"]);
+    let left = common::parse(Format::Footscan, "step.txt", both.as_bytes(), Some(Side::Left)).unwrap();
+    assert_eq!(left.feet[0].side, Side::Left);
     assert_message(parse("Right foot data\n"), "step.txt: ", &["no frame"]);
     // With zeros instead of all digits, all frames have the same time.
     assert_message(parse(&text.replace(|c: char| c.is_ascii_digit() && c != '0', "0")), "step.txt", &[]);

@@ -4,7 +4,7 @@
 pub mod session;
 
 use crate::setup::rule_in_words;
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use client::{Entries, Entry, STREAM_INSOLES};
 use fit::live::LiveSteps;
 use plantar::pipeline::contact::ContactRule;
@@ -138,23 +138,29 @@ fn from_stream(name: &str, bytes: &[u8]) -> Result<Vec<LiveSource>> {
     if unknown > 0 {
         eprintln!("note: {name}: {unknown} messages are unknown to this program and were not used");
     }
-    insoles.into_iter().filter(|insole| insole.count > 0).map(|insole| insole.into_source(name)).collect()
+    let used: Vec<_> = insoles.into_iter().filter(|insole| insole.count > 0).collect();
+    let count = used.len();
+    let sources: Vec<_> = used.into_iter().filter_map(|insole| insole.into_source(name)).collect();
+    if sources.len() < count {
+        let unknown = "live frames of an insole without its first message and without steps, so the foot is not known";
+        ensure!(
+            !sources.is_empty(),
+            "{name}: {unknown}: record a walk of several steps from its beginning, or omit the file"
+        );
+        eprintln!("note: {name}: {unknown}: they were not used");
+    }
+    Ok(sources)
 }
 
 impl Messages {
-    /// The source of a fit. `file` is the name of the file for display. Returns an error if the foot is not known.
-    fn into_source(mut self, file: &str) -> Result<LiveSource> {
+    /// The source of a fit; `None` if the foot is not known. `file` is the name of the file for display.
+    fn into_source(mut self, file: &str) -> Option<LiveSource> {
         self.steps.finish();
-        let side = self.steps.side().or(self.hello.as_ref().map(|hello| hello.side)).with_context(|| {
-            format!(
-                "{file}: live frames of an insole without its first message and without steps, so the foot is not known: record \
-                 a walk of several steps from its beginning"
-            )
-        })?;
+        let side = self.steps.side().or(self.hello.as_ref().map(|hello| hello.side))?;
         let device = self.hello.map_or_else(String::new, |hello| {
             format!(" The insole had the board {}, firmware {} and {} cells.", hello.board, hello.firmware, hello.cells)
         });
-        Ok(LiveSource {
+        Some(LiveSource {
             name: format!("{file}, {}", side.name()),
             origin: format!("Recorded live stream of an insole.{device}"),
             side,

@@ -53,7 +53,9 @@ pub fn read(folder: &Path) -> Result<Option<Vec<LiveSource>>> {
     collected.finish();
     let side = collected.side();
     Ok(Some(vec![LiveSource {
-        side: side.with_context(|| format!("{name}: no steps with live frames: record a walk of several steps"))?,
+        side: side.with_context(|| {
+            format!("{name}: no steps with live frames: record a walk of several steps, or omit the folder")
+        })?,
         origin: "Live frames and steps that plantar record stored.".into(),
         name,
         steps: collected,
