@@ -229,24 +229,24 @@ struct Reply {
 }
 
 impl Reply {
-    /// A reply to the command with this opcode. It reports an unknown command until [`Reply::status`] or [`Reply::complete`] is
-    /// called.
+    /// A reply to the command with this opcode. It reports an unknown command until [`Reply::set_status`] or
+    /// [`Reply::set_complete`] is called.
     fn to(opcode: [u8; 2]) -> Self {
         let mut reply = Self { opcode, packet: [0; _], len: 0 };
-        reply.status(Status::UNKNOWN_CMD);
+        reply.set_status(Status::UNKNOWN_CMD);
         reply
     }
 
     /// Reports the status of a command whose completion another event reports, or of an unknown command.
     #[inline(never)]
-    fn status(&mut self, status: Status) {
+    fn set_status(&mut self, status: Status) {
         let [low, high] = self.opcode;
         self.set(&[H4_EVENT, COMMAND_STATUS, STATUS_BYTES, status.into_inner(), 1, low, high], &[]);
     }
 
     /// Reports that a command is complete.
     #[inline(never)]
-    fn complete(&mut self, status: Status, parameters: &[u8]) {
+    fn set_complete(&mut self, status: Status, parameters: &[u8]) {
         let [low, high] = self.opcode;
         let len = STATUS_BYTES + parameters.len() as u8;
         self.set(&[H4_EVENT, COMMAND_COMPLETE, len, 1, low, high, status.into_inner()], parameters);
@@ -267,7 +267,7 @@ impl Reply {
 }
 
 /// The HCI status that reports this result.
-fn status<T, E>(result: &Result<T, cmd::Error<E>>) -> Status {
+fn status_of<T, E>(result: &Result<T, cmd::Error<E>>) -> Status {
     match result {
         Ok(_) => Status::SUCCESS,
         Err(cmd::Error::Hci(error)) => error.to_status(),
@@ -286,8 +286,10 @@ fn command<'p, C: Cmd<Params: FromHciBytes<'p>> + From<C::Params>, E>(
     parameters.map(C::from).map_err(|_| cmd::Error::Hci(HciError::INVALID_HCI_PARAMETERS))
 }
 
-/// Executes a command whose function returns its result. For Disconnect, this result only states that the command has begun.
-async fn complete<'r, C>(radio: &SoftdeviceController<'r>, parameters: &[u8], reply: &mut Reply)
+/// Executes a command that bt-hci declares with a return value (`SyncCmd`), and reports its completion. Disconnect is one of
+/// them, although HCI answers it with a Command Status event: bt-hci declares it with the return value `()`. Its result only
+/// states that the command has begun.
+async fn run_command<'r, C>(radio: &SoftdeviceController<'r>, parameters: &[u8], reply: &mut Reply)
 where
     C: SyncCmd<Return: FixedSizeValue> + From<C::Params>,
     C::Params: for<'p> FromHciBytes<'p>,
@@ -298,11 +300,11 @@ where
         Ok(command) => SyncCmd::exec(&command, radio).await,
         Err(error) => Err(error),
     };
-    reply.complete(status(&result), result.as_ref().map_or(&[], |value| value.as_hci_bytes()));
+    reply.set_complete(status_of(&result), result.as_ref().map_or(&[], |value| value.as_hci_bytes()));
 }
 
-/// Begins a command of which another event reports the completion.
-async fn begin<'r, C>(radio: &SoftdeviceController<'r>, parameters: &[u8], reply: &mut Reply)
+/// Begins a command of which another event reports the completion (`AsyncCmd`).
+async fn begin_command<'r, C>(radio: &SoftdeviceController<'r>, parameters: &[u8], reply: &mut Reply)
 where
     C: AsyncCmd + From<C::Params>,
     C::Params: for<'p> FromHciBytes<'p>,
@@ -312,13 +314,13 @@ where
         Ok(command) => AsyncCmd::exec(&command, radio).await,
         Err(error) => Err(error),
     };
-    reply.status(status(&result));
+    reply.set_status(status_of(&result));
 }
 
 /// Executes a command of the host.
 async fn execute(radio: &SoftdeviceController<'_>, parameters: &[u8], reply: &mut Reply) {
-    /// Calls [`complete`] or [`begin`] with the command that has this opcode as the type parameter.
-    macro_rules! execute {
+    /// Calls [`run_command`] or [`begin_command`] with the command that has this opcode as the type parameter.
+    macro_rules! dispatch {
         ($opcode:expr; $($function:ident: $($command:ident)*;)*) => {
             match $opcode {
                 $($(<$command as Cmd>::OPCODE => $function::<$command>(radio, parameters, reply).await,)*)*
@@ -329,14 +331,14 @@ async fn execute(radio: &SoftdeviceController<'_>, parameters: &[u8], reply: &mu
     // An opcode has two bytes, so it is never invalid.
     let Ok(opcode) = Opcode::from_hci_bytes_complete(&reply.opcode) else { return };
     // These are the commands of the Bluetooth host as a peripheral that is connected to one central at a time.
-    execute! { opcode;
-        complete: Disconnect HostBufferSize ReadBdAddr Reset SetEventMask SetEventMaskPage2 LeAddDeviceToFilterAcceptList
-            LeAddDeviceToResolvingList LeClearFilterAcceptList LeClearResolvingList LeLongTermKeyRequestReply LeRand
-            LeReadBufferSize LeReadFilterAcceptListSize LeReadLocalSupportedFeatures LeReadPhy
-            LeRemoveDeviceFromResolvingList LeSetAddrResolutionEnable LeSetAdvData LeSetAdvEnable LeSetAdvParams
-            LeSetDataLength LeSetEventMask LeSetPrivacyMode LeSetRandomAddr LeSetResolvablePrivateAddrTimeout
-            LeSetScanResponseData;
-        begin: LeSetPhy;
+    dispatch! { opcode;
+        run_command: Disconnect HostBufferSize ReadBdAddr Reset SetEventMask SetEventMaskPage2
+            LeAddDeviceToFilterAcceptList LeAddDeviceToResolvingList LeClearFilterAcceptList LeClearResolvingList
+            LeLongTermKeyRequestReply LeRand LeReadBufferSize LeReadFilterAcceptListSize LeReadLocalSupportedFeatures
+            LeReadPhy LeRemoveDeviceFromResolvingList LeSetAddrResolutionEnable LeSetAdvData LeSetAdvEnable
+            LeSetAdvParams LeSetDataLength LeSetEventMask LeSetPrivacyMode LeSetRandomAddr
+            LeSetResolvablePrivateAddrTimeout LeSetScanResponseData;
+        begin_command: LeSetPhy;
     }
 }
 

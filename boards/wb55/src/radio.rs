@@ -140,9 +140,9 @@ fn init_tables() {
     }
 }
 
-/// Logs the system events in these packets. Returns false if one of them reports that the radio's core has no wireless
-/// firmware.
-fn has_firmware(packets: &Packets) -> bool {
+/// Logs the system events among these packets; other packets are ignored. Returns false if one of the events reports that the
+/// radio's core has no wireless firmware.
+fn log_system_events(packets: &Packets) -> bool {
     let mut has_firmware = true;
     for &packet in packets {
         match SystemEvent::decode(bytes(packet)) {
@@ -166,7 +166,7 @@ pub async fn run(ipcc: Peri<'static, IPCC>, from_radio: &HciPipe, to_radio: &Hci
     channels::start(ipcc);
     // The first event reports that the radio's core runs. Its packet is not returned, because the others suffice.
     let started = channels::receive(channels::SYSTEM, || drain(at!(system_events))).await;
-    if !has_firmware(&started) {
+    if !log_system_events(&started) {
         pending::<()>().await;
     }
     channels::send(channels::SYSTEM, || {
@@ -195,7 +195,8 @@ async fn receive(host: &HciPipe) -> ! {
         let ble = channels::receive(channels::BLE, || drain(at!(ble_events)));
         let system = channels::receive(channels::SYSTEM, || drain(at!(system_events)));
         let (Either::First(packets) | Either::Second(packets)) = select(ble, system).await;
-        has_firmware(&packets);
+        // Only for the log: the firmware was checked at the start.
+        log_system_events(&packets);
         for packet in packets {
             let h4 = bytes(packet);
             // System events are not for the host.

@@ -1,4 +1,5 @@
-//! The fit of one region: the search for its parameters, the parameters that other data fix, confidence intervals and errors.
+//! The fit of one region: the search for the parameters that force and area determine, the three that they do not determine and
+//! other data fix (A/B, C and d0), confidence intervals and errors.
 
 use crate::compare::{Change, Group};
 use crate::fixed::{FixedParameters, Scale};
@@ -28,7 +29,7 @@ pub struct RegionFit {
     pub law: ForceLaw<f64>,
     /// The paper's eight parameters.
     pub ellipsoid: Ellipsoid<f64>,
-    /// The three of the eight parameters that other data fix.
+    /// A/B, C and d0: force and area do not determine them, so other data fix them.
     pub fixed: FixedParameters,
     /// How C and the quantities that depend on it change with the value that determines C; `None` for the paper's method.
     pub scale_effect: Option<ScaleEffect>,

@@ -7,10 +7,10 @@ use crate::summary;
 use anyhow::{Result, bail, ensure};
 use clap::Subcommand;
 use client::{Error, ReconnectPolicy};
-use parameters::{AssumedShare, Identified as Conditions, InsoleSize, Parameters};
+use parameters::{AssumedShare, Identified, InsoleSize, Parameters};
 use plantar::Region;
 use plantar::pipeline::contact::ContactRule;
-use plantar::pipeline::tissue::{Identified, Tissue};
+use plantar::pipeline::tissue::{Identified as IdentifiedOnInsole, Tissue};
 use plantar::protocol::{Refusal, Settings};
 use recording::output;
 use std::io::Write as _;
@@ -30,6 +30,7 @@ pub enum Params {
     /// Show the parameters in a file or on an insole.
     Show {
         /// The parameter file.
+        // In the required group of the connection: either a file or an insole is given.
         #[arg(group = "insole")]
         file: Option<PathBuf>,
         #[command(flatten)]
@@ -70,8 +71,8 @@ impl Params {
             }
             Self::Show { file: None, connection } => {
                 let (tissue, identified) = read_tissue(connection)?;
-                match identified.as_ref().map(parameters::Identified::from_insole) {
-                    Some(Conditions { filter, contact, side, steps }) => {
+                match identified.as_ref().map(Identified::from_insole) {
+                    Some(Identified { filter, contact, side, steps }) => {
                         println!("identified from {steps} steps ({side}), {filter} filter, {}", rule_in_words(&contact))
                     }
                     None => println!("not known to be personal"),
@@ -161,7 +162,7 @@ fn pull(out: &Path, connection: &Connection) -> Result<()> {
 }
 
 /// Reads the parameters on an insole, and how they were identified.
-fn read_tissue(connection: &Connection) -> Result<(Tissue, Option<Identified>)> {
+fn read_tissue(connection: &Connection) -> Result<(Tissue, Option<IdentifiedOnInsole>)> {
     let mut insole = connection.open(ReconnectPolicy::RESTART)?;
     let tissue = insole.client().tissue()?;
     if tissue == Tissue::NONE {

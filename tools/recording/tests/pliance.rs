@@ -71,6 +71,8 @@ fn damaged_files_are_refused_with_the_line_and_a_remedy() {
     let text = text(Side::Right);
     let changed = |from: &str, to: &str| parse(&text.replacen(from, to, 1));
     assert_message(changed("kPa", "stone"), "step.asc:3: ", &["stone"]);
+    // Without its header, the table of pressures is skipped, and the table of masks, which has one sensor, is taken for it. The
+    // lines with the corners then have too many coordinates.
     assert_message(changed("time[secs]", "time"), "step.asc: ", &["x[1]", "corners"]);
     assert_message(changed("y[3]", "z[3]"), "step.asc: ", &["y[3]", "corners"]);
     assert_message(changed("x[2] 0.8000", "x[2] 1.6000"), "step.asc: ", &["rectangles"]);
