@@ -94,7 +94,8 @@ pub async fn run(from_radio: &'static HciPipe, to_radio: &'static HciPipe, insol
 /// recently used one is removed.
 type Resources = HostResources<DefaultPacketPool, 1, 0, 1, { MAX_BONDS + 1 }>;
 
-/// Builds the GATT table. Like [`set_up`], it is not inlined, so that the stack that it needs is not reserved permanently.
+/// Builds the GATT table. Like [`set_up`], it is not inlined: its local variables would otherwise be part of the stack frame of
+/// every poll of the task [`run`].
 #[inline(never)]
 fn build_table(insole: &'static dyn GattServer) -> &'static (Table, Server<'static>) {
     static TABLE: StaticCell<(Table, Server<'static>)> = StaticCell::new();
@@ -169,24 +170,24 @@ async fn serve(
     progress: &Progress,
 ) -> Result<(), Error> {
     let mut peripheral = stack.peripheral();
-    let (mut advertised, mut scanned) = ([0; 31], [0; 31]);
-    let len = AdStructure::encode_slice(
+    let (mut advertising_bytes, mut scan_response_bytes) = ([0; 31], [0; 31]);
+    let advertising_len = AdStructure::encode_slice(
         &[
             AdStructure::Flags(LE_GENERAL_DISCOVERABLE | BR_EDR_NOT_SUPPORTED),
             AdStructure::CompleteServiceUuids128(&[gatt::SERVICE.to_le_bytes()]),
             AdStructure::IncompleteServiceUuids16(&[service::RUNNING_SPEED_AND_CADENCE.to_le_bytes()]),
         ],
-        &mut advertised,
+        &mut advertising_bytes,
     )?;
     let scan_response = [
         AdStructure::CompleteLocalName(insole.name().as_bytes()),
         AdStructure::IncompleteServiceUuids128(&[gatt::MANAGEMENT_SERVICE.to_le_bytes()]),
     ];
     let structures = if insole.is_managed() { &scan_response[..] } else { &scan_response[..1] };
-    let scanned_len = AdStructure::encode_slice(structures, &mut scanned)?;
+    let scan_response_len = AdStructure::encode_slice(structures, &mut scan_response_bytes)?;
     let advertisement = Advertisement::ConnectableScannableUndirected {
-        adv_data: &advertised[..len],
-        scan_data: &scanned[..scanned_len],
+        adv_data: &advertising_bytes[..advertising_len],
+        scan_data: &scan_response_bytes[..scan_response_len],
     };
     loop {
         progress.is_bondable.reset();
@@ -194,8 +195,8 @@ async fn serve(
         let interval = if is_worn { ADVERTISING_WORN } else { ADVERTISING_UNWORN };
         let parameters =
             AdvertisementParameters { interval_min: interval, interval_max: interval, ..Default::default() };
-        let advertised = peripheral.advertise(&parameters, advertisement).await;
-        let advertiser = advertised.map_err(|_| Error::Other)?;
+        let advertiser = peripheral.advertise(&parameters, advertisement).await;
+        let advertiser = advertiser.map_err(|_| Error::Other)?;
         let other_interval_due = async {
             while insole.is_worn() == is_worn {
                 Timer::after(CONNECTION_CHECK).await;
@@ -272,7 +273,7 @@ async fn answer(connection: &Connected<'_, '_>, table: &Table, stack: &Host<'_>,
             let _ = connection.set(battery, &percent);
         }
         let _ = connection.set(&table.time, &insole.current_time());
-        free_packets::<1>().await;
+        wait_for_free_packets::<1>().await;
         let is_command = matches!(event.payload().incoming(), AttClient::Command(_));
         let reply = match event {
             GattEvent::Write(event) => {
@@ -290,6 +291,8 @@ async fn answer(connection: &Connected<'_, '_>, table: &Table, stack: &Host<'_>,
                         continue;
                     }
                     Err(code) => event.reject(code),
+                    // The insole has taken the value, so the host does not store it in the table. The host processes all other
+                    // writes, such as subscriptions.
                     Ok(()) if channel.is_some() => event.accept_unprocessed(),
                     Ok(()) => event.accept(),
                 }
@@ -335,7 +338,7 @@ async fn send(connection: &Connected<'_, '_>, table: &Table, insole: &dyn GattSe
 }
 
 /// Waits until `N` packets are free.
-async fn free_packets<const N: usize>() {
+async fn wait_for_free_packets<const N: usize>() {
     while [(); N].map(|()| DefaultPacketPool::allocate()).iter().any(Option::is_none) {
         Timer::after(POOL_RETRY).await;
     }
@@ -350,7 +353,7 @@ async fn deliver<T: AsGatt>(
 ) -> Result<(), Error> {
     loop {
         // One packet for the value; the others remain for a request and its response.
-        free_packets::<3>().await;
+        wait_for_free_packets::<3>().await;
         let sent = if characteristic.props.any(&[CharacteristicProp::Indicate]) {
             characteristic.indicate_raw(connection, value, false).await
         } else {

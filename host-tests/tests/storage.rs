@@ -228,13 +228,14 @@ fn a_full_log_contains_at_least_the_last_2000_steps_and_counts_dropped_ones() {
 /// Returns the copy.
 fn start_quickly(chip: &NorFlashChip) -> NorFlashChip {
     let mut chip = chip.restarted();
-    (chip.reads, chip.read) = (0, 0);
+    (chip.read_operations, chip.bytes_read) = (0, 0);
     let erasures = chip.erasures.clone();
     open(&mut chip);
     // Each of two surveys searches the sectors of the log twice, with at most two one-byte reads for each sector, and reads the
     // records.
     let most_reads = 8 * (chip.bytes.len() / SECTOR as usize) as u64 + 10_000;
-    assert!(chip.reads < most_reads && chip.read < 400_000, "{} reads, {} bytes", chip.reads, chip.read);
+    let (reads, bytes) = (chip.read_operations, chip.bytes_read);
+    assert!(reads < most_reads && bytes < 400_000, "{reads} reads, {bytes} bytes");
     assert_eq!(chip.erasures, erasures);
     chip
 }
@@ -829,7 +830,7 @@ fn a_day_of_steps_wears_the_chip_little() {
         let most = chip.erasures[log].iter().max().expect("there are sectors");
         let per_day = f64::from(*most) / f64::from(DAYS);
         let years = ERASURES / per_day / 365.25;
-        let bytes = chip.written as f64 / f64::from(STEPS * DAYS);
+        let bytes = chip.bytes_written as f64 / f64::from(STEPS * DAYS);
         println!(
             "acknowledged: {is_acknowledged}: {per_day:.1} erase operations of the most used sector per day, \
              {years:.0} years, {bytes:.0} bytes per step"

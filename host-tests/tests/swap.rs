@@ -18,7 +18,7 @@ use plantar::storage::supplied::Supplied;
 use plantar::storage::update::{Update, confirm, is_on_trial};
 use proptest::prelude::*;
 use std::sync::LazyLock;
-use testkit::nor_flash::{NorFlashChip, PowerOff, Supply, Torn};
+use testkit::nor_flash::{NorFlashChip, OperationFailed, Supply, Torn};
 
 /// The key that signs the images.
 static SECRET: LazyLock<SigningKey> = LazyLock::new(|| SigningKey::from_bytes(&[7; 32]));
@@ -233,13 +233,13 @@ struct ChipWithWrongReading<'c> {
 }
 
 impl ErrorType for ChipWithWrongReading<'_> {
-    type Error = PowerOff;
+    type Error = OperationFailed;
 }
 
 impl ReadNorFlash for ChipWithWrongReading<'_> {
     const READ_SIZE: usize = 1;
 
-    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), PowerOff> {
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), OperationFailed> {
         self.chip.read(offset, bytes).await?;
         if offset == OTHER.start {
             self.readings += 1;
@@ -257,11 +257,11 @@ impl NorFlash for ChipWithWrongReading<'_> {
     const WRITE_SIZE: usize = 1;
     const ERASE_SIZE: usize = SECTOR as usize;
 
-    async fn erase(&mut self, from: u32, to: u32) -> Result<(), PowerOff> {
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), OperationFailed> {
         self.chip.erase(from, to).await
     }
 
-    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), PowerOff> {
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), OperationFailed> {
         self.chip.write(offset, bytes).await
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::executor::ResetCause;
 use crate::fixtures::text;
-use crate::nor_flash::{NorFlashChip, PowerOff};
+use crate::nor_flash::{NorFlashChip, OperationFailed};
 use crate::virtual_time::now_us;
 use crate::walk::Wearer;
 use embassy_time::Timer;
@@ -36,13 +36,13 @@ pub const ROWS: usize = 16;
 pub struct SharedChip(pub Rc<RefCell<NorFlashChip>>);
 
 impl nor_flash::ErrorType for SharedChip {
-    type Error = PowerOff;
+    type Error = OperationFailed;
 }
 
 impl ReadNorFlash for SharedChip {
     const READ_SIZE: usize = 1;
 
-    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), PowerOff> {
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), OperationFailed> {
         crate::nor_flash::block_on(self.0.borrow_mut().read(offset, bytes))
     }
 
@@ -55,7 +55,7 @@ impl NorFlash for SharedChip {
     const WRITE_SIZE: usize = 1;
     const ERASE_SIZE: usize = SECTOR as usize;
 
-    async fn erase(&mut self, from: u32, to: u32) -> Result<(), PowerOff> {
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), OperationFailed> {
         for sector in (from..to).step_by(SECTOR as usize) {
             Timer::after_micros(ERASE_US).await;
             crate::nor_flash::block_on(self.0.borrow_mut().erase(sector, sector + SECTOR))?;
@@ -63,7 +63,7 @@ impl NorFlash for SharedChip {
         Ok(())
     }
 
-    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), PowerOff> {
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), OperationFailed> {
         Timer::after_micros(WRITE_US).await;
         crate::nor_flash::block_on(self.0.borrow_mut().write(offset, bytes))
     }

@@ -1,8 +1,9 @@
 """A replay in vectorised NumPy, for comparison with the library.
 
 It has the same stages: codes of the virtual sensor, calibration, contact with hysteresis, areas, forces, centres of
-pressure, second moments, the live model, and for each step the model. Unlike the library, it smooths the area of a step
-as the paper does (docs/model.md). The arguments are a folder with the data, the full scale of the sensor (kPa), the
+pressure, second moments, the live model, and for each step the model. Some results are not used: they count in the
+time, because the library also computes them. Unlike the library, it smooths the area of a step as the paper does
+(docs/model.md). The arguments are a folder with the data, the full scale of the sensor (kPa), the
 exponent of its curve, and the frames per second. The pressures are in pressure.f32, or in a recording walk.parquet,
 which pandas then reads as part of the replay. The script prints the seconds, the number of steps, and the peak live
 model force of each region (N).

@@ -38,8 +38,8 @@ impl Port {
     /// function.
     pub fn on_interrupt(&self) {
         if self.received.is_full() {
-            // `read` unmasks the interrupt again. The register of the USART cannot disable it: up to QEMU 7, the request of a
-            // byte remains until the byte is read, so this handler would be called without end.
+            // `read` unmasks the interrupt again. Clearing RXNEIE in the register CR1 would not suffice: up to QEMU 7, the
+            // request of a byte remains until the byte is read, so this handler would be called without end.
             NVIC::mask(self.interrupt);
         } else if self.registers.sr().read().rxne() {
             let byte = self.registers.dr().read().dr() as u8;

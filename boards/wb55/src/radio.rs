@@ -164,7 +164,8 @@ fn log_system_events(packets: &Packets) -> bool {
 pub async fn run(ipcc: Peri<'static, IPCC>, from_radio: &HciPipe, to_radio: &HciPipe) -> ! {
     init_tables();
     channels::start(ipcc);
-    // The first event reports that the radio's core runs. Its packet is not returned, because the others suffice.
+    // The first event reports that the radio's core runs. Its packet is not returned, because the remaining packets of the pool
+    // suffice.
     let started = channels::receive(channels::SYSTEM, || drain(at!(system_events))).await;
     if !log_system_events(&started) {
         pending::<()>().await;

@@ -32,11 +32,11 @@ pub struct NorFlashChip {
     /// For each sector, the number of its erase operations so far, those that failed included.
     pub erasures: Vec<u32>,
     /// Number of bytes written so far, those of failed operations included.
-    pub written: u64,
+    pub bytes_written: u64,
     /// Number of read operations so far.
-    pub reads: u64,
+    pub read_operations: u64,
     /// Number of bytes read so far.
-    pub read: u64,
+    pub bytes_read: u64,
     /// The number of the write or erase operation in which power fails, from 0, and the moment of the power cut. Power stays off
     /// afterwards.
     pub cut: Option<(u64, Torn)>,
@@ -54,11 +54,12 @@ pub struct NorFlashChip {
     random: fastrand::Rng,
 }
 
-/// The error of every operation while power is off, of a change while the supply is low, and of a failing read.
+/// The error of an operation. It has one of three causes: power is off, the operation is a change and the supply is low, or the
+/// operation is a read that a test makes fail.
 #[derive(Debug, PartialEq, Eq)]
-pub struct PowerOff;
+pub struct OperationFailed;
 
-impl NorFlashError for PowerOff {
+impl NorFlashError for OperationFailed {
     fn kind(&self) -> NorFlashErrorKind {
         NorFlashErrorKind::Other
     }
@@ -76,9 +77,9 @@ impl NorFlashChip {
             operations: 0,
             erasures: vec![0; bytes.len() / SECTOR as usize],
             bytes,
-            written: 0,
-            reads: 0,
-            read: 0,
+            bytes_written: 0,
+            read_operations: 0,
+            bytes_read: 0,
             cut: None,
             forgets_writes_below: None,
             refuses_changes: false,
@@ -100,14 +101,14 @@ impl NorFlashChip {
     }
 
     /// Counts an operation that replaces each byte of a range with the result of `change`, and executes it up to a power cut.
-    fn operate(&mut self, offset: u32, len: usize, change: impl Fn(usize, u8) -> u8) -> Result<(), PowerOff> {
+    fn operate(&mut self, offset: u32, len: usize, change: impl Fn(usize, u8) -> u8) -> Result<(), OperationFailed> {
         if self.refuses_changes {
-            return Err(PowerOff);
+            return Err(OperationFailed);
         }
         let number = self.operations;
         let target = &mut self.bytes[offset as usize..][..len];
         let torn = match self.cut {
-            Some((at, _)) if number > at => return Err(PowerOff),
+            Some((at, _)) if number > at => return Err(OperationFailed),
             Some((at, torn)) if number == at => Some(torn),
             _ => None,
         };
@@ -125,27 +126,27 @@ impl NorFlashChip {
             let bits = self.random.u8(..);
             target[complete] = before & !bits | after & bits;
         }
-        torn.map_or(Ok(()), |_| Err(PowerOff))
+        torn.map_or(Ok(()), |_| Err(OperationFailed))
     }
 }
 
 impl ErrorType for NorFlashChip {
-    type Error = PowerOff;
+    type Error = OperationFailed;
 }
 
 impl ReadNorFlash for NorFlashChip {
     const READ_SIZE: usize = 1;
 
-    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), PowerOff> {
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), OperationFailed> {
         if self.is_off() {
-            return Err(PowerOff);
+            return Err(OperationFailed);
         }
         if self.failing_reads > 0 {
             self.failing_reads -= 1;
-            return Err(PowerOff);
+            return Err(OperationFailed);
         }
-        self.reads += 1;
-        self.read += bytes.len() as u64;
+        self.read_operations += 1;
+        self.bytes_read += bytes.len() as u64;
         bytes.copy_from_slice(&self.bytes[offset as usize..][..bytes.len()]);
         if self.wrong_reads > 0 {
             self.wrong_reads -= 1;
@@ -166,7 +167,7 @@ impl NorFlash for NorFlashChip {
     const WRITE_SIZE: usize = 1;
     const ERASE_SIZE: usize = SECTOR as usize;
 
-    async fn erase(&mut self, from: u32, to: u32) -> Result<(), PowerOff> {
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), OperationFailed> {
         for sector in (from..to).step_by(SECTOR as usize) {
             self.erasures[(sector / SECTOR) as usize] += 1;
             self.operate(sector, SECTOR as usize, |_, _| 0xff)?;
@@ -174,10 +175,10 @@ impl NorFlash for NorFlashChip {
         Ok(())
     }
 
-    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), PowerOff> {
-        self.written += bytes.len() as u64;
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), OperationFailed> {
+        self.bytes_written += bytes.len() as u64;
         if self.forgets_writes_below.is_some_and(|end| offset < end) {
-            return if self.is_off() { Err(PowerOff) } else { Ok(()) };
+            return if self.is_off() { Err(OperationFailed) } else { Ok(()) };
         }
         self.operate(offset, bytes.len(), |i, before| before & bytes[i])
     }

@@ -62,7 +62,7 @@ pub fn measure(figures: &mut Figures) -> Result<()> {
         let message = encode(&message, &mut buffer)?;
         figures.add(key, message.len(), meaning);
         let on_uart = frame(message, &mut framed);
-        figures.add(&format!("{key}.uart"), on_uart, "the same on the serial port, with CRC, COBS and delimiter");
+        figures.add(&format!("{key}.uart"), on_uart, "bytes on the serial port, with CRC, COBS and delimiter");
     }
     Ok(())
 }

@@ -86,7 +86,8 @@ fn add(suffix: &str, walks: &[Recording], figures: &mut Figures) -> Result<()> {
         let codes = &mut codes[..walk.cells()];
         for i in 0..walk.frames() {
             insole.codes_of(walk, i, codes);
-            // An unloaded cell is an open circuit without noise of its own.
+            // The code of an unloaded cell remains 0: its noise is that of the amplifiers and the converter, about 4 codes of 16
+            // bits (docs/hardware.md), which is less than one step of the converter.
             codes
                 .iter_mut()
                 .filter(|code| **code > 0)
@@ -109,7 +110,7 @@ fn add(suffix: &str, walks: &[Recording], figures: &mut Figures) -> Result<()> {
         figures.add(
             &format!("cells_percent.{name}{suffix}"),
             (mean / plain_bytes * 1000.0).round() / 10.0,
-            &format!("at most {limit}: the same in % of plain codes of 12 bits"),
+            &format!("at most {limit}: mean length of such a frame in % of its plain codes of 12 bits"),
         );
     }
     Ok(())

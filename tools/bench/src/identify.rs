@@ -176,7 +176,11 @@ fn coverage(figures: &mut Figures) {
         round(mean, 4),
         "0.90 to 0.99: fraction of true values inside their 95 % interval, correlated residuals, all regions",
     );
-    figures.add("fit_coverage_least", round(least, 4), "the same for the parameter and region with the least coverage");
+    figures.add(
+        "fit_coverage_least",
+        round(least, 4),
+        "fraction of true values inside their 95 % interval, parameter and region with the least coverage",
+    );
 }
 
 /// The results of the paper's search through SciPy.

@@ -77,8 +77,8 @@ impl ClockMapping {
         Some(device_us.wrapping_sub(offset_us as u64))
     }
 
-    /// The host's time at the start of a load record, us; `None` before the first answer. For a record of an earlier boot it is
-    /// the time of the insole's own wall clock; `None` if that clock was not set.
+    /// The host's time at the start of a load record (a step, a load bout or an alert), us; `None` before the first answer.
+    /// For a record of an earlier boot it is the time of the insole's own wall clock; `None` if that clock was not set.
     pub fn start_us(&self, record: &LoadRecord) -> Option<u64> {
         let (boots_since, start_us, start_unix_us) = record.start();
         if boots_since == 0 { self.host_us(start_us) } else { start_unix_us }
@@ -87,8 +87,8 @@ impl ClockMapping {
     /// The time on the insole's clock at `host_us`; `None` before the first answer.
     pub fn device_us(&self, host_us: u64) -> Option<u64> {
         let line = self.line?;
-        let at_line_us = line.device_us.wrapping_sub(line.offset_us as u64);
-        let since_us = host_us.wrapping_sub(at_line_us) as i64 as f64;
+        let line_host_us = line.device_us.wrapping_sub(line.offset_us as u64);
+        let since_us = host_us.wrapping_sub(line_host_us) as i64 as f64;
         Some(line.device_us.wrapping_add((since_us / (1.0 - line.drift)).round() as i64 as u64))
     }
 }

@@ -31,6 +31,8 @@ those of [model.md](model.md).
 #[test]
 fn the_document_lists_the_declared_quantities() {
     let mut document = String::from(INTRODUCTION);
+    // A flag has one bit for each region, so the flags of a step and of a live frame are listed with their regions. An alert has
+    // no section of its regions, because its table has one row for each region.
     write_section(&mut document, "A step", Step::QUANTITIES, &[] as &[Flag<Step>]);
     write_section(&mut document, "The foot in a step", StepFoot::QUANTITIES, &[] as &[Flag<Step>]);
     write_section(&mut document, "A region of a step", StepRegion::QUANTITIES, Step::FLAGS);

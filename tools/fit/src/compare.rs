@@ -36,8 +36,8 @@ impl<'s> Group<'s> {
         }
     }
 
-    /// See [`crate::RegionFit::recordings_ratio`]. `near` is the fit to all steps, from which the other fits start.
-    pub fn recordings_ratio(&self, near: &SearchResult, region: usize, options: &Options) -> Option<f64> {
+    /// See [`crate::RegionFit::recordings_ratio`]. `fit_to_all` is the fit to all steps, from which the other fits start.
+    pub fn recordings_ratio(&self, fit_to_all: &SearchResult, region: usize, options: &Options) -> Option<f64> {
         let recordings: BTreeMap<usize, Side> = self.steps.iter().map(|step| (step.recording, step.side)).collect();
         let ratios = recordings.into_iter().filter_map(|(recording, side)| {
             let curves_of = |this_recording: bool| {
@@ -49,13 +49,13 @@ impl<'s> Group<'s> {
             if own.len() < COMPARED_STEPS || others.len() < COMPARED_STEPS {
                 return None;
             }
-            Some(error_ratio(&own, &others, near, region, options))
+            Some(error_ratio(&own, &others, fit_to_all, region, options))
         });
         ratios.max_by(f64::total_cmp)
     }
 
     /// The change of the region between the two halves of the recording in which it changes most; `None` if it does not change.
-    pub fn change(&self, near: &SearchResult, region: usize, options: &Options) -> Option<Change> {
+    pub fn change(&self, fit_to_all: &SearchResult, region: usize, options: &Options) -> Option<Change> {
         let mut recordings: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         for (i, step) in self.steps.iter().enumerate() {
             recordings.entry(step.recording).or_default().push(i);
@@ -67,8 +67,8 @@ impl<'s> Group<'s> {
             }
             let curves = |half: &[usize]| half.iter().map(|&i| self.curves[i]).collect::<Vec<_>>();
             let (before, after) = (curves(first), curves(second));
-            let error_ratio = error_ratio(&before, &after, near, region, options)
-                .max(error_ratio(&after, &before, near, region, options));
+            let error_ratio = error_ratio(&before, &after, fit_to_all, region, options)
+                .max(error_ratio(&after, &before, fit_to_all, region, options));
             let load = |half: &[usize]| -> Vec<f64> {
                 half.iter().map(|&i| largest(&self.curves[i].force_n) / self.steps[i].peak_n).collect()
             };
@@ -83,7 +83,7 @@ impl<'s> Group<'s> {
 fn error_ratio(
     own: &[&RegionCurves],
     others: &[&RegionCurves],
-    near: &SearchResult,
+    fit_to_all: &SearchResult,
     region: usize,
     options: &Options,
 ) -> f64 {
@@ -91,7 +91,7 @@ fn error_ratio(
         let errors = own.iter().filter_map(|c| Some(Evaluated::new(c, options.filter, law)?.nrmse()));
         steps::median(errors)
     };
-    let fitted_to = |curves: &[&RegionCurves]| error(&refit(curves.iter().copied(), near, region, options));
+    let fitted_to = |curves: &[&RegionCurves]| error(&refit(curves.iter().copied(), fit_to_all, region, options));
     fitted_to(others) / fitted_to(own)
 }
 

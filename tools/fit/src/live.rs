@@ -164,8 +164,8 @@ impl LiveSteps {
         steps >= MIRRORED_STEPS && mirrored as f64 >= MIRRORED_SHARE * steps as f64
     }
 
-    /// For each region, the number of steps with masked cells. The insole replaces the readings of masked cells by those of their
-    /// neighbours, as it does in [`crate::steps::isolate`].
+    /// For each region, the number of steps with masked cells. The insole has replaced their readings by those of their
+    /// neighbours. The insole on which [`crate::steps::isolate`] replays a recording masks cells in the same way.
     pub fn masked_steps(&self) -> [usize; 8] {
         self.masked_steps
     }

@@ -131,12 +131,13 @@ pub(crate) fn fit_region(steps: &[Step], region: usize, options: &Options) -> Re
     let own: Vec<_> = own.into_iter().flatten().collect();
     let predicted_nrmse = cross_validate(curves, &best, region, options);
     let quality = Quality::new(&fitted, &own, &predicted_nrmse);
-    let are_equal = curves.len() > 1 && curves.windows(2).all(|pair| pair[0] == pair[1]);
+    // A recording that repeats one step has no meaningful intervals and predicted errors.
+    let all_steps_equal = curves.len() > 1 && curves.windows(2).all(|pair| pair[0] == pair[1]);
     let mut fit = best.into_fit(used, fixed, uncertainty, measures, quality)?;
     fit.ellipse_misfit = steps::ellipse_misfit(curves.iter().copied());
     fit.defects.extend(contradiction.map(|contradiction| contradiction.to_string()));
     fit.defects.extend(change.map(|change| change.to_string()));
-    fit.defects.extend(verdict::defects(fit.steps.len(), are_equal));
+    fit.defects.extend(verdict::defects(fit.steps.len(), all_steps_equal));
     Ok(RegionFit { predicted_nrmse, recordings_ratio, change, ..fit })
 }
 
@@ -148,20 +149,26 @@ const GROUPS: usize = 20;
 
 /// The force laws that fit resampled steps: as many steps as there are, drawn with replacement. The same steps always result in
 /// the same laws. Empty for fewer than [`interval::RESAMPLED_STEPS`] steps.
-fn resample(curves: &[&RegionCurves], near: &SearchResult, region: usize, options: &Options) -> Vec<ForceLaw<f64>> {
+fn resample(
+    curves: &[&RegionCurves],
+    fit_to_all: &SearchResult,
+    region: usize,
+    options: &Options,
+) -> Vec<ForceLaw<f64>> {
     if curves.len() < interval::RESAMPLED_STEPS {
         return Vec::new();
     }
     parallel::map(options.resamples as usize, |seed| {
         let mut random = fastrand::Rng::with_seed(seed as u64);
-        refit((0..curves.len()).map(|_| curves[random.usize(..curves.len())]), near, region, options)
+        let drawn = (0..curves.len()).map(|_| curves[random.usize(..curves.len())]);
+        refit(drawn, fit_to_all, region, options)
     })
 }
 
-/// See [`RegionFit::predicted_nrmse`]. `near` is the fit to all steps, from which the other fits start.
+/// See [`RegionFit::predicted_nrmse`]. `fit_to_all` is the fit to all steps, from which the other fits start.
 pub(crate) fn cross_validate(
     curves: &[&RegionCurves],
-    near: &SearchResult,
+    fit_to_all: &SearchResult,
     region: usize,
     options: &Options,
 ) -> Vec<f64> {
@@ -171,7 +178,8 @@ pub(crate) fn cross_validate(
         _ => GROUPS,
     };
     let force_laws = parallel::map(groups, |group| {
-        refit(curves.iter().enumerate().filter(|(i, _)| i % groups != group).map(|(_, c)| *c), near, region, options)
+        let kept = curves.iter().enumerate().filter(|(i, _)| i % groups != group).map(|(_, c)| *c);
+        refit(kept, fit_to_all, region, options)
     });
     let evaluated = curves.iter().enumerate().map(|(i, c)| Evaluated::new(c, options.filter, &force_laws[i % groups]));
     evaluated.map(|evaluated| evaluated.map_or(f64::NAN, |e| e.nrmse())).collect()
@@ -232,19 +240,19 @@ pub(crate) fn search<'c>(
     }
 }
 
-/// The force law fitted to some of the steps. The search starts from `near`, the fit to all steps, and C is a placeholder. The
-/// paper's method searches all parameters from its random starts.
+/// The force law fitted to some of the steps. The search starts from `fit_to_all`, the fit to all steps, and C is a placeholder.
+/// The paper's method searches all parameters from its random starts.
 pub(crate) fn refit<'c>(
     curves: impl IntoIterator<Item = &'c RegionCurves>,
-    near: &SearchResult,
+    fit_to_all: &SearchResult,
     region: usize,
     options: &Options,
 ) -> ForceLaw<f64> {
-    let Some(identified) = &near.identified else { return search(curves, region, options).law };
+    let Some(identified) = &fit_to_all.identified else { return search(curves, region, options).law };
     let samples = Samples::new(curves, options.filter);
-    let start = identified.rebased(near.samples.area_max_m2, samples.area_max_m2);
-    let found = match &near.prior {
-        Some(prior) => prior.refine(&samples, &start, near.noise.variance),
+    let start = identified.rebased(fit_to_all.samples.area_max_m2, samples.area_max_m2);
+    let found = match &fit_to_all.prior {
+        Some(prior) => prior.refine(&samples, &start, fit_to_all.noise.variance),
         None => refine(&samples, &options.bounds, &start),
     };
     found.law(samples.area_max_m2, ANY_C_M)

@@ -56,7 +56,7 @@ pub(crate) fn verdict(fit: &RegionFit) -> String {
 
 /// The defect of a result that follows from its steps: there is only one step, or all steps are equal. `None` if neither is the
 /// case.
-pub(crate) fn defects(steps: usize, are_equal: bool) -> Option<String> {
+pub(crate) fn defects(steps: usize, all_steps_equal: bool) -> Option<String> {
     if steps == 1 {
         return Some(
             "only one step could be used: the error of new steps, and how much steps differ, are unknown; record at least ten \
@@ -64,7 +64,7 @@ pub(crate) fn defects(steps: usize, are_equal: bool) -> Option<String> {
                 .into(),
         );
     }
-    are_equal.then(|| {
+    all_steps_equal.then(|| {
         "all steps are equal, so that intervals and predicted errors have no meaning: check that the recording does not repeat one \
          step"
             .into()

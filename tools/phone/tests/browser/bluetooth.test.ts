@@ -80,7 +80,9 @@ test("the page subscribes to the chosen insole and sends a connect request, also
   await chooser.send("DeviceAccess.enable");
   await page.locator("#connect").click();
 
+  // The first byte is the header of a message in a single fragment.
   const request = Buffer.from([0x80, ...wire.connect()]).toString("hex");
+  // The emulation reports a subscription to indications, as of control and parameters, by the same name.
   const expected = [
     "control subscribe-to-notifications",
     "live subscribe-to-notifications",

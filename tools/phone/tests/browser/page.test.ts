@@ -110,7 +110,7 @@ test("the soles are drawn with every frame of the screen", { retry: 2 }, async (
   expect(changed).toBeGreaterThan(270);
   deltas_ms.sort((a, b) => a - b);
   const [median_ms, percentile_95_ms] = [deltas_ms[150]?.toFixed(1), deltas_ms[285]?.toFixed(1)];
-  console.log(`two feet at 100 Hz: a frame every ${median_ms} ms (median), 95 % within ${percentile_95_ms} ms`);
+  console.log(`two feet at 100 Hz: a screen frame every ${median_ms} ms (median), 95 % within ${percentile_95_ms} ms`);
   await page.close();
 });
 
@@ -131,6 +131,7 @@ test("each sole is drawn at most once per frame of the screen, and not while ano
   expect(count).toBeGreaterThan(100);
   expect(count).toBeLessThanOrEqual(2 * 120);
   await show(page, "steps");
+  // A drawing that was already requested may still follow.
   await drawings(2);
   expect(await drawings(60)).toBe(0);
   await page.close();
@@ -147,7 +148,8 @@ test("the table of regions shows the chosen quantity", async () => {
     }, unit);
   }
   const select = page.locator("#quantity");
-  // By the contact rule of the computed walk, each cell in contact counts with its whole area.
+  // By the contact rule of the computed walk, each cell in contact counts with its whole area. With covered shares,
+  // the label would be "Effective area".
   expect(await select.locator("option:checked").innerText()).toBe("Contact area");
   await select.selectOption("deformation");
   expect(await select.locator("option:checked").innerText()).toBe("Tissue deformation (scaled by assumption)");
@@ -158,7 +160,6 @@ test("the table of regions shows the chosen quantity", async () => {
 test("with a body mass, forces are shown in % of body weight, and the mass is stored", async () => {
   const page = await open(served.browser, replay, { viewport: PHONE });
   await show(page, "settings");
-  await page.locator("#mass").fill("176.4");
   await page.locator("#mass-unit").selectOption("lb");
   await page.locator("#mass").fill("176.4");
   await page.locator("#force-unit").selectOption("%BW");
