@@ -208,10 +208,13 @@ def test_a_recording_in_parts_has_the_rows_of_the_command_line(tmp_path: pathlib
 
 
 def test_a_folder_that_lists_itself_has_only_its_parts() -> None:
-    class Listing(fsspec.AbstractFileSystem):
+    class Listing:
         """An object storage that lists a folder as an object without content in this folder."""
 
-        def ls(self, path: str, detail: bool = True, **_: object) -> list[dict[str, object]]:
+        def invalidate_cache(self, path: str) -> None:
+            """Does nothing, because there is no cache."""
+
+        def ls(self, path: str, detail: bool) -> list[dict[str, object]]:
             names = [f"{path}/", f"{path}/part-0.parquet"]
             return [{"name": name, "type": "file", "size": 0} for name in names]
 
