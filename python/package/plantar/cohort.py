@@ -59,13 +59,16 @@ def _is_folder(files: Any, entry: dict[str, Any]) -> bool:
 
 def _parquet_entries(files: Any, folder: str) -> list[dict[str, Any]]:
     """The entries of a folder with the names of Parquet files, sorted by name: recordings, or the parts of one."""
+
+    def is_recording(entry: dict[str, Any]) -> bool:
+        path = entry["name"].rstrip("/")
+        # An object storage can list the folder itself as one of its entries. macOS writes files with names such as
+        # `._walk.parquet` beside others; they are not recordings.
+        is_hidden = path.rsplit("/", 1)[-1].startswith(".")
+        return path != folder.rstrip("/") and path.endswith(".parquet") and not is_hidden
+
     files.invalidate_cache(folder)
-    # An object storage can list the folder itself as one of its entries.
-    entries = [entry for entry in files.ls(folder, detail=True) if entry["name"].rstrip("/") != folder.rstrip("/")]
-    entries = [entry for entry in entries if entry["name"].rstrip("/").endswith(".parquet")]
-    # macOS writes files with names such as `._walk.parquet` beside others. They are not recordings.
-    entries = [entry for entry in entries if not entry["name"].rstrip("/").rsplit("/", 1)[-1].startswith(".")]
-    return sorted(entries, key=lambda entry: entry["name"])
+    return sorted(filter(is_recording, files.ls(folder, detail=True)), key=lambda entry: entry["name"])
 
 
 def participants(study: str, out: str) -> list[str]:

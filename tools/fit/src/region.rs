@@ -178,8 +178,8 @@ pub(crate) fn cross_validate(
         _ => GROUPS,
     };
     let force_laws = parallel::map(groups, |group| {
-        let kept = curves.iter().enumerate().filter(|(i, _)| i % groups != group).map(|(_, c)| *c);
-        refit(kept, fit_to_all, region, options)
+        let others = curves.iter().enumerate().filter(|(i, _)| i % groups != group).map(|(_, c)| *c);
+        refit(others, fit_to_all, region, options)
     });
     let evaluated = curves.iter().enumerate().map(|(i, c)| Evaluated::new(c, options.filter, &force_laws[i % groups]));
     evaluated.map(|evaluated| evaluated.map_or(f64::NAN, |e| e.nrmse())).collect()

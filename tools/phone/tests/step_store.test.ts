@@ -175,13 +175,19 @@ test("all records are read in parts, and the oldest ones do not remain in memory
   expect(starts).toEqual(Array.from({ length: count }, (_, i) => i));
 });
 
-test("a step that cannot be stored is exported with the others", async () => {
+/** A store with the first received step, and its storage, which was full when the second one arrived. */
+async function storeWithPendingStep() {
   const storage = new TestStorage();
   const store = new StepStore(wire, storage);
   const [one, other] = received;
   await store.add(...one!, null);
   storage.is_full = true;
   await expect(store.add(...other!, null)).rejects.toThrow("full");
+  return { storage, store, one, other };
+}
+
+test("a step that cannot be stored is exported with the others", async () => {
+  const { store, one, other } = await storeWithPendingStep();
   const exported: unknown[] = [];
   for await (const { steps } of store.parts()) exported.push(...steps.map(({ step }) => step));
   expect(exported).toEqual([one![0].step, other![0].step]);
@@ -189,12 +195,7 @@ test("a step that cannot be stored is exported with the others", async () => {
 
 test("a step that is stored during an export is exported once, before and after the last part is read", async () => {
   for (const is_stored_before of [true, false]) {
-    const storage = new TestStorage();
-    const store = new StepStore(wire, storage);
-    const [one, other] = received;
-    await store.add(...one!, null);
-    storage.is_full = true;
-    await expect(store.add(...other!, null)).rejects.toThrow("full");
+    const { storage, store, one, other } = await storeWithPendingStep();
     storage.is_full = false;
     if (is_stored_before) storage.before_reading = () => store.add(...other!, null);
     const exported: unknown[] = [];

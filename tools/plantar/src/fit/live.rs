@@ -142,12 +142,12 @@ fn from_stream(name: &str, bytes: &[u8]) -> Result<Vec<LiveSource>> {
     let count = used.len();
     let sources: Vec<_> = used.into_iter().filter_map(|insole| insole.into_source(name)).collect();
     if sources.len() < count {
-        let unknown = "live frames of an insole without its first message and without steps, so the foot is not known";
+        let problem = "live frames of an insole without its first message and without steps, so the foot is not known";
         ensure!(
             !sources.is_empty(),
-            "{name}: {unknown}: record a walk of several steps from its beginning, or omit the file"
+            "{name}: {problem}: record a walk of several steps from its beginning, or omit the file"
         );
-        eprintln!("note: {name}: {unknown}: they were not used");
+        eprintln!("note: {name}: {problem}: they were not used");
     }
     Ok(sources)
 }
