@@ -1,15 +1,21 @@
 //! A simulation of BlueZ, Linux's Bluetooth service, on a private D-Bus.
 
-use std::collections::HashMap;
+use dbus::Message;
+use dbus::arg::{PropMap, RefArg, Variant};
+use dbus::blocking::Connection;
+use dbus::blocking::stdintf::org_freedesktop_dbus::PropertiesPropertiesChanged;
+use dbus::channel::{MatchingReceiver, Sender};
+use dbus::message::{MatchRule, SignalArgs};
+use dbus::strings::Path;
+use dbus_crossroads::{Crossroads, IfaceBuilder, IfaceToken, MethodErr};
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Receiver;
+use std::thread::JoinHandle;
+use std::time::Duration;
 use tempfile::TempDir;
-use zbus::blocking::{Connection, connection};
-use zbus::fdo;
-use zbus::interface;
-use zbus::zvariant::{ObjectPath, OwnedValue, Value};
 
 const ADAPTER: &str = "/org/bluez/hci0";
 const DEVICE: &str = "/org/bluez/hci0/dev_C0_00_00_00_00_01";
@@ -54,121 +60,54 @@ pub trait Peripheral: Send + Sync + 'static {
     fn write(&self, number: u8, value: &[u8]) -> Result<(), String>;
 }
 
-struct Adapter;
-
-#[interface(name = "org.bluez.Adapter1")]
-impl Adapter {
-    fn set_discovery_filter(&self, _filter: HashMap<String, OwnedValue>) {}
-    fn start_discovery(&self) {}
-    fn stop_discovery(&self) {}
-    #[zbus(property)]
-    fn address(&self) -> &str {
-        "C0:00:00:00:00:00"
-    }
-    #[zbus(property)]
-    fn address_type(&self) -> &str {
-        "public"
-    }
-    #[zbus(property)]
-    fn name(&self) -> &str {
-        "computer"
-    }
-    #[zbus(property)]
-    fn alias(&self) -> &str {
-        "computer"
-    }
-    #[zbus(property)]
-    fn modalias(&self) -> &str {
-        "usb:v1D6Bp0246d0542"
-    }
-    #[zbus(property)]
-    fn powered(&self) -> bool {
-        true
-    }
-    #[zbus(property)]
-    fn set_powered(&self, _powered: bool) {}
-    #[zbus(property)]
-    fn discovering(&self) -> bool {
-        true
-    }
+/// Offers a property that never changes.
+fn constant<T: Send + 'static, V>(interface: &mut IfaceBuilder<T>, name: &str, value: V)
+where
+    V: dbus::arg::Arg + dbus::arg::Append + RefArg + Clone + Send + 'static,
+{
+    interface.property(name).get(move |_, _| Ok(value.clone()));
 }
 
-struct Device(Arc<dyn Peripheral>);
-
-#[interface(name = "org.bluez.Device1")]
-impl Device {
-    fn connect(&mut self) -> fdo::Result<()> {
-        self.0.connect().map_err(fdo::Error::Failed)
-    }
-    fn disconnect(&mut self) {
-        self.0.disconnect();
-    }
-    #[zbus(property)]
-    fn adapter(&self) -> ObjectPath<'_> {
-        ObjectPath::from_static_str_unchecked(ADAPTER)
-    }
-    #[zbus(property)]
-    fn address(&self) -> &str {
-        "C0:00:00:00:00:01"
-    }
-    #[zbus(property)]
-    fn address_type(&self) -> &str {
-        "random"
-    }
-    #[zbus(property)]
-    fn name(&self) -> &str {
-        self.0.name()
-    }
-    #[zbus(property, name = "UUIDs")]
-    fn uuids(&self) -> Vec<String> {
-        vec![uuid(0)]
-    }
-    #[zbus(property)]
-    fn connected(&self) -> bool {
-        self.0.is_connected()
-    }
-    #[zbus(property)]
-    fn services_resolved(&self) -> bool {
-        self.0.is_connected()
-    }
-    #[zbus(property, name = "RSSI")]
-    fn rssi(&self) -> i16 {
-        -60
-    }
-    #[zbus(property)]
-    fn paired(&self) -> bool {
-        true
-    }
-    #[zbus(property)]
-    fn trusted(&self) -> bool {
-        false
-    }
-    #[zbus(property)]
-    fn blocked(&self) -> bool {
-        false
-    }
-    #[zbus(property)]
-    fn legacy_pairing(&self) -> bool {
-        false
-    }
+/// The computer's Bluetooth adapter.
+fn adapter(interface: &mut IfaceBuilder<()>) {
+    interface.method("SetDiscoveryFilter", ("filter",), (), |_, (), (_,): (PropMap,)| Ok(()));
+    interface.method("StartDiscovery", (), (), |_, (), ()| Ok(()));
+    interface.method("StopDiscovery", (), (), |_, (), ()| Ok(()));
+    constant(interface, "Address", "C0:00:00:00:00:00".to_owned());
+    constant(interface, "AddressType", "public".to_owned());
+    constant(interface, "Name", "computer".to_owned());
+    constant(interface, "Alias", "computer".to_owned());
+    constant(interface, "Modalias", "usb:v1D6Bp0246d0542".to_owned());
+    interface.property("Powered").get(|_, ()| Ok(true)).set(|_, (), _| Ok(None));
+    constant(interface, "Discovering", true);
 }
 
-struct Service;
+/// An insole that the adapter has found.
+fn device(interface: &mut IfaceBuilder<Arc<dyn Peripheral>>) {
+    interface.method("Connect", (), (), |_, insole, ()| insole.connect().map_err(|error| MethodErr::failed(&error)));
+    interface.method("Disconnect", (), (), |_, insole, ()| {
+        insole.disconnect();
+        Ok(())
+    });
+    constant(interface, "Adapter", Path::from(ADAPTER));
+    constant(interface, "Address", "C0:00:00:00:00:01".to_owned());
+    constant(interface, "AddressType", "random".to_owned());
+    interface.property("Name").get(|_, insole| Ok(insole.name().to_owned()));
+    constant(interface, "UUIDs", vec![uuid(0)]);
+    interface.property("Connected").get(|_, insole| Ok(insole.is_connected()));
+    interface.property("ServicesResolved").get(|_, insole| Ok(insole.is_connected()));
+    constant(interface, "RSSI", -60_i16);
+    constant(interface, "Paired", true);
+    constant(interface, "Trusted", false);
+    constant(interface, "Blocked", false);
+    constant(interface, "LegacyPairing", false);
+}
 
-#[interface(name = "org.bluez.GattService1")]
-impl Service {
-    #[zbus(property, name = "UUID")]
-    fn uuid(&self) -> String {
-        uuid(0)
-    }
-    #[zbus(property)]
-    fn primary(&self) -> bool {
-        true
-    }
-    #[zbus(property)]
-    fn device(&self) -> ObjectPath<'_> {
-        ObjectPath::from_static_str_unchecked(DEVICE)
-    }
+/// The GATT service of an insole.
+fn service(interface: &mut IfaceBuilder<()>) {
+    constant(interface, "UUID", uuid(0));
+    constant(interface, "Primary", true);
+    constant(interface, "Device", Path::from(DEVICE));
 }
 
 struct Characteristic {
@@ -177,50 +116,50 @@ struct Characteristic {
     insole: Arc<dyn Peripheral>,
 }
 
-#[interface(name = "org.bluez.GattCharacteristic1")]
-impl Characteristic {
-    fn start_notify(&self) -> fdo::Result<()> {
-        self.insole.subscribe(self.number).map_err(fdo::Error::AccessDenied)
-    }
-    fn stop_notify(&self) {}
-    fn write_value(&mut self, value: Vec<u8>, _options: HashMap<String, OwnedValue>) -> fdo::Result<()> {
+/// The name of the interface of a GATT characteristic.
+const CHARACTERISTIC: &str = "org.bluez.GattCharacteristic1";
+
+/// A GATT characteristic of an insole.
+fn characteristic(interface: &mut IfaceBuilder<Characteristic>) {
+    interface.method("StartNotify", (), (), |_, this, ()| {
+        let result = this.insole.subscribe(this.number);
+        result.map_err(|error| ("org.freedesktop.DBus.Error.AccessDenied", error).into())
+    });
+    interface.method("StopNotify", (), (), |_, _, ()| Ok(()));
+    interface.method("WriteValue", ("value", "options"), (), |_, this, (value, _): (Vec<u8>, PropMap)| {
         assert!(value.len() <= FRAGMENT);
-        self.insole.write(self.number, &value).map_err(fdo::Error::Failed)
-    }
-    #[zbus(property, name = "UUID")]
-    fn uuid(&self) -> String {
-        uuid(self.number)
-    }
-    #[zbus(property)]
-    fn service(&self) -> ObjectPath<'_> {
-        ObjectPath::from_static_str_unchecked(SERVICE)
-    }
-    #[zbus(property)]
-    fn flags(&self) -> Vec<&str> {
-        self.flags.to_vec()
-    }
-    #[zbus(property)]
-    fn notifying(&self) -> bool {
-        false
-    }
+        this.insole.write(this.number, &value).map_err(|error| MethodErr::failed(&error))
+    });
+    interface.property("UUID").get(|_, this| Ok(uuid(this.number)));
+    constant(interface, "Service", Path::from(SERVICE));
+    interface.property("Flags").get(|_, this| Ok(this.flags.iter().map(|&flag| flag.to_owned()).collect::<Vec<_>>()));
+    constant(interface, "Notifying", false);
 }
 
 /// A private D-Bus with the Bluetooth service. Both run until the value is dropped.
 pub struct Bus {
     daemon: Child,
     address: String,
-    _service: Connection,
+    service: Option<JoinHandle<()>>,
+    /// Ends the service.
+    end: Arc<AtomicBool>,
     /// The programs that use this bus place their lock files here.
     folder: TempDir,
 }
 
 impl Drop for Bus {
     fn drop(&mut self) {
+        self.end.store(true, Ordering::Relaxed);
+        // An error of the service was already reported when its thread panicked.
+        let _ = self.service.take().map(JoinHandle::join);
         // This fails if the daemon has already exited.
         let _ = self.daemon.kill();
         let _ = self.daemon.wait();
     }
 }
+
+/// The longest time for which a value of the insole waits until the service sends it.
+const INTERVAL: Duration = Duration::from_millis(1);
 
 impl Bus {
     /// Starts a bus with this insole in range, or with none. The bus passes on the `values` that the insole sends.
@@ -230,19 +169,20 @@ impl Bus {
         let mut daemon = daemon.expect("dbus-daemon starts; `cargo xtask setup` installs it");
         let mut address = String::new();
         BufReader::new(daemon.stdout.take().expect("piped")).read_line(&mut address).expect("an address");
-        let service = serve(address.trim(), insole);
-        let signals = service.clone();
-        std::thread::spawn(move || {
-            for (number, value) in values {
-                let changed = HashMap::from([("Value", Value::from(value))]);
-                let body = ("org.bluez.GattCharacteristic1", changed, Vec::<&str>::new());
-                let interface = "org.freedesktop.DBus.Properties";
-                // This fails once the D-Bus daemon has ended.
-                let _ = signals.emit_signal(None::<&str>, path(number), interface, "PropertiesChanged", &body);
+        let address = address.trim().to_owned();
+        let bus = connect(&address, insole);
+        let end = Arc::new(AtomicBool::new(false));
+        let ended = end.clone();
+        let service = std::thread::spawn(move || {
+            while !ended.load(Ordering::Relaxed) {
+                bus.process(INTERVAL).expect("the D-Bus daemon runs");
+                for (number, value) in values.try_iter() {
+                    bus.send(changed(number, value)).expect("memory for a message");
+                }
             }
         });
         let folder = tempfile::tempdir().expect("a folder");
-        Self { daemon, address: address.trim().into(), _service: service, folder }
+        Self { daemon, address, service: Some(service), end, folder }
     }
 
     /// The environment in which the command line uses this bus instead of the system's.
@@ -252,20 +192,42 @@ impl Bus {
     }
 }
 
-/// Offers the Bluetooth service on the D-Bus at this address, with the insole that is in range.
-fn serve(address: &str, insole: Option<Arc<dyn Peripheral>>) -> Connection {
-    let mut builder = connection::Builder::address(address)
-        .and_then(|b| b.name("org.bluez"))
-        .and_then(|b| b.serve_at("/", fdo::ObjectManager))
-        .and_then(|b| b.serve_at(ADAPTER, Adapter))
-        .expect("paths");
+/// The message with a new value of a characteristic.
+fn changed(number: u8, value: Vec<u8>) -> Message {
+    let value: Box<dyn RefArg> = Box::new(value);
+    let signal = PropertiesPropertiesChanged {
+        interface_name: CHARACTERISTIC.to_owned(),
+        changed_properties: [("Value".to_owned(), Variant(value))].into(),
+        invalidated_properties: Vec::new(),
+    };
+    signal.to_emit_message(&path(number).into())
+}
+
+/// Connects the Bluetooth service, with the insole that is in range, to the D-Bus at this address.
+fn connect(address: &str, insole: Option<Arc<dyn Peripheral>>) -> Connection {
+    let mut objects = Crossroads::new();
+    objects.insert("/", &[objects.object_manager()], ());
+    let adapter = objects.register("org.bluez.Adapter1", adapter);
+    objects.insert(ADAPTER, &[adapter], ());
     if let Some(insole) = insole {
-        builder =
-            builder.serve_at(DEVICE, Device(insole.clone())).and_then(|b| b.serve_at(SERVICE, Service)).expect("paths");
+        let device: IfaceToken<Arc<dyn Peripheral>> = objects.register("org.bluez.Device1", device);
+        objects.insert(DEVICE, &[device], insole.clone());
+        let service = objects.register("org.bluez.GattService1", service);
+        objects.insert(SERVICE, &[service], ());
+        let interface = objects.register(CHARACTERISTIC, characteristic);
         for (number, flags) in CHARACTERISTICS {
-            let characteristic = Characteristic { number, flags, insole: insole.clone() };
-            builder = builder.serve_at(path(number), characteristic).expect("a path");
+            objects.insert(path(number), &[interface], Characteristic { number, flags, insole: insole.clone() });
         }
     }
-    builder.build().expect("the bus")
+    let bus = Connection::new_address(address).expect("the D-Bus daemon runs");
+    let calls = MatchRule::new_method_call();
+    bus.start_receive(
+        calls,
+        Box::new(move |call, bus| {
+            objects.handle_message(call, bus).expect("a method call");
+            true
+        }),
+    );
+    bus.request_name("org.bluez", false, false, true).expect("the name is free");
+    bus
 }

@@ -1,6 +1,6 @@
 //! Builds firmware and host programs, and writes firmware to a board.
 
-use crate::command::{built, run, run_command};
+use crate::command::{built, root, run, run_command};
 use crate::{BOARDS, NRF52840, TARGET, WB55, setup};
 use anyhow::{Result, bail};
 use std::env;
@@ -17,14 +17,9 @@ fn chip(board: &str) -> Result<&'static str> {
     }
 }
 
-/// The profile for a board's package.
-pub fn profile(package: &str) -> &'static str {
-    if package == NRF52840 { "firmware-small" } else { "firmware" }
-}
-
 /// The path of the executable of a board's package: its firmware or its bootloader.
 pub fn firmware(package: &str) -> PathBuf {
-    built(&format!("{TARGET}/{}/{package}", profile(package)))
+    built(&format!("{TARGET}/firmware/{package}"))
 }
 
 /// The name of the package with a board's bootloader.
@@ -42,8 +37,9 @@ pub fn build_firmware(board: &str) -> Result<()> {
 /// The boards that are made for users: their packages refuse the public development key unless a feature allows it.
 const PRODUCTS: [&str; 2] = [WB55, NRF52840];
 
-/// Runs a cargo command such as `build` for a board's package, with the profile and the target of firmware. If
-/// `PLANTAR_UPDATE_KEY` is not set, a product accepts updates signed with the public development key, and a warning is printed.
+/// Runs a cargo command such as `build` for a board's package, with the profile and the target of firmware, and with the board's
+/// own settings of this profile. If `PLANTAR_UPDATE_KEY` is not set, a product accepts updates signed with the public development
+/// key, and a warning is printed.
 pub fn cargo_firmware(command: &str, package: &str, arguments: &[&str]) -> Result<()> {
     run_command(firmware_command(command, package)?.args(arguments))
 }
@@ -51,7 +47,12 @@ pub fn cargo_firmware(command: &str, package: &str, arguments: &[&str]) -> Resul
 /// The command that [`cargo_firmware`] runs, without further arguments.
 pub fn firmware_command(command: &str, package: &str) -> Result<Command> {
     let mut cargo = Command::new("cargo");
-    cargo.args([command, "--locked", "--profile", profile(package), "--target", TARGET, "--package", package]);
+    cargo.args([command, "--locked", "--profile", "firmware", "--target", TARGET, "--package", package]);
+    // Cargo reads this file itself only in the board's folder.
+    let settings = format!("boards/{package}/.cargo/config.toml");
+    if root().join(&settings).is_file() {
+        cargo.args(["--config", &settings]);
+    }
     if package == NRF52840 {
         // The build of the radio's library generates its functions from C headers.
         cargo.envs(setup::libclang()?);

@@ -3,7 +3,6 @@
 use crate::build::{build_example, build_host};
 use crate::command::{built, root, run_command};
 use crate::setup;
-use crate::test::DENY_WARNINGS;
 use anyhow::Result;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -37,13 +36,6 @@ pub fn test() -> Result<()> {
     let environment = build()?;
     run_tool(&environment, "mypy", &[])?;
     run_tool(&environment, "pytest", &["--quiet"])
-}
-
-/// Lints the compiled part of the package.
-pub fn lint() -> Result<()> {
-    let mut command = Command::new("cargo");
-    command.args(["clippy", "--locked", "--release", "--package", "plantar-python", "--target-dir"]);
-    run_command(command.arg(built(TARGET_FOLDER)).args(DENY_WARNINGS))
 }
 
 /// Runs a program of the environment in the folder of the package.

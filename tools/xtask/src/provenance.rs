@@ -32,7 +32,7 @@ pub fn reproduce() -> Result<()> {
         let copy = CommitCopy::of_last_commit(name)?;
         packages.iter().try_for_each(|package| copy.run(&mut build::firmware_command("build", package)?))?;
         let loaded = |package: &String| {
-            let firmware = copy.0.path().join("target").join(TARGET).join(build::profile(package)).join(package);
+            let firmware = copy.0.path().join("target").join(TARGET).join("firmware").join(package);
             image::segments(&firmware, &copy.0.path().join("loaded"))
         };
         packages.iter().map(loaded).collect()

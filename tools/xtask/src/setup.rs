@@ -1,11 +1,12 @@
 //! Installs missing programs and data, or prints the package to install by hand.
 
 use crate::TARGET;
-use crate::command::{root, run};
+use crate::command::{root, run, run_command};
 use anyhow::{Context, Result, bail};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// The Python package with the sample walk. It is licensed under GPLv3, so it is stored only in the private cache, and never in
 /// the repository. Its dependencies are not installed, because the importer only reads its data files.
@@ -74,22 +75,34 @@ pub struct Python {
     pub moticon: PathBuf,
 }
 
-/// Installs all programs and data that the builds, the demonstration, the tests and the benchmarks need.
+/// Installs all programs and data that the builds, the demonstration, the tests and the benchmarks need. What the builds need
+/// comes first, because they may run at the same time.
 pub fn all() -> Result<Python> {
     rust()?;
+    libclang()?;
+    node()?;
+    package()?;
     qemu()?;
     ngspice()?;
-    node()?;
     chromium()?;
-    cargo_deny()?;
-    nextest()?;
-    libclang()?;
     bus()?;
     octave()?;
     formats()?;
     management()?;
-    package()?;
-    python()
+    let python = python()?;
+    nextest()?;
+    cargo_deny()?;
+    Ok(python)
+}
+
+/// Held while a package of the system or a Python environment is installed: threads that need the same one at the same time would
+/// install it twice, and package managers do not run twice at the same time.
+static INSTALLATION: Mutex<()> = Mutex::new(());
+
+/// Waits until no other thread installs anything.
+fn installation() -> MutexGuard<'static, ()> {
+    // A thread that panicked leaves an incomplete installation, which is repeated.
+    INSTALLATION.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The private folder for downloads, and for files that are made from them.
@@ -252,8 +265,10 @@ fn cargo_tool(name: &str, version: &str) -> Result<PathBuf> {
     let installed = std::fs::read_to_string(folder.join(".crates.toml")).unwrap_or_default();
     if !tool.is_file() || !installed.contains(&format!("\"{name} {version} (")) {
         let tool = format!("{name}@{version}");
-        // Without optimisation, the tool compiles faster and is fast enough.
-        run("cargo", &["install", "--locked", "--debug", "--root", &folder.to_string_lossy(), &tool])
+        // Without optimisation and debug information, the tool compiles faster and is fast enough.
+        let mut command = Command::new("cargo");
+        command.args(["install", "--locked", "--debug", "--root", &folder.to_string_lossy(), &tool]);
+        run_command(command.env("CARGO_PROFILE_DEV_DEBUG", "none"))
             .with_context(|| format!("{tool} comes from the Rust package registry: check the network connection"))?;
     }
     Ok(tool)
@@ -357,6 +372,7 @@ fn environment_of(name: &str, packages: &[&str], options: &[&str], remedy: &'sta
 /// Creates a Python environment in this folder, unless it is complete and has the same list of packages. `fill` installs the
 /// packages.
 fn environment_with(environment: &Path, packages: &str, fill: impl FnOnce() -> Result<()>) -> Result<()> {
+    let _installation = installation();
     let stamp = environment.join(PYTHON_STAMP);
     if std::fs::read_to_string(&stamp).ok().as_deref() != Some(packages) {
         std::fs::create_dir_all(cache())?;
@@ -386,7 +402,7 @@ fn create_environment(environment: &Path) -> Result<()> {
         return Ok(());
     }
     // Debian has the module venv in a separate package.
-    install(&OsPackage {
+    install_now(&OsPackage {
         title: "Python 3 with venv",
         apt: "python3-venv",
         dnf: "python3",
@@ -413,8 +429,15 @@ struct OsPackage {
     brew: &'static str,
 }
 
-/// Installs a package with the system's package manager, through sudo unless the user is root. Homebrew needs no sudo.
+/// Installs a package as soon as no other thread installs anything, like [`install_now`].
 fn install(package: &OsPackage) -> Result<()> {
+    let _installation = installation();
+    install_now(package)
+}
+
+/// Installs a package with the system's package manager, through sudo unless the user is root. Homebrew needs no sudo. The caller
+/// holds [`INSTALLATION`].
+fn install_now(package: &OsPackage) -> Result<()> {
     let managers: [(&str, &[&str], &str); 4] = [
         ("apt-get", &["install", "--yes"], package.apt),
         ("dnf", &["install", "--assumeyes"], package.dnf),

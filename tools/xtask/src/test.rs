@@ -35,14 +35,13 @@ pub fn quick() -> Result<()> {
 pub fn all() -> Result<()> {
     setup::rust()?;
     format()?;
-    // The builds of the other targets need these, and only one thread may install packages.
-    setup::libclang()?;
-    setup::node()?;
-    setup::package()?;
+    // First only what the tests in real time need, because the rest is built while they run.
     let python = std::thread::scope(|scope| {
-        let others = scope.spawn(build_other_targets);
-        let python = build_host_programs();
-        join(others)?;
+        let host = scope.spawn(build_host_programs);
+        let firmware = scope.spawn(|| BOARDS.into_iter().try_for_each(build_firmware));
+        let python = setup::all().and_then(|python| deny(&["licenses", "bans", "sources"]).map(|()| python));
+        join(host)?;
+        join(firmware)?;
         python
     })?;
     let page_figures = tests(&python)?;
@@ -51,31 +50,21 @@ pub fn all() -> Result<()> {
     limits::check(&figures)
 }
 
-/// Builds and lints what runs on a board, in a browser or in Python. It runs beside [`build_host_programs`], because the builds
-/// of firmware use one core for most of the time.
-fn build_other_targets() -> Result<()> {
-    // The bootloaders contain the library without its features, and the page contains it as WebAssembly, so these builds also
-    // show that the library compiles in both ways.
-    BOARDS.into_iter().try_for_each(build_firmware)?;
+/// Builds and lints what runs on the host, except the Python package, which is only linted.
+fn build_host_programs() -> Result<()> {
+    lint_host()?;
+    let doc = ["doc", "--locked", "--release", "--no-deps", "--package", "plantar", "--features", "firmware"];
+    run_command(Command::new("cargo").args(doc).env("RUSTDOCFLAGS", "--deny warnings"))?;
+    build_whole_host()
+}
+
+/// Lints what runs on a board, and builds the minimal board, which is only an example.
+fn check_boards() -> Result<()> {
     for board in BOARDS {
         cargo_firmware("clippy", board, &DENY_WARNINGS)?;
         cargo_firmware("clippy", &bootloader(board), &DENY_WARNINGS)?;
     }
-    cargo_firmware("build", "minimal-board", &[])?;
-    page::build()?;
-    package::lint()?;
-    package::build().map(drop)
-}
-
-/// Installs what the tests need, checks the dependencies, and builds and lints what runs on the host.
-fn build_host_programs() -> Result<Python> {
-    let python = setup::all()?;
-    deny(&["licenses", "bans", "sources"])?;
-    lint_host()?;
-    let doc = ["doc", "--locked", "--release", "--no-deps", "--package", "plantar", "--features", "firmware"];
-    run_command(Command::new("cargo").args(doc).env("RUSTDOCFLAGS", "--deny warnings"))?;
-    build_whole_host()?;
-    Ok(python)
+    cargo_firmware("build", "minimal-board", &[])
 }
 
 /// Checks the format.
@@ -84,22 +73,47 @@ fn format() -> Result<()> {
     run("cargo", &["fmt", "--manifest-path", "fuzz/Cargo.toml", "--check"])
 }
 
+/// The packages besides those of [`BOARDS`] that compile only for a board.
+const BOARD_LIBRARIES: [&str; 3] = ["cortex-m-platform", "minimal-board", "signature-check"];
+
 /// Lints everything that is compiled for the host.
 fn lint_host() -> Result<()> {
-    run("cargo", &[&["clippy", "--locked", "--release", "--all-targets"], &DENY_WARNINGS[..]].concat())
+    let mut command = Command::new("cargo");
+    command.args(["clippy", "--locked", "--release", "--all-targets", "--workspace"]);
+    let boards = BOARDS.into_iter().chain(BOARD_LIBRARIES).map(String::from).chain(BOARDS.map(bootloader));
+    for package in boards {
+        command.args(["--exclude", &package]);
+    }
+    run_command(command.args(DENY_WARNINGS))
 }
 
 /// Runs all tests. Returns the figures that the page's tests measure.
 fn tests(python: &Python) -> Result<bench::Figures> {
-    // Two at a time, because they mostly wait. On a slow computer, more of them or other tests beside them would cause missed
-    // scans and timeouts.
-    selected_tests(python, IN_REAL_TIME, 2)?;
+    real_time_tests(python)?;
     let figures = page_and_package_tests()?;
     // Many tests wait for an emulated board, so more of them run at the same time than there are cores.
     let threads = 3 * std::thread::available_parallelism().map_or(1, usize::from);
     selected_tests(python, &format!("not ({IN_REAL_TIME})"), threads)?;
     documentation_tests()?;
     Ok(figures)
+}
+
+/// Runs the tests with walks in real time, and beside them, with a lower priority, the builds and lints that they do not need.
+fn real_time_tests(python: &Python) -> Result<()> {
+    std::thread::scope(|scope| {
+        let boards = scope.spawn(|| lower_priority().and_then(|()| check_boards()));
+        // The page contains the library without its features as WebAssembly, so this build also shows that it compiles so.
+        let page_and_package = scope.spawn(|| {
+            lower_priority()?;
+            page::build()?;
+            package::build()
+        });
+        // Two at a time, because they mostly wait. On a slow computer, more of them, or other tests with the same priority, would
+        // cause missed scans and timeouts.
+        selected_tests(python, IN_REAL_TIME, 2)?;
+        join(boards)?;
+        join(page_and_package).map(drop)
+    })
 }
 
 /// Runs the tests of the page, which mostly wait for walks that are played in real time, and beside them, with a lower priority,
