@@ -153,6 +153,6 @@ async def main():
 
 
 asyncio.run(main())
-# The process ends at once, because the threads of the terminal still wait for the link.
+# Without the interpreter's shutdown, during which the threads of the terminal would still read the link.
 sys.stdout.flush()
 os._exit(0)

@@ -135,7 +135,7 @@ impl RadioSimulation {
         phone
     }
 
-    /// Discards all events so far.
+    /// Discards the events that were received while requests waited for their results.
     pub fn discard_events(&mut self) {
         self.events.clear();
     }

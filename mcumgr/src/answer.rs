@@ -6,13 +6,16 @@ use heapless::String;
 
 /// The answer to a request.
 #[derive(Clone, Debug, PartialEq, Eq)]
-#[allow(clippy::large_enum_variant, reason = "there is one answer at a time, in place")]
+#[allow(
+    clippy::large_enum_variant,
+    reason = "only one answer is stored at a time, in static memory, so boxing a variant would save nothing"
+)]
 pub enum Answer {
     /// The request was executed.
     Done,
     /// The text of an echo.
     Echo(Text),
-    /// The lengths of messages that are accepted.
+    /// The length of the longest message that is accepted, and the number of messages that can wait.
     Parameters,
     /// The wall clock.
     Time(Clock),
@@ -40,7 +43,8 @@ pub struct ImageState {
 /// Why a request was not executed. A failure has a code that all groups share, which is the only one in version 0 of the
 /// protocol, and may have a code of one group. They are packed into one number, so that the many functions that return it stay
 /// short: the code of the group in the bits 0 to 5 (0 for none), the group in the bits 6 and 7, and the shared code above them.
-/// The codes of the constants are those of MCUmgr in Zephyr.
+/// The codes of the groups are those of MCUmgr in Zephyr. The shared codes have the meanings that MCUmgr defines, but not always
+/// the values into which Zephyr translates the codes of the groups.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Failure(u16);
 

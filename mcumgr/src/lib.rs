@@ -21,7 +21,8 @@ use heapless::{String, Vec};
 
 /// Length of the head of a message, bytes.
 pub const HEAD: usize = 8;
-/// Largest number of bytes that are used of a text, and of the part of a file in one request.
+/// Longest text of an echo, bytes; a longer one is refused. Also the largest number of bytes that are used of the part of a file in
+/// one request; the offset in the answer requests the rest again.
 pub const CHUNK: usize = 192;
 /// Longest message that tools may send, bytes, including two bytes for its length and two for its checksum. On a serial port,
 /// all lines of such a message together have 281 bytes, which the receive buffers of the ports can hold.
@@ -36,7 +37,7 @@ pub type Text = String<CHUNK>;
 /// The head of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Head {
-    /// The request changes something.
+    /// The operation is a write, not a read.
     pub is_write: bool,
     /// The version of the protocol, 0 or 1. It decides how failures are reported.
     pub version: u8,
@@ -55,11 +56,14 @@ pub const IMAGE: u16 = 1;
 
 /// A decoded request.
 #[derive(Clone, Debug, PartialEq, Eq)]
-#[allow(clippy::large_enum_variant, reason = "there is one request at a time, in place")]
+#[allow(
+    clippy::large_enum_variant,
+    reason = "only one request is decoded at a time, so boxing a variant would save nothing"
+)]
 pub enum Request {
     /// Send the text back.
     Echo(Text),
-    /// Send the lengths of messages that are accepted.
+    /// Send the length of the longest message that is accepted, and the number of messages that can wait.
     Parameters,
     /// Restart.
     Reset,

@@ -78,9 +78,14 @@ impl Fitted {
         results::to_json(&self.study).to_string()
     }
 
-    /// The parameter file.
-    fn toml(&self) -> String {
-        results::to_toml(&self.study, self.size)
+    /// The parameter file. An error if no region was fitted: the file would contain typical values as those of the person.
+    fn toml(&self) -> PyResult<String> {
+        if self.study.fits.iter().all(Result::is_err) {
+            return Err(PyValueError::new_err(
+                "no region could be fitted, so there are no parameters; `results` contains the reasons",
+            ));
+        }
+        Ok(results::to_toml(&self.study, self.size))
     }
 
     /// The report as an HTML file.

@@ -57,6 +57,14 @@ pub fn replay(
             identified.contact.on_kpa, identified.contact.off_kpa, identified.contact.full_kpa
         ));
     }
+    match parameters.identified.as_ref().map(|identified| identified.filter.as_str()) {
+        Some(parameters::LIVE) => notes.push(
+            "the parameters were identified with the filter of the live stream: they are not valid for step records"
+                .into(),
+        ),
+        Some(parameters::SMOOTHED) => notes.push(parameters::SmoothedArea.to_string()),
+        _ => {}
+    }
     let run = match precision {
         "f32" => run::<f32>,
         "f64" => run::<f64>,

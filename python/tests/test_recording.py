@@ -123,6 +123,16 @@ def test_normalised_steps_do_not_drift_at_a_rate_whose_period_is_no_whole_micros
 
 
 @pytest.mark.filterwarnings("ignore:parameters .* are not personal")
+@pytest.mark.parametrize("rate_hz", [128, 300])
+def test_the_frame_period_is_that_of_the_insole(tmp_path: pathlib.Path, rate_hz: int) -> None:
+    replay = package.replay(walk(tmp_path / "walk.parquet", "--rate", rate_hz, "--steps", 20))
+    # The insole numbers its frames, so each of its times is a whole number of periods.
+    frames = replay.steps["start_s"].to_numpy() / replay._period_s
+    assert np.abs(frames - frames.round()).max() < 1e-3
+
+
+
+@pytest.mark.filterwarnings("ignore:parameters .* are not personal")
 def test_a_recording_without_steps_has_tables_without_rows(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
     table = pq.read_table(walk_file)
     pq.write_table(table.slice(0, 20), tmp_path / "short.parquet")
@@ -130,6 +140,17 @@ def test_a_recording_without_steps_has_tables_without_rows(walk_file: pathlib.Pa
     assert replay.steps.empty and replay.normalised("total_force_n").shape == (0, 101)
     rows = package.fit_steps(tmp_path / "short.parquet")
     assert rows.num_rows == 0 and "secant_modulus_kpa" in rows.column_names
+    with pytest.raises(ValueError, match="no region could be fitted"):
+        package.fit(tmp_path / "short.parquet").write(tmp_path / "params.toml")
+    assert not (tmp_path / "params.toml").exists()
+
+
+def test_parameters_for_another_filter_are_used_with_a_warning(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    for name, words in (("smoothed", "smoothing"), ("live", "filter of the live stream")):
+        path = tmp_path / f"{name}.toml"
+        package.fit(walk_file, options=package.Options(filter=name)).write(path)
+        with pytest.warns(UserWarning, match=words):
+            package.replay(walk_file, params=path)
 
 
 def test_other_threads_continue_while_a_recording_is_fitted(walk_file: pathlib.Path) -> None:

@@ -142,22 +142,26 @@ pub async fn persist(
 impl Persist<'_> {
     async fn store_records(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
         while let Ok(record) = self.shared.records.try_receive() {
-            if !self.store_record(store, &record).await {
+            let must_hold = self.store_record(store, &record).await;
+            if must_hold {
                 self.shared.session.borrow_mut().push_record(record);
             }
         }
         self.shared.frames_before.set(None);
     }
 
-    /// Stores what a restart would lose. The records are stored last, because one may be queued while the load of the day is
-    /// being stored.
+    /// Stores what a restart would lose. The records are stored after the load of the day, because one may be queued while that is
+    /// being stored. If it is an alert, the load of the day has changed with it, and is stored again.
     async fn store_all(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
         self.store_daily_load(store).await;
         self.store_records(store).await;
+        if Instant::now() >= self.daily_load_at {
+            self.store_daily_load(store).await;
+        }
     }
 
-    /// Stores a record. Returns false if the session must also hold it in RAM, because it follows the records there or could not
-    /// be stored, and true if it will be loaded from the log later, or is lost.
+    /// Stores a record. Returns true if the session must also hold it in RAM, because it follows the records there or could not
+    /// be stored, and false if it will be loaded from the log later, or is lost.
     async fn store_record(&mut self, store: &mut Store<impl MultiwriteNorFlash>, record: &LoadRecord) -> bool {
         if matches!(record, LoadRecord::Alert(_)) {
             // An alert must not be raised again after a loss of power.
@@ -168,7 +172,7 @@ impl Persist<'_> {
                 let mut session = self.shared.session.borrow_mut();
                 session.count_dropped(dropped);
                 self.has_more_in_log |= !session.has_room();
-                self.has_more_in_log
+                !self.has_more_in_log
             }
             Err(_) => {
                 self.shared.count_not_stored();
@@ -176,7 +180,7 @@ impl Persist<'_> {
                 // before it, which are in the log only, are more numerous.
                 let is_lost = self.has_more_in_log && self.is_log_readable;
                 self.shared.session.borrow_mut().count_dropped(is_lost.into());
-                is_lost
+                !is_lost
             }
         }
     }

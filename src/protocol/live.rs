@@ -14,10 +14,10 @@ quantities! {
     /// One frame: 8 regions in the order of [`crate::Region::ALL`].
     #[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
     pub struct Live {
-        /// Number of the frame in its stream; a gap is a frame that was dropped or lost on the way.
+        /// Number of the frame in its session; a gap is a frame that was dropped or lost on the way.
         sequence: u32 = sequence
             => sequence [1 per "count"],
-            "Counted by the insole from the start of the stream.";
+            "Counted by the insole from the start of the session, also if the live stream is turned off and on.";
         /// Time of the scan since the first scan.
         t_us: u64 = t_us
             => t_s [1_000_000 per "s"],

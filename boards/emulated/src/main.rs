@@ -147,12 +147,13 @@ fn main() -> ! {
 async fn run(boot: BootReport, image: &'static Header) {
     // SAFETY: this task runs on an executor of this program, so its context is that of an `embassy-executor` task.
     let spawner = unsafe { Spawner::for_current_executor().await };
-    let stored = emulation::configuration().filter(|_| !boot.is_recovery());
-    let config = stored.as_ref().map_or_else(|| EmulatorConfig::new(layout::setup(Side::Left)), |(config, _)| *config);
+    let from_host = emulation::configuration().filter(|_| !boot.is_recovery());
+    let config =
+        from_host.as_ref().map_or_else(|| EmulatorConfig::new(layout::setup(Side::Left)), |(config, _)| *config);
     injected_fault::plan(config.fault.filter(|planned| planned.is_repeated || boot.reset == Reset::Power));
     inject(&[InjectedFault::Panic]);
     let chip = async { Some(FlashFile::open(config.power_cut)) };
-    let (stored, built_in, fault) = match stored {
+    let (received, built_in, fault) = match from_host {
         Some((_, cells)) => (Some(cells), None, None),
         None => {
             let fault_text = if boot.is_recovery() {
@@ -163,8 +164,9 @@ async fn run(boot: BootReport, image: &'static Header) {
             (None, Some(layout::cells()), fault_text.try_into().ok())
         }
     };
-    // One iterator for both cases: with two types of iterator, the start would be twice in the firmware and on the stack.
-    let cells = stored.into_iter().flatten().chain(built_in.into_iter().flatten());
+    // One iterator for both cases: with two types of iterator, the function `start` would be compiled twice, and the stack would
+    // have room for both versions.
+    let cells = received.into_iter().flatten().chain(built_in.into_iter().flatten());
     // No other task runs yet, so the start may block. The state of the start is then on the stack and not in the static memory
     // of this task.
     let restart = cortex_m::peripheral::SCB::sys_reset;

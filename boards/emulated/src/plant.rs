@@ -104,8 +104,8 @@ impl Matrix for PlantMatrix {
     }
 }
 
-/// Signalled after processing has evaluated a frame, if the queue has room. The evaluated frame leaves the queue only when
-/// processing takes the next one.
+/// Signalled after processing has evaluated a frame, if fewer frames are pending than the queue can hold. The evaluated frame is
+/// still pending at that moment, until its step, load bout and alert are complete.
 pub static FRAME_EVALUATED: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 
 /// The frame clock of the emulated board.

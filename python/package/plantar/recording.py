@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import warnings
 from functools import cached_property
@@ -199,7 +200,8 @@ class Replay:
     def _period_s(self) -> float:
         """The frame period of the insole, s. It is rounded to whole microseconds, so the times of steps drift from those of a
         recording whose period is not a whole number of microseconds."""
-        return round(1e6 / self.recording.rate_hz) / 1e6
+        # As the insole, and unlike `round`, half a microsecond is rounded up.
+        return math.floor(1e6 / self.recording.rate_hz + 0.5) / 1e6
 
     def plot(self, step: int | None = None) -> Figure:
         """Draws the measured and the model force of the regions in a step, by default the first one."""

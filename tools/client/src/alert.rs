@@ -39,10 +39,13 @@ pub fn alert_advice(alert: &Alert) -> String {
     let side = alert.side.name();
     let mut sentences = Vec::new();
     if alert.sustained != 0 {
+        let window = match (alert.window_s / 60, alert.window_s % 60) {
+            (2.., 0) => format!("{} minutes", alert.window_s / 60),
+            _ => format!("{} seconds", alert.window_s),
+        };
         sentences.push(format!(
-            "Unload your {side} foot: sit down and lift it, or shift your weight. It carried load here for most of the last {} \
-             minutes: {}.",
-            alert.window_s / 60,
+            "Unload your {side} foot: sit down and lift it, or shift your weight. It carried load here for most of the last \
+             {window}: {}.",
             titles(alert.sustained)
         ));
     }

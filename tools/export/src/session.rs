@@ -84,7 +84,7 @@ impl Foot {
         let period_us = u64::from(virtual_insole.setup.period_us);
         let last = recording.frames() - 1;
         let frame_s = |i: usize| recording.t_s[i.min(last)] + i.saturating_sub(last) as f64 / recording.rate_hz;
-        let (mut frames, mut steps) = (Vec::with_capacity(recording.frames()), Vec::new());
+        let (mut frames, mut steps) = (Vec::<Frame>::with_capacity(recording.frames()), Vec::new());
         let mut scans = virtual_insole.scans(&recording);
         while let Some(Scan { index, t_s, codes }) = scans.next_scan()? {
             if insole.frame(index as u32, codes)
@@ -93,6 +93,8 @@ impl Foot {
                 let step = Step::new(&step);
                 let start = step.start_us / period_us;
                 let end = start + u64::from(step.duration_us) / period_us;
+                // The insole confirms a toe off some frames later.
+                frames.iter_mut().skip(end as usize).for_each(|frame| frame.cop_mm = None);
                 steps.push(TimedStep {
                     heel_strike_s: frame_s(start as usize),
                     toe_off_s: frame_s(end as usize),
@@ -215,7 +217,10 @@ impl Session {
         }
         let begins_s = feet.iter().map(|foot| foot.t_s[0]).chain(from_s).fold(f64::NEG_INFINITY, f64::max);
         let ends_s = feet.iter().map(|foot| foot.t_s[foot.t_s.len() - 1]).chain(to_s).fold(f64::INFINITY, f64::min);
-        let first_s = feet[0].t_s[feet[0].nearest(begins_s)];
+        let nearest = feet[0].nearest(begins_s);
+        // The frame that is nearest to the time of --from may be before it.
+        let is_too_early = from_s.is_some_and(|from_s| feet[0].t_s[nearest] < from_s);
+        let first_s = feet[0].t_s[(nearest + usize::from(is_too_early)).min(feet[0].t_s.len() - 1)];
         let firsts: Vec<usize> = feet.iter().map(|foot| foot.nearest(first_s)).collect();
         let counts = feet.iter().zip(&firsts).map(|(foot, first)| (foot.nearest(ends_s) + 1).saturating_sub(*first));
         let count = counts.min().unwrap_or(0);

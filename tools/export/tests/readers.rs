@@ -145,7 +145,24 @@ fn the_session_has_the_forces_and_the_centre_of_pressure_of_the_recording() {
             }
         }
         assert!(loaded > foot.frames.len() / 3);
+        // From each toe off to the next heel strike, the foot is off the ground.
+        let strikes = foot.steps[1..].iter().map(|next| next.heel_strike_s).chain([f64::INFINITY]);
+        for (step, strike_s) in foot.steps.iter().zip(strikes) {
+            let in_swing = |t_s: f64| step.toe_off_s <= t_s && t_s < strike_s;
+            let frames = foot.frames.iter().zip(&session.t_s).filter(|(_, t_s)| in_swing(**t_s));
+            assert!(frames.clone().count() > 0 && frames.clone().all(|(frame, _)| frame.cop_mm.is_none()));
+        }
     }
+}
+
+#[test]
+fn a_session_does_not_begin_before_the_given_time() {
+    let mut recording = walk(Side::Left, 2, 60);
+    // The frame that is nearest to time 0 is at -0.004 s.
+    let begins_s = recording.t_s[0];
+    recording.t_s.iter_mut().for_each(|t_s| *t_s -= begins_s + 0.504);
+    let session = Session::new(vec![foot(recording)], Some(0.0), None).expect("frames after time 0");
+    assert!((session.t_s[0] - 0.006).abs() < 1e-9, "{}", session.t_s[0]);
 }
 
 #[test]

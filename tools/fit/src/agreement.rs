@@ -58,8 +58,11 @@ impl Agreement {
         let people = rows.len();
         // The sums of squares of equal values are not exactly 0.
         let rounded = |error: f64| if error > ROUNDING * mean.abs() { error } else { 0.0 };
+        let values = rows.iter().flatten();
+        let are_equal = values.clone().all(|value| (value - mean).abs() <= ROUNDING * mean.abs());
         if let Some(Repeatability { icc, sem, mdc }) = Repeatability::of(rows) {
-            return Some(Self { people, mean, icc: Some(icc), sem: rounded(sem), mdc: rounded(mdc) });
+            let icc = Some(icc).filter(|_| !are_equal);
+            return Some(Self { people, mean, icc, sem: rounded(sem), mdc: rounded(mdc) });
         }
         let (sem, mdc) = within_person(rows).filter(|_| people > 1 || is_alone)?;
         Some(Self { people, mean, icc: None, sem, mdc })
@@ -238,6 +241,14 @@ mod tests {
         assert_eq!((agreement.icc, agreement.people), (None, 1));
         assert!((agreement.sem - (7.0_f64 / 3.0).sqrt()).abs() < 1e-12);
         assert!((agreement.mdc / agreement.sem - 1.96 * 2f64.sqrt()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn equal_values_have_no_icc() {
+        // The mean of these values is not exactly this value.
+        let people: Vec<_> = (0..10).map(|_| vec![trial(Side::Left, 9.523809523809526); 2]).collect();
+        let agreement = heel(&feet(&people, 2).0[0]);
+        assert_eq!((agreement.icc, agreement.sem, agreement.mdc), (None, 0.0, 0.0));
     }
 
     #[test]

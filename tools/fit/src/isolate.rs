@@ -1,7 +1,7 @@
 //! Extraction of the steps of a recording by the code of the insole. Contacts that are not complete steps are excluded and listed
 //! with the reason.
 
-use crate::steps::{ExcludedContact, ExclusionReason, FrameLoads, MeanEllipse, exclude_partial, frame_curves, peak_n};
+use crate::steps::{ExcludedContact, ExclusionReason, FootEllipse, FrameLoads, exclude_partial, frame_curves, peak_n};
 use crate::{RegionCurves, Step};
 use plantar::insole::Insole;
 use plantar::pipeline::setup::SetupError;
@@ -36,22 +36,20 @@ pub fn isolate(
         let toe_off = device.frame(i as u32, scan.codes);
         if device.on_ground() && !was_on_ground {
             contact.frames.clear();
-            contact.start = i;
+            contact.start_s = scan.t_s.unwrap_or(first_s + i as f64 * period_s);
             starts_loaded = i == 0;
         }
         // The insole rejects a contact that is longer than the longest step, so further frames of it are not needed.
         if device.on_ground() && contact.frames.len() <= longest_frames {
             contact.push(&device);
         }
-        let mut exclude = |reason, frame: usize| {
-            excluded.push(ExcludedContact { recording: index, at_s: first_s + frame as f64 * period_s, reason });
-        };
+        let mut exclude = |reason, at_s| excluded.push(ExcludedContact { recording: index, at_s, reason });
         if let Some(reason) = new_rejection(&rejected, &device.rejected()) {
-            exclude(reason, contact.start);
+            exclude(reason, contact.start_s);
         }
         rejected = device.rejected();
         if was_on_ground && !device.on_ground() && !toe_off && starts_loaded {
-            exclude(ExclusionReason::NoHeelStrike, 0);
+            exclude(ExclusionReason::NoHeelStrike, first_s);
             starts_loaded = false;
         }
         if toe_off && let Some(record) = device.whole_step() {
@@ -72,7 +70,7 @@ pub fn isolate(
                 recording: index,
                 number: record.step,
                 side: record.side,
-                start_s: first_s + record.start_us as f64 * 1e-6,
+                start_s: contact.start_s,
                 duration_s: f64::from(record.duration_us) * 1e-6,
                 peak_n: peak_n(frames),
                 regions,
@@ -87,7 +85,7 @@ pub fn isolate(
     }
     if device.on_ground() {
         let reason = if starts_loaded { ExclusionReason::NoHeelStrike } else { ExclusionReason::NoToeOff };
-        excluded.push(ExcludedContact { recording: index, at_s: first_s + contact.start as f64 * period_s, reason });
+        excluded.push(ExcludedContact { recording: index, at_s: contact.start_s, reason });
     }
     exclude_partial(&mut steps, &mut excluded);
     Ok((steps, excluded))
@@ -120,8 +118,8 @@ fn new_rejection(before: &Rejected, now: &Rejected) -> Option<ExclusionReason> {
 /// The frames of the current contact.
 #[derive(Default)]
 struct Contact {
-    /// Index of the first frame.
-    start: usize,
+    /// Time of the first frame in the recording, s.
+    start_s: f64,
     frames: Vec<FrameLoads>,
 }
 
@@ -130,7 +128,7 @@ impl Contact {
     fn push(&mut self, insole: &Insole<f64, MAX_CELLS>) {
         self.frames.push(std::array::from_fn(|region| {
             let frame = &insole.loads()[region].frame;
-            let ellipse = insole.ellipse(region).map(|e| MeanEllipse {
+            let ellipse = insole.ellipse(region).map(|e| FootEllipse {
                 x_mm: e.x_mm,
                 y_mm: e.y_mm,
                 r_a_mm: e.r_a_mm,

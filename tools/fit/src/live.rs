@@ -5,7 +5,7 @@
 //! frames. The curves differ from those of a recording in two respects: areas are rounded to 1 mm2 and forces to 0.1 N, and the
 //! contact ellipse is that at the peak force instead of the mean over the stance.
 
-use crate::steps::{ExcludedContact, ExclusionReason, FrameLoads, MeanEllipse, exclude_partial, frame_curves, peak_n};
+use crate::steps::{ExcludedContact, ExclusionReason, FootEllipse, FrameLoads, exclude_partial, frame_curves, peak_n};
 use crate::{MIN_FORCE_N, RegionCurves, Step};
 use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::{Live, LiveRegion, Step as StepMessage, StepRegion};
@@ -262,8 +262,8 @@ impl LiveSteps {
 }
 
 /// The contact ellipse at the peak force, from a record; `None` without contact.
-fn ellipse_at_peak(region: &StepRegion) -> Option<MeanEllipse> {
-    let ellipse = MeanEllipse {
+fn ellipse_at_peak(region: &StepRegion) -> Option<FootEllipse> {
+    let ellipse = FootEllipse {
         x_mm: region.ellipse_x_mm(),
         y_mm: region.ellipse_y_mm(),
         r_a_mm: region.ellipse_r_a_mm(),

@@ -12,7 +12,7 @@ use crate::prior::{self, Prior};
 use crate::quality::{Evaluated, Quality, largest};
 use crate::scale::{Contradiction, Site};
 use crate::screen::{NotFitted, usable};
-use crate::steps::MeanEllipse;
+use crate::steps::FootEllipse;
 use crate::{Method, Options, RegionCurves, Samples, Step, parallel, steps, verdict};
 use nalgebra::Matrix5;
 use plantar::pipeline::model::{Ellipsoid, ForceLaw, LENGTH_M, is_within};
@@ -148,14 +148,15 @@ const LEFT_OUT_ALONE: usize = 60;
 const GROUPS: usize = 20;
 
 /// The force laws that fit resampled steps: as many steps as there are, drawn with replacement. The same steps always result in
-/// the same laws. Empty for fewer than [`interval::RESAMPLED_STEPS`] steps.
+/// the same laws. Empty for fewer than [`interval::RESAMPLED_STEPS`] steps, and for the paper's method, whose results have no
+/// intervals.
 fn resample(
     curves: &[&RegionCurves],
     fit_to_all: &SearchResult,
     region: usize,
     options: &Options,
 ) -> Vec<ForceLaw<f64>> {
-    if curves.len() < interval::RESAMPLED_STEPS {
+    if curves.len() < interval::RESAMPLED_STEPS || options.method == Method::Paper {
         return Vec::new();
     }
     parallel::map(options.resamples as usize, |seed| {
@@ -328,7 +329,7 @@ impl SearchResult {
             let g_max = self.law.area_ratio(self.samples.area_max_m2).normalised_deformation();
             return (paper::fixed_parameters(ellipsoid, &self.law, g_max), None);
         }
-        let aspect = MeanEllipse::of_steps(curves.iter().copied()).map_or(1.0, |e| e.r_a_mm / e.r_b_mm);
+        let aspect = FootEllipse::of_steps(curves.iter().copied()).map_or(1.0, |e| e.r_a_mm / e.r_b_mm);
         let (thickness_m, measured) = (options.thickness_m[region], &options.measured[region]);
         let site = Site { law: &self.law, area_max_m2: self.samples.area_max_m2, thickness_m, aspect };
         let (scale, contradiction) = match site.scale(measured, options.compression) {

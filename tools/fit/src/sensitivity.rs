@@ -13,6 +13,8 @@ const THRESHOLDS_KPA: [f32; 3] = [5.0, 10.0, 20.0];
 const AREA_SCALES_KPA: [f32; 4] = [75.0, 150.0, 300.0, 0.0];
 /// Number of groups into which the steps are divided. One group at a time is left out.
 const QUARTERS: usize = 4;
+/// The first step of each part that is left out, in words.
+const ORDINALS: [&str; QUARTERS] = ["first", "second", "third", "fourth"];
 /// With fewer steps, none are left out.
 const LEAST_STEPS: usize = 8;
 
@@ -55,7 +57,9 @@ impl fmt::Display for Choice {
             Self::AreaScale(rule) if rule.full_kpa == 0.0 => f.write_str("area: cells counted whole"),
             Self::AreaScale(rule) => write!(f, "area: whole cell from {} kPa", rule.full_kpa),
             Self::Filter(filter) => write!(f, "filter {}", filter.name()),
-            Self::LeftOut(quarter) => write!(f, "without steps {}, {}, …", quarter + 1, quarter + 1 + QUARTERS),
+            Self::LeftOut(quarter) => {
+                write!(f, "without every fourth of the used steps, from the {} on", ORDINALS[*quarter])
+            }
         }
     }
 }

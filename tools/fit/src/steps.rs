@@ -51,7 +51,7 @@ pub struct RegionCurves {
     pub saturated: bool,
     /// Mean contact ellipse over the stance, weighted by force; for a live stream, the contact ellipse at the peak force.
     /// `None` without contact.
-    pub ellipse: Option<MeanEllipse>,
+    pub ellipse: Option<FootEllipse>,
     /// Area of the contact ellipse divided by the contact area, mean over the stance, weighted by force; for a live stream, the
     /// value at the peak force. `None` without contact.
     pub ellipse_ratio: Option<f64>,
@@ -59,7 +59,7 @@ pub struct RegionCurves {
 
 /// A contact ellipse in foot coordinates.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct MeanEllipse {
+pub struct FootEllipse {
     /// Centre along the medial-lateral axis, mm.
     pub x_mm: f64,
     /// Centre along the heel-toe axis, mm.
@@ -72,7 +72,7 @@ pub struct MeanEllipse {
     pub angle_deg: f64,
 }
 
-impl MeanEllipse {
+impl FootEllipse {
     /// The weighted mean of ellipses, which are given with their weights. `None` if the weights add up to 0. The mean of the
     /// radii is geometric, so that the mean aspect ratio does not favour an axis.
     pub fn of(weighted: impl IntoIterator<Item = (f64, Self)>) -> Option<Self> {
@@ -134,7 +134,8 @@ pub(crate) fn ellipse_misfit<'c>(curves: impl IntoIterator<Item = &'c RegionCurv
 pub struct Step {
     /// Index of the recording.
     pub recording: usize,
-    /// Number of the step in that recording, counted by the insole from 0.
+    /// Number of the step's record. Steps, load bouts and alerts are numbered in one sequence: in a recording from 0, in a live
+    /// stream by the insole that sent them.
     pub number: u32,
     /// The foot.
     pub side: Side,
@@ -208,7 +209,7 @@ pub(crate) fn median(values: impl IntoIterator<Item = f64>) -> f64 {
 }
 
 /// The loads of the regions in one frame: the area, mm2, the force, N, and the contact ellipse of each region.
-pub(crate) type FrameLoads = [(f64, f64, Option<MeanEllipse>); 8];
+pub(crate) type FrameLoads = [(f64, f64, Option<FootEllipse>); 8];
 
 /// The largest force on the whole foot in `frames`, N.
 pub(crate) fn peak_n(frames: &[FrameLoads]) -> f64 {
@@ -216,11 +217,11 @@ pub(crate) fn peak_n(frames: &[FrameLoads]) -> f64 {
     frames.iter().map(total).fold(0.0, f64::max)
 }
 
-/// The curves of a region over the frames of a stance, of which the input of [`Filter::Direct`] and [`Filter::Smoothed`] is
-/// empty. `frame_s` is the time between frames, s.
+/// The curves of a region from the frames of a stance. The fields that are the input of [`Filter::Direct`] and
+/// [`Filter::Smoothed`] have their default values; the caller sets them. `frame_s` is the time between frames, s.
 pub(crate) fn frame_curves(frames: &[FrameLoads], region: usize, frame_s: f64) -> RegionCurves {
     let weighted = frames.iter().filter_map(|frame| Some((frame[region].1, frame[region].2?)));
-    let ellipse = MeanEllipse::of(weighted);
+    let ellipse = FootEllipse::of(weighted);
     let (mut ratios, mut weights) = (0.0, 0.0);
     for (area_mm2, force_n, ellipse) in frames.iter().map(|frame| frame[region]) {
         if let Some(ellipse) = ellipse.filter(|_| area_mm2 > 0.0) {

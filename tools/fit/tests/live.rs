@@ -140,6 +140,16 @@ fn steps_after_a_load_bout_have_the_numbers_that_an_insole_sends() {
 }
 
 #[test]
+fn steps_of_a_recording_begin_at_the_times_of_its_frames() {
+    // The insole rounds the period of 1/300 s to 3333 us, which is a whole frame less after 33 s.
+    let recording = walk(&SyntheticWalk { steps: 40, rate_hz: 300.0, ..SyntheticWalk::default() }).recording;
+    let insole = VirtualInsole::new(&recording, CONTACT, StanceRule::ADAPTIVE);
+    let (steps, _) = fit::steps::isolate(&insole, insole.scans(&recording), 0, &mut |_| ()).expect("a valid insole");
+    assert!(steps.len() == 40 && steps[39].start_s > 33.0);
+    assert!(steps.iter().all(|step| recording.t_s.contains(&step.start_s)));
+}
+
+#[test]
 fn up_to_three_missing_frames_are_interpolated_and_more_exclude_the_step() {
     let messages = messages(&computed_walk(5));
     let whole = collect(&messages).collected(0).0;

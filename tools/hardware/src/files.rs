@@ -66,9 +66,9 @@ fn bill_of_materials(board: &Netlist) -> Result<String> {
 
 /// The nets, each with its pins as designator and number, for the layout of a board.
 fn nets(board: &Netlist) -> Result<String> {
-    let pins =
+    let texts =
         |pins: Vec<(&str, &str)>| pins.iter().map(|(part, number)| format!("{part}.{number}")).collect::<Vec<_>>();
-    table(&["net", "pins"], board.nets().into_iter().map(|(net, own)| vec![net.into(), pins(own).join(" ")]))
+    table(&["net", "pins"], board.nets().into_iter().map(|(net, pins)| vec![net.into(), texts(pins).join(" ")]))
 }
 
 /// The figures from data sheets, with their sources.

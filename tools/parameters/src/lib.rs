@@ -127,10 +127,17 @@ const SMOOTHED_IN_0_2: &str = "step";
 /// [`Identified::side`] of both feet.
 const BOTH: &str = "both";
 
+/// The field `version`, which is checked before all others, because a file of another version may have other fields.
+#[derive(Deserialize)]
+struct Version {
+    version: u32,
+}
+
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {
-    version: u32,
+    #[serde(rename = "version")]
+    _version: u32,
     subject: String,
     personal: bool,
     identified: Option<FileIdentified>,
@@ -180,13 +187,14 @@ impl Parameters {
     /// As [`Parameters::read`].
     pub fn parse(text: &str, path: &Path) -> Result<Self, Error> {
         let form = |problem: String| Error::Form { file: path.into(), problem };
-        let file: File = toml::from_str(text).map_err(|e| form(e.to_string().trim_end().into()))?;
-        if file.version != VERSION {
+        let malformed = |e: toml::de::Error| form(e.to_string().trim_end().into());
+        let Version { version } = toml::from_str(text).map_err(malformed)?;
+        if version != VERSION {
             return Err(form(format!(
-                "version {} of the format is unknown; this program reads version {VERSION}; update plantar",
-                file.version
+                "version {version} of the format is unknown; this program reads version {VERSION}; update plantar"
             )));
         }
+        let file: File = toml::from_str(text).map_err(malformed)?;
         let wrong = |region: &str, problem: String| Error::Region { file: path.into(), region: region.into(), problem };
         if let Some((name, region)) = file.regions.iter().find(|(name, _)| Region::from_name(name).is_none()) {
             let line = line_of(text, region.span().start);

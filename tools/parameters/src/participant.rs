@@ -132,11 +132,14 @@ mod tests {
 
     #[test]
     fn all_entries_are_read_and_optional() {
-        let text = "size = 37\nage_years = 24.5\nsex = 'female'\nmass_kg = 55\nheight_cm = 158.5\nzero = 'zero.toml'";
+        let text = "size = 37\nage_years = 24.5\nsex = 'female'\nmass_kg = 55\nheight_cm = 158.5\nzero = 'zero.toml'\n\
+                    thickness = '../tissue.toml'";
         let found = parse(text).expect("valid");
         assert_eq!((found.age_years, found.sex), (Some(24.5), Some(Sex::Female)));
         assert_eq!((found.mass_kg, found.height_cm), (Some(55.0), Some(158.5)));
         assert_eq!(found.zero.as_deref(), Some(Path::new("study/ann/zero.toml")));
+        assert_eq!(found.thickness.as_deref(), Some(Path::new("study/ann/../tissue.toml")));
+        assert_eq!(found.size.map(InsoleSize::eur), Some(37));
         assert_eq!(parse(""), Ok(Participant::default()));
     }
 

@@ -14,7 +14,7 @@ use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::session::RECORD_QUEUE;
 use plantar::protocol::{Alert, Bout, Hello, LoadRecord, MAJOR, Step, ToHost, decode};
-use recording::{MAX_CELLS, Recording};
+use recording::{MAX_CELLS, Recording, Scan};
 use std::path::{Path, PathBuf};
 
 /// Computes the measures of both feet: stride, step, stance and swing time, double and single support, cadence and symmetry.
@@ -155,19 +155,23 @@ fn from_recording(recording: &Recording) -> Result<Walk> {
     if start_s < 0.0 {
         bail!("the time column begins at {start_s} s: shift it, so that it begins at 0 or later");
     }
-    let mut codes = vec![0; virtual_insole.cells.len()];
-    let Walk { mut steps, mut others } = Walk::default();
-    for i in 0..virtual_insole.frames(recording) {
-        virtual_insole.codes_of(recording, i, &mut codes);
-        if insole.frame(i as u32, &codes)
-            && let Some(step) = insole.whole_step()
-        {
+    let mut walk = Walk::default();
+    let mut add_records = |toe_off: bool, insole: &mut Insole<f32, MAX_CELLS>| {
+        if let Some(step) = toe_off.then(|| insole.whole_step()).flatten() {
             let step = Step::new(&step);
-            steps.push((step, Some((start_s * 1e6).round() as u64 + step.start_us)));
+            walk.steps.push((step, Some((start_s * 1e6).round() as u64 + step.start_us)));
         }
-        others.extend(insole.take_bout().map(|bout| (bout.side, bout.number)));
+        walk.others.extend(insole.take_bout().map(|bout| (bout.side, bout.number)));
+    };
+    let mut scans = virtual_insole.scans(recording);
+    // The repetitions of the last frame, which have no time, are not evaluated: their load was not recorded.
+    while let Some(Scan { index, t_s: Some(_), codes }) = scans.next_scan()? {
+        let toe_off = insole.frame(index as u32, codes);
+        add_records(toe_off, &mut insole);
     }
-    Ok(Walk { steps, others })
+    let toe_off = insole.end_stance();
+    add_records(toe_off, &mut insole);
+    Ok(walk)
 }
 
 /// Prints the measures as a table.

@@ -164,7 +164,7 @@ fn errors_for_parameters_name_the_file_the_region_and_the_remedy() {
         (format!("{before_hallux}{after_hallux}"), ["hallux", "missing"]),
         (good.replacen("[regions.hallux]", "[regions.thumb]", 1), ["thumb", "hallux"]),
         (good.replacen(&a_of_heel, "a_mm = wide", 1), ["params.toml", "a_mm"]),
-        (good.replacen("version = 1", "version = 9", 1), ["version 9", "update"]),
+        (good.replacen("version = 1", "version = 9\nnew_in_9 = true", 1), ["version 9", "update"]),
         (good.replacen("k_n_m3 = ", "k_n_m3 = 1e300 # ", 1), ["heel", "more than 1e9"]),
     ] {
         std::fs::write(path.join("params.toml"), text).expect("written");

@@ -190,7 +190,7 @@ fn a_wearer_is_identified_although_the_session_is_interrupted() {
     assert!(status == 1 && text.contains("give the same command again"), "{text}\n{}", log(&board));
     assert!(screens.iter().any(|screen| screen.contains("Stand up")), "the session begins with a standing trial");
 
-    // The connection is cut once during the walk. The steps that were received before are not counted twice.
+    // The connection is cut once during the walk.
     let cut_after = format!("{} of {STEPS}", INTERRUPTED_AFTER + 3);
     let mut is_cut = false;
     let (status, screens) = run(&arguments, &[], |screen| {

@@ -3,7 +3,7 @@
 use crate::drawing::{self, Drawing, paragraph};
 use crate::region::{TITLES, colour, fit_of};
 use fit::Study;
-use fit::steps::MeanEllipse;
+use fit::steps::FootEllipse;
 use fit::study::Source;
 use maud::{Markup, html};
 use plantar::Side;
@@ -149,12 +149,12 @@ fn pitch_mm(cells: &[Cell]) -> Option<[f64; 2]> {
 }
 
 /// The mean contact ellipse over the steps of one foot.
-fn mean_ellipse(study: &Study, side: Side, region: usize) -> Option<MeanEllipse> {
-    MeanEllipse::of_steps(study.steps.iter().filter(|step| step.side == side).map(|step| &step.regions[region]))
+fn mean_ellipse(study: &Study, side: Side, region: usize) -> Option<FootEllipse> {
+    FootEllipse::of_steps(study.steps.iter().filter(|step| step.side == side).map(|step| &step.regions[region]))
 }
 
 /// An ellipse with these radii at the centre and angle of `at`.
-fn outline(at: &MeanEllipse, a_mm: f64, b_mm: f64, class: &str) -> Markup {
+fn outline(at: &FootEllipse, a_mm: f64, b_mm: f64, class: &str) -> Markup {
     let place = format!("translate({:.2} {:.2}) rotate({:.1})", at.x_mm, at.y_mm, at.angle_deg);
     html! { ellipse class=(class) rx=(format!("{a_mm:.2}")) ry=(format!("{b_mm:.2}")) transform=(place) {} }
 }

@@ -36,7 +36,7 @@ pub fn instructions(method: Method) -> Markup {
                      of A, B, C, d₀, k and c are valid only for these fixed values. ",
                 Method::Paper => "The search determines these three arbitrarily. ",
             }
-            "Compare people by the mechanical quantities. The value of a parameter with the mark † is mostly the usual value \
+            "Compare people by the mechanical quantities. The value of a parameter with the mark † is close to the usual value \
              of other people, because the force of this person does not determine it."
         }
         p {

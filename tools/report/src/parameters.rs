@@ -97,7 +97,7 @@ fn row(study: &Study, parameter: usize, region: usize) -> Row {
 pub fn legend() -> Vec<Drawing> {
     drawing::legend_entries([
         (Mark::Point.at(12.0, 9.0), "estimate"),
-        (Mark::Undetermined.at(12.0, 9.0), "not determined: mostly the usual value of other people"),
+        (Mark::Undetermined.at(12.0, 9.0), "not determined: close to the usual value of other people"),
         (Mark::Bound.at(12.0, 9.0), "estimate at a bound"),
         (html! { path.jacobian d="M0 9h24" {} }, "95 %, Jacobian"),
         (html! { path.line d="M0 9h24" {} }, "95 %, resampled steps"),
@@ -111,8 +111,8 @@ pub fn five(study: &Study) -> Markup {
         table.dense {
             caption {
                 "The five identifiable parameters: estimate (95 % confidence interval); * estimate at a bound of the search; \
-                 † not determined by the force: mostly the value of other people, or without meaning if G is 0. Resampling \
-                 requires at least " (RESAMPLED_STEPS) " steps."
+                 † not determined by the force: close to the usual value of other people, or without meaning if G is 0. \
+                 Resampling requires at least " (RESAMPLED_STEPS) " steps."
             }
             thead {
                 tr {
@@ -185,8 +185,8 @@ pub fn eight(study: &Study) -> Markup {
     html! {
         table.dense {
             caption {
-                "The paper's eight parameters (Eq. 17) and the basis of each. † not determined by the force: mostly the value of \
-                 other people"
+                "The paper's eight parameters (Eq. 17) and the basis of each. † not determined by the force: close to the usual \
+                 value of other people, or without meaning if c is 0"
             }
             thead {
                 tr {
@@ -206,8 +206,10 @@ pub fn eight(study: &Study) -> Markup {
                         @match fit_of(study, region) {
                             Ok(fit) => {
                                 @let e = &fit.ellipsoid;
-                                @for mm in [e.a_m, e.b_m, e.c_m, e.d0_m].map(|m| m * 1e3) { td { (number(mm)) } }
-                                // The second number is the index in `FIVE`: k depends on K, and c on G.
+                                // The index in `FIVE` tells whether the force determines a value: A and B depend on A B, k on
+                                // K, and c on G.
+                                @for m in [e.a_m, e.b_m] { td { (number(m * 1e3)) (dagger(fit, 0)) } }
+                                @for m in [e.c_m, e.d0_m] { td { (number(m * 1e3)) } }
                                 @for (value, parameter) in [(e.k, 1), (e.n, 3), (e.c, 2), (e.m, 4)] {
                                     td { (number(value)) (dagger(fit, parameter)) }
                                 }

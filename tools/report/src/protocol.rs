@@ -2,7 +2,7 @@
 
 use crate::drawing::tick;
 use crate::format::{count, number};
-use fit::{Filter, Method, Study};
+use fit::{Filter, Method, Options, Study};
 use maud::{Markup, html};
 
 /// The content of the section.
@@ -14,7 +14,7 @@ pub fn protocol(study: &Study) -> Markup {
             dd { (count(study.steps.len(), "step")) " of " (count(study.steps.len() + study.excluded_contacts.len(), "contact")) }
             dt { "Contact rule" } dd { (contact(study)) }
             dt { "Filter" } dd { (filter(study.options.filter)) }
-            dt { "Method" } dd { (method(study.options.method)) }
+            dt { "Method" } dd { (method(&study.options)) }
             @if study.options.method == Method::Projection {
                 dt { "Bounds" } dd { (bounds(study)) }
                 dt { "Assumed compression" }
@@ -62,14 +62,21 @@ fn filter(filter: Filter) -> &'static str {
     }
 }
 
-fn method(method: Method) -> &'static str {
-    match method {
+fn method(options: &Options) -> &'static str {
+    match options.method {
+        Method::Projection if options.prior.is_some() => {
+            "five parameters, the most probable ones given the measured force and their distribution among ten walkers (prior); \
+             deterministic"
+        }
         Method::Projection => "five parameters by variable projection from a grid of starting points; deterministic",
         Method::Paper => "the method of the paper: eight variables by a general solver from ten random starts",
     }
 }
 
 fn bounds(study: &Study) -> String {
+    if study.options.prior.is_some() {
+        return "π A B at least the largest contact area; instead of bounds, the prior limits the parameters".into();
+    }
     let bounds = &study.options.bounds;
     // The reciprocals of the ratios are pi A B divided by the largest area.
     let [most, least] = bounds.max_ratio.map(f64::recip);

@@ -45,7 +45,9 @@ pub fn charts(study: &Study) -> impl Iterator<Item = Drawing> {
         };
         let title = title(quantity);
         let is_logarithmic = quantity != Quantity::DissipatedEnergy;
-        IntervalChart { title, is_logarithmic, has_zero: false, rows: std::array::from_fn(row) }.draw()
+        // Without damping, the viscous modulus is 0.
+        let has_zero = quantity == Quantity::ViscousModulus;
+        IntervalChart { title, is_logarithmic, has_zero, rows: std::array::from_fn(row) }.draw()
     })
 }
 

@@ -28,7 +28,7 @@ pub enum Task {
     /// Run everything that continuous integration runs.
     Test {
         /// Check only the format and the lints, and run only the host tests, for use after each change. Tests that need the
-        /// firmware, the emulator, the page, Python or data are reported as ignored.
+        /// firmware, the emulator, the page, Python or data are skipped and counted.
         #[arg(long)]
         quick: bool,
     },

@@ -391,7 +391,13 @@ pub fn program(environment: &Path, name: &str) -> PathBuf {
 /// Runs pip in an environment.
 pub fn pip(environment: &Path, options: &[&str]) -> Result<()> {
     let python = program(environment, "python");
-    run(&python.to_string_lossy(), &[&["-m", "pip", "--disable-pip-version-check", "--quiet"], options].concat())
+    let mut command = Command::new(python);
+    command.args(["-m", "pip", "--disable-pip-version-check", "--quiet"]).args(options);
+    if options.first() == Some(&"install") {
+        // Most modules are never imported, so they are not compiled beforehand.
+        command.arg("--no-compile");
+    }
+    run_command(&mut command)
 }
 
 /// Creates a new, empty environment in this folder.

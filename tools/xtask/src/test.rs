@@ -22,7 +22,7 @@ const IN_REAL_TIME: &str = "kind(test) and (test(/^(both_feet|cells_bluetooth|id
 /// Excludes the tests in modules with the name `unpublished`. They need recordings of people, which are not public.
 const PUBLISHED: &str = "not test(/unpublished::/)";
 
-/// Checks format and lints, and runs the host tests. Tests that need more than a Rust toolchain are reported as ignored.
+/// Checks format and lints, and runs the host tests. Tests that need more than a Rust toolchain are skipped and counted.
 pub fn quick() -> Result<()> {
     setup::rust()?;
     format()?;
@@ -35,13 +35,12 @@ pub fn quick() -> Result<()> {
 pub fn all() -> Result<()> {
     setup::rust()?;
     format()?;
-    // First only what the tests in real time need, because the rest is built while they run.
     let python = std::thread::scope(|scope| {
         let host = scope.spawn(build_host_programs);
-        let firmware = scope.spawn(|| BOARDS.into_iter().try_for_each(build_firmware));
+        let others = scope.spawn(build_other_targets);
         let python = setup::all().and_then(|python| deny(&["licenses", "bans", "sources"]).map(|()| python));
         join(host)?;
-        join(firmware)?;
+        join(others)?;
         python
     })?;
     let page_figures = tests(&python)?;
@@ -58,13 +57,19 @@ fn build_host_programs() -> Result<()> {
     build_whole_host()
 }
 
-/// Lints what runs on a board, and builds the minimal board, which is only an example.
-fn check_boards() -> Result<()> {
+/// Builds and lints what runs on a board or in a browser, and builds the Python package. It runs beside [`build_host_programs`],
+/// because the builds of firmware use one core for most of the time.
+fn build_other_targets() -> Result<()> {
+    // The bootloaders contain the library without its features, and the page contains it as WebAssembly, so these builds also
+    // show that the library compiles in both ways.
+    BOARDS.into_iter().try_for_each(build_firmware)?;
     for board in BOARDS {
         cargo_firmware("clippy", board, &DENY_WARNINGS)?;
         cargo_firmware("clippy", &bootloader(board), &DENY_WARNINGS)?;
     }
-    cargo_firmware("build", "minimal-board", &[])
+    cargo_firmware("build", "minimal-board", &[])?;
+    page::build()?;
+    package::build().map(drop)
 }
 
 /// Checks the format.
@@ -89,31 +94,15 @@ fn lint_host() -> Result<()> {
 
 /// Runs all tests. Returns the figures that the page's tests measure.
 fn tests(python: &Python) -> Result<bench::Figures> {
-    real_time_tests(python)?;
+    // Two at a time, because they mostly wait. On a slow computer, more of them or other programs beside them would cause missed
+    // scans and timeouts.
+    selected_tests(python, IN_REAL_TIME, 2)?;
     let figures = page_and_package_tests()?;
     // Many tests wait for an emulated board, so more of them run at the same time than there are cores.
     let threads = 3 * std::thread::available_parallelism().map_or(1, usize::from);
     selected_tests(python, &format!("not ({IN_REAL_TIME})"), threads)?;
     documentation_tests()?;
     Ok(figures)
-}
-
-/// Runs the tests with walks in real time, and beside them, with a lower priority, the builds and lints that they do not need.
-fn real_time_tests(python: &Python) -> Result<()> {
-    std::thread::scope(|scope| {
-        let boards = scope.spawn(|| lower_priority().and_then(|()| check_boards()));
-        // The page contains the library without its features as WebAssembly, so this build also shows that it compiles so.
-        let page_and_package = scope.spawn(|| {
-            lower_priority()?;
-            page::build()?;
-            package::build()
-        });
-        // Two at a time, because they mostly wait. On a slow computer, more of them, or other tests with the same priority, would
-        // cause missed scans and timeouts.
-        selected_tests(python, IN_REAL_TIME, 2)?;
-        join(boards)?;
-        join(page_and_package).map(drop)
-    })
 }
 
 /// Runs the tests of the page, which mostly wait for walks that are played in real time, and beside them, with a lower priority,
@@ -132,9 +121,10 @@ fn page_and_package_tests() -> Result<bench::Figures> {
     })
 }
 
-/// Gives this thread, and the programs that it starts, a lower priority than those of the other threads.
+/// On Linux, gives this thread, and the programs that it starts, a lower priority than those of the other threads. On other
+/// systems, it would lower the priority of all threads.
 fn lower_priority() -> Result<()> {
-    #[cfg(unix)]
+    #[cfg(target_os = "linux")]
     rustix::process::nice(19)?;
     Ok(())
 }
@@ -147,7 +137,8 @@ fn selected_tests(python: &Python, selected: &str, threads: usize) -> Result<()>
         Some(_) => selected.to_owned(),
         None => {
             eprintln!(
-                "note: PLANTAR_RECORDINGS names no folder: tests with recordings that are not public are skipped"
+                "note: PLANTAR_RECORDINGS is not set, and there is no folder shared/data beside the repository: tests with \
+                 recordings of people are skipped"
             );
             format!("({selected}) and {PUBLISHED}")
         }
@@ -163,7 +154,8 @@ fn selected_tests(python: &Python, selected: &str, threads: usize) -> Result<()>
         .env("PLANTAR_PYTHON", &python.interpreter)
         .env("PLANTAR_SMP", setup::management()?);
     if let Some(folder) = recordings {
-        command.env("PLANTAR_RECORDINGS", folder);
+        // The tests run in the folders of their packages.
+        command.env("PLANTAR_RECORDINGS", std::path::absolute(folder)?);
     }
     run_command(&mut command)
 }

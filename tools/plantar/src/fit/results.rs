@@ -59,7 +59,7 @@ pub fn print(study: &Study) {
          same error if each step is predicted from the others. Counted: the predicted error if each cell counts with its\n\
          whole area, which only recordings of all cells show. Floor: the least error of any force law without damping\n\
          for the measured areas. In parentheses: 95 % intervals. A value with ! is at a bound of the search. A value\n\
-         with * is mostly the usual value of other people, because the force does not determine it."
+         with * is close to the usual value of other people, because the force does not determine it."
     );
     for (region, fit) in Region::ALL.iter().zip(&study.fits) {
         match fit {

@@ -228,7 +228,10 @@ fn receive(
     let counters = client.counters();
     let lost = lost.unwrap_or(counters.frames_lost);
     ensure!(lost == 0 && counters.crc_errors == 0, "{lost} live frames were lost: {counters:?}");
-    ensure!(status.records_dropped == 0 && status.not_stored == 0, "steps were dropped: {status:?}");
+    ensure!(
+        status.records_dropped == 0 && status.not_stored == 0,
+        "records were dropped, or items could not be stored: {status:?}"
+    );
     let scans = status.frame_times();
     let stack_bytes = (first_stack_bytes.unwrap_or(status.stack_bytes), status.stack_bytes);
     Ok(Walked { status, scans, steps: received, live, stack_bytes })
