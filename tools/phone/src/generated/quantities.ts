@@ -234,7 +234,7 @@ export interface DailyRegion {
 
 /** A live frame. */
 export interface Live {
-  /** Number of the frame in its stream; a gap is a frame that was dropped or lost on the way. Unit: count. */
+  /** Number of the frame in its session; a gap is a frame that was dropped or lost on the way. Unit: count. */
   sequence: number;
   /** Time of the scan since the first scan. Unit: s. */
   t_s: number;
