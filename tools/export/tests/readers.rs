@@ -146,12 +146,16 @@ fn the_session_has_the_forces_and_the_centre_of_pressure_of_the_recording() {
         }
         assert!(loaded > foot.frames.len() / 3);
         // From each toe off to the next heel strike, the foot is off the ground.
+        let mut in_swing_frames = 0;
         let strikes = foot.steps[1..].iter().map(|next| next.heel_strike_s).chain([f64::INFINITY]);
         for (step, strike_s) in foot.steps.iter().zip(strikes) {
             let in_swing = |t_s: f64| step.toe_off_s <= t_s && t_s < strike_s;
             let frames = foot.frames.iter().zip(&session.t_s).filter(|(_, t_s)| in_swing(**t_s));
-            assert!(frames.clone().count() > 0 && frames.clone().all(|(frame, _)| frame.cop_mm.is_none()));
+            let on: Vec<_> = frames.clone().filter(|(frame, _)| frame.cop_mm.is_some()).map(|(_, t_s)| *t_s).collect();
+            assert!(on.is_empty(), "toe off at {} s, heel strike at {strike_s} s: {on:?}", step.toe_off_s);
+            in_swing_frames += frames.count();
         }
+        assert!(in_swing_frames > 50);
     }
 }
 
