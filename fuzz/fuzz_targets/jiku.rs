@@ -1,3 +1,9 @@
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|data: &[u8]| fuzz_checks::jiku::check(data));
+use fuzz_checks::{jiku, tolerate_panics_of};
+
+// A product that overflows panics in the standard library, whichever package computes it.
+libfuzzer_sys::fuzz_target!(
+    init: tolerate_panics_of(&["/hdf5-reader-", "/iter/traits/accum.rs"]),
+    |data: &[u8]| jiku::check(data)
+);

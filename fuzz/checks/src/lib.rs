@@ -28,6 +28,7 @@ use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::DEVICE_CELLS;
 use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::{Live, Step};
+use std::panic::{set_hook, take_hook};
 
 /// Splits an input into pieces, each preceded by its length in two bytes, little endian.
 pub struct Pieces<'d>(pub &'d [u8]);
@@ -41,6 +42,17 @@ impl<'d> Iterator for Pieces<'d> {
         self.0 = rest;
         Some(piece)
     }
+}
+
+/// Lets panics in sources whose paths contain one of `names` unwind: the code under test catches them, and reports the file as
+/// damaged. Any other panic still calls the hook that was set before: that of libFuzzer ends the process.
+pub fn tolerate_panics_of(names: &'static [&'static str]) {
+    let before = take_hook();
+    set_hook(Box::new(move |panic| {
+        if !panic.location().is_some_and(|place| names.iter().any(|name| place.file().contains(name))) {
+            before(panic);
+        }
+    }));
 }
 
 /// Largest number of frames of a recording that a target replays: enough for a step, and few enough for many executions per

@@ -1,6 +1,7 @@
 //! Reads the columns of a recording's Parquet file, one row group at a time.
 
 use crate::check::{self, At};
+use crate::error::caught;
 use crate::file::{METADATA_KEY, Metadata, check_columns, column_name};
 use crate::pages::CheckedPages;
 use crate::source::Source;
@@ -15,7 +16,6 @@ use parquet::file::serialized_reader::SerializedFileReader;
 use parquet::file::statistics::Statistics;
 use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
@@ -47,7 +47,7 @@ impl ColumnFile {
 
     fn new(source: Source, path: &Path) -> Result<(Recording, Self)> {
         let file = path.display().to_string();
-        caught(&file, || {
+        caught(&file, COPY_AGAIN, || {
             let is_cut_off = source.has(0, MAGIC) && !source.has(source.len().saturating_sub(4), MAGIC);
             let reader = SerializedFileReader::new(source).map_err(|error| match is_cut_off {
                 true => Error::content(
@@ -158,7 +158,7 @@ impl ColumnFile {
     /// Calls `read` with a row group.
     fn read<T>(&self, group: usize, read: impl FnOnce(&dyn RowGroupReader) -> Result<T>) -> Result<T> {
         let file = self.path.display().to_string();
-        caught(&file, || {
+        caught(&file, COPY_AGAIN, || {
             let group = self.reader.get_row_group(group).map_err(|error| damaged(&file, &error))?;
             check::value_count(rows(group.metadata()) as u64, self.cells, &file)?;
             read(&*group)
@@ -199,13 +199,8 @@ impl ColumnFile {
     }
 }
 
-/// Calls `read`. The Parquet library panics on some damaged files; such a panic becomes an error.
-fn caught<T>(file: &str, read: impl FnOnce() -> Result<T>) -> Result<T> {
-    // After a panic, no value that `read` may have left inconsistent is used.
-    catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| {
-        Err(Error::content(file, "the file is damaged", "copy it again, or import the measurement again"))
-    })
-}
+/// The remedy for a damaged Parquet file.
+const COPY_AGAIN: &str = "copy it again, or import the measurement again";
 
 fn damaged(place: &str, error: &ParquetError) -> Error {
     Error::content(place, format!("damaged Parquet data ({error})"), "copy or import the file again")

@@ -1,3 +1,4 @@
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
 /// The result of reading, writing or converting a recording.
@@ -36,4 +37,10 @@ impl Error {
     pub(crate) fn io(file: &Path) -> impl FnOnce(std::io::Error) -> Self {
         move |reason| Error::Io { file: file.to_owned(), reason }
     }
+}
+
+/// Calls `read`. The libraries for Parquet and HDF5 panic on some damaged files; such a panic becomes an error with this remedy.
+pub(crate) fn caught<T>(file: &str, remedy: &str, read: impl FnOnce() -> Result<T>) -> Result<T> {
+    // After a panic, no value that `read` may have left inconsistent is used.
+    catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| Err(Error::content(file, "the file is damaged", remedy)))
 }

@@ -9,6 +9,7 @@
 mod native;
 mod registration;
 
+use crate::error::caught;
 use crate::table::file_name;
 use crate::{Cell, Error, Layout, Recording, Result, check, template};
 use hdf5_reader::Hdf5File;
@@ -31,6 +32,8 @@ pub const SWING_S: f64 = 0.4;
 const CELL_LENGTH_MM: f64 = 7.62;
 /// Extent of a native cell across the foot, mm.
 const CELL_WIDTH_MM: f64 = 5.08;
+/// The remedy for a file that is damaged or has another content.
+const REMEDY: &str = "install jiku-data again";
 /// The force that one stored unit is assumed to mean, N.
 const UNIT_N: f64 = 0.1;
 
@@ -56,9 +59,9 @@ pub fn import(
 ) -> Result<Recording> {
     let path = walker_file(dir.as_ref(), walker)?;
     let total_bytes = std::fs::metadata(&path).map_err(Error::io(&path))?.len();
-    let file = Hdf5File::open(&path);
     let trials: Vec<usize> = trials.into_iter().collect();
-    read(file, &path, walker, &trials, &mut |share| progress((total_bytes as f64 * share) as u64, total_bytes))
+    let mut progress = |share| progress((total_bytes as f64 * share) as u64, total_bytes);
+    caught(&path.display().to_string(), REMEDY, || read(Hdf5File::open(&path), &path, walker, &trials, &mut progress))
 }
 
 /// As [`import`], from the content of a walker's file. In messages the file is called `subj000.h5`.
@@ -66,7 +69,8 @@ pub fn import(
 /// # Errors
 /// Fails in the same cases as [`import`].
 pub fn parse(bytes: &[u8], trials: &[usize]) -> Result<Recording> {
-    read(Hdf5File::from_bytes(bytes), Path::new("subj000.h5"), 0, trials, &mut |_| {})
+    let name = "subj000.h5";
+    caught(name, REMEDY, || read(Hdf5File::from_bytes(bytes), Path::new(name), 0, trials, &mut |_| {}))
 }
 
 /// As [`import`], from an opened file. `progress` receives the fraction of the trials that have been processed.
@@ -78,11 +82,7 @@ fn read(
     progress: &mut dyn FnMut(f64),
 ) -> Result<Recording> {
     let file = file.map_err(|error| {
-        Error::content(
-            path.display().to_string(),
-            format!("not a readable HDF5 file ({error})"),
-            "install jiku-data again",
-        )
+        Error::content(path.display().to_string(), format!("not a readable HDF5 file ({error})"), REMEDY)
     })?;
     let mut used = Vec::new();
     let mut left_out = Vec::new();

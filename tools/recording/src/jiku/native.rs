@@ -10,7 +10,7 @@
 //! Hence n0 = r0, and n1 has two estimates: (3 r1 - r0)/2 and (3 r2 - r0')/2. The number of rows before the first full group of
 //! three differs between trials. The right number is the one for which both estimates agree to within rounding.
 
-use super::TRIALS;
+use super::{REMEDY, TRIALS};
 use crate::{Error, Result};
 use hdf5_reader::Hdf5File;
 use std::ops::Range;
@@ -95,23 +95,19 @@ pub fn read(file: &Hdf5File, path: &Path, trial: usize) -> Result<Step> {
         ));
     }
     let unreadable = |error: hdf5_reader::error::Error| {
-        Error::content(place(), format!("trial {trial} cannot be read ({error})"), "install jiku-data again")
+        Error::content(place(), format!("trial {trial} cannot be read ({error})"), REMEDY)
     };
     let dataset = file.dataset(&node).map_err(unreadable)?;
     let values = dataset.num_elements().map_err(unreadable)?;
     if values > MAX_VALUES {
-        return Err(Error::content(
-            place(),
-            format!("{values} values, a trial has at most {MAX_VALUES}"),
-            "install jiku-data again",
-        ));
+        return Err(Error::content(place(), format!("{values} values, a trial has at most {MAX_VALUES}"), REMEDY));
     }
     let stored = dataset.read_array::<u16>().map_err(unreadable)?;
     let &[rows, columns, frames] = stored.shape() else {
         return Err(Error::content(
             place(),
             format!("{} dimensions, expected rows, columns and frames", stored.ndim()),
-            "install jiku-data again",
+            REMEDY,
         ));
     };
     if stored.is_empty() {
