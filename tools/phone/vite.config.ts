@@ -21,10 +21,13 @@ function offline(): Plugin {
       const source = `const VERSION = "plantar-${version}";
 const FILES = ${JSON.stringify(files)};
 self.addEventListener("install", (event) => {
-  event.waitUntil(caches.open(VERSION).then((cache) => cache.addAll(FILES)).then(() => self.skipWaiting()));
+  // The HTTP cache of the browser can contain files of an older version.
+  const requests = FILES.map((file) => new Request(file, { cache: "reload" }));
+  event.waitUntil(caches.open(VERSION).then((cache) => cache.addAll(requests)).then(() => self.skipWaiting()));
 });
 self.addEventListener("activate", (event) => {
-  const old = (names) => names.filter((name) => name.startsWith("plantar-") && name !== VERSION);
+  // The names are in the order of creation. A page of the previous version that is still open loads further files of its cache.
+  const old = (names) => names.filter((name) => name.startsWith("plantar-") && name !== VERSION).slice(0, -1);
   event.waitUntil(
     caches.keys().then((names) => Promise.all(old(names).map((name) => caches.delete(name)))).then(() => self.clients.claim()),
   );
@@ -34,7 +37,8 @@ self.addEventListener("fetch", (event) => {
   const respond = async () => {
     const cache = await caches.open(VERSION);
     // Every address of the page shows index.html, whatever its query parameters are.
-    return (await cache.match(event.request.mode === "navigate" ? "index.html" : event.request)) ?? fetch(event.request);
+    const file = event.request.mode === "navigate" ? "index.html" : event.request;
+    return (await cache.match(file)) ?? (await caches.match(file)) ?? fetch(event.request);
   };
   event.respondWith(respond());
 });

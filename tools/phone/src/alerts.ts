@@ -41,8 +41,10 @@ function ageOf_s(alert: Alert, start_unix_s: number | null, t_s: number | undefi
 export class Alerts {
   private readonly cues = new PhoneCues();
   private readonly shown = new Map<Side, Alert>();
-  /** Time of the last change of the switch by the wearer. */
-  private switched_ms = -Infinity;
+  /** The last change of the switch by the wearer: its new state, and the sessions whose insoles were asked for it. */
+  private change: { is_on: boolean; sessions: Session[] } = { is_on: false, sessions: [] };
+  /** Runs until the insoles must have answered the last change of the switch. */
+  private answer_timer: ReturnType<typeof setTimeout> | undefined;
 
   constructor(
     private readonly wire: Wire,
@@ -60,10 +62,17 @@ export class Alerts {
     };
     const alerts = byId("alerts-on", HTMLInputElement);
     alerts.onchange = () => {
-      this.switched_ms = performance.now();
-      for (const session of this.connected()) {
+      const sessions = this.connected();
+      this.change = { is_on: alerts.checked, sessions };
+      for (const session of sessions) {
         if (session.alert_rules) session.send(this.wire.setAlerts(session.alert_rules, alerts.checked, dayStartMinutes()));
       }
+      clearTimeout(this.answer_timer);
+      this.answer_timer = setTimeout(() => {
+        this.answer_timer = undefined;
+        // Rules that an insole could not store are in force although it has answered with a refusal.
+        this.unchanged().forEach((session) => session.requestAlertRules());
+      }, ANSWER_MS);
     };
     for (const key of ["alert_sound", "alert_vibration"] as const) {
       const box = byId(key.replace("_", "-"), HTMLInputElement);
@@ -75,6 +84,10 @@ export class Alerts {
         if (box.checked) this.signal();
       };
     }
+    // A hidden page cannot vibrate, so the wearer may not have noticed the signal.
+    document.addEventListener("visibilitychange", () => {
+      if (!document.hidden && this.shown.size > 0) this.signal();
+    });
   }
 
   /**
@@ -107,18 +120,28 @@ export class Alerts {
     return this.insoles.sessions.filter(({ state }) => state === "live");
   }
 
+  /** The connected sessions whose insoles did not accept the last change of the switch. */
+  private unchanged(): Session[] {
+    const { is_on, sessions } = this.change;
+    return this.connected().filter((session) => sessions.includes(session) && session.has_alerts !== is_on);
+  }
+
   /** Updates the load of the day, and the switch of the alerts. To be called a few times a second. */
   update(): void {
     const sessions = this.connected();
     const alerts = byId("alerts-on", HTMLInputElement);
-    alerts.disabled = sessions.length === 0 || sessions.some(({ has_alerts }) => has_alerts === undefined);
-    if (performance.now() - this.switched_ms > ANSWER_MS) {
+    const is_known = sessions.every(({ has_alerts }) => has_alerts !== undefined);
+    alerts.disabled = sessions.length === 0 || !is_known;
+    if (is_known && this.answer_timer === undefined) {
       const with_alerts = sessions.filter(({ has_alerts }) => has_alerts);
       alerts.checked = with_alerts.length > 0 && with_alerts.length === sessions.length;
       // An insole that was connected later, or that refused the change, raises no alerts: the wearer must know.
       alerts.indeterminate = with_alerts.length > 0 && with_alerts.length < sessions.length;
       const only = with_alerts[0]?.hello?.side ?? "";
-      fill("alerts-note", alerts.indeterminate ? [`Alerts are on for the ${only} foot only.`] : []);
+      const note = ({ hello }: Session) =>
+        `The ${hello?.side} insole did not accept the change: its alerts are ${this.change.is_on ? "off" : "on"}.`;
+      const partly = alerts.indeterminate ? [`Alerts are on for the ${only} foot only.`] : [];
+      fill("alerts-note", [[...partly, ...this.unchanged().map(note)].join(" ")]);
     }
     const daily = SIDES.map((side) => this.insoles.of(side)?.daily);
     byId("today").hidden = daily.every((load) => !load);

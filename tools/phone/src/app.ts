@@ -26,12 +26,14 @@ import type { Wire } from "./wire";
 const isAddress = (host: string) => host === "localhost" || /^[\d.]+$|^\[/.test(host);
 /** Time between two updates of the sessions and of the texts on the page. */
 const UPDATE_MS = 100;
+/** Interval of the attempts to store the records that could not be stored. */
+const STORE_RETRY_MS = 5000;
 /** The example: a recording of a computed walk. */
 const COMPUTED_WALK = "./walk.plantar";
 const CANNOT_STORE =
   "This browser cannot store steps, because its storage is full or not allowed, or because a newer version of this page " +
   "is open in another tab. Free some storage, allow it for this site, or reload this page. Until then, the insole stores " +
-  "your steps.";
+  "your steps, and alerts may not arrive.";
 const OTHER_TAB =
   "An older version of this page is open in another tab. Close all other tabs of this page; this one continues then.";
 
@@ -48,6 +50,7 @@ export class App {
   private loaded = Promise.resolve();
   /** The last error, as a sentence for the wearer; empty without an error. */
   private problem = "";
+  private store_retried_ms = 0;
 
   constructor(private readonly wire: Wire) {
     this.live_view = new LiveView(wire.facts);
@@ -182,29 +185,54 @@ export class App {
         session.acknowledge(number);
         if (this.problem === CANNOT_STORE) this.problem = "";
       },
-      // The record is not acknowledged, so the insole still stores it and sends it again.
-      () => (this.problem = CANNOT_STORE),
+      // The record is not acknowledged, so the insole still stores it, and sends it again in its next session.
+      () => {
+        session.unstored = number;
+        this.problem = CANNOT_STORE;
+      },
     );
     this.stepsChanged();
   };
 
+  /**
+   * Tries to store the records that could not be stored, and acknowledges them. An insole whose memory is full of unacknowledged
+   * records sends no further ones, so the next record cannot be awaited.
+   */
+  private retryStoring(now_ms: number): void {
+    if (now_ms - this.store_retried_ms < STORE_RETRY_MS) return;
+    this.store_retried_ms = now_ms;
+    this.store.retry().then(
+      () => {
+        for (const session of this.insoles.sessions) {
+          if (session.unstored !== undefined) session.acknowledge(session.unstored);
+        }
+        if (this.problem === CANNOT_STORE) this.problem = "";
+      },
+      () => (this.problem ||= CANNOT_STORE),
+    );
+  }
+
   /** Shows the stored records and their measures. To be called after each change of the records or of the settings. */
   private stepsChanged(): void {
     const { latest, days } = this.store;
-    const [steps, bouts, alerts] = [this.store.count("steps"), this.store.count("bouts"), this.store.count("alerts")];
     drawSteps(latest.steps, SIDES.map((side) => this.store.count("steps", [side])), gaitOf(this.wire, latest, this.settings), this.settings);
     drawDays([...days.values()], this.settings);
     drawBouts(latest.bouts);
     drawAlerts(latest.alerts);
-    byId("export-steps", HTMLButtonElement).disabled = steps === 0;
-    byId("export-bouts", HTMLButtonElement).disabled = bouts === 0;
-    byId("clear", HTMLButtonElement).disabled = steps + bouts + alerts === 0;
+    byId("export-steps", HTMLButtonElement).disabled = this.store.count("steps") === 0;
+    byId("export-bouts", HTMLButtonElement).disabled = this.store.count("bouts") === 0;
+  }
+
+  /** Deletes the stored records, and the messages of an interrupted guided session. */
+  private async clear(): Promise<void> {
+    await Promise.all([this.store.clear(), this.identify.deleteStored()]).finally(() => this.stepsChanged());
   }
 
   private tick(): void {
     const now_ms = performance.now();
     this.insoles.tick(now_ms);
     this.identify.tick(now_ms);
+    this.retryStoring(now_ms);
     // While the page is in the background, the sessions continue, but the texts are not visible.
     if (!document.hidden) this.update(now_ms);
   }
@@ -213,6 +241,7 @@ export class App {
     const { insoles, live_view } = this;
     live_view.update(insoles, this.settings);
     updateSettingsView(insoles, this.recorder, now_ms);
+    byId("clear", HTMLButtonElement).disabled = this.store.days.size === 0 && !this.identify.has_stored;
     this.alerts.update();
     fill("chips", SIDES.flatMap((side) => {
       const session = insoles.of(side);
@@ -257,6 +286,6 @@ export class App {
       this.stepsChanged();
     });
     const failed = (problem: string) => (this.problem = problem);
-    listenToExport(this.wire, this.recorder, this.insoles, () => this.store, () => this.stepsChanged(), failed);
+    listenToExport(this.wire, this.recorder, this.insoles, () => this.store, () => this.clear(), failed);
   }
 }

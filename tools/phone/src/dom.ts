@@ -26,13 +26,22 @@ function build(node: Node, parent: Element): globalThis.Node {
 /** The content that {@link fill} wrote to each element last, as JSON. */
 const filled = new WeakMap<Element, string>();
 
-/** Replaces the content of an element, given by itself or by its id, unless it is unchanged since the last call. */
+/**
+ * Replaces the content of an element, given by itself or by its id, unless it is unchanged since the last call. The keyboard
+ * focus remains on the element with the same id or the same `data-action`.
+ */
 export function fill(into: string | Element | null, nodes: readonly Node[]): void {
   const element = typeof into === "string" ? byId(into) : into;
   const content = JSON.stringify(nodes);
   if (!element || filled.get(element) === content) return;
+  const focused = element.contains(document.activeElement) ? document.activeElement : null;
+  // Replacing a select would close its list, so the content remains until a later call.
+  if (focused instanceof HTMLSelectElement) return;
+  const action = focused?.getAttribute("data-action");
+  const same = focused?.id ? `#${focused.id}` : action && `[data-action="${action}"]`;
   filled.set(element, content);
   element.replaceChildren(...nodes.map((node) => build(node, element)));
+  if (same) element.querySelector<HTMLElement>(same)?.focus({ preventScroll: true });
 }
 
 /** Saves a file as a download. */

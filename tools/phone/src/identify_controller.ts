@@ -22,6 +22,9 @@ const NO_STORAGE: IdentifyStorage = {
 /** The storage for the session of a recording. It stores nothing, because the wearer cannot continue it at the next visit. */
 const RECORDING: IdentifyStorage = { ...NO_STORAGE, add: () => Promise.resolve() };
 
+/** The question before the stored messages of an interrupted session are deleted. */
+const DELETE_STORED = "Delete the steps of the interrupted session?";
+
 /** The guided session of the page. */
 export class IdentifyController {
   private readonly session: IdentifySession;
@@ -73,7 +76,19 @@ export class IdentifyController {
     if (this.storage === RECORDING) this.session.close();
     this.storage = await DatabaseIdentifyStorage.open(blocked).catch(() => NO_STORAGE);
     this.stored = await this.storage.load().catch(() => []);
-    if (this.stored.length > 0) this.show();
+    if (this.has_stored) this.show();
+  }
+
+  /** True if the messages of a session that was interrupted before this visit are stored. */
+  get has_stored(): boolean {
+    return this.stored.length > 0;
+  }
+
+  /** Deletes the stored messages, unless they are those of a running session. */
+  async deleteStored(): Promise<void> {
+    if (!["closed", "done", "failed"].includes(this.session.phase)) return;
+    await this.storage.clear();
+    this.stored = [];
   }
 
   /** Opens the view of the guided session. */
@@ -121,9 +136,13 @@ export class IdentifyController {
     const { session } = this;
     switch (action) {
       case "start":
-        if (this.stored.length > 0 && !confirm("Delete the steps of the interrupted session?")) return;
+        if (this.has_stored && !confirm(DELETE_STORED)) return;
         session.start(this.hellos(), performance.now(), Date.now());
         this.stored = [];
+        break;
+      case "discard":
+        // If the deletion fails, the session is still offered.
+        if (confirm(DELETE_STORED)) void this.deleteStored().catch(() => undefined);
         break;
       case "resume":
         if (this.hellos().size === 0) return;
@@ -192,7 +211,7 @@ export class IdentifyController {
   }
 
   private draw(): void {
-    const state = { insoles: this.insoles, shoe_size: this.settings.shoe_size, has_stored: this.stored.length > 0 };
+    const state = { insoles: this.insoles, shoe_size: this.settings.shoe_size, has_stored: this.has_stored };
     drawIdentify(this.session, { ...state, now_ms: performance.now() });
   }
 }

@@ -38,7 +38,7 @@ const REGIONS = 8;
  * - "walk": the wearer walks, and steps are collected;
  * - "fit": the worker fits the parameters;
  * - "result": the parameters can be sent to the insoles;
- * - "push": the parameters are being sent; "result" follows again if no insole confirms them;
+ * - "push": the parameters are being sent; the phase before follows again if no insole confirms them;
  * - "verify": the wearer walks, and the parameters are checked on these steps;
  * - "done": the session is complete.
  */
@@ -112,6 +112,10 @@ export class IdentifySession {
   private remarked_ms = -Infinity;
   private sent_ms = 0;
   private attempts = 0;
+  /** The phase before "push". */
+  private before_push: Phase = "result";
+  /** The feet whose parameters are being sent. */
+  private sending: Foot[] = [];
 
   constructor(private readonly host: Host) {}
 
@@ -362,11 +366,16 @@ export class IdentifySession {
 
   /** Sends the parameters to the insoles that have not confirmed them. */
   push(now_ms: number): void {
-    if (this.phase !== "push") this.attempts = 0;
+    if (this.phase !== "push") {
+      this.attempts = 0;
+      this.before_push = this.phase;
+      this.sending = this.pushable().filter(({ sent }) => sent !== "confirmed");
+      for (const foot of this.sending) foot.refusal = "";
+    }
     this.phase = "push";
     this.sent_ms = now_ms;
     this.attempts += 1;
-    for (const foot of this.pushable()) {
+    for (const foot of this.sending) {
       if (foot.sent === "confirmed") continue;
       const is_over = this.attempts > ATTEMPTS;
       foot.sent = is_over || foot.refusal ? "failed" : "waiting";
@@ -384,21 +393,13 @@ export class IdentifySession {
     this.continueIfSent(now_ms);
   }
 
-  /** Once all insoles have answered, begins the check, or returns to the result if none of them confirmed the parameters. */
+  /** Once all insoles have answered, begins the check; returns to the phase before if none of them confirmed the parameters. */
   private continueIfSent(now_ms: number): void {
-    const feet = this.pushable();
-    if (feet.some(({ sent }) => sent === "waiting")) return;
-    if (!feet.some(({ sent }) => sent === "confirmed")) {
-      this.phase = "result";
-      const reasons = feet.flatMap(({ side, refusal }) => (refusal ? [`The ${side} insole refused the parameters: ${refusal}.`] : []));
-      const remark = "The insoles did not accept the parameters. Check the connection and send them again.";
-      this.remarks.add([remark, ...reasons].join(" "));
-      for (const foot of feet) [foot.sent, foot.refusal] = ["no", ""];
-      return;
-    }
-    this.phase = "verify";
+    if (this.sending.some(({ sent }) => sent === "waiting")) return;
+    const confirmed = this.sending.filter(({ sent }) => sent === "confirmed");
+    this.phase = confirmed.length > 0 ? "verify" : this.before_push;
     this.last_step_ms = now_ms;
-    const confirmed = feet.filter(({ sent }) => sent === "confirmed");
+    if (confirmed.length === 0) return;
     const [only, ...others] = confirmed;
     const owners = only && others.length === 0 ? `The ${only.side} insole has` : "The insoles have";
     this.host.cues.say(`${owners} your parameters. Walk ${CHECK_STEPS} more steps.`);
@@ -421,7 +422,7 @@ export class IdentifySession {
     // The first step may have begun with the previous parameters, so it is not counted.
     if (feet.some(({ checked }) => checked.size <= CHECK_STEPS)) return;
     for (const foot of feet) {
-      if (foot.result) foot.check = check(foot.result, [...foot.checked.values()].slice(1));
+      if (foot.result) foot.check = check(foot.result, [...foot.checked.values()].slice(-CHECK_STEPS));
     }
     this.complete();
     this.host.cues.vibrate([200, 100, 200]);

@@ -68,7 +68,7 @@ function content(session: IdentifySession, state: IdentifyState): Node[] {
         ),
         soft("The insoles now use your parameters, and measure how well the parameters predict your steps."),
         ...session.problems().map(note),
-        ...refusals(session),
+        ...failedTransfers(session),
         button("skip", "Finish without this check"),
       ];
     case "done":
@@ -121,6 +121,7 @@ function start(state: IdentifyState): Node[] {
     ...(has_stored ? [
       note("A session was interrupted. Its steps are stored on this phone."),
       ...(sides.length > 0 ? [button("resume", "Continue that session", "primary")] : []),
+      button("discard", "Delete that session"),
     ] : []),
     sides.length > 0 ? button("start", has_stored ? "Start a new session" : "Start", has_stored ? "" : "primary")
       : button("connect", "Connect my insoles", "primary"),
@@ -193,10 +194,13 @@ function resultTable({ side, collected, result }: Foot, { regions }: FootResult)
   ];
 }
 
-const refusals = (session: IdentifySession): Node[] =>
-  session.feet.flatMap(({ side, sent, refusal }) =>
-    sent === "failed" ? [note(`The ${side} insole did not accept the parameters${refusal && `: ${refusal}`}.`)] : [],
-  );
+/** The insoles that have not confirmed the parameters, with the reasons, and the button that sends the parameters again. */
+function failedTransfers({ feet }: IdentifySession): Node[] {
+  const notes = feet.filter(({ sent }) => sent === "failed").map(({ side, refusal }) => note(refusal
+    ? `The ${side} insole did not accept the parameters: ${refusal}.`
+    : `The ${side} insole did not answer, so it may not have your parameters. Hold the phone closer to it.`));
+  return notes.length > 0 ? [...notes, button("push", "Send again", "primary")] : [];
+}
 
 const exports = (session: IdentifySession): Node[] => [
   button("export", "Save the session"),
@@ -206,11 +210,12 @@ const exports = (session: IdentifySession): Node[] => [
 function result(session: IdentifySession, is_replay: boolean): Node[] {
   const unfitted = session.feet.filter(({ result }) => !result).map(({ side }) => side);
   const is_sending = session.phase === "push";
+  const failed = failedTransfers(session);
   return [
     ...unfitted.map((side) => note(`There are too few steps of the ${side} foot. Its insole is left unchanged.`)),
-    ...refusals(session),
     ...(is_replay ? [note("This is a recording, so there is no insole to send the parameters to.")]
       : is_sending ? [["p", { class: "fine" }, "Sending the parameters…"] as Node]
+      : failed.length > 0 ? failed
       : session.pushable().length > 0 ? [button("push", "Send to my insoles", "primary")] : []),
     ...session.problems().map(note),
     ...session.feet.flatMap((foot) => (foot.result ? resultTable(foot, foot.result) : [])),
@@ -234,7 +239,7 @@ function done(session: IdentifySession): Node[] {
       if (is_confirmed) return [["p", { class: "fine" }, words]];
       return [note(`${words} Repeat the session on a straight path at your usual pace.`)];
     }),
-    ...refusals(session),
+    ...failedTransfers(session),
     ...exports(session),
     button("close", "Close", "primary"),
   ];

@@ -100,6 +100,8 @@ export class Session {
   readonly counter: LiveCounter;
   /** True if the last step reports that tissue or shoe have changed so much that the parameters should be identified again. */
   needs_refit = false;
+  /** Number of the last record since the hello that could not be stored, and so is not acknowledged. */
+  unstored: number | undefined;
   /** The cells of the insole that have arrived. */
   private cells: LayoutCell[] = [];
   /** Times at which the live frames of the last two seconds arrived. */
@@ -201,6 +203,8 @@ export class Session {
         }
         return this.onAnswer(message, this);
       case "tissue":
+        // Another object would count as another hello.
+        if (this.hello) this.hello.has_parameters = message.id !== 0;
         return this.onAnswer(message, this);
       case "ellipses":
         if (this.state === "live") this.ellipses = message.regions;
@@ -260,6 +264,8 @@ export class Session {
     this.hello_received_ms = now_ms;
     this.untimed = [];
     this.last_record = undefined;
+    // The insole sends its unacknowledged records again.
+    this.unstored = undefined;
     this.order.begin();
     this.counter.newSession();
     this.arrivals_ms.length = 0;
@@ -278,7 +284,7 @@ export class Session {
     this.state = "live";
     this.send(this.wire.setClock(unix_us(now_ms)));
     this.restartClockMapping(now_ms);
-    this.send(this.wire.getAlertRules());
+    this.requestAlertRules();
     this.send(this.wire.stream(true));
     this.send(this.wire.streamEllipses(Math.ceil(hello.rate_hz / ELLIPSES_HZ)));
     this.requestCells(now_ms);
@@ -292,6 +298,12 @@ export class Session {
     if (now_ms - this.connect_requested_ms < CONNECT_REQUEST_MS) return;
     this.connect_requested_ms = now_ms;
     this.send(this.wire.connect());
+  }
+
+  /** Requests the rules of alerts that are in force. */
+  requestAlertRules(): void {
+    this.has_alerts = undefined;
+    this.send(this.wire.getAlertRules());
   }
 
   /** Requests the next part of the insole's cells. */
@@ -367,6 +379,7 @@ export class Session {
 
   /** Acknowledges a record and all earlier ones, so that the insole can delete them. To be called once they are stored. */
   acknowledge(number: number): void {
+    this.unstored = undefined;
     this.send(this.wire.acknowledge(number));
   }
 

@@ -62,15 +62,15 @@ export function listenToSettings(settings: Settings, changed: () => void): void 
 }
 
 /**
- * Connects the buttons that record, export and delete. `cleared` is called after the steps were deleted, and `failed` with a
- * sentence for the wearer if the browser's storage cannot be read or changed.
+ * Connects the buttons that record, export and delete. `clear` deletes what is stored, and `failed` is called with a sentence for
+ * the wearer if the browser's storage cannot be read or changed.
  */
 export function listenToExport(
   wire: Wire,
   recorder: Recorder,
   insoles: Insoles,
   store: () => StepStore,
-  cleared: () => void,
+  clear: () => Promise<void>,
   failed: (problem: string) => void,
 ): void {
   const record = byId("record", HTMLButtonElement);
@@ -87,8 +87,9 @@ export function listenToExport(
   byId("export-bouts").onclick = () => exportRecords("plantar_load_bouts.csv", ({ bouts }) => boutsCsv(bouts));
   byId("export-steps").onclick = () => exportRecords("plantar_steps.csv", ({ steps }) => stepsCsv(steps));
   byId("clear").onclick = () => {
-    if (!confirm("Delete all steps and loads that are stored on this device? Export them first if you need them.")) return;
-    store().clear().then(cleared, () => failed("The browser could not delete the steps. Reload the page and try again."));
+    const what = "all steps and loads that are stored on this device, and those of an interrupted identification";
+    if (!confirm(`Delete ${what}? Export the steps first if you need them.`)) return;
+    clear().catch(() => failed("The browser could not delete the steps. Reload the page and try again."));
   };
 }
 

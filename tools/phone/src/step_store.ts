@@ -156,6 +156,11 @@ export class StepStore {
       this.pending.push(record);
       this.remember(decoded);
     }
+    return this.retry();
+  }
+
+  /** Stores the records that could not be stored before. Resolves once all records are stored. */
+  retry(): Promise<void> {
     this.storing = this.storing.catch(() => undefined).then(() => this.storePending());
     return this.storing;
   }

@@ -12,7 +12,10 @@ export const LATEST_STEPS = 100;
 /** The steps of one foot. */
 export const stepsOf = (steps: readonly StoredStep[], side: Side) => steps.filter(({ step }) => step.side === side);
 
-/** The measures of both feet. The feet are compared only if the times of all steps are on the clock of the browser. */
+/**
+ * The measures of both feet. The feet are compared only if the times of all steps are on the clock of the browser. If the steps
+ * of one foot are all earlier than those of the other one, only the foot that walked last is measured.
+ */
 export function gaitOf(wire: Wire, { steps, bouts, alerts }: Pick<Records, "steps" | "bouts" | "alerts">, settings: Settings): Gait {
   const feet = SIDES.map((side) => stepsOf(steps, side).slice(-LATEST_STEPS));
   const has_common_clock = feet.flat().every(({ start_unix_s }) => start_unix_s !== null);
@@ -23,5 +26,10 @@ export function gaitOf(wire: Wire, { steps, bouts, alerts }: Pick<Records, "step
   const number = ({ step }: StoredStep) =>
     step.step - others.filter((other) => other.side === step.side && other.number < step.step).length;
   const timed = (stored: StoredStep) => ({ ...stored, number: number(stored), start_s: start_s(stored) });
-  return wire.gait(feet.map((steps) => steps.map(timed)), has_common_clock, stride_m);
+  const first_s = feet.map((steps) => Math.min(...steps.map(start_s)));
+  const last_s = feet.map((steps) => Math.max(...steps.map(start_s)));
+  const is_apart = has_common_clock && Math.max(...first_s) > Math.min(...last_s);
+  // With the steps of another day, no stride of this foot would contain a step of the other one.
+  const measured = feet.map((steps, i) => (is_apart && last_s[i] !== Math.max(...last_s) ? [] : steps));
+  return wire.gait(measured.map((steps) => steps.map(timed)), has_common_clock, stride_m);
 }

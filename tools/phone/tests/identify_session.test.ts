@@ -164,13 +164,44 @@ test("an insole that refuses or does not answer is named, and the parameters can
   session.insoleAnswer("left", { kind: "refused", reason: "The memory is full.", is_other_host: false }, 10);
   for (const now_ms of [3000, 6000, 9000]) session.tick(now_ms, []);
   expect(session.phase).toBe("result");
-  expect(session.comments().join()).toContain("did not accept the parameters");
+  const answers = () => session.feet.map(({ sent, refusal }) => [sent, refusal]);
+  expect(answers()).toEqual([["failed", "The memory is full."], ["failed", ""]]);
   session.push(10_000);
   session.insoleAnswer("right", { kind: "tissue", id: 42 }, 10_010);
   session.insoleAnswer("left", { kind: "refused", reason: "The memory is full.", is_other_host: false }, 10_020);
   expect(session.phase).toBe("verify");
-  const answers = session.feet.map(({ sent, refusal }) => [sent, refusal]);
-  expect(answers).toEqual([["failed", "The memory is full."], ["confirmed", ""]]);
+  expect(answers()).toEqual([["failed", "The memory is full."], ["confirmed", ""]]);
+});
+
+test("the parameters are sent again to an insole that did not answer, during the check and after it", () => {
+  const all = start();
+  const { session, sent, answer } = all;
+  walk(all);
+  for (const insole of [0, 1] as const) answer({ kind: "result", insole, result: result(8) });
+  const steps = (...sides: Side[]) => {
+    for (let i = 0; i <= CHECK_STEPS; i += 1) for (const side of sides) session.step(side, withError(9), `${i}`, 0);
+  };
+  const fail = (now_ms: number) => {
+    sent.length = 0;
+    session.push(now_ms);
+    if (now_ms === 0) session.insoleAnswer("right", { kind: "tissue", id: 42 }, now_ms);
+    for (const wait_ms of [3000, 6000, 9000]) session.tick(now_ms + wait_ms, []);
+    return sent.map(([side]) => side);
+  };
+  expect(fail(0)).toEqual(["left", "right", "left", "left"]);
+  expect(session.phase).toBe("verify");
+  expect(fail(10_000)).toEqual(["left", "left", "left"]);
+  expect(session.phase).toBe("verify");
+  steps("right");
+  expect(session.phase).toBe("done");
+  expect(fail(20_000)).toEqual(["left", "left", "left"]);
+  expect(session.phase).toBe("done");
+  session.push(30_000);
+  session.insoleAnswer("left", { kind: "tissue", id: 42 }, 30_010);
+  expect(session.phase).toBe("verify");
+  steps("left");
+  expect(session.phase).toBe("done");
+  expect(session.feet.map(({ check }) => check?.is_confirmed)).toEqual([true, true]);
 });
 
 test("a foot without steps is named and is not fitted", () => {

@@ -1,6 +1,11 @@
-import { expect, test } from "vitest";
-import type { RegionResult } from "../src/identify_core";
-import { regionRow } from "../src/identify_view";
+import { beforeEach, expect, test, vi } from "vitest";
+import type { FootResult, RegionResult } from "../src/identify_core";
+import type { Foot, IdentifySession, Phase } from "../src/identify_session";
+import { drawIdentify, regionRow } from "../src/identify_view";
+import type { Insoles } from "../src/insoles";
+import { element } from "./elements";
+
+vi.mock("../src/dom", async () => (await import("./elements")).dom);
 
 /** The row of a fitted region with this interval of the stiffness, as JSON. */
 function row(jacobian: [number | null, number | null]): string {
@@ -13,4 +18,31 @@ function row(jacobian: [number | null, number | null]): string {
 test("the interval of a stiffness is shown with its ends in kPa, also if its upper end is infinite", () => {
   expect(row([9_500, 41_200])).toContain("9.5 to 41");
   expect(row([9_500, null])).toContain("9.5 to ∞");
+});
+
+/** The view of a session in this phase, as JSON. `has_stored` is that of the view's state. */
+function view(phase: Phase, feet: Partial<Foot>[] = [], has_stored = false): string {
+  const result = { fitted: 1, steps: [], regions: {} } as unknown as FootResult;
+  const all = feet.map((foot) => ({ refusal: "", checked: new Map(), result, ...foot }));
+  const session = { phase, feet: all, problems: () => [], comments: () => [], pushable: () => all };
+  const insoles = { of: () => undefined };
+  const state = { insoles: insoles as unknown as Insoles, shoe_size: 42, has_stored, now_ms: 0 };
+  drawIdentify(session as unknown as IdentifySession, state);
+  return element("identify-body").content;
+}
+
+beforeEach(() => void (element("identify-body").content = ""));
+
+test.each(["result", "verify", "done"] as const)("parameters that an insole did not accept can be sent again: %s", (phase) => {
+  const send = '"data-action":"push"';
+  const failed = view(phase, [{ side: "left", sent: "failed" }, { side: "right", sent: "failed", refusal: "busy" }]);
+  expect(failed).toContain("The left insole did not answer");
+  expect(failed).toContain("The right insole did not accept the parameters: busy.");
+  expect(failed.split(send)).toHaveLength(2);
+  if (phase !== "result") expect(view(phase, [{ side: "left", sent: "confirmed" }])).not.toContain(send);
+});
+
+test("an interrupted session can be deleted without an insole", () => {
+  expect(view("closed", [], true)).toContain('"data-action":"discard"');
+  expect(view("closed")).not.toContain('"data-action":"discard"');
 });

@@ -6,7 +6,7 @@ import { TIMEOUT_MS } from "../src/reconnect";
 import { type RecordMessage, Session } from "../src/session";
 import type { Transport } from "../src/transport/transport";
 import type { Wire } from "../src/wire";
-import { live, loadWire, messagesOf, step } from "./wire";
+import { hello, live, loadWire, messagesOf, step } from "./wire";
 
 let wire: Wire;
 beforeAll(async () => {
@@ -31,11 +31,6 @@ function start(decode?: (bytes: Uint8Array) => ToHost | undefined) {
 
 /** The counters of the messages of a session. */
 const counts = ({ counter, damaged }: Session) => ({ received: counter.received, lost: counter.lost, damaged });
-
-function hello(major: number): ToHost {
-  const board = { firmware: "9", board: "test", side: "left", cells: 1, rate_hz: 100 } as const;
-  return { kind: "hello", major, minor: 0, ...board, has_effective_areas: false, has_parameters: true, reset: "power", fault: null };
-}
 
 test("a session sends connect requests until the insole answers, then requests the streams and the cells", () => {
   const { session, sent } = start();
@@ -152,6 +147,18 @@ test("the number of stored records that are still to come is known, also when th
   receiveStep(2 ** 32 - 1);
   receive(status({ next_record: 10 }));
   expect(session.records_waiting).toBe(10);
+});
+
+test("an insole has parameters once it confirms them, although its hello stated that it had none", () => {
+  const { session, receive } = startLive();
+  const first = session.hello;
+  const states = [0, 7].map((id) => {
+    receive({ kind: "tissue", id });
+    return session.hello?.has_parameters;
+  });
+  expect(states).toEqual([false, true]);
+  // Another object would count as another hello of the insole.
+  expect(session.hello).toBe(first);
 });
 
 test("steps that arrive before the time of the insole wait for it in their order, but not for long", () => {

@@ -186,6 +186,14 @@ async function storeWithPendingStep() {
   return { storage, store, one, other };
 }
 
+test("a step that cannot be stored is stored by a later attempt, although no further step arrives", async () => {
+  const { storage, store } = await storeWithPendingStep();
+  await expect(store.retry()).rejects.toThrow("full");
+  storage.is_full = false;
+  await store.retry();
+  expect(storage.records.size).toBe(2);
+});
+
 test("a step that cannot be stored is exported with the others", async () => {
   const { store, one, other } = await storeWithPendingStep();
   const exported: unknown[] = [];

@@ -44,6 +44,17 @@ test("without times on the browser's clock, each foot is measured alone", () => 
   expect(measure(gait, "step_time_s")).toMatchObject({ left: null, right: null, symmetry_percent: null });
 });
 
+test("if the feet did not walk at the same time, only the foot that walked last is measured", () => {
+  const day_s = 86_400;
+  const before = [...foot("left", 0, 0.8, 120), ...foot("right", 0.5, 0.7, 120)];
+  const today = foot("left", day_s, 0.6, 100);
+  for (const { step } of today) step.step += 120;
+  const gait = gaitOf(wire, { steps: [...before, ...today], bouts: [], alerts: [] }, SETTINGS);
+  expect([gait.has_both_feet, gait.strides, gait.unpaired]).toEqual([false, { left: 99, right: 0 }, { left: 0, right: 0 }]);
+  expect(measure(gait, "stance_time_s")?.left?.mean).toBeCloseTo(0.6, 5);
+  expect(gait.cadence_per_min?.mean).toBeCloseTo(100, 3);
+});
+
 test("measures are computed from the last 100 steps of each foot", () => {
   const steps = foot("left", 0, 0.6, 150).map((stored, n) => ({ ...stored, step: { ...stored.step, duration_s: n < 50 ? 0.9 : 0.6 } }));
   const gait = gaitOf(wire, { steps, bouts: [], alerts: [] }, SETTINGS);

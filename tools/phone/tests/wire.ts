@@ -18,6 +18,12 @@ export const walk = read("../public/walk.plantar");
 export const messagesOf = (insole: number) =>
   [...entries(walk)].filter((entry) => entry.insole === insole).map(({ message }) => message);
 
+/** A decoded hello of a left insole with one cell. */
+export function hello(major: number): ToHost {
+  const board = { firmware: "9", board: "test", side: "left", cells: 1, rate_hz: 100 } as const;
+  return { kind: "hello", major, minor: 0, ...board, has_effective_areas: false, has_parameters: true, reset: "power", fault: null };
+}
+
 /** A decoded live frame with the same measured force on each region. */
 export function live(values: Partial<Extract<ToHost, { kind: "live" }>> = {}, measured_n = 0): ToHost {
   const region = { area_mm2: 0, deformation_mm: 0, model_n: 0, measured_n, saturated: false, clamped: false, masked: false };

@@ -9,11 +9,21 @@ import { INSOLES, type Insole, type Transport, type TransportEvents } from "./tr
 const VALUE_BYTES = 20;
 const NO_SERVICE =
   "The insole does not offer what this page needs. Update its firmware with plantar update, then try again.";
+/** An insole does not let a phone subscribe that is not paired. */
+const NOT_PAIRED =
+  "The insole did not accept this phone. It pairs only within a minute after it is switched on: switch it off and on, then " +
+  "try again at once. If this phone was paired with it before, first remove the insole in the phone's Bluetooth settings.";
+/** Reasons for a lost connection, as phrases for the wearer. A phone that connects again was paired before. */
+const OUT_OF_REACH = "out of reach or switched off";
+const NO_LONGER_PAIRED =
+  "it does not accept this phone any more: remove the insole in the phone's Bluetooth settings, then switch it off and on";
 
 /** An insole that the wearer chose. */
 interface Connected {
   device: BluetoothDevice;
   reconnect: Reconnect;
+  /** The reason to report if the link breaks. */
+  reason: string;
   /** The characteristic to which requests are written, except those for parameters; `undefined` while there is no connection. */
   control?: BluetoothRemoteGATTCharacteristic | undefined;
   /** The characteristic to which requests for parameters are written; `undefined` while there is no connection. */
@@ -65,13 +75,13 @@ export class BluetoothTransport implements Transport {
   async connect(device: BluetoothDevice): Promise<void> {
     const insole = this.freeIndex();
     const reconnect = new Reconnect(() => this.open(insole, connected));
-    const connected: Connected = { device, reconnect, writing: Promise.resolve() };
+    const connected: Connected = { device, reconnect, reason: OUT_OF_REACH, writing: Promise.resolve() };
     this.insoles.set(insole, connected);
     device.addEventListener("gattserverdisconnected", () => {
       connected.control = undefined;
       connected.parameters = undefined;
       if (this.insoles.get(insole) !== connected) return;
-      this.events.closed(insole, "out of reach or switched off");
+      this.events.closed(insole, connected.reason);
       reconnect.later();
     });
     try {
@@ -105,8 +115,16 @@ export class BluetoothTransport implements Transport {
         const message = value && joiner.push(new Uint8Array(value.buffer, value.byteOffset, value.byteLength));
         if (message) this.events.message(insole, message);
       };
-      await characteristic.startNotifications();
+      await characteristic.startNotifications().catch((error: unknown) => {
+        // The insole refuses nothing if the link broke.
+        if (!server.connected) throw error;
+        // The insole also ends the link of a phone that does not pair. The reason remains until the phone has paired.
+        connected.reason = NO_LONGER_PAIRED;
+        this.events.closed(insole, connected.reason);
+        throw new Error(NOT_PAIRED);
+      });
     }
+    connected.reason = OUT_OF_REACH;
     connected.control = control;
     connected.parameters = parameters;
     this.events.opened(insole);

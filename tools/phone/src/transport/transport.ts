@@ -15,8 +15,8 @@ export interface TransportEvents {
   /** A message arrived. `bytes` is the encoded message. */
   message(insole: Insole, bytes: Uint8Array): void;
   /**
-   * The link broke, or `plantar serve` could not be reached. `reason` is a phrase for the wearer. The transport tries to open
-   * the link again.
+   * The link broke, the insole did not accept this phone, or `plantar serve` could not be reached. `reason` is a phrase for the
+   * wearer. The transport tries to open the link again.
    */
   closed(insole: Insole, reason: string): void;
   /** A message could not be received, because one of its fragments is missing or damaged. */

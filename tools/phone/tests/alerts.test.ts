@@ -1,0 +1,111 @@
+import { afterEach, beforeEach, expect, test, vi } from "vitest";
+import { Alerts } from "../src/alerts";
+import type { ToHost } from "../src/generated/messages";
+import type { Alert, Side } from "../src/generated/quantities";
+import type { Insoles } from "../src/insoles";
+import { Session } from "../src/session";
+import { loadSettings } from "../src/settings";
+import type { Wire } from "../src/wire";
+import { element } from "./elements";
+import { hello, loadWire } from "./wire";
+
+vi.mock("../src/dom", async () => (await import("./elements")).dom);
+
+const wire = await loadWire();
+/** Replaces the document of the page. */
+const page = Object.assign(new EventTarget(), { hidden: false });
+const vibrate = vi.fn();
+
+beforeEach(() => {
+  vi.useFakeTimers();
+  vi.stubGlobal("document", page);
+  vi.stubGlobal("HTMLInputElement", Object);
+  vi.stubGlobal("navigator", { vibrate });
+});
+
+afterEach(() => {
+  vi.useRealTimers();
+  vi.unstubAllGlobals();
+});
+
+/** The session with an insole, its requests, and a function that passes it a message. */
+function connect(side: Side) {
+  let next: ToHost;
+  const sent: Uint8Array[] = [];
+  const core = Object.assign(Object.create(wire), { decode: () => next }) as Wire;
+  const send = (_: unknown, message: Uint8Array) => sent.push(message);
+  const transport = { location: "", is_replay: false, can_lose_records: true, send, close: () => undefined };
+  const session = new Session(side === "left" ? 0 : 1, core, () => transport, () => undefined);
+  const receive = (message: ToHost) => {
+    next = message;
+    session.receive(new Uint8Array(1), performance.now());
+  };
+  receive({ ...hello(wire.facts.major), side } as ToHost);
+  return { session, sent, receive };
+}
+
+/** The alerts of the page with two insoles, which do not raise alerts yet. */
+function start() {
+  const [left, right] = [connect("left"), connect("right")];
+  const sessions = [left.session, right.session];
+  const insoles = { sessions, of: (side: Side) => sessions.find((session) => session.hello?.side === side) };
+  const settings = loadSettings(() => ({ getItem: () => null }) as unknown as Storage);
+  const alerts = new Alerts(wire, insoles as unknown as Insoles, settings);
+  alerts.listen();
+  for (const { receive } of [left, right]) receive({ kind: "alert_rules", is_on: false });
+  alerts.update();
+  return { alerts, left, right };
+}
+
+const [box, note] = [element("alerts-on"), element("alerts-note")];
+
+/** The wearer turns the alerts on. The left insole accepts this, and the right one answers with a refusal. */
+function turnOn({ alerts, left, right }: ReturnType<typeof start>): void {
+  expect([box.disabled, box.checked]).toEqual([false, false]);
+  box.checked = true;
+  box.onchange();
+  left.receive({ kind: "alert_rules", is_on: true });
+  right.receive({ kind: "refused", reason: "busy", is_other_host: false });
+  const count = left.sent.length;
+  vi.advanceTimersByTime(3000);
+  // The insole that has accepted the change is not asked again.
+  expect([left.sent.length, right.sent.at(-1)]).toEqual([count, wire.getAlertRules()]);
+  alerts.update();
+  expect([box.disabled, box.checked]).toEqual([true, true]);
+}
+
+test("an insole that did not accept a change of the switch is named, with what is in force there", () => {
+  const all = start();
+  turnOn(all);
+  all.right.receive({ kind: "alert_rules", is_on: false });
+  all.alerts.update();
+  expect([box.disabled, box.indeterminate]).toEqual([false, true]);
+  const refused = "The right insole did not accept the change: its alerts are off.";
+  expect(note.content).toBe(JSON.stringify([`Alerts are on for the left foot only. ${refused}`]));
+});
+
+test("rules that an insole could not store, but that are in force, are shown as in force", () => {
+  const all = start();
+  turnOn(all);
+  all.right.receive({ kind: "alert_rules", is_on: true });
+  all.alerts.update();
+  expect([box.disabled, box.checked, box.indeterminate]).toEqual([false, true, false]);
+  expect(note.content).toBe(JSON.stringify([""]));
+});
+
+test("a signal in a hidden page is repeated when the page becomes visible, unless the wearer has closed the alert", () => {
+  const { alerts } = start();
+  const setHidden = (hidden: boolean) => {
+    page.hidden = hidden;
+    page.dispatchEvent(new Event("visibilitychange"));
+  };
+  setHidden(true);
+  alerts.raise({ side: "left", starts_ago: 0, start_s: 0, advice: "Unload your left foot." } as Alert, null, undefined);
+  expect(vibrate).toHaveBeenCalledTimes(1);
+  setHidden(false);
+  expect(vibrate).toHaveBeenCalledTimes(2);
+  element("alert-close").onclick();
+  setHidden(true);
+  setHidden(false);
+  expect(vibrate).toHaveBeenCalledTimes(2);
+});

@@ -1,0 +1,80 @@
+import { afterEach, beforeEach, expect, test, vi } from "vitest";
+import { App } from "../src/app";
+import { type NewRecord, TemporaryStorage } from "../src/step_storage";
+import { StepStore } from "../src/step_store";
+import { loadWire, messagesOf } from "./wire";
+
+vi.mock("../src/dom", async () => (await import("./elements")).dom);
+vi.mock("../src/live_view");
+vi.mock("../src/steps_view");
+
+const wire = await loadWire();
+
+beforeEach(() => {
+  vi.useFakeTimers();
+  vi.stubGlobal("document", { hidden: true });
+  for (const name of ["HTMLButtonElement", "HTMLInputElement"]) vi.stubGlobal(name, Object);
+});
+
+afterEach(() => {
+  vi.useRealTimers();
+  vi.unstubAllGlobals();
+});
+
+/** A storage that can be full. */
+class TestStorage extends TemporaryStorage {
+  is_full = true;
+
+  override async add(records: readonly NewRecord[]): Promise<void> {
+    if (this.is_full) throw new Error("full");
+    await super.add(records);
+  }
+}
+
+/** A page with an insole that has sent its steps, which could not be stored. */
+async function start() {
+  const app = new App(wire);
+  const storage = new TestStorage();
+  app["store"] = new StepStore(wire, storage);
+  const sent: Uint8Array[] = [];
+  const send = (_: unknown, message: Uint8Array) => sent.push(message);
+  const use = () => {
+    const transport = { location: "", is_replay: false, can_lose_records: true, send, close: () => undefined };
+    app["insoles"].use(transport);
+    app["insoles"].transportEvents.opened(0);
+  };
+  /** Calls `tick` for these seconds. */
+  const tick = async (duration_s: number) => {
+    for (let i = 0; i < 10 * duration_s; i++) {
+      app["tick"]();
+      await vi.advanceTimersByTimeAsync(100);
+    }
+  };
+  /** The acknowledgements since the last call. */
+  const acknowledged = () => sent.splice(0).filter(([kind]) => kind === wire.acknowledge(0)[0]);
+  use();
+  messagesOf(0).forEach((message) => app["insoles"].transportEvents.message(0, message));
+  await tick(7);
+  expect(app["problem"]).toMatch(/cannot store steps.*alerts may not arrive/);
+  expect(acknowledged()).toEqual([]);
+  return { app, storage, use, tick, acknowledged };
+}
+
+test("steps that could not be stored are stored and acknowledged later, although no further step arrives", async () => {
+  const { app, storage, tick, acknowledged } = await start();
+  storage.is_full = false;
+  await tick(5);
+  // The computed walk has six steps of each foot.
+  expect([storage.records.size, acknowledged()]).toEqual([6, [wire.acknowledge(5)]]);
+  expect(app["problem"]).toBe("");
+  await tick(10);
+  expect(acknowledged()).toEqual([]);
+});
+
+test("steps of an insole that is no longer connected are stored, but not acknowledged to another one", async () => {
+  const { storage, use, tick, acknowledged } = await start();
+  use();
+  storage.is_full = false;
+  await tick(5);
+  expect([storage.records.size, acknowledged()]).toEqual([6, []]);
+});

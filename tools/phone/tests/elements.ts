@@ -1,0 +1,33 @@
+/** Replaces src/dom.ts in tests without a document: `vi.mock("../src/dom", async () => (await import("./elements")).dom)`. */
+
+/** An element of the page, of any type. */
+export class FakeElement {
+  hidden = false;
+  disabled = false;
+  checked = false;
+  indeterminate = false;
+  /** The content that was filled in last, as JSON. */
+  content = "";
+  readonly dataset: Record<string, string> = {};
+  onclick = (_event?: unknown): void => undefined;
+  onchange = (): void => undefined;
+  addEventListener = (): void => undefined;
+  querySelector = (): null => null;
+}
+
+const elements = new Map<string, FakeElement>();
+
+/** The element with this id. It is created by the first call. */
+export function element(id: string): FakeElement {
+  const known = elements.get(id) ?? new FakeElement();
+  elements.set(id, known);
+  return known;
+}
+
+export const dom = {
+  byId: element,
+  fill(into: string | null, nodes: unknown[]): void {
+    if (into !== null) element(into).content = JSON.stringify(nodes);
+  },
+  download: (): void => undefined,
+};
