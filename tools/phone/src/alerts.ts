@@ -5,7 +5,7 @@ import { type Node, byId, fill } from "./dom";
 import { regionTitle } from "./format";
 import type { Alert, DailyRegion, Side } from "./generated/quantities";
 import type { Insoles } from "./insoles";
-import type { Session } from "./session";
+import type { InsoleAnswer, Session } from "./session";
 import { type Settings, saveSettings } from "./settings";
 import { SIDES, sideTitle } from "./side";
 import type { StoredAlert } from "./step_store";
@@ -43,6 +43,8 @@ export class Alerts {
   private readonly shown = new Map<Side, Alert>();
   /** Time of the last change of the switch by the wearer. */
   private switched_ms = -Infinity;
+  /** Why an insole refused this change, as a phrase; empty if none did. */
+  private refusal = "";
 
   constructor(
     private readonly wire: Wire,
@@ -61,6 +63,7 @@ export class Alerts {
     const alerts = byId("alerts-on", HTMLInputElement);
     alerts.onchange = () => {
       this.switched_ms = performance.now();
+      this.refusal = "";
       for (const session of this.connected()) {
         if (session.alert_rules) session.send(this.wire.setAlerts(session.alert_rules, alerts.checked, dayStartMinutes()));
       }
@@ -75,6 +78,11 @@ export class Alerts {
         if (box.checked) this.signal();
       };
     }
+  }
+
+  /** An insole answered a request. */
+  answered(answer: InsoleAnswer): void {
+    if (answer.kind === "refused" && performance.now() - this.switched_ms < ANSWER_MS) this.refusal = answer.reason;
   }
 
   /**
@@ -118,7 +126,9 @@ export class Alerts {
       // An insole that was connected later, or that refused the change, raises no alerts: the wearer must know.
       alerts.indeterminate = with_alerts.length > 0 && with_alerts.length < sessions.length;
       const only = with_alerts[0]?.hello?.side ?? "";
-      fill("alerts-note", alerts.indeterminate ? [`Alerts are on for the ${only} foot only.`] : []);
+      const notes = alerts.indeterminate ? [`Alerts are on for the ${only} foot only.`] : [];
+      if (this.refusal) notes.push(`The change was refused: ${this.refusal}.`);
+      fill("alerts-note", [notes.join(" ")]);
     }
     const daily = SIDES.map((side) => this.insoles.of(side)?.daily);
     byId("today").hidden = daily.every((load) => !load);

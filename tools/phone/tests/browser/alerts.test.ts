@@ -7,7 +7,7 @@ import { PHONE, phonePath, servedBrowser } from "./browser";
 import { FakeInsoles, varint } from "./fake_insoles";
 
 /** First bytes of messages and requests. */
-const [TIME, ALERT, ALERT_RULES, DAILY_LOAD] = [6, 18, 19, 20];
+const [REFUSED, TIME, ALERT, ALERT_RULES, DAILY_LOAD] = [5, 6, 18, 19, 20];
 const [GET_ALERT_RULES, SET_ALERT_RULES, GET_DAILY_LOAD, SNOOZE_ALERTS] = [22, 23, 24, 25];
 /** Number of the alert, the one after those of the six steps of the walk. */
 const NUMBER = 6;
@@ -101,8 +101,9 @@ test("an alert without a known time is shown before the first live frame", async
   await context.close();
 });
 
-test("the wearer turns the alerts of both insoles on and off", async () => {
-  const insoles = new FakeInsoles(new Uint8Array(readFileSync(phonePath("public/walk.plantar"))), 1);
+test("the wearer turns the alerts of both insoles on and off, and a refusal is shown", async () => {
+  // Slow, so that the walk does not end before the test.
+  const insoles = new FakeInsoles(new Uint8Array(readFileSync(phonePath("public/walk.plantar"))), 0.25);
   const context = await served.browser.newContext({ viewport: PHONE, timezoneId: "Asia/Kolkata" });
   const page = await context.newPage();
   await insoles.serve(page);
@@ -119,8 +120,15 @@ test("the wearer turns the alerts of both insoles on and off", async () => {
   // The day in India begins at 18:30 UTC.
   const expected = [SET_ALERT_RULES, ...rules(20).slice(1, -1), ...varint(1110)];
   await expect.poll(sets).toEqual([expected, expected]);
+  // `plantar serve` without its option refuses the change as a request that it does not understand, number 0.
+  for (const insole of [0, 1] as const) insoles.answer(insole, Uint8Array.of(REFUSED, 0));
   await box.scrollIntoViewIfNeeded();
   await page.screenshot({ path: phonePath("tests/screenshots/alert-settings.png") });
+  const note = page.locator("#alerts-note", { hasText: "--accept-parameters" });
+  await note.waitFor();
+  expect(await box.isChecked()).toBe(false);
+  await box.check();
+  await note.waitFor({ state: "detached" });
   insoles.stop();
   await context.close();
 });
