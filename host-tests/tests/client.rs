@@ -6,14 +6,15 @@ use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::session::{Command, CommandResult, Session};
 use plantar::protocol::update::{Header, Offer, Progress, Request};
 use plantar::protocol::{
-    Decoder, Hello, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Status, Step, ToDevice, ToHost, frame,
+    CellStream, Decoder, Hello, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Resolution, Status, Step, ToDevice,
+    ToHost, frame,
 };
 use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::io::{self, Read, Write};
 use std::rc::Rc;
 use std::time::Duration;
-use testkit::{TISSUE, faults, framed, live, messages, status, step};
+use testkit::{SETUP, TISSUE, faults, framed, live, messages, status, step};
 
 /// An insole and the cable to it.
 struct Insole {
@@ -282,6 +283,37 @@ fn records_that_are_sent_again_while_a_request_waits_are_delivered_at_once() {
     }
     client.status().expect("an answer");
     assert_eq!(step_numbers(&receive_all(&mut client)), [1, 2]);
+}
+
+/// The host requests a damaged step by another connect request, which ends all streams of the insole.
+#[test]
+fn the_requested_streams_continue_after_a_damaged_step() {
+    let (cable, mut client) = connected();
+    cable.insole().session.set_layout(SETUP, &[], None);
+    let stream = CellStream { resolution: Resolution::Converter, every: 1 };
+    client.stream().expect("the stream starts");
+    client.stream_ellipses(4).expect("25 Hz are accepted");
+    client.stream_ellipses(3).expect_err("33 Hz are refused");
+    client.stream_cells(Some(stream)).expect("the stream starts");
+    push_steps(&cable, [0]);
+    assert_eq!(step_numbers(&receive_all(&mut client)), [0]);
+    // Damages a step. Returns which streams the insole has when the client has received the step.
+    let mut next = 1;
+    let mut streams_after_damage = |client: &mut Client<Framed<Cable>>| {
+        cable.insole().damage_next = 1;
+        push_steps(&cable, next..next + 2);
+        assert_eq!(step_numbers(&receive_all(client)), [next, next + 1]);
+        client.send(ToDevice::Acknowledge { number: next + 1 }).expect("the link works");
+        next += 2;
+        let insole = cable.insole();
+        (insole.session.next_live().is_some(), insole.session.ellipses.every(), insole.session.streams_cells())
+    };
+    assert_eq!(streams_after_damage(&mut client), (true, 4, true));
+    client.stream_ellipses(8).expect("12.5 Hz are accepted");
+    client.stream_cells(None).expect("the stream ends");
+    assert_eq!(streams_after_damage(&mut client), (true, 8, false));
+    client.reconnect(TIMEOUT).expect("the insole answers");
+    assert_eq!(streams_after_damage(&mut client), (false, 0, false));
 }
 
 #[test]

@@ -235,6 +235,12 @@ impl Session {
         self.records.back().map(LoadRecord::number)
     }
 
+    /// The records in RAM, oldest first, for a program that passes the records of an insole on: it changes the number of boots
+    /// since a record if the insole restarts.
+    pub fn records_mut(&mut self) -> impl Iterator<Item = &mut LoadRecord> {
+        self.records.iter_mut()
+    }
+
     /// Counts records that are lost.
     pub fn count_dropped(&mut self, records: u32) {
         self.records_dropped = self.records_dropped.wrapping_add(records);

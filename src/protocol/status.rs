@@ -62,6 +62,12 @@ pub struct Status {
 }
 
 impl Status {
+    /// True if the insole has restarted since it sent the status `before`. Without working storage the number of boots does not
+    /// change, but the uptime does.
+    pub fn is_after_restart(&self, before: &Self) -> bool {
+        self.contents.start != before.contents.start || self.uptime_us < before.uptime_us
+    }
+
     /// Number of frame times since the first scan, whether their frames were processed or not; wraps.
     pub fn frame_times(&self) -> u32 {
         let Self { frames, frames_missed, frames_overrun, frames_skipped, .. } = *self;

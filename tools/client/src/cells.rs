@@ -35,31 +35,50 @@ pub struct CellReceiver {
     coder: CellCoder,
     /// See [`CellReceiver::codes`].
     codes: Vec<u16>,
-    /// Sequence number of the next frame; `None` before the first one.
-    expected: Option<u32>,
+    /// Number of scans from one frame of the stream to the next.
+    stride: u32,
+    /// Sequence number of the next frame, and the number of the scan after the last frame; `None` before the first frame.
+    next: Option<(u32, u32)>,
     /// Frames that were received and unpacked.
     pub received: u32,
     /// Frames that were lost on the way, or that cannot be unpacked after a loss: up to the next key frame, so at most
-    /// [`KEY_INTERVAL`] for one loss.
+    /// [`KEY_INTERVAL`] for one loss. If the stream was started again, also the frames that were due before.
     pub lost: u32,
     /// Scans that the insole dropped, because the carrier was too slow.
     pub dropped: u32,
+    /// Those that it had dropped when the stream was started again.
+    dropped_before: u32,
 }
 
 impl CellReceiver {
     /// A receiver before the first frame of `stream`, from an insole with this number of cells.
     pub fn new(stream: &CellStream, cells: usize) -> Self {
-        let coder = CellCoder::new(stream.resolution);
-        Self { coder, codes: vec![0; cells], expected: None, received: 0, lost: 0, dropped: 0 }
+        Self {
+            coder: CellCoder::new(stream.resolution),
+            codes: vec![0; cells],
+            stride: stream.stride().into(),
+            next: None,
+            received: 0,
+            lost: 0,
+            dropped: 0,
+            dropped_before: 0,
+        }
     }
 
     /// Unpacks a frame, so that [`CellReceiver::codes`] returns its codes. False if it cannot be unpacked and counts as lost.
     pub fn frame(&mut self, frame: &CellFrame) -> bool {
+        let (expected, scan) = self.next.unwrap_or((frame.sequence, frame.scan));
+        let missing = if sequence::is_after(expected, frame.sequence) {
+            // The client started the stream again, which counts frames and dropped scans from 0.
+            self.dropped_before = self.dropped;
+            sequence::skipped(scan, frame.scan) / self.stride
+        } else {
+            sequence::skipped(expected, frame.sequence)
+        };
         // An insole may send implausible numbers.
-        self.lost =
-            self.lost.saturating_add(sequence::skipped(self.expected.unwrap_or(frame.sequence), frame.sequence));
-        self.expected = Some(frame.sequence.wrapping_add(1));
-        self.dropped = frame.dropped;
+        self.lost = self.lost.saturating_add(missing);
+        self.next = Some((frame.sequence.wrapping_add(1), frame.scan.wrapping_add(1)));
+        self.dropped = self.dropped_before.saturating_add(frame.dropped);
         let is_unpacked = self.coder.unpack(frame, &mut self.codes).is_some();
         let counter = if is_unpacked { &mut self.received } else { &mut self.lost };
         *counter = counter.saturating_add(1);
@@ -77,7 +96,7 @@ const _: () = assert!(KEY_INTERVAL.is_power_of_two(), "sequence numbers wrap at 
 #[cfg(test)]
 mod tests {
     use super::CellReceiver;
-    use plantar::protocol::{CellFrame, CellStream, Resolution};
+    use plantar::protocol::{CellCoder, CellFrame, CellStream, Resolution};
 
     #[test]
     fn the_number_of_lost_frames_saturates() {
@@ -86,5 +105,21 @@ mod tests {
             receiver.frame(&CellFrame { sequence, scan: 0, dropped: 0, sum: 0, packed: Default::default() });
         }
         assert_eq!(receiver.lost, u32::MAX);
+    }
+
+    #[test]
+    fn a_stream_that_was_started_again_is_continued_and_its_losses_are_counted() {
+        let stream = CellStream { resolution: Resolution::Converter, every: 2 };
+        let mut receiver = CellReceiver::new(&stream, 8);
+        // The frames of the scans 16, 18 and 20 are missing.
+        for (scans, dropped) in [(&[10, 12, 14][..], 3), (&[21, 23][..], 1)] {
+            let mut coder = CellCoder::new(stream.resolution);
+            for &scan in scans {
+                let codes = [16 * scan as u16; 8];
+                assert!(receiver.frame(&coder.pack(scan, dropped, &codes)));
+                assert_eq!(receiver.codes(), codes);
+            }
+        }
+        assert_eq!((receiver.received, receiver.lost, receiver.dropped), (5, 3, 4));
     }
 }

@@ -265,9 +265,15 @@ impl<C: Carrier> Client<C> {
     /// # Errors
     /// See the `impl` block; [`plantar::protocol::Refusal::CellRate`] states the highest rate if the carrier is too slow.
     pub fn stream_cells(&mut self, stream: Option<CellStream>) -> Result<(), Error> {
-        self.request(ToDevice::StreamCells(stream), |message| {
+        let former = self.cells;
+        let answer = self.request(ToDevice::StreamCells(stream), |message| {
             matches!(message, ToHost::CellStream(running) if *running == stream).then_some(())
-        })
+        });
+        if let Err(Error::Refused(_)) = answer {
+            // The former stream continues.
+            self.cells = former;
+        }
+        answer
     }
 
     /// Turns the stream of ellipses on, for one frame in `every`, or off if `every` is 0. It is off after a reconnection. Returns
@@ -276,8 +282,14 @@ impl<C: Carrier> Client<C> {
     /// # Errors
     /// See the `impl` block; [`plantar::protocol::Refusal::EllipseRate`] states the highest rate if this one is above 25 Hz.
     pub fn stream_ellipses(&mut self, every: u8) -> Result<(), Error> {
+        let former = self.ellipses_every;
         self.send(ToDevice::StreamEllipses { every })?;
-        self.status().map(drop)
+        let answer = self.status().map(drop);
+        if let Err(Error::Refused(_)) = answer {
+            // The former stream continues.
+            self.ellipses_every = former;
+        }
+        answer
     }
 
     /// Restarts the insole and opens the session again within `patience`.
@@ -292,12 +304,9 @@ impl<C: Carrier> Client<C> {
         let mut answer_patience = ANSWER_BEFORE_RESTART;
         while let Some(left) = patience.checked_sub(elapsed::<C>(sent_us)) {
             self.reconnect(left)?;
-            // The hello may have been sent before the restart, so the counters decide. Without working storage the number of
-            // boots does not change, but the uptime does.
-            let is_restarted =
-                |status: Status| status.contents.start != before.contents.start || status.uptime_us < before.uptime_us;
+            // The hello may have been sent before the restart, so the counters decide.
             match self.status_within(answer_patience) {
-                Ok(status) if is_restarted(status) => return Ok(&self.hello),
+                Ok(status) if status.is_after_restart(&before) => return Ok(&self.hello),
                 Ok(_) => {}
                 // The insole has restarted meanwhile, or the carrier is slow and needs the usual time.
                 Err(_) => answer_patience = ANSWER,

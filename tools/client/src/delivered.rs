@@ -30,6 +30,11 @@ impl Delivered {
         self.0.push_back((record, false));
     }
 
+    /// Forgets the records that the caller has not acknowledged.
+    pub fn forget_unacknowledged(&mut self) {
+        self.0.retain(|(_, acknowledged)| *acknowledged);
+    }
+
     /// Marks all records up to this number as acknowledged.
     pub fn acknowledge(&mut self, number: u32) {
         for (record, acknowledged) in &mut self.0 {

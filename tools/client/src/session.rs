@@ -6,7 +6,7 @@ use crate::delivered::Delivered;
 use crate::order::{Arrival, RecordOrder};
 use crate::{Carrier, ClockMapping, Error};
 use plantar::protocol::session::CLOCK_US;
-use plantar::protocol::{Hello, LiveCounter, LoadRecord, MAJOR, MINOR, Refusal, ToDevice, ToHost};
+use plantar::protocol::{CellStream, Hello, LiveCounter, LoadRecord, MAJOR, MINOR, Refusal, ToDevice, ToHost};
 use std::collections::VecDeque;
 use std::io;
 use std::time::Duration;
@@ -36,6 +36,10 @@ pub struct Client<C> {
     delivered: Delivered,
     order: RecordOrder,
     is_streaming: bool,
+    /// The stream of ellipses: the ellipses of one frame out of this number, or 0 for none.
+    pub(crate) ellipses_every: u8,
+    /// The stream of cells.
+    pub(crate) cells: Option<CellStream>,
 }
 
 impl<C: Carrier> Client<C> {
@@ -58,10 +62,12 @@ impl<C: Carrier> Client<C> {
             delivered: Delivered::new(),
             order: RecordOrder::default(),
             is_streaming: false,
+            ellipses_every: 0,
+            cells: None,
         })
     }
 
-    /// Opens the session again over the same carrier, as after a silence, and returns the insole's new hello. The live stream is
+    /// Opens the session again over the same carrier, as after a silence, and returns the insole's new hello. All streams are
     /// off.
     ///
     /// # Errors
@@ -71,7 +77,7 @@ impl<C: Carrier> Client<C> {
         self.waiting.clear();
         self.clock_mapping = ClockMapping::new();
         self.live.new_session();
-        self.is_streaming = false;
+        (self.is_streaming, self.ellipses_every, self.cells) = (false, 0, None);
         self.order.begin();
         Ok(&self.hello)
     }
@@ -165,9 +171,18 @@ impl<C: Carrier> Client<C> {
             // This holds even if the message is lost on the way: the host has stored the record.
             ToDevice::Acknowledge { number: step } => self.delivered.acknowledge(step),
             ToDevice::Stream { live } => self.is_streaming = live,
+            ToDevice::StreamEllipses { every } => self.ellipses_every = every,
+            ToDevice::StreamCells(stream) => self.cells = stream,
             _ => {}
         }
         Ok(carrier(&mut self.carrier)?.send(message)?)
+    }
+
+    /// Forgets which of the unacknowledged records [`Client::receive`] has returned, so that it returns each of them once more if
+    /// the insole repeats it. To be called when a session has started, by a program that acknowledges a record only in a session
+    /// in which it has arrived.
+    pub fn forget_unacknowledged(&mut self) {
+        self.delivered.forget_unacknowledged();
     }
 
     /// Converts between the insole's clock and this computer's, us since 1970, UTC. Every call of [`Client::receive`] can refine
@@ -265,13 +280,19 @@ impl<C: Carrier> Client<C> {
         Ok(false)
     }
 
-    /// Requests to open the session again, so that the insole sends its records from the oldest unacknowledged one on.
+    /// Requests to open the session again, so that the insole sends its records from the oldest unacknowledged one on. This ends
+    /// all streams, so they are requested again.
     fn request_replay(&mut self) -> Result<(), Error> {
-        let is_streaming = self.is_streaming;
         self.order.request(C::now_us(), self.damaged());
         self.send(ToDevice::Connect { major: MAJOR, minor: MINOR })?;
-        if is_streaming {
+        if self.is_streaming {
             self.send(ToDevice::Stream { live: true })?;
+        }
+        if self.ellipses_every > 0 {
+            self.send(ToDevice::StreamEllipses { every: self.ellipses_every })?;
+        }
+        if self.cells.is_some() {
+            self.send(ToDevice::StreamCells(self.cells))?;
         }
         Ok(())
     }

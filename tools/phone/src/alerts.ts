@@ -5,7 +5,7 @@ import { type Node, byId, fill } from "./dom";
 import { regionTitle } from "./format";
 import type { Alert, DailyRegion, Side } from "./generated/quantities";
 import type { Insoles } from "./insoles";
-import type { Session } from "./session";
+import type { InsoleAnswer, Session } from "./session";
 import { type Settings, saveSettings } from "./settings";
 import { SIDES, sideTitle } from "./side";
 import type { StoredAlert } from "./step_store";
@@ -45,6 +45,8 @@ export class Alerts {
   private change: { is_on: boolean; sessions: Session[] } = { is_on: false, sessions: [] };
   /** Runs until the insoles must have answered the last change of the switch. */
   private answer_timer: ReturnType<typeof setTimeout> | undefined;
+  /** Why an insole refused this change, as a phrase; empty if none did. */
+  private refusal = "";
 
   constructor(
     private readonly wire: Wire,
@@ -64,6 +66,7 @@ export class Alerts {
     alerts.onchange = () => {
       const sessions = this.connected();
       this.change = { is_on: alerts.checked, sessions };
+      this.refusal = "";
       for (const session of sessions) {
         if (session.alert_rules) session.send(this.wire.setAlerts(session.alert_rules, alerts.checked, dayStartMinutes()));
       }
@@ -88,6 +91,11 @@ export class Alerts {
     document.addEventListener("visibilitychange", () => {
       if (!document.hidden && this.shown.size > 0) this.signal();
     });
+  }
+
+  /** An insole answered a request. */
+  answered(answer: InsoleAnswer): void {
+    if (answer.kind === "refused" && this.answer_timer !== undefined) this.refusal = answer.reason;
   }
 
   /**
@@ -141,7 +149,9 @@ export class Alerts {
       const note = ({ hello }: Session) =>
         `The ${hello?.side} insole did not accept the change: its alerts are ${this.change.is_on ? "off" : "on"}.`;
       const partly = alerts.indeterminate ? [`Alerts are on for the ${only} foot only.`] : [];
-      fill("alerts-note", [[...partly, ...this.unchanged().map(note)].join(" ")]);
+      const refused = this.unchanged().map(note);
+      const why = refused.length > 0 && this.refusal ? [`The reason: ${this.refusal}.`] : [];
+      fill("alerts-note", [[...partly, ...refused, ...why].join(" ")]);
     }
     const daily = SIDES.map((side) => this.insoles.of(side)?.daily);
     byId("today").hidden = daily.every((load) => !load);

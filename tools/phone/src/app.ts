@@ -63,7 +63,10 @@ export class App {
       shape: ({ ellipses, sole }, side) => this.live_view.shape(side, ellipses, sole),
       record: this.onRecord,
       isKnown: (message) => this.store.has(message),
-      answer: (answer, { hello }) => hello && this.identify.insoleAnswer(hello.side, answer),
+      answer: (answer, { hello }) => {
+        this.alerts.answered(answer);
+        if (hello) this.identify.insoleAnswer(hello.side, answer);
+      },
       message: (bytes, side) => this.identify.message(side, bytes),
     });
     this.identify = new IdentifyController(this.insoles, this.settings);

@@ -49,8 +49,8 @@ pub struct Serve {
     /// for several servers.
     #[arg(long, value_name = "ORIGIN")]
     origin: Vec<String>,
-    /// Let pages replace the tissue parameters on the insoles, for the identification on the page. Every page that can connect is
-    /// then able to do so.
+    /// Let pages replace the tissue parameters on the insoles, for the identification on the page, and the rules of alerts. Every
+    /// page that can connect is then able to do so.
     #[arg(long)]
     accept_parameters: bool,
     /// Folder of the built page [default: tools/phone/dist, below the current folder or in the repository of this program].

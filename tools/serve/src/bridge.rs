@@ -89,14 +89,16 @@ pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
     }
 }
 
-/// Passes the hello, the parameters and the layout of a new session to the hub.
+/// Passes the hello, the counters, the parameters and the layout of a new session to the hub.
 fn pass_hello(hub: &Hub, index: usize, insole: &mut Session) {
     let client = insole.client();
+    // The hub acknowledges a record only if it has arrived in this session.
+    client.forget_unacknowledged();
     // The values are unknown if the insole does not answer in time.
-    let (tissue, alert_rules) = (client.tissue().ok(), client.alert_rules().ok());
+    let (status, tissue, alert_rules) = (client.status().ok(), client.tissue().ok(), client.alert_rules().ok());
     let layout = hub.layout(index, client.hello().layout_id).or_else(|| {
         let (setup, cells) = (client.setup().ok()?, client.setup_cells().ok()?);
         Some((setup, &*cells.leak()))
     });
-    hub.hello(index, client.hello(), tissue, alert_rules, layout);
+    hub.hello(index, client.hello(), status, tissue, alert_rules, layout);
 }

@@ -21,7 +21,7 @@ const ANSWER_TIMEOUT: Duration = Duration::from_secs(3);
 /// The state of all insoles, and the sessions of all pages.
 pub(crate) struct Hub {
     insoles: Vec<Mutex<Insole>>,
-    /// True if a page may replace the wearer's parameters.
+    /// True if a page may replace the wearer's parameters and the rules of alerts.
     accepts_parameters: bool,
     /// `None` without a recording, or after it failed.
     recorder: Mutex<Option<StreamFile>>,
@@ -135,6 +135,7 @@ impl Hub {
         &self,
         index: usize,
         hello: &Hello,
+        status: Option<Status>,
         tissue: Option<Tissue>,
         alert_rules: Option<AlertRules>,
         layout: Option<Layout>,
@@ -147,6 +148,9 @@ impl Hub {
                 "the insole is now for the {} foot: its LSL streams have ended; restart `plantar serve` to publish them again",
                 hello.side.name()
             );
+        }
+        if let Some(status) = status {
+            insole.set_status(status);
         }
         insole.hello = Some(hello.clone());
         (insole.tissue, insole.alert_rules) = (tissue, alert_rules);
@@ -251,9 +255,12 @@ impl Hub {
         self.changed.send_replace(());
     }
 
-    /// Publishes a message over the Lab Streaming Layer, if this was requested.
+    /// Publishes a message over the Lab Streaming Layer, if this was requested. A record that the insole repeats is not published
+    /// again.
     pub fn publish(&self, index: usize, message: &ToHost, mapping: &ClockMapping) {
-        if let Some(outlets) = &mut self.insole(index).outlets {
+        let mut insole = self.insole(index);
+        let is_repeated = LoadRecord::of(message).is_some_and(|record| insole.is_known(&record));
+        if let Some(outlets) = insole.outlets.as_mut().filter(|_| !is_repeated) {
             outlets.send(message, mapping);
         }
     }
@@ -298,6 +305,8 @@ impl Hub {
             return;
         }
         if let Some(pending) = insole.pending.iter_mut().find(|pending| pending.record.is_same(&record)) {
+            // The insole itself states how many boots ago it was.
+            pending.record = record;
             pending.session = session;
             // If the record is in the recording, the insole has not received its acknowledgement.
             if pending.is_recorded {
@@ -320,7 +329,7 @@ impl Hub {
     /// Records the insole's counters, and stores them for the pages.
     pub fn status(&self, index: usize, status: Status) {
         self.record(index, &ToHost::Status(status));
-        self.insole(index).status = status;
+        self.insole(index).set_status(status);
     }
 
     /// Stores the current estimate of the insole's clock.
@@ -497,6 +506,28 @@ impl Page {
 }
 
 impl Insole {
+    /// Stores the insole's counters. If the insole has restarted, the records so far become records of an earlier boot, because a
+    /// page must not convert their times by the clock of the present boot.
+    fn set_status(&mut self, status: Status) {
+        let before = std::mem::replace(&mut self.status, status);
+        if !status.is_after_restart(&before) {
+            return;
+        }
+        // An insole without working storage does not count its boots.
+        let boots = status.contents.start.saturating_sub(before.contents.start).max(1);
+        let pending = self.pending.iter_mut().map(|pending| &mut pending.record);
+        let of_pages = self.pages.iter_mut().flat_map(|(_, link)| link.records_mut());
+        for record in pending.chain(of_pages) {
+            *record = record.with_boots_since(record.start().0.saturating_add(boots));
+        }
+    }
+
+    /// True for a record that has arrived before.
+    fn is_known(&self, record: &LoadRecord) -> bool {
+        let pending = self.pending.iter().map(|pending| &pending.record);
+        pending.chain(&self.acknowledged).any(|known| known.is_same(record))
+    }
+
     /// Discards the requests that were not answered: a request or its answer may be damaged, and both are lost with the link.
     fn forget_requests(&mut self) {
         self.to_send.clear();
@@ -541,16 +572,37 @@ impl Drop for Page {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use plantar::protocol::Step;
+
+    /// Passes a message of a page to the hub.
+    fn send(page: &Page, index: usize, message: ToDevice) {
+        let mut buffer = [0; MAX_MESSAGE];
+        let message = encode(&message, &mut buffer).expect("it fits");
+        page.receive(&[&[index as u8], &*message].concat());
+    }
+
+    /// The insole could not store the count of its boots, and its status does not reveal the restart.
+    #[test]
+    fn a_record_that_the_insole_repeats_has_the_insoles_own_count_of_boots() {
+        let hub = Arc::new(Hub::new(vec![None], false, None));
+        for boots_since in [0, 1] {
+            hub.hello(0, &testkit::hello(), None, None, None, None);
+            hub.load_record(0, Step { boots_since, ..testkit::step(0) }.into());
+        }
+        let mut page = hub.join();
+        send(&page, 0, CONNECT);
+        let messages = std::iter::from_fn(|| page.next()).filter_map(|message| decode::<ToHost>(&message[1..]));
+        let records: Vec<_> = messages.filter_map(|message| LoadRecord::of(&message)).collect();
+        assert_eq!(records, [LoadRecord::from(Step { boots_since: 1, ..testkit::step(0) })]);
+    }
 
     #[test]
     fn insoles_take_turns_on_a_slow_connection() {
         let hub = Arc::new(Hub::new(vec![None, None], false, None));
         let mut page = hub.join();
         for index in [0, 1] {
-            hub.hello(index, &testkit::hello(), None, None, None);
-            let mut buffer = [0; MAX_MESSAGE];
-            let message = encode(&ToDevice::Stream { live: true }, &mut buffer).expect("it fits");
-            page.receive(&[&[index as u8], &*message].concat());
+            hub.hello(index, &testkit::hello(), None, None, None, None);
+            send(&page, index, ToDevice::Stream { live: true });
         }
         while page.next().is_some() {}
         for sequence in 0..2 {

@@ -42,7 +42,7 @@ pub struct Options {
     pub page: PathBuf,
     /// Origins of other pages that may connect, in addition to the served page.
     pub origins: Vec<String>,
-    /// True if pages may replace the wearer's parameters on the insoles.
+    /// True if pages may replace the wearer's parameters and the rules of alerts on the insoles.
     pub accepts_parameters: bool,
     /// The file to which hellos, live frames, steps, load bouts, alerts and counters of the insoles are written. It must be new
     /// or empty. `None` for no recording.

@@ -9,8 +9,8 @@ use plantar::Side;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::session::{CommandResult, Session};
 use plantar::protocol::{
-    ContactEllipse, Decoder, Ellipses, Hello, Live, MAX_FRAME, MAX_MESSAGE, Refusal, Reset, Status, Step, ToDevice,
-    ToHost, decode, frame,
+    ContactEllipse, Contents, Decoder, Ellipses, Hello, Live, MAX_FRAME, MAX_MESSAGE, Refusal, Reset, Status, Step,
+    ToDevice, ToHost, decode, frame,
 };
 use serve::{Options, Source};
 use std::collections::VecDeque;
@@ -32,9 +32,20 @@ struct Insole {
     /// Numbers of the records whose acknowledgement the insole received.
     acknowledged: Vec<u32>,
     side: Side,
+    /// Number of the present boot.
+    boot: u32,
     is_unplugged: bool,
     /// Number of failed attempts to open the cable.
     failed_opens: u32,
+}
+
+impl Insole {
+    /// Restarts the insole this number of times, so that it has no session, and plugs it in.
+    fn restart(&mut self, boots: u32) {
+        self.link = Session::new();
+        self.boot += boots;
+        self.is_unplugged = false;
+    }
 }
 
 /// A handle of an insole; as a byte stream it is the host's end of the cable. The condition variable signals changes.
@@ -49,6 +60,7 @@ impl Cable {
             to_host: VecDeque::new(),
             acknowledged: Vec::new(),
             side,
+            boot: 1,
             is_unplugged: false,
             failed_opens: 0,
         };
@@ -73,7 +85,7 @@ impl Cable {
     /// Unplugs the insole and waits for an attempt to open its cable.
     fn unplug(&self) {
         let mut insole = self.0.0.lock().expect("no test panics here");
-        insole.is_unplugged = true;
+        (insole.is_unplugged, insole.failed_opens) = (true, 0);
         let has_no_attempt = |insole: &mut Insole| insole.failed_opens == 0;
         let waited = self.0.1.wait_timeout_while(insole, TIMEOUT, has_no_attempt).expect("no test panics here");
         assert!(!waited.1.timed_out());
@@ -84,8 +96,10 @@ impl Cable {
         let mut insole = self.0.0.lock().expect("no test panics here");
         let result = act(&mut insole);
         let hello = hello(insole.side);
+        let contents = Contents { start: insole.boot, ..Contents::default() };
+        let status = || Status { contents, ..Status::default() };
         let mut buffer = [0; MAX_MESSAGE];
-        while let Some(message) = insole.link.next(&hello, Status::default, &mut buffer) {
+        while let Some(message) = insole.link.next(&hello, status, &mut buffer) {
             let mut out = [0; MAX_FRAME];
             let len = frame(message, &mut out);
             insole.to_host.extend(&out[..len]);
@@ -397,20 +411,60 @@ async fn a_repeated_step_is_acknowledged_again_and_recorded_once() {
     cable.unplug();
     cable.act(|insole| {
         insole.acknowledged.clear();
-        insole.link = Session::new();
+        insole.restart(1);
         insole.link.push_record(Step { boots_since: 1, ..step(Side::Left, 0) });
-        insole.is_unplugged = false;
     });
     assert!(cable.acknowledged(0));
     // A page receives the repeated step once, and then the next step.
     let mut page = Page::open(address).await;
-    assert_eq!(page.step(0).await, step(Side::Left, 0));
+    assert_eq!(page.step(0).await, Step { boots_since: 1, ..step(Side::Left, 0) });
     cable.step(1);
     assert_eq!(page.step(0).await.step, 1);
     assert!(cable.acknowledged(1));
     let steps = [0, 1].map(|number| ToHost::Step(step(Side::Left, number)));
     let is_step = |message: &ToHost| matches!(message, ToHost::Step(_));
     assert_eq!(recorded(&path).into_iter().filter(is_step).collect::<Vec<_>>(), steps);
+}
+
+/// After its restarts, the insole does not repeat a step that the recording has acknowledged. The clock of the present boot does
+/// not convert the time of the step.
+#[tokio::test]
+async fn a_page_receives_a_recorded_step_from_before_two_restarts_as_one_of_an_earlier_boot() {
+    let cable = Cable::new(Side::Left);
+    let folder = tempfile::tempdir().expect("a folder");
+    let address = serve(&[&cable], Some(folder.path().join("walk.plantar")));
+    cable.step(0);
+    assert!(cable.acknowledged(0));
+    cable.unplug();
+    cable.act(|insole| insole.restart(2));
+    let mut page = Page::open(address).await;
+    assert_eq!(page.step(0).await, Step { boots_since: 2, ..step(Side::Left, 0) });
+    cable.step(1);
+    assert_eq!(page.step(0).await, step(Side::Left, 1));
+}
+
+/// No page has stored the step when the insole is connected again: first in the same boot, and then after one and two restarts.
+#[tokio::test]
+async fn pages_receive_a_repeated_step_with_its_number_of_boots_and_acknowledge_it() {
+    let cable = Cable::new(Side::Left);
+    let address = serve(&[&cable], None);
+    let mut page = Page::open(address).await;
+    page.first_hello(0).await;
+    cable.step(0);
+    assert_eq!(page.step(0).await, step(Side::Left, 0));
+    for (boots, boots_since) in [(0, 0), (1, 1), (2, 3)] {
+        cable.unplug();
+        let repeated = Step { boots_since, ..step(Side::Left, 0) };
+        cable.act(|insole| {
+            insole.restart(boots);
+            insole.link.push_record(repeated);
+        });
+        page.hello(0).await;
+        assert_eq!(page.step(0).await, repeated);
+        assert_eq!(Page::open(address).await.step(0).await, repeated);
+    }
+    page.send(0, ToDevice::Acknowledge { number: 0 }).await;
+    assert!(cable.acknowledged(0));
 }
 
 /// If the recording cannot be written, a step is acknowledged to the insole once a page acknowledged it.
@@ -528,7 +582,6 @@ async fn a_request_that_was_lost_with_the_link_does_not_block_later_ones() {
     page.send(0, ToDevice::SetTissue(tissue)).await;
     // The bridge tries twice more to open the cable, so it has seen the request while the link is lost.
     for _ in 0..2 {
-        cable.act(|insole| insole.failed_opens = 0);
         cable.unplug();
     }
     cable.act(|insole| insole.is_unplugged = false);

@@ -12,6 +12,11 @@ use serde::{Serialize, Serializer};
 use serde_json::Value;
 use std::fmt::Write;
 
+/// The reason of [`protocol::Refusal::NotUnderstood`], by which `plantar serve` refuses a change if it was started without the
+/// option. It also passes on this refusal of an insole with older firmware.
+const NOT_UNDERSTOOD: &str = "plantar serve accepts changes only with the option --accept-parameters; \
+                              if it was started with this option, update the insole's firmware";
+
 /// A message of an insole.
 #[derive(Serialize)]
 #[cfg_attr(test, derive(ts_rs::TS))]
@@ -182,9 +187,14 @@ impl Message {
             ToHost::DailyLoad(daily) => Self::DailyLoad { load: daily_load_to_json(&daily) },
             ToHost::Status(status) => Self::Status(status.into()),
             ToHost::Tissue(tissue) => Self::Tissue { id: tissue.id },
-            ToHost::Refused(refusal) => {
-                Self::Refused { reason: refusal.to_string(), is_other_host: refusal == protocol::Refusal::OtherHost }
-            }
+            ToHost::Refused(refusal) => Self::Refused {
+                reason: match refusal {
+                    // Only `plantar serve` passes this refusal to a page: over Bluetooth, the write of such a request fails.
+                    protocol::Refusal::NotUnderstood => NOT_UNDERSTOOD.into(),
+                    refusal => refusal.to_string(),
+                },
+                is_other_host: refusal == protocol::Refusal::OtherHost,
+            },
             ToHost::Time { host_us, device_us } => Self::Time { host_us, device_us },
             ToHost::Faults(faults) => Self::Faults(faults.into()),
             ToHost::Ellipses(ellipses) => Self::Ellipses {

@@ -62,6 +62,14 @@ fn a_time_message_is_decoded_unchanged() {
 }
 
 #[test]
+fn the_refusal_of_a_change_names_the_option_of_the_server() {
+    let reason = |refusal| decoded(&ToHost::Refused(refusal))["reason"].clone();
+    let text = reason(Refusal::NotUnderstood).to_string();
+    assert!(text.contains("--accept-parameters") && text.contains("firmware"), "{text}");
+    assert_eq!(reason(Refusal::Busy), Refusal::Busy.to_string());
+}
+
+#[test]
 fn the_key_of_a_step_depends_on_its_content_and_not_on_restarts_of_the_insole() {
     let step = Step {
         step: 3,
