@@ -1,18 +1,37 @@
 //! Files for the data of an insole.
 
-use std::fs::File;
+use std::fs::{File, TryLockError};
 use std::io;
 use std::path::Path;
 
 /// Creates a file for the data of an insole, or opens an empty one. Existing data are never overwritten, because an insole
-/// deletes steps that a host has acknowledged.
+/// deletes steps that a host has acknowledged. The file is reserved for this program until it is closed.
 ///
 /// # Errors
-/// If the file cannot be opened for writing, or is not empty.
+/// If the file cannot be opened for writing, is not empty, or is reserved by another program.
 pub fn create_or_open_empty(path: &Path) -> io::Result<File> {
     let file = File::options().write(true).create(true).truncate(false).open(path)?;
+    // Several programs can write to a device or a pipe. On Windows, the lock would prevent others from reading the file.
+    if cfg!(unix) && file.metadata()?.is_file() {
+        reserve(&file).map_err(|problem| io::Error::new(problem.kind(), format!("{problem}: choose another name")))?;
+    }
+    // The length is read only now, because the program that reserved the file before may have written to it.
     match file.metadata()?.len() {
         0 => Ok(file),
         _ => Err(io::Error::new(io::ErrorKind::AlreadyExists, "the file is not empty: choose another name")),
+    }
+}
+
+/// Reserves a file for this program until it is closed, also by the end of the program. File systems without locks reserve
+/// nothing: this must not prevent a recording.
+///
+/// # Errors
+/// If another program has reserved the file.
+pub fn reserve(file: &File) -> io::Result<()> {
+    match file.try_lock() {
+        Err(TryLockError::WouldBlock) => {
+            Err(io::Error::new(io::ErrorKind::ResourceBusy, "another program records into it"))
+        }
+        Ok(()) | Err(TryLockError::Error(_)) => Ok(()),
     }
 }

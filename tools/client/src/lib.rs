@@ -25,7 +25,7 @@ pub use cells::{CellReceiver, StartedCells};
 pub use clock_mapping::ClockMapping;
 pub use counters::LinkCounters;
 pub use error::Error;
-pub use file::create_or_open_empty;
+pub use file::{create_or_open_empty, reserve};
 pub use json::{bout_to_json, step_to_json};
 pub use link::{Event, Link, Open, ReconnectPolicy, SessionStart};
 pub use order::{Arrival, RecordOrder};

@@ -4,6 +4,7 @@ mod identification;
 
 use crate::paths::check_written;
 use crate::records::Records;
+use crate::replay::write_text;
 use crate::setup::{self, InsoleArgs};
 use crate::summary;
 use crate::view::View;
@@ -231,8 +232,7 @@ impl Emulate {
                 "link": counters,
                 "model_error_percent": errors,
             });
-            let text = serde_json::to_string_pretty(&outcome)? + "\n";
-            std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
+            write_text(path, &serde_json::to_string_pretty(&outcome)?)?;
         }
         Ok(())
     }
@@ -241,7 +241,7 @@ impl Emulate {
     fn write_log(&self, board: &Board) -> Result<()> {
         let Some(path) = &self.log else { return Ok(()) };
         let lines: String = board.log(&self.firmware)?.iter().map(|entry| format!("{entry}\n")).collect();
-        std::fs::write(path, lines).with_context(|| format!("cannot write {}", path.display()))
+        crate::fit::write(path, lines.as_bytes())
     }
 
     /// Receives messages until the walk is over and all of its messages arrived, or until the user ends the command or --steps is

@@ -398,7 +398,7 @@ pub fn stem(path: &Path) -> String {
     path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Writes a file. The message of an error names the file.
+/// Writes a file. After a failure, an existing file is unchanged. The message of an error names the file.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
-    std::fs::write(path, bytes).with_context(|| format!("cannot write {}", path.display()))
+    Ok(output::file(path, |to| to.write_all(bytes))?)
 }

@@ -10,7 +10,7 @@ use parquet::schema::types::Type;
 use plantar::Real;
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
-use std::ffi::OsString;
+use recording::output;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -34,8 +34,10 @@ struct Incomplete(PathBuf);
 
 impl Drop for Incomplete {
     fn drop(&mut self) {
-        // A complete file was renamed, so there is nothing to remove, and the error is ignored.
-        let _ = fs::remove_file(&self.0);
+        // A complete file was renamed, so there is nothing to remove. A device or a pipe is not removed.
+        if self.0.is_file() {
+            let _ = fs::remove_file(&self.0);
+        }
     }
 }
 
@@ -50,9 +52,7 @@ impl FrameWriter {
     /// [`FrameWriter::finish`] renames it to `path`, so that an interruption leaves an existing file as it is.
     pub fn create(path: &Path, rule: ContactRule) -> Result<Self> {
         let names = frames::column_names();
-        let mut name = OsString::from(path);
-        name.push(".incomplete");
-        let incomplete = PathBuf::from(name);
+        let (target, incomplete) = output::paths(path);
         let create = || File::create(&incomplete).with_context(|| format!("cannot write {}", path.display()));
         let table = match path.extension().and_then(|e| e.to_str()) {
             Some("csv") => {
@@ -73,7 +73,7 @@ impl FrameWriter {
             _ => bail!("{}: use the extension .csv or .parquet", path.display()),
         };
         let row = Vec::with_capacity(names.len());
-        Ok(Self { path: path.into(), rule, table, incomplete: Incomplete(incomplete), row })
+        Ok(Self { path: target, rule, table, incomplete: Incomplete(incomplete), row })
     }
 
     /// Writes the values of the insole's last frame, at time `t_s`.
@@ -106,12 +106,15 @@ impl FrameWriter {
     pub fn finish(self) -> Result<()> {
         let Self { path, table, incomplete, .. } = self;
         let closed: Result<()> = match table {
-            Table::Csv(mut file) => file.flush().and_then(|()| file.get_ref().sync_all()).map_err(Into::into),
+            Table::Csv(mut file) => file.flush().and_then(|()| output::sync(file.get_ref())).map_err(Into::into),
             Table::Parquet { mut file, mut columns } => {
-                write_group(&mut file, &mut columns).and_then(|()| Ok(file.into_inner()?.sync_all()?))
+                write_group(&mut file, &mut columns).and_then(|()| Ok(output::sync(&file.into_inner()?)?))
             }
         };
-        let renamed = closed.and_then(|()| Ok(fs::rename(&incomplete.0, &path)?));
+        let renamed = closed.and_then(|()| match incomplete.0 == path {
+            true => Ok(()),
+            false => Ok(fs::rename(&incomplete.0, &path)?),
+        });
         renamed.with_context(|| format!("cannot write {}", path.display()))
     }
 }

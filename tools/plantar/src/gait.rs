@@ -5,7 +5,7 @@ use crate::paths::check_written;
 use crate::replay::write_text;
 use crate::setup;
 use crate::summary::{align, table};
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, bail};
 use clap::Args;
 use client::gait::{Estimate, FootStep, Gait, Length, MEASURES};
 use client::{ClockMapping, Entries, STREAM_INSOLES};
@@ -73,14 +73,12 @@ impl GaitCommand {
             let files: Vec<_> = self.walk.iter().map(|path| path.display().to_string()).collect();
             bail!("no steps in {}: record a walk of several steps", files.join(" and "));
         }
-        let has_common_clock = steps.iter().all(|(_, start_us)| start_us.is_some());
+        let has_common_clock = retain_comparable(&mut steps);
         let steps_of = |side| {
             let numbers: Vec<_> = others.iter().filter(|(of, _)| *of == side).map(|(_, number)| *number).collect();
             let steps = steps.iter().filter(|(step, _)| step.side == side);
-            // Without a common clock, the times of a foot are all on the clock of its insole.
-            let start_us =
-                |step: &Step, common_us: Option<u64>| common_us.filter(|_| has_common_clock).unwrap_or(step.start_us);
-            steps.map(|(step, common_us)| FootStep::new(step, start_us(step, *common_us), &numbers)).collect()
+            // The times of a foot are all on the common clock, or all on the clock of its insole.
+            steps.map(|(step, common_us)| FootStep::new(step, common_us.unwrap_or(step.start_us), &numbers)).collect()
         };
         let gait = Gait::new([steps_of(Side::Left), steps_of(Side::Right)], has_common_clock);
         let length = self.stride_length.map(Length::Stride).or(self.distance.map(Length::Walk));
@@ -93,6 +91,31 @@ impl GaitCommand {
             None => Ok(()),
         }
     }
+}
+
+/// Removes the steps of each foot that cannot be compared in time with its other steps, with a note on stderr: those without a
+/// time on the common clock, if another step of the foot has one; otherwise those of earlier boots of the insole, whose clock
+/// begins with each boot, unless no other steps remain. Returns true if all remaining steps are on the common clock.
+fn retain_comparable(steps: &mut Vec<(Step, Option<u64>)>) -> bool {
+    for side in [Side::Left, Side::Right] {
+        let of_side = || steps.iter().filter(move |(step, _)| step.side == side);
+        let has_times = of_side().any(|(_, start_us)| start_us.is_some());
+        let has_present_boot = of_side().any(|(step, _)| step.boots_since == 0);
+        let before = steps.len();
+        steps.retain(|(step, start_us)| {
+            let is_comparable = if has_times { start_us.is_some() } else { step.boots_since == 0 || !has_present_boot };
+            step.side != side || is_comparable
+        });
+        let removed = before - steps.len();
+        if removed > 0 {
+            let which = if has_times { "without a time of day" } else { "from before the last start of the insole" };
+            eprintln!(
+                "note: {} foot: steps {which} cannot be compared in time with the others and are not used: {removed}",
+                side.name()
+            );
+        }
+    }
+    steps.iter().all(|(_, start_us)| start_us.is_some())
 }
 
 /// Reads the steps of a stream file, of a folder of `plantar record`, or of a recording, which is replayed.
@@ -113,10 +136,20 @@ fn from_stream(path: &Path) -> Result<Walk> {
     let mut entries = Entries::new(&bytes);
     let mut mappings = [const { ClockMapping::new() }; STREAM_INSOLES];
     let Walk { mut steps, mut others } = Walk::default();
+    let (mut is_stream, mut damage) = (false, None);
     for entry in &mut entries {
-        let entry = entry.map_err(|damaged| anyhow!("{damaged}, {}", live::NO_STREAM))?;
+        let entry = match entry {
+            Ok(entry) => entry,
+            Err(damaged) if is_stream => {
+                damage = Some(damaged);
+                break;
+            }
+            Err(damaged) => bail!("{damaged}, {}", live::NO_STREAM),
+        };
         let mapping = &mut mappings[entry.insole];
-        match decode::<ToHost>(entry.message) {
+        let message = decode::<ToHost>(entry.message);
+        is_stream |= message.is_some();
+        match message {
             Some(ToHost::Hello(Hello { major, .. })) if major != MAJOR => {
                 bail!(
                     "recorded with protocol version {major}, but this program reads version {MAJOR}: use the program of that \
@@ -142,7 +175,7 @@ fn from_stream(path: &Path) -> Result<Walk> {
             _ => {}
         }
     }
-    live::note_truncated(&path.display().to_string(), entries.rest());
+    live::note_unused(&path.display().to_string(), damage, entries.rest());
     Ok(Walk { steps, others })
 }
 

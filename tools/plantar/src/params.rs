@@ -137,10 +137,11 @@ pub fn set_rule(insole: &mut InsoleLink, contact: ContactRule) -> Result<()> {
 }
 
 /// Refuses to overwrite a file that contains personal parameters, because neither typical parameters nor those on an insole
-/// have all of its information.
+/// have all of its information. A device or a pipe is not read, because it may contain the output itself.
 fn check_not_personal(out: &Path) -> Result<()> {
+    let is_personal = out.is_file() && Parameters::read(out).is_ok_and(|parameters| parameters.personal);
     ensure!(
-        !Parameters::read(out).is_ok_and(|parameters| parameters.personal),
+        !is_personal,
         "{} contains parameters that were identified from the steps of a person: name another file with --out",
         out.display()
     );

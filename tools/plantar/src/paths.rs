@@ -11,7 +11,7 @@ fn folder_of(path: &Path) -> Option<PathBuf> {
 }
 
 /// The path of a file in a form that is the same for all paths that lead to this file, such as relative paths and links.
-fn resolved(path: &Path) -> PathBuf {
+pub fn resolved(path: &Path) -> PathBuf {
     // A file that does not exist yet cannot be resolved, but its folder can.
     let in_folder = || Some(folder_of(path)?.join(path.file_name()?));
     path.canonicalize().ok().or_else(in_folder).unwrap_or_else(|| path.into())

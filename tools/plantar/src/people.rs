@@ -1,23 +1,25 @@
 //! The participants of a study: one folder per person, with recordings and, optionally, a file `participant.toml`.
 
 use crate::fit::{Search, print_notes};
+use crate::paths::resolved;
 use crate::setup::ContactArgs;
 use anyhow::{Context, Result, bail};
 use std::fs;
 use std::path::{Path, PathBuf};
 use study::Person;
+use study::table::partition;
 
-/// The names of the participants' folders in the folder of a study, sorted. The folder `except`, such as that of the output,
-/// and hidden folders are omitted.
-pub fn names(study: &Path, except: Option<&Path>) -> Result<Vec<String>> {
+/// The names of the participants' folders in the folder of a study, sorted. Hidden folders and folders of results are omitted:
+/// the folder `out` of the output, folders that contain it, and tables of earlier runs.
+pub fn names(study: &Path, out: Option<&Path>) -> Result<Vec<String>> {
     let error = || format!("cannot read {}: it must be a folder with one folder per participant", study.display());
-    let except = except.and_then(|path| path.canonicalize().ok());
+    let out = out.map(resolved);
     let mut names = Vec::new();
     for entry in fs::read_dir(study).with_context(error)? {
         let path = entry.with_context(error)?.path();
         let name = path.file_name().unwrap_or_default().to_str();
         let name = name.with_context(|| format!("{}: a participant's name must be UTF-8", path.display()))?;
-        if path.is_dir() && !name.starts_with('.') && (except.is_none() || path.canonicalize().ok() != except) {
+        if path.is_dir() && !name.starts_with('.') && !has_only_results(&path, out.as_deref()) {
             names.push(name.to_string());
         }
     }
@@ -26,6 +28,20 @@ pub fn names(study: &Path, except: Option<&Path>) -> Result<Vec<String>> {
     }
     names.sort();
     Ok(names)
+}
+
+/// True for the folder `out`, and for a folder that contains it or the table of an earlier run, but neither recordings nor
+/// settings of a participant.
+fn has_only_results(folder: &Path, out: Option<&Path>) -> bool {
+    let resolved = resolved(folder);
+    if out.is_some_and(|out| out == resolved) {
+        return true;
+    }
+    let entries: Vec<_> = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
+    let is_input = |path: &PathBuf| recording::is_parquet(path) || path.ends_with("participant.toml");
+    let in_table = |path: &PathBuf| path.file_name().is_some_and(|n| n.to_string_lossy().starts_with(&partition("")));
+    let has_results = out.is_some_and(|out| out.starts_with(&resolved)) || entries.iter().any(in_table);
+    has_results && !entries.iter().any(is_input)
 }
 
 /// The files of these participants that a command reads: recordings and settings. A folder that cannot be read has none; its

@@ -6,8 +6,9 @@ use plantar::Real;
 use plantar::insole::Insole;
 use plantar::pipeline::live::RegionLoad;
 use plantar::protocol::Step;
-use recording::{Recording, VirtualInsole};
+use recording::{Recording, VirtualInsole, output};
 use report::{Forces, StepPicture};
+use std::io::Write as _;
 use std::path::Path;
 
 /// The frames of the current contact with the ground, and later those of the first step.
@@ -69,6 +70,6 @@ impl Picture {
         }
         let (peak_kpa, contact) = (insole.measured_by_codes_kpa(&peak_codes), rule_in_words(&step.contact_rule));
         let picture = StepPicture { recording, step, peak_kpa: &peak_kpa, forces, contact: &contact };
-        std::fs::write(path, picture.svg()).with_context(|| format!("cannot write {}", path.display()))
+        Ok(output::file(path, |to| to.write_all(picture.svg().as_bytes()))?)
     }
 }

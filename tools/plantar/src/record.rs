@@ -14,7 +14,9 @@ use plantar::protocol::{
     Alert, Bout, BoutRegion, CellFrame, CellStream, Live, LiveRegion, LoadRecord, Resolution, ToDevice,
 };
 use plantar::{Region, Side};
-use std::path::PathBuf;
+use std::fs::{self, File};
+use std::io;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use study::records::{columns, flag_columns, step_row};
 use study::table::{self, Row, Value};
@@ -57,17 +59,23 @@ const FILE_TIME: Duration = Duration::from_secs(30);
 /// The current files are completed after this number of load records: an insole sends no further record before these are
 /// acknowledged.
 const FILE_RECORDS: usize = plantar::protocol::session::RECORD_QUEUE;
+/// The file in the folder that a recorder reserves, so that no other one writes there. It is hidden, because programs that read
+/// a folder as a table ignore such files.
+const LOCK_FILE: &str = ".recording";
 
 impl Record {
     pub fn run(&self) -> Result<()> {
-        if std::fs::read_dir(&self.out).is_ok_and(|mut entries| entries.next().is_some()) {
-            bail!("{} is not empty: choose another folder", self.out.display());
+        self.check_empty()?;
+        let error = || format!("cannot write to {}: check its permissions", self.out.display());
+        let lock = create_lock(&self.out).with_context(error)?;
+        if let Err(problem) = client::reserve(&lock) {
+            bail!("{}: {problem}: choose another folder", self.out.display());
         }
-        // The folder is created now, and for a moment another one in it, so that an error is reported before the walk.
+        // The program that reserved the folder before may have written to it since the first check.
+        self.check_empty()?;
+        // Another folder is created in it for a moment, so that an error is reported before the walk.
         let probe = self.out.join("live");
-        std::fs::create_dir_all(&probe)
-            .and_then(|()| std::fs::remove_dir(&probe))
-            .with_context(|| format!("cannot write to {}: check its permissions", self.out.display()))?;
+        fs::create_dir_all(&probe).and_then(|()| fs::remove_dir(&probe)).with_context(error)?;
         let mut insole = self.connection.open(ReconnectPolicy::STREAM)?;
         let mut view = View::open(insole.client().hello())?;
         let mut recorder = Recorder::new(self, insole.client().hello().side);
@@ -97,6 +105,22 @@ impl Record {
         }
         followed.and(completed)
     }
+
+    /// Checks that the folder to write has no entry except its lock file, if it exists.
+    fn check_empty(&self) -> Result<()> {
+        let mut entries = fs::read_dir(&self.out).into_iter().flatten().flatten();
+        if entries.any(|entry| entry.file_name() != LOCK_FILE) {
+            bail!("{} is not empty: choose another folder", self.out.display());
+        }
+        Ok(())
+    }
+}
+
+/// Creates a folder, and the file in it that a recorder reserves. The file remains in the folder, because another program may
+/// already have opened it when the recorder ends.
+fn create_lock(folder: &Path) -> io::Result<File> {
+    fs::create_dir_all(folder)?;
+    File::options().write(true).create(true).truncate(false).open(folder.join(LOCK_FILE))
 }
 
 /// Collects rows and writes them to successive Parquet files.

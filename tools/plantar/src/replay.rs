@@ -15,8 +15,9 @@ use plantar::insole::Insole;
 use plantar::pipeline::alert::AlertRules;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::{Alert, Bout, Step};
-use recording::{FrameSource, MAX_CELLS, RecordingReader, Scan, VirtualInsole};
+use recording::{FrameSource, MAX_CELLS, RecordingReader, Scan, VirtualInsole, output};
 use serde_json::json;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -151,7 +152,7 @@ fn completed_step<R: Real>(toe_off: bool, insole: &mut Insole<R, MAX_CELLS>) -> 
 
 /// Writes the text and a final line break to a file.
 pub fn write_text(path: &Path, text: &str) -> Result<()> {
-    std::fs::write(path, format!("{text}\n")).with_context(|| format!("cannot write {}", path.display()))
+    Ok(output::file(path, |to| writeln!(to, "{text}"))?)
 }
 
 /// A progress bar that counts to `total`. It is hidden if stderr is not a terminal.

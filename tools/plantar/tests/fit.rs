@@ -367,6 +367,9 @@ fn errors_of_live_streams_name_the_file_and_the_remedy() {
     fail(path, "fit unknown.plantar", &["unknown.plantar", "the foot is not known", "record a walk"]);
     fail(path, "fit version.plantar", &["version.plantar", "protocol version", "use the program"]);
     fail(path, "fit missing.plantar", &["missing.plantar"]);
+    // Zeros at the end, as after a loss of power of the computer, do not prevent the use of the messages before them.
+    write("zeros.plantar", &[stream(&covered, 0), vec![0; 100]].concat());
+    succeed(path, "fit zeros.plantar");
     // Options that state the rule of the stream do not contradict it. A recording that is fitted together with a stream is
     // evaluated by the stream's rule.
     succeed(path, "fit a.plantar --contact-full 150 --contact-on 10");

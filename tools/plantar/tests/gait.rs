@@ -144,3 +144,56 @@ fn a_truncated_stream_is_noted_and_a_file_without_a_stream_is_refused_with_the_r
     assert!(!output.status.success(), "{text}");
     assert!(text.contains("walk.plantar") && text.contains("give a file that `plantar serve --record`"), "{text}");
 }
+
+/// The clock of an insole begins with each boot, so the times of steps of different boots cannot be compared.
+#[test]
+fn a_step_of_an_earlier_boot_without_a_time_of_day_is_left_out() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("walk.plantar");
+    for (has_times, reason) in [(true, "without a time of day"), (false, "before the last start")] {
+        write_stream(&path, has_times);
+        let (expected, _) = measures(folder.path(), "walk.plantar");
+        let mut file = std::fs::read(&path).expect("a file");
+        let old = Step { boots_since: 1, ..step(Side::Left, 20, 0) };
+        client::append(&mut file, 0, 0, &ToHost::Step(old)).expect("it fits");
+        std::fs::write(&path, file).expect("written");
+        let text = String::from_utf8_lossy(&gait(folder.path(), "walk.plantar").stderr).into_owned();
+        assert!(text.contains("left foot") && text.contains(reason) && text.contains("not used: 1"), "{text}");
+        assert_eq!(measures(folder.path(), "walk.plantar").0, expected);
+    }
+}
+
+/// After a loss of power of the computer, the end of a file may be filled with zeros.
+#[test]
+fn the_steps_before_the_damaged_end_of_a_stream_are_used() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("walk.plantar");
+    write_stream(&path, true);
+    let (expected, _) = measures(folder.path(), "walk.plantar");
+    let mut file = std::fs::read(&path).expect("a file");
+    let damage = format!("walk.plantar is damaged at byte {}: its last 100 bytes are not used", file.len());
+    file.extend([0; 100]);
+    std::fs::write(&path, file).expect("written");
+    let text = String::from_utf8_lossy(&gait(folder.path(), "walk.plantar").stderr).into_owned();
+    assert!(text.contains(&damage), "{text}");
+    assert_eq!(measures(folder.path(), "walk.plantar").0, expected);
+}
+
+/// The test limits the size of files, which has the same effect as a full disk.
+#[test]
+#[cfg(target_os = "linux")]
+fn measures_that_cannot_be_written_leave_an_existing_file_as_it_is() {
+    let folder = tempfile::tempdir().expect("a folder");
+    write_stream(&folder.path().join("walk.plantar"), true);
+    let json = folder.path().join("gait.json");
+    std::fs::write(&json, "of the last walk").expect("written");
+    let output = Command::new("sh")
+        .args(["-c", "trap '' XFSZ; ulimit -f 0; exec \"$@\"", "sh", env!("CARGO_BIN_EXE_plantar")])
+        .args(["gait", "walk.plantar", "--json", "gait.json"])
+        .current_dir(folder.path())
+        .output()
+        .expect("the program starts");
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && text.contains("gait.json") && text.contains("File too large"), "{text}");
+    assert_eq!(std::fs::read_to_string(&json).expect("a file"), "of the last walk");
+}

@@ -213,6 +213,28 @@ fn a_file_that_is_not_empty_is_not_overwritten() {
     }
 }
 
+/// A second recorder would overwrite files of the first one whose steps the insole has deleted.
+#[test]
+fn a_second_recorder_into_the_same_place_is_refused_until_the_first_one_has_ended() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for arguments in [["record", "--out"], ["monitor", "--json"]] {
+        let out = folder.path().join(arguments[0]);
+        let start = |address: &str| plantar(&arguments).arg(&out).args(["--tcp", address]).spawn().expect("it runs");
+        let (listener, address) = listen();
+        let mut first = start(&address);
+        let mut host = listener.accept().expect("it connects").0;
+        assert!(Insole::with_steps([]).serve(&mut host, after_time_requests(1)));
+        let (output, text) = wait_for_end(start("127.0.0.1:9"));
+        assert!(!output.status.success());
+        assert!(text.contains("another program records into it") && text.contains("choose another"), "{text}");
+        first.kill().expect("it is still running");
+        wait_for_end(first);
+        // The killed recorder has stored nothing, so its place can be used.
+        let (_, text) = wait_for_end(start("127.0.0.1:9"));
+        assert!(text.contains("cannot connect to 127.0.0.1:9"), "{text}");
+    }
+}
+
 /// The recorder acknowledges steps only once their file is complete.
 #[test]
 fn the_steps_that_a_killed_recorder_acknowledged_are_readable() {

@@ -246,6 +246,21 @@ fn bad_parameters_are_refused_before_anything_is_sent() {
     assert_eq!(*session.lock().expect("no panic").tissue(), Tissue::NONE);
 }
 
+#[cfg(unix)]
+#[test]
+fn output_is_written_to_the_target_of_a_link_and_to_a_pipe() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    succeed(path, "typical --size 40 --out target.toml");
+    let before = std::fs::read(path.join("target.toml")).expect("a file");
+    std::os::unix::fs::symlink("target.toml", path.join("link.toml")).expect("a link");
+    succeed(path, "typical --size 41 --out link.toml");
+    assert!(path.join("link.toml").is_symlink());
+    assert!(std::fs::read(path.join("target.toml")).expect("a file") != before);
+    let text = succeed(path, "typical --out /dev/stdout");
+    assert!(text.contains("[regions.heel]") && text.contains("wrote /dev/stdout"), "{text}");
+}
+
 #[test]
 fn without_a_file_or_an_insole_the_remedy_is_named() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -121,6 +121,20 @@ fn single_trials_are_left_out_with_the_remedy_and_extra_trials_are_not_used() {
     assert_eq!(csv_rows(&path.join("before.csv")), csv_rows(&path.join("after.csv")), "{before}");
 }
 
+/// The folder of a study may also contain the tables of earlier runs.
+#[test]
+fn folders_of_results_are_not_participants() {
+    let (_folder, path) = study();
+    for command in ["cohort people --out people/table", "repeat people"] {
+        let (status, text) = plantar(&path, command);
+        assert!(status == Some(0) && !text.contains("left out"), "{command}: {text}");
+    }
+    for _ in 0..2 {
+        let (status, text) = plantar(&path, "cohort people --out people/results/table");
+        assert!(status == Some(0) && !text.contains("left out"), "{text}");
+    }
+}
+
 #[test]
 fn the_recordings_of_one_person_are_compared_without_an_icc() {
     let (_folder, path) = study();

@@ -13,7 +13,7 @@ use parquet::schema::types::{SchemaDescriptor, Type};
 use plantar::Side;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
-use std::fs::{self, File};
+use std::fs::File;
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
@@ -58,8 +58,6 @@ pub fn write(recording: &Recording, path: &Path) -> Result<()> {
         layout: Cow::Borrowed(&recording.layout),
     };
     let json = serde_json::to_string(&metadata).expect("numbers and strings can be written as JSON");
-    // If the path is a symbolic link, its target is replaced, and not the link itself.
-    let path = &fs::canonicalize(path).unwrap_or_else(|_| path.into());
     if path.exists() && !path.is_file() {
         return Err(Error::content(path.display().to_string(), "not a regular file", "name another file"));
     }

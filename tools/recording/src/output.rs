@@ -6,7 +6,7 @@ use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-/// Writes a file. If this fails, an existing file with this name is unchanged.
+/// Writes a file. If this fails, an existing file with this name is unchanged. A device or a pipe is written directly.
 ///
 /// # Errors
 /// Fails if `write` fails, or the file cannot be created, stored or renamed.
@@ -15,20 +15,42 @@ pub fn file(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<
         let mut to = BufWriter::new(File::create(incomplete)?);
         write(&mut to)?;
         to.flush()?;
-        // Some file systems report a full disk only here.
-        to.get_ref().sync_all()
+        sync(to.get_ref())
     })
+}
+
+/// Synchronises a file with the disk, because some file systems report a full disk only then. A device or a pipe cannot be
+/// synchronised.
+///
+/// # Errors
+/// Fails if the file cannot be stored.
+pub fn sync(file: &File) -> io::Result<()> {
+    if file.metadata()?.is_file() { file.sync_all() } else { Ok(()) }
+}
+
+/// The path of the file or folder that output to `path` replaces, and the temporary path of the output. If `path` is a symbolic
+/// link, its target is replaced, and not the link itself. A device or a pipe cannot be replaced: both paths are then `path`.
+pub fn paths(path: &Path) -> (PathBuf, PathBuf) {
+    if fs::metadata(path).is_ok_and(|existing| !existing.is_file() && !existing.is_dir()) {
+        return (path.into(), path.into());
+    }
+    let target = fs::canonicalize(path).unwrap_or_else(|_| path.into());
+    let mut incomplete = OsString::from(&target);
+    incomplete.push(".incomplete");
+    (target, incomplete.into())
 }
 
 /// Writes a file or a folder: `write` receives a temporary path, which is then renamed to `path`. After a failure, the
 /// temporary file or folder is removed. A file with the temporary name, which an interrupted program may have left, is replaced.
+/// If `path` is a device or a pipe, `write` receives `path` itself.
 ///
 /// # Errors
 /// Fails if `write` fails, the temporary file or folder cannot be renamed, or a folder with the temporary name exists.
 pub fn at(path: &Path, write: impl FnOnce(&Path) -> io::Result<()>) -> Result<()> {
-    let mut name = OsString::from(path);
-    name.push(".incomplete");
-    let incomplete = PathBuf::from(name);
+    let (target, incomplete) = paths(path);
+    if incomplete == target {
+        return write(path).map_err(Error::io(path));
+    }
     // The folder may contain anything, so it is not removed, also not after a failure.
     if incomplete.is_dir() {
         return Err(Error::content(
@@ -40,7 +62,7 @@ pub fn at(path: &Path, write: impl FnOnce(&Path) -> io::Result<()>) -> Result<()
     if incomplete.is_file() {
         fs::remove_file(&incomplete).map_err(|reason| Error::Io { file: incomplete.clone(), reason })?;
     }
-    let written = write(&incomplete).and_then(|()| fs::rename(&incomplete, path));
+    let written = write(&incomplete).and_then(|()| fs::rename(&incomplete, &target));
     written.map_err(|reason| {
         // If nothing was written, there is nothing to remove.
         let _ = fs::remove_file(&incomplete).or_else(|_| fs::remove_dir_all(&incomplete));

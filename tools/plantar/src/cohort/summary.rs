@@ -1,12 +1,13 @@
 //! The participants (Table 1 of the paper), and the means by region and insole size.
 
 use crate::summary;
-use anyhow::{Context, Result};
+use anyhow::Result;
 use fit::cohort::{Person, SizeGroup};
 use fit::trials::Moments;
 use fit::variable::Variable;
 use parameters::Participant;
 use plantar::Region;
+use recording::output;
 use std::path::Path;
 
 /// Prints each participant, and Table 1 of the paper: mean and standard deviation of age, mass and height for each group of two
@@ -92,8 +93,8 @@ pub fn print(people: &[Person]) {
 /// `participants` is the number of participants in whom the region was fitted. Further columns have the mean, the standard
 /// deviation, and the number of participants with a value of each [`Variable`], in the order of [`Variable::all`].
 pub fn write(path: &Path, people: &[Person]) -> Result<()> {
-    let rows = || -> Result<()> {
-        let mut file = csv::Writer::from_path(path)?;
+    let written = output::file(path, |to| {
+        let mut file = csv::Writer::from_writer(to);
         let names = Variable::all()
             .flat_map(|variable| ["mean", "sd", "participants"].map(|of| format!("{}_{of}", variable.name())));
         file.write_record(["insole_size", "region", "participants"].map(String::from).into_iter().chain(names))?;
@@ -109,7 +110,7 @@ pub fn write(path: &Path, people: &[Person]) -> Result<()> {
                 file.write_record(start.into_iter().chain(values))?;
             }
         }
-        Ok(file.flush()?)
-    };
-    rows().with_context(|| format!("cannot write {}", path.display()))
+        file.flush()
+    });
+    Ok(written?)
 }

@@ -4,8 +4,8 @@
 pub mod session;
 
 use crate::setup::rule_in_words;
-use anyhow::{Context, Result, anyhow, bail, ensure};
-use client::{Entries, Entry, STREAM_INSOLES};
+use anyhow::{Context, Result, bail, ensure};
+use client::{DamagedAt, Entries, Entry, STREAM_INSOLES};
 use fit::live::LiveSteps;
 use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::{Hello, MAJOR, ToHost, decode};
@@ -91,11 +91,12 @@ pub fn read_stream(path: &Path) -> Result<Vec<LiveSource>> {
     from_stream(&path.display().to_string(), &bytes)
 }
 
-/// Prints a note on stderr if `rest`, the bytes after the last complete entry of a stream file, is not empty. `name` is the
-/// name of the file for display.
-pub fn note_truncated(name: &str, rest: &[u8]) {
+/// Prints a note on stderr if `rest`, the bytes after the last complete entry of a stream file, is not empty. `damage` is where
+/// the file is damaged, and `name` is the name of the file for display.
+pub fn note_unused(name: &str, damage: Option<DamagedAt>, rest: &[u8]) {
     if !rest.is_empty() {
-        eprintln!("note: {name} is truncated: its last {} bytes are not used", rest.len());
+        let problem = damage.map_or("truncated".into(), |damage| damage.to_string());
+        eprintln!("note: {name} is {problem}: its last {} bytes are not used", rest.len());
     }
 }
 
@@ -108,14 +109,26 @@ struct Messages {
     count: usize,
 }
 
-/// Reads the content of a stream file. `name` is the name of the file for display.
+/// Reads the content of a stream file. `name` is the name of the file for display. If the file is damaged after its first
+/// message, as after a loss of power of the computer, the messages before the damage are used, because the insole has deleted
+/// their steps.
 fn from_stream(name: &str, bytes: &[u8]) -> Result<Vec<LiveSource>> {
     let mut insoles: [Messages; STREAM_INSOLES] = Default::default();
     let (mut entries, mut unknown) = (Entries::new(bytes), 0);
+    let (mut is_stream, mut damage) = (false, None);
     for entry in &mut entries {
-        let Entry { insole, message, .. } = entry.map_err(|damaged| anyhow!("{name}: {damaged}, {NO_STREAM}"))?;
+        let Entry { insole, message, .. } = match entry {
+            Ok(entry) => entry,
+            Err(damaged) if is_stream => {
+                damage = Some(damaged);
+                break;
+            }
+            Err(damaged) => bail!("{name}: {damaged}, {NO_STREAM}"),
+        };
         let insole = &mut insoles[insole];
-        match decode::<ToHost>(message) {
+        let message = decode::<ToHost>(message);
+        is_stream |= message.is_some();
+        match message {
             Some(ToHost::Hello(hello)) if hello.major != MAJOR => bail!(
                 "{name}: recorded from an insole with protocol version {}, but this program reads version {MAJOR}: use the \
                  program of that version",
@@ -134,7 +147,7 @@ fn from_stream(name: &str, bytes: &[u8]) -> Result<Vec<LiveSource>> {
             None => unknown += 1,
         }
     }
-    note_truncated(name, entries.rest());
+    note_unused(name, damage, entries.rest());
     if unknown > 0 {
         eprintln!("note: {name}: {unknown} messages are unknown to this program and were not used");
     }

@@ -1,11 +1,12 @@
 //! The repeatability of trials as printed text, as CSV and as JSON.
 
 use crate::summary::{self, REGION_LABELS};
-use anyhow::{Context, Result};
+use anyhow::Result;
 use comfy_table::Table;
 use fit::agreement::{Agreement, FootRepeatability, VariableRow};
 use fit::results::significant;
 use plantar::Region;
+use recording::output;
 use serde_json::{Map, Value, json};
 use std::path::Path;
 
@@ -93,8 +94,8 @@ fn values(foot: &FootRepeatability) -> impl Iterator<Item = (&VariableRow, Regio
 
 /// Writes a CSV file with one row for each foot, variable and region.
 pub fn write_csv(path: &Path, feet: &[FootRepeatability]) -> Result<()> {
-    let rows = || -> Result<()> {
-        let mut file = csv::Writer::from_path(path)?;
+    let written = output::file(path, |to| {
+        let mut file = csv::Writer::from_writer(to);
         file.write_record(["side", "variable", "region", "people", "trials", "mean", "icc_2_1", "sem", "mdc_95"])?;
         for foot in feet {
             for (row, region, agreement) in values(foot) {
@@ -111,9 +112,9 @@ pub fn write_csv(path: &Path, feet: &[FootRepeatability]) -> Result<()> {
                 ])?;
             }
         }
-        Ok(file.flush()?)
-    };
-    rows().with_context(|| format!("cannot write {}", path.display()))
+        file.flush()
+    });
+    Ok(written?)
 }
 
 /// Makes the JSON object with all values. `left_out` has the reasons why people and recordings were not used.
