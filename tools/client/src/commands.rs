@@ -287,17 +287,19 @@ impl<C: Carrier> Client<C> {
     /// then.
     pub fn restart(&mut self, patience: Duration) -> Result<&Hello, Error> {
         let before = self.status()?;
+        self.restart_after(&before, patience)
+    }
+
+    /// As [`Client::restart`], if the insole's status is `before`.
+    pub(crate) fn restart_after(&mut self, before: &Status, patience: Duration) -> Result<&Hello, Error> {
         self.send(ToDevice::Restart)?;
         let sent_us = C::now_us();
         let mut answer_patience = ANSWER_BEFORE_RESTART;
         while let Some(left) = patience.checked_sub(elapsed::<C>(sent_us)) {
             self.reconnect(left)?;
-            // The hello may have been sent before the restart, so the counters decide. Without working storage the number of
-            // boots does not change, but the uptime does.
-            let is_restarted =
-                |status: Status| status.contents.start != before.contents.start || status.uptime_us < before.uptime_us;
+            // The hello may have been sent before the restart, so the counters decide.
             match self.status_within(answer_patience) {
-                Ok(status) if is_restarted(status) => return Ok(&self.hello),
+                Ok(status) if is_restarted(before, &status) => return Ok(&self.hello),
                 Ok(_) => {}
                 // The insole has restarted meanwhile, or the carrier is slow and needs the usual time.
                 Err(_) => answer_patience = ANSWER,
@@ -305,4 +307,10 @@ impl<C: Carrier> Client<C> {
         }
         Err(Error::NoAnswer(patience, self.damaged()))
     }
+}
+
+/// True if the insole restarted between these two statuses. Without working storage the number of boots does not change, but the
+/// uptime does.
+pub(crate) fn is_restarted(before: &Status, after: &Status) -> bool {
+    after.contents.start != before.contents.start || after.uptime_us < before.uptime_us
 }
