@@ -299,6 +299,11 @@ impl<C: Carrier> Client<C> {
     /// then.
     pub fn restart(&mut self, patience: Duration) -> Result<&Hello, Error> {
         let before = self.status()?;
+        self.restart_after(&before, patience)
+    }
+
+    /// As [`Client::restart`], if the insole's status is `before`.
+    pub(crate) fn restart_after(&mut self, before: &Status, patience: Duration) -> Result<&Hello, Error> {
         self.send(ToDevice::Restart)?;
         let sent_us = C::now_us();
         let mut answer_patience = ANSWER_BEFORE_RESTART;
@@ -306,7 +311,7 @@ impl<C: Carrier> Client<C> {
             self.reconnect(left)?;
             // The hello may have been sent before the restart, so the counters decide.
             match self.status_within(answer_patience) {
-                Ok(status) if status.is_after_restart(&before) => return Ok(&self.hello),
+                Ok(status) if status.is_after_restart(before) => return Ok(&self.hello),
                 Ok(_) => {}
                 // The insole has restarted meanwhile, or the carrier is slow and needs the usual time.
                 Err(_) => answer_patience = ANSWER,

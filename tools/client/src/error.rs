@@ -19,7 +19,7 @@ pub enum Error {
     NoAnswer(Duration, u32),
     /// The insole was expected to restart. It answers, but did not restart within the time of the
     /// [`ReconnectPolicy`](crate::ReconnectPolicy).
-    #[error("the insole answers, but no restart was noticed")]
+    #[error("the insole answers, but it has not restarted")]
     NotRestarted,
     /// The other end closed the link before the insole answered, as a bridge with another client does.
     #[error(

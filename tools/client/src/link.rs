@@ -127,7 +127,8 @@ impl<C: Carrier + 'static> Link<C> {
     /// again.
     ///
     /// # Errors
-    /// The error of the last attempt, once the policy gives up.
+    /// The error of the last attempt, once the policy gives up, or if it was no failure of the link: another attempt would fail
+    /// as well.
     pub fn next_event(&mut self) -> Result<Event, Error> {
         if let Some(error) = self.failure.take() {
             return Ok(self.lose(error));
@@ -165,7 +166,7 @@ impl<C: Carrier + 'static> Link<C> {
                 sleep(self.policy.retry);
                 match self.client.reconnect_over(&mut self.open, self.policy.answer).map(drop) {
                     Ok(()) => self.state = State::Open(SessionStart::Reconnected),
-                    Err(error) if self.gives_up(since) => return Err(error),
+                    Err(error) if !error.is_link_failure() || self.gives_up(since) => return Err(error),
                     Err(_) => {}
                 }
                 Ok(Event::Timeout)
@@ -208,10 +209,16 @@ impl<C: Carrier + 'static> Link<C> {
     /// Restarts the insole and opens the session again, over a newly opened carrier if the restart closed the one in use.
     ///
     /// # Errors
-    /// Those of [`Client::reconnect_over`].
+    /// Those of [`Client::status`] and [`Client::reconnect_over`]; [`Error::NotRestarted`] if the insole answers, but did not
+    /// restart.
     pub fn restart(&mut self) -> Result<&Hello, Error> {
-        if self.client.restart(self.policy.answer).is_err() {
+        let before = self.client.status()?;
+        if self.client.restart_after(&before, self.policy.answer).is_err() {
             self.client.reconnect_over(&mut self.open, self.policy.answer)?;
+            // The request to restart may have been lost or refused, and then the insole answers as before.
+            if !self.client.status()?.is_after_restart(&before) {
+                return Err(Error::NotRestarted);
+            }
         }
         Ok(self.client.hello())
     }

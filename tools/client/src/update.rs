@@ -14,7 +14,8 @@ const ATTEMPTS: usize = 5;
 
 impl<C: Carrier> Client<C> {
     /// Sends a request of an update, repeatedly if necessary, until it is answered. [`Client::receive`] returns other messages
-    /// that arrive meanwhile.
+    /// that arrive meanwhile. [`Request::Finish`] is only repeated if it was refused because the insole is busy: if no answer
+    /// arrived, the insole may have installed the image and restarted.
     ///
     /// # Errors
     /// [`Error::NoAnswer`] if no attempt was answered; [`Error::Refused`]; errors of the carrier.
@@ -42,8 +43,10 @@ impl<C: Carrier> Client<C> {
                 })
             });
             match answer {
-                // The request or its answer was lost on the way, or the insole is still executing another request.
-                Err(Error::NoAnswer(..) | Error::Refused(Refusal::Busy)) if attempts < ATTEMPTS => {}
+                // The insole is still executing another request.
+                Err(Error::Refused(Refusal::Busy)) if attempts < ATTEMPTS => {}
+                // The request or its answer was lost on the way.
+                Err(Error::NoAnswer(..)) if attempts < ATTEMPTS && request != Request::Finish => {}
                 answer => return answer,
             }
         }

@@ -4,6 +4,7 @@ use client::{Carrier, Client, Error, Event, Link, ReconnectPolicy, SessionStart}
 use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::session::Session;
+use plantar::protocol::update::Request;
 use plantar::protocol::{
     Contents, Hello, Live, MAJOR, MAX_MESSAGE, MINOR, Refusal, Reset, Status, ToDevice, ToHost, decode,
 };
@@ -27,6 +28,8 @@ struct Insole(Arc<Mutex<State>>);
 struct State {
     session: Session,
     firmware: &'static str,
+    /// Major version of the insole's protocol.
+    major: u8,
     is_unplugged: bool,
     is_silent: bool,
     /// Number of attempts to open the carrier.
@@ -38,7 +41,8 @@ struct State {
 impl Insole {
     fn new() -> Self {
         let (session, firmware) = (Session::new(), "1.0.0");
-        let state = State { session, firmware, is_unplugged: false, is_silent: false, opened: 0, connects: 0 };
+        let state =
+            State { session, firmware, major: MAJOR, is_unplugged: false, is_silent: false, opened: 0, connects: 0 };
         Self(Arc::new(Mutex::new(state)))
     }
 
@@ -75,7 +79,7 @@ impl Carrier for Insole {
         if state.is_unplugged {
             return Err(io::ErrorKind::UnexpectedEof.into());
         }
-        let hello = hello(state.firmware);
+        let hello = Hello { major: state.major, ..hello(state.firmware) };
         let mut buffer = [0; MAX_MESSAGE];
         let message = match state.is_silent {
             true => None,
@@ -222,6 +226,20 @@ fn a_link_to_an_insole_that_does_not_return_is_given_up() {
     assert!(matches!(restart, Err(Error::Open(_))), "{restart:?}");
 }
 
+/// Its firmware was updated meanwhile, or it is another insole.
+#[test]
+fn an_insole_that_returns_with_another_protocol_is_reported() {
+    let insole = Insole::new();
+    let mut link = insole.connect().expect("an insole");
+    link.start().expect("the insole streams");
+    insole.state().is_unplugged = true;
+    assert!(matches!(link.next_event(), Ok(Event::Lost(_))));
+    insole.state().is_unplugged = false;
+    insole.state().major = MAJOR + 1;
+    let event = link.next_event();
+    assert!(matches!(event, Err(Error::OtherVersion { .. })), "{event:?}");
+}
+
 #[test]
 fn a_restart_is_waited_for_until_the_check_accepts_the_hello() {
     let insole = Insole::new();
@@ -246,6 +264,15 @@ fn an_insole_that_answers_without_a_restart_is_not_reported_as_silent() {
     let insole = Insole::new();
     let mut link = insole.connect().expect("an insole");
     let restart = link.wait_for_restart(|_, _| None::<()>);
+    assert!(matches!(restart, Err(Error::NotRestarted)), "{restart:?}");
+}
+
+/// The request was lost on the way, or the insole has refused it.
+#[test]
+fn an_insole_that_does_not_restart_on_request_is_an_error() {
+    let insole = Insole::new();
+    let mut link = insole.connect().expect("an insole");
+    let restart = link.restart();
     assert!(matches!(restart, Err(Error::NotRestarted)), "{restart:?}");
 }
 
@@ -298,7 +325,21 @@ impl Carrier for Restarting {
 fn a_status_that_is_lost_in_a_restart_is_soon_requested_again() {
     let insole = Restarting { session: Session::new(), boots: 1, is_restart_due: false };
     let mut client = Client::connect(insole, Duration::from_secs(5)).expect("an insole");
+    let start_us = NOW_US.get();
     client.restart(Duration::from_secs(5)).expect("the insole restarts");
     assert_eq!(client.status().expect("an answer").contents.start, 2);
-    assert!(NOW_US.get() < 1_000_000, "{} us", NOW_US.get());
+    let elapsed_us = NOW_US.get() - start_us;
+    assert!(elapsed_us < 1_000_000, "{elapsed_us} us");
+}
+
+/// The insole may have installed the image and restarted, and would then not know the request.
+#[test]
+fn the_end_of_an_update_that_is_not_answered_is_not_repeated() {
+    let insole = Restarting { session: Session::new(), boots: 1, is_restart_due: false };
+    let mut client = Client::connect(insole, Duration::from_secs(5)).expect("an insole");
+    let start_us = NOW_US.get();
+    let answer = client.update(Request::Finish);
+    assert!(matches!(answer, Err(Error::NoAnswer(..))), "{answer:?}");
+    let elapsed_us = NOW_US.get() - start_us;
+    assert!(elapsed_us < 31_000_000, "{elapsed_us} us");
 }

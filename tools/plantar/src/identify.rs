@@ -144,16 +144,16 @@ impl Identify {
         Ok(feet)
     }
 
-    /// Performs the standing trial, unless all feet have a calibration from an earlier one, and repeats it until it succeeds.
+    /// Performs the standing trial, and repeats it until it succeeds. If all feet have a calibration from an earlier one, sends
+    /// these instead.
     fn stand(&self, feet: &mut [Foot]) -> Result<()> {
-        for foot in feet.iter_mut() {
-            if let Some(cells) = earlier_calibration(&foot.calibration_file())? {
-                foot.calibrate(&cells)?;
-            }
+        let earlier = feet.iter().map(|foot| earlier_calibration(&foot.calibration_file()));
+        if let Some(calibrations) = earlier.collect::<Result<Option<Vec<_>>>>()? {
+            return send_calibrations(feet, &calibrations);
         }
         let duration = Duration::from_secs(STANDING.iter().map(|(_, s)| s).sum());
         let mut prefix = "";
-        while !feet.iter().all(|foot| foot.calibration_file().exists()) {
+        loop {
             let instruction = |elapsed: Duration| {
                 let mut rest_s = elapsed.as_secs();
                 for (text, s) in STANDING {
@@ -174,14 +174,13 @@ impl Identify {
                 foot.remark(result.as_ref().err().map_or(String::new(), |error| format!("{error:#}")));
             }
             match results.into_iter().collect::<Result<Vec<_>>>() {
-                Ok(results) => self.calibrate(feet, results)?,
+                Ok(results) => return self.calibrate(feet, results),
                 Err(_) => prefix = "That did not work; once more. ",
             }
         }
-        Ok(())
     }
 
-    /// Stores the calibrations. With both feet and a known mass, the gains are scaled to the body weight.
+    /// Stores and sends the calibrations. With both feet and a known mass, the gains are scaled to the body weight.
     fn calibrate(&self, feet: &mut [Foot], mut results: Vec<StandingResult>) -> Result<()> {
         let total_n: f64 = results.iter().map(|result| result.standing_n).sum();
         match self.mass.map(|kg| kg * GRAVITY_M_S2) {
@@ -201,7 +200,11 @@ impl Identify {
                 println!("standing: {total_n:.0} N; with --mass and both feet, forces are scaled to the body weight")
             }
         }
-        feet.iter_mut().zip(&results).try_for_each(|(foot, result)| foot.calibrate(&result.cells))
+        // All are stored before the first one is sent. If one cannot be sent, the next session sends all of them. Another trial
+        // would scale the forces of an insole that has received its calibration a second time.
+        feet.iter().zip(&results).try_for_each(|(foot, result)| foot.store_calibration(&result.cells))?;
+        let calibrations: Vec<_> = results.into_iter().map(|result| result.cells).collect();
+        send_calibrations(feet, &calibrations)
     }
 
     /// Records the walk until each foot has enough good steps, together with those of earlier sessions.
@@ -326,6 +329,11 @@ fn earlier_good_steps(foot: &mut Foot) -> Result<usize> {
         good_steps += sources.iter().map(|source| source.steps.collected(0).0.len()).sum::<usize>();
     }
     Ok(good_steps)
+}
+
+/// Sends each foot's calibration to its insole.
+fn send_calibrations(feet: &mut [Foot], calibrations: &[Vec<CellCalibration>]) -> Result<()> {
+    feet.iter_mut().zip(calibrations).try_for_each(|(foot, cells)| foot.send_calibration(cells))
 }
 
 /// The calibration of an earlier part of the session; `None` without one.

@@ -267,7 +267,7 @@ fn print_identity(identity: &Identity) {
 
 /// Restarts an insole and waits until it answers again.
 pub fn restart(insole: &mut InsoleLink) -> Result<()> {
-    insole.restart().context("the insole did not answer after its restart: switch it off and on")?;
+    insole.restart().context("the insole did not restart, or did not answer afterwards: switch it off and on")?;
     Ok(())
 }
 

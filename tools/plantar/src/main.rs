@@ -25,6 +25,7 @@ mod replay;
 #[cfg(feature = "serve")]
 mod serve;
 mod setup;
+mod signals;
 mod summary;
 mod update;
 mod view;

@@ -16,8 +16,9 @@ use std::path::{Path, PathBuf};
 
 /// Shows the live loads of the eight regions, alerts, and tables of the steps and the load bouts at the end.
 ///
-/// In a terminal, press q or Ctrl-C to end. When the link is lost, the program reconnects. A step, load bout or alert
-/// remains on the insole until it has arrived on this computer and, with --json, --bouts and --alerts, is written to the file.
+/// Press Ctrl-C or, in a terminal, q to end; SIGTERM ends the session, too. When the link is lost, the program reconnects. A
+/// step, load bout or alert remains on the insole until it has arrived on this computer and, with --json, --bouts and --alerts,
+/// is written to the file.
 #[derive(Args)]
 pub struct Monitor {
     #[command(flatten)]
@@ -67,7 +68,7 @@ pub trait Sink {
 pub fn follow(connection: &Connection, insole: &mut InsoleLink, view: &mut View, sink: &mut dyn Sink) -> Result<()> {
     let side = insole.client().hello().side;
     while !view.wants_to_end()? && !sink.has_reached_limit() {
-        match insole.next_event()? {
+        match insole.next_event().with_context(|| connection.to_string())? {
             Event::Message(ToHost::Live(live)) => {
                 let client = insole.client();
                 sink.live(&live, client.clock_mapping())?;

@@ -48,9 +48,12 @@ impl Update {
             image.header().version(),
             image.bytes().len() / 1024
         );
-        send(&image, &mut insole)?;
-        println!("the signature is valid: the insole restarts");
-        self.wait_for_restart(&image, &mut insole, &before)?;
+        let is_answered = send(&image, &mut insole)?;
+        match is_answered {
+            true => println!("the signature is valid: the insole restarts"),
+            false => println!("the image is sent, but the insole did not answer: waiting until the new version runs"),
+        }
+        self.wait_for_restart(&image, &mut insole, &before, is_answered)?;
         wait_for_trial(&image, &mut insole)?;
         println!("the insole now runs {} (before: {before}), and has confirmed it", image.header().version());
         Ok(())
@@ -77,19 +80,25 @@ impl Update {
         Ok(())
     }
 
-    /// Waits until the insole has restarted with the new image; `before` is the version that ran before.
-    fn wait_for_restart(&self, image: &Image, insole: &mut InsoleLink, before: &str) -> Result<()> {
+    /// Waits until the insole has restarted with the new image; `before` is the version that ran before. If the insole did not
+    /// answer the request to install the image, only another version shows that it has done so.
+    fn wait_for_restart(&self, image: &Image, insole: &mut InsoleLink, before: &str, is_answered: bool) -> Result<()> {
         let version = image.header().version();
-        let outcome = |hello: &Hello, was_silent: bool| match hello.firmware == version {
-            // If old and new version are equal, the version does not show that the insole restarted; its silence does.
-            true => (was_silent || before != version).then_some(Ok(())),
-            false => was_silent.then(|| {
-                Err(anyhow!(
-                    "the new image did not work, so the insole swapped back to {}: report this to the supplier of {}",
-                    hello.firmware,
-                    self.file.display()
-                ))
-            }),
+        let outcome = |hello: &Hello, was_silent: bool| {
+            // Without an answer, the link may have failed before the insole received the request, so silence is no evidence of a
+            // restart.
+            let has_restarted = was_silent && is_answered;
+            match hello.firmware == version {
+                // If old and new version are equal, the version does not show that the insole restarted; its silence does.
+                true => (has_restarted || before != version).then_some(Ok(())),
+                false => has_restarted.then(|| {
+                    Err(anyhow!(
+                        "the new image did not work, so the insole swapped back to {}: report this to the supplier of {}",
+                        hello.firmware,
+                        self.file.display()
+                    ))
+                }),
+            }
         };
         insole.wait_for_restart(outcome).context(
             "it is not known whether the new image runs: switch the insole off and on; `plantar insole show` then prints the \
@@ -118,8 +127,9 @@ fn wait_for_trial(image: &Image, insole: &mut InsoleLink) -> Result<()> {
     }
 }
 
-/// Sends an image in chunks, and a request to check and install it.
-fn send(image: &Image, insole: &mut InsoleLink) -> Result<()> {
+/// Sends an image in chunks, and a request to check and install it. Returns false if this request was not answered: the insole
+/// may have installed the image and restarted.
+fn send(image: &Image, insole: &mut InsoleLink) -> Result<bool> {
     let offer = image.offer();
     let bar = ProgressBar::new(image.bytes().len() as u64);
     // The template is a valid constant, so the default is never used.
@@ -133,8 +143,14 @@ fn send(image: &Image, insole: &mut InsoleLink) -> Result<()> {
         bar.set_position(u64::from(number) * CHUNK as u64);
         let request =
             if number < offer.chunks { Request::Chunk { number, chunk: image.chunk(number) } } else { Request::Finish };
-        progress = client.update(request)?;
+        progress = match client.update(request) {
+            Err(Error::NoAnswer(..) | Error::Carrier(_)) if request == Request::Finish => {
+                bar.finish_and_clear();
+                return Ok(false);
+            }
+            progress => progress?,
+        };
     }
     bar.finish_and_clear();
-    Ok(())
+    Ok(true)
 }

@@ -1,6 +1,7 @@
 //! Shows the live loads of the eight regions in the terminal. If stdout is not a terminal, prints one line per step instead.
 
 use crate::records::{alert_line, bout_line};
+use crate::signals::Signals;
 use crate::summary::REGION_LABELS;
 use anyhow::Result;
 use client::LinkCounters;
@@ -27,6 +28,8 @@ pub struct View {
     column_names: String,
     /// `None` if stdout is not a terminal, or once the display is closed.
     terminal: Option<DefaultTerminal>,
+    /// `None` once the display is closed.
+    signals: Option<Signals>,
     /// Time of the last redraw.
     last_redraw: Option<Instant>,
     /// The newest live frame.
@@ -37,7 +40,7 @@ pub struct View {
     steps: Vec<Step>,
     /// The advice of the last alert; empty before the first alert.
     alert: String,
-    /// True once the user has pressed a key that ends the session.
+    /// True once the user has ended the session, by a key or a signal.
     has_ended: bool,
 }
 
@@ -60,7 +63,9 @@ impl View {
             println!("{}", title(hello).trim());
             None
         };
-        Ok(Self::new(hello, terminal))
+        let mut view = Self::new(hello, terminal);
+        view.signals = Some(Signals::catch());
+        Ok(view)
     }
 
     /// The display before the first frame.
@@ -69,6 +74,7 @@ impl View {
             title: title(hello),
             column_names: column_names(hello),
             terminal,
+            signals: None,
             last_redraw: None,
             live: Live::default(),
             counters: LinkCounters::default(),
@@ -151,16 +157,18 @@ impl View {
         }
     }
 
-    /// True once q, Esc or Ctrl-C was pressed.
+    /// True once q, Esc or Ctrl-C was pressed, or a signal has arrived.
     pub fn wants_to_end(&mut self) -> Result<bool> {
+        self.has_ended |= self.signals.as_ref().is_some_and(Signals::have_arrived);
         while self.terminal.is_some() && event::poll(Duration::ZERO)? {
             self.has_ended |= ends_session(&event::read()?);
         }
         Ok(self.has_ended)
     }
 
-    /// Restores the terminal.
+    /// Restores the terminal and the effect of signals.
     pub fn close(&mut self) {
+        self.signals = None;
         if self.terminal.take().is_some() {
             ratatui::restore();
         }

@@ -1,4 +1,4 @@
-//! Tests how the command line handles a lost link, a missing or busy port, a full disk, and a signal that kills it.
+//! Tests how the command line handles a lost link, a missing or busy port, a full disk, and signals.
 //!
 //! The insole is simulated: the code of the firmware's session runs in the test, on a socket or a pseudo-terminal.
 
@@ -26,6 +26,7 @@ const CELLS: usize = 240;
 /// A simulated insole at the other end of the link.
 struct Insole {
     session: Session,
+    side: Side,
     /// If true, the insole ignores all messages.
     is_silent: bool,
     /// Number of the next scan.
@@ -37,7 +38,7 @@ impl Insole {
     fn with_steps(steps: impl IntoIterator<Item = u32>) -> Self {
         let mut session = Session::new();
         steps.into_iter().for_each(|number| session.push_record(step(number)));
-        Self { session, is_silent: false, scan: 0 }
+        Self { session, side: Side::Left, is_silent: false, scan: 0 }
     }
 
     /// Makes the insole able to send its cells: while their stream is on, one scan after each read of the carrier.
@@ -83,7 +84,8 @@ impl Insole {
     /// Sends the messages that are due. Returns false if the host has disconnected.
     fn send_due(&mut self, carrier: &mut impl Write) -> bool {
         let (mut buffer, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
-        while let Some(message) = self.session.next(&hello(), Status::default, &mut buffer) {
+        let hello = Hello { side: self.side, ..hello() };
+        while let Some(message) = self.session.next(&hello, Status::default, &mut buffer) {
             let len = frame(message, &mut framed);
             if carrier.write_all(&framed[..len]).is_err() {
                 return false;
@@ -264,6 +266,26 @@ fn after_time_requests(count: u32) -> impl Fn(&ToDevice) -> bool {
     }
 }
 
+#[test]
+#[cfg(unix)]
+fn a_recorder_that_receives_a_signal_completes_its_files() {
+    for signal in ["INT", "TERM"] {
+        let folder = tempfile::tempdir().expect("a folder");
+        let out = folder.path().join("session");
+        let (listener, address) = listen();
+        let program = plantar(&["record", "--cells", "--tcp", &address, "--out"]).arg(&out).spawn().expect("it runs");
+        let mut insole = Insole::with_steps([]).with_cells();
+        let mut host = listener.accept().expect("it connects").0;
+        assert!(insole.serve(&mut host, after_time_requests(3)));
+        let kill = format!("kill -{signal} {}", program.id());
+        assert!(Command::new("sh").args(["-c", &kill]).status().expect("a shell").success());
+        insole.serve(&mut host, |_| false);
+        let (output, text) = wait_for_end(program);
+        assert!(output.status.success(), "SIG{signal}: {:?} {text}", output.status);
+        assert!(rows(&out.join("cells/000/part-00000.parquet")) > 1);
+    }
+}
+
 /// The link is lost again, and an answer does not arrive, while the recorder requests the cells after a reconnection.
 #[test]
 fn a_recorder_requests_the_cells_until_their_stream_is_on_again() {
@@ -337,6 +359,38 @@ fn a_standing_trial_in_which_the_link_was_lost_begins_again_with_its_instruction
     let (_, text) = wait_for_end(program);
     serving.join().expect("no panic");
     assert!(repeated.last().is_some_and(|line| line.contains("the trial begins again")), "{repeated:?} {text}");
+}
+
+/// With `--mass`, the gains of both feet have one scale, which their common standing trial determines.
+#[test]
+fn a_calibration_is_not_sent_if_the_other_foot_has_none() {
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::create_dir(folder.path().join("left")).expect("a folder");
+    let lines: String = (0..CELLS).map(|cell| format!("{cell},0,1.5\n")).collect();
+    std::fs::write(folder.path().join("left/calibration.csv"), format!("cell,offset,gain\n{lines}")).expect("written");
+    let [left, right] = [listen(), listen()];
+    let mut program =
+        plantar(&["identify", "--contact-full", "0", "--mass", "70", "--tcp", &left.1, "--tcp", &right.1])
+            .arg("--out")
+            .arg(folder.path())
+            .spawn()
+            .expect("it runs");
+    // The first request of each foot after the start of the session: the cells for the trial, or the calibration in force.
+    let serving = [(left.0, Side::Left), (right.0, Side::Right)].map(|(listener, side)| {
+        std::thread::spawn(move || {
+            let mut insole = Insole { side, ..Insole::with_steps([]) }.with_cells();
+            let is_trial = Cell::new(false);
+            insole.serve(listener.accept().expect("it connects").0, |message| {
+                is_trial.set(matches!(message, ToDevice::StreamCells(_)));
+                is_trial.get() || matches!(message, ToDevice::GetIdentity)
+            });
+            is_trial.get()
+        })
+    });
+    let are_trials = serving.map(|thread| thread.join().expect("no panic"));
+    program.kill().expect("it can be ended");
+    let (_, text) = wait_for_end(program);
+    assert_eq!(are_trials, [true, true], "{text}");
 }
 
 #[test]

@@ -48,6 +48,8 @@ enum Trial {
 struct Insole {
     chip: NorFlashChip,
     trial: Trial,
+    /// If true, the insole restarts before it has sent that it accepted the image.
+    is_answer_lost: bool,
 }
 
 impl Insole {
@@ -58,7 +60,7 @@ impl Insole {
         let mut chip = NorFlashChip::new(FLASH_BYTES);
         let old = image("test", OLD, &secret());
         chip.bytes[ACTIVE_IMAGE.start as usize..][..old.bytes().len()].copy_from_slice(old.bytes());
-        let insole = Arc::new(Mutex::new(Self { chip, trial }));
+        let insole = Arc::new(Mutex::new(Self { chip, trial, is_answer_lost: false }));
         let shared = insole.clone();
         std::thread::spawn(move || {
             for mut host in listener.incoming().map(|host| host.expect("a host")) {
@@ -101,6 +103,9 @@ impl Insole {
                 let progress = block_on(update.handle(&mut self.chip, &running, &key, &request));
                 accepted = progress == Ok(Progress::Accepted);
                 session.complete(progress.map(CommandResult::Update).map_err(Refusal::Update));
+                if accepted && self.is_answer_lost {
+                    break;
+                }
             }
             let (mut buffer, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
             while let Some(message) = session.next(&hello, || status, &mut buffer) {
@@ -157,6 +162,20 @@ fn a_signed_image_is_sent_and_the_new_version_is_reported() {
     assert!(warnings.contains("anyone can sign an update"), "{warnings}");
     let output = update(&file, address);
     assert!(output.status.success() && !String::from_utf8_lossy(&output.stderr).contains("anyone can sign"));
+}
+
+#[test]
+fn an_update_is_complete_although_its_last_answer_was_lost() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("new.bin");
+    let (address, insole) = Insole::start(Trial::Passes);
+    insole.lock().expect("no panic").is_answer_lost = true;
+    std::fs::write(&file, image("test", NEW, &secret()).file()).expect("written");
+    let output = update(&file, address);
+    let text = String::from_utf8(output.stdout).expect("text");
+    assert!(output.status.success(), "{text} {}", String::from_utf8_lossy(&output.stderr));
+    assert!(text.contains("did not answer") && !text.contains("signature is valid"), "{text}");
+    assert!(text.contains(&format!("runs {NEW} (before: {OLD})")), "{text}");
 }
 
 #[test]

@@ -106,7 +106,8 @@ impl Foot {
         // reports the loss.
         let _ = self.link.start();
         while !stop.load(Ordering::Relaxed) {
-            let item = match self.link.next_event()? {
+            let event = self.link.next_event().with_context(|| format!("{} foot", self.side.name()))?;
+            let item = match event {
                 Event::Message(message) => {
                     if let ToHost::Live(live) = &message {
                         self.update(|progress| progress.live = *live);
@@ -184,14 +185,19 @@ impl Foot {
         trial.evaluate(&name, &recording)
     }
 
-    /// Stores the calibration on the insole, unless it is in force already, and in the folder.
-    pub fn calibrate(&mut self, cells: &[CellCalibration]) -> Result<()> {
+    /// Stores the calibration on the insole, unless it is in force already.
+    pub fn send_calibration(&mut self, cells: &[CellCalibration]) -> Result<()> {
         let mut id = CalibrationId::new();
         id.add(cells);
         if self.link.client().identity()?.calibration_id != id.id() {
             self.link.client().calibrate(cells)?;
-            self.link.restart().context("the insole did not answer after its restart: switch it off and on")?;
+            crate::insole::restart(&mut self.link)?;
         }
+        Ok(())
+    }
+
+    /// Stores the calibration in the folder.
+    pub fn store_calibration(&self, cells: &[CellCalibration]) -> Result<()> {
         let lines: String = std::iter::once("cell,offset,gain\n".to_string())
             .chain(cells.iter().enumerate().map(|(i, cell)| format!("{i},{},{}\n", cell.offset, cell.gain)))
             .collect();

@@ -1,6 +1,7 @@
 //! The screen of a guided session: an instruction, the progress of each foot, and the loads of the soles. If stdout is not a
 //! terminal, instructions and counts are printed as lines.
 
+use crate::signals::Signals;
 use crate::view::ends_session;
 use anyhow::Result;
 use plantar::Side;
@@ -59,6 +60,7 @@ impl Progress {
 pub struct Screen {
     /// `None` if stdout is not a terminal.
     terminal: Option<DefaultTerminal>,
+    signals: Signals,
     /// The lines that were printed last, if stdout is not a terminal.
     printed: Vec<String>,
 }
@@ -67,19 +69,20 @@ impl Screen {
     /// Switches the terminal to the screen, if stdout is a terminal.
     pub fn open() -> Result<Self> {
         let terminal = if std::io::stdout().is_terminal() { Some(ratatui::try_init()?) } else { None };
-        Ok(Self { terminal, printed: Vec::new() })
+        Ok(Self { terminal, signals: Signals::catch(), printed: Vec::new() })
     }
 
     /// Shows the instruction and the feet, and waits until a key is pressed or the next picture is due. Returns true if the key
-    /// ends the session.
+    /// or a signal ends the session.
     pub fn show(&mut self, instruction: &str, feet: &[Progress]) -> Result<bool> {
         let Some(terminal) = &mut self.terminal else {
             self.print(instruction, feet);
             std::thread::sleep(REDRAW);
-            return Ok(false);
+            return Ok(self.signals.have_arrived());
         };
         terminal.draw(|frame| draw(frame, instruction, feet))?;
-        Ok(event::poll(REDRAW)? && ends_session(&event::read()?))
+        let is_ended_by_key = event::poll(REDRAW)? && ends_session(&event::read()?);
+        Ok(is_ended_by_key || self.signals.have_arrived())
     }
 
     /// Prints the lines that have changed.
