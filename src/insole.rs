@@ -77,12 +77,12 @@ macro_rules! frame_context {
             cells: &mut $insole.cells,
             division: &$insole.division,
             curve: &$insole.curve,
-            contact: &$insole.setup.contact,
+            setup: &$insole.setup,
             rows: &$insole.rows,
             codes: $codes,
             loads: &mut $insole.loads,
             seq: $seq,
-            period_us: $insole.setup.period_us,
+            wraps: $insole.wraps,
         }
     };
 }

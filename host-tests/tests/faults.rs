@@ -219,7 +219,7 @@ fn the_time_of_a_fault_saturates() {
             if frame >= 500 {
                 codes[usize::from(OPEN)] = 0;
             }
-            insole.frame(first + frame, &codes);
+            insole.frame(first.wrapping_add(frame), &codes);
         }
         let open = insole.faults().list.iter().find(|fault| fault.place == Place::Cell(OPEN));
         open.expect("the open cell is reported").found_ms
@@ -229,6 +229,8 @@ fn the_time_of_a_fault_saturates() {
     // At 100 Hz, the cell is reported in the last frame whose time is in the range of the message, or in the frame after it.
     let first = (u32::MAX - ms) / 10;
     assert_eq!((found_ms(first), found_ms(first + 1)), (u32::MAX - 5, u32::MAX));
+    // The frame number wraps before the cell is reported.
+    assert_eq!(found_ms(u32::MAX - 250), u32::MAX);
 }
 
 proptest! {

@@ -53,9 +53,14 @@ const OFF: Part = Frames(10, 0.0);
 /// A detected step: number of its first frame, number of frames from heel strike to toe off, and number of bridged frames.
 type Found = (u32, u32, u32);
 
-/// The steps that are detected in a sequence, which begins with the frame number `first_seq`.
+/// The steps that are detected in a sequence, which begins with the frame number `first_seq`, by the rule with fixed thresholds.
 fn steps_of(sequence: &[Part], first_seq: u32) -> (Vec<Found>, Stance<f64>) {
-    let limits = StanceLimits::new(&StanceRule::ABSOLUTE, PERIOD_US);
+    steps_by(&StanceRule::ABSOLUTE, sequence, first_seq)
+}
+
+/// The steps that are detected in a sequence, which begins with the frame number `first_seq`, by this rule.
+fn steps_by(rule: &StanceRule, sequence: &[Part], first_seq: u32) -> (Vec<Found>, Stance<f64>) {
+    let limits = StanceLimits::new(rule, PERIOD_US);
     let mut stance = Stance::new();
     let mut steps = Vec::new();
     let mut seq = first_seq;
@@ -153,6 +158,15 @@ fn steps_are_detected_in_sequences_of_force() {
 fn a_heel_strike_in_a_long_gap_starts_no_step() {
     let (steps, _) = steps_of(&[OFF, Missing(40), Frames(30, 500.0), OFF, Frames(60, 500.0), OFF], 0);
     assert_eq!(steps, [(90, 60, 0)]);
+}
+
+/// The first force after the missing frames is between the thresholds: 35 N for heel strike and 70 N for toe off.
+#[test]
+fn a_heel_strike_in_a_long_gap_starts_no_step_if_the_threshold_of_toe_off_is_the_higher_one() {
+    let sequence = [OFF, Missing(40), Frames(2, 50.0), Frames(30, 500.0), OFF, Frames(60, 500.0), OFF];
+    let (steps, stance) = steps_by(&StanceRule::ADAPTIVE, &sequence, 0);
+    assert_eq!(steps, [(92, 60, 0)]);
+    assert_eq!(stance.rejected(), Rejected { broken: 1, ..Rejected::default() });
 }
 
 #[test]

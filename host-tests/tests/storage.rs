@@ -3,10 +3,11 @@
 use embedded_storage_async::nor_flash::NorFlash;
 use plantar::Side;
 use plantar::pipeline::calibrate::CellCalibration;
-use plantar::pipeline::tissue::Tissue;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::tissue::{AreaFilter, Identified, Tissue};
 use plantar::protocol::{Alert, BLOCK_CELLS, Bout, LoadRecord, Reset, Serial, Step, StepFoot, StepRegion};
 use plantar::storage::flash_map::{self, RECORDS, SECTOR, SMALL_LOG};
-use plantar::storage::{Bonds, BootCounters, IdentityRecord, Record, StorageError, Store};
+use plantar::storage::{Bonds, BootCounters, IdentifiedRecord, IdentityRecord, Record, StorageError, Store};
 use sequential_storage::cache::Cache;
 use sequential_storage::map::{MapConfig, MapStorage};
 use sequential_storage::queue::{QueueConfig, QueueStorage};
@@ -60,6 +61,45 @@ fn a_loss_of_power_at_any_moment_leaves_the_old_or_the_new_value() {
                 script.cut(operation, torn).expect("the store must have the old or the new value");
             }
         }
+    }
+}
+
+/// Power fails in each operation that replaces the parameters. They are valid only with the contact rule of their identification,
+/// so neither the parameters nor the rule may be replaced alone.
+#[test]
+fn a_loss_of_power_leaves_parameters_with_the_rule_of_their_identification() {
+    let identified = |full_kpa, steps| {
+        let contact = ContactRule { full_kpa, ..ContactRule::COUNTED };
+        Some(Identified { contact, filter: AreaFilter::Direct, side: None, steps })
+    };
+    let mut force_laws = TISSUE.force_laws;
+    force_laws[0].n = 1.3;
+    let (first, second) = ((*TISSUE, identified(0.0, 20)), (Tissue::new(force_laws), identified(150.0, 30)));
+    let mut used = chip();
+    // Firmware that did not have the second part of the record has stored these.
+    let mut store = open(&mut used);
+    let record = IdentifiedRecord { tissue_id: first.0.id, identified: first.1 };
+    block_on(store.put(0, &record)).expect("the chip works");
+    block_on(store.put(0, &first.0)).expect("the chip works");
+    assert_eq!(block_on(store.tissue()), Ok(first));
+    let mut old = first;
+    for new in [second, first, second, (second.0, first.1), (second.0, None), first] {
+        for torn in [Torn::Before, Torn::Within, Torn::After] {
+            for operation in 0.. {
+                let mut chip = used.restarted();
+                let mut store = open(&mut chip);
+                let flash = store.flash().expect("there is a chip");
+                flash.cut = Some((flash.operations + operation, torn));
+                let is_stored = block_on(store.put_tissue(&new.0, new.1)).is_ok();
+                let found = block_on(open(&mut chip.restarted()).tissue()).expect("the chip works");
+                assert!(found == new || !is_stored && found == old, "{torn:?} operation {operation}: {found:?}");
+                if is_stored {
+                    break;
+                }
+            }
+        }
+        block_on(open(&mut used).put_tissue(&new.0, new.1)).expect("the chip works");
+        old = new;
     }
 }
 

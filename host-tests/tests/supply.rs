@@ -1,14 +1,18 @@
 //! The store on a flash chip with a supply that becomes too low at any moment, and is sufficient again later.
 
-use core::cell::Cell;
+use core::cell::{Cell, RefCell};
 use embassy_futures::block_on;
 use embedded_storage_async::nor_flash::NorFlash;
 use plantar::protocol::{LoadRecord, Reset, Step};
 use plantar::storage::flash_map::{SECTOR, SMALL_LOG};
 use plantar::storage::supplied::Supplied;
 use plantar::storage::{StorageError, Store};
+use std::rc::Rc;
+use testkit::host::{Host, LinkKind};
 use testkit::nor_flash::{NorFlashChip, Supply};
 use testkit::step;
+use testkit::virtual_time::now_us;
+use testkit::world::{InsoleEvent, World};
 
 /// A chip that was used before.
 fn used_chip() -> NorFlashChip {
@@ -90,6 +94,33 @@ fn steps_that_were_stored_remain_when_the_supply_was_low_for_some_time() {
         assert_eq!(store.contents().erased, 0, "low supply from operation {sufficient} on");
     }
     assert!(refusals >= steady.operations() as u32 / 2, "{refusals}");
+}
+
+/// Without a host, some records wait in RAM and in the log. The next ones cannot be stored: those for which there is no room in
+/// RAM are dropped. If they replaced stored ones there, their acknowledgement would delete records that were never sent.
+#[test]
+fn stored_steps_arrive_if_later_ones_could_not_be_stored() {
+    const SECOND_US: u64 = 1_000_000;
+    for stored in 4..=8 {
+        let world = Rc::new(RefCell::new(World::new(1, 100.0)));
+        let start_us = now_us();
+        for (s, event) in [
+            (1, InsoleEvent::Walk { steps: stored }),
+            (20, InsoleEvent::LowSupply { for_us: 20 * SECOND_US }),
+            (21, InsoleEvent::Walk { steps: 4 }),
+        ] {
+            world.borrow_mut().schedule(start_us + s * SECOND_US, 0, event);
+        }
+        world.borrow_mut().run_for(45 * SECOND_US);
+        let mut host = Host::new(&world, 0);
+        host.connect(LinkKind::Serial, false);
+        let end_us = now_us() + 10 * SECOND_US;
+        while now_us() < end_us {
+            host.poll();
+        }
+        let numbers: Vec<_> = host.records.iter().map(LoadRecord::number).collect();
+        assert!((0..stored).all(|number| numbers.contains(&number)), "{stored} stored steps, received {numbers:?}");
+    }
 }
 
 /// Reading the log erases sectors of which all records were deleted. If the log could not be read until the supply is

@@ -8,6 +8,8 @@ use embedded_storage_async::nor_flash::{ErrorType, MultiwriteNorFlash, NorFlash,
 use emulation::ACTIVE_IMAGE;
 use emulation::FLASH_BYTES;
 use firmware_image::{Image, SigningKey};
+use mcumgr::{CHUNK as PART, Upload};
+use plantar::protocol::mcuboot::TRAILER;
 use plantar::protocol::update::{CHUNK, Header, Offer, Progress, Refusal, Request};
 use plantar::storage::boot::{Blocking, poll_at_most, swap_if_due};
 use plantar::storage::flash_map::SMALL_LOG;
@@ -204,6 +206,50 @@ fn a_refused_image_changes_nothing() {
     assert_eq!(ask(&mut update, &mut chip, Request::Finish), Err(Refusal::NotBegun));
     assert_eq!(ask(&mut update, &mut chip, Request::Begin(NEW.offer())), Ok(Progress::Next(0)));
     assert_eq!(ask(&mut update, &mut chip, Request::Finish), Err(Refusal::Incomplete));
+}
+
+/// When all chunks were received, the supply is too low for the mark, or a read fails. The same request succeeds later, without
+/// the chunks.
+#[test]
+fn a_complete_image_remains_if_the_chip_fails_at_the_end_of_the_transfer() {
+    for (refuses_changes, failing_reads) in [(true, 0), (false, 1)] {
+        let (mut update, mut chip) = (Update::new(), chip());
+        ask(&mut update, &mut chip, Request::Begin(NEW.offer())).expect("the offer is accepted");
+        for number in 0..NEW.offer().chunks {
+            ask(&mut update, &mut chip, chunk(&NEW, number)).expect("the chunk is accepted");
+        }
+        (chip.refuses_changes, chip.failing_reads) = (refuses_changes, failing_reads);
+        assert_eq!(ask(&mut update, &mut chip, Request::Finish), Err(Refusal::Chip));
+        (chip.refuses_changes, chip.failing_reads) = (false, 0);
+        assert_eq!(ask(&mut update, &mut chip, Request::Begin(NEW.offer())), Ok(Progress::Next(NEW.offer().chunks)));
+        assert_eq!(ask(&mut update, &mut chip, Request::Finish), Ok(Progress::Accepted));
+        assert!(boot(&mut chip) == Ok(State::Swap) && active(&chip) == Some(&NEW));
+    }
+}
+
+/// The same with an image that was received as a file and is then marked by a management tool.
+#[test]
+fn a_file_remains_if_the_chip_fails_while_it_is_marked() {
+    let (mut update, mut chip) = (Update::new(), chip());
+    let file = NEW.file();
+    for (index, data) in file[..file.len() - TRAILER].chunks(PART).chain([&file[file.len() - TRAILER..]]).enumerate() {
+        let offset = (index * PART).min(file.len() - TRAILER) as u32;
+        let part = Upload {
+            offset,
+            file_bytes: Some(file.len() as u32),
+            sha256: None,
+            must_be_newer: false,
+            data: data.iter().copied().collect(),
+        };
+        block_on(update.upload(&mut chip, OLD.header(), &part)).expect("the part is accepted");
+    }
+    let received = update.received().expect("the file is complete");
+    chip.refuses_changes = true;
+    assert_eq!(block_on(update.mark(&mut chip, &key())), Err(Refusal::Chip));
+    assert_eq!(update.received(), Some(received));
+    chip.refuses_changes = false;
+    assert_eq!(block_on(update.mark(&mut chip, &key())), Ok(()));
+    assert_eq!(boot(&mut chip), Ok(State::Swap));
 }
 
 #[test]

@@ -253,8 +253,8 @@ impl FaultDetector {
     /// Counts a fault and adds it to the list, unless the list is full.
     fn report<R: Real>(&mut self, frame: &FrameContext<'_, R>, kind: FaultKind, place: Place) {
         self.faults.found = self.faults.found.wrapping_add(1);
-        let found_ms = u64::from(frame.seq) * u64::from(frame.period_us) / 1000;
-        let found_ms = u32::try_from(found_ms).unwrap_or(u32::MAX);
+        let found_us = (u64::from(frame.wraps) << 32 | u64::from(frame.seq)) * u64::from(frame.setup.period_us);
+        let found_ms = u32::try_from(found_us / 1000).unwrap_or(u32::MAX);
         let _ = self.faults.list.push(Fault { kind, place, found_ms });
     }
 

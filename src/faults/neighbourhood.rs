@@ -4,11 +4,10 @@ use super::matrix::MatrixRows;
 use crate::num::Real;
 use crate::pipeline::calibrate::Curve;
 use crate::pipeline::cell::InsoleCell;
-use crate::pipeline::contact::ContactRule;
 use crate::pipeline::live::RegionLoad;
 use crate::pipeline::marks::LOADED;
 use crate::pipeline::region::PER_MM;
-use crate::pipeline::setup::Division;
+use crate::pipeline::setup::{Division, Setup};
 use core::ops::Range;
 
 /// Largest distance of an adjacent cell along an axis, in tenths of the side of a cell: the eight cells around it.
@@ -22,7 +21,7 @@ pub(crate) struct FrameContext<'a, R> {
     pub(crate) cells: &'a mut [InsoleCell<R>],
     pub(crate) division: &'a Division,
     pub(crate) curve: &'a Curve,
-    pub(crate) contact: &'a ContactRule,
+    pub(crate) setup: &'a Setup,
     pub(crate) rows: &'a MatrixRows,
     /// One code for each cell.
     pub(crate) codes: &'a [u16],
@@ -30,8 +29,8 @@ pub(crate) struct FrameContext<'a, R> {
     pub(crate) loads: &'a mut [RegionLoad<R>; 8],
     /// Number of the frame.
     pub(crate) seq: u32,
-    /// Time between frames, us.
-    pub(crate) period_us: u32,
+    /// Number of times that the frame number has wrapped.
+    pub(crate) wraps: u32,
 }
 
 impl<R> FrameContext<'_, R> {

@@ -69,7 +69,7 @@ impl Review {
                 self.unresponsive += u32::from(review_stance(cell, neighbours.as_ref()));
             }
             let cell = &mut frame.cells[index];
-            let is_changed = cell.follow(code, last_reading, self.rise, frame.contact, frame.curve);
+            let is_changed = cell.follow(code, last_reading, self.rise, &frame.setup.contact, frame.curve);
             cell.marks.swing_reading = reading(cell, code);
             self.rezeroed += u32::from(is_changed);
             if is_exceeded {

@@ -5,14 +5,14 @@ mod manage;
 
 use super::shared::Shared;
 use super::supervise::Part;
-use super::trial::{Trial, Verdict};
+use super::trial::{self, Trial, Verdict};
 use crate::log;
 use crate::protocol::session::{Command, CommandResult};
 use crate::protocol::update::{Header, Progress, Refusal as UpdateRefusal, Request};
 use crate::protocol::{Identity, LoadRecord, Refusal};
 use crate::storage::previous;
 use crate::storage::update::{self, Update};
-use crate::storage::{Bonds, IdentifiedRecord, IdentityRecord, RadioRecord, SettingsRecord, StorageError, Store};
+use crate::storage::{Bonds, IdentityRecord, RadioRecord, SettingsRecord, StorageError, Store};
 use core::future::poll_fn;
 use core::pin::{Pin, pin};
 use core::task::{Context, Poll};
@@ -78,10 +78,10 @@ pub async fn persist(
 ) -> ! {
     // Without a chip no image can have been swapped.
     let is_on_trial = match store.flash() {
-        Some(flash) => update::is_on_trial(flash).await == Ok(true),
+        Some(flash) => trial::is_on_trial(flash).await,
         None => false,
     };
-    // Part 0 is the whole of a record that is not a calibration ([`Store::get`]).
+    // Part 0 is the whole record ([`Store::get`]).
     let radio: Option<RadioRecord> = store.get(0).await.ok().flatten();
     let is_radio_known = radio.is_some_and(|radio| radio.has_answered);
     let mut state = Persist {
@@ -176,10 +176,11 @@ impl Persist<'_> {
             }
             Err(_) => {
                 self.shared.count_not_stored();
+                let mut session = self.shared.session.borrow_mut();
                 // If this record were in RAM, only those after it would be loaded from the log. It is dropped, because those
-                // before it, which are in the log only, are more numerous.
-                let is_lost = self.has_more_in_log && self.is_log_readable;
-                self.shared.session.borrow_mut().count_dropped(is_lost.into());
+                // before it, which are in the log only or would have to leave the RAM, are more numerous.
+                let is_lost = self.is_log_readable && (self.has_more_in_log || !session.has_room());
+                session.count_dropped(is_lost.into());
                 !is_lost
             }
         }
@@ -273,8 +274,7 @@ impl Persist<'_> {
         let hello = &self.shared.hello;
         Ok(Some(match command {
             Command::Tissue(tissue, identified) => {
-                store.put(0, &IdentifiedRecord { tissue_id: tissue.id, identified: *identified }).await?;
-                store.put(0, tissue).await?;
+                store.put_tissue(tissue, *identified).await?;
                 log::info!("settings: parameters {:x} are stored", tissue.id);
                 CommandResult::Stored
             }

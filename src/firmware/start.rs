@@ -8,11 +8,11 @@ use crate::insole::Insole;
 use crate::log;
 use crate::pipeline::alert::AlertRules;
 use crate::pipeline::setup::{DEVICE_CELLS, Setup, SetupCell, SetupError};
-use crate::pipeline::tissue::{Identified, Tissue};
+use crate::pipeline::tissue::Tissue;
 use crate::protocol::session::Session;
 use crate::protocol::update::Header;
 use crate::protocol::{BLOCK_CELLS, Hello, MAJOR, MAX_FAULT_TEXT, MINOR, Reset, Serial, Settings};
-use crate::storage::{IdentifiedRecord, IdentityRecord, SettingsRecord, Store, previous};
+use crate::storage::{IdentityRecord, SettingsRecord, Store, previous};
 use core::cell::RefCell;
 use core::fmt::{Display, Write};
 use core::pin::pin;
@@ -219,7 +219,7 @@ async fn start_with<F: MultiwriteNorFlash, const FRAMES: usize>(
         insole.restore_day(&earlier);
     }
     let calibration_id = restore_calibration(store, insole, cells, calibrated).await;
-    let (tissue, identified) = stored_tissue(store).await;
+    let (tissue, identified) = store.tissue().await.unwrap_or((Tissue::NONE, None));
     let is_of_rule = identified.is_none_or(|identified| identified.contact == setup.contact);
     let other_rule = (!is_of_rule).then_some(OTHER_RULE);
     log::info!("settings: layout {}, calibration {:x}", setup.layout_id, calibration_id);
@@ -326,14 +326,6 @@ fn set_up(
 /// A cell of the board's layout, scaled as the settings require.
 fn scaled(cell: SetupCell, settings: Option<Settings>) -> SetupCell {
     settings.map_or(cell, |settings| settings.scaled(cell))
-}
-
-/// The stored parameters and how they were identified; [`Tissue::NONE`] without any.
-async fn stored_tissue(store: &mut Store<impl MultiwriteNorFlash>) -> (Tissue, Option<Identified>) {
-    let tissue: Tissue = store.get(0).await.ok().flatten().unwrap_or(Tissue::NONE);
-    let record: Option<IdentifiedRecord> = store.get(0).await.ok().flatten();
-    let identified = record.filter(|record| record.tissue_id == tissue.id).and_then(|record| record.identified);
-    (tissue, identified)
 }
 
 /// The hello of a board that runs `image`. `fault` is the text of [`Hello::fault`].

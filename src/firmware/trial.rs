@@ -5,7 +5,9 @@
 //! [`UNATTENDED_CHECKS`] successive checks. An image that has met neither condition after [`MOST_CHECKS`] checks has failed.
 
 use super::supervise::{Heartbeats, PARTS, Part};
+use crate::storage::update;
 use embassy_time::{Duration, Instant};
+use embedded_storage_async::nor_flash::NorFlash;
 
 /// Time between checks. Every part has a heartbeat in this time: the storage with each check, the others at least every second.
 const PERIOD: Duration = Duration::from_secs(2);
@@ -18,6 +20,20 @@ const MOST_CHECKS: u16 = 450;
 
 /// Time from a failed confirmation to the next attempt, which reads the whole image.
 const RETRY: Duration = Duration::from_secs(60);
+
+/// Largest number of attempts to read whether the image is on trial, as many as the bootloader makes.
+const STATE_READS: usize = 3;
+
+/// True if the running image is on trial. The state is read at the start only, so a read that fails is repeated: without its
+/// trial the image would neither be confirmed nor swapped back before the next start.
+pub(super) async fn is_on_trial(flash: &mut impl NorFlash) -> bool {
+    for _ in 0..STATE_READS {
+        if let Ok(is_on_trial) = update::is_on_trial(flash).await {
+            return is_on_trial;
+        }
+    }
+    false
+}
 
 /// The state of a trial.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -179,7 +179,7 @@ impl<R: Real> Stance<R> {
                 false
             }
             // The heel strike is within a gap that is too long to be bridged.
-            Phase::Swing | Phase::Ended if missing > BRIDGED_FRAMES && total_n >= release_n => {
+            Phase::Swing | Phase::Ended if missing > BRIDGED_FRAMES && total_n >= strike_n.min(release_n) => {
                 self.rejected.broken += 1;
                 self.ignore();
                 false

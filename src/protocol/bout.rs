@@ -33,7 +33,7 @@ quantities! {
         boots_since: u32 = 0
             => starts_ago [1 per "count"],
             "Counted by the insole.";
-        /// `start_us` on the wall clock, us since 1970, UTC; `None` if the clock was not set.
+        /// `start_us` on the wall clock (UTC; local time if Current Time has set it), us since 1970; `None` if it was not set.
         start_unix_us: Option<u64> = None;
     }
 

@@ -223,7 +223,7 @@ pub enum ToDevice {
     /// foot is not lifted within [`ZERO_S`](crate::pipeline::baseline::ZERO_S) seconds.
     Zero,
     /// Erases everything about the wearer: parameters, rules of alerts, load of the day, bonds, and all records of steps, load
-    /// bouts and alerts. Foot, serial number, calibration and settings remain. Answered by [`ToHost::Identity`] within a minute;
-    /// then the insole restarts.
+    /// bouts and alerts. Foot, serial number, calibration and settings remain. Answered by [`ToHost::Identity`] after some 15 s,
+    /// with a full log of 13.5 MiB after some three minutes; then the insole restarts.
     EraseWearer,
 }

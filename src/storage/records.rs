@@ -56,7 +56,8 @@ pub struct CellsRecord(pub CalibrationBlock);
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SettingsRecord(pub Option<Settings>);
 
-/// How parameters were identified.
+/// How parameters were identified. The record has two parts, of which the one that belongs to the stored parameters is in force
+/// ([`Store::put_tissue`](super::Store::put_tissue)).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct IdentifiedRecord {
     /// The parameters, by [`Tissue::id`]. The record is written before them, so after a loss of power it may belong to

@@ -16,6 +16,7 @@ use sequential_storage::map::{MapConfig, MapStorage};
 mod erase;
 mod sectors;
 mod survey;
+mod tissue;
 
 /// Largest number of attempts to write a record. An attempt fails if the record cannot be read back.
 const WRITE_ATTEMPTS: usize = 3;
@@ -111,8 +112,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
         Ok(())
     }
 
-    /// Reads part `part` of the record `R`; `None` if there is none that this firmware can read. Only a calibration has several
-    /// parts; otherwise `part` is 0.
+    /// Reads part `part` of the record `R`; `None` if there is none that this firmware can read. Only the cells of a
+    /// calibration and [`IdentifiedRecord`](super::IdentifiedRecord) have several parts; otherwise `part` is 0.
     ///
     /// # Errors
     /// See [`StorageError`].

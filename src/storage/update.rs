@@ -148,27 +148,35 @@ impl Update {
         if self.received < u32::from(offer.chunks) * CHUNK as u32 {
             return Err(Refusal::Incomplete);
         }
-        // The transfer ends here: more chunks could not correct any of the following errors.
-        *self = Self::new();
-        let mut header = [0; Header::BYTES];
-        flash.read(OTHER.start + HEADER, &mut header).await.map_err(|error| error.kind())?;
-        if Header::read(&header) != Some(offer.header) {
-            return Err(Refusal::Header);
+        let accepted = accept(flash, key, &offer).await;
+        // A failure of the chip, as with a low supply, may be temporary: the complete image remains, and the host can request the
+        // end again. More chunks could not correct any other error.
+        if accepted != Err(Refusal::Chip) {
+            *self = Self::new();
         }
-        let signature = *offer.signature.as_flattened().as_array().ok_or(Refusal::Signature)?;
-        let len = u32::from(offer.chunks) * CHUNK as u32;
-        // A disturbance of the supply can make the core skip instructions. The signature is verified here and again by
-        // `embassy-boot`, so that skipping a branch of one check does not accept an image.
-        if !is_signed(flash, len, key, &signature).await? {
-            return Err(Refusal::Signature);
-        }
-        let chip = Mutex::new(flash);
-        let mut word = [0; STATE_WORD];
-        let config =
-            FirmwareUpdaterConfig { dfu: Partition::<_, CHUNK>::new(&chip, OTHER), state: state_partition(&chip) };
-        FirmwareUpdater::new(config, &mut word).verify_and_mark_updated(key, &signature, len).await?;
-        Ok(Progress::Accepted)
+        accepted
     }
+}
+
+/// Verifies the received image, and marks it for the bootloader.
+async fn accept<F: NorFlash>(flash: &mut F, key: &[u8; 32], offer: &Offer) -> Result<Progress, Refusal> {
+    let mut header = [0; Header::BYTES];
+    flash.read(OTHER.start + HEADER, &mut header).await.map_err(|error| error.kind())?;
+    if Header::read(&header) != Some(offer.header) {
+        return Err(Refusal::Header);
+    }
+    let signature = *offer.signature.as_flattened().as_array().ok_or(Refusal::Signature)?;
+    let len = u32::from(offer.chunks) * CHUNK as u32;
+    // A disturbance of the supply can make the core skip instructions. The signature is verified here and again by
+    // `embassy-boot`, so that skipping a branch of one check does not accept an image.
+    if !is_signed(flash, len, key, &signature).await? {
+        return Err(Refusal::Signature);
+    }
+    let chip = Mutex::new(flash);
+    let mut word = [0; STATE_WORD];
+    let config = FirmwareUpdaterConfig { dfu: Partition::<_, CHUNK>::new(&chip, OTHER), state: state_partition(&chip) };
+    FirmwareUpdater::new(config, &mut word).verify_and_mark_updated(key, &signature, len).await?;
+    Ok(Progress::Accepted)
 }
 
 /// True if this is the signature of the first `len` bytes of the received image, a multiple of [`CHUNK`], by the secret half of

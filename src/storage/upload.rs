@@ -96,7 +96,8 @@ impl Update {
     /// Verifies the signature of the image that was received as a file, and marks the image for the bootloader.
     ///
     /// # Errors
-    /// The [`Refusal`] to send to the host. The received image is then discarded, unless it is incomplete.
+    /// The [`Refusal`] to send to the host. The received image is then discarded, unless it is incomplete or the chip
+    /// has failed.
     pub async fn mark<F: NorFlash>(&mut self, flash: &mut F, key: &[u8; 32]) -> Result<(), Refusal> {
         if self.is_pending {
             return Ok(());

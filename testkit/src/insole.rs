@@ -20,7 +20,7 @@ use plantar::firmware::{persist, process, scan, serve};
 use plantar::protocol::update::{CHUNK, Header};
 use plantar::protocol::{Reset, Settings};
 use plantar::storage::boot::{Blocking, swap_if_due};
-use plantar::storage::flash_map::{HEADER, HEADER_BYTES, SMALL_LOG};
+use plantar::storage::flash_map::{HEADER, HEADER_BYTES, SMALL_LOG, STATE};
 use plantar::storage::partition::Partition;
 use serde::Deserialize;
 use std::cell::RefCell;
@@ -102,6 +102,8 @@ pub struct HostInsole {
     pub settings: Option<Settings>,
     /// The flash chip does not answer from the next start on.
     pub is_chip_silent: bool,
+    /// The first read of the bootloader's state fails in each start of the firmware.
+    pub fails_state_read: bool,
     executor: Option<Executor>,
     /// Number of successive starts that ended in a crash before they counted as successful.
     failed_starts: u32,
@@ -124,6 +126,7 @@ impl HostInsole {
             boots: Vec::new(),
             settings: None,
             is_chip_silent: false,
+            fails_state_read: false,
             executor: None,
             failed_starts: 0,
             restart: Some((now_us(), Reset::Power, None)),
@@ -252,6 +255,7 @@ impl HostInsole {
             radio: self.radio.clone(),
         };
         self.chip.0.borrow_mut().forgets_writes_below = None;
+        self.chip.0.borrow_mut().failing_read_at = self.fails_state_read.then_some(STATE.start);
         let mut executor = Executor::new(from_us);
         resources.spawn(&mut executor, from_us);
         match defect {

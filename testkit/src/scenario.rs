@@ -165,6 +165,8 @@ pub enum Event {
     Stall(Part),
     /// The flash chip does not answer from the next start on.
     ChipSilent,
+    /// From the next start on, the firmware's first read of the bootloader's state fails in each start.
+    StateReadFails,
     /// The supply is too low to change the flash chip.
     LowSupply {
         /// Duration, s.
@@ -381,6 +383,7 @@ fn insole_event(event: &Event) -> Option<InsoleEvent> {
         Event::Stall(Part::Link) => InsoleEvent::Stall("link"),
         Event::Panic => InsoleEvent::Panic,
         Event::ChipSilent => InsoleEvent::ChipSilent,
+        Event::StateReadFails => InsoleEvent::StateReadFails,
         Event::LowSupply { for_s } => InsoleEvent::LowSupply { for_us: us(*for_s) },
         _ => return None,
     })

@@ -66,6 +66,8 @@ pub enum InsoleEvent {
     Panic,
     /// The flash chip does not answer from the next start on.
     ChipSilent,
+    /// From the next start on, the firmware's first read of the bootloader's state fails in each start.
+    StateReadFails,
     /// For this time, the supply voltage is too low to write or erase the flash chip.
     LowSupply {
         /// Duration, us.
@@ -179,6 +181,7 @@ impl World {
             InsoleEvent::Stall(part) => insole.stall(part),
             InsoleEvent::Panic => insole.crash(),
             InsoleEvent::ChipSilent => insole.is_chip_silent = true,
+            InsoleEvent::StateReadFails => insole.fails_state_read = true,
             InsoleEvent::LowSupply { for_us } => {
                 insole.chip.0.borrow_mut().refuses_changes = true;
                 self.schedule(now_us() + for_us, index, InsoleEvent::SupplyRecovered);

@@ -46,6 +46,8 @@ pub struct NorFlashChip {
     pub refuses_changes: bool,
     /// Number of read operations from now on that fail.
     pub failing_reads: u64,
+    /// The next read operation that includes this address fails.
+    pub failing_read_at: Option<u32>,
     /// Number of read operations from now on that return something else than the content, as from a chip whose supply rises
     /// slowly.
     pub wrong_reads: u64,
@@ -84,6 +86,7 @@ impl NorFlashChip {
             forgets_writes_below: None,
             refuses_changes: false,
             failing_reads: 0,
+            failing_read_at: None,
             wrong_reads: 0,
             wrong_byte: None,
             random: fastrand::Rng::with_seed(1),
@@ -143,6 +146,9 @@ impl ReadNorFlash for NorFlashChip {
         }
         if self.failing_reads > 0 {
             self.failing_reads -= 1;
+            return Err(OperationFailed);
+        }
+        if self.failing_read_at.take_if(|at| (offset..offset + bytes.len() as u32).contains(&*at)).is_some() {
             return Err(OperationFailed);
         }
         self.read_operations += 1;

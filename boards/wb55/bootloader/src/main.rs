@@ -1,6 +1,7 @@
 //! The bootloader of the STM32WB55: swaps the images if a swap is due, and starts the active image.
 //!
-//! The watchdog starts directly after the clocks, which need only the internal oscillator, and no wait is longer than its timeout.
+//! The watchdog starts directly after the clocks, which need only the internal oscillator. No wait is longer than its timeout,
+//! except the wait for the supply after a failed swap, which feeds the watchdog.
 //! If the flash chip does not answer, or if the state in it is not readable, the active image starts without a swap.
 //!
 //! Only the bootloader writes the controller's own flash; the radio's core does not run yet.
@@ -118,9 +119,11 @@ fn main() -> ! {
         let active = BlockingPartition::new(&own, ACTIVE.start, MAX_IMAGE);
         if swap_if_due(&chip, active).is_err() {
             // The swap may have failed half-way, and then no image would run. It continues after the reset. With a low supply,
-            // each start would erase the same sector of the controller's own flash again, so the loop waits for the supply, or
-            // for the watchdog.
-            while !is_supplied() {}
+            // each start would erase the same sector of the controller's own flash again, so the loop waits for the supply. It
+            // feeds the watchdog, because the application would report the reset by the watchdog as a stall of its own.
+            while !is_supplied() {
+                own.lock(|own| own.borrow_mut().watchdog.pet());
+            }
             SCB::sys_reset()
         }
     }
