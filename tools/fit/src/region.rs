@@ -156,7 +156,7 @@ fn resample(
     region: usize,
     options: &Options,
 ) -> Vec<ForceLaw<f64>> {
-    if curves.len() < interval::RESAMPLED_STEPS || options.method == Method::Paper {
+    if curves.len() < interval::RESAMPLED_STEPS || fit_to_all.identified.is_none() {
         return Vec::new();
     }
     parallel::map(options.resamples as usize, |seed| {

@@ -30,6 +30,7 @@ fn insole() -> (SocketAddr, Arc<Mutex<Session>>) {
     session.lock().expect("no panic").set_layout(testkit::SETUP, &[], None);
     let insole = session.clone();
     std::thread::spawn(move || {
+        let mut status = Status::default();
         for mut host in listener.incoming().map(|host| host.expect("a host")) {
             let mut decoder = Decoder::new();
             let mut received = [0; 64];
@@ -56,6 +57,9 @@ fn insole() -> (SocketAddr, Arc<Mutex<Session>>) {
                         if let Some(snoozed_s) = requests.snooze_s {
                             session.set_daily_load(DailyLoad { snoozed_s, ..testkit::daily_load() }, true);
                         }
+                        if message == ToDevice::Restart {
+                            status.contents.start += 1;
+                        }
                         if let ToDevice::SetSettings(settings) = message {
                             // A real insole adopts new settings at a restart, which `plantar` always requests next.
                             let setup = settings.map_or(testkit::SETUP, |settings| settings.apply_to(testkit::SETUP));
@@ -66,7 +70,7 @@ fn insole() -> (SocketAddr, Arc<Mutex<Session>>) {
                 let (mut buffer, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
                 let contact_rule = session.setup().expect("it has a layout").contact;
                 let hello = Hello { contact_rule, ..hello() };
-                while let Some(message) = session.next(&hello, Status::default, &mut buffer) {
+                while let Some(message) = session.next(&hello, || status, &mut buffer) {
                     let len = protocol::frame(message, &mut framed);
                     host.write_all(&framed[..len]).expect("the host is connected");
                 }
