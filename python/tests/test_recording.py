@@ -4,6 +4,7 @@ import json
 import pathlib
 import sys
 import threading
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -146,7 +147,8 @@ def test_a_recording_without_steps_has_tables_without_rows(walk_file: pathlib.Pa
 
 
 def test_parameters_for_another_filter_are_used_with_a_warning(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
-    for name, words in (("smoothed", "smoothing"), ("live", "filter of the live stream")):
+    filters: list[tuple[Literal["live", "smoothed"], str]] = [("smoothed", "smoothing"), ("live", "filter of the live stream")]
+    for name, words in filters:
         path = tmp_path / f"{name}.toml"
         package.fit(walk_file, options=package.Options(filter=name)).write(path)
         with pytest.warns(UserWarning, match=words):
