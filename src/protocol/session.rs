@@ -1,5 +1,4 @@
-//! The insole's side of a session with a host, over any carrier: it decides which message to send next and which commands to
-//! execute.
+//! The insole's side of a session with a host, over any carrier: it decides which message is sent and which command is executed.
 //!
 //! A live frame is soon out of date, so a full queue drops the oldest. A load record (a step, a load bout or an alert) must not
 //! be lost: it remains until it is acknowledged, and is sent again in the next session. The session holds the oldest
@@ -235,8 +234,7 @@ impl Session {
         self.records.back().map(LoadRecord::number)
     }
 
-    /// The records in RAM, oldest first, for a program that passes the records of an insole on: it changes the number of boots
-    /// since a record if the insole restarts.
+    /// The records in RAM, oldest first. A host that passes them on changes them if the insole restarts.
     pub fn records_mut(&mut self) -> impl Iterator<Item = &mut LoadRecord> {
         self.records.iter_mut()
     }
