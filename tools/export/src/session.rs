@@ -218,12 +218,15 @@ impl Session {
         let begins_s = feet.iter().map(|foot| foot.t_s[0]).chain(from_s).fold(f64::NEG_INFINITY, f64::max);
         let ends_s = feet.iter().map(|foot| foot.t_s[foot.t_s.len() - 1]).chain(to_s).fold(f64::INFINITY, f64::min);
         let nearest = feet[0].nearest(begins_s);
-        // The frame that is nearest to the time of --from may be before it.
+        // The frame that is nearest to the time of --from may be before it, and that of --to after it.
         let is_too_early = from_s.is_some_and(|from_s| feet[0].t_s[nearest] < from_s);
         let first_s = feet[0].t_s[(nearest + usize::from(is_too_early)).min(feet[0].t_s.len() - 1)];
         let firsts: Vec<usize> = feet.iter().map(|foot| foot.nearest(first_s)).collect();
-        let counts = feet.iter().zip(&firsts).map(|(foot, first)| (foot.nearest(ends_s) + 1).saturating_sub(*first));
-        let count = counts.min().unwrap_or(0);
+        let nearest = feet[0].nearest(ends_s);
+        let is_too_late = to_s.is_some_and(|to_s| feet[0].t_s[nearest] > to_s);
+        let last_s = nearest.checked_sub(usize::from(is_too_late)).map(|last| feet[0].t_s[last]);
+        let frames = |foot: &Foot, first: usize| last_s.map_or(0, |s| (foot.nearest(s) + 1).saturating_sub(first));
+        let count = feet.iter().zip(&firsts).map(|(foot, first)| frames(foot, *first)).min().unwrap_or(0);
         if begins_s > ends_s || count == 0 {
             let files = feet.iter().map(|foot| foot.file.as_str()).collect::<Vec<_>>().join(" and ");
             let times = feet.iter().map(|foot| format!("{} to {} s", foot.t_s[0], foot.t_s[foot.t_s.len() - 1]));

@@ -160,13 +160,18 @@ fn the_session_has_the_forces_and_the_centre_of_pressure_of_the_recording() {
 }
 
 #[test]
-fn a_session_does_not_begin_before_the_given_time() {
+fn a_session_has_no_frames_outside_of_the_given_times() {
     let mut recording = walk(Side::Left, 2, 60);
     // The frame that is nearest to time 0 is at -0.004 s.
     let begins_s = recording.t_s[0];
     recording.t_s.iter_mut().for_each(|t_s| *t_s -= begins_s + 0.504);
-    let session = Session::new(vec![foot(recording)], Some(0.0), None).expect("frames after time 0");
-    assert!((session.t_s[0] - 0.006).abs() < 1e-9, "{}", session.t_s[0]);
+    let session = Session::new(vec![foot(recording.clone())], Some(0.0), Some(0.602)).expect("frames");
+    // The frame at 0.606 s is nearer to the end than that at 0.596 s.
+    let [first_s, last_s] = [session.t_s[0], session.t_s[session.t_s.len() - 1]];
+    assert!((first_s - 0.006).abs() < 1e-9 && (last_s - 0.596).abs() < 1e-9, "{first_s} s to {last_s} s");
+    // There is no frame between -0.004 s and 0.006 s.
+    let text = Session::new(vec![foot(recording)], Some(0.001), Some(0.005)).expect_err("no frames").to_string();
+    assert!(text.contains("no frame in common"), "{text}");
 }
 
 #[test]

@@ -74,7 +74,7 @@ export class Alerts {
       this.answer_timer = setTimeout(() => {
         this.answer_timer = undefined;
         // Rules that an insole could not store are in force although it has answered with a refusal.
-        this.unchanged().forEach((session) => session.requestAlertRules());
+        this.unchanged().forEach((session) => session.send(this.wire.getAlertRules()));
       }, ANSWER_MS);
     };
     for (const key of ["alert_sound", "alert_vibration"] as const) {
@@ -93,9 +93,10 @@ export class Alerts {
     });
   }
 
-  /** An insole answered a request. */
-  answered(answer: InsoleAnswer): void {
-    if (answer.kind === "refused" && this.answer_timer !== undefined) this.refusal = answer.reason;
+  /** The insole of a session answered a request. */
+  answered(answer: InsoleAnswer, session: Session): void {
+    const is_awaited = this.answer_timer !== undefined && this.change.sessions.includes(session);
+    if (answer.kind === "refused" && is_awaited) this.refusal = answer.reason;
   }
 
   /**
@@ -149,7 +150,11 @@ export class Alerts {
       const note = ({ hello }: Session) =>
         `The ${hello?.side} insole did not accept the change: its alerts are ${this.change.is_on ? "off" : "on"}.`;
       const partly = alerts.indeterminate ? [`Alerts are on for the ${only} foot only.`] : [];
-      const refused = this.unchanged().map(note);
+      const unchanged = this.unchanged();
+      // The other connected insoles have accepted the change, so a later difference has another cause.
+      const is_open = (session: Session) => unchanged.includes(session) || !sessions.includes(session);
+      this.change.sessions = this.change.sessions.filter(is_open);
+      const refused = unchanged.map(note);
       const why = refused.length > 0 && this.refusal ? [`The reason: ${this.refusal}.`] : [];
       fill("alerts-note", [[...partly, ...refused, ...why].join(" ")]);
     }

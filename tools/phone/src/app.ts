@@ -63,9 +63,9 @@ export class App {
       shape: ({ ellipses, sole }, side) => this.live_view.shape(side, ellipses, sole),
       record: this.onRecord,
       isKnown: (message) => this.store.has(message),
-      answer: (answer, { hello }) => {
-        this.alerts.answered(answer);
-        if (hello) this.identify.insoleAnswer(hello.side, answer);
+      answer: (answer, session) => {
+        this.alerts.answered(answer, session);
+        if (session.hello) this.identify.insoleAnswer(session.hello.side, answer);
       },
       message: (bytes, side) => this.identify.message(side, bytes),
     });

@@ -59,6 +59,8 @@ export class IdentifyController {
       if (!(target instanceof HTMLSelectElement)) return;
       settings.shoe_size = Number(target.value);
       saveSettings(() => localStorage, settings);
+      // The content around a select that has the focus is not replaced.
+      target.blur();
     };
   }
 
@@ -136,6 +138,8 @@ export class IdentifyController {
     const { session } = this;
     switch (action) {
       case "start":
+        // The last insole may have been disconnected since the view was drawn.
+        if (this.hellos().size === 0) return this.draw();
         if (this.has_stored && !confirm(DELETE_STORED)) return;
         session.start(this.hellos(), performance.now(), Date.now());
         this.stored = [];

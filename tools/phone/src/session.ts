@@ -284,7 +284,8 @@ export class Session {
     this.state = "live";
     this.send(this.wire.setClock(unix_us(now_ms)));
     this.restartClockMapping(now_ms);
-    this.requestAlertRules();
+    this.has_alerts = undefined;
+    this.send(this.wire.getAlertRules());
     this.send(this.wire.stream(true));
     this.send(this.wire.streamEllipses(Math.ceil(hello.rate_hz / ELLIPSES_HZ)));
     this.requestCells(now_ms);
@@ -298,12 +299,6 @@ export class Session {
     if (now_ms - this.connect_requested_ms < CONNECT_REQUEST_MS) return;
     this.connect_requested_ms = now_ms;
     this.send(this.wire.connect());
-  }
-
-  /** Requests the rules of alerts that are in force. */
-  requestAlertRules(): void {
-    this.has_alerts = undefined;
-    this.send(this.wire.getAlertRules());
   }
 
   /** Requests the next part of the insole's cells. */

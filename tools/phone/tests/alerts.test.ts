@@ -71,7 +71,8 @@ function turnOn({ alerts, left, right }: ReturnType<typeof start>): void {
   // The insole that has accepted the change is not asked again.
   expect([left.sent.length, right.sent.at(-1)]).toEqual([count, wire.getAlertRules()]);
   alerts.update();
-  expect([box.disabled, box.checked]).toEqual([true, true]);
+  // Until the insole answers, the last known rules are shown.
+  expect([box.disabled, box.indeterminate]).toEqual([false, true]);
 }
 
 test("an insole that did not accept a change of the switch is named, with what is in force there", () => {
@@ -82,6 +83,28 @@ test("an insole that did not accept a change of the switch is named, with what i
   expect([box.disabled, box.indeterminate]).toEqual([false, true]);
   const refused = "The right insole did not accept the change: its alerts are off.";
   expect(note.content).toBe(JSON.stringify([`Alerts are on for the left foot only. ${refused}`]));
+});
+
+test("a change by another host is not reported as one that an insole did not accept", () => {
+  const all = start();
+  turnOn(all);
+  all.right.receive({ kind: "alert_rules", is_on: true });
+  all.alerts.update();
+  all.left.receive({ kind: "alert_rules", is_on: false });
+  all.alerts.update();
+  expect(note.content).toBe(JSON.stringify(["Alerts are on for the right foot only."]));
+});
+
+test("the reason of a refusal is that of an insole that was asked", () => {
+  const all = start();
+  box.checked = true;
+  box.onchange();
+  const other = connect("left").session;
+  all.alerts.answered({ kind: "refused", reason: "of another request", is_other_host: false }, other);
+  all.alerts.answered({ kind: "refused", reason: "busy", is_other_host: false }, all.right.session);
+  vi.advanceTimersByTime(3000);
+  all.alerts.update();
+  expect(note.content).toContain("The reason: busy.");
 });
 
 test("rules that an insole could not store, but that are in force, are shown as in force", () => {

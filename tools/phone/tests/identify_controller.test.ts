@@ -1,6 +1,7 @@
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
 import { IdentifyController } from "../src/identify_controller";
 import { DatabaseIdentifyStorage } from "../src/identify_storage";
+import type { Side } from "../src/generated/quantities";
 import type { Insoles } from "../src/insoles";
 import { loadSettings } from "../src/settings";
 import { element } from "./elements";
@@ -34,8 +35,9 @@ afterEach(() => {
 });
 
 /** A controller that has loaded the interrupted session, and a function that clicks a button of its view. */
-async function load() {
-  const insoles = { sessions: [], of: () => undefined, hellos: new Map() } as unknown as Insoles;
+async function load(session?: { state: string; insole: number }) {
+  const of = (side: Side) => (side === "left" ? session : undefined);
+  const insoles = { sessions: [], of, hellos: new Map([[0, new Uint8Array(1)]]) } as unknown as Insoles;
   const controller = new IdentifyController(insoles, loadSettings(() => ({ getItem: () => null }) as unknown as Storage));
   await controller.load(() => undefined);
   expect(controller.has_stored).toBe(true);
@@ -56,9 +58,15 @@ test("the wearer deletes an interrupted session without an insole", async () => 
 });
 
 test("the messages of a running session are not deleted", async () => {
-  const { controller, act } = await load();
+  const { controller, act } = await load({ state: "live", insole: 0 });
   act("start");
   stored = [Uint8Array.of(2)];
   await controller.deleteStored();
   expect(stored).toEqual([Uint8Array.of(2)]);
+});
+
+test("a session does not begin without an insole", async () => {
+  const { controller, act } = await load();
+  act("start");
+  expect([controller.has_stored, stored.length]).toEqual([true, 1]);
 });

@@ -266,7 +266,12 @@ impl Emulate {
         loop {
             is_ended_by_user |= view.wants_to_end()?;
             let mut is_silent = false;
-            match arrived.next().map_or_else(|| client.receive(), |message| Ok(Some(message)))? {
+            let message = arrived.next().map_or_else(|| client.receive(), |message| Ok(Some(message)));
+            if message.is_err() && view.wants_to_end()? {
+                // The same signal has ended the emulator.
+                bail!("ended by a signal before the insole had reported its status");
+            }
+            match message? {
                 Some(ToHost::Live(live)) => view.live(&live, client.counters())?,
                 Some(ToHost::Cells(frame)) => {
                     if let Some(identification) = identification {

@@ -94,21 +94,22 @@ impl GaitCommand {
 }
 
 /// Removes the steps of each foot that cannot be compared in time with its other steps, with a note on stderr: those without a
-/// time on the common clock, if another step of the foot has one; otherwise those of earlier boots of the insole, whose clock
-/// begins with each boot, unless no other steps remain. Returns true if all remaining steps are on the common clock.
+/// time on the common clock, if another step of the foot has one; otherwise those of all boots of the insole but the newest one
+/// with steps, because its clock begins with each boot. Returns true if all remaining steps are on the common clock.
 fn retain_comparable(steps: &mut Vec<(Step, Option<u64>)>) -> bool {
     for side in [Side::Left, Side::Right] {
         let of_side = || steps.iter().filter(move |(step, _)| step.side == side);
         let has_times = of_side().any(|(_, start_us)| start_us.is_some());
-        let has_present_boot = of_side().any(|(step, _)| step.boots_since == 0);
+        let newest_boot = of_side().map(|(step, _)| step.boots_since).min();
         let before = steps.len();
         steps.retain(|(step, start_us)| {
-            let is_comparable = if has_times { start_us.is_some() } else { step.boots_since == 0 || !has_present_boot };
+            let is_of_newest_boot = newest_boot == Some(step.boots_since);
+            let is_comparable = if has_times { start_us.is_some() } else { is_of_newest_boot };
             step.side != side || is_comparable
         });
         let removed = before - steps.len();
         if removed > 0 {
-            let which = if has_times { "without a time of day" } else { "from before the last start of the insole" };
+            let which = if has_times { "without a time of day" } else { "from earlier boots of the insole" };
             eprintln!(
                 "note: {} foot: steps {which} cannot be compared in time with the others and are not used: {removed}",
                 side.name()

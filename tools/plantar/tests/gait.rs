@@ -150,7 +150,7 @@ fn a_truncated_stream_is_noted_and_a_file_without_a_stream_is_refused_with_the_r
 fn a_step_of_an_earlier_boot_without_a_time_of_day_is_left_out() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("walk.plantar");
-    for (has_times, reason) in [(true, "without a time of day"), (false, "before the last start")] {
+    for (has_times, reason) in [(true, "without a time of day"), (false, "from earlier boots")] {
         write_stream(&path, has_times);
         let (expected, _) = measures(folder.path(), "walk.plantar");
         let mut file = std::fs::read(&path).expect("a file");
@@ -161,6 +161,23 @@ fn a_step_of_an_earlier_boot_without_a_time_of_day_is_left_out() {
         assert!(text.contains("left foot") && text.contains(reason) && text.contains("not used: 1"), "{text}");
         assert_eq!(measures(folder.path(), "walk.plantar").0, expected);
     }
+}
+
+#[test]
+fn steps_of_two_earlier_boots_are_not_mixed() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("walk.plantar");
+    let measured = |boots: &[u32]| {
+        let mut file = Vec::new();
+        for (number, boots_since) in (0..).zip(boots.iter().flat_map(|&boots_since| [boots_since; 10])) {
+            // The clock of the insole begins with each boot.
+            let step = Step { step: number, boots_since, ..step(Side::Left, number % 10, 0) };
+            client::append(&mut file, 0, 0, &ToHost::Step(step)).expect("it fits");
+        }
+        std::fs::write(&path, file).expect("written");
+        measures(folder.path(), "walk.plantar").0
+    };
+    assert_eq!(measured(&[2, 1]), measured(&[1]));
 }
 
 /// After a loss of power of the computer, the end of a file may be filled with zeros.

@@ -129,9 +129,10 @@ fn folders_of_results_are_not_participants() {
         let (status, text) = plantar(&path, command);
         assert!(status == Some(0) && !text.contains("left out"), "{command}: {text}");
     }
-    for _ in 0..2 {
-        let (status, text) = plantar(&path, "cohort people --out people/results/table");
-        assert!(status == Some(0) && !text.contains("left out"), "{text}");
+    let nested = "cohort people --out people/results/table";
+    for command in [nested, nested, "repeat people"] {
+        let (status, text) = plantar(&path, command);
+        assert!(status == Some(0) && !text.contains("left out"), "{command}: {text}");
     }
 }
 

@@ -48,7 +48,7 @@ struct Insole {
     /// The rules of alerts, if they are known.
     alert_rules: Option<AlertRules>,
     daily_load: DailyLoad,
-    status: Status,
+    status: Option<Status>,
     /// Converts between the insole's clock and this computer's.
     clock_mapping: ClockMapping,
     /// Number of sessions with the insole so far. Numbers of records can be compared only within one session.
@@ -150,7 +150,8 @@ impl Hub {
             );
         }
         if let Some(status) = status {
-            insole.set_status(status);
+            // The session with this status begins below, so all records so far are of earlier sessions.
+            insole.set_status(status, insole.session + 1);
         }
         insole.hello = Some(hello.clone());
         (insole.tissue, insole.alert_rules) = (tissue, alert_rules);
@@ -312,6 +313,7 @@ impl Hub {
             if pending.is_recorded {
                 insole.to_acknowledge = Some(record.number());
             }
+            insole.update_pages();
             return;
         }
         let is_recorded = self.record(index, &record.into());
@@ -329,7 +331,9 @@ impl Hub {
     /// Records the insole's counters, and stores them for the pages.
     pub fn status(&self, index: usize, status: Status) {
         self.record(index, &ToHost::Status(status));
-        self.insole(index).set_status(status);
+        let mut insole = self.insole(index);
+        let session = insole.session;
+        insole.set_status(status, session);
     }
 
     /// Stores the current estimate of the insole's clock.
@@ -496,29 +500,35 @@ impl Page {
         let insole = &mut *insole;
         let (_, link) = insole.pages.iter_mut().find(|(id, _)| *id == self.id)?;
         let mut buffer = [0; MAX_MESSAGE];
-        let message = link.next(insole.hello.as_ref()?, || insole.status, &mut buffer)?;
+        let insole_status = insole.status.unwrap_or_default();
+        let message = link.next(insole.hello.as_ref()?, || insole_status, &mut buffer)?;
         let Some(ToHost::Status(own)) = decode(message) else { return Some([&[index as u8], message].concat()) };
         // The session counts the live frames of the page; all else is the insole's.
-        let status = Status { live_due: own.live_due, live_sent: own.live_sent, ..insole.status };
+        let status = Status { live_due: own.live_due, live_sent: own.live_sent, ..insole_status };
         let message = encode(&ToHost::Status(status), &mut buffer).ok()?;
         Some([&[index as u8], &*message].concat())
     }
 }
 
 impl Insole {
-    /// Stores the insole's counters. If the insole has restarted, the records so far become records of an earlier boot, because a
-    /// page must not convert their times by the clock of the present boot.
-    fn set_status(&mut self, status: Status) {
-        let before = std::mem::replace(&mut self.status, status);
-        if !status.is_after_restart(&before) {
-            return;
-        }
+    /// Stores the counters that the insole sent in this session. If the insole has restarted, the records that it sent in sessions
+    /// before become records of an earlier boot, because a page must not convert their times by the clock of the present boot.
+    fn set_status(&mut self, status: Status, session: u64) {
+        let Some(before) = self.status.replace(status).filter(|before| status.is_after_restart(before)) else { return };
         // An insole without working storage does not count its boots.
         let boots = status.contents.start.saturating_sub(before.contents.start).max(1);
-        let pending = self.pending.iter_mut().map(|pending| &mut pending.record);
-        let of_pages = self.pages.iter_mut().flat_map(|(_, link)| link.records_mut());
-        for record in pending.chain(of_pages) {
+        for Pending { record, .. } in self.pending.iter_mut().filter(|pending| pending.session != session) {
             *record = record.with_boots_since(record.start().0.saturating_add(boots));
+        }
+        self.update_pages();
+    }
+
+    /// Replaces the records that wait for pages by the pending ones, whose number of boots may be another one now.
+    fn update_pages(&mut self) {
+        for record in self.pages.iter_mut().flat_map(|(_, link)| link.records_mut()) {
+            if let Some(pending) = self.pending.iter().find(|pending| pending.record.is_same(record)) {
+                *record = pending.record;
+            }
         }
     }
 
@@ -581,19 +591,51 @@ mod tests {
         page.receive(&[&[index as u8], &*message].concat());
     }
 
+    /// The records that a page receives.
+    fn records_of(mut page: Page) -> Vec<LoadRecord> {
+        send(&page, 0, CONNECT);
+        let messages = std::iter::from_fn(|| page.next()).filter_map(|message| decode::<ToHost>(&message[1..]));
+        messages.filter_map(|message| LoadRecord::of(&message)).collect()
+    }
+
     /// The insole could not store the count of its boots, and its status does not reveal the restart.
     #[test]
     fn a_record_that_the_insole_repeats_has_the_insoles_own_count_of_boots() {
         let hub = Arc::new(Hub::new(vec![None], false, None));
+        let joined_before = hub.join();
         for boots_since in [0, 1] {
             hub.hello(0, &testkit::hello(), None, None, None, None);
             hub.load_record(0, Step { boots_since, ..testkit::step(0) }.into());
         }
-        let mut page = hub.join();
-        send(&page, 0, CONNECT);
-        let messages = std::iter::from_fn(|| page.next()).filter_map(|message| decode::<ToHost>(&message[1..]));
-        let records: Vec<_> = messages.filter_map(|message| LoadRecord::of(&message)).collect();
-        assert_eq!(records, [LoadRecord::from(Step { boots_since: 1, ..testkit::step(0) })]);
+        for page in [joined_before, hub.join()] {
+            assert_eq!(records_of(page), [LoadRecord::from(Step { boots_since: 1, ..testkit::step(0) })]);
+        }
+    }
+
+    #[test]
+    fn the_first_status_of_an_insole_is_no_restart() {
+        let hub = Arc::new(Hub::new(vec![None], false, None));
+        hub.hello(0, &testkit::hello(), None, None, None, None);
+        hub.load_record(0, testkit::step(0).into());
+        let mut status = Status::default();
+        status.contents.start = 37;
+        hub.status(0, status);
+        assert_eq!(records_of(hub.join()), [LoadRecord::from(testkit::step(0))]);
+    }
+
+    /// A restart is known only from a status that arrives after new records.
+    #[test]
+    fn records_of_the_session_in_which_a_restart_becomes_known_are_of_the_present_boot() {
+        let hub = Arc::new(Hub::new(vec![None], false, None));
+        let mut status = Status::default();
+        for start in [36, 37] {
+            hub.hello(0, &testkit::hello(), None, None, None, None);
+            hub.load_record(0, testkit::step(start).into());
+            status.contents.start = start;
+            hub.status(0, status);
+        }
+        let expected = [Step { boots_since: 1, ..testkit::step(36) }, testkit::step(37)];
+        assert_eq!(records_of(hub.join()), expected.map(LoadRecord::from));
     }
 
     #[test]
