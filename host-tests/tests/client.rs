@@ -267,9 +267,9 @@ fn a_step_that_was_lost_in_transit_arrives_in_the_next_session() {
     assert_eq!(step_numbers(&receive_all(&mut client)), [0]);
 }
 
-/// After a gap, the client requests that the insole sends its unacknowledged records again, and ignores records until the hello with
-/// which they begin. If the request for the status discarded this hello, the client would wait for it in vain, and the steps would
-/// arrive only after another request.
+/// After a gap, the client requests that the insole sends its unacknowledged records again, and ignores records until the hello
+/// with which they begin. If the request for the status discarded this hello, the client would wait for it in vain, and the steps
+/// would arrive only after another request.
 #[test]
 fn records_that_are_sent_again_while_a_request_waits_are_delivered_at_once() {
     let (cable, mut client) = connected();

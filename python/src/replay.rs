@@ -6,7 +6,7 @@ use crate::options::Options;
 use crate::recordings::Recording;
 use anyhow::Context;
 use arrow_pyarrow::PyArrowType;
-use parameters::Parameters;
+use parameters::{Identified, Parameters};
 use plantar::insole::Insole;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::Step;
@@ -57,14 +57,7 @@ pub fn replay(
             identified.contact.on_kpa, identified.contact.off_kpa, identified.contact.full_kpa
         ));
     }
-    match parameters.identified.as_ref().map(|identified| identified.filter.as_str()) {
-        Some(parameters::LIVE) => notes.push(
-            "the parameters were identified with the filter of the live stream: they are not valid for step records"
-                .into(),
-        ),
-        Some(parameters::SMOOTHED) => notes.push(parameters::SmoothedArea.to_string()),
-        _ => {}
-    }
+    notes.extend(parameters.identified.as_ref().and_then(Identified::invalid_for_steps));
     let run = match precision {
         "f32" => run::<f32>,
         "f64" => run::<f64>,

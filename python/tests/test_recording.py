@@ -132,7 +132,6 @@ def test_the_frame_period_is_that_of_the_insole(tmp_path: pathlib.Path, rate_hz:
     assert np.abs(frames - frames.round()).max() < 1e-3
 
 
-
 @pytest.mark.filterwarnings("ignore:parameters .* are not personal")
 def test_a_recording_without_steps_has_tables_without_rows(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
     table = pq.read_table(walk_file)

@@ -150,8 +150,8 @@ impl Persist<'_> {
         self.shared.frames_before.set(None);
     }
 
-    /// Stores what a restart would lose. The records are stored after the load of the day, because one may be queued while that is
-    /// being stored. If it is an alert, the load of the day has changed with it, and is stored again.
+    /// Stores what a restart would lose. The records are stored after the load of the day, because one may be queued while that
+    /// is being stored. If it is an alert, the load of the day has changed with it, and is stored again.
     async fn store_all(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
         self.store_daily_load(store).await;
         self.store_records(store).await;

@@ -101,6 +101,19 @@ impl Identified {
         Ok(tissue::Identified { contact: self.contact, filter, side, steps: self.steps })
     }
 
+    /// Why the parameters are not valid for step records; `None` if they were identified with the filter of step records.
+    pub fn invalid_for_steps(&self) -> Option<String> {
+        match self.filter.as_str() {
+            LIVE => Some(
+                "the parameters were identified with the filter of the live stream: they are valid for it, but not for step \
+                 records"
+                    .into(),
+            ),
+            SMOOTHED => Some(SmoothedArea.to_string()),
+            _ => None,
+        }
+    }
+
     /// Converts the conditions that an insole has stored.
     pub fn from_insole(stored: &tissue::Identified) -> Self {
         Self {

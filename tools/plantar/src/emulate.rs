@@ -268,8 +268,8 @@ impl Emulate {
             let mut is_silent = false;
             let message = arrived.next().map_or_else(|| client.receive(), |message| Ok(Some(message)));
             if message.is_err() && view.wants_to_end()? {
-                // The same signal has ended the emulator.
-                bail!("ended by a signal before the insole had reported its status");
+                // A signal from the keyboard or a script also ends the emulator.
+                bail!("ended before the insole had reported its status");
             }
             match message? {
                 Some(ToHost::Live(live)) => view.live(&live, client.counters())?,

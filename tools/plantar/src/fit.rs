@@ -5,7 +5,7 @@ mod results;
 mod sensitivity;
 
 use crate::paths::check_written;
-use crate::replay::progress;
+use crate::replay::{progress, write_text};
 use crate::setup::{self, ContactArgs, ZeroArgs};
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
@@ -289,8 +289,7 @@ impl Fit {
             output::file(&self.out, |to| to.write_all(toml.as_bytes()))?;
         }
         if let Some(path) = &self.json {
-            let text = serde_json::to_string_pretty(&fit::results::to_json(study))? + "\n";
-            write(path, text.as_bytes())?;
+            write_text(path, &serde_json::to_string_pretty(&fit::results::to_json(study))?)?;
         }
         if let Some(path) = &self.report {
             write(path, report::html(study).as_bytes())?;

@@ -2,18 +2,18 @@
 
 use crate::fit::live::{self, session};
 use crate::paths::check_written;
-use crate::replay::write_text;
+use crate::replay::{completed_step, write_text};
 use crate::setup;
 use crate::summary::{align, table};
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use client::gait::{Estimate, FootStep, Gait, Length, MEASURES};
-use client::{ClockMapping, Entries, STREAM_INSOLES};
+use client::{ClockMapping, STREAM_INSOLES};
 use plantar::Side;
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::session::RECORD_QUEUE;
-use plantar::protocol::{Alert, Bout, Hello, LoadRecord, MAJOR, Step, ToHost, decode};
+use plantar::protocol::{Alert, Bout, Hello, LoadRecord, MAJOR, Step, ToHost};
 use recording::{MAX_CELLS, Recording, Scan};
 use std::path::{Path, PathBuf};
 
@@ -134,22 +134,12 @@ fn read(path: &Path) -> Result<Walk> {
 /// of the insoles or, without such messages, from the wall clocks of the insoles, which the host set.
 fn from_stream(path: &Path) -> Result<Walk> {
     let bytes = std::fs::read(path)?;
-    let mut entries = Entries::new(&bytes);
+    let mut messages = live::StreamMessages::new(&bytes);
     let mut mappings = [const { ClockMapping::new() }; STREAM_INSOLES];
     let Walk { mut steps, mut others } = Walk::default();
-    let (mut is_stream, mut damage) = (false, None);
-    for entry in &mut entries {
-        let entry = match entry {
-            Ok(entry) => entry,
-            Err(damaged) if is_stream => {
-                damage = Some(damaged);
-                break;
-            }
-            Err(damaged) => bail!("{damaged}, {}", live::NO_STREAM),
-        };
+    for message in &mut messages {
+        let (entry, message) = message?;
         let mapping = &mut mappings[entry.insole];
-        let message = decode::<ToHost>(entry.message);
-        is_stream |= message.is_some();
         match message {
             Some(ToHost::Hello(Hello { major, .. })) if major != MAJOR => {
                 bail!(
@@ -176,7 +166,7 @@ fn from_stream(path: &Path) -> Result<Walk> {
             _ => {}
         }
     }
-    live::note_unused(&path.display().to_string(), damage, entries.rest());
+    messages.note_unused(&path.display().to_string());
     Ok(Walk { steps, others })
 }
 
@@ -191,8 +181,7 @@ fn from_recording(recording: &Recording) -> Result<Walk> {
     }
     let mut walk = Walk::default();
     let mut add_records = |toe_off: bool, insole: &mut Insole<f32, MAX_CELLS>| {
-        if let Some(step) = toe_off.then(|| insole.whole_step()).flatten() {
-            let step = Step::new(&step);
+        if let Some(step) = completed_step(toe_off, insole) {
             walk.steps.push((step, Some((start_s * 1e6).round() as u64 + step.start_us)));
         }
         walk.others.extend(insole.take_bout().map(|bout| (bout.side, bout.number)));

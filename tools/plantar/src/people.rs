@@ -30,19 +30,20 @@ pub fn names(study: &Path, out: Option<&Path>) -> Result<Vec<String>> {
     Ok(names)
 }
 
-/// True for the folder `out`, and for a folder that contains it or the table of an earlier run, at any depth, but neither recordings
-/// nor settings of a participant.
+/// True for the folder `out`, and for a folder that contains it or the table of an earlier run, at any depth, but neither
+/// recordings nor settings of a participant.
 fn has_only_results(folder: &Path, out: Option<&Path>) -> bool {
     let resolved = resolved(folder);
     if out.is_some_and(|out| out == resolved) {
         return true;
     }
     let entries: Vec<_> = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
-    let is_input = |path: &PathBuf| recording::is_parquet(path) || path.ends_with("participant.toml");
+    if entries.iter().any(|path| recording::is_parquet(path) || path.ends_with("participant.toml")) {
+        return false;
+    }
     let in_table = |path: &Path| path.file_name().is_some_and(|n| n.to_string_lossy().starts_with(&partition("")));
     let holds_results = |path: &PathBuf| in_table(path) || path.is_dir() && has_only_results(path, None);
-    let has_results = out.is_some_and(|out| out.starts_with(&resolved)) || entries.iter().any(holds_results);
-    has_results && !entries.iter().any(is_input)
+    out.is_some_and(|out| out.starts_with(&resolved)) || entries.iter().any(holds_results)
 }
 
 /// The files of these participants that a command reads: recordings and settings. A folder that cannot be read has none; its

@@ -1,14 +1,14 @@
 //! Collects the first step of a replay and draws a picture of it.
 
+use crate::fit::write;
 use crate::setup::rule_in_words;
 use anyhow::{Context, Result};
 use plantar::Real;
 use plantar::insole::Insole;
 use plantar::pipeline::live::RegionLoad;
 use plantar::protocol::Step;
-use recording::{Recording, VirtualInsole, output};
+use recording::{Recording, VirtualInsole};
 use report::{Forces, StepPicture};
-use std::io::Write as _;
 use std::path::Path;
 
 /// The frames of the current contact with the ground, and later those of the first step.
@@ -70,6 +70,6 @@ impl Picture {
         }
         let (peak_kpa, contact) = (insole.measured_by_codes_kpa(&peak_codes), rule_in_words(&step.contact_rule));
         let picture = StepPicture { recording, step, peak_kpa: &peak_kpa, forces, contact: &contact };
-        Ok(output::file(path, |to| to.write_all(picture.svg().as_bytes()))?)
+        write(path, picture.svg().as_bytes())
     }
 }

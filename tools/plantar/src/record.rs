@@ -29,7 +29,7 @@ use study::table::{self, Row, Value};
 /// minute, so a crash loses the live frames of at most this time. No step, load bout or alert is lost, because it remains on the
 /// insole until its file is complete. When the link is lost, the program reconnects. With --cells, each folder FOLDER/cells/*
 /// is a recording that all other commands read; another recording begins after a reconnection, and after a gap of missing
-/// frames that is too long to be interpolated. In a terminal, press q or Ctrl-C to end.
+/// frames that is too long to be interpolated. Press Ctrl-C or, in a terminal, q to end; SIGTERM ends the session, too.
 #[derive(Args)]
 pub struct Record {
     /// The folder to write. It must be new or empty.

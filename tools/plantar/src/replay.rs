@@ -1,5 +1,6 @@
 //! `plantar replay`: runs the insole's own code on this computer.
 
+use crate::fit::write;
 use crate::frames::FrameWriter;
 use crate::paths::check_written;
 use crate::picture::Picture;
@@ -15,9 +16,8 @@ use plantar::insole::Insole;
 use plantar::pipeline::alert::AlertRules;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::{Alert, Bout, Step};
-use recording::{FrameSource, MAX_CELLS, RecordingReader, Scan, VirtualInsole, output};
+use recording::{FrameSource, MAX_CELLS, RecordingReader, Scan, VirtualInsole};
 use serde_json::json;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -146,13 +146,13 @@ impl Replay {
 }
 
 /// The step that ended with the last frame, if this frame confirmed toe off.
-fn completed_step<R: Real>(toe_off: bool, insole: &mut Insole<R, MAX_CELLS>) -> Option<Step> {
+pub fn completed_step<R: Real>(toe_off: bool, insole: &mut Insole<R, MAX_CELLS>) -> Option<Step> {
     toe_off.then(|| insole.whole_step()).flatten().map(|step| Step::new(&step))
 }
 
 /// Writes the text and a final line break to a file.
 pub fn write_text(path: &Path, text: &str) -> Result<()> {
-    Ok(output::file(path, |to| writeln!(to, "{text}"))?)
+    write(path, format!("{text}\n").as_bytes())
 }
 
 /// A progress bar that counts to `total`. It is hidden if stderr is not a terminal.

@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result};
 use clap::Args;
-use parameters::{Identified, InsoleSize, LIVE, Parameters, SMOOTHED, SmoothedArea, TypicalRange};
+use parameters::{Identified, InsoleSize, Parameters, TypicalRange};
 use plantar::Region;
 use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::{Step, StepRegion};
@@ -134,13 +134,8 @@ impl ContactArgs {
         let rule = self.values().rule(default).context("--contact-on, --contact-off and --contact-full")?;
         if let Some(identified) = identified {
             note_unless_same_rule(&identified.contact, &rule);
-            match identified.filter.as_str() {
-                LIVE => eprintln!(
-                    "note: the parameters were identified with the filter of the live stream: they are valid for it, but not for \
-                     step records"
-                ),
-                SMOOTHED => eprintln!("note: {SmoothedArea}"),
-                _ => (),
+            if let Some(reason) = identified.invalid_for_steps() {
+                eprintln!("note: {reason}");
             }
         }
         Ok(rule)

@@ -21,8 +21,8 @@ static HAS_DEFAULT_EFFECT: LazyLock<Arc<AtomicBool>> = LazyLock::new(|| {
     has_default_effect
 });
 
-/// While it exists, the first signal does not end the program, but is reported by [`Signals::have_arrived`]; a second one ends the
-/// program at once. At most one exists at a time.
+/// While it exists, the first signal does not end the program, but is reported by [`Signals::have_arrived`]; a second one ends
+/// the program at once. At most one exists at a time.
 pub struct Signals(());
 
 impl Signals {

@@ -1,20 +1,26 @@
 //! Instructions for reading the report: the method and its limitations.
 
-use fit::Method;
+use fit::{Method, Options};
 use maud::{Markup, html};
 
 /// The content of the section.
-pub fn instructions(method: Method) -> Markup {
+pub fn instructions(options: &Options) -> Markup {
     html! {
         p {
             strong { "Method. " }
             "The tissue of each of eight plantar regions is modelled as an ellipsoid with radii A, B and C that is pressed \
              against the ground. Its deformation follows from the contact area (Eq. 14) and its deformation rate from \
              differences between samples (Eq. 16; Eq. 15 as printed lacks a factor ½). The force follows from deformation and \
-             rate with a stiffness and a damping that increase with deformation (Eqs. 5, 6 and 13). The parameters minimise the \
-             sum of squared differences between model and measured force over the contact (Eq. 18, each step normalised by its \
-             peak force)."
-            @match method {
+             rate with a stiffness and a damping that increase with deformation (Eqs. 5, 6 and 13). The parameters "
+            @if options.method == Method::Projection && options.prior.is_some() {
+                "are the most probable ones, given the squared differences between model and measured force over the contact \
+                 (Eq. 18, each step normalised by its peak force) and the distribution of the parameters among ten walkers \
+                 (prior)."
+            } @else {
+                "minimise the sum of squared differences between model and measured force over the contact (Eq. 18, each step \
+                 normalised by its peak force)."
+            }
+            @match options.method {
                 Method::Projection =>
                     " Tensile model force is set to zero instead of penalised as in Eq. 19, and π A B is constrained to be at \
                      least the largest contact area.",
@@ -29,7 +35,7 @@ pub fn instructions(method: Method) -> Markup {
              and m, and"
             " K = k C" sup { "n+1" } " / d₀" sup { "n" } " and G = c C" sup { "m+1" } " / d₀" sup { "m" }
             ". The ratio A/B, C and d₀ can be changed without a change of the force if the other parameters are adapted. "
-            @match method {
+            @match options.method {
                 Method::Projection =>
                     "These three are fixed by other data: A/B by the measured contact ellipse, d₀ by the thickness, C by a \
                      measured peak strain, a measured curvature of the unloaded sole, or an assumed compression. The values \

@@ -28,7 +28,7 @@ pub fn page(study: &Study) -> Markup {
             (section("sensitivity", "Sensitivity to the choices of the method", sensitivity::sensitivity(study)))
             (section("literature", "Comparison with published measurements", literature::literature(study)))
             (section("table", "Table of errors", wide("Table of errors", bars::table(study))))
-            (section("reading", "How to read this report", how_to_read::instructions(study.options.method)))
+            (section("reading", "How to read this report", how_to_read::instructions(&study.options)))
         },
     )
 }

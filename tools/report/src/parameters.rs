@@ -206,8 +206,8 @@ pub fn eight(study: &Study) -> Markup {
                         @match fit_of(study, region) {
                             Ok(fit) => {
                                 @let e = &fit.ellipsoid;
-                                // The index in `FIVE` tells whether the force determines a value: A and B depend on A B, k on
-                                // K, and c on G.
+                                // The index in `FIVE` is that of the parameter on which a value depends: A and B depend on A B,
+                                // k on K, and c on G.
                                 @for m in [e.a_m, e.b_m] { td { (number(m * 1e3)) (dagger(fit, 0)) } }
                                 @for m in [e.c_m, e.d0_m] { td { (number(m * 1e3)) } }
                                 @for (value, parameter) in [(e.k, 1), (e.n, 3), (e.c, 2), (e.m, 4)] {

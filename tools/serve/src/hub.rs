@@ -511,8 +511,8 @@ impl Page {
 }
 
 impl Insole {
-    /// Stores the counters that the insole sent in this session. If the insole has restarted, the records that it sent in sessions
-    /// before become records of an earlier boot, because a page must not convert their times by the clock of the present boot.
+    /// Stores the counters that the insole sent in this session. If the insole has restarted, the records of former sessions
+    /// become records of an earlier boot, because a page must not convert their times by the clock of the present boot.
     fn set_status(&mut self, status: Status, session: u64) {
         let Some(before) = self.status.replace(status).filter(|before| status.is_after_restart(before)) else { return };
         // An insole without working storage does not count its boots.

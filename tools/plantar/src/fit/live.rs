@@ -4,7 +4,7 @@
 pub mod session;
 
 use crate::setup::rule_in_words;
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use client::{DamagedAt, Entries, Entry, STREAM_INSOLES};
 use fit::live::LiveSteps;
 use plantar::pipeline::contact::ContactRule;
@@ -19,7 +19,7 @@ const EXTENSION: &str = "plantar";
 /// First bytes of a Parquet file, which is a recording of all cells whatever its name.
 const PARQUET: &[u8; 4] = b"PAR1";
 /// Second part of the error message about a damaged entry. It states that the file may not be a stream file at all.
-pub const NO_STREAM: &str = "or not a recorded stream: give a file that `plantar serve --record` or the page recorded, or a \
+const NO_STREAM: &str = "or not a recorded stream: give a file that `plantar serve --record` or the page recorded, or a \
                              recording that `plantar import` wrote";
 
 /// The live stream of one insole.
@@ -91,12 +91,48 @@ pub fn read_stream(path: &Path) -> Result<Vec<LiveSource>> {
     from_stream(&path.display().to_string(), &bytes)
 }
 
-/// Prints a note on stderr if `rest`, the bytes after the last complete entry of a stream file, is not empty. `damage` is where
-/// the file is damaged, and `name` is the name of the file for display.
-pub fn note_unused(name: &str, damage: Option<DamagedAt>, rest: &[u8]) {
-    if !rest.is_empty() {
-        let problem = damage.map_or("truncated".into(), |damage| damage.to_string());
-        eprintln!("note: {name} is {problem}: its last {} bytes are not used", rest.len());
+/// The entries of a stream file, each with its message, or `None` if this program does not know the message. If the file is
+/// damaged after its first message, as after a loss of power of the computer, the entries before the damage are used, because the
+/// insole has deleted their steps.
+pub struct StreamMessages<'f> {
+    entries: Entries<'f>,
+    /// A message was decoded, so the file is a stream.
+    is_stream: bool,
+    damage: Option<DamagedAt>,
+}
+
+impl<'f> StreamMessages<'f> {
+    /// The messages in the content of a file.
+    pub fn new(file: &'f [u8]) -> Self {
+        Self { entries: Entries::new(file), is_stream: false, damage: None }
+    }
+
+    /// Prints a note on stderr if the end of the file was not used. `name` is the name of the file for display.
+    pub fn note_unused(&self, name: &str) {
+        let rest = self.entries.rest();
+        if !rest.is_empty() {
+            let problem = self.damage.map_or("truncated".into(), |damage| damage.to_string());
+            eprintln!("note: {name} is {problem}: its last {} bytes are not used", rest.len());
+        }
+    }
+}
+
+impl<'f> Iterator for StreamMessages<'f> {
+    type Item = Result<(Entry<'f>, Option<ToHost>)>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        match self.entries.next()? {
+            Ok(entry) => {
+                let message = decode(entry.message);
+                self.is_stream |= message.is_some();
+                Some(Ok((entry, message)))
+            }
+            Err(damage) if self.is_stream => {
+                self.damage = Some(damage);
+                None
+            }
+            Err(damage) => Some(Err(anyhow!("{damage}, {NO_STREAM}"))),
+        }
     }
 }
 
@@ -109,25 +145,13 @@ struct Messages {
     count: usize,
 }
 
-/// Reads the content of a stream file. `name` is the name of the file for display. If the file is damaged after its first
-/// message, as after a loss of power of the computer, the messages before the damage are used, because the insole has deleted
-/// their steps.
+/// Reads the content of a stream file. `name` is the name of the file for display.
 fn from_stream(name: &str, bytes: &[u8]) -> Result<Vec<LiveSource>> {
     let mut insoles: [Messages; STREAM_INSOLES] = Default::default();
-    let (mut entries, mut unknown) = (Entries::new(bytes), 0);
-    let (mut is_stream, mut damage) = (false, None);
-    for entry in &mut entries {
-        let Entry { insole, message, .. } = match entry {
-            Ok(entry) => entry,
-            Err(damaged) if is_stream => {
-                damage = Some(damaged);
-                break;
-            }
-            Err(damaged) => bail!("{name}: {damaged}, {NO_STREAM}"),
-        };
-        let insole = &mut insoles[insole];
-        let message = decode::<ToHost>(message);
-        is_stream |= message.is_some();
+    let (mut messages, mut unknown) = (StreamMessages::new(bytes), 0);
+    for message in &mut messages {
+        let (entry, message) = message.with_context(|| name.to_owned())?;
+        let insole = &mut insoles[entry.insole];
         match message {
             Some(ToHost::Hello(hello)) if hello.major != MAJOR => bail!(
                 "{name}: recorded from an insole with protocol version {}, but this program reads version {MAJOR}: use the \
@@ -147,7 +171,7 @@ fn from_stream(name: &str, bytes: &[u8]) -> Result<Vec<LiveSource>> {
             None => unknown += 1,
         }
     }
-    note_unused(name, damage, entries.rest());
+    messages.note_unused(name);
     if unknown > 0 {
         eprintln!("note: {name}: {unknown} messages are unknown to this program and were not used");
     }
