@@ -98,7 +98,7 @@ enum Kind {
 }
 
 /// Distance from the position of 0 to the start of a logarithmic scale.
-const ZERO_GAP: f64 = 16.0;
+const ZERO_GAP: f64 = 24.0;
 
 impl Scale {
     /// A linear scale from the range of values to the range of positions.

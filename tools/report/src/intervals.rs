@@ -19,8 +19,6 @@ pub struct IntervalChart {
     pub title: String,
     /// True if the axis is logarithmic.
     pub is_logarithmic: bool,
-    /// True if a logarithmic axis also has a position for the value 0; without effect on a linear axis.
-    pub has_zero: bool,
     /// The rows, in the order of the regions.
     pub rows: [Row; 8],
 }
@@ -79,7 +77,7 @@ impl IntervalChart {
                     path.grid d={ "M" (format!("{:.1}", scale.at(value))) " " (TOP) "V" (bottom) } {}
                     text.middle x=(format!("{:.1}", scale.at(value))) y=(bottom + 14.0) { (tick(value)) }
                 }
-                @if self.is_logarithmic && self.has_zero { text.middle x=(scale.at(0.0)) y=(bottom + 14.0) { "0" } }
+                @if self.has_zero() { text.middle x=(scale.at(0.0)) y=(bottom + 14.0) { "0" } }
                 path.axis d={ "M" (LEFT) " " (bottom) "H" (WIDTH - RIGHT) } {}
                 @for (region, row) in self.rows.iter().enumerate() {
                     @let y = TOP + (region as f64 + 0.5) * ROW;
@@ -98,6 +96,21 @@ impl IntervalChart {
         }
     }
 
+    /// The values and the ends of their intervals.
+    fn ends(&self) -> impl Iterator<Item = f64> {
+        self.rows.iter().flat_map(|row| match row {
+            Row::Value { value, broad, thin, .. } => {
+                std::iter::once(*value).chain([broad, thin].into_iter().flatten().flatten().copied()).collect()
+            }
+            Row::Text(_) => Vec::new(),
+        })
+    }
+
+    /// True if a value or an end of an interval is 0 on a logarithmic axis, which then also has a position for 0.
+    fn has_zero(&self) -> bool {
+        self.is_logarithmic && self.ends().any(|end| end <= 0.0)
+    }
+
     /// The scale. It covers all intervals, but extends at most a decade beyond the values, or three times their range on a linear
     /// axis.
     fn scale(&self) -> Scale {
@@ -107,16 +120,12 @@ impl IntervalChart {
             let values = values.into_iter().filter(is_shown);
             values.fold([f64::MAX, f64::MIN], |[low, high], value| [low.min(value), high.max(value)])
         };
-        let (mut values, mut all) = (Vec::new(), Vec::new());
-        for row in &self.rows {
-            if let Row::Value { value, broad, thin, .. } = row {
-                values.push(*value);
-                all.push(*value);
-                all.extend([broad, thin].into_iter().flatten().flatten());
-            }
-        }
-        let ends = ends_of(all);
-        let estimates = match ends_of(values) {
+        let values = self.rows.iter().filter_map(|row| match row {
+            Row::Value { value, .. } => Some(*value),
+            Row::Text(_) => None,
+        });
+        let ends = ends_of(self.ends().collect());
+        let estimates = match ends_of(values.collect()) {
             [low, high] if low > high => ends,
             estimates => estimates,
         };
@@ -124,14 +133,14 @@ impl IntervalChart {
             (true, true) => {
                 let low = ends[0].max(estimates[0] / 10.0) / 1.2;
                 let high = (ends[1].min(estimates[1] * 10.0) * 1.2).max(4.0 * low);
-                Scale::logarithmic([low, high], positions, self.has_zero)
+                Scale::logarithmic([low, high], positions, self.has_zero())
             }
             (true, false) => {
                 let beyond = 3.0 * (estimates[1].max(0.0) - estimates[0].min(0.0)).max(0.1);
                 let low = ends[0].min(0.0).max(estimates[0].min(0.0) - beyond);
                 Scale::linear([low, (1.05 * ends[1]).min(estimates[1] + beyond).max(0.1)], positions)
             }
-            (false, true) => Scale::logarithmic([1.0, 1000.0], positions, self.has_zero),
+            (false, true) => Scale::logarithmic([1.0, 1000.0], positions, self.has_zero()),
             (false, false) => Scale::linear([0.0, 5.0], positions),
         }
     }
@@ -151,4 +160,28 @@ fn bar(scale: &Scale, [low, high]: [f64; 2], y: f64, class: &str) -> Markup {
 /// complete reason.
 pub fn unfitted(reason: &str) -> Row {
     Row::Text(format!("not fitted: {}", reason.split([':', '(']).next().unwrap_or_default()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The drawing of a logarithmic chart of this value in one region and 1 in the others.
+    fn drawing_of(value: f64) -> String {
+        let row = |region| Row::Value {
+            value: if region == 0 { value } else { 1.0 },
+            mark: Mark::Point,
+            broad: None,
+            thin: None,
+        };
+        let chart = IntervalChart { title: "".into(), is_logarithmic: true, rows: std::array::from_fn(row) };
+        chart.draw().body.into_string()
+    }
+
+    #[test]
+    fn a_logarithmic_axis_has_a_position_for_zero_if_a_value_is_zero() {
+        let zero = format!("x=\"{LEFT}\" y=\"{}\">0</text>", TOP + 8.0 * ROW + 14.0);
+        assert!(drawing_of(0.0).contains(&zero) && drawing_of(0.0).contains(&format!("cx=\"{LEFT:.1}\"")));
+        assert!(!drawing_of(0.1).contains(&zero));
+    }
 }

@@ -17,17 +17,15 @@ struct Parameter {
     factor: f64,
     /// True if its axis is logarithmic.
     is_logarithmic: bool,
-    /// True if its value may be 0.
-    may_be_zero: bool,
 }
 
 /// The display of the five identifiable parameters, in the order of [`FIVE`].
 const SHOWN: [Parameter; 5] = [
-    Parameter { name: "size", unit: "mm²", factor: 1e6, is_logarithmic: true, may_be_zero: false },
-    Parameter { name: "stiffness", unit: "kPa", factor: 1e-3, is_logarithmic: true, may_be_zero: false },
-    Parameter { name: "damping", unit: "kPa s", factor: 1e-3, is_logarithmic: true, may_be_zero: true },
-    Parameter { name: "stiffness exponent", unit: "", factor: 1.0, is_logarithmic: false, may_be_zero: true },
-    Parameter { name: "damping exponent", unit: "", factor: 1.0, is_logarithmic: false, may_be_zero: true },
+    Parameter { name: "size", unit: "mm²", factor: 1e6, is_logarithmic: true },
+    Parameter { name: "stiffness", unit: "kPa", factor: 1e-3, is_logarithmic: true },
+    Parameter { name: "damping", unit: "kPa s", factor: 1e-3, is_logarithmic: true },
+    Parameter { name: "stiffness exponent", unit: "", factor: 1.0, is_logarithmic: false },
+    Parameter { name: "damping exponent", unit: "", factor: 1.0, is_logarithmic: false },
 ];
 
 /// Index in [`FIVE`] of the damping exponent m, which has no meaning without damping.
@@ -63,7 +61,6 @@ pub fn charts(study: &Study) -> [Drawing; 5] {
         IntervalChart {
             title: shown.title(FIVE[parameter]),
             is_logarithmic: shown.is_logarithmic,
-            has_zero: shown.may_be_zero,
             rows: std::array::from_fn(|region| row(study, parameter, region)),
         }
         .draw()

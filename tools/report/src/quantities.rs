@@ -45,9 +45,7 @@ pub fn charts(study: &Study) -> impl Iterator<Item = Drawing> {
         };
         let title = title(quantity);
         let is_logarithmic = quantity != Quantity::DissipatedEnergy;
-        // Without damping, the viscous modulus is 0.
-        let has_zero = quantity == Quantity::ViscousModulus;
-        IntervalChart { title, is_logarithmic, has_zero, rows: std::array::from_fn(row) }.draw()
+        IntervalChart { title, is_logarithmic, rows: std::array::from_fn(row) }.draw()
     })
 }
 
