@@ -34,7 +34,7 @@ pub const NRF52840: &str = "nrf52840";
 
 fn main() -> ExitCode {
     let result = match Arguments::parse().task {
-        Task::Setup => setup::all().map(drop),
+        Task::Setup => setup::all(),
         Task::Build => build::all(),
         Task::Page => page::build(),
         Task::Demo(demo) => demo.run(),

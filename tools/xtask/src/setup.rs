@@ -75,9 +75,15 @@ pub struct Python {
     pub moticon: PathBuf,
 }
 
-/// Installs all programs and data that the builds, the demonstration, the tests and the benchmarks need. What the builds need
-/// comes first, because they may run at the same time.
-pub fn all() -> Result<Python> {
+/// Installs all programs and data that the builds, the demonstration, the tests and the benchmarks need.
+pub fn all() -> Result<()> {
+    for_tests()?;
+    cargo_deny().map(drop)
+}
+
+/// Installs all programs and data that the builds, the demonstration, the tests and the benchmarks need, but for the programs that
+/// check the dependencies. What the builds need comes first, because they may run at the same time.
+pub fn for_tests() -> Result<Python> {
     rust()?;
     libclang()?;
     node()?;
@@ -91,7 +97,6 @@ pub fn all() -> Result<Python> {
     management()?;
     let python = python()?;
     nextest()?;
-    cargo_deny()?;
     Ok(python)
 }
 
@@ -370,13 +375,16 @@ fn environment_of(name: &str, packages: &[&str], options: &[&str], remedy: &'sta
 }
 
 /// Creates a Python environment in this folder, unless it is complete and has the same list of packages. `fill` installs the
-/// packages.
+/// packages with [`pip`].
 fn environment_with(environment: &Path, packages: &str, fill: impl FnOnce() -> Result<()>) -> Result<()> {
     let _installation = installation();
+    std::fs::create_dir_all(cache())?;
+    if !pip_program().is_file() {
+        create_environment(&cache().join(PIP), &[])?;
+    }
     let stamp = environment.join(PYTHON_STAMP);
     if std::fs::read_to_string(&stamp).ok().as_deref() != Some(packages) {
-        std::fs::create_dir_all(cache())?;
-        create_environment(environment)?;
+        create_environment(environment, &["--without-pip"])?;
         fill()?;
         std::fs::write(&stamp, packages)?;
     }
@@ -388,11 +396,20 @@ pub fn program(environment: &Path, name: &str) -> PathBuf {
     environment.join(if cfg!(windows) { "Scripts" } else { "bin" }).join(name)
 }
 
-/// Runs pip in an environment.
+/// The name of the private Python environment with the pip that fills all others: an environment without pip is created much
+/// faster.
+const PIP: &str = "pip";
+
+/// The path of pip.
+fn pip_program() -> PathBuf {
+    program(&cache().join(PIP), if cfg!(windows) { "pip.exe" } else { "pip" })
+}
+
+/// Runs pip for an environment that [`environment_with`] has created.
 pub fn pip(environment: &Path, options: &[&str]) -> Result<()> {
-    let python = program(environment, "python");
-    let mut command = Command::new(python);
-    command.args(["-m", "pip", "--disable-pip-version-check", "--quiet"]).args(options);
+    let mut command = Command::new(pip_program());
+    command.arg("--python").arg(program(environment, "python"));
+    command.args(["--disable-pip-version-check", "--quiet"]).args(options);
     if options.first() == Some(&"install") {
         // Most modules are never imported, so they are not compiled beforehand.
         command.arg("--no-compile");
@@ -400,10 +417,11 @@ pub fn pip(environment: &Path, options: &[&str]) -> Result<()> {
     run_command(&mut command)
 }
 
-/// Creates a new, empty environment in this folder.
-fn create_environment(environment: &Path) -> Result<()> {
+/// Creates a new, empty environment in this folder with these options of the Python module venv. The caller holds
+/// [`INSTALLATION`].
+fn create_environment(environment: &Path, options: &[&str]) -> Result<()> {
     let path = environment.to_string_lossy();
-    let create = ["-m", "venv", "--clear", &path];
+    let create = [&["-m", "venv", "--clear"], options, &[&path]].concat();
     if run("python3", &create).is_ok() {
         return Ok(());
     }

@@ -5,7 +5,7 @@ use crate::build::{bootloader, build_firmware, build_whole_host, cargo_firmware,
 use crate::command::{built, join, root, run, run_command};
 use crate::setup::Python;
 use crate::{BOARDS, EMULATED, bench, limits, package, page, setup};
-use anyhow::Result;
+use anyhow::{Error, Result};
 use std::path::PathBuf;
 use std::process::Command;
 
@@ -35,15 +35,24 @@ pub fn quick() -> Result<()> {
 pub fn all() -> Result<()> {
     setup::rust()?;
     format()?;
+    // First, only what the tests in real time need.
     let python = std::thread::scope(|scope| {
-        let host = scope.spawn(build_host_programs);
-        let others = scope.spawn(build_other_targets);
-        let python = setup::all().and_then(|python| deny(&["licenses", "bans", "sources"]).map(|()| python));
-        join(host)?;
-        join(others)?;
-        python
+        let firmware_and_page = scope.spawn(|| build_firmware(EMULATED).and_then(|()| page::build()));
+        let python = scope.spawn(setup::for_tests);
+        build_host_programs()?;
+        join(firmware_and_page)?;
+        join(python)
     })?;
-    let page_figures = tests(&python)?;
+    // While those tests wait, and they mostly wait, everything else is built.
+    let page_figures = std::thread::scope(|scope| {
+        let boards = scope.spawn(|| in_idle_time().and_then(|()| build_boards()));
+        let package = scope.spawn(|| in_idle_time().and_then(|()| build_package()));
+        let figures = tests_in_real_time(&python)?;
+        join(boards)?;
+        join(package)?;
+        Ok::<_, Error>(figures)
+    })?;
+    other_tests(&python)?;
     let mut figures = bench::bench_without_page()?;
     figures.extend(page_figures);
     limits::check(&figures)
@@ -57,19 +66,35 @@ fn build_host_programs() -> Result<()> {
     build_whole_host()
 }
 
-/// Builds and lints what runs on a board or in a browser, and builds the Python package. It runs beside [`build_host_programs`],
-/// because the builds of firmware use one core for most of the time.
-fn build_other_targets() -> Result<()> {
-    // The bootloaders contain the library without its features, and the page contains it as WebAssembly, so these builds also
-    // show that the library compiles in both ways.
-    BOARDS.into_iter().try_for_each(build_firmware)?;
+/// Builds the firmware of the boards that are not emulated, and lints the firmware of all boards.
+fn build_boards() -> Result<()> {
+    // The bootloaders contain the library without its features, and the page contains it as WebAssembly, so the builds also show
+    // that the library compiles in both ways.
+    BOARDS.into_iter().filter(|&board| board != EMULATED).try_for_each(build_firmware)?;
     for board in BOARDS {
         cargo_firmware("clippy", board, &DENY_WARNINGS)?;
         cargo_firmware("clippy", &bootloader(board), &DENY_WARNINGS)?;
     }
-    cargo_firmware("build", "minimal-board", &[])?;
-    page::build()?;
-    package::build().map(drop)
+    cargo_firmware("build", "minimal-board", &[])
+}
+
+/// Builds the Python package, and checks licences and sources of the dependencies.
+fn build_package() -> Result<()> {
+    package::build()?;
+    deny(&["licenses", "bans", "sources"])
+}
+
+/// On Linux, lets this thread, and the programs that it starts, run only while a processor has nothing else to do: they delay
+/// other programs less than with the lowest priority. On other systems, it would change all threads.
+fn in_idle_time() -> Result<()> {
+    #[cfg(target_os = "linux")]
+    {
+        use thread_priority::{NormalThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy, unix};
+        let policy = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Idle);
+        unix::set_thread_priority_and_policy(unix::thread_native_id(), ThreadPriority::Min, policy)
+            .map_err(|error| anyhow::anyhow!("the priority of a thread cannot be lowered: {error:?}"))?;
+    }
+    Ok(())
 }
 
 /// Checks the format.
@@ -92,41 +117,24 @@ fn lint_host() -> Result<()> {
     run_command(command.args(DENY_WARNINGS))
 }
 
-/// Runs all tests. Returns the figures that the page's tests measure.
-fn tests(python: &Python) -> Result<bench::Figures> {
-    // Two at a time, because they mostly wait. On a slow computer, more of them or other programs beside them would cause missed
-    // scans and timeouts.
+/// Runs the tests with walks that are played in real time, then those of the page, many of which play walks in real time, too.
+/// Returns the figures that the page's tests measure.
+fn tests_in_real_time(python: &Python) -> Result<bench::Figures> {
+    // Two at a time, because on a slow computer more of them would cause missed scans and timeouts.
     selected_tests(python, IN_REAL_TIME, 2)?;
-    let figures = page_and_package_tests()?;
-    // Many tests wait for an emulated board, so more of them run at the same time than there are cores.
-    let threads = 3 * std::thread::available_parallelism().map_or(1, usize::from);
-    selected_tests(python, &format!("not ({IN_REAL_TIME})"), threads)?;
-    documentation_tests()?;
-    Ok(figures)
+    page::test(&built("release/plantar"), &firmware(EMULATED))
 }
 
-/// Runs the tests of the page, which mostly wait for walks that are played in real time, and beside them, with a lower priority,
-/// the tests of the Python package and a short endurance test. Returns the figures that the page's tests measure.
-fn page_and_package_tests() -> Result<bench::Figures> {
+/// Runs all other tests of the host programs, and beside them those of the Python package and a short endurance test.
+fn other_tests(python: &Python) -> Result<()> {
     std::thread::scope(|scope| {
-        let page = scope.spawn(|| page::test(&built("release/plantar"), &firmware(EMULATED)));
-        let package = scope.spawn(|| {
-            lower_priority()?;
-            package::test()?;
-            Soak { short: true, json: None }.run()
-        });
-        let figures = join(page)?;
-        join(package)?;
-        Ok(figures)
+        let package = scope.spawn(|| package::test().and_then(|()| Soak { short: true, json: None }.run()));
+        // Many tests wait for an emulated board, so more of them run at the same time than there are cores.
+        let threads = 3 * std::thread::available_parallelism().map_or(1, usize::from);
+        selected_tests(python, &format!("not ({IN_REAL_TIME})"), threads)?;
+        documentation_tests()?;
+        join(package)
     })
-}
-
-/// On Linux, gives this thread, and the programs that it starts, a lower priority than those of the other threads. On other
-/// systems, it would lower the priority of all threads.
-fn lower_priority() -> Result<()> {
-    #[cfg(target_os = "linux")]
-    rustix::process::nice(19)?;
-    Ok(())
 }
 
 /// Runs the selected tests on the host, this many at the same time, including those that need firmware, Python, a browser or
