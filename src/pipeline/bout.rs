@@ -14,15 +14,16 @@ use serde::{Deserialize, Serialize};
 /// Time outside steps after which a window ends, ms.
 const WINDOW_MS: u32 = 2_000;
 /// A window that is shorter than [`WINDOW_MS`] divided by this number, because the foot left or touched the ground, has no kind
-/// of its own.
+/// of its own, unless it has load from between steps or from a short contact: it is then unclassified.
 const LEAST_PART: u32 = 2;
 /// A bout ends with the window in which it reaches this duration, s.
 const LONGEST_S: u32 = 60;
 /// The duration that replaces [`LONGEST_S`] for a bout with a mean force below [`LIGHT`], s.
 const LONGEST_LIGHT_S: u32 = 3_600;
 
-/// Smallest range of the total force in a window of shuffling, relative to the peak of the wearer's steps: more than the sway of
-/// a person who stands, less than the transfer of half of the weight to the other foot.
+/// Smallest range of the total force in a window of shuffling, relative to the usual peak of the wearer's steps
+/// ([`StanceLimits::usual_peak_n`]): more than the sway of a person who stands, less than the transfer of half of the weight to
+/// the other foot.
 const MOVING: f64 = 0.25;
 /// Smallest mean force of standing, relative to the same peak: each foot of a person who stands carries about half of the weight,
 /// and each foot of a person who sits less than a tenth.
@@ -83,8 +84,8 @@ pub struct BoutRecord<R> {
     pub kind: BoutKind,
     /// Time from frame 0 to the first frame of the bout, us.
     pub start_us: u64,
-    /// Time from the first frame to the end of the last one, a period after its scan, us. The bout can span steps; their load is
-    /// not part of it.
+    /// Time from the first frame to the end of the last one, a period after its scan, or, if the next bout begins after a step,
+    /// to the beginning of that bout, us. The bout can span steps; their load is not part of it.
     pub duration_us: u32,
     /// The regions, in the order of [`crate::Region::ALL`].
     pub regions: [BoutRegion<R>; 8],
@@ -183,7 +184,7 @@ impl<R: Real> Window<R> {
         self.range_n = if is_first { (total_n, total_n) } else { (least_n.min(total_n), most_n.max(total_n)) };
     }
 
-    /// The kind, for a wearer with steps of this peak, N.
+    /// The kind, for a wearer whose steps usually have this peak, N.
     fn kind(&self, peak_n: R) -> BoutKind {
         let mean_n = self.load.total_n() / R::of_u32(self.load.frames.max(1));
         let (least_n, most_n) = self.range_n;
@@ -208,7 +209,7 @@ pub(crate) struct Bouts<R> {
     period_us: u32,
     /// [`WINDOW_MS`] in frames.
     window_frames: u32,
-    /// Peak of the total force in the wearer's steps, N; 0 before the first step.
+    /// Running mean of the peaks of the total force in the wearer's recent steps, N; 0 before the first step.
     peak_n: R,
     /// Number of the last frame.
     last_seq: u32,
@@ -261,7 +262,8 @@ impl<R: Real> Bouts<R> {
         }
     }
 
-    /// Adds the samples of a stance from `first` on, after the end of a step. `peak_n` is the peak of the wearer's recent steps.
+    /// Adds the samples of a stance from `first` on, after the end of a step. `peak_n` is the running mean of the
+    /// peaks of the wearer's recent steps, N.
     pub(crate) fn after_step(&mut self, curves: &Curves<R>, start_seq: u32, first: usize, peak_n: R) {
         self.peak_n = peak_n;
         self.add(curves, start_seq, first);
@@ -299,7 +301,7 @@ impl<R: Real> Bouts<R> {
         (u64::from(ms) * 1000 / u64::from(self.period_us.max(1))) as u32
     }
 
-    /// True if a window of this number of frames has a kind of its own.
+    /// True if a window of this number of frames is long enough to have a kind of its own.
     fn is_long(&self, frames: u32) -> bool {
         LEAST_PART * frames >= self.window_frames
     }

@@ -64,8 +64,9 @@ const SEGMENTS: usize = 256;
 /// Number of low bits of a code that are its position within a segment.
 const SEGMENT_SHIFT: u32 = 16 - SEGMENTS.ilog2();
 
-/// The inverse of a [`SensorLaw`], from code to pressure, as straight segments. For an exponent of 0.8, it is within 0.1 % of the
-/// law from 1 % of full scale on. At exponents above 1, its pressures in the first segment, 1/256 of full scale, are too low.
+/// The inverse of a [`SensorLaw`], from code to pressure, as straight segments. For an exponent of 0.8, it is within 0.1 % of
+/// the law for pressures of at least 1 % of [`SensorLaw::full_kpa`]. At exponents above 1, the pressures of its first segment,
+/// that is of codes below 256, are too low.
 ///
 /// The table is in single precision on every machine, so that all machines evaluate the same curve.
 ///

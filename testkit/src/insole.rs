@@ -105,7 +105,7 @@ pub struct HostInsole {
     /// The first read of the bootloader's state fails in each start of the firmware.
     pub fails_state_read: bool,
     executor: Option<Executor>,
-    /// Number of successive starts that ended in a crash before they counted as successful.
+    /// Number of successive starts that ended in a crash or a stalled task before they counted as successful.
     failed_starts: u32,
     /// The next start while the insole is off: its time in us, the reset reason that the insole will report, and the cause of
     /// the reset, which is `None` after a loss of power. `None` while the insole is on.

@@ -1,8 +1,9 @@
 //! The emulated board: an STM32F405 in QEMU (`-M netduinoplus2`) with the link on USART1, a Bluetooth controller on USART2, and
 //! the sensor plant, a simulation of the sensor matrix on the host, on USART3.
 //!
-//! The emulator has no reset and clock control, no ADC and no cycle counter, so this board has its own small USART driver, and
-//! a time driver that counts with the timer TIM5. Everything above the board traits is the same code as on the real boards.
+//! The emulator has no reset and clock control, no cycle counter, and nothing that supplies voltages to the ADC, so this board
+//! has its own small USART driver, and a time driver that counts with the timer TIM5. Everything above the board traits is the
+//! same code as on the real boards.
 #![no_std]
 #![no_main]
 
@@ -107,7 +108,8 @@ fn main() -> ! {
     let boot = cortex_m_platform::boot_report(None);
     // The compiler must not assume the content of the header, because a tool may have patched it in the image.
     let image = black_box(&IMAGE);
-    // SAFETY: `main` runs once. The rest of this program only reads SysTick's counter, pends interrupts and requests a reset.
+    // SAFETY: `main` runs once. The rest of this program only reads SysTick's counter, pends, masks and unmasks interrupts,
+    // and requests a reset.
     let mut core = unsafe { cortex_m::Peripherals::steal() };
     TIME.start(&mut core.SYST);
     for port in [&LINK, &HCI, &PLANT] {

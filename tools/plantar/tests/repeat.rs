@@ -153,7 +153,8 @@ fn the_recordings_of_one_person_are_compared_without_an_icc() {
         let (status, text) = plantar(&path, arguments);
         assert_eq!((status, text.contains(words)), (Some(1), true), "{arguments}: {text}");
     }
-    // A folder whose only file is hidden, such as one of macOS, is no recording in parts, but a study without participants.
+    // A folder whose only file is hidden, such as one of macOS, is not read as a recording that is divided into several files,
+    // but as a study without participants.
     fs::create_dir(path.join("hidden")).expect("made");
     fs::write(path.join("hidden/._a.parquet"), "of macOS").expect("written");
     let (status, text) = plantar(&path, "repeat hidden");

@@ -67,7 +67,7 @@ fn a_damaged_time_is_refused_with_its_line() {
 }
 
 #[test]
-fn damaged_files_are_refused_with_the_line_and_a_remedy() {
+fn damaged_files_are_refused_with_the_place_and_a_remedy() {
     let text = text(Side::Right);
     let changed = |from: &str, to: &str| parse(&text.replacen(from, to, 1));
     assert_message(changed("kPa", "stone"), "step.asc:3: ", &["stone"]);

@@ -1,4 +1,4 @@
-//! The sources of d0 and C of each region, the dependence of the results on these sources, and the misfit of an ellipse to the
+//! The sources of d0 and C of each region, the dependence of the results on the source of C, and the misfit of an ellipse to the
 //! contact.
 
 use crate::format::{NONE, number, signed_percent};
@@ -15,8 +15,8 @@ pub fn table(study: &Study) -> Markup {
         table.dense #sources {
             caption {
                 "Tissue thickness d₀ and vertical ellipsoid radius C cannot be identified from the force. The table states \
-                 their source, and by how much C and the results at 20 % strain change if the source value is " (change) " \
-                 smaller / larger. Share of assumption: 0 if C rests on measurements only, 50 % if either thickness or \
+                 their source, and by how much C and the results at 20 % strain change if the value from which C follows is "
+                (change) " smaller / larger. Share of assumption: 0 if C rests on measurements only, 50 % if either thickness or \
                  compression is assumed, 100 % if both are, or if C results from the search of the paper. Unless it is 0, \
                  stiffness, moduli and energies follow from a deformation (scaled by assumption). Ellipse misfit: area of \
                  the ellipse with the second moments of the contact, relative to the contact area, minus 1; it is large for \

@@ -82,10 +82,12 @@ pub fn sensitivity(study: &Study) -> Markup {
         };
     };
     html! {
-        p {
-            "The fit was repeated with other contact rules, filters and steps. A result that hardly changes does not depend on the \
-             choice; one that changes may be compared only between fits with the same choice. Changes of more than "
-            (LARGE[0] * 100.0) " %, and of errors of more than " (LARGE[1] * 100.0) " percentage points, are bold."
+        @if !sensitivity.variants.is_empty() {
+            p {
+                "The fit was repeated with other choices of the method. A result that hardly changes does not depend on the \
+                 choice; one that changes may be compared only between fits with the same choice. Changes of more than "
+                (LARGE[0] * 100.0) " %, and of errors of more than " (LARGE[1] * 100.0) " percentage points, are bold."
+            }
         }
         @for sentence in &sensitivity.skipped { p { (sentence) } }
         @if !sensitivity.variants.is_empty() { @for shown in &SHOWN { (shown.table(study, sensitivity)) } }

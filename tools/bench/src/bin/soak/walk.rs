@@ -23,10 +23,10 @@ use testkit::step;
 const STEPS: u32 = 50_000;
 /// Number of steps of both feet together in the short test.
 const SHORT_STEPS: u32 = 400;
-/// Number of scans before their sequence number wraps.
+/// The number of the first scan is this number below the largest one, after which the numbers continue with 0.
 const SCANS_BEFORE_WRAP: u32 = 5_000;
-/// Number of steps before their sequence number wraps.
-const STEPS_BEFORE_WRAP: u32 = 20;
+/// The same for the number of the first record.
+const RECORDS_BEFORE_WRAP: u32 = 20;
 /// The live stream is on during this number of steps. It is then switched off, because each of its bytes costs the emulator a
 /// system call.
 const LIVE_STEPS: u32 = 1_000;
@@ -113,11 +113,11 @@ fn walk(firmware: &Path, side: Side, steps: u32) -> Result<Walked> {
     let recording = synthetic::walk(&walk).recording;
     let insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
     let first_scan = u32::MAX - SCANS_BEFORE_WRAP;
-    let first_step = u32::MAX - STEPS_BEFORE_WRAP;
+    let first_record = u32::MAX - RECORDS_BEFORE_WRAP;
     let repeated = || Repeated { walk: Recorded::new(recording.clone(), insole.clone()), first: first_scan };
 
     let config = EmulatorConfig { first_scan, ..EmulatorConfig::new(insole.setup) };
-    let hardware = Hardware { flash: Some(used_chip(first_step)?), ..Hardware::default() };
+    let hardware = Hardware { flash: Some(used_chip(first_record)?), ..Hardware::default() };
     let board = Board::start_with(firmware, &config, &insole.cells, Time::Fastest, repeated(), &hardware)?;
     let mut link = board.link()?;
     link.set_read_timeout(Some(READ_TIMEOUT))?;
@@ -130,7 +130,7 @@ fn walk(firmware: &Path, side: Side, steps: u32) -> Result<Walked> {
     let mut replay = Box::new(Insole::<f32, DEVICE_CELLS>::new());
     replay.set_up(insole.setup, insole.cells.iter().copied())?;
     replay.set_tissue(&tissue).map_err(anyhow::Error::msg)?;
-    replay.count_records_from(first_step);
+    replay.count_records_from(first_record);
     let mut walk = repeated();
     let mut codes = vec![0; insole.cells.len()];
     let mut scans = 0;
@@ -155,14 +155,14 @@ fn walk(firmware: &Path, side: Side, steps: u32) -> Result<Walked> {
     Ok(walked)
 }
 
-/// A flash chip on which the step before `first_step` was stored and acknowledged.
-fn used_chip(first_step: u32) -> Result<Vec<u8>> {
+/// A flash chip on which the record before `first_record` was stored and acknowledged.
+fn used_chip(first_record: u32) -> Result<Vec<u8>> {
     let mut chip = NorFlashChip::new(FLASH_BYTES);
-    let last_step = first_step.wrapping_sub(1);
+    let last_record = first_record.wrapping_sub(1);
     block_on(async {
         let mut store = Store::open(Some(&mut chip), Reset::Power).await;
-        store.push_record(step(last_step)).await?;
-        store.acknowledge(last_step).await
+        store.push_record(step(last_record)).await?;
+        store.acknowledge(last_record).await
     })
     .map_err(|error| anyhow!("cannot prepare the flash chip: {error:?}"))?;
     Ok(chip.bytes)
