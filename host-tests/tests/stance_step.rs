@@ -169,6 +169,16 @@ fn a_heel_strike_in_a_long_gap_starts_no_step_if_the_threshold_of_toe_off_is_the
     assert_eq!(stance.rejected(), Rejected { broken: 1, ..Rejected::default() });
 }
 
+/// The force falls below the threshold of heel strike again just after it has reached it, and fades after toe off between the
+/// thresholds: 35 N for heel strike and 70 N for toe off.
+#[test]
+fn a_fading_force_is_no_heel_strike_although_the_stance_began_with_a_dip() {
+    let sequence = [OFF, Frames(1, 40.0), Frames(1, 30.0), Frames(49, 700.0), Frames(11, 50.0), Frames(20, 0.0)];
+    let (steps, stance) = steps_by(&StanceRule::ADAPTIVE, &sequence, 0);
+    assert_eq!(steps, [(10, 51, 0)]);
+    assert_eq!(stance.rejected(), Rejected::default());
+}
+
 #[test]
 fn the_foot_is_on_the_ground_from_heel_strike_to_confirmed_toe_off() {
     let on_ground = |sequence: &[Part]| steps_of(sequence, 0).1.on_ground();

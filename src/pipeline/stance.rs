@@ -23,7 +23,7 @@ pub struct Rejected {
     pub short: u32,
     /// Longer than [`super::stance_rule::StanceRule::max_stance_ms`].
     pub long: u32,
-    /// Interrupted by more than [`BRIDGED_FRAMES`] missing frames.
+    /// Interrupted by more than [`BRIDGED_FRAMES`] missing frames, or begun while they were missing.
     pub broken: u32,
 }
 
@@ -92,7 +92,7 @@ pub struct Stance<R> {
     /// Force of the lifted foot, N.
     lifted_n: R,
     constancy: Constancy<R>,
-    /// The total force was below the threshold of heel strike since the last contact.
+    /// The total force was below the threshold of heel strike since it last reached that of toe off.
     is_unloaded: bool,
     is_lifted: bool,
     /// The total force has changed since the first frame.
@@ -143,9 +143,9 @@ impl<R: Real> Stance<R> {
         (self.has_moved, self.has_walked) = (false, false);
     }
 
-    /// Processes frame number `seq`; `centre_mm` is the centre of pressure of the foot, mm. True if the frame confirms toe off;
-    /// then the curves are valid until the next call. Sequence numbers wrap, and a difference of more than 1 between two frames
-    /// means that frames are missing.
+    /// Processes frame number `seq`; `centre_mm` is the centre of pressure of the foot, mm. True if the frame confirms the toe
+    /// off of a step; then the curves are valid until the next call. Sequence numbers wrap, and a difference of more than 1
+    /// between two frames means that frames are missing.
     pub fn push(
         &mut self,
         limits: &StanceLimits<R>,
@@ -167,8 +167,8 @@ impl<R: Real> Stance<R> {
         let release_n = self.lifted_n + limits.release_n * scale;
         let mut strike_n = self.lifted_n + limits.strike_n * scale;
         // After toe off the force may still fade. Until it has fallen below the threshold of heel strike, only a force that
-        // reaches both thresholds is a heel strike.
-        self.is_unloaded |= total_n < strike_n;
+        // reaches both thresholds is a heel strike. It may also have been lower just after heel strike, which does not count.
+        self.is_unloaded = total_n < strike_n || (self.is_unloaded && total_n < release_n);
         if !self.is_unloaded {
             strike_n = strike_n.max(release_n);
         }
@@ -240,8 +240,8 @@ impl<R: Real> Stance<R> {
         self.constancy.frames() == limits.settle_frames
     }
 
-    /// Records that the foot is lifted: the present force is that of the shoe. True if this confirms toe off; then the curves are
-    /// valid until the next call of [`Stance::push`].
+    /// Records that the foot is lifted: the present force is that of the shoe. True if this confirms the toe off of a step; then
+    /// the curves are valid until the next call of [`Stance::push`].
     #[cold]
     pub(crate) fn lift(&mut self, limits: &StanceLimits<R>) -> bool {
         self.is_lifted = true;

@@ -31,8 +31,8 @@ use crate::num::Real;
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RegionStep<R> {
-    /// Largest measured force in the samples of the curve, N. A sample is a frame in stances of up to 256 frames; see
-    /// [`StepRecord::sample_us`].
+    /// Largest measured force from the first to the last sample in contact, N. A sample is a frame in stances of up to 256
+    /// frames; see [`StepRecord::sample_us`].
     pub measured_peak_n: R,
     /// Largest model force, N.
     pub model_peak_n: R,

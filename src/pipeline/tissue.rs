@@ -60,9 +60,10 @@ impl Tissue {
 /// The filters of the contact area; see "The two paths through the model" in docs/architecture.md.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum AreaFilter {
-    /// The filter of the step record: the area as measured, and its rate over 20 ms; see [`super::step`].
+    /// The filter of the step record: the area as measured, and the deformation rate over 20 ms; see [`super::step`].
     Direct,
-    /// The filter of the live stream: the mean of three frames, and the difference to the previous frame; see [`super::live`].
+    /// The filter of the live stream: the mean of three frames, and the deformation rate since the previous frame; see
+    /// [`super::live`].
     Live,
 }
 

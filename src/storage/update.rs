@@ -59,7 +59,7 @@ pub struct Update {
     pub(super) received: u32,
     /// The SHA-256 that names the image, once all of its file was received.
     pub(super) file: Option<Sha256>,
-    /// The image is marked for the bootloader.
+    /// The image was received as a file and is marked for the bootloader.
     pub(super) is_pending: bool,
 }
 

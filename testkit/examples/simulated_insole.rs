@@ -1,7 +1,8 @@
-//! A simulated insole that listens on a TCP port, for tests of other programs. The command is
-//! `cargo run -p testkit --example simulated_insole -- STEPS`. The insole serves one host after the other with the code of
-//! the firmware's session. It accepts parameters, but computes nothing with them. After STEPS steps it sends a load bout and an
-//! alert. The program prints the address on which it listens, and then the record number of each acknowledgement that arrives.
+//! A simulated insole that listens on a TCP port, for tests of other programs. The command is `cargo run -p testkit --example
+//! simulated_insole -- STEPS`. The insole serves one host after the other with the code of the firmware's session. It accepts
+//! parameters, but computes nothing with them. It sends STEPS steps, a load bout and an alert; of more than four steps only
+//! the last four, because the session keeps six records. The program prints the address on which it listens, and then the
+//! record number of each acknowledgement that arrives.
 
 use plantar::protocol::session::{CommandResult, Session};
 use plantar::protocol::{Decoder, MAX_FRAME, MAX_MESSAGE, ToDevice, decode, frame};

@@ -1,5 +1,5 @@
-//! Each fuzz target accepts its seeds and random variations of them. libFuzzer, which `cargo xtask fuzz` runs, finds more: it
-//! knows which code an input reaches.
+//! The check of each fuzz target passes for its seeds and for random variations of them. libFuzzer, which `cargo xtask fuzz`
+//! runs, finds more: it knows which code an input reaches.
 
 use proptest::prelude::*;
 use proptest::sample::{Index, select};
@@ -77,7 +77,7 @@ macro_rules! targets {
     };
 }
 
-// Targets that replay or fit a walk check fewer variations, because each takes longer.
+// Targets whose check takes longer, such as those that replay or fit a walk, check fewer variations.
 targets! {
     client: 10_000,
     deframe: 10_000,

@@ -49,7 +49,7 @@ export function quantityNote(quantity: Quantity, has_effective_areas: boolean): 
     case "deformation":
       return (
         "Share of assumption: 100 %. The scale of the deformation follows from a typical thickness of the tissue and an assumed " +
-        "compression, unless both were measured for your parameters."
+        "compression; the share is less if they were measured for your parameters."
       );
     case "area":
       return has_effective_areas

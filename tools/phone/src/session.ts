@@ -150,7 +150,8 @@ export class Session {
 
   /** To be called when the link broke. `reason` is a phrase for the wearer. */
   closed(reason: string): void {
-    this.state = this.hello ? "lost" : "closed";
+    // The loss of a second insole for a foot must not be reported as that of the first one.
+    if (this.state !== "same-foot") this.state = this.hello ? "lost" : "closed";
     this.reason = reason;
     // The waiting records are not acknowledged, so the insole sends them again.
     this.untimed = [];
@@ -203,7 +204,7 @@ export class Session {
         }
         return this.onAnswer(message, this);
       case "tissue":
-        // Another object would count as another hello.
+        // The object is changed and not replaced, because the receiver of a new one stores this message as the hello.
         if (this.hello) this.hello.has_parameters = message.id !== 0;
         return this.onAnswer(message, this);
       case "ellipses":

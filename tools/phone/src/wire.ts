@@ -120,7 +120,10 @@ export class RecordOrder {
     return Boolean(this.core.order_accepts(this.index, number, damaged));
   }
 
-  /** To be called for a record that has arrived before: the records after it are expected, too. */
+  /**
+   * To be called for a record that has arrived before. The insole sends it together with those after it, so the next record must
+   * have the next number.
+   */
   repeat(number: number): void {
     this.core.order_repeat(this.index, number);
   }
@@ -155,7 +158,7 @@ export class Wire {
     return new Wire(instance.exports as unknown as Exports);
   }
 
-  /** Decodes a message. Returns `undefined` for bytes that are not a message of this version. */
+  /** Decodes a message. Returns `undefined` for bytes that are no message of this version, or one that the page does not use. */
   decode(bytes: Uint8Array): ToHost | undefined {
     this.write(bytes);
     const length = this.core.decode();
@@ -177,8 +180,9 @@ export class Wire {
   getStatus = () => this.request(this.core.get_status());
   getAlertRules = () => this.request(this.core.get_alert_rules());
   /**
-   * Turns alerts on or off. `rules` is the insole's message with its present rules; all values but the number of alerts in a day
-   * and the beginning of the day remain. The wearer's day begins `day_start_min` minutes after midnight UTC.
+   * Turns alerts on or off. `rules` is the insole's message with its present rules. To turn them off, the number of alerts in a
+   * day becomes 0; to turn them on, it becomes the recommended one if it was 0. The wearer's day begins `day_start_min` minutes
+   * after midnight UTC. The other values remain.
    */
   setAlerts(rules: Uint8Array, is_on: boolean, day_start_min: number): Uint8Array {
     this.write(rules);

@@ -285,7 +285,11 @@ test("a second insole for a foot is not used", () => {
   const requests = sent.length;
   messagesOf(0).slice(0, 500).forEach((message) => session.receive(message, 10));
   expect([session.state, session.live, received.length, sent.length]).toEqual(["same-foot", undefined, 0, requests]);
-  expect(sessionProblems(session, wire.facts).join()).toMatch(/Both insoles are for the left foot/);
+  const problem = sessionProblems(session, wire.facts);
+  expect(problem.join()).toMatch(/Both insoles are for the left foot/);
+  // The first insole for this foot is still connected.
+  session.closed("out of reach or switched off");
+  expect(sessionProblems(session, wire.facts)).toEqual(problem);
 });
 
 test("an insole that reports a fault after its start measures, unless it has no cells", () => {

@@ -17,6 +17,8 @@ pub struct RecordingReader {
     pub head: Recording,
     /// The files in the order of time; at least one.
     files: Vec<ColumnFile>,
+    /// The path of the file or of the folder, for messages about all frames.
+    place: String,
     /// The check of the times, before the first frame.
     time_check: TimeCheck,
 }
@@ -41,7 +43,7 @@ impl RecordingReader {
             let (head, file) = ColumnFile::open(path)?;
             (head, vec![file])
         };
-        Self::new(head, files)
+        Self::new(head, files, path)
     }
 
     /// As [`RecordingReader::open`], from the content of a file. Messages name `path` as the file.
@@ -50,7 +52,7 @@ impl RecordingReader {
     /// Fails in the same cases as [`RecordingReader::open`].
     pub fn parse(bytes: Vec<u8>, path: &Path) -> Result<Self> {
         let (head, file) = ColumnFile::parse(bytes, path)?;
-        Self::new(head, vec![file])
+        Self::new(head, vec![file], path)
     }
 
     /// As [`RecordingReader::open`], from the paths and the contents of the parts in `folder`, which are in the order of time.
@@ -60,12 +62,12 @@ impl RecordingReader {
     pub fn parse_parts(parts: Vec<(PathBuf, Vec<u8>)>, folder: &Path) -> Result<Self> {
         let parts = parts.into_iter().map(|(path, bytes)| ColumnFile::parse(bytes, &path));
         let (head, files) = parts::join(folder, parts)?;
-        Self::new(head, files)
+        Self::new(head, files, folder)
     }
 
-    fn new(head: Recording, files: Vec<ColumnFile>) -> Result<Self> {
+    fn new(head: Recording, files: Vec<ColumnFile>, path: &Path) -> Result<Self> {
         let time_check = TimeCheck::new(head.rate_hz, &|at| files[0].place(at))?;
-        Ok(Self { head, files, time_check })
+        Ok(Self { head, files, place: path.display().to_string(), time_check })
     }
 
     /// Number of frames.
@@ -95,7 +97,7 @@ impl RecordingReader {
     /// Fails if the frames violate a rule of recordings, or if there are more pressures than this program holds in memory.
     pub fn whole(&self) -> Result<Recording> {
         let mut recording = self.head.clone();
-        check::value_count(self.frames() as u64, recording.cells(), &self.files[0].place(At::Whole))?;
+        check::value_count(self.frames() as u64, recording.cells(), &self.place)?;
         let order: Vec<usize> = (0..recording.cells()).collect();
         for block in self.blocks(&order, &|kpa| kpa) {
             let Block { t_s, values } = block?;
@@ -127,7 +129,7 @@ impl RecordingReader {
         let mut time_check = Some(self.time_check.clone());
         from_fn(move || {
             let Some((file, group, first_row)) = groups.next() else {
-                let checked = time_check.take()?.finish(&|at| self.files[0].place(at));
+                let checked = time_check.take()?.finish(&|_| self.place.clone());
                 return checked.err().map(Err);
             };
             let mut block = || {

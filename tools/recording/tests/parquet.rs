@@ -352,6 +352,23 @@ fn times_that_are_not_uniform_and_increasing_are_rejected() {
 }
 
 #[test]
+fn a_wrong_rate_of_all_parts_together_is_reported_for_their_folder() {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("walk.parquet");
+    std::fs::create_dir(&path).unwrap();
+    let names = ["t_s", "c0_kpa", "c1_kpa"];
+    let zeros = [0.0; 20];
+    // The frames come every 10.2 ms, and not every 10 ms: the difference is significant only after 26 frames.
+    for part in 0..2 {
+        let t_s: Vec<f64> = (0..20).map(|frame| 0.0102 * f64::from(20 * part + frame)).collect();
+        write(&path.join(format!("part-{part}.parquet")), Some(TWO_CELLS), names, &t_s, [&zeros, &zeros]);
+    }
+    let error = Recording::read(&path).unwrap_err().to_string();
+    assert!(error.contains("walk.parquet: the frames come at 98.039 Hz"), "{error}");
+    assert!(Recording::read(&path.join("part-0.parquet")).is_ok());
+}
+
+#[test]
 fn jitter_of_less_than_half_a_frame_is_accepted() {
     let (_folder, path) = in_folder();
     let zeros = [0.0; 4];

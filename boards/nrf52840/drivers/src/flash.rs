@@ -1,4 +1,4 @@
-//! The flash chip: reads and writes of any bytes, by transfers of whole words within a page.
+//! The flash chip: reads and writes of any bytes, by transfers of whole words.
 //!
 //! The controller's DMA only transfers whole, aligned words, from and to RAM. So every transfer uses a buffer of one page that
 //! belongs to the [`Bus`]: a transfer that was given up half-way can then never write to memory that has another use.
