@@ -8,6 +8,7 @@ use parameters::{InsoleSize, Parameters};
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
+use rayon::prelude::*;
 use recording::{MAX_CELLS, Recording, RecordingReader, VirtualInsole, synthetic};
 use std::hint::black_box;
 use std::path::Path;
@@ -73,10 +74,10 @@ pub fn measure(python: &Path, plantar: &Path, figures: &mut Figures) -> Result<(
     let frames = SECONDS_PER_HOUR * walk.rate_hz as usize;
     let mut unloaded = walk.clone();
     unloaded.pressure_kpa.fill(0.0);
-    for hour in 0..HOURS {
+    (0..HOURS).into_par_iter().try_for_each(|hour| {
         let of_hour = if hour % 3 == 0 { &walk } else { &unloaded };
-        repeated(of_hour, hour * frames, frames).write(day.join(format!("{hour:02}.parquet")))?;
-    }
+        repeated(of_hour, hour * frames, frames).write(day.join(format!("{hour:02}.parquet")))
+    })?;
     let command = [plantar.as_os_str(), "replay".as_ref(), day.as_os_str()];
     let command = command.map(|argument| argument.to_string_lossy().into_owned());
     let peak_mb = python::run(python, "peak_memory.py", directory.path(), &command)?.concat()[0];

@@ -5,6 +5,7 @@ use fit::{Options, RegionFit, Step, Study, prior};
 use parameters::InsoleSize;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
+use rayon::prelude::*;
 use recording::{Recording, VirtualInsole, jiku};
 use std::path::Path;
 
@@ -13,26 +14,27 @@ const LEARNING_INTERVAL: usize = 3;
 
 /// The recordings of all walkers, from the folder SpeedPP2DS of the Python package jiku-data.
 pub fn walks(data: &Path) -> Result<Vec<Recording>> {
-    (0..jiku::WALKERS).map(|walker| Ok(jiku::import(data, walker, 0..jiku::TRIALS, &mut |_, _| ())?)).collect()
+    let walkers = (0..jiku::WALKERS).into_par_iter();
+    walkers.map(|walker| Ok(jiku::import(data, walker, 0..jiku::TRIALS, &mut |_, _| ())?)).collect()
 }
 
 /// The fitted studies of all walkers with this contact rule.
 pub fn fitted(walks: &[Recording], contact: ContactRule) -> Result<Vec<Study>> {
     let options = Options::usual(InsoleSize::default().thickness_m());
-    let mut studies = Vec::new();
-    for walk in walks {
+    let study = |walk: &Recording| {
         let mut study = Study::new(String::new(), contact, options);
         study.add(String::new(), walk, &VirtualInsole::new(walk, contact, StanceRule::ADAPTIVE), &mut |_| ())?;
-        studies.push(study);
-    }
+        Ok(study)
+    };
+    let mut studies: Vec<Study> = walks.par_iter().map(study).collect::<Result<_>>()?;
     let samples: Vec<Vec<Step>> =
         studies.iter().map(|study| study.steps.iter().step_by(LEARNING_INTERVAL).cloned().collect()).collect();
-    for (i, study) in studies.iter_mut().enumerate() {
+    studies.par_iter_mut().enumerate().for_each(|(i, study)| {
         let others = samples.iter().enumerate().filter(|(other, _)| *other != i);
         let others: Vec<&[Step]> = others.map(|(_, steps)| &steps[..]).collect();
         study.options.prior = Some(prior::learn(&others, &options));
         study.fit(&|_| ());
-    }
+    });
     Ok(studies)
 }
 

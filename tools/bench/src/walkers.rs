@@ -12,6 +12,7 @@ use fit::variable::Variable;
 use fit::{RegionFit, Step, Study, agreement};
 use plantar::pipeline::contact::ContactRule;
 use plantar::{Region, Side};
+use rayon::prelude::*;
 use std::path::Path;
 
 /// Number of steps in each fit of [`few_steps`].
@@ -78,8 +79,7 @@ fn errors(covered: &[Study], counted: &[Study], figures: &mut Figures) {
 
 /// Measures how much larger the predicted error is if only four steps are fitted.
 fn few_steps(studies: &[Study], figures: &mut Figures) {
-    let mut ratios = Vec::new();
-    for region in 0..8 {
+    let ratio = |region: usize| {
         let (mut few, mut all) = (Vec::new(), Vec::new());
         for (walker, study) in studies.iter().enumerate() {
             let Ok(fit) = &study.fits[region] else { continue };
@@ -101,8 +101,9 @@ fn few_steps(studies: &[Study], figures: &mut Figures) {
                 all.push(fit.quality.predicted.unwrap_or(f64::NAN));
             }
         }
-        ratios.push(few.iter().sum::<f64>() / all.iter().sum::<f64>());
-    }
+        few.iter().sum::<f64>() / all.iter().sum::<f64>()
+    };
+    let ratios: Vec<f64> = (0..8).into_par_iter().map(ratio).collect();
     let ratio = ratios.iter().sum::<f64>() / ratios.len() as f64;
     figures.add(
         "nrmse.mean.four_steps",
@@ -143,7 +144,7 @@ fn repeatability(studies: &[Study], figures: &mut Figures) -> Result<()> {
         // The data set has right feet only.
         [first, second].map(|steps| Trial::of(String::new(), Side::Right, &fit::fit(steps, &study.options, &|_| ())))
     };
-    let trials: Vec<_> = studies.iter().map(halves).collect();
+    let trials: Vec<_> = studies.par_iter().map(halves).collect();
     let people: Vec<(&str, &[Trial])> = trials.iter().map(|trials| ("a walker", &trials[..])).collect();
     let (feet, _) = agreement::repeatability(&people, 2);
     let foot = feet.first().context("the walkers have no repeated trials")?;
