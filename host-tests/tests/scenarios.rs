@@ -32,7 +32,7 @@ fn an_unknown_event_is_named_with_its_line() {
 }
 
 #[test]
-fn an_unknown_value_is_named_with_its_line() {
+fn an_unknown_key_of_an_event_is_named_with_its_line() {
     let error = error_of(&format!("{HEADER}\n[[at]]\ns = 1.0\nevent.walk = {{ step = 1 }}\n")).to_string();
     assert!(error.contains("line 6") && error.contains("step"), "{error}");
 }

@@ -178,7 +178,7 @@ fn fragments_in_any_order_with_losses_and_repetitions_yield_the_message_or_nothi
     }
 }
 
-/// The offsets around the beginning, the end and the page boundaries of an area, and around the largest offset.
+/// The offsets around the beginning, the page boundaries and the end of an area, a page after its end, and the largest offset.
 fn offsets(len: u32) -> impl Iterator<Item = u32> {
     around([0, 256, 512, len, 256 + len, u32::MAX], bound(3, 40))
 }
@@ -364,7 +364,7 @@ fn a_stream_of_ellipses_sends_the_newest_due_ellipses() {
 }
 
 #[test]
-fn a_session_sends_records_before_live_frames_before_answers() {
+fn a_session_sends_records_first_and_at_most_eight_live_frames_before_an_answer() {
     use order::Event;
     let alphabet = [Event::Live, Event::Ask, Event::Record, Event::Send];
     // The queue holds six records; one more would drop a record.

@@ -154,10 +154,11 @@ impl FaultDetector {
         self.zeroed
     }
 
-    /// Processes a frame in which the foot is lifted: reviews all cells once after the start, after each stance and on
-    /// request, a few in each frame. True if baselines have changed or cells were masked. `has_walked` states whether a step of
-    /// walking has ended since the last review began; the beginning of a review resets it. Other contacts, such as those of a
-    /// seated foot, are no evidence, and a constant force after them may be that of a resting foot.
+    /// Processes a frame in which the foot is lifted: reviews all cells once after the start, after each stance and on request,
+    /// a few in each frame. True if baselines have changed or cells were masked. `has_walked` states whether a step of walking
+    /// has ended since the last review began; the beginning of a review resets it. Other contacts, such as those of a seated
+    /// foot, are not concluded on: the inspections of rows in them are discarded, and the flags of cells are evaluated with
+    /// those of the next step. A constant force after them may be that of a resting foot.
     #[inline(never)]
     pub(crate) fn lifted_frame<R: Real>(&mut self, frame: &mut FrameContext<'_, R>, has_walked: &mut bool) -> bool {
         if self.next_cell.is_none() {
@@ -199,7 +200,7 @@ impl FaultDetector {
         if self.review.has_stance {
             self.conclude(frame);
         } else {
-            // The inspections of a contact that is no evidence must not count in the next step.
+            // The inspections of rows in a contact that is no step must not count in the next step.
             self.rows.begin_step();
         }
         self.review.rezeroed > 0 || self.faults.found != found_before

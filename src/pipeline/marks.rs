@@ -32,7 +32,8 @@ pub(crate) const DRIFT: u8 = 128;
 pub(crate) enum Count {
     /// Recent steps in which the cell exceeded the load threshold.
     Loaded = 0,
-    /// Successive steps without an expected response.
+    /// Successive steps without a response, although the cell is surrounded by loaded ones. A step with [`NO_RESPONSE`] alone
+    /// does not count.
     NoResponse = 2,
     /// Successive swings at full scale, or far below the baseline.
     OffScale = 4,
@@ -101,7 +102,8 @@ impl CellMarks {
         self.flags = MASKED;
     }
 
-    /// True if the cell is not masked and there is no evidence yet that its reading is wrong.
+    /// True if the cell is not masked, and no swing gave evidence that its code is stuck or off the scale. Other evidence is not
+    /// considered.
     pub(crate) fn is_sound(&self) -> bool {
         !self.has(MASKED | STUCK | UNCHANGED) && self.count(Count::OffScale) == 0
     }

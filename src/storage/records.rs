@@ -131,6 +131,6 @@ records! {
     NumberingRecord: 12, 1;
 }
 
-/// Key of a record: kind, part (for blocks of a calibration; otherwise 0) and version. The version is in the key so that a record
-/// never replaces a newer version.
+/// Key of a record: kind, part (of the cells of a calibration and of [`IdentifiedRecord`]; otherwise 0) and version. The version
+/// is in the key so that a record never replaces a newer version.
 pub(super) type Key = [u8; 3];

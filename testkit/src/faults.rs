@@ -107,7 +107,8 @@ pub struct Detection {
     pub found: usize,
     /// The longest time from the beginning of a fault to its report, s.
     pub longest_s: f64,
-    /// Number of reported faults that were not injected. A reported cell of a faulty line does not count.
+    /// Number of reported faults that were not injected. A reported cell does not count, whatever the kind of its fault, if it is
+    /// faulty or in a faulty line.
     pub false_alarms: usize,
     /// The faults that were not found.
     pub missed: Vec<SensorFault>,
@@ -148,7 +149,7 @@ pub fn detection(clean: &Clean, count: usize, seed: u64) -> Vec<Detection> {
                 // The sixth and the seventh step are the first two complete ones, each with its swing.
                 let end_s = truth.toe_offs_s[6] + SWING_S;
                 let is_same = |found: &&plantar::faults::Fault| found.kind == kind && found.place == fault.place;
-                // A cell of the faulty line may be reported before the line is.
+                // A cell of the faulty line may be reported before the line is, and a faulty cell with another kind.
                 let is_part = |found: &&plantar::faults::Fault| {
                     let cells: Vec<_> = fault.cells(recording.cells()).collect();
                     matches!(found.place, Place::Cell(cell) if cells.contains(&cell.into()))

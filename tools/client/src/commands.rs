@@ -76,7 +76,8 @@ impl<C: Carrier> Client<C> {
         })
     }
 
-    /// The stored settings; `None` if the board's own configuration is in force.
+    /// The settings for the next start of the insole: those in force, unless [`Client::set_settings`] has stored others since the
+    /// last start. `None` stands for the board's own configuration.
     ///
     /// # Errors
     /// See the `impl` block.

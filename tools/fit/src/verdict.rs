@@ -46,8 +46,8 @@ pub(crate) fn verdict(fit: &RegionFit) -> String {
     }
     if q.floor > NEAR_FLOOR * predicted && q.own > AT_FLOOR * q.floor {
         return format!(
-            "limited by the contact area: {error}, and {:.0} % for the best non-decreasing function of area; smaller cells or a \
-             finer contact rule would reduce it, other parameters would not",
+            "limited by the contact area: {error}, and {:.0} % for the best non-decreasing function of area; smaller cells, or \
+             covered shares instead of counted cells, would reduce it, other parameters would not",
             q.floor * 100.0
         );
     }

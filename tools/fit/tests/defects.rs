@@ -133,7 +133,8 @@ fn contradicting_measurements_are_named_and_the_assumption_is_used() {
 }
 
 /// C is proportional to the assumed compression, which is changed by 20 %. The expected secant stiffness and secant modulus
-/// follow from the force at the reference strain of 20 %, which is a normalised deformation of 0.2 d0 / C.
+/// follow from the force at the reference strain of 20 %, which is a normalised deformation of 0.2 d0 / C for a tissue of the
+/// thickness d0.
 #[test]
 fn the_scale_effect_follows_from_a_c_that_is_20_percent_smaller_or_larger() {
     let steps = walk(6, 100.0, Filter::Direct, 0.01, 1);

@@ -29,7 +29,7 @@ pub enum Insole {
         /// The foot that the insole is for [default: unchanged].
         #[arg(long)]
         side: Option<Foot>,
-        /// The serial number: up to 16 letters, digits or punctuation marks, without spaces [default: unchanged].
+        /// The serial number: up to 16 letters without accents, digits or punctuation marks, without spaces [default: unchanged].
         #[arg(long, value_name = "TEXT", value_parser = serial)]
         serial_number: Option<Serial>,
         #[command(flatten)]
@@ -100,8 +100,9 @@ pub enum Foot {
 
 /// Parses a serial number.
 fn serial(text: &str) -> Result<Serial, String> {
-    Serial::new(text)
-        .ok_or_else(|| "a serial number has up to 16 letters, digits or punctuation marks, without spaces".into())
+    Serial::new(text).ok_or_else(|| {
+        "a serial number has up to 16 letters without accents, digits or punctuation marks, without spaces".into()
+    })
 }
 
 impl Insole {
@@ -189,7 +190,8 @@ fn show(connection: &Connection) -> Result<()> {
     let warnings = [
         (
             status.not_stored > 0,
-            "the insole could not store some data: its flash chip is failing, and a restart loses unstored settings",
+            "the insole could not store some data since its start, because its supply was too low (charge its battery) or its \
+             flash chip is failing; a restart loses unstored settings",
         ),
         (
             contents.newer_kinds > 0,

@@ -1,5 +1,5 @@
-//! Signals that end a session as the key q does, so that files are completed: SIGINT, as from Ctrl-C without a terminal, and
-//! SIGTERM.
+//! Signals that end a session as the key q does, so that files are completed: SIGINT, as from Ctrl-C if the
+//! output is not a terminal (on the display, Ctrl-C is a key), and SIGTERM.
 
 #[cfg(unix)]
 use signal_hook::consts::{SIGINT, SIGTERM};

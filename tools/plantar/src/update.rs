@@ -56,6 +56,12 @@ impl Update {
         self.wait_for_restart(&image, &mut insole, &before, is_answered)?;
         wait_for_trial(&image, &mut insole)?;
         println!("the insole now runs {} (before: {before}), and has confirmed it", image.header().version());
+        if before == image.header().version() {
+            eprintln!(
+                "note: the previous image has the same version, so it is not known which of the two runs: if the new image did \
+                 not work, the insole has swapped back"
+            );
+        }
         Ok(())
     }
 

@@ -23,7 +23,8 @@ pub fn fill(t_s: &mut Vec<f64>, kpa: &mut Vec<f32>, cells: usize) -> Option<Stri
         return None;
     }
     let longest_filled_s = LONGEST_FILLED_S.max(GAP_INTERVALS * period_s);
-    let part = longest_part(t_s, longest_filled_s);
+    // Rounded times may make a gap that is just filled slightly longer.
+    let part = longest_part(t_s, longest_filled_s + 0.25 * period_s);
     let left_out = t_s.len() - part.len();
     let (old_s, old_kpa) = (t_s[part.clone()].to_vec(), kpa[part.start * cells..part.end * cells].to_vec());
     let mut filled = 0;
@@ -90,6 +91,19 @@ mod tests {
             assert!((t_s - i as f64 * 0.01).abs() < 1e-12 && (kpa - i as f32 * 10.0).abs() < 1e-4);
         }
         assert_eq!(t_s.len(), 6);
+    }
+
+    /// As numbers in double precision, 1.1 and 1 differ by slightly more than 0.1.
+    #[test]
+    fn the_longest_gap_is_filled_although_the_times_are_rounded() {
+        for lost in [9, 10] {
+            let frames = || (0..300u16).filter(|i| !(101..101 + lost).contains(i));
+            let mut t_s: Vec<f64> = frames().map(|i| f64::from(i) / 100.0).collect();
+            let mut kpa: Vec<f32> = frames().map(f32::from).collect();
+            let note = fill(&mut t_s, &mut kpa, 1).expect("a gap");
+            let is_filled = note == "Lost frames that were filled linearly: 9.";
+            assert_eq!((t_s.len(), is_filled), if lost == 9 { (300, true) } else { (189, false) }, "{note}");
+        }
     }
 
     /// As numbers in double precision, 1.001 and 1 differ by slightly less than 0.001.

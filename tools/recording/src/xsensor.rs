@@ -333,7 +333,8 @@ impl Reader<'_> {
             return Err(Error::content(
                 place,
                 "the time is not later than that of the frame before",
-                "export the frames in order, with fractions of a second in their times, or record at least 6 s",
+                "export the frames in order, with fractions of a second in their times; whole seconds suffice only for numbered \
+                 frames and at least 6 s",
             ));
         }
         let mut export = Export { feet: Vec::new(), remarks: Vec::new() };

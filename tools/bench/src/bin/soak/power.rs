@@ -33,7 +33,8 @@ pub fn test_store(short: bool, figures: &mut Figures) -> Result<()> {
     figures.add(
         "power.cuts",
         cuts,
-        "power cuts in these operations; the chip always had the old or the new state afterwards",
+        "power cuts in these operations; the chip always had the old or the new state afterwards, or, of an acknowledgement of \
+         several steps, the state with some of them deleted",
     );
     Ok(())
 }
