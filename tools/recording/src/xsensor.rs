@@ -273,13 +273,13 @@ impl Reader<'_> {
             let is_outside =
                 field.is_empty() || matches!(field.to_uppercase().as_str(), "B" | "-" | "NAN" | "N/A" | "*");
             if is_outside {
-                insole.invalid += 1;
+                insole.without_pressure += 1;
                 continue;
             }
             let kpa =
                 kpa_per_unit * number(field, &format!("the pressure in column {}", column + 1), &|| place.clone())?;
             if kpa < 0.0 {
-                insole.invalid += 1;
+                insole.without_pressure += 1;
                 continue;
             }
             insole.frames.add(row_index, column, kpa as f32);

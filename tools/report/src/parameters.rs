@@ -228,7 +228,8 @@ fn dagger(fit: &RegionFit, parameter: usize) -> &'static str {
     if interval.is_some_and(|interval| !interval.is_identifiable) { " †" } else { "" }
 }
 
-/// The limitations of the fit of each region: first the defects, which make a result unusable, then the warnings.
+/// The limitations of the fit of each region: first the defects, because of which a part of the result is missing or must not be
+/// used, then the warnings.
 pub fn warnings(study: &Study) -> Markup {
     let of = |fit: &RegionFit| [&fit.defects[..], &fit.warnings[..]].concat();
     let warned: Vec<_> = fitted(study).map(|(region, fit)| (region, of(fit))).collect();

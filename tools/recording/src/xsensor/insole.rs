@@ -31,8 +31,9 @@ pub struct Insole {
     pub pressure_sum_kpa: f64,
     /// The number of loaded cells of the last frame.
     pub loaded_cells: usize,
-    /// Number of pressures, of all frames, that are negative, empty or a placeholder such as `-`. They are read as 0.
-    pub invalid: usize,
+    /// Number of fields, of all frames, without a pressure of at least 0: negative, empty or a placeholder such as `-`. Fields
+    /// outside of the insole are among them. They are read as 0.
+    pub without_pressure: usize,
 }
 
 impl Insole {
@@ -41,11 +42,12 @@ impl Insole {
         let (width_mm, height_mm) = (self.cell_width_mm.unwrap_or(1.0), self.cell_height_mm.unwrap_or(1.0));
         self.frames.t_s = self.indices.iter().map(|&i| t_s[i]).collect();
         export.remarks.extend(self.totals.remark(side));
-        if self.invalid > 0 {
+        if self.without_pressure > 0 {
             let name = side.name();
             export.remarks.push(format!(
-                "{} pressures of the {name} foot are empty, negative or not numbers: read as 0.",
-                self.invalid
+                "{} fields of the {name} foot, in all frames together, are empty, negative or a placeholder, as those outside of \
+                 the insole are: read as 0.",
+                self.without_pressure
             ));
         }
         let foot = Foot {
