@@ -60,6 +60,8 @@ pub struct Insole<R, const N: usize> {
     zero_s: u8,
     /// The load that was stored before this start.
     earlier: DailyLoad,
+    /// Beginning of the day by which `earlier` has its number; see [`AlertRules::day_start_min`].
+    earlier_start_min: u16,
     /// The last frame completed a second of the cumulative load.
     has_ended_second: bool,
     /// Number of the last frame.
@@ -117,6 +119,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             alerts: Alerts::NONE,
             zero_s: 0,
             earlier: DailyLoad::NONE,
+            earlier_start_min: 0,
             has_ended_second: false,
             last_seq: None,
             wraps: 0,

@@ -215,17 +215,20 @@ async fn serve(
         });
         // The host drops the event of a disconnection if its queue is full, so the connection is also checked periodically.
         let connected_at = Instant::now();
+        let mut was_admitted = false;
         select(serving, async {
             while connection.raw().is_connected() {
+                let is_admitted = guard(&connection).is_ok();
+                was_admitted |= is_admitted;
                 let limit = admission.time_limit(connection.raw().is_bonded_peer(), insole.allows_bonding());
-                if guard(&connection).is_err() && connected_at.elapsed() >= limit {
+                if !is_admitted && connected_at.elapsed() >= limit {
                     connection.raw().disconnect();
-                    admission.expelled();
                 }
                 Timer::after(CONNECTION_CHECK).await;
             }
         })
         .await;
+        admission.ended(connected_at.elapsed(), was_admitted);
         insole.close();
     }
 }

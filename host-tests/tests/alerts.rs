@@ -191,12 +191,56 @@ fn an_alert_that_waits_for_room_in_the_queue_is_not_replaced() {
 }
 
 #[test]
+fn an_alert_states_the_window_by_which_it_was_raised() {
+    let recording = day(&[Activity::Stand; 8], 4);
+    let (alerts, _) = run_and_take(
+        &recording,
+        &RULES,
+        |seconds| seconds >= 100,
+        |seconds, insole| {
+            if seconds == 90 {
+                let limits = LoadLimits { window_s: 120, ..RULES.limits };
+                insole.set_alert_rules(&AlertRules { limits, ..RULES });
+            }
+        },
+    );
+    assert!(alerts[0].start_us < 90_000_000, "{alerts:?}");
+    assert_eq!(alerts[0].window_s, 60);
+}
+
+/// Noon of the day with this number, us since 1970, if days begin before noon.
+fn noon_us(day: u32) -> u64 {
+    u64::from(day - 1) * 86_400_000_000 + 43_200_000_000
+}
+
+/// At ten past eight, the clock is set: by the former rules on day 7, and by the new ones, whose days begin at nine, on day 6.
+#[test]
+fn the_stored_load_of_the_day_remains_if_the_beginning_of_the_day_changes_before_the_clock_is_set() {
+    let recording = day(&[Activity::Walk, Activity::Stand, Activity::Stand], 5);
+    let (_, whole) = run(&recording, &RULES, |_, _| ());
+    for (stored_on, is_added) in [(7, true), (6, false)] {
+        let totals = Totals { steps: 1000, ..Totals::NONE };
+        let earlier = DailyLoad { day: stored_on, totals, alerts: 2, ..DailyLoad::NONE };
+        let (_, continued) = run(&recording, &RULES, |seconds, insole| {
+            if seconds == 20 {
+                insole.restore_day(&earlier);
+                insole.set_alert_rules(&AlertRules { day_start_min: 540, ..RULES });
+                insole.enter_day(noon_us(7) - 230 * 60_000_000);
+            }
+        });
+        let added = if is_added { (1000, 2) } else { (0, 0) };
+        assert_eq!(continued.day, 6);
+        assert_eq!((continued.totals.steps, continued.alerts), (whole.totals.steps + added.0, whole.alerts + added.1));
+    }
+}
+
+#[test]
 fn a_day_begins_without_load_and_continues_after_a_restart() {
     let recording = day(&[Activity::Walk, Activity::Stand, Activity::Stand], 5);
     let (_, whole) = run(&recording, &RULES, |_, _| ());
     let (_, renewed) = run(&recording, &RULES, |seconds, insole| match seconds {
-        60 => insole.enter_day(7),
-        70 => insole.enter_day(8),
+        60 => insole.enter_day(noon_us(7)),
+        70 => insole.enter_day(noon_us(8)),
         _ => {}
     });
     assert_eq!(renewed.day, 8);
@@ -204,13 +248,13 @@ fn a_day_begins_without_load_and_continues_after_a_restart() {
 
     let earlier = DailyLoad { day: 7, totals: Totals { steps: 1000, ..Totals::NONE }, alerts: 2, ..DailyLoad::NONE };
     // A date that goes back by one day is a correction of the clock. A change of the time at which the day begins does not reset
-    // the load, either: the next call of `enter_day` names the day of the load so far.
+    // the load, either: the load so far is part of the day of the next call of `enter_day`.
     let (_, same) = run(&recording, &RULES, |seconds, insole| match seconds {
-        20 => insole.enter_day(7),
-        40 => insole.enter_day(6),
+        20 => insole.enter_day(noon_us(7)),
+        40 => insole.enter_day(noon_us(6)),
         60 => {
             insole.set_alert_rules(&AlertRules { day_start_min: 600, ..RULES });
-            insole.enter_day(8);
+            insole.enter_day(noon_us(8));
         }
         _ => {}
     });
@@ -222,7 +266,7 @@ fn a_day_begins_without_load_and_continues_after_a_restart() {
         let (_, continued) = run(&recording, &RULES, |seconds, insole| {
             if seconds == 20 {
                 insole.restore_day(&earlier);
-                insole.enter_day(day);
+                insole.enter_day(noon_us(day));
             }
         });
         assert_eq!((continued.totals.steps, continued.alerts), (steps, alerts), "day {day}");

@@ -617,7 +617,7 @@ fn invalid_calibrations_and_serial_numbers_are_refused() {
         session.receive(ToDevice::SetCalibrationBlock { block: 0, cells }, 0);
         assert_eq!(all(&mut session), [Sent::Refused(Refusal::Calibration)], "{calibration:?}");
     }
-    // In the store, the numbers after that of the last block belong to the other slot of the calibration.
+    // There are 16 blocks. In the store, a number of 128 or more would name a block in the other slot of the calibration.
     for block in [16, 127, 128, 255] {
         let cells = [CellCalibration::IDEAL; BLOCK_CELLS];
         session.receive(ToDevice::SetCalibrationBlock { block, cells }, 0);
@@ -780,7 +780,7 @@ fn settings_are_checked_stored_and_read() {
     assert_eq!(all(&mut session), [Sent::Refused(Refusal::NotStored), Sent::Settings(None)]);
 }
 
-/// Settings replace the board's rules and its period, and nothing else.
+/// In the board's set-up, settings replace the rules and the period, and nothing else; their scale applies to the cells.
 #[test]
 fn settings_replace_values_of_the_board() {
     let settings =

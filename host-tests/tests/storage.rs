@@ -105,7 +105,7 @@ fn a_loss_of_power_leaves_parameters_with_the_rule_of_their_identification() {
 
 /// Power fails in each operation of the first start of a new chip.
 #[test]
-fn an_interrupted_first_start_erases_nothing_at_the_next_start() {
+fn an_interrupted_first_start_is_not_counted_as_a_loss_at_the_next_start() {
     for torn in [Torn::Before, Torn::Within, Torn::After] {
         for operation in 0.. {
             let mut chip = chip();
@@ -583,9 +583,10 @@ fn a_chip_without_two_equal_surveys_is_not_used() {
 }
 
 /// The areas of the records and of the log have random content, in which nothing shows that the chip was in use before. They
-/// are counted as erased nevertheless.
+/// are counted as erased nevertheless. Only data within the first 512 bytes, which an interrupted first start may have written,
+/// would not be counted.
 #[test]
-fn an_area_with_more_than_a_first_entry_is_counted_when_it_is_erased() {
+fn an_area_with_foreign_data_is_counted_when_it_is_erased() {
     for chip_bytes in [SMALL_LOG.end as usize, 16 << 20] {
         let mut chip = NorFlashChip::new(chip_bytes);
         let mut random = fastrand::Rng::with_seed(9);

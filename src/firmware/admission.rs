@@ -5,20 +5,23 @@ use embassy_time::{Duration, Instant};
 /// Time that a central has to encrypt the link, or to pair.
 const ENCRYPTION: Duration = Duration::from_secs(30);
 /// Time that a suspected central has to encrypt the link: one without a bond, while bonding is not allowed, within [`SUSPICION`]
-/// after a central exceeded its time limit. The time is short, so that the owner's phone can connect soon.
+/// after a central occupied the insole. The time is short, so that the owner's phone can connect soon.
 const SUSPECTED: Duration = Duration::from_secs(2);
-/// Time for which centrals without a bond are suspected after a central exceeded its time limit.
+/// Time for which centrals without a bond are suspected after a central occupied the insole.
 const SUSPICION: Duration = Duration::from_secs(300);
+/// A central that was connected for this time, without an encrypted link and a bond, has occupied the insole, also if it
+/// disconnected itself: otherwise it could do so shortly before each time limit, and connect again.
+const OCCUPIED: Duration = Duration::from_secs(1);
 
 /// Limits the connections without an encrypted link.
 #[derive(Default)]
 pub struct Admission {
-    /// Time until which centrals without a bond are suspected; `None` if no central has exceeded its limit yet.
+    /// Time until which centrals without a bond are suspected; `None` if no central has occupied the insole yet.
     suspicious_until: Option<Instant>,
 }
 
 impl Admission {
-    /// No central has exceeded its limit yet.
+    /// No central has occupied the insole yet.
     pub const fn new() -> Self {
         Self { suspicious_until: None }
     }
@@ -30,8 +33,10 @@ impl Admission {
         if is_suspected && !is_known && !allows_bonding { SUSPECTED } else { ENCRYPTION }
     }
 
-    /// Records that a central was disconnected because it exceeded its time limit.
-    pub fn expelled(&mut self) {
-        self.suspicious_until = Some(Instant::now() + SUSPICION);
+    /// Records the end of a connection after this time. `was_admitted` states that the central had an encrypted link and a bond.
+    pub fn ended(&mut self, after: Duration, was_admitted: bool) {
+        if !was_admitted && after >= OCCUPIED {
+            self.suspicious_until = Some(Instant::now() + SUSPICION);
+        }
     }
 }

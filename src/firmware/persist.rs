@@ -306,6 +306,8 @@ impl Persist<'_> {
             }
             Command::AlertRules(rules) => {
                 store.put(0, rules).await?;
+                // By then, the load of the day has the number of its day by the new rules.
+                self.daily_load_at = self.daily_load_at.min(Instant::now() + Duration::from_secs(2));
                 log::info!("settings: the rules of alerts are stored");
                 CommandResult::Stored
             }

@@ -159,7 +159,7 @@ fn end_second(insole: &mut DeviceInsole, shared: &Shared) {
     let is_worn = insole.unloaded_s() < UNWORN_AFTER_S || sends_cells || insole.is_zero_requested();
     set_scan_interval(shared, if is_worn { 1 } else { insole.second_frames() });
     if let Some(unix_us) = session.unix_us(shared.frame_us.get()) {
-        insole.enter_day(session.alert_rules().day(unix_us));
+        insole.enter_day(unix_us);
     }
     session.set_daily_load(insole.daily_load(), snooze_s.is_some());
     // With a full queue, the alert waits for the next second.

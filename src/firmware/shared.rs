@@ -24,9 +24,10 @@ use mcumgr::{Answer, Head, Request};
 /// Number of load records that can wait to be stored.
 pub const STORAGE_QUEUE: usize = 2;
 
-/// Time after the last message of a session's host in which a host on the other carrier is refused. Hosts that receive the live
-/// stream send several messages a second; a command-line program ends its session without a message, so only its silence shows
-/// that it has gone.
+/// Time after the last message of a session's host in which messages over the other carrier are refused, except a connect
+/// request, which always takes the session. Afterwards they are not answered, so that a host that waits there connects. Hosts
+/// that receive the live stream send several messages a second; a command-line program ends its session without a message, so
+/// only its silence shows that it has gone.
 const OCCUPIED: Duration = Duration::from_secs(30);
 
 /// Number of attempts to read the bonds at the start.

@@ -51,7 +51,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             self.cumulative.clear_window();
         }
         if rules.day_start_min != self.alert_rules.day_start_min && self.alerts.day != 0 {
-            // The load so far is part of the day that the next call of `enter_day` names.
+            // The load so far is part of the day of the next call of `enter_day`.
             self.alerts.day = 0;
             self.earlier = DailyLoad::NONE;
         }
@@ -68,17 +68,22 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.alerts.daily(&self.cumulative.totals, self.cumulative.sustained())
     }
 
-    /// Restores the load that was stored before this start. It is added if [`Insole::enter_day`] names the same day.
+    /// Restores the load that was stored before this start, on a day by the present rules. It is added if [`Insole::enter_day`]
+    /// is called on the same day.
     pub fn restore_day(&mut self, earlier: &DailyLoad) {
         self.earlier = *earlier;
+        self.earlier_start_min = self.alert_rules.day_start_min;
     }
 
-    /// States the number of the present day, from 1. A new day begins without load. The first call after the start states the day
-    /// of the load so far. A step back by one day is a correction of the clock, and begins no day.
-    pub fn enter_day(&mut self, day: u32) {
+    /// States the present time, us since 1970, from which the day follows. A new day begins without load. The first call after
+    /// the start states the day of the load so far. A step back by one day is a correction of the clock, and begins no day.
+    pub fn enter_day(&mut self, unix_us: u64) {
+        let day = self.alert_rules.day(unix_us);
         if self.alerts.day == 0 {
             self.alerts.day = day;
-            if self.earlier.day == day {
+            // The rules may have changed since the start, but the stored load has the number of its day by the former ones.
+            let earlier_rules = AlertRules { day_start_min: self.earlier_start_min, ..self.alert_rules };
+            if self.earlier.day == earlier_rules.day(unix_us) {
                 self.cumulative.totals.add(&self.earlier.totals);
                 self.alerts.add(&self.earlier);
             }
@@ -94,7 +99,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
 
     /// The alert that was raised since the last call, if there is one. It is returned once.
     pub fn take_alert(&mut self) -> Option<AlertRecord> {
-        let alert = self.alerts.take(&self.alert_rules, self.setup.side, self.next_record, self.setup.period_us)?;
+        let alert = self.alerts.take(self.setup.side, self.next_record, self.setup.period_us)?;
         self.next_record = self.next_record.wrapping_add(1);
         Some(AlertRecord { start_us: self.unwrapped_us(alert.start_us), ..alert })
     }

@@ -133,11 +133,22 @@ pub(crate) struct Alerts {
     raised_seq: u32,
     /// Number of alerts in the day of the last alert, up to and including that alert. A new day may begin before it is taken.
     raised_today: u8,
+    /// Length of the window by which the last alert was raised, s. The rules may change before it is taken.
+    raised_window_s: u16,
 }
 
 impl Alerts {
-    pub(crate) const NONE: Self =
-        Self { day: 0, seconds: 0, snoozed_s: 0, today: 0, dose: 0, raised: (0, 0), raised_seq: 0, raised_today: 0 };
+    pub(crate) const NONE: Self = Self {
+        day: 0,
+        seconds: 0,
+        snoozed_s: 0,
+        today: 0,
+        dose: 0,
+        raised: (0, 0),
+        raised_seq: 0,
+        raised_today: 0,
+        raised_window_s: 0,
+    };
 
     /// Raises an alert if the rules demand it, after each second. Frame `seq` ends the second.
     pub(crate) fn end_second(&mut self, rules: &AlertRules, seq: u32, sustained: u8, totals: &Totals) {
@@ -150,7 +161,7 @@ impl Alerts {
             (self.raised, self.raised_seq) = ((sustained, dose), seq);
             self.snoozed_s = rules.pause_s;
             self.today += 1;
-            self.raised_today = self.today;
+            (self.raised_today, self.raised_window_s) = (self.today, rules.limits.window_s);
             self.dose |= dose;
         }
     }
@@ -160,9 +171,9 @@ impl Alerts {
         self.snoozed_s = snoozed_s;
     }
 
-    /// The alert that was raised since the last call, as the record of an insole with these rules. `period_us` is the time
-    /// between frames.
-    pub(crate) fn take(&mut self, rules: &AlertRules, side: Side, number: u32, period_us: u32) -> Option<AlertRecord> {
+    /// The alert that was raised since the last call, as a record with this side and number. `period_us` is the time between
+    /// frames.
+    pub(crate) fn take(&mut self, side: Side, number: u32, period_us: u32) -> Option<AlertRecord> {
         let (sustained, dose) = core::mem::take(&mut self.raised);
         (sustained | dose != 0).then_some(AlertRecord {
             side,
@@ -170,7 +181,7 @@ impl Alerts {
             start_us: u64::from(self.raised_seq) * u64::from(period_us),
             sustained,
             dose,
-            window_s: rules.limits.window_s,
+            window_s: self.raised_window_s,
             today: self.raised_today,
         })
     }

@@ -3,7 +3,8 @@
 //! A shoe presses on the insole even when the foot is lifted, and this residual pressure creeps, as the sensor does, and drifts
 //! with temperature. After each stance, once the foot is lifted (`pipeline/lift.rs`), every cell is read:
 //!
-//! - A reading below the baseline lowers the baseline at once, because a cell without load cannot read less than its baseline.
+//! - A reading below the baseline lowers the baseline at once, because a cell without load cannot read less than its baseline. A
+//!   reading that would lower the zero by more than 2,048 codes changes nothing, and may be evidence of a fault.
 //! - A reading above it raises the baseline to the lower of this reading and that of the previous swing, which must be at most
 //!   [`GAIT_MS`] earlier; so neither the reading under a foot that rests for a moment, nor that under the foot of a person who
 //!   sits down and stands up, becomes the baseline. The first reading after the start becomes the baseline at once, unless the
@@ -18,8 +19,8 @@ use super::calibrate::{CellCalibration, Curve};
 use super::marks::{MAX_LOWERED, NOISE};
 use serde::{Deserialize, Serialize};
 
-/// Largest pressure of a baseline, kPa. In-shoe pressures of a lifted foot are below 10 kPa, and a standing foot exceeds this
-/// pressure under a large part of its contact.
+/// Largest pressure of a baseline, kPa. In-shoe pressures of a lifted foot are below 10 kPa, and a standing foot exceeds
+/// 13 kPa under a large part of its contact.
 pub const MAX_RESIDUAL_KPA: f32 = 13.0;
 
 /// Longest time between the readings of two swings that confirm each other, ms: a slow step and its swing.
@@ -61,7 +62,8 @@ impl Baseline {
 
     /// The code of the baseline after a code of the lifted foot, and the new `lowered`; `None` if the baseline does not change.
     /// `lowered` is the distance from the calibrated code at zero pressure down to the present one, in units of [`NOISE`] codes,
-    /// and `before` the reading of the previous swing, codes above the baseline. Changes within the noise are ignored.
+    /// and `before` the reading of the previous swing, codes above the baseline. Changes within the noise are ignored, and
+    /// so is a code that would bring the zero or the baseline out of its limits.
     pub(crate) fn follow(&self, code: u16, before: i16, rise: Rise, lowered: u8, curve: &Curve) -> Option<(u16, u8)> {
         let reading = i32::from(code) - i32::from(self.code);
         let change = match rise {

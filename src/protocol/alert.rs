@@ -18,10 +18,10 @@ quantities! {
         /// Time of the alert, since the first scan.
         start_us: u64 = record.start_us
             => start_s [1_000_000 per "s"],
-            "End of the second in which the limit was reached.";
+            "End of the second in which the insole raised the alert; a pause or a snooze delays it after the limit was reached.";
         /// The region is under sustained load.
         sustained: u8 = record.sustained,
-            flags "The largest cell pressure of the region reached the limit for the set share of the window.";
+            flags "The largest cell pressure of the region reached the limit for the set share of the window; no relief since.";
         /// The dose of the region has reached the limit of the day, and no earlier alert of this day has reported it.
         dose: u8 = record.dose,
             flags "Time integral of the excess of the largest cell pressure over the pressure limit of the dose.";

@@ -17,8 +17,8 @@ pub enum Refusal {
     TissueId,
     /// The parameters of this region are out of range; see [`crate::pipeline::model::ForceLaw::is_valid`].
     Tissue(Region),
-    /// The flash chip failed to store the value. New parameters and rules of alerts are in force until the next start only;
-    /// other values are not in force.
+    /// The flash chip failed to store the value, or its supply is too low. New parameters and rules of alerts are in force until
+    /// the next start only; other values are not in force.
     NotStored,
     /// The previous command is still being executed.
     Busy,
@@ -72,8 +72,8 @@ impl fmt::Display for Refusal {
         match self {
             Self::NotUnderstood => f.write_str("a message was not understood: update the insole's firmware"),
             Self::NotStored => f.write_str(
-                "the flash chip of the insole failed to store this: parameters and rules of alerts are in force until \
-                 the insole restarts, and other requests must be repeated",
+                "the insole could not store this, because its supply is too low (charge its battery) or its flash chip \
+                 failed: parameters and rules of alerts are in force until it restarts, and other requests must be repeated",
             ),
             Self::Busy => f.write_str("the insole is still executing the previous request: wait for its answer"),
             Self::Serial => f.write_str("a serial number has up to 16 printable ASCII characters and no spaces"),

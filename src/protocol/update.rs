@@ -139,7 +139,7 @@ pub enum Refusal {
     Older,
     /// The image is empty or too long.
     Length,
-    /// The running image is still on trial.
+    /// The running image is still on trial, or a received image is marked for the next start.
     OnTrial,
     /// No transfer is in progress, because none was begun or the insole restarted.
     NotBegun,
@@ -149,7 +149,7 @@ pub enum Refusal {
     Header,
     /// The image is damaged, or not signed with the key that this insole accepts.
     Signature,
-    /// The flash chip failed.
+    /// The flash chip failed, or its supply is too low.
     Chip,
 }
 
@@ -160,8 +160,8 @@ impl fmt::Display for Refusal {
             Self::Older => "the image is older than the running firmware: choose a newer one",
             Self::Length => "the image is empty or too long for the insole: choose a complete one for this insole",
             Self::OnTrial => {
-                "the running firmware was just updated and is still on trial: wait half a minute, confirm it, then try \
-                 again"
+                "the running firmware is still on trial, or a received image waits for the next start: a firmware on trial is \
+                 confirmed after ten minutes without a fault; if an image waits, restart the insole first"
             }
             Self::NotBegun => "the insole restarted during the transfer: send the image again",
             Self::Incomplete => "parts of the image are missing: send it again",
@@ -171,7 +171,8 @@ impl fmt::Display for Refusal {
                  signed one"
             }
             Self::Chip => {
-                "the flash chip of the insole failed: the insole works, but must be repaired before it can be updated"
+                "the insole could not write to its flash chip: charge its battery and send the image again; if this fails with \
+                 a charged battery, the chip must be repaired"
             }
         })
     }

@@ -136,6 +136,11 @@ impl<C: Carrier + 'static> Link<C> {
         match self.state {
             State::Open(reason) => Ok(match self.start() {
                 Ok(()) => Event::Started(reason),
+                Err(error @ Error::Refused(Refusal::OtherHost)) => {
+                    // The other host keeps its session: a new connect request would end it.
+                    self.state = State::Streaming { last_message: Instant::now(), is_superseded: true };
+                    Event::Lost(error)
+                }
                 Err(error) => self.lose(error),
             }),
             State::Streaming { last_message, is_superseded } => Ok(match self.client.receive() {

@@ -27,7 +27,7 @@ pub struct Client<C> {
     /// Messages that arrived while a request waited for its answer, and that [`Client::receive`] will return.
     pub(crate) waiting: VecDeque<ToHost>,
     pub(crate) hello: Hello,
-    /// Number of live frames that the insole sent, by its last status.
+    /// Number of live frames that the insole sent, by the last status that [`Client::receive`] returned.
     frames_sent: u32,
     live: LiveCounter,
     clock_mapping: ClockMapping,
@@ -304,7 +304,9 @@ impl<C: Carrier> Client<C> {
         })
     }
 
-    /// The counters of this link. Request a status first to know how many frames were sent.
+    /// The counters of this link. The number of sent frames, and losses before the first or after the last received frame, are
+    /// those of the last status that [`Client::receive`] returned: send [`ToDevice::GetStatus`] first. The answer to
+    /// [`Client::status`] is not counted.
     pub fn counters(&self) -> LinkCounters {
         LinkCounters {
             frames_sent: self.frames_sent,

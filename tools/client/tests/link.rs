@@ -214,6 +214,23 @@ fn a_session_that_another_host_has_taken_is_reported_once_and_not_taken_back() {
     assert_eq!((state.connects, state.opened), (2, 1));
 }
 
+/// The other host connects between the connect request of this host and its request of the live stream.
+#[test]
+fn a_session_that_another_host_takes_before_the_stream_is_on_is_not_taken_back() {
+    let insole = Insole::new();
+    let mut link = insole.connect().expect("an insole");
+    let mut reports = 0;
+    for _ in 0..40 {
+        insole.state().session.refuse(Refusal::OtherHost);
+        match link.next_event() {
+            Ok(Event::Lost(Error::Refused(Refusal::OtherHost))) => reports += 1,
+            event => assert!(matches!(event, Ok(Event::Timeout | Event::Message(_))), "{event:?}"),
+        }
+    }
+    assert!(reports > 0);
+    assert_eq!(insole.state().connects, 1);
+}
+
 #[test]
 fn a_link_to_an_insole_that_does_not_return_is_given_up() {
     let insole = Insole::new();

@@ -303,7 +303,7 @@ impl Parameters {
         let kind = if self.personal {
             "identified from steps of this person"
         } else {
-            "NOT identified from steps of this person"
+            "not known to be identified from steps of this person"
         };
         let _ = writeln!(text, "personal = {} # {kind}", self.personal);
         if let Some(Identified { filter, contact, side, steps }) = &self.identified {
@@ -391,7 +391,9 @@ impl FileRegion {
             }
         }
         for (name, value) in [("n", self.n), ("m", self.m)] {
-            if !(value > -1.0 && value <= MAX_EXPONENT) {
+            // An insole uses the value in single precision, in which a value just above -1 is -1.
+            let single = f64::from(value as f32);
+            if !(single > -1.0 && single <= MAX_EXPONENT) {
                 return Err(format!("{name} = {value}: expected an exponent above -1 and up to {MAX_EXPONENT}"));
             }
         }

@@ -217,7 +217,7 @@ fn show(connection: &Connection) -> Result<()> {
         ),
         (
             status.records_dropped > 0,
-            "the insole's log was full, so the oldest steps, load bouts and alerts were dropped",
+            "steps, load bouts and alerts were dropped, because the insole's log was full, or because they could not be stored",
         ),
     ];
     for (_, warning) in warnings.iter().filter(|(applies, _)| *applies) {

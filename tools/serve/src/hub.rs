@@ -143,9 +143,10 @@ impl Hub {
         self.record(index, &ToHost::Hello(hello.clone()));
         let mut insole = self.insole(index);
         let insole = &mut *insole;
-        if insole.outlets.take_if(|outlets| outlets.side != hello.side).is_some() {
+        if insole.outlets.take_if(|outlets| !outlets.describe(hello)).is_some() {
             eprintln!(
-                "the insole is now for the {} foot: its LSL streams have ended; restart `plantar serve` to publish them again",
+                "the firmware or settings of the {} insole have changed, so that the description of its LSL streams is wrong: \
+                 they have ended; restart `plantar serve` to publish them again",
                 hello.side.name()
             );
         }

@@ -18,7 +18,10 @@ const FLAG: &str = "boolean";
 /// The streams of one insole, until this value is dropped.
 pub(crate) struct Outlets {
     lsl: Liblsl,
-    pub side: Side,
+    side: Side,
+    /// The properties in the description of the streams.
+    properties: Properties,
+    serial: String,
     frames: Numbers<Live>,
     steps: Numbers<Step>,
     bouts: Numbers<Bout>,
@@ -40,12 +43,19 @@ impl Outlets {
         Ok(Self {
             lsl,
             side: hello.side,
+            properties: properties(hello, serial),
+            serial: serial.to_owned(),
             frames: Numbers::new(frame_channels(), |channels| outlet(frames, channels))?,
             steps: Numbers::new(step_channels(), |channels| outlet(steps, channels))?,
             bouts: Numbers::new(bout_channels(), |channels| outlet(bouts, channels))?,
             alerts: Numbers::new(alert_channels(), |channels| outlet(alerts, channels))?,
             events: stream(events, "Markers", vec![vec![("label", "event".into())]], true)?,
         })
+    }
+
+    /// True if the description of the streams holds for the insole that sent this hello.
+    pub fn describe(&self, hello: &Hello) -> bool {
+        self.properties == properties(hello, &self.serial)
     }
 
     /// The names of the streams, separated by commas.

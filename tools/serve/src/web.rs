@@ -10,6 +10,7 @@ use axum::http::header::{CACHE_CONTROL, HOST, HeaderName, ORIGIN};
 use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 use axum::routing::any;
+use futures_util::FutureExt;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use tokio::net::{TcpListener, TcpSocket};
@@ -77,18 +78,24 @@ async fn insoles(State(served): State<Served>, headers: HeaderMap, upgrade: WebS
 /// Forwards messages in both directions until the page disconnects.
 async fn forward(mut socket: WebSocket, mut page: Page) {
     loop {
-        while let Some(message) = page.next() {
-            if socket.send(Message::Binary(message.into())).await.is_err() {
-                return;
+        let received = match page.next() {
+            Some(message) => {
+                if socket.send(Message::Binary(message.into())).await.is_err() {
+                    return;
+                }
+                // On a connection that is too slow for the live streams, there is always a next message. The requests of the page
+                // are executed nevertheless.
+                socket.recv().now_or_never()
             }
-        }
-        tokio::select! {
-            () = page.changed() => {}
-            message = socket.recv() => match message {
-                Some(Ok(Message::Binary(bytes))) => page.receive(&bytes),
-                Some(Ok(Message::Close(_)) | Err(_)) | None => return,
-                Some(Ok(_)) => {}
+            None => tokio::select! {
+                () = page.changed() => None,
+                message = socket.recv() => Some(message),
             },
+        };
+        match received {
+            Some(Some(Ok(Message::Binary(bytes)))) => page.receive(&bytes),
+            Some(Some(Ok(Message::Close(_)) | Err(_)) | None) => return,
+            Some(Some(Ok(_))) | None => {}
         }
     }
 }

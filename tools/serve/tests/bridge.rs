@@ -350,6 +350,35 @@ async fn a_slow_page_loses_counted_live_frames_and_no_step() {
     assert_eq!(quick.status(0).await.live_sent, FRAMES);
 }
 
+/// Two frames follow for each message that the page reads, so that there is always a next message for it.
+#[tokio::test]
+async fn the_requests_of_a_page_are_executed_although_it_is_too_slow_for_the_live_stream() {
+    let cable = Cable::new(Side::Left);
+    let address = serve(&[&cable], None);
+    let mut slow = Page::open_with_small_buffer(address).await;
+    let mut quick = Page::open(address).await;
+    slow.status(0).await;
+    quick.status(0).await;
+    // These are more frames than fit into the buffers of the socket.
+    for _ in 0..20_000 {
+        cable.live();
+        quick.live(0).await;
+    }
+    slow.send(0, ToDevice::GetStatus).await;
+    let mut is_answered = false;
+    for _ in 0..20_000 {
+        if matches!(slow.next().await, (0, ToHost::Status(_))) {
+            is_answered = true;
+            break;
+        }
+        for _ in 0..2 {
+            cable.live();
+            quick.live(0).await;
+        }
+    }
+    assert!(is_answered);
+}
+
 /// Returns the messages in a recording of one insole.
 fn recorded(path: &Path) -> Vec<ToHost> {
     let bytes = std::fs::read(path).expect("a recording");

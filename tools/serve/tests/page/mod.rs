@@ -5,11 +5,12 @@ use plantar::protocol::{Hello, Live, MAJOR, MAX_MESSAGE, MINOR, Status, Step, To
 use std::net::SocketAddr;
 use std::time::Duration;
 use tokio_tungstenite::tungstenite::Message;
+use tokio_tungstenite::{MaybeTlsStream, WebSocketStream};
 
 /// The timeout of every wait in the tests, long enough for a busy machine.
 pub const TIMEOUT: Duration = Duration::from_secs(30);
 
-type Socket = tokio_tungstenite::WebSocketStream<tokio_tungstenite::MaybeTlsStream<tokio::net::TcpStream>>;
+type Socket = WebSocketStream<MaybeTlsStream<tokio::net::TcpStream>>;
 
 /// A connection to the bridge, like that of a page. Insoles are numbered 0 and 1.
 pub struct Page(Socket);
@@ -19,6 +20,20 @@ impl Page {
     pub async fn open(address: SocketAddr) -> Self {
         let url = format!("ws://{address}/insoles");
         let (socket, _) = tokio_tungstenite::connect_async(url).await.expect("the WebSocket opens");
+        Self::start(socket).await
+    }
+
+    /// As [`Page::open`], with a small buffer for received messages.
+    pub async fn open_with_small_buffer(address: SocketAddr) -> Self {
+        let stream = tokio::net::TcpSocket::new_v4().expect("a socket");
+        stream.set_recv_buffer_size(4096).expect("the size is valid");
+        let stream = MaybeTlsStream::Plain(stream.connect(address).await.expect("the server listens"));
+        let url = format!("ws://{address}/insoles");
+        let (socket, _) = tokio_tungstenite::client_async(url, stream).await.expect("the WebSocket opens");
+        Self::start(socket).await
+    }
+
+    async fn start(socket: Socket) -> Self {
         let mut page = Self(socket);
         for insole in [0, 1] {
             page.send(insole, ToDevice::Connect { major: MAJOR, minor: MINOR }).await;
