@@ -13,13 +13,26 @@ export const LATEST_STEPS = 100;
 export const stepsOf = (steps: readonly StoredStep[], side: Side) => steps.filter(({ step }) => step.side === side);
 
 /**
- * The measures of both feet. The feet are compared only if the times of all steps are on the clock of the browser. If the steps
- * of one foot are all earlier than those of the other one, only the foot that walked last is measured.
+ * The steps of a foot whose times can be compared, as in `plantar gait`: those with a time on the clock of the browser, or if
+ * none has one, those of the newest boot of the insole, because its clock begins with each boot.
+ */
+function comparable(steps: readonly StoredStep[]): StoredStep[] {
+  const timed = steps.filter(({ start_unix_s }) => start_unix_s !== null);
+  if (timed.length > 0) return timed;
+  const newest = Math.min(...steps.map(({ step }) => step.starts_ago));
+  return steps.filter(({ step }) => step.starts_ago === newest);
+}
+
+/**
+ * The measures of both feet. Steps of a foot that cannot be compared in time with its other ones are not used. The feet are
+ * compared only if the times of all remaining steps are on the clock of the browser. If the steps of one foot are all earlier
+ * than those of the other one, only the foot that walked last is measured.
  */
 export function gaitOf(wire: Wire, { steps, bouts, alerts }: Pick<Records, "steps" | "bouts" | "alerts">, settings: Settings): Gait {
-  const feet = SIDES.map((side) => stepsOf(steps, side).slice(-LATEST_STEPS));
+  const feet = SIDES.map((side) => comparable(stepsOf(steps, side)).slice(-LATEST_STEPS));
   const has_common_clock = feet.flat().every(({ start_unix_s }) => start_unix_s !== null);
-  const start_s = ({ step, start_unix_s }: StoredStep) => (has_common_clock ? (start_unix_s ?? 0) : step.start_s);
+  // The times of a foot are all on the clock of the browser, or all on that of its insole.
+  const start_s = ({ step, start_unix_s }: StoredStep) => start_unix_s ?? step.start_s;
   const stride_m = (settings.stride_cm ?? 0) / 100;
   // An insole numbers steps, load bouts and alerts together. Here, the steps are numbered alone, so a gap is a missing step.
   const others = [...bouts.map(({ bout }) => bout), ...alerts.map(({ alert }) => alert)];

@@ -17,6 +17,12 @@ function foot(side: Side, lag_s: number, duration_s: number, count: number): Sto
   });
 }
 
+/** This step, recorded so many boots of the insole ago, without a time on the clock of the browser. */
+const ofEarlierBoot = ({ step }: StoredStep, starts_ago: number): StoredStep => ({
+  step: { ...step, starts_ago },
+  start_unix_s: null,
+});
+
 const measure = (gait: ReturnType<typeof gaitOf>, key: string) => gait.measures.find((measure) => measure.key === key);
 
 test("the measures of both feet are computed from their steps on the clock of the browser", () => {
@@ -60,4 +66,25 @@ test("measures are computed from the last 100 steps of each foot", () => {
   const gait = gaitOf(wire, { steps, bouts: [], alerts: [] }, SETTINGS);
   expect(gait.strides).toEqual({ left: 99, right: 0 });
   expect(measure(gait, "stance_time_s")?.left).toMatchObject({ count: 99, mean: expect.closeTo(0.6) });
+});
+
+test("if only some steps of a foot have a time on the browser's clock, only those are used", () => {
+  const feet = (["left", "right"] as const).map((side) => {
+    const steps = foot(side, side === "left" ? 0 : 0.5, 0.7, 100);
+    // The last 100 steps of each foot include those of an earlier boot. Their times are on a clock that has ended.
+    return steps.map((stored, n) => (n < 60 ? ofEarlierBoot(stored, 1) : stored));
+  });
+  const gait = gaitOf(wire, { steps: feet.flat(), bouts: [], alerts: [] }, SETTINGS);
+  expect([gait.has_both_feet, gait.strides]).toEqual([true, { left: 39, right: 39 }]);
+  expect(measure(gait, "step_time_s")?.right?.mean).toBeCloseTo(0.5, 5);
+  // The right foot has no time at all: the feet are not compared, and the left one is still measured by its 40 steps.
+  const right = feet[1]!.map((stored) => ({ ...stored, start_unix_s: null }));
+  const apart = gaitOf(wire, { steps: [...feet[0]!, ...right], bouts: [], alerts: [] }, SETTINGS);
+  expect([apart.has_both_feet, apart.strides]).toEqual([false, { left: 39, right: 39 }]);
+});
+
+test("if no step of a foot has a time on the browser's clock, only those of the newest boot are used", () => {
+  const steps = foot("left", 0, 0.7, 30).map((stored, n) => ofEarlierBoot(stored, n < 10 ? 3 : n < 18 ? 2 : 1));
+  const gait = gaitOf(wire, { steps, bouts: [], alerts: [] }, SETTINGS);
+  expect(gait.strides).toEqual({ left: 11, right: 0 });
 });
