@@ -1,7 +1,9 @@
 /** Numbers and names as the wearer reads them. */
 
+import type { Hello } from "./generated/messages";
 import type { LiveRegion } from "./generated/quantities";
 import { type Settings, percentOfWeight } from "./settings";
+import { sideTitle } from "./side";
 
 /** The titles of the regions by their names in messages. */
 const TITLES: Record<string, string> = {
@@ -38,11 +40,37 @@ export function quantityText(region: LiveRegion, quantity: Quantity, has_paramet
   return region.saturated ? `${text} ▲` : region.masked ? `${text} ~` : is_clamped ? `${text} △` : text;
 }
 
+/** A foot, and whether its insole states effective areas or contact areas. */
+export type AreaRule = Pick<Hello, "side" | "has_effective_areas">;
+
+/** True if all insoles state the same kind of area. */
+const isSameArea = (rules: readonly AreaRule[]) =>
+  rules.every(({ has_effective_areas }) => has_effective_areas === rules[0]?.has_effective_areas);
+
+/** The name of the areas of these insoles. It states their contact rule, unless they have different ones. */
+export function areaTitle(rules: readonly AreaRule[]): string {
+  if (!isSameArea(rules)) return "Area";
+  return rules[0]?.has_effective_areas ? "Effective area" : "Contact area";
+}
+
+/** How the areas of these insoles are counted. The feet are named only if their insoles have different rules. */
+function areaNote(rules: readonly AreaRule[]): string {
+  if (!isSameArea(rules)) {
+    const name = (rule: AreaRule) => `${sideTitle(rule.side)}, ${areaTitle([rule]).toLowerCase()}`;
+    const notes = rules.map((rule) => `${name(rule)}: ${areaNote([rule])}`);
+    return `The areas of the feet cannot be compared. ${notes.join(" ")}`;
+  }
+  return rules[0]?.has_effective_areas
+    ? "Each cell counts with the share of its area that the foot covers, estimated from its pressure. So the sum depends on " +
+        "pressure and cell size."
+    : "Cells with contact count with their whole area.";
+}
+
 /**
- * A note for the wearer on a quantity; empty if none is needed. An insole does not know whether the scale of its deformation
- * was measured.
+ * A note for the wearer on a quantity of these insoles; empty if none is needed. An insole does not know whether the scale of its
+ * deformation was measured.
  */
-export function quantityNote(quantity: Quantity, has_effective_areas: boolean): string {
+export function quantityNote(quantity: Quantity, rules: readonly AreaRule[]): string {
   switch (quantity) {
     case "measured":
       return "The sum of the sensors. Load beside the sensors, and shear, are not part of it.";
@@ -52,10 +80,7 @@ export function quantityNote(quantity: Quantity, has_effective_areas: boolean): 
         "compression; the share is less if they were measured for your parameters."
       );
     case "area":
-      return has_effective_areas
-        ? "Each cell counts with the share of its area that the foot covers, estimated from its pressure. So the sum depends on " +
-          "pressure and cell size."
-        : "Cells with contact count with their whole area.";
+      return areaNote(rules);
     case "model":
       return "";
   }

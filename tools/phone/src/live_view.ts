@@ -1,7 +1,7 @@
 /** The live view: both soles with their loads, the total forces, and the table of regions. */
 
 import { type Node, byId, fill } from "./dom";
-import { QUANTITIES, type Quantity, forceText, quantityNote, quantityText, regionTitle } from "./format";
+import { QUANTITIES, type Quantity, areaTitle, forceText, quantityNote, quantityText, regionTitle } from "./format";
 import type { Facts, Sole } from "./generated/messages";
 import type { Ellipse, Live, Side } from "./generated/quantities";
 import type { Insoles } from "./insoles";
@@ -111,9 +111,9 @@ export class LiveView {
       }),
     ]);
     fill(byId("regions").querySelector("tbody"), rows.reverse());
-    const has_effective_areas = SIDES.some((side) => insoles.of(side)?.hello?.has_effective_areas ?? false);
-    fill(byId("quantity").querySelector("[value=area]"), [has_effective_areas ? "Effective area" : "Contact area"]);
-    fill("quantity-note", [quantityNote(this.quantity, has_effective_areas)]);
+    const rules = SIDES.flatMap((side) => insoles.of(side)?.hello ?? []);
+    fill(byId("quantity").querySelector("[value=area]"), [areaTitle(rules)]);
+    fill("quantity-note", [quantityNote(this.quantity, rules)]);
     fill("scale-to", [forceText(scaleEnd_n(this.largest_n), settings)[0]]);
   }
 
