@@ -1,4 +1,6 @@
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
+import type { Insoles } from "../src/insoles";
+import { remarks } from "../src/notes";
 import { entry } from "../src/stream_file";
 import { ReplayTransport } from "../src/transport/replay";
 import type { TransportEvents } from "../src/transport/transport";
@@ -74,5 +76,14 @@ test("messages on the socket begin with the index of the insole, and a broken so
   transport.close();
   vi.advanceTimersByTime(5000);
   expect(Socket.all).toHaveLength(2);
+  vi.unstubAllGlobals();
+});
+
+test("the page waits for an insole of plantar serve, which can run on another computer", () => {
+  vi.stubGlobal("WebSocket", Socket);
+  const transport = new WebSocketTransport("ws://192.168.0.2/insoles", logEvents().events);
+  const insoles = { transport, sessions: [{ state: "waiting", records_waiting: 0 }], of: () => undefined };
+  expect(remarks(insoles as unknown as Insoles)).toEqual(["Waiting for an insole of plantar serve."]);
+  transport.close();
   vi.unstubAllGlobals();
 });

@@ -8,7 +8,8 @@ import { INSOLES, type Insole, type Transport, type TransportEvents } from "./tr
 
 /** The insoles of `plantar serve`. */
 export class WebSocketTransport implements Transport {
-  readonly location = "on this computer";
+  // The computer of the insoles can be another one than that of the page.
+  readonly location = "of plantar serve";
   readonly is_replay = false;
   readonly can_lose_records = false;
   private socket: WebSocket | undefined;
