@@ -118,7 +118,10 @@ function insoleDetails(session: Session, now_ms: number): Node[] {
   ];
   if (battery_percent !== undefined) details.push(`Battery ${battery_percent} %`);
   if (status && status.records_dropped > 0) {
-    details.push(`${status.records_dropped} steps and loads were lost because the insole's memory was full.`);
+    details.push(
+      `${status.records_dropped} steps, load bouts and alerts were lost, because the insole's memory was full or its ` +
+        "battery was too low to store them.",
+    );
   }
   const title: Node = ["dt", { class: hello.side }, sideTitle(hello.side)];
   return [["div", {}, title, ...details.map((detail): Node => ["dd", {}, detail])]];

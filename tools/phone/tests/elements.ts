@@ -12,6 +12,7 @@ export class FakeElement {
   onclick = (_event?: unknown): void => undefined;
   onchange = (): void => undefined;
   addEventListener = (): void => undefined;
+  setAttribute = (): void => undefined;
   querySelector = (): null => null;
 }
 

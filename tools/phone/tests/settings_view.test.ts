@@ -1,0 +1,34 @@
+import { afterEach, beforeEach, expect, test, vi } from "vitest";
+import { Insoles } from "../src/insoles";
+import { Recorder } from "../src/recorder";
+import { updateSettingsView } from "../src/settings_view";
+import { element } from "./elements";
+import { loadWire, messagesOf } from "./wire";
+
+vi.mock("../src/dom", async () => (await import("./elements")).dom);
+
+const wire = await loadWire();
+
+beforeEach(() => void vi.stubGlobal("HTMLButtonElement", Object));
+afterEach(() => void vi.unstubAllGlobals());
+
+test("the details of an insole state how many records it lost, and both possible reasons", () => {
+  const none = () => undefined;
+  const recorder = new Recorder();
+  const events = { live: none, shape: none, record: none, isKnown: () => false, answer: none, message: none };
+  const insoles = new Insoles(wire, recorder, events);
+  insoles.use({ location: "in a test", is_replay: false, can_lose_records: true, send: none, close: none });
+  insoles.transportEvents.opened(0);
+  messagesOf(0).forEach((message) => insoles.transportEvents.message(0, message));
+  /** The details when the insole has lost this number of records. */
+  const details = (records_dropped: number) => {
+    Object.assign(insoles.sessions[0]!, { status: { records_dropped } });
+    updateSettingsView(insoles, recorder, 0);
+    return element("insoles").content;
+  };
+  expect(details(0)).not.toContain("lost, because");
+  expect(details(7)).toContain(
+    "7 steps, load bouts and alerts were lost, because the insole's memory was full or its battery was too low " +
+      "to store them.",
+  );
+});
