@@ -106,6 +106,10 @@ impl Pages<'_> {
         // The first line whose first non-empty field is a number contains the numbers of the columns.
         let columns = loop {
             let Some((line, row)) = lines.next() else {
+                if is_frame {
+                    let problem = "the page of a picture has no table";
+                    return Err(Error::content(at_line(self.path, first_line), problem, CUT_OFF));
+                }
                 self.summaries += 1;
                 return Ok(());
             };
@@ -216,6 +220,10 @@ impl Pages<'_> {
                 check_force(row_n, number(fields[fields.len() - 1], "the force of the row", &place)?, &place)?;
             }
             force_n += row_n;
+        }
+        // In known exports, the tables of all pictures have the same rows, so that also one without load has some.
+        if rows.is_empty() {
+            return Err(Error::content(place(), "the table below has no rows", CUT_OFF));
         }
         let Some((line, stated_n)) = stated else {
             if has_force {

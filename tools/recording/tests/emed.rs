@@ -136,6 +136,13 @@ fn damaged_files_are_refused_with_the_line_and_a_remedy() {
     assert_message(changed(&format!("\t{total}\n\x0c"), "\t999.00\n\x0c"), &at(forces + 1), &["999.00 N", "Force"]);
     let cut: String = text.split_inclusive('\n').take(forces).collect();
     assert_message(parse(cut.as_bytes()), &at(first_row - 1), &["total Force", "cut off"]);
+    // The last page ends before or within the line with the numbers of the columns.
+    let second = text.find('\x0c').unwrap() + 1;
+    let cut_within_second = |part: &str| parse(text[..second + text[second..].find(part).unwrap()].as_bytes());
+    let first_line = text[..second].matches('\n').count() + 1;
+    let columns = text[second..].lines().position(|line| line.starts_with("\t20\t21")).unwrap();
+    assert_message(cut_within_second("\t20\t21"), &at(first_line), &["picture has no table", "cut off"]);
+    assert_message(cut_within_second("\t24\t25"), &at(first_line + columns), &["no rows", "cut off"]);
     assert_message(changed("1.000x1.000 cm", "1.000x1.000 cubits"), &at(7), &["cubits"]);
     assert_message(changed("Time/picture:10.0 ms", ""), &at(1), &["time of a picture"]);
     assert_message(changed("picture:10.0 ms", "picture:0.05 ms"), &at(1), &["5e-5 s", "1e-4 to 1 s"]);
