@@ -58,6 +58,7 @@ pub fn write(recording: &Recording, path: &Path) -> Result<()> {
         layout: Cow::Borrowed(&recording.layout),
     };
     let json = serde_json::to_string(&metadata).expect("numbers and strings can be written as JSON");
+    output::check_file_name(path)?;
     if path.exists() && !path.is_file() {
         return Err(Error::content(path.display().to_string(), "not a regular file", "name another file"));
     }

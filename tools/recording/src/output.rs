@@ -4,13 +4,17 @@ use crate::{Error, Result};
 use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
-use std::path::{Path, PathBuf};
+use std::path::{self, Path, PathBuf};
+
+/// Largest number of links that lead to the target of a link, as on Linux.
+const MAX_LINKS: usize = 40;
 
 /// Writes a file. If this fails, an existing file with this name is unchanged. A device or a pipe is written directly.
 ///
 /// # Errors
-/// Fails if `write` fails, or the file cannot be created, stored or renamed.
+/// Fails if `path` ends with a separator, `write` fails, or the file cannot be created, stored or renamed.
 pub fn file(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> Result<()> {
+    check_file_name(path)?;
     at(path, |incomplete| {
         let mut to = BufWriter::new(File::create(incomplete)?);
         write(&mut to)?;
@@ -28,16 +32,46 @@ pub fn sync(file: &File) -> io::Result<()> {
     if file.metadata()?.is_file() { file.sync_all() } else { Ok(()) }
 }
 
+/// True if the path ends with a separator, so that it can only name a folder.
+pub fn ends_with_separator(path: &Path) -> bool {
+    path.as_os_str().as_encoded_bytes().last().is_some_and(|&byte| path::is_separator(byte.into()))
+}
+
+/// Checks that a path can name a file.
+///
+/// # Errors
+/// Fails if the path ends with a separator.
+pub fn check_file_name(path: &Path) -> Result<()> {
+    if ends_with_separator(path) {
+        let problem = "a name with a separator at its end is that of a folder";
+        return Err(Error::content(path.display().to_string(), problem, "name a file"));
+    }
+    Ok(())
+}
+
 /// The path of the file or folder that output to `path` replaces, and the temporary path of the output. If `path` is a symbolic
 /// link, its target is replaced, and not the link itself. A device or a pipe cannot be replaced: both paths are then `path`.
 pub fn paths(path: &Path) -> (PathBuf, PathBuf) {
     if fs::metadata(path).is_ok_and(|existing| !existing.is_file() && !existing.is_dir()) {
         return (path.into(), path.into());
     }
-    let target = fs::canonicalize(path).unwrap_or_else(|_| path.into());
+    let target = fs::canonicalize(path).unwrap_or_else(|_| absent(path));
     let mut incomplete = OsString::from(&target);
     incomplete.push(".incomplete");
     (target, incomplete.into())
+}
+
+/// The path of a file or folder that does not exist yet. If `path` is a symbolic link, this is its target.
+fn absent(path: &Path) -> PathBuf {
+    // With a separator at the end of the path, the temporary name would be that of a file in the absent folder. Collecting the
+    // components omits it.
+    let mut target: PathBuf = path.components().collect();
+    for _ in 0..MAX_LINKS {
+        let Ok(next) = fs::read_link(&target) else { break };
+        // The target of a link is relative to the folder of the link.
+        target = target.parent().unwrap_or(Path::new("")).join(next).components().collect();
+    }
+    target
 }
 
 /// Writes a file or a folder: `write` receives a temporary path, which is then renamed to `path`. After a failure, the

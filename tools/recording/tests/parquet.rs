@@ -133,6 +133,33 @@ fn a_failed_write_leaves_an_existing_recording_as_it_is() {
 }
 
 #[test]
+fn a_separator_at_the_end_of_a_path_names_a_folder() {
+    let folder = TempDir::new().unwrap();
+    output::at(&folder.path().join("study/"), |incomplete| {
+        std::fs::create_dir(incomplete)?;
+        std::fs::write(incomplete.join("README.md"), "a study")
+    })
+    .unwrap();
+    assert!(folder.path().join("study/README.md").is_file());
+    let error = output::file(&folder.path().join("walk.csv/"), |_| Ok(())).unwrap_err().to_string();
+    assert!(error.contains("walk.csv/") && error.contains("name a file"), "{error}");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+}
+
+#[cfg(unix)]
+#[test]
+fn output_to_a_link_whose_target_does_not_exist_creates_the_target() {
+    let folder = TempDir::new().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    std::fs::create_dir(path("data")).unwrap();
+    std::os::unix::fs::symlink("data/walk.csv", path("link.csv")).unwrap();
+    std::os::unix::fs::symlink("link.csv", path("other.csv")).unwrap();
+    output::file(&path("other.csv"), |to| to.write_all(b"t_s")).unwrap();
+    assert!(path("other.csv").is_symlink() && path("link.csv").is_symlink());
+    assert_eq!(std::fs::read_to_string(path("data/walk.csv")).unwrap(), "t_s");
+}
+
+#[test]
 fn a_folder_of_a_user_with_the_temporary_name_remains() {
     let (_folder, path) = in_folder();
     let walk = synthetic::walk(&SyntheticWalk { steps: 1, ..SyntheticWalk::default() }).recording;
