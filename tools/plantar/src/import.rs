@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail};
 use clap::{Args, Subcommand, ValueEnum};
 use plantar::Side;
 use recording::synthetic::{self, SyntheticWalk};
-use recording::{Export, Format, Recording, csv, export, footprint, jiku, pedar};
+use recording::{Export, Format, Recording, csv, export, footprint, jiku, output, pedar};
 use std::path::{Path, PathBuf};
 use std::slice;
 
@@ -219,10 +219,15 @@ impl Out {
             [Side::Left, Side::Right].map(|side| export.feet.iter().filter(|foot| foot.side == side).count());
         if left.max(right) > 1 {
             bail!(
-                "the files contain the same foot more than once: import them one by one, or state the foot of each with --side"
+                "the files contain the same foot more than once: import them one by one, each with its own --out, and with \
+                 --side if its foot was not recognised correctly"
             );
         }
         let is_pair = left + right == 2;
+        // The names of the feet would be appended to that of the folder, which may result in hidden files in it.
+        if is_pair && (self.out.is_dir() || output::ends_with_separator(&self.out)) {
+            bail!("{}: not a file, but a folder: name a file", self.out.display());
+        }
         let paths: Vec<_> = export.feet.iter().map(|foot| self.path(is_pair.then_some(foot.side))).collect();
         check_written(read, &paths.iter().map(|path| Some(path.as_path())).collect::<Vec<_>>())?;
         export.feet.into_iter().zip(&paths).try_for_each(|(foot, path)| self.write(foot, path))

@@ -475,7 +475,17 @@ fn an_export_of_both_feet_is_recognised_and_becomes_a_pair_on_one_clock() {
     }
     succeed(&path, "import auto walk.dat --side left --out one.parquet");
     succeed(&path, "info one.parquet");
-    fail(&path, "import auto walk.dat walk.dat --out c.parquet", &["same foot more than once", "--side"]);
+    fail(
+        &path,
+        "import auto walk.dat walk.dat --out c.parquet",
+        &["same foot more than once", "its own --out", "--side"],
+    );
+    std::fs::create_dir(path.join("walks")).expect("made");
+    for out in ["walks", "walks/", "absent/"] {
+        fail(&path, &format!("import auto walk.dat --out {out}"), &[out, "name a file"]);
+    }
+    fail(&path, "import auto walk.dat --side left --out absent/", &["absent/", "name a file"]);
+    assert!(std::fs::read_dir(path.join("walks")).expect("a folder").next().is_none());
     fail(&path, "import tekscan walk.dat --out c.parquet", &["walk.dat", "ASCII_DATA"]);
     fail(&path, "import auto frames.csv --out c.parquet", &["frames.csv", "import csv"]);
     std::fs::write(path.join("empty.txt"), "").expect("written");
