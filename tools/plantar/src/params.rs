@@ -4,7 +4,7 @@ use crate::carrier::{Connection, InsoleLink};
 use crate::insole::{restart, settings};
 use crate::setup::{note_unless_personal, rule_in_words};
 use crate::summary;
-use anyhow::{Result, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use clap::Subcommand;
 use client::{Error, ReconnectPolicy};
 use parameters::{AssumedShare, Identified, InsoleSize, Parameters};
@@ -137,11 +137,21 @@ pub fn set_rule(insole: &mut InsoleLink, contact: ContactRule) -> Result<()> {
 }
 
 /// Refuses to overwrite a file that contains personal parameters, because neither typical parameters nor those on an insole
-/// have all of its information. A device or a pipe is not read, because it may contain the output itself.
+/// have all of its information. A file that cannot be read as parameters may contain personal ones, too: it may be damaged, or
+/// from a newer program. A device or a pipe is not read, because it may contain the output itself.
 fn check_not_personal(out: &Path) -> Result<()> {
-    let is_personal = out.is_file() && Parameters::read(out).is_ok_and(|parameters| parameters.personal);
+    if !out.is_file() || out.metadata().is_ok_and(|metadata| metadata.len() == 0) {
+        return Ok(());
+    }
+    let parameters = Parameters::read(out).with_context(|| {
+        format!(
+            "{} exists and may contain personal parameters, but cannot be read: name another file with --out, or \
+             remove this one",
+            out.display()
+        )
+    })?;
     ensure!(
-        !is_personal,
+        !parameters.personal,
         "{} contains parameters that were identified from the steps of a person: name another file with --out",
         out.display()
     );

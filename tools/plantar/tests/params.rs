@@ -250,6 +250,27 @@ fn bad_parameters_are_refused_before_anything_is_sent() {
     assert_eq!(*session.lock().expect("no panic").tissue(), Tissue::NONE);
 }
 
+/// The file may contain personal parameters: one of its values may be damaged, or a newer program may have written it.
+#[test]
+fn a_file_that_cannot_be_read_as_parameters_is_not_overwritten() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    succeed(path, "typical --out params.toml");
+    let good = std::fs::read_to_string(path.join("params.toml")).expect("parameters");
+    for (text, reason) in [
+        (good.replacen("k_n_m3 = ", "k_n_m3 = 1e13 # ", 1), "regions.heel"),
+        (good.replacen("version = 1", "version = 2", 1), "version 2"),
+    ] {
+        std::fs::write(path.join("kept.toml"), &text).expect("written");
+        for command in ["typical --out kept.toml", "pull --out kept.toml --tcp 127.0.0.1:1"] {
+            fail(path, command, 1, &["kept.toml", reason, "name another file with --out", "remove this one"]);
+        }
+        assert_eq!(std::fs::read_to_string(path.join("kept.toml")).expect("a file"), text);
+    }
+    std::fs::write(path.join("empty.toml"), "").expect("written");
+    succeed(path, "typical --out empty.toml");
+}
+
 #[cfg(unix)]
 #[test]
 fn output_is_written_to_the_target_of_a_link_and_to_a_pipe() {
