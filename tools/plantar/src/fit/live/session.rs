@@ -83,7 +83,8 @@ fn frames(folder: &Path) -> Result<BTreeMap<i32, Vec<Live>>> {
     for_each_row(folder, &columns, |row| {
         let frames = sessions.entry(row.integer("session")?).or_default();
         let sequence = row.integer("sequence")? as u32;
-        if frames.last().is_none_or(|frame| frame.sequence != sequence) {
+        // In a folder of an earlier version, two successive frames have the same number if a replay began between them.
+        if row.region()? == 0 || frames.last().is_none_or(|frame| frame.sequence != sequence) {
             frames.push(Live { sequence, t_us: (row.real("t_s")? * 1e6).round() as u64, ..Live::default() });
         }
         if let Some(frame) = frames.last_mut() {
@@ -274,5 +275,31 @@ impl Row {
             _ => None,
         }
         .context("a value in the column side is neither left nor right")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::frames;
+    use study::table::{self, Row};
+
+    #[test]
+    fn two_successive_frames_with_the_same_number_are_not_merged() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let row = |t_s: f64, region: &str| -> Row {
+            vec![
+                ("session", 0.into()),
+                ("sequence", 0.into()),
+                ("t_s", t_s.into()),
+                ("region", region.into()),
+                ("area_mm2", 100.0.into()),
+                ("measured_force_n", 5.0.into()),
+            ]
+        };
+        let rows = [row(0.01, "heel"), row(0.01, "hallux"), row(0.02, "heel"), row(0.02, "hallux")];
+        table::write(&folder.path().join("part-00000.parquet"), None, &rows).expect("written");
+        let sessions = frames(folder.path()).expect("frames");
+        let times: Vec<u64> = sessions[&0].iter().map(|frame| frame.t_us).collect();
+        assert_eq!(times, [10_000, 20_000]);
     }
 }
