@@ -23,7 +23,7 @@ use std::path::{Path, PathBuf};
 pub struct Monitor {
     #[command(flatten)]
     connection: Connection,
-    /// End the session after this number of steps.
+    /// End the session after this number of steps has arrived, including those that the insole stored before the session.
     #[arg(long, value_name = "N")]
     steps: Option<usize>,
     /// Write the steps to this JSON file as they arrive, one object per step. The file must be new or empty.

@@ -13,7 +13,7 @@ use parameters::DeformationScale;
 use plantar::protocol::{
     Alert, Bout, BoutRegion, CellFrame, CellStream, Live, LiveRegion, LoadRecord, Resolution, ToDevice,
 };
-use plantar::{Region, Side};
+use plantar::{Region, Side, sequence};
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -25,11 +25,12 @@ use study::table::{self, Row, Value};
 ///
 /// The files FOLDER/live/*.parquet have one row per frame and region, the files FOLDER/steps/*.parquet one row per step and
 /// region, the files FOLDER/bouts/*.parquet one row per load bout and region, the files FOLDER/alerts/*.parquet one row per alert
-/// and region. pandas, Polars, DuckDB and Spark read the files of a folder as one table. Files are completed at least every half
-/// minute, so a crash loses the live frames of at most this time. No step, load bout or alert is lost, because it remains on the
-/// insole until its file is complete. When the link is lost, the program reconnects. With --cells, each folder FOLDER/cells/*
-/// is a recording that all other commands read; another recording begins after a reconnection, and after a gap of missing
-/// frames that is too long to be interpolated. Press Ctrl-C or, in a terminal, q to end; SIGTERM ends the session, too.
+/// and region. pandas, Polars, DuckDB and Spark read the files of a folder as one table. While messages arrive, files are
+/// completed at least every half minute; after the loss of the link, at the reconnection or the end. So a crash loses at most
+/// half a minute of live frames. No step, load bout or alert is lost, because it remains on the insole until its file is
+/// complete. When the link is lost, the program reconnects. With --cells, each folder FOLDER/cells/* is a recording that all
+/// other commands read; another recording begins after a reconnection, and after a gap of missing frames that is too long to be
+/// interpolated. Press Ctrl-C or, in a terminal, q to end; SIGTERM ends the session, too.
 #[derive(Args)]
 pub struct Record {
     /// The folder to write. It must be new or empty.
@@ -46,7 +47,7 @@ pub struct Record {
     /// With --cells: record 12 bits of each code, or all 16 bits if the insole sums several conversions.
     #[arg(long, value_name = "BITS", default_value = "12", value_parser = ["12", "16"], requires = "cells")]
     bits: String,
-    /// End the session after this number of steps.
+    /// End the session after this number of steps has arrived, including those that the insole stored before the session.
     #[arg(long, value_name = "N")]
     steps: Option<usize>,
     /// End the session after this number of seconds.
@@ -131,6 +132,8 @@ struct Recorder<'r> {
     side: Side,
     /// Number of the session, from 0. Sequence numbers and times may start again in each session.
     session: i32,
+    /// Sequence number of the last live frame of this session; `None` before its first one.
+    last_live: Option<u32>,
     /// Number of the next files.
     file_number: usize,
     /// When the recording began.
@@ -164,6 +167,7 @@ impl<'r> Recorder<'r> {
             record,
             side,
             session: 0,
+            last_live: None,
             file_number: 0,
             start: now,
             file_start: now,
@@ -221,6 +225,12 @@ impl<'r> Recorder<'r> {
 impl Sink for Recorder<'_> {
     fn live(&mut self, live: &Live, mapping: &ClockMapping) -> Result<()> {
         self.frames += 1;
+        // After the loss of a record, the client opens the session again over the same link, and the insole counts its frames
+        // from 0. It repeats its records before it sends further frames, so they remain in the session of their own frames.
+        if self.last_live.is_some_and(|last| !sequence::is_after(live.sequence, last)) {
+            self.session += 1;
+        }
+        self.last_live = Some(live.sequence);
         for (i, (region, r)) in Region::ALL.iter().zip(&live.regions).enumerate() {
             let mut row: Row = vec![("session", self.session.into()), ("side", self.side.name().into())];
             row.extend(columns(Live::QUANTITIES, live));
@@ -262,6 +272,7 @@ impl Sink for Recorder<'_> {
     fn reconnected(&mut self, client: &mut AnyClient) -> Result<()> {
         self.complete_file()?;
         self.session += 1;
+        self.last_live = None;
         self.cells.as_mut().map_or(Ok(()), |cells| cells.restart(client))
     }
 

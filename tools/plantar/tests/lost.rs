@@ -4,17 +4,18 @@
 
 use parameters::{InsoleSize, Parameters};
 use parquet::file::reader::{FileReader, SerializedFileReader};
+use parquet::record::Field;
 use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::session::{RECORD_QUEUE, Session};
-use plantar::protocol::{Decoder, Hello, MAX_FRAME, MAX_MESSAGE, Reset, Status, Step, ToDevice, decode, frame};
+use plantar::protocol::{Decoder, Hello, Live, MAX_FRAME, MAX_MESSAGE, Reset, Status, Step, ToDevice, decode, frame};
 use recording::VirtualInsole;
 use recording::synthetic::{self, SyntheticWalk};
 use std::cell::Cell;
 use std::fs::File;
 use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
-use std::net::TcpListener;
+use std::net::{TcpListener, TcpStream};
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -128,6 +129,17 @@ fn rows(file: &Path) -> i64 {
     file.metadata().file_metadata().num_rows()
 }
 
+/// The values of a column of integers in a Parquet file.
+fn integers(file: &Path, column: &str) -> Vec<i32> {
+    let file = SerializedFileReader::new(File::open(file).expect("a file")).expect("a complete file");
+    let rows = file.get_row_iter(None).expect("rows").map(|row| row.expect("a row").into_columns());
+    let values = rows.map(|row| match row.into_iter().find(|(name, _)| name == column) {
+        Some((_, Field::Int(value))) => value,
+        other => panic!("not an integer: {other:?}"),
+    });
+    values.collect()
+}
+
 #[test]
 fn monitor_reconnects_and_reports_the_loss_once() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -170,6 +182,51 @@ fn a_recorder_whose_acknowledgement_was_lost_repeats_it() {
     insole.serve(&mut again, |_| false);
     let (output, text) = wait_for_end(program);
     assert!(output.status.success(), "{text}");
+}
+
+/// After a record was lost on the way, the insole counts its frames from 0 again, over the same link.
+#[test]
+fn no_two_frames_of_a_recorder_have_the_same_session_and_number_after_a_replay() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("session");
+    let (listener, address) = listen();
+    let program = plantar(&["record", "--tcp", &address, "--steps", "4", "--out"]).arg(&out).spawn();
+    let mut insole = Insole::with_steps([]);
+    let mut host = listener.accept().expect("it connects").0;
+    let mut t_us = 0;
+    let mut send_frames = |insole: &mut Insole, host: &mut TcpStream| {
+        for _ in 0..3 {
+            let sequence = insole.session.next_live().expect("the stream is on");
+            t_us += 10_000;
+            insole.session.push_live(Live { sequence, t_us, ..Live::default() });
+        }
+        assert!(insole.send_due(host));
+    };
+    assert!(insole.serve(&mut host, first_time_request_of_stream()));
+    send_frames(&mut insole, &mut host);
+    insole.session.push_record(step(0));
+    assert!(insole.send_due(&mut host));
+    // Step 1 is lost on the way, so the recorder requests a replay when step 2 arrives.
+    insole.session.push_record(step(1));
+    assert!(insole.session.next(&hello(), Status::default, &mut [0; MAX_MESSAGE]).is_some());
+    insole.session.push_record(step(2));
+    assert!(insole.send_due(&mut host));
+    assert!(insole.serve(&mut host, first_time_request_of_stream()));
+    send_frames(&mut insole, &mut host);
+    insole.session.push_record(step(3));
+    assert!(insole.send_due(&mut host));
+    insole.serve(&mut host, |_| false);
+    let (output, text) = wait_for_end(program.expect("it runs"));
+    assert!(output.status.success(), "{text}");
+    // Each frame and each step has eight rows.
+    let numbers = |table: &str, number: &str| {
+        let file = out.join(table).join("part-00000.parquet");
+        let pairs = integers(&file, "session").into_iter().zip(integers(&file, number));
+        pairs.step_by(8).collect::<Vec<_>>()
+    };
+    assert_eq!(numbers("live", "sequence"), [(0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2)]);
+    // The repeated steps are in the session of the frames before them.
+    assert_eq!(numbers("steps", "step"), [(0, 0), (0, 1), (0, 2), (1, 3)]);
 }
 
 /// The steps in the folder have the times of this computer's clock, on which both feet can be compared.
@@ -266,6 +323,15 @@ fn after_time_requests(count: u32) -> impl Fn(&ToDevice) -> bool {
     }
 }
 
+/// True for the first request for the insole's time after the live stream was turned on. All earlier messages were then served.
+fn first_time_request_of_stream() -> impl Fn(&ToDevice) -> bool {
+    let is_on = Cell::new(false);
+    move |message| {
+        is_on.set(is_on.get() || matches!(message, ToDevice::Stream { live: true }));
+        is_on.get() && matches!(message, ToDevice::GetTime { .. })
+    }
+}
+
 #[test]
 #[cfg(unix)]
 fn a_recorder_that_receives_a_signal_completes_its_files() {
@@ -315,8 +381,8 @@ fn a_recorder_requests_the_cells_until_their_stream_is_on_again() {
     assert!(text.contains(&expected), "{text}");
 }
 
-/// Only an insole with older firmware, which does not know the request, has parameters of unknown origin. After any other
-/// failure, personal parameters would be written as not personal.
+/// If the request fails, the origin counts as unknown only if older firmware refused the request because it does not know it.
+/// After any other failure, personal parameters would be written as not personal.
 #[test]
 fn parameters_whose_origin_could_not_be_read_are_not_written() {
     let folder = tempfile::tempdir().expect("a folder");
