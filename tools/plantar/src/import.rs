@@ -219,8 +219,8 @@ impl Out {
             [Side::Left, Side::Right].map(|side| export.feet.iter().filter(|foot| foot.side == side).count());
         if left.max(right) > 1 {
             bail!(
-                "the files contain the same foot more than once: import them one by one, each with its own --out, and with \
-                 --side if its foot was not recognised correctly"
+                "the files contain the same foot more than once: import them one by one, each with its own --out, and \
+                 with --side if its foot was not recognised correctly"
             );
         }
         let is_pair = left + right == 2;
