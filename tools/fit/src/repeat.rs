@@ -18,7 +18,8 @@ pub struct Repeatability {
 
 impl Repeatability {
     /// The repeatability of the values of people, in rows with one value for each recording. `None` for fewer than two people or
-    /// recordings, for rows of different lengths, and if all values are equal.
+    /// recordings, for rows of different lengths, and if the sum of squares or the denominator of the ICC is not positive. For
+    /// equal values, rounding can leave a small sum, and the ICC then has no meaning: the caller must detect equal values.
     pub fn of(people: &[Vec<f64>]) -> Option<Self> {
         let (n, k) = (people.len(), people.first()?.len());
         if n < 2 || k < 2 || people.iter().any(|row| row.len() != k) {

@@ -208,19 +208,19 @@ fn simulate_crosstalk(board: &Netlist, figures: &mut Figures) -> Result<Vec<(f64
         "crosstalk_row_one_percent",
         crosstalk.row_one_percent,
         limit,
-        "one neighbour at full load in the row, % of its reading",
+        "one neighbour at full load in the row of a cell at full load, % of the cell's reading",
     );
     figures.at_most(
         "crosstalk_row_all_percent",
         row_all_percent,
         limit,
-        "15 neighbours at full load in the row, % of one reading",
+        "15 neighbours at full load in the row of a cell at full load, % of the cell's reading",
     );
     figures.at_most(
         "crosstalk_column_percent",
         crosstalk.column_one_percent,
         limit,
-        "one neighbour at full load in the column, largest offsets, % of its reading",
+        "one cell at full load in the column of an open cell, largest offsets, % of a reading at full load",
     );
     figures.at_most(
         "crosstalk_diagonal_percent",

@@ -18,8 +18,8 @@ const LEAST_MUTATION_SCORE: f64 = 0.85;
 /// Least number of tests of properties and of interleavings.
 const LEAST_PROOFS: usize = 10;
 
-/// The modules of the package `host-tests` with tests that cover the core and need no firmware. They run for the changes that the
-/// fast tests have not noticed.
+/// The modules of the package `host-tests` whose tests cover the modules in `.cargo/mutants.toml` and need no firmware. They run
+/// for the changes that the fast tests have not noticed.
 const SLOWER_TESTS: [&str; 17] = [
     "admission::",
     "alerts::",
