@@ -18,7 +18,7 @@ pub struct RecordingReader {
     /// The files in the order of time; at least one.
     files: Vec<ColumnFile>,
     /// The path of the file or of the folder, for messages about all frames.
-    place: String,
+    place: Box<str>,
     /// The check of the times, before the first frame.
     time_check: TimeCheck,
 }
@@ -67,7 +67,7 @@ impl RecordingReader {
 
     fn new(head: Recording, files: Vec<ColumnFile>, path: &Path) -> Result<Self> {
         let time_check = TimeCheck::new(head.rate_hz, &|at| files[0].place(at))?;
-        Ok(Self { head, files, place: path.display().to_string(), time_check })
+        Ok(Self { head, files, place: path.display().to_string().into(), time_check })
     }
 
     /// Number of frames.
@@ -129,7 +129,7 @@ impl RecordingReader {
         let mut time_check = Some(self.time_check.clone());
         from_fn(move || {
             let Some((file, group, first_row)) = groups.next() else {
-                let checked = time_check.take()?.finish(&|_| self.place.clone());
+                let checked = time_check.take()?.finish(&|_| self.place.to_string());
                 return checked.err().map(Err);
             };
             let mut block = || {

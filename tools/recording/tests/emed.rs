@@ -138,7 +138,7 @@ fn damaged_files_are_refused_with_the_line_and_a_remedy() {
     assert_message(parse(cut.as_bytes()), &at(first_row - 1), &["total Force", "cut off"]);
     // The last page ends before or within the line with the numbers of the columns.
     let second = text.find('\x0c').unwrap() + 1;
-    let cut_within_second = |part: &str| parse(text[..second + text[second..].find(part).unwrap()].as_bytes());
+    let cut_within_second = |part: &str| parse(&text.as_bytes()[..second + text[second..].find(part).unwrap()]);
     let first_line = text[..second].matches('\n').count() + 1;
     let columns = text[second..].lines().position(|line| line.starts_with("\t20\t21")).unwrap();
     assert_message(cut_within_second("\t20\t21"), &at(first_line), &["picture has no table", "cut off"]);

@@ -392,7 +392,7 @@ fn a_wrong_rate_of_all_parts_together_is_reported_for_their_folder() {
     }
     let error = Recording::read(&path).unwrap_err().to_string();
     assert!(error.contains("walk.parquet: the frames come at 98.039 Hz"), "{error}");
-    assert!(Recording::read(&path.join("part-0.parquet")).is_ok());
+    assert!(Recording::read(path.join("part-0.parquet")).is_ok());
 }
 
 #[test]
