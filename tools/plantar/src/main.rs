@@ -107,7 +107,27 @@ enum Command {
 /// Exit status of a command that completed only a part of its work.
 const PARTIAL: u8 = 3;
 
+/// Exit status after the program that reads the output has ended: the one that a shell reports for the signal SIGPIPE.
+const OUTPUT_CLOSED: i32 = 128 + 13;
+
+/// Lets the program end without a message if the program that reads its output has ended, as in `plantar info walk.parquet |
+/// head`, and with an error if the output cannot be written for another reason. The standard library reports both as panics.
+fn handle_unwritable_output() {
+    let report_panic = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        match panic.payload_as_str().and_then(|text| text.strip_prefix("failed printing to stdout: ")) {
+            Some(problem) if problem.starts_with("Broken pipe") => std::process::exit(OUTPUT_CLOSED),
+            Some(problem) => {
+                eprintln!("error: the output cannot be written: {problem}");
+                std::process::exit(1);
+            }
+            None => report_panic(panic),
+        }
+    }));
+}
+
 fn main() -> ExitCode {
+    handle_unwritable_output();
     let result = match Arguments::parse().command {
         Command::Import(import) => import.run(),
         Command::Info(info) => info.run(),

@@ -491,3 +491,28 @@ fn an_export_of_both_feet_is_recognised_and_becomes_a_pair_on_one_clock() {
     std::fs::write(path.join("empty.txt"), "").expect("written");
     fail(&path, "import auto empty.txt --out c.parquet", &["empty.txt", "empty"]);
 }
+
+#[cfg(unix)]
+#[test]
+fn a_closed_output_ends_a_command_without_a_message() {
+    let (_folder, path) = folder();
+    succeed(&path, "import synthetic --steps 1 --out walk.parquet");
+    let (reader, writer) = std::io::pipe().expect("a pipe");
+    drop(reader);
+    let mut command = Command::new(env!("CARGO_BIN_EXE_plantar"));
+    let output = command.args(["info", "walk.parquet"]).current_dir(&path).stdout(writer).output().expect("it starts");
+    assert_eq!((output.status.code(), String::from_utf8_lossy(&output.stderr).as_ref()), (Some(141), ""));
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_device_as_output_is_an_error() {
+    let (_folder, path) = folder();
+    succeed(&path, "import synthetic --steps 1 --out walk.parquet");
+    let full = std::fs::File::options().write(true).open("/dev/full").expect("Linux has this device");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_plantar"));
+    let output = command.args(["info", "walk.parquet"]).current_dir(&path).stdout(full).output().expect("it starts");
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    assert!(text.contains("error: the output cannot be written: No space left"), "{text}");
+}
