@@ -306,8 +306,9 @@ impl Persist<'_> {
             }
             Command::AlertRules(rules) => {
                 store.put(0, rules).await?;
-                // By then, the load of the day has the number of its day by the new rules.
-                self.daily_load_at = self.daily_load_at.min(Instant::now() + Duration::from_secs(2));
+                /// Time after which the load of the day has the number of its day by the new rules.
+                const RENUMBERED_AFTER: Duration = Duration::from_secs(2);
+                self.daily_load_at = self.daily_load_at.min(Instant::now() + RENUMBERED_AFTER);
                 log::info!("settings: the rules of alerts are stored");
                 CommandResult::Stored
             }

@@ -228,11 +228,17 @@ fn the_source_of_joined_parts_contains_each_source_once() {
     assert_eq!(Recording::read(folder.path()).unwrap().source, "First. Second. Third.");
 }
 
-#[test]
-fn parts_in_memory_are_read_like_a_folder() {
+/// A temporary folder, and a folder in it for the parts of a recording.
+fn folder_for_parts() -> (TempDir, PathBuf) {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("walk.parquet");
     std::fs::create_dir(&path).unwrap();
+    (folder, path)
+}
+
+#[test]
+fn parts_in_memory_are_read_like_a_folder() {
+    let (_folder, path) = folder_for_parts();
     let names = ["t_s", "c0_kpa", "c1_kpa"];
     write(&path.join("part-0.parquet"), Some(TWO_CELLS), names, &[0.0, 0.01], [&[1.0, 2.0], &[3.0, 4.0]]);
     write(&path.join("part-1.parquet"), Some(TWO_CELLS), names, &[0.02], [&[5.0], &[6.0]]);
@@ -380,9 +386,7 @@ fn times_that_are_not_uniform_and_increasing_are_rejected() {
 
 #[test]
 fn a_wrong_rate_of_all_parts_together_is_reported_for_their_folder() {
-    let folder = TempDir::new().unwrap();
-    let path = folder.path().join("walk.parquet");
-    std::fs::create_dir(&path).unwrap();
+    let (_folder, path) = folder_for_parts();
     let names = ["t_s", "c0_kpa", "c1_kpa"];
     let zeros = [0.0; 20];
     // The frames come every 10.2 ms, and not every 10 ms: the difference is significant only after 26 frames.

@@ -143,7 +143,7 @@ impl Hub {
         self.record(index, &ToHost::Hello(hello.clone()));
         let mut insole = self.insole(index);
         let insole = &mut *insole;
-        if insole.outlets.take_if(|outlets| !outlets.describe(hello)).is_some() {
+        if insole.outlets.take_if(|outlets| !outlets.describes(hello)).is_some() {
             eprintln!(
                 "the firmware or settings of the {} insole have changed, so that the description of its LSL streams is wrong: \
                  they have ended; restart `plantar serve` to publish them again",

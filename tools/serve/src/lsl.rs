@@ -54,7 +54,7 @@ impl Outlets {
     }
 
     /// True if the description of the streams holds for the insole that sent this hello.
-    pub fn describe(&self, hello: &Hello) -> bool {
+    pub fn describes(&self, hello: &Hello) -> bool {
         self.properties == properties(hello, &self.serial)
     }
 
