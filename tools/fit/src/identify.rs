@@ -111,8 +111,9 @@ const STARTS: usize = 3;
 
 /// Relative tolerance of a fit, from which the reported parameters result.
 const FIT_TOLERANCE: f64 = 1e-12;
-/// Relative tolerance of [`refine`].
-const REFINE_TOLERANCE: f64 = 1e-6;
+/// Relative tolerance of a fit that starts from a fit to almost the same data: see [`refine`] and
+/// [`crate::prior::Prior::refine`].
+pub(crate) const REFINE_TOLERANCE: f64 = 1e-6;
 
 /// Identifies the parameters of one region.
 pub fn identify(samples: &Samples, bounds: &Bounds) -> Identified {

@@ -7,7 +7,7 @@
 //! person, and one loaded sample suffices to determine it.
 
 use crate::bounded::Residuals;
-use crate::identify::{Bounds, Identified, NonNegativeForce, identify};
+use crate::identify::{Bounds, Identified, NonNegativeForce, REFINE_TOLERANCE, identify};
 use crate::law::Shape;
 use crate::screen::usable;
 use crate::{Options, Samples, Step, interval, parallel};
@@ -42,8 +42,8 @@ pub(crate) const LEAST_LOGIT: f64 = -2.0;
 const FAR: f64 = 30.0;
 /// Largest ln(n + 0.95) and ln m: exponents of about 9 and 10. An insole accepts exponents up to 10.
 const LN_LARGEST_EXPONENT: f64 = 2.3;
-/// Relative tolerance of a search.
-const TOLERANCE: f64 = 1e-10;
+/// Relative tolerance of a fit, from which the reported parameters result. That of [`Prior::refine`] is [`REFINE_TOLERANCE`].
+const FIT_TOLERANCE: f64 = 1e-10;
 
 /// The coordinates of parameters. The coordinate of a parameter at a bound is limited to plus or minus [`FAR`].
 pub fn coordinates(identified: &Identified) -> Coordinates {
@@ -152,8 +152,8 @@ impl Prior {
     /// The most probable parameters. `noise` is the variance of an independent residual. One of the two searches starts from
     /// `unconstrained`, the least-squares fit, and the other from the mean shape.
     pub fn identify(&self, samples: &Samples, unconstrained: &Identified, noise: f64) -> Identified {
-        let near = self.search(samples, start(unconstrained), noise);
-        let far = self.search(samples, self.mean_at(samples), noise);
+        let near = self.search(samples, start(unconstrained), noise, FIT_TOLERANCE);
+        let far = self.search(samples, self.mean_at(samples), noise, FIT_TOLERANCE);
         let evaluations = unconstrained.evaluations + near.evaluations + far.evaluations + 1;
         let better = if near.objective <= far.objective { near } else { far };
         parameters(&better.at, better.squares, evaluations)
@@ -161,14 +161,14 @@ impl Prior {
 
     /// The most probable parameters close to `near`. `noise` is the variance of an independent residual.
     pub fn refine(&self, samples: &Samples, near: &Identified, noise: f64) -> Identified {
-        let end = self.search(samples, start(near), noise);
+        let end = self.search(samples, start(near), noise, REFINE_TOLERANCE);
         parameters(&end.at, end.squares, end.evaluations)
     }
 
-    fn search(&self, samples: &Samples, start: Coordinates, noise: f64) -> SearchEnd {
+    fn search(&self, samples: &Samples, start: Coordinates, noise: f64, tolerance: f64) -> SearchEnd {
         let posterior = Posterior::new(self, samples, noise, start);
         let (end, report) =
-            LevenbergMarquardt::new().with_tol(TOLERANCE).with_gtol(TOLERANCE).with_patience(20).minimize(posterior);
+            LevenbergMarquardt::new().with_tol(tolerance).with_gtol(tolerance).with_patience(20).minimize(posterior);
         // The last point that the search tried may differ from the last one that it accepted.
         let end = Posterior::new(self, samples, noise, end.at);
         let residuals = end.law.residuals();
