@@ -234,6 +234,8 @@ pub struct Host {
     pub hellos: Vec<Hello>,
     /// The texts of the client's errors.
     pub errors: Vec<String>,
+    /// Number of requests of a scenario that were refused or not answered.
+    pub failed_requests: usize,
 }
 
 impl Host {
@@ -254,6 +256,7 @@ impl Host {
             last_live: None,
             hellos: Vec::new(),
             errors: Vec::new(),
+            failed_requests: 0,
         }
     }
 

@@ -23,6 +23,7 @@ use plantar::sequence::is_after;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
 use std::cell::RefCell;
+use std::io;
 use std::num::NonZeroU32;
 use std::rc::Rc;
 use std::time::Duration;
@@ -310,8 +311,10 @@ pub struct Expect {
     pub parameters: Option<bool>,
     /// Whether the last step of the first insole has a stiffness that was tracked since parameters were set.
     pub is_tracked: Option<bool>,
-    /// A part of the text of one of the client's errors.
+    /// A part of the text of one of the errors of the first insole's host.
     pub error: Option<String>,
+    /// Number of requests to the first insole that are refused or not answered.
+    pub failed_requests: Option<usize>,
     /// A part of the crash report in the last hello of the first insole: the crash that ended its previous boot.
     pub last_fault: Option<String>,
 }
@@ -389,7 +392,7 @@ fn insole_event(event: &Event) -> Option<InsoleEvent> {
     })
 }
 
-/// Executes an action of a host. An error is added to [`Host::errors`].
+/// Executes an action of a host. An error is added to [`Host::errors`], and counted in [`Host::failed_requests`].
 fn act(world: &SharedWorld, host: &mut Host, insole: usize, event: &Event) {
     let result = match event {
         Event::Connect { over, live } => {
@@ -416,12 +419,13 @@ fn act(world: &SharedWorld, host: &mut Host, insole: usize, event: &Event) {
     };
     if let Err(error) = result {
         host.errors.push(error.to_string());
+        host.failed_requests += 1;
     }
 }
 
-/// Sends a host's request, and waits for the answer if there is one. Has no effect before the first connection.
+/// Sends a host's request, and waits for the answer if there is one. Fails before the first connection.
 fn request(world: &SharedWorld, host: &mut Host, insole: usize, event: &Event) -> Result<(), client::Error> {
-    let Some(client) = &mut host.client else { return Ok(()) };
+    let Some(client) = &mut host.client else { return Err(io::Error::from(io::ErrorKind::NotConnected).into()) };
     match event {
         Event::SetParameters => client.set_tissue(&Parameters::typical(InsoleSize::default()).tissue()),
         Event::SetIdentified { full_kpa } => {
@@ -722,6 +726,9 @@ impl Outcome {
         if let Some(text) = &expect.error {
             let has = first.host.errors.iter().any(|error| error.contains(text));
             compare("error", text.clone(), if has { text.clone() } else { format!("{:?}", first.host.errors) });
+        }
+        if let Some(failed) = expect.failed_requests {
+            compare("failed requests", failed.to_string(), first.host.failed_requests.to_string());
         }
         if differences.is_empty() { Ok(()) } else { Err(differences.join("\n")) }
     }
