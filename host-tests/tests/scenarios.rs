@@ -80,6 +80,7 @@ fn impossible_events_are_named_with_their_line() {
         ("[[at]]\ns = 1.0\ninsole = 1\nevent = \"panic\"\n", 3, "insoles = 2"),
         ("[[at]]\ns = 1.0\nevent.power_cut = { off_s = 2.0 }\n[[at]]\ns = 2.0\nevent = \"panic\"\n", 6, "power"),
         ("[[at]]\ns = 1.0\nevent.walk = { steps = 3 }\n[[at]]\ns = 2.0\nevent.walk = { steps = 3 }\n", 6, "walk"),
+        ("[[at]]\ns = 1.0\nevent.walk = { steps = 3 }\n[[at]]\ns = 4.2\nevent.walk = { steps = 3 }\n", 6, "walk"),
         ("[[at]]\ns = 1.0\nevent.sensor_fault = \"open-cell\"\n", 3, "open-cell:17"),
         (
             "[[at]]\ns = 1.0\nevent.cable_cut = { for_s = 2.0 }\n[[at]]\ns = 2.0\nevent.cable_cut = { for_s = 2.0 }\n",

@@ -475,6 +475,12 @@ fn request(world: &SharedWorld, host: &mut Host, insole: usize, event: &Event) -
     }
 }
 
+/// The longest duration of a walk, s. It begins with a swing phase of 0.4 s, and so does each repetition after eight steps; a step
+/// takes at most 1.07 s with the swing phase after it.
+fn longest_walk_s(steps: u32) -> f64 {
+    0.4 + 1.12 * f64::from(steps)
+}
+
 /// Finds events that have an invalid value, or are impossible after the previous ones.
 struct EventCheck {
     /// Number of insoles.
@@ -527,8 +533,7 @@ impl EventCheck {
             Event::Walk { .. } | Event::Rest { .. } if s < self.busy_until_s[insole] => {
                 return Err("the wearer still walks or rests: let this activity end first".into());
             }
-            // A step takes about a second.
-            Event::Walk { steps } => self.busy_until_s[insole] = s + f64::from(*steps),
+            Event::Walk { steps } => self.busy_until_s[insole] = s + longest_walk_s(*steps),
             Event::Rest { for_s, .. } => self.busy_until_s[insole] = s + for_s,
             Event::PowerCut { .. } | Event::Stall(_) | Event::Panic if is_off => {
                 return Err("the insole is off: wait until power is back".into());
