@@ -54,7 +54,7 @@ impl Activity {
         }
     }
 
-    /// Force at this time, s, relative to the weight; 0 for activities that consist of steps.
+    /// Force at this time, s, relative to the weight; 0 for activities that consist of steps, and for a lifted foot.
     fn load(self, t_s: f64) -> f64 {
         let wave = |period_s: f64| (TAU * t_s / period_s).sin();
         match self {

@@ -225,7 +225,7 @@ pub fn live(sequence: u32) -> Live {
     }
 }
 
-/// A status with a different value in each field.
+/// A status with different values in most fields.
 pub fn status() -> Status {
     Status {
         uptime_us: 6_000_000_000,

@@ -12,8 +12,8 @@ use std::time::Duration;
 
 /// Longest wait for a message in one call, us.
 const WAIT_US: u64 = 50_000;
-/// Time without a message after which the host connects again, us. A working link is never silent that long, because the client
-/// requests the insole's time more often.
+/// Time after which the host connects again if [`Client::receive`] has returned no message, us. It does not return the answers to
+/// its requests for the insole's time, so a host without live frames also connects again if no load record arrives for this time.
 const SILENCE_US: u64 = 2_000_000;
 /// Longest wait for the answer to a connection request.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);

@@ -315,7 +315,8 @@ pub struct Expect {
     pub error: Option<String>,
     /// Number of requests to the first insole that are refused or not answered.
     pub failed_requests: Option<usize>,
-    /// A part of the crash report in the last hello of the first insole: the crash that ended its previous boot.
+    /// A part of the fault text in the last hello of the first insole: the crash that ended its previous boot or, without one,
+    /// what failed at its start.
     pub last_fault: Option<String>,
 }
 
@@ -475,8 +476,8 @@ fn request(world: &SharedWorld, host: &mut Host, insole: usize, event: &Event) -
     }
 }
 
-/// The longest duration of a walk, s. It begins with a swing phase of 0.4 s, and so does each repetition after eight steps; a step
-/// takes at most 1.07 s with the swing phase after it.
+/// The longest duration of a walk, s. It begins with a swing phase of 0.4 s, and so does each repetition after eight steps; a
+/// step takes at most 1.07 s with the swing phase after it.
 fn longest_walk_s(steps: u32) -> f64 {
     0.4 + 1.12 * f64::from(steps)
 }

@@ -69,7 +69,7 @@ impl Codes {
 pub enum Posture {
     /// The foot carries a constant load.
     Stand,
-    /// The load decreases to a third and increases again, with a period of 1.2 s.
+    /// The codes decrease to a third, and so the load to a quarter, and increase again, with a period of 1.2 s.
     Shuffle,
     /// The foot carries little load.
     Sit,
