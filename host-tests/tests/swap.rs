@@ -358,6 +358,14 @@ proptest! {
     }
 }
 
+/// Number of write and erase operations of `work` on a copy of the chip `before`.
+fn operations(before: &NorFlashChip, work: impl Fn(&mut NorFlashChip)) -> u64 {
+    let mut chip = before.restarted();
+    chip.operations = 0;
+    work(&mut chip);
+    chip.operations
+}
+
 /// Runs `work` on copies of the chip `before`, each with one power cut: in every `stride`th write or erase operation of `work`,
 /// at each of the moments [`TORN`]. Passes each chip to `check` afterwards, with the number of the operation and the moment.
 /// Returns the number of cuts.
@@ -367,11 +375,10 @@ fn cuts(
     work: impl Fn(&mut NorFlashChip),
     mut check: impl FnMut(&mut NorFlashChip, u64, Torn),
 ) -> usize {
-    let mut uninterrupted = before.restarted();
-    uninterrupted.operations = 0;
-    work(&mut uninterrupted);
+    let operations = operations(before, &work);
+    assert!(operations > 0, "without an operation, power cannot fail in one");
     let mut count = 0;
-    for operation in (0..uninterrupted.operations).step_by(stride) {
+    for operation in (0..operations).step_by(stride) {
         for torn in TORN {
             let mut chip = before.restarted();
             (chip.operations, chip.cut) = (0, Some((operation, torn)));

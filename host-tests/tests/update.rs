@@ -11,7 +11,7 @@ use emulator::{Board, Link};
 use firmware_image::{Image, SigningKey};
 use plantar::protocol::update::{CHUNK, Header, Progress, Refusal, Request};
 use plantar::protocol::{self, ToDevice};
-use plantar::storage::flash_map::HEADER;
+use plantar::storage::flash_map::{HEADER, MAX_IMAGE, SECTOR};
 use std::time::Duration;
 
 /// Version of the image that is sent.
@@ -193,12 +193,21 @@ fn a_loss_of_power_during_the_transfer_leaves_the_running_image() {
         }
         cuts += 1;
     }
+    // Every chunk is written in one operation.
+    assert!(cuts > u32::from(image.offer().chunks), "only {cuts} cuts");
     println!("{cuts} cuts");
 }
 
 /// Number of write and erase operations of a swap from one tested power cut to the next. Testing every operation would take too
 /// long in the emulator; `swap.rs` does that on a simulated chip.
 const STRIDE: usize = 29;
+
+/// Asserts that power failed so often, once in [`STRIDE`] operations, that the operations are those of a whole swap. A swap in
+/// either direction erases each sector of both images.
+fn assert_whole_swap(cuts: usize) {
+    assert!(cuts * STRIDE >= 2 * (MAX_IMAGE / SECTOR) as usize, "only {cuts} cuts");
+    println!("{cuts} cuts");
+}
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
@@ -221,7 +230,7 @@ fn a_loss_of_power_during_the_swap_ends_in_the_new_image() {
         assert_eq!(connect(&board).hello().firmware, NEW, "after the cut in operation {cut}");
         cuts += 1;
     }
-    println!("{cuts} cuts");
+    assert_whole_swap(cuts);
 }
 
 #[test]
@@ -246,5 +255,5 @@ fn a_loss_of_power_during_the_swap_back_ends_in_the_old_image() {
         assert_eq!(connect(&board).hello().firmware, OLD, "after the cut in operation {cut}");
         cuts += 1;
     }
-    println!("{cuts} cuts");
+    assert_whole_swap(cuts);
 }
