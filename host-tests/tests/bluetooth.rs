@@ -310,28 +310,35 @@ fn a_phone_that_pairs_without_bonding_has_no_access() {
     assert_eq!(world.insole.bonds(), None);
 }
 
-/// The fifth bond replaces the oldest one.
+/// The fifth bond replaces the least recently used one, which is not the oldest one here.
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn four_bonds_are_stored() {
     let mut world = World::start(WALK(1));
     let mut phones: Vec<_> = (1..=5).map(|number| world.new_phone(number)).collect();
-    for phone in &mut phones {
+    let bond = |world: &mut World, phone: &mut Phone| {
         phone.connect(&mut world.radio, 23);
         world.radio.request(json!({"do": "pair", "phone": phone.name}));
         phone.open(&mut world.radio);
         phone.disconnect(&mut world.radio);
+    };
+    for phone in &mut phones[..4] {
+        bond(&mut world, phone);
     }
+    phones[0].reopen(&mut world.radio, 23);
+    phones[0].disconnect(&mut world.radio);
+    bond(&mut world, &mut phones[4]);
     world.restart(|config| config.bonding_s = 0);
-    for phone in &mut phones[1..] {
+    let mut replaced = phones.remove(1);
+    for phone in &mut phones {
         phone.reopen(&mut world.radio, 23);
         phone.disconnect(&mut world.radio);
     }
-    phones[0].connect(&mut world.radio, 23);
+    replaced.connect(&mut world.radio, 23);
     world
         .radio
-        .try_request(json!({"do": "encrypt", "phone": phones[0].name}))
-        .expect_err("the oldest bond must be deleted");
+        .try_request(json!({"do": "encrypt", "phone": replaced.name}))
+        .expect_err("the least recently used bond must be deleted");
 }
 
 /// The steps that a phone has stored. A step that arrives again is not stored again.
