@@ -5,6 +5,7 @@ use plantar::faults::{Fault, FaultKind, Faults, MAX_FAULTS, Place};
 use plantar::insole::Insole;
 use plantar::pipeline::alert::{AlertRules, DailyLoad};
 use plantar::pipeline::baseline::ZeroResult;
+use plantar::pipeline::bout::BoutKind;
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::cumulative::{RegionTotal, Totals};
@@ -685,6 +686,7 @@ fn the_first_byte_identifies_the_message() {
         [ToHost::LIVE, ToHost::STEP, ToHost::TISSUE, ToHost::REFUSED, ToHost::BOUT, ToHost::ALERT, ToHost::ELLIPSES];
     let samples = samples();
     assert_eq!([1, 2, 4, 5, 11, 12, 13].map(|i| first(&samples[i])), expected);
+    assert_eq!(first(&ToHost::Cells(cell_frame())), ToHost::CELLS);
 }
 
 #[test]
@@ -695,6 +697,41 @@ fn the_checksum_is_crc_32_iso_hdlc() {
 
 fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|b| format!("{b:02x}")).collect()
+}
+
+/// The numbers of the values of enumerations in messages. They are part of the bytes of this version, but
+/// [`messages_have_the_bytes_of_this_version`] has an example of each message, and so only some of the values.
+#[test]
+fn enumerations_have_the_numbers_of_this_version() {
+    fn assert_numbered<T: serde::Serialize>(values: &[T]) {
+        let numbers: Vec<u8> = values.iter().map(|value| encoded(value)[0]).collect();
+        assert!(numbers.iter().copied().eq(0..values.len() as u8), "{}: {numbers:?}", std::any::type_name::<T>());
+    }
+    assert_numbered(&[Side::Left, Side::Right]);
+    assert_numbered(&[
+        Region::Heel,
+        Region::PosteriorMidfoot,
+        Region::AnteriorMidfoot,
+        Region::Metatarsals12,
+        Region::Metatarsals35,
+        Region::Hallux,
+        Region::Toe2,
+        Region::Toes35,
+    ]);
+    assert_numbered(&[Reset::Power, Reset::Pin, Reset::Software, Reset::Watchdog, Reset::Panic, Reset::Unknown]);
+    assert_numbered(&[BoutKind::Unclassified, BoutKind::Standing, BoutKind::Shuffling, BoutKind::Sitting]);
+    assert_numbered(&[
+        FaultKind::Open,
+        FaultKind::Short,
+        FaultKind::Stuck,
+        FaultKind::Saturated,
+        FaultKind::Drift,
+        FaultKind::Crosstalk,
+    ]);
+    assert_numbered(&[Place::Cell(0), Place::Row(0), Place::Column(0)]);
+    assert_numbered(&[AreaFilter::Direct, AreaFilter::Live]);
+    assert_numbered(&[Resolution::Converter, Resolution::Oversampled]);
+    assert_numbered(&UPDATE_REFUSALS);
 }
 
 /// The bytes of all messages of version 3.0 on a byte carrier, on which hosts and insoles in use depend. The bytes of Hello and
@@ -944,7 +981,8 @@ fn live_values_are_rounded_and_limited() {
         let deformation_um = (force_n * 0.1).max(0.0).round().min(65535.0) as u16;
         let region = LiveRegion { area_mm2: 0, deformation_um, model_dn: message_dn, measured_dn: message_dn };
         assert_eq!(live.regions[3], region, "{force_n} N");
-        assert_eq!((live.sequence, live.t_us, live.saturated, live.clamped), (9, 10, 1 << 3, 1 << 5));
+        assert_eq!((live.sequence, live.t_us), (9, 10));
+        assert_eq!((live.saturated, live.clamped, live.masked), (1 << 3, 1 << 5, 1 << 6));
         assert_eq!((live.centre_x_dmm, live.centre_y_dmm), (123, 568));
     }
 }
