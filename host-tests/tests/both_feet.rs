@@ -158,6 +158,8 @@ fn both_feet_stream_a_minute_in_real_time() {
         let status = status.expect("the insole answers");
         assert_eq!(foot.live.len() as u32, status.live_sent, "every frame that was sent must arrive");
         assert!(foot.live.windows(2).all(|pair| pair[0].1.sequence < pair[1].1.sequence));
+        let last = foot.live.last().map(|(_, live)| live.sequence);
+        assert!(last < Some(status.live_due), "every lost frame must be counted as due: {last:?}, {status:?}");
         let records = foot.numbers.len() as u32;
         assert!(foot.numbers.iter().copied().eq(0..records), "every record must arrive once, in order");
         assert_eq!(foot.steps.len() as u32, status.steps, "every step must arrive");
