@@ -120,6 +120,8 @@ fn stored_steps_arrive_if_later_ones_could_not_be_stored() {
         }
         let numbers: Vec<_> = host.records.iter().map(LoadRecord::number).collect();
         assert!((0..stored).all(|number| numbers.contains(&number)), "{stored} stored steps, received {numbers:?}");
+        let status = host.status().expect("the insole answers");
+        assert!(status.not_stored >= 4, "the supply was too low for the steps of the second walk: {status:?}");
     }
 }
 
