@@ -89,6 +89,7 @@ fn every_kind_of_fault_is_found_within_two_steps() {
 
 /// Checks that masked cells increase the error of the model's force by at most half.
 fn assert_masked_cells_cost_little(recordings: &[Clean]) {
+    assert!(!recordings.is_empty(), "no recording has the selected name");
     for clean in recordings {
         let error = model_error(clean, 6, 1);
         println!("{}: {:.2} % without faults", clean.name, error.clean_percent);
