@@ -2,8 +2,8 @@
 with this independent implementation.
 
 Reads a JSON object from the standard input: rate_hz, peaks_kpa (one list for each region), and the rules. Writes a JSON object
-with the totals of each region, and for each alert its time (s) and two bit masks in which bit i is region i: the regions under
-sustained load, and the regions whose dose reached its limit.
+with the totals of each region, and for each alert the end of its second (s) and two bit masks in which bit i is region i: the
+regions under sustained load, and the regions whose dose has reached its limit and was not in an earlier alert.
 """
 
 import json

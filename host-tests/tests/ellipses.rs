@@ -1,4 +1,4 @@
-//! The stream of ellipses through the firmware's tasks on a host in virtual time, with the real client, and through the emulated
+//! The stream of ellipses through the firmware's loops on a host in virtual time, with the real client, and through the emulated
 //! board.
 
 use crate::common::{connect, firmware, synthetic_walk};

@@ -66,6 +66,7 @@ fn no_fault_is_reported_in_short_walks_of_varying_steps() {
     }
 }
 
+/// A drift that zero tracking corrects, at any time, counts as found: it is not reported as a fault.
 #[test]
 fn every_kind_of_fault_is_found_within_two_steps() {
     for (seed, clean) in computed().iter().enumerate() {

@@ -1,4 +1,4 @@
-//! A long walk with both feet: the firmware's tasks on a host in virtual time.
+//! A long walk with both feet: the firmware's loops on a host in virtual time.
 
 use plantar::pipeline::bout::BoutKind;
 use testkit::scenario::LongWalk;

@@ -1,4 +1,5 @@
-//! The results of a whole insole for each frame, compared with a reference in f64 that computes every frame from its codes alone.
+//! The results of a whole insole for each frame, compared with a reference that sums up the cells of each frame in f64. The
+//! reference uses the library's sensor curve, which `calibrate_contact.rs` compares with the sensor law.
 
 use plantar::insole::Insole;
 use plantar::pipeline::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw};
@@ -36,7 +37,7 @@ struct Truth {
     saturated: bool,
 }
 
-/// A direct computation of all values. Only the set of cells in contact is stored from frame to frame.
+/// A direct computation of all values. From frame to frame, it stores only which cells are in contact.
 struct Reference {
     setup: Setup,
     curve: Curve,

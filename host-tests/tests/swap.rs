@@ -171,7 +171,7 @@ fn a_swap_waits_for_the_supply_at_any_moment() {
 }
 
 #[test]
-fn a_refused_image_changes_nothing() {
+fn a_refused_image_is_not_swapped_in() {
     let other_key = SigningKey::from_bytes(&[8; 32]);
     let other_key = Image::sign(NEW.bytes().to_vec(), &other_key).expect("the image has a header");
     for (image, refusal) in [(&other_key, Refusal::Signature), (&image("1.1.99", 8 * CHUNK), Refusal::Older)] {
@@ -331,7 +331,7 @@ fn an_image_that_the_chip_returns_wrong_once_is_refused() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
 
     /// Chunks are lost, repeated or late, and hosts begin again. The transferred image must be complete and correct.
     #[test]

@@ -1,5 +1,5 @@
-//! Settings and steps that the real firmware has stored are available after a restart and after the insole was switched off.
-//! Power cuts within write operations are part of `cargo xtask soak`.
+//! Parameters, identity and steps that the real firmware has stored are available after a restart and after the insole was
+//! switched off. Power cuts within write operations are part of `cargo xtask soak`.
 
 use crate::common::{TIMEOUT, connect, firmware, synthetic_walk, tissue};
 use emulation::EmulatorConfig;
@@ -12,7 +12,7 @@ use recording::VirtualInsole;
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn settings_and_steps_survive_a_restart_and_a_loss_of_power() {
+fn parameters_identity_and_steps_survive_a_restart_and_a_loss_of_power() {
     let firmware = firmware();
     let walk = synthetic_walk(3, 100.0);
     let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);

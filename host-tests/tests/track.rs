@@ -43,8 +43,8 @@ fn noise(i: usize) -> f64 {
     ((i as f64 * 12.9898).sin() * 43_758.545_3).fract() * 0.5
 }
 
-/// The force law after these steps, each with its areas, mm2, and forces, N; and the change of K that the tracking reported
-/// after each step. `is_reliable` states whether the step with this index may be used.
+/// The force law after these steps, each with its areas, mm2, and forces, N; and the change of K relative to the identified law
+/// that the tracking reported after each step. `is_reliable` states whether the step with this index may be used.
 fn tracked<R: plantar::Real>(
     steps: &[(Vec<f64>, Vec<f64>)],
     is_reliable: impl Fn(usize) -> bool,

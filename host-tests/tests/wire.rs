@@ -987,7 +987,7 @@ fn live_values_are_rounded_and_limited() {
     }
 }
 
-/// The emulated board accepts only a complete set-up.
+/// The emulated board refuses a set-up file that ends within the configuration or within a cell.
 #[test]
 fn a_truncated_set_up_is_refused() {
     use emulation::{EmulatorConfig, read_setup};
@@ -1009,7 +1009,8 @@ fn a_truncated_set_up_is_refused() {
     };
     let (config, read) = file(bytes.len()).expect("the set-up is complete");
     assert_eq!((config.setup, read.collect::<Vec<_>>()), (setup, cells.to_vec()));
-    // A file that ends after the configuration or after the first cell is a complete set-up with fewer cells.
+    // The file does not contain the number of cells: one that ends after the configuration or after the first cell is a set-up
+    // with fewer cells.
     for len in (0..bytes.len()).filter(|&len| len != config_len && len != (config_len + bytes.len()) / 2) {
         assert!(file(len).is_none(), "{len} bytes");
     }
