@@ -23,6 +23,12 @@ export interface InsoleEvents {
   message(bytes: Uint8Array, side: Side): void;
 }
 
+/**
+ * True if the insole of a session is the one for this foot. A session that waits for a hello may have another insole than before.
+ */
+const claims = ({ hello, state }: Session, side: Side) =>
+  hello?.side === side && state !== "same-foot" && state !== "waiting";
+
 /** Creates a session for each insole of the transport in use, and passes the events of the transport to the sessions. */
 export class Insoles {
   sessions: Session[] = [];
@@ -43,7 +49,7 @@ export class Insoles {
     this.hellos.clear();
     const { record, answer, isKnown } = this.events;
     this.sessions = INSOLES.map((insole) => {
-      const isTaken = (side: Side) => this.of(side) !== undefined && this.of(side)?.insole !== insole;
+      const isTaken = (side: Side) => this.sessions.some((other) => other.insole !== insole && claims(other, side));
       return new Session(insole, this.wire, () => this.transport, record, answer, isTaken, isKnown);
     });
   }

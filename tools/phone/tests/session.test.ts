@@ -1,8 +1,10 @@
 import { beforeAll, describe, expect, test } from "vitest";
 import type { Status, ToHost } from "../src/generated/messages";
-import type { Step } from "../src/generated/quantities";
+import type { Side, Step } from "../src/generated/quantities";
+import { Insoles } from "../src/insoles";
 import { sessionProblems } from "../src/notes";
 import { TIMEOUT_MS } from "../src/reconnect";
+import { Recorder } from "../src/recorder";
 import { type RecordMessage, Session } from "../src/session";
 import type { Transport } from "../src/transport/transport";
 import type { Wire } from "../src/wire";
@@ -290,6 +292,41 @@ test("a second insole for a foot is not used", () => {
   // The first insole for this foot is still connected.
   session.closed("out of reach or switched off");
   expect(sessionProblems(session, wire.facts)).toEqual(problem);
+});
+
+/** The insoles of the page, with an open link to both, and functions that open both links again and pass on a hello. */
+function startInsoles() {
+  const none = () => undefined;
+  const events = { live: none, shape: none, record: none, isKnown: () => false, answer: none, message: none };
+  const insoles = new Insoles(wire, new Recorder(), events);
+  insoles.use({ location: "in a test", is_replay: false, can_lose_records: true, send: none, close: none });
+  const open = () => ([0, 1] as const).forEach((insole) => insoles.transportEvents.opened(insole));
+  open();
+  const hellos = { left: messagesOf(0)[0]!, right: messagesOf(1)[0]! };
+  /** The insole with this index states that it is the one for this foot. */
+  const identify = (insole: 0 | 1, side: Side) => insoles.transportEvents.message(insole, hellos[side]);
+  return { insoles, open, identify, states: () => insoles.sessions.map(({ state }) => state) };
+}
+
+test("of two insoles for one foot, the one whose hello arrives later is not used, in either order", () => {
+  for (const [first, second] of [[0, 1], [1, 0]] as const) {
+    const { insoles, identify, states } = startInsoles();
+    identify(first, "left");
+    identify(second, "left");
+    expect([states()[first], states()[second], insoles.of("left")?.insole]).toEqual(["live", "same-foot", first]);
+  }
+});
+
+test("two insoles that have changed places are both used after the links were opened again", () => {
+  for (const [first, second] of [[0, 1], [1, 0]] as const) {
+    const { open, identify, states } = startInsoles();
+    identify(first, "left");
+    identify(second, "right");
+    open();
+    identify(first, "right");
+    identify(second, "left");
+    expect(states()).toEqual(["live", "live"]);
+  }
 });
 
 test("an insole that reports a fault after its start measures, unless it has no cells", () => {
