@@ -59,7 +59,8 @@ export class Alerts {
     byId("alert-close").onclick = () => this.close();
     byId("alert-snooze").onclick = () => {
       // Both feet: a wearer who has no time to unload one foot has none for the other.
-      for (const session of this.insoles.sessions) session.send(this.wire.snoozeAlerts(SNOOZE_MIN * 60));
+      // A second insole for a foot may be another person's.
+      for (const side of SIDES) this.insoles.of(side)?.send(this.wire.snoozeAlerts(SNOOZE_MIN * 60));
       this.close();
     };
     const alerts = byId("alerts-on", HTMLInputElement);

@@ -116,6 +116,17 @@ test("rules that an insole could not store, but that are in force, are shown as 
   expect(note.content).toBe(JSON.stringify([""]));
 });
 
+test("the alerts of the insole of each foot are paused, but not those of a second insole for a foot", () => {
+  const { alerts, left, right } = start();
+  const other = connect("left");
+  other.session.state = "same-foot";
+  alerts["insoles"].sessions.push(other.session);
+  element("alert-snooze").onclick();
+  const pause = wire.snoozeAlerts(30 * 60);
+  expect([left.sent.at(-1), right.sent.at(-1)]).toEqual([pause, pause]);
+  expect(other.sent).not.toContainEqual(pause);
+});
+
 test("a signal in a hidden page is repeated when the page becomes visible, unless the wearer has closed the alert", () => {
   const { alerts } = start();
   const setHidden = (hidden: boolean) => {
