@@ -100,8 +100,8 @@ test("the reason of a refusal is that of an insole that was asked", () => {
   box.checked = true;
   box.onchange();
   const other = connect("left").session;
-  all.alerts.answered({ kind: "refused", reason: "of another request", is_other_host: false }, other);
   all.alerts.answered({ kind: "refused", reason: "busy", is_other_host: false }, all.right.session);
+  all.alerts.answered({ kind: "refused", reason: "of another request", is_other_host: false }, other);
   vi.advanceTimersByTime(3000);
   all.alerts.update();
   expect(note.content).toContain("The reason: busy.");
