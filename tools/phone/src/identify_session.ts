@@ -82,6 +82,8 @@ export interface Foot {
   refusal: string;
   /** True if the link is lost. */
   is_lost: boolean;
+  /** Smallest time of a live frame during the phase "stand", on the insole's clock; infinite before the first frame. */
+  first_frame_s: number;
   /** Steps with the new parameters, by key. */
   checked: Map<string, Step>;
   /** The result of the check; `undefined` before its end, and if the check was skipped or no fitted region was loaded. */
@@ -166,8 +168,8 @@ export class IdentifySession {
 
   private reset(sides: Side[]): void {
     this.feet = SIDES.filter((side) => sides.includes(side)).map((side) => ({
-      side, collected: undefined, result: undefined, sent: "no", refusal: "", is_lost: false, checked: new Map(),
-      check: undefined,
+      side, collected: undefined, result: undefined, sent: "no", refusal: "", is_lost: false,
+      first_frame_s: Infinity, checked: new Map(), check: undefined,
     }));
     this.remarks.clear();
     [this.parts, this.pending] = [[], []];
@@ -210,7 +212,10 @@ export class IdentifySession {
 
   /** A live frame of a foot arrived. `force_n` returns the total force on the other foot in its last frame, N. */
   live(side: Side, live: Live, now_ms: number, force_n: (side: Side) => number): void {
-    if (this.phase !== "stand" || !this.foot(side)) return;
+    const sender = this.foot(side);
+    if (this.phase !== "stand" || !sender) return;
+    // The times begin again after a restart of the insole, and when a recording is repeated.
+    sender.first_frame_s = Math.min(sender.first_frame_s, live.t_s);
     const is_standing = this.feet.every((foot) => (foot.side === side ? totalForce(live) : force_n(foot.side)) >= STANDING_N);
     if (!is_standing) this.stand_since_ms = undefined;
     else {
@@ -230,7 +235,8 @@ export class IdentifySession {
   step(side: Side, step: Step, key: string, now_ms: number): void {
     const foot = this.foot(side);
     if (!foot) return;
-    if (this.phase === "stand") {
+    // Steps from before the session can arrive, because the insole stores its steps until they are acknowledged.
+    if (this.phase === "stand" && step.starts_ago === 0 && step.start_s >= foot.first_frame_s) {
       this.remarks.add("You began to walk before you had stood still. That is all right.");
       this.walk(now_ms);
     }

@@ -28,7 +28,13 @@ function result(predicted: number): FootResult {
   return { fitted: 1, steps: [], regions, message: [4, 7], tissue_id: 42, parameters: "" };
 }
 
-/** Starts a session of these feet. Returns it with logs of its calls to the page. */
+/** Passes a live frame of a foot to the session, with the force on this foot and on the other one. */
+function receiveLive(session: IdentifySession, side: Side, now_ms: number, force_n = 0, other_n = 0): void {
+  const message = live({ t_s: now_ms / 1000 }, force_n / 8);
+  if (message.kind === "live") session.live(side, message, now_ms, () => other_n);
+}
+
+/** Starts a session of these feet, and passes it a live frame of each. Returns it with logs of its calls to the page. */
 function start(sides: Side[] = ["left", "right"]) {
   const said: string[] = [];
   const solved: Request[] = [];
@@ -48,6 +54,7 @@ function start(sides: Side[] = ["left", "right"]) {
   });
   const hellos = new Map(sides.map((side) => [side, HELLO]));
   session.start(hellos, 0, 1_000_000);
+  for (const side of sides) receiveLive(session, side, 0);
   const answer = (answer: Answer) => session.answer(answer, 0);
   const count = (...insoles: Collected[]) => answer({ kind: "collected", insoles });
   return { session, said, solved, sent, hellos, answer, count, stored: () => stored };
@@ -64,10 +71,7 @@ function walk(all: ReturnType<typeof start>) {
 
 test("after standing on both feet for three seconds, the wearer walks; a lifted foot restarts the time", () => {
   const { session, said } = start();
-  const frame = (now_ms: number, other_n: number, force_n = 400) => {
-    const message = live({}, force_n / 8);
-    if (message.kind === "live") session.live("left", message, now_ms, () => other_n);
-  };
+  const frame = (now_ms: number, other_n: number) => receiveLive(session, "left", now_ms, 400, other_n);
   frame(0, 300);
   frame(2500, 10);
   frame(2600, 300);
@@ -84,6 +88,25 @@ test("the session continues if the wearer walks too early, with a remark", () =>
   session.step("right", anyStep({ side: "right" }), "a", 100);
   expect(session.phase).toBe("walk");
   expect(session.comments().join()).toContain("before you had stood still");
+});
+
+test("steps from before the session, which the insole has stored, do not end the phase of standing", () => {
+  const { session, hellos } = start(["left"]);
+  session.start(hellos, 0, 2_000_000);
+  const receiveStep = (start_s: number, starts_ago = 0) =>
+    session.step("left", anyStep({ start_s, starts_ago }), `${start_s} ${starts_ago}`, 0);
+  // No live frame has arrived yet.
+  receiveStep(70);
+  receiveLive(session, "left", 80_000);
+  receiveStep(79.9);
+  receiveStep(500, 1);
+  expect([session.phase, session.comments()]).toEqual(["stand", []]);
+  // After a restart of the insole, its clock begins again.
+  receiveLive(session, "left", 1000);
+  receiveStep(79.9, 1);
+  expect(session.phase).toBe("stand");
+  receiveStep(1);
+  expect(session.phase).toBe("walk");
 });
 
 test("messages are passed on with their times and feet, and stored", () => {
