@@ -13,7 +13,7 @@ import type { Wire } from "./wire";
 
 /** An alert is shown if it is not older than this; an older one is only listed. */
 const FRESH_S = 300;
-/** Duration of a snooze. */
+/** Duration of a snooze. The text of the button in index.html states it, too. */
 const SNOOZE_MIN = 30;
 /** Number of alerts in the table. */
 const ROWS = 10;
@@ -175,9 +175,9 @@ export class Alerts {
     }));
     const snoozed_s = Math.max(0, ...daily.map((load) => load?.snoozed_s ?? 0));
     const raised = daily.reduce((sum, load) => sum + (load?.alerts ?? 0), 0);
-    fill("today-note", [
-      `Alerts today: ${raised}.` + (snoozed_s > 0 ? ` No alert for another ${Math.ceil(snoozed_s / 60)} minutes.` : ""),
-    ]);
+    const snoozed_min = Math.ceil(snoozed_s / 60);
+    const pause = ` No alert for another ${snoozed_min} ${snoozed_min === 1 ? "minute" : "minutes"}.`;
+    fill("today-note", [`Alerts today: ${raised}.` + (snoozed_s > 0 ? pause : "")]);
   }
 }
 

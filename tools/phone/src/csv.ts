@@ -13,8 +13,8 @@ const line = (cells: readonly Cell[]) => cells.map((cell) => cell ?? "").join(",
 
 /**
  * Returns the lines of a CSV file with one row for each live frame. `unix_s` is the time of the scan on the browser's clock,
- * which is the same for both feet. It is empty if the recording contains no time message of the insole. `t_s` is the time of
- * arrival since the start of the recording. `device_t_s` is the time of the scan on the insole's clock.
+ * which is the same for both feet. It is empty if the recording contains no time message of this session of the insole. `t_s` is
+ * the time of arrival since the start of the recording. `device_t_s` is the time of the scan on the insole's clock.
  */
 export function liveCsv(recorded: Iterable<Entry>, wire: Wire): string[] {
   const names = wire.facts.regions.map(({ name }) => name);

@@ -8,7 +8,7 @@ export class PhoneCues implements Cues {
 
   say(text: string): void {
     if (!("speechSynthesis" in window)) return;
-    // A new cue replaces those that are not spoken yet: they no longer apply.
+    // Only the latest cue applies, so it also replaces one that is being spoken.
     speechSynthesis.cancel();
     const utterance = new SpeechSynthesisUtterance(text);
     utterance.lang = "en";

@@ -17,7 +17,7 @@ interface Exports {
 /** The steps of one insole so far. */
 export interface Collected {
   side: Side;
-  /** Live frames per second. */
+  /** Frame rate: 1 divided by the smallest time between two live frames; 0 before the second frame. */
   rate_hz: number;
   /** Number of steps that a fit can use. */
   good: number;
@@ -27,7 +27,7 @@ export interface Collected {
   excluded: {
     /** Too many successive frames are missing. */
     broken: number;
-    /** The foot was loaded only partially. */
+    /** The peak force is below 60 % of the median peak force of the steps. */
     partial: number;
     /** Recorded before this session or before a restart of the insole. */
     before: number;

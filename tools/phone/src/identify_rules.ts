@@ -26,7 +26,7 @@ export function exclusions({ side, excluded }: Collected): string[] {
     count > 0 ? [`Not used: ${count} ${side} ${count === 1 ? "step" : "steps"} ${reason}`] : [];
   return [
     ...sentence(excluded.broken, "with lost data. Hold the phone closer to your feet."),
-    ...sentence(excluded.partial, "that were too light. Walk straight, at your usual pace."),
+    ...sentence(excluded.partial, "with too little load. Walk straight, at your usual pace."),
     ...sentence(excluded.before, "from before this session."),
   ];
 }

@@ -103,7 +103,7 @@ export class IdentifySession {
   failure = "";
   /** Number of the {@link regions} whose fit has ended, also without a result. */
   regions_done = 0;
-  /** The messages so far: parts of a stream file. */
+  /** The messages that were passed on to the worker and to the storage: parts of a stream file. */
   private parts: Uint8Array<ArrayBuffer>[] = [];
   /** Entries of the stream file with the messages that were not passed on yet. */
   private pending: Uint8Array[] = [];
@@ -182,7 +182,7 @@ export class IdentifySession {
     this.remarks.add("This browser cannot store the session. Do not reload the page until you have finished.");
   }
 
-  /** The stream file with all messages. */
+  /** The stream file with all messages that were passed on. */
   file(): Uint8Array<ArrayBuffer>[] {
     return this.parts;
   }
@@ -308,7 +308,7 @@ export class IdentifySession {
     const { excluded } = collected;
     const { excluded: previous } = before;
     const remark = excluded.broken > previous.broken ? "Data were lost. Hold the phone closer to your feet."
-      : excluded.partial > previous.partial ? "That step was too light. Walk straight, at your usual pace." : "";
+      : excluded.partial > previous.partial ? "That step had too little load. Walk straight, at your usual pace." : "";
     if (remark && now_ms - this.remarked_ms >= REMARK_MS) {
       this.remarked_ms = now_ms;
       this.host.cues.say(remark);

@@ -10,6 +10,7 @@ import { SIDES, sideTitle } from "./side";
 
 /** Least share of an insole's frames that must arrive. Below it, the wearer is warned before the session. */
 const LEAST_RATE = 0.8;
+/** Below this charge of an insole's battery, the wearer is warned before the session. */
 const LOW_BATTERY_PERCENT = 15;
 /** An error of the model below the first value, %, is called good, and below the second one fair. */
 const [GOOD_PERCENT, FAIR_PERCENT] = [10, 20];
@@ -92,7 +93,7 @@ export function startProblems({ insoles, now_ms }: Pick<IdentifyState, "insoles"
         ? [`Only ${rates} frames per second arrive from the ${side} insole. Hold the phone closer.`]
         : []),
       ...(battery_percent !== undefined && battery_percent < LOW_BATTERY_PERCENT
-        ? [`The battery of the ${side} insole has ${battery_percent} %. Charge it first.`]
+        ? [`The battery of the ${side} insole is at ${battery_percent} %. Charge it first.`]
         : []),
     ];
   });
@@ -109,7 +110,7 @@ function start(state: IdentifyState): Node[] {
   return [
     ["p", {},
       `Stand for a moment, then walk ${TARGET_STEPS} steps with each foot. The phone computes how stiff your tissue is ` +
-        "in each region, and sends the result to your insoles."],
+        `in each region. You can then send the result to your insoles, and check it on ${CHECK_STEPS} more steps.`],
     ["ol", { class: "soft" },
       ["li", {}, "Wear the shoes with the insoles, the left one in the left shoe."],
       ["li", {}, "Carry the phone in your hand or in a pocket, with the sound on."],

@@ -42,7 +42,7 @@ export function sessionProblems({ hello, state, reason }: Session, facts: Facts)
     case "other-host":
       return [
         `Another phone or program is connected to the ${hello.side} insole, and receives its steps now. ` +
-          "The page continues half a minute after that phone or program has disconnected.",
+          "The page continues at most about half a minute after that phone or program has disconnected.",
       ];
     case "live":
       if (!hello.fault) return [];

@@ -12,7 +12,7 @@ import type { Wire } from "./wire";
 
 /**
  * Number of the last records that are loaded at the start. When the records of a kind in memory reach twice this number, only
- * this number of them remain in memory. All others remain in the storage only.
+ * this number of each kind remain in memory. All others remain in the storage only.
  */
 const LOADED = 1000;
 

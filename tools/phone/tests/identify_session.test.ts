@@ -142,9 +142,9 @@ test("progress is spoken every ten steps, and reasons of unused steps at interva
   count(collected("left", 10, { partial: 2 }), collected("right", 9));
   expect(said).toEqual([
     `10 of ${TARGET_STEPS} with the left foot.`,
-    "That step was too light. Walk straight, at your usual pace.",
+    "That step had too little load. Walk straight, at your usual pace.",
   ]);
-  expect(session.comments().join()).toContain("2 left steps that were too light");
+  expect(session.comments().join()).toContain("2 left steps with too little load");
 });
 
 test("the feet are fitted one after the other, the parameters are sent until they are confirmed, and checked", () => {

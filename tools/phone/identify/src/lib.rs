@@ -42,16 +42,16 @@ pub extern "C" fn add(insole: usize) -> bool {
     phone_buffer::with(|message| with(|session| session.add(insole, message)))
 }
 
-/// Writes the numbers of usable and excluded steps of each insole to the buffer as JSON, and returns the length of the text.
+/// Writes the result of [`Session::collected`] to the buffer as JSON, and returns the length of the text.
 #[unsafe(no_mangle)]
 pub extern "C" fn collected() -> usize {
     let json = with(|session| session.collected().to_string());
     put(json.as_bytes())
 }
 
-/// Fits the parameters to the steps of the insole with this index. Writes the result to the buffer as JSON and returns the length
-/// of the text. `size` is the European shoe size, to which the typical thickness of the tissue is scaled; a size without typical
-/// values counts as the default size.
+/// Fits the parameters to the steps of the insole with this index. Writes the result of [`Session::identify`] to the buffer as
+/// JSON and returns the length of the text. `size` is the European shoe size, to which the typical thickness of the tissue is
+/// scaled; a size without typical values counts as the default size.
 #[unsafe(no_mangle)]
 pub extern "C" fn identify(insole: usize, size: u8) -> usize {
     let size = size.to_string().parse::<InsoleSize>().unwrap_or_default();

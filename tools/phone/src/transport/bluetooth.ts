@@ -9,7 +9,7 @@ import { INSOLES, type Insole, type Transport, type TransportEvents } from "./tr
 const VALUE_BYTES = 20;
 const NO_SERVICE =
   "The insole does not offer what this page needs. Update its firmware with plantar update, then try again.";
-/** An insole does not let a phone subscribe that is not paired. */
+/** An insole does not let a phone that is not paired subscribe to its characteristics. */
 const NOT_PAIRED =
   "The insole did not accept this phone. It pairs only within a minute after it is switched on: switch it off and on, then " +
   "try again at once. If this phone was paired with it before, first remove the insole in the phone's Bluetooth settings.";
@@ -150,7 +150,8 @@ export class BluetoothTransport implements Transport {
     const write = async () => {
       for (const value of fragments(message, VALUE_BYTES)) await channel.writeValueWithResponse(value);
     };
-    // A write fails if the link breaks. The handler of `gattserverdisconnected` then opens the link again.
+    // A write fails if the insole refuses it, or if the link breaks. In the second case, the handler of `gattserverdisconnected`
+    // opens the link again.
     connected.writing = connected.writing.then(write).catch(() => undefined);
   }
 

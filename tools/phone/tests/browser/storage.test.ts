@@ -1,4 +1,7 @@
-/** The stored records on the built page in Chromium. `PLANTAR_FIGURES` is a folder for a file with the time to open the page. */
+/**
+ * The stored records on the built page in Chromium. `PLANTAR_FIGURES` is a folder for a file with the time to open the page and
+ * the memory that the page then uses.
+ */
 
 import { readFileSync, writeFileSync } from "node:fs";
 import { join } from "node:path";

@@ -236,7 +236,7 @@ pub extern "C" fn order_repeat(index: usize, number: u32) {
     with(&ORDERS, index, |order| order.repeat(number));
 }
 
-/// True from the detection of a gap until [`order_begin`]: the page must request the session again.
+/// True from the detection of a gap until [`order_begin`]: the page must send the message of [`connect`] again.
 #[unsafe(no_mangle)]
 pub extern "C" fn order_is_replay_due(index: usize) -> bool {
     with(&ORDERS, index, |order| order.requested_us().is_some())

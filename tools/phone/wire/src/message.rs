@@ -12,8 +12,8 @@ use serde::{Serialize, Serializer};
 use serde_json::Value;
 use std::fmt::Write;
 
-/// The reason of [`protocol::Refusal::NotUnderstood`], by which `plantar serve` refuses a change if it was started without the
-/// option. It also passes on this refusal of an insole with older firmware.
+/// The reason of [`protocol::Refusal::NotUnderstood`], by which `plantar serve` refuses a change if it was started without
+/// `--accept-parameters`. It also passes on this refusal of an insole with older firmware.
 const NOT_UNDERSTOOD: &str = "plantar serve accepts changes only with the option --accept-parameters; \
                               if it was started with this option, update the insole's firmware";
 

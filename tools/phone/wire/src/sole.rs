@@ -75,6 +75,7 @@ pub struct LayoutCell {
 }
 
 impl LayoutCell {
+    /// Half of the edge of the square.
     fn half_mm(&self) -> f32 {
         self.area_mm2.sqrt() / 2.0
     }

@@ -129,7 +129,7 @@ fn messages() -> String {
 /// Adds the TypeScript declaration of `T` to `text`.
 fn declare<T: TS>(text: &mut String, config: &Config) {
     let declaration = format!("{}export {}", T::docs().unwrap_or_default(), T::decl(config));
-    // Every doc comment is one line, so it is written as a comment of one line.
+    // A doc comment of one line becomes a comment of one line. The first and last lines of a longer one have text, too.
     let declaration = declaration.replace("/**\n * ", "/** ").replace("\n */", " */");
     text.push('\n');
     declaration.lines().for_each(|line| writeln!(text, "{}", line.trim_end()).expect("a string grows"));
