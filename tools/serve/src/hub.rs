@@ -445,7 +445,7 @@ impl Page {
             // The insole answers with the load of the day, which all pages receive.
             Some(request @ ToDevice::SnoozeAlerts { .. }) => insole.to_send.push_back(request),
             // A page may not send these requests. Changes of parameters and of rules of alerts get here only if the hub does not
-            // accept them.
+            // accept them. The hub does not request the cells from the insole, so it cannot confirm a stream of cells.
             Some(
                 ToDevice::SetTissue(_)
                 | ToDevice::SetIdentifiedTissue { .. }
@@ -462,7 +462,8 @@ impl Page {
                 | ToDevice::SetCalibrationBlock { .. }
                 | ToDevice::SetCalibration { .. }
                 | ToDevice::EraseWearer
-                | ToDevice::Restart,
+                | ToDevice::Restart
+                | ToDevice::StreamCells(_),
             )
             | None => link.receive_unknown(),
             // Ignored, because the bridge sets the clock.
@@ -583,7 +584,7 @@ impl Drop for Page {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use plantar::protocol::Step;
+    use plantar::protocol::{CellStream, Resolution, Step};
 
     /// Passes a message of a page to the hub.
     fn send(page: &Page, index: usize, message: ToDevice) {
@@ -637,6 +638,18 @@ mod tests {
         }
         let expected = [Step { boots_since: 1, ..testkit::step(36) }, testkit::step(37)];
         assert_eq!(records_of(hub.join()), expected.map(LoadRecord::from));
+    }
+
+    #[test]
+    fn a_stream_of_cells_is_refused() {
+        let hub = Arc::new(Hub::new(vec![None], false, None));
+        let mut page = hub.join();
+        hub.hello(0, &testkit::hello(), None, None, None, None);
+        let stream = CellStream { resolution: Resolution::Converter, every: 1 };
+        send(&page, 0, ToDevice::StreamCells(Some(stream)));
+        let messages: Vec<ToHost> = std::iter::from_fn(|| page.next()).filter_map(|bytes| decode(&bytes[1..])).collect();
+        assert!(messages.contains(&ToHost::Refused(Refusal::NotUnderstood)), "{messages:?}");
+        assert!(!messages.iter().any(|message| matches!(message, ToHost::CellStream(_))), "{messages:?}");
     }
 
     #[test]
