@@ -9,6 +9,7 @@ use plantar::protocol::session::{Command, CommandResult, RECORD_QUEUE, Session};
 use plantar::protocol::{
     Ellipses, Hello, Live, LoadRecord, MAX_MESSAGE, Refusal, Status, ToDevice, ToHost, decode, encode,
 };
+use plantar::sequence;
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -559,17 +560,25 @@ impl Insole {
         command.filter(|_| self.waiting.is_none()).map(|command| (waiting, command))
     }
 
-    /// Removes the record with this number from the pending records, and acknowledges it to the insole.
+    /// Removes the record with this number and all earlier ones from the pending records, because an acknowledgement covers
+    /// them, too, and acknowledges them to the insole.
     fn acknowledged_by_page(&mut self, number: u32) {
         let is_acknowledged = |pending: &Pending| pending.record.number() == number;
         let Some(position) = self.pending.iter().position(is_acknowledged) else { return };
-        if let Some(Pending { record, session, .. }) = self.pending.remove(position) {
-            push(&mut self.acknowledged, record);
-            // In a later session the insole may use this number for another record.
-            if session == self.session {
-                self.to_acknowledge = Some(number);
-            }
+        // In a later session the insole may use this number for another record.
+        if self.pending[position].session == self.session {
+            self.to_acknowledge = Some(number);
         }
+        let mut index = 0;
+        self.pending.retain(|Pending { record, .. }| {
+            // Records of an earlier session may come first with later numbers.
+            let is_covered = index <= position && !sequence::is_after(record.number(), number);
+            index += 1;
+            if is_covered {
+                push(&mut self.acknowledged, *record);
+            }
+            !is_covered
+        });
     }
 }
 
@@ -638,6 +647,21 @@ mod tests {
         }
         let expected = [Step { boots_since: 1, ..testkit::step(36) }, testkit::step(37)];
         assert_eq!(records_of(hub.join()), expected.map(LoadRecord::from));
+    }
+
+    /// A page that could store several records only together acknowledges the last of them.
+    #[test]
+    fn an_acknowledgement_of_a_page_covers_all_earlier_records() {
+        let hub = Arc::new(Hub::new(vec![None], false, None));
+        let page = hub.join();
+        hub.hello(0, &testkit::hello(), None, None, None, None);
+        (0..4).for_each(|number| hub.load_record(0, testkit::step(number).into()));
+        send(&page, 0, ToDevice::Acknowledge { number: 2 });
+        assert_eq!(hub.acknowledgement(0), Some(2));
+        assert_eq!(records_of(hub.join()), [LoadRecord::from(testkit::step(3))]);
+        // The insole did not receive the acknowledgement.
+        hub.load_record(0, testkit::step(1).into());
+        assert_eq!(hub.acknowledgement(0), Some(1));
     }
 
     #[test]
