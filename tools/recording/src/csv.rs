@@ -62,10 +62,13 @@ fn read(
     let layout = read_layout(layout, layout_path)?;
     check::layout(&layout, &layout_path.display().to_string())?;
     let frames = read_frames(frames, frames_path, layout_path, layout.cells.len(), progress)?;
-    let rate_hz = rate::of(&frames.t_s, &|at| match at {
+    let place = |at: At| match at {
         At::Whole => frames_path.display().to_string(),
-        At::Frame(frame) | At::Value { frame, .. } => at_line(frames_path, frames.lines[frame]),
-    })?;
+        At::Frame(frame) => at_line(frames_path, frames.lines[frame]),
+        At::Value { frame, cell } => format!("{}, column c{cell}", at_line(frames_path, frames.lines[frame])),
+    };
+    let rate_hz = rate::of(&frames.t_s, &place)?;
+    check::pressures(&frames.pressure_kpa, layout.cells.len(), &place)?;
     Ok(Recording {
         side,
         rate_hz,
@@ -252,7 +255,7 @@ fn shared_mm((a, half_a): (f64, f64), (b, half_b): (f64, f64)) -> f64 {
     ((a + half_a).min(b + half_b) - (a - half_a).max(b - half_b)).max(0.0)
 }
 
-/// The frames of a file. Each value has been checked, but not whether the intervals between the times are equal.
+/// The frames of a file. Their numbers are finite, the times increase, and no pressure is negative.
 struct Frames {
     /// Time of each frame, s.
     t_s: Vec<f64>,

@@ -66,13 +66,20 @@ fn read(
     let sensors = header.sensors_of(side, all_cells.len(), asc_path, geometry_path)?;
     let cells: Vec<Cell> = sensors.iter().map(|(_, sensor)| all_cells[sensor - 1]).collect();
     let frames = read_frames(&text, lines, asc_path, &header, &sensors, side, progress)?;
-    let rate_hz = rate::of(&frames.t_s, &|at| match at {
+    let place = |at: At| match at {
         At::Whole => asc_path.display().to_string(),
-        At::Frame(frame) | At::Value { frame, .. } => at_line(asc_path, frames.lines[frame]),
-    })?;
+        At::Frame(frame) => at_line(asc_path, frames.lines[frame]),
+        At::Value { frame, cell } => {
+            format!("{}, {} {}", at_line(asc_path, frames.lines[frame]), side.name(), sensors[cell].1)
+        }
+    };
+    let rate_hz = rate::of(&frames.t_s, &place)?;
+    check::pressures(&frames.pressure_kpa, cells.len(), &place)?;
+    let layout = Layout { name: format!("pedar insole, {} sensors", cells.len()), cells };
+    check::geometry(&layout, &geometry_path.display().to_string())?;
     Ok(Recording {
         side,
-        layout: Layout { name: format!("pedar insole, {} sensors", cells.len()), cells },
+        layout,
         rate_hz,
         source: format!(
             "pedar measurement {}, {} insole, geometry {}, regions by template.{}",
@@ -174,7 +181,7 @@ fn centroid_and_area(polygon: &[[f64; 2]; 4]) -> ([f64; 2], f64) {
     ([x / (3.0 * doubled_mm2), y / (3.0 * doubled_mm2)], doubled_mm2.abs() / 2.0)
 }
 
-/// The frames of a file. Each value has been checked, but not whether the intervals between the times are equal.
+/// The frames of a file. The numbers in the file are finite, the times increase, and no pressure is negative.
 struct Frames {
     /// Time of each frame, s.
     t_s: Vec<f64>,

@@ -188,6 +188,7 @@ fn invalid_frame_rows_are_rejected() {
     }
     refused("0.01,3,", "0.01,-3,", &["frames.csv:3", "pressure -3", "c0", "at least 0"]);
     refused("0.01,3,", "0.01,1e300,", &["frames.csv:3", "c0"]);
+    refused("0.01,3,", "0.01,60000,", &["frames.csv:3", "c0", "60000 kPa", "0 to 50000 kPa"]);
     refused("0.02,", "0.00,", &["frames.csv:4", "backwards"]);
     refused("0.02,", "0.01,", &["frames.csv:4", "repeated"]);
     refused("0.02,", "soon,", &["frames.csv:4", "`soon` in column t_s"]);

@@ -83,6 +83,7 @@ fn the_error_for_an_invalid_measurement_names_the_line() {
     refused("\t7\t8", "\t7", &["walk.asc:6", "4 columns"]);
     refused("\t7\t8", "\t7\t-8", &["walk.asc:6", "right 2", "at least 0"]);
     refused("\t7\t8", "\t7\tNaN", &["walk.asc:6", "right 2", "finite"]);
+    refused("\t7\t8", "\t7\t60000", &["walk.asc:6", "right 2", "60000 kPa", "0 to 50000 kPa"]);
     refused("0.02", "0.01", &["walk.asc:6", "repeated"]);
     refused("0.03", "0.005", &["walk.asc:7", "backwards"]);
     refused("0.03\t9", "0.07\t9", &["walk.asc:7", "after the frame before"]);
