@@ -158,8 +158,9 @@ impl Parameters {
         self.rows(group, name, -1, Some(length as u8), &rows.iter().map(String::as_bytes).collect::<Vec<_>>());
     }
 
-    /// Adds rows of elements of the type `kind` in the code of C3D; a row has `columns` elements, or a single one for `None`. A
-    /// dimension is at most 255, so further rows become parameters with the suffix 2, 3 and so on, as readers expect of labels.
+    /// Adds rows of elements. `kind` is the code of their type: -1 for characters, 2 for integers of 16 bits, 4 for reals. A row
+    /// has `columns` elements, or a single one for `None`. A dimension is at most 255, so further rows become parameters with
+    /// the suffix 2, 3 and so on, as readers expect of labels.
     fn rows(&mut self, group: i8, name: &str, kind: i8, columns: Option<u8>, rows: &[&[u8]]) {
         let mut parts = rows.chunks(MOST_ELEMENTS).enumerate();
         let (_, first) = parts.next().unwrap_or_default();

@@ -57,8 +57,8 @@ impl Quantity {
     pub fn description(self) -> String {
         match self {
             Self::TotalForce => "Normal force, sum of all cells".into(),
-            Self::CopX => "Centre of pressure, from the medial edge to the lateral side".into(),
-            Self::CopY => "Centre of pressure, from the back of the heel to the toes".into(),
+            Self::CopX => "Centre of pressure, distance from the medial edge".into(),
+            Self::CopY => "Centre of pressure, distance from the back of the heel".into(),
             Self::Force(region) => format!("Normal force on the region {}", region.name()),
             Self::Area(region) => format!("Area of the region {} by the contact rule", region.name()),
         }

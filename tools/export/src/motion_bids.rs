@@ -25,7 +25,7 @@ pub struct Names {
 /// Writes a new folder with a data set of one participant. `program` is the name and version of the exporting program.
 ///
 /// # Errors
-/// Fails if the folder exists or cannot be written, or a name is empty or has other characters than letters and digits.
+/// Fails if `path` exists or cannot be written, or a name is empty or has other characters than letters and digits.
 pub fn write(session: &Session, names: &Names, program: &str, path: &Path) -> Result<()> {
     let place = path.display().to_string();
     for name in [&names.subject, &names.task] {
@@ -35,7 +35,7 @@ pub fn write(session: &Session, names: &Names, program: &str, path: &Path) -> Re
         }
     }
     if path.exists() {
-        return Err(content(&place, "the folder exists".into(), "name a new folder, or remove this one"));
+        return Err(content(&place, "it exists already".into(), "name a new folder, or remove this one"));
     }
     output::at(path, |folder| {
         fs::create_dir(folder)?;

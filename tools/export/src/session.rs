@@ -71,6 +71,9 @@ impl Foot {
     ///
     /// # Errors
     /// Fails if the insole refuses the recording or the parameters.
+    ///
+    /// # Panics
+    /// Panics if the recording has no frame.
     pub fn new(recording: Recording, virtual_insole: &VirtualInsole, tissue: &Tissue, file: &str) -> Result<Self> {
         let mut insole = Box::new(Insole::<f32, MAX_CELLS>::new());
         let accepted = insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied());
@@ -199,7 +202,7 @@ pub struct Session {
 
 impl Session {
     /// The frames that all feet have, between two times on the clock of the recordings, s. Frames of both feet belong together
-    /// if they are nearest in time, so the second foot is late or early by at most half a frame.
+    /// if they are nearest in time, so those of the right foot are late or early by at most half a frame period.
     ///
     /// # Errors
     /// Fails if both recordings are of the same foot, have no frame between these times in common, or have different rates or

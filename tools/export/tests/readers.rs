@@ -219,8 +219,9 @@ fn a_session_that_exceeds_the_limits_of_a_format_is_refused_with_a_remedy() {
 
 #[test]
 fn events_are_where_the_recorded_force_rises_and_falls() {
-    let session = both_feet();
-    for event in session.events() {
+    let events = both_feet().events();
+    assert!(events.len() > 10, "{events:?}");
+    for event in events {
         let recording = walk(event.side, 5, 60);
         let at = recording.t_s.iter().position(|t_s| (t_s - event.t_s).abs() < 1e-9).expect("the time of a frame");
         let [before_n, after_n] = [at - 5, at + 5].map(|i| recording.force_n(i));

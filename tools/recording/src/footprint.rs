@@ -13,7 +13,7 @@ const IN_STANCE: f64 = 0.1;
 /// Least movement of the centre of pressure in a step that shows the direction of walking, as a fraction of the length of the
 /// foot.
 const LEAST_MOVEMENT: f64 = 0.1;
-/// Further bands across the foot, as [`HEEL`] and [`FOREFOOT`].
+/// Further bands across the foot, between two fractions of its length as [`HEEL`] and [`FOREFOOT`].
 const MIDFOOT: [f64; 2] = [0.32, 0.52];
 const TOES: [f64; 2] = [0.84, 1.0];
 /// Least asymmetry towards the wrong side that indicates a mirrored layout, as a fraction of the width of the forefoot.
@@ -93,10 +93,9 @@ impl Footprint<'_> {
         })
     }
 
-    /// The sum of two distances along x, as a fraction of the width of the forefoot: from the line between the centres of load
-    /// of heel and forefoot to that of the midfoot, and from that of the toes to the extension of this line. It is positive
-    /// if +x is lateral. y must point to the toes. `None` if the heel or the forefoot is never loaded, or the forefoot has
-    /// no width.
+    /// How far the load of the midfoot lies to the +x side of the line through the centres of load of heel and forefoot, plus
+    /// how far the load of the toes lies to its -x side, as a fraction of the width of the forefoot. It is positive if +x is
+    /// lateral. y must point to the toes. `None` if the heel or the forefoot is never loaded, or the forefoot has no width.
     fn lateral_asymmetry(&self) -> Option<f64> {
         let mut pressure_sum_kpa = vec![0.0f64; self.cells.len()];
         for frame in self.pressure_kpa.chunks_exact(self.cells.len()) {

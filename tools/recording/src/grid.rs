@@ -83,8 +83,8 @@ impl Frames {
     }
 
     /// The same frames with unloaded frames for [`SWING_S`] before and after them. The interval between unloaded frames is the
-    /// mean interval between frames without a gap. The times of all frames are shifted by [`SWING_S`], so that several feet
-    /// remain on a common clock.
+    /// mean interval between successive frames, gaps excluded. The times of all frames are shifted by [`SWING_S`], so that
+    /// several feet remain on a common clock.
     ///
     /// A plate records from the first contact on, so that its first frame may carry load. Without an unloaded frame before it,
     /// the analysis ignores the step, because a contact in the first frame of a recording may have begun earlier.

@@ -218,10 +218,11 @@ impl Header {
         Err(Error::content(
             at_line(path, self.line),
             format!(
-                "the columns are not sensors 1 to {most} of one foot, or of the left and the right one, as in {}",
+                "the columns are not those of one foot or of the left and the right one, with sensors from 1 to {most} \
+                 as in {}",
                 geometry_path.display()
             ),
-            "use the geometry of this insole size, and export both feet with all sensors",
+            "use the geometry of this insole size, and export the pressures of both feet or of one",
         ))
     }
 

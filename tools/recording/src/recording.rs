@@ -17,7 +17,7 @@ pub struct Recording {
     pub source: String,
     /// Time of each frame, s; strictly increasing at `rate_hz`.
     pub t_s: Vec<f64>,
-    /// Pressure, kPa, not negative. All cells of the first frame come first, then those of the second frame, and so on.
+    /// Pressure, 0 to 50,000 kPa. All cells of the first frame come first, then those of the second frame, and so on.
     pub pressure_kpa: Vec<f32>,
 }
 
@@ -57,8 +57,9 @@ impl Recording {
     /// Reads a recording from Parquet: a file, or a folder with its parts.
     ///
     /// # Errors
-    /// Fails if the file cannot be read, is not a recording, or violates a rule of recordings: pressures are finite and at
-    /// least 0, time increases uniformly, and there are at most [`crate::MAX_CELLS`] cells.
+    /// Fails if the file cannot be read, is not a recording, has more pressures than this program holds in memory, or violates a
+    /// rule of recordings: pressures are 0 to 50,000 kPa, the times increase uniformly at the stated rate, and there are 1 to
+    /// [`crate::MAX_CELLS`] cells of plausible size and position.
     pub fn read(path: impl AsRef<Path>) -> Result<Self> {
         RecordingReader::open(path.as_ref())?.whole()
     }

@@ -69,31 +69,34 @@ impl StreamedCells {
 
     /// The frames since the last call as a recording, with times since the start of the insole; `None` without frames.
     pub fn take(&mut self, source: &str) -> Option<Recording> {
-        let &first = self.scans.first()?;
+        let (&first, &last) = (self.scans.first()?, self.scans.last()?);
         let period_s = f64::from(self.setup.period_us) * 1e-6;
-        // Scans are counted from the first one, because their numbers wrap.
-        let t_s = self.scans.iter().map(|scan| (f64::from(first) + f64::from(scan.wrapping_sub(first))) * period_s);
         let SensorLaw { full_kpa, exponent } = self.setup.sensor;
         let contact = self.setup.contact;
+        let counted = match contact.full_kpa {
+            0.0 => "with its whole area".to_owned(),
+            full_kpa => format!("with the fraction sqrt(p / {full_kpa} kPa) of its area, at most 1"),
+        };
+        // Scans are counted from the first one, because their numbers wrap.
+        let seconds = |scan: u32| (f64::from(first) + f64::from(scan.wrapping_sub(first))) * period_s;
         let recording = Recording {
             side: self.setup.side,
             layout: layout(&self.setup, &self.cells),
             rate_hz: 1.0 / (period_s * f64::from(self.every)),
             source: format!(
                 "{source}, layout {:#010x}, sensor {full_kpa} kPa at full scale with exponent {exponent}, contact on at \
-                 {} kPa and off at {} kPa with full_kpa {}.{}",
+                 {} kPa and off at {} kPa, a cell in contact counts {counted}.{}",
                 self.setup.layout_id,
                 contact.on_kpa,
                 contact.off_kpa,
-                contact.full_kpa,
                 if self.interpolated > 0 {
-                    let first_s = f64::from(first) * period_s;
-                    format!(" From {first_s:.2} s on, {} frames are interpolated.", self.interpolated)
+                    let [first_s, last_s] = [first, last].map(seconds);
+                    format!(" From {first_s:.2} s to {last_s:.2} s, {} frames are interpolated.", self.interpolated)
                 } else {
                     String::new()
                 }
             ),
-            t_s: t_s.collect(),
+            t_s: self.scans.iter().copied().map(seconds).collect(),
             pressure_kpa: std::mem::take(&mut self.pressure_kpa),
         };
         self.scans.clear();

@@ -1,4 +1,5 @@
-//! Reads the numbers and texts in the first sheet of an Excel file, version 97 to 2003 (BIFF8 in a compound file).
+//! Reads the numbers and texts in the first sheet of an Excel file, version 97 to 2003 (BIFF8 in a compound file). The results of
+//! formulas are not read.
 //!
 //! The library for compound files checks the container. The records are read here, because the libraries for Excel files
 //! allocate memory for all rows and columns up to the largest ones that a file claims, which may be more than the memory of a
