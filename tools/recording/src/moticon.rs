@@ -159,7 +159,7 @@ fn read_foot(side: Side, columns: &Columns, rows: &[(u64, Vec<&str>)], path: &Pa
     });
     let rms_n = (squares.sum::<f64>() / totals_n.len() as f64).sqrt();
     export.remarks.push(format!(
-        "{} foot: effective areas of the cells by least squares, {:.0} mm2 in total; \
+        "{} foot: areas of the cells by least squares, {:.0} mm2 in total; \
          the force differs from the vendor's by {rms_n:.2} N (root mean square of {} frames).",
         capitalised(side),
         areas_mm2.iter().sum::<f64>(),
@@ -172,7 +172,7 @@ fn read_foot(side: Side, columns: &Columns, rows: &[(u64, Vec<&str>)], path: &Pa
         pressure_kpa,
         name: "Moticon OpenGo insole".to_owned(),
         source: format!(
-            "Moticon OpenGo measurement {}, {} insole, effective areas by least squares, regions by template.",
+            "Moticon OpenGo measurement {}, {} insole, areas of the cells by least squares, regions by template.",
             file_name(path),
             side.name()
         ),

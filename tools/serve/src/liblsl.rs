@@ -46,7 +46,7 @@ const DOUBLE: i32 = 2;
 const STRING: i32 = 3;
 /// `LSL_IRREGULAR_RATE` of liblsl.
 const IRREGULAR: f64 = 0.0;
-/// The size of a chunk that stands for sending each sample at once.
+/// The chunk size with which liblsl sends each sample at once.
 const NO_CHUNKS: i32 = 0;
 /// The size of the buffer for a receiver that is too slow, in hundreds of samples, as liblsl counts it for a stream with an
 /// irregular rate: its own default.
