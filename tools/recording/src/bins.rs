@@ -2,6 +2,7 @@
 
 use crate::{Cell, Error, Layout, Recording, Result};
 use plantar::Region;
+use plantar::pipeline::region::MAX_CELL_MM2;
 use std::collections::BTreeMap;
 
 /// Step between the grid pitches that the search tries, mm. The pitch is the side of the grid's squares.
@@ -37,7 +38,16 @@ pub fn binned(recording: &Recording, max_cells: usize) -> Result<Recording> {
         loaded.len(),
         groups.len()
     );
-    Ok(merged(recording, &groups, &processing))
+    let merged = merged(recording, &groups, &processing);
+    let largest_mm2 = merged.layout.cells.iter().map(|cell| cell.area_mm2).fold(0.0, f64::max);
+    if largest_mm2 > f64::from(MAX_CELL_MM2) {
+        return Err(Error::content(
+            "reduction to fewer cells",
+            format!("a merged cell would have {largest_mm2:.0} mm², but a cell has at most {MAX_CELL_MM2} mm²"),
+            "allow more cells",
+        ));
+    }
+    Ok(merged)
 }
 
 /// The indices of the cells that carry load in at least one frame. If no cell ever carries load, the indices of all cells.

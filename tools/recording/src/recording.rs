@@ -108,7 +108,7 @@ impl Recording {
     /// conserved in every frame.
     ///
     /// # Errors
-    /// Fails if `max_cells` is smaller than the number of loaded regions.
+    /// Fails if `max_cells` is smaller than the number of loaded regions, or a merged cell would be larger than 4,000 mm².
     pub fn binned(&self, max_cells: usize) -> Result<Self> {
         bins::binned(self, max_cells)
     }

@@ -78,6 +78,14 @@ fn binning_never_merges_regions() {
 }
 
 #[test]
+fn binning_refuses_cells_that_cannot_be_written() {
+    let mut full = two_cells(vec![0.0], 100.0, vec![40.0, 80.0]);
+    full.layout.cells.iter_mut().for_each(|cell| cell.area_mm2 = 2_500.0);
+    let error = full.binned(1).unwrap_err().to_string();
+    assert!(error.contains("5000 mm², but a cell has at most 4000 mm²; allow more cells"), "{error}");
+}
+
+#[test]
 fn resampling_reproduces_a_straight_line() {
     let times = |n: usize, rate_hz: f64| (0..n).map(move |k| 2.0 + k as f64 / rate_hz);
     let ramp = |t_s: f64| [(10.0 * (t_s - 2.0)) as f32, (30.0 - 5.0 * t_s) as f32];
