@@ -49,8 +49,8 @@ pub struct Emulate {
     #[arg(long, value_name = "FAULT")]
     fault: Vec<SensorFault>,
     /// Identify the wearer first: record all cells that the insole sends in the first steps, identify the parameters from this
-    /// recording, and send them to the insole. The table and --json have later steps only. FOLDER receives recording, parameters
-    /// and report.
+    /// recording, with the tissue thickness that is typical of --size, and send them to the insole. The table and --json have
+    /// later steps only. FOLDER receives recording, parameters and report.
     #[arg(long, value_name = "FOLDER", conflicts_with = "params")]
     identify: Option<PathBuf>,
     /// With --identify: the number of first steps.
@@ -286,7 +286,8 @@ impl Emulate {
                         if identification.is_due() {
                             view.close();
                             board.plant().hold(true);
-                            arrived = identification.identify(client, &self.insole.contact)?.into_iter();
+                            let InsoleArgs { contact, wearer, .. } = &self.insole;
+                            arrived = identification.identify(client, contact, wearer.size)?.into_iter();
                             board.plant().hold(false);
                             *view = View::open(client.hello())?;
                         }

@@ -199,14 +199,15 @@ impl Fit {
         }
     }
 
-    /// A fit of one recording with the default options of the search, and with the outputs of [`Fit::of_streams`].
-    pub fn of_cells(recording: PathBuf, folder: &Path, contact: ContactArgs) -> Self {
+    /// A fit of one recording of a person with this shoe size, with the default values of the other options of the search, and
+    /// with the outputs of [`Fit::of_streams`].
+    pub fn of_cells(recording: PathBuf, folder: &Path, contact: ContactArgs, size: InsoleSize) -> Self {
         let search = Search {
             filter: None,
             method: MethodName::Projection,
             bounds: BoundsName::Free,
             tissue: None,
-            size: InsoleSize::default(),
+            size,
             compression: COMPRESSION,
         };
         Self { contact, ..Self::of_streams(vec![recording], "the wearer".into(), folder, search) }

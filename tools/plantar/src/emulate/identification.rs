@@ -4,7 +4,7 @@ use crate::fit::Fit;
 use crate::setup::ContactArgs;
 use anyhow::{Context, Result};
 use client::{Carrier, CellReceiver, Client, StartedCells};
-use parameters::Parameters;
+use parameters::{InsoleSize, Parameters};
 use plantar::protocol::{CellFrame, CellStream, Resolution, Step, ToHost};
 use recording::StreamedCells;
 use std::path::{Path, PathBuf};
@@ -67,9 +67,14 @@ impl Identification {
         self.sent_us.is_some()
     }
 
-    /// Identifies the parameters from the recorded cells, as `plantar fit` does, and sends them to the insole. Returns the
-    /// messages that arrived meanwhile, in their order.
-    pub fn identify(&mut self, client: &mut Client<impl Carrier>, contact: &ContactArgs) -> Result<Vec<ToHost>> {
+    /// Identifies the parameters from the recorded cells, as `plantar fit` does for this shoe size, and sends them to the insole.
+    /// Returns the messages that arrived meanwhile, in their order.
+    pub fn identify(
+        &mut self,
+        client: &mut Client<impl Carrier>,
+        contact: &ContactArgs,
+        size: InsoleSize,
+    ) -> Result<Vec<ToHost>> {
         let recording = self
             .cells
             .take("Recorded from the emulated insole")
@@ -87,7 +92,7 @@ impl Identification {
         std::thread::scope(|scope| {
             let fitted = scope.spawn(|| {
                 recording.write(&path)?;
-                let fit = Fit::of_cells(path, &self.folder, contact.clone());
+                let fit = Fit::of_cells(path, &self.folder, contact.clone(), size);
                 fit.write(&fit.study()?)
             });
             // QEMU stops the board while nobody reads its link.
