@@ -97,7 +97,7 @@ impl Identify {
             "no insole evaluates the smoothing of the paper: use --filter direct, which is the usual one"
         );
         let mut feet = self.connect()?;
-        let rule = ContactRule { full_kpa: self.contact_full, ..ContactRule::COUNTED };
+        let rule = self.rule();
         ensure!(rule.is_valid(), "--contact-full {}: expected 0, or 10 to 2000 kPa", self.contact_full);
         feet.iter_mut().try_for_each(|foot| foot.set_rule(rule))?;
         if !self.no_standing {
@@ -117,6 +117,11 @@ impl Identify {
         }
         println!("\nThe session is complete. Recordings, parameters and reports are in {}.", self.out.display());
         Ok(is_good)
+    }
+
+    /// The contact rule of the session.
+    fn rule(&self) -> ContactRule {
+        ContactRule { full_kpa: self.contact_full, ..ContactRule::COUNTED }
     }
 
     fn connections(&self) -> Vec<Connection> {
@@ -212,7 +217,8 @@ impl Identify {
         let needed = usize::from(self.steps);
         let instruction = |_| "Walk at your usual speed. Turn where you like; only complete steps count.".to_string();
         // The stream files of earlier sessions are read here, so that notes about them are printed before the screen opens.
-        let earlier = feet.iter_mut().map(|foot| anyhow::Ok((foot.side, earlier_good_steps(foot)?)));
+        let rule = self.rule();
+        let earlier = feet.iter_mut().map(|foot| anyhow::Ok((foot.side, earlier_good_steps(foot, &rule)?)));
         let earlier = earlier.collect::<Result<Vec<_>>>()?;
         run_part(feet, instruction, |foot, stop| {
             let earlier = earlier.iter().find(|(side, _)| *side == foot.side).map_or(0, |(_, steps)| *steps);
@@ -316,7 +322,10 @@ fn folder_name(path: &Path) -> String {
 
 /// Number of good steps in the stream files of earlier sessions. Prints a note on stderr about each file that cannot be read.
 /// Neither such a file nor one without live frames and steps, from a session that was interrupted at once, is used later.
-fn earlier_good_steps(foot: &mut Foot) -> Result<usize> {
+///
+/// # Errors
+/// If earlier steps have another contact rule than `rule`, that of this session.
+fn earlier_good_steps(foot: &mut Foot, rule: &ContactRule) -> Result<usize> {
     let mut good_steps = 0;
     for path in foot.stream_files()? {
         let sources = live::read_stream(&path).unwrap_or_else(|error| {
@@ -326,9 +335,27 @@ fn earlier_good_steps(foot: &mut Foot) -> Result<usize> {
         if sources.is_empty() {
             foot.unusable_files.push(path);
         }
+        ensure_same_rule(&sources, rule)?;
         good_steps += sources.iter().map(|source| source.steps.collected(0).0.len()).sum::<usize>();
     }
     Ok(good_steps)
+}
+
+/// Refuses steps of an earlier session with another contact rule than `rule`, that of this session: the steps of both cannot be
+/// fitted together, which the wearer should know before the walk.
+fn ensure_same_rule(sources: &[live::LiveSource], rule: &ContactRule) -> Result<()> {
+    for source in sources {
+        if let Some(earlier) = source.contact_rule()?.filter(|earlier| earlier != rule) {
+            bail!(
+                "{} has the contact rule {}, but this session has {}: continue with the same --contact-full as before, or name \
+                 another folder",
+                source.name,
+                rule_in_words(&earlier),
+                rule_in_words(rule)
+            );
+        }
+    }
+    Ok(())
 }
 
 /// Sends each foot's calibration to its insole.
@@ -382,8 +409,12 @@ fn print_verification(foot: &Foot, steps: &[Step], study: &Study) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::{at_the_same_time, folder_name};
+    use super::{at_the_same_time, ensure_same_rule, folder_name};
+    use crate::fit::live::LiveSource;
+    use ::fit::live::LiveSteps;
     use anyhow::anyhow;
+    use plantar::pipeline::contact::ContactRule;
+    use plantar::protocol::Live;
     use std::path::Path;
     use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -403,6 +434,24 @@ mod tests {
             let outcome = at_the_same_time(&mut feet, &AtomicBool::new(false), work, || Ok(false));
             assert_eq!(outcome.expect_err("a foot has failed").to_string(), "the disk is full");
         }
+    }
+
+    #[test]
+    fn earlier_steps_with_another_contact_rule_are_refused() {
+        let mut steps = LiveSteps::new();
+        let step = testkit::step(1);
+        steps.frame(&Live { t_us: step.start_us, ..testkit::live(0) });
+        steps.step(&step);
+        let source = LiveSource {
+            name: "walk-000.plantar, left".into(),
+            origin: "An earlier session.".into(),
+            side: step.side,
+            steps,
+        };
+        let sources = [source];
+        assert!(ensure_same_rule(&sources, &step.contact_rule).is_ok());
+        let error = ensure_same_rule(&sources, &ContactRule::COUNTED).expect_err("another rule").to_string();
+        assert!(error.starts_with("walk-000.plantar") && error.contains("--contact-full"), "{error}");
     }
 
     #[test]
