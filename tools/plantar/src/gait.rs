@@ -61,10 +61,10 @@ impl GaitCommand {
         let Walk { mut steps, mut others } = Walk::default();
         for path in &self.walk {
             let added = read(path).with_context(|| path.display().to_string())?;
-            if let (Some((first, _)), Some((before, _)), 2) = (added.steps.first(), steps.first(), self.walk.len())
-                && first.side == before.side
-            {
-                bail!("both files contain steps of the {} foot: give one file for each foot", first.side.name());
+            let has_steps = |steps: &[(Step, Option<u64>)], side: Side| steps.iter().any(|(step, _)| step.side == side);
+            let is_in_both = |side: &Side| has_steps(&steps, *side) && has_steps(&added.steps, *side);
+            if let Some(side) = [Side::Left, Side::Right].into_iter().find(is_in_both) {
+                bail!("both files contain steps of the {} foot: give one file for each foot", side.name());
             }
             steps.extend(added.steps);
             others.extend(added.others);

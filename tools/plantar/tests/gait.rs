@@ -129,6 +129,21 @@ fn recordings_of_both_feet_have_their_true_stride_and_step_times() {
 }
 
 #[test]
+fn two_files_with_steps_of_the_same_foot_are_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    write_stream(&folder.path().join("walk.plantar"), true);
+    let mut file = Vec::new();
+    client::append(&mut file, 0, 0, &ToHost::Step(step(Side::Right, 0, 0))).expect("it fits");
+    std::fs::write(folder.path().join("right.plantar"), file).expect("written");
+    // The first step in walk.plantar is of the left foot.
+    for arguments in ["walk.plantar right.plantar", "right.plantar walk.plantar"] {
+        let output = gait(folder.path(), arguments);
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert!(!output.status.success() && text.contains("steps of the right foot"), "{arguments}: {text}");
+    }
+}
+
+#[test]
 fn a_truncated_stream_is_noted_and_a_file_without_a_stream_is_refused_with_the_remedy() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("walk.plantar");
