@@ -406,8 +406,10 @@ impl Walk {
     /// Counts the good steps, and stores the reason if the last step was not used.
     fn count_good_steps(&mut self) {
         let (good, excluded) = self.steps.collected(0);
+        // If the insole has restarted, its times have begun again at 0, but a new good step increases the number of good steps.
+        let is_good = self.earlier + good.len() > self.done;
         let is_last = |contact: &&ExcludedContact| good.last().is_none_or(|step| step.start_s < contact.at_s);
-        self.unused = excluded.last().filter(is_last).map(|contact| contact.reason);
+        self.unused = excluded.last().filter(|_| !is_good).filter(is_last).map(|contact| contact.reason);
         self.done = self.earlier + good.len();
         self.evaluated = self.steps.evaluated();
     }
