@@ -1,5 +1,5 @@
-//! The file of a recorded stream. For each message it contains the time in ms (u32), the index of the insole (u8), the length of
-//! the message (u16), all little endian, and the message.
+//! The file of a recorded stream. For each message it contains the time in ms (u32, wraps after 49.7 days), the index of the
+//! insole (u8), the length of the message (u16), all little endian, and the message.
 
 use crate::create_or_open_empty;
 use plantar::protocol::{LoadRecord, MAX_MESSAGE, ToHost, encode};
@@ -66,7 +66,7 @@ pub fn append(out: &mut impl Write, t_ms: u32, insole: u8, message: &ToHost) -> 
 /// An entry of a stream file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Entry<'f> {
-    /// Time since the beginning of the file, ms.
+    /// Time since the beginning of the file, ms; wraps.
     pub t_ms: u32,
     /// Index of the insole, less than [`STREAM_INSOLES`].
     pub insole: usize,

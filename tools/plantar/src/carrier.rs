@@ -26,7 +26,7 @@ pub struct Connection {
     #[arg(long, default_value_t = 460_800, requires = "serial")]
     baud: u32,
     /// Connect over Bluetooth to the insole of this foot, left or right. If several such insoles are in range, give the insole's
-    /// Bluetooth address instead.
+    /// Bluetooth address instead or, on macOS, which hides addresses, the identifier that macOS has given to the insole.
     #[cfg(feature = "ble")]
     #[arg(long, value_name = "FOOT", group = "insole")]
     ble: Option<Selector>,

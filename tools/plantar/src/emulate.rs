@@ -53,7 +53,7 @@ pub struct Emulate {
     /// later steps only. FOLDER receives recording, parameters and report.
     #[arg(long, value_name = "FOLDER", conflicts_with = "params")]
     identify: Option<PathBuf>,
-    /// With --identify: the number of first steps.
+    /// With --identify: the number of steps, from the first one on, from which the wearer is identified.
     #[arg(long, value_name = "N", default_value = "24", requires = "identify")]
     identify_steps: NonZeroUsize,
     /// End the walk after this number of steps. With --identify, only steps after the identification count.

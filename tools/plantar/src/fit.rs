@@ -56,7 +56,8 @@ pub struct Fit {
     #[arg(long, value_name = "NAME")]
     participant: Option<String>,
     /// Use only these steps of every recording: a number N or a range N-M. The report and `plantar replay` show the numbers.
-    /// Steps and load bouts are numbered together, from 0.
+    /// Steps and load bouts of a recording are numbered together, from 0; in a live stream the insole has numbered them, together
+    /// with its alerts.
     #[arg(long, value_name = "STEPS")]
     steps: Option<StepRange>,
     #[command(flatten)]

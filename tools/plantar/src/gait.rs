@@ -31,7 +31,8 @@ pub struct GaitCommand {
     /// Mean length of a stride, m. The walking speed is computed from it.
     #[arg(long, value_name = "M", value_parser = length)]
     stride_length: Option<f64>,
-    /// Distance from the first to the last heel strike, m. The walking speed is computed from it if the walk has no pause.
+    /// Distance from the first to the last heel strike, m. The walking speed is computed from it if the walk has no pause and no
+    /// missing step, and the steps of both feet are on one clock.
     #[arg(long, value_name = "M", value_parser = length, conflicts_with = "stride_length")]
     distance: Option<f64>,
     /// Write the measures to this JSON file.
@@ -217,10 +218,14 @@ fn print(gait: &Gait, length: Option<Length>) {
     if let Some(cadence) = gait.cadence_per_min {
         println!("Cadence, steps per minute: {}", to_text(&cadence, 1));
     }
-    match length.map(|length| gait.speed_m_s(length)) {
-        Some(Some(speed_m_s)) => println!("Walking speed: {speed_m_s:.2} m/s"),
-        Some(None) => println!("Walking speed: unknown, because there is a pause, a missing step or a missing foot"),
-        None => {}
+    if let Some(length) = length {
+        match (gait.speed_m_s(length), length) {
+            (Some(speed_m_s), _) => println!("Walking speed: {speed_m_s:.2} m/s"),
+            (None, Length::Stride(_)) => println!("Walking speed: unknown, because there is no stride"),
+            (None, Length::Walk(_)) => {
+                println!("Walking speed: unknown: a pause, a missing step, a missing foot, or no common clock")
+            }
+        }
     }
     let counts = |of: fn(&client::gait::FootGait) -> usize| format!("{} left, {} right", of(left), of(right));
     println!("Strides in use: {}", counts(|foot| foot.strides.len()));

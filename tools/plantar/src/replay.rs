@@ -35,8 +35,8 @@ pub struct Replay {
     /// the resolution of an insole's messages; the values of --frames are not rounded.
     #[arg(long, value_enum, default_value_t = Precision::F32)]
     precision: Precision,
-    /// Write the steps to this JSON file, one object per step: side, number, start, duration, and every quantity of each region.
-    /// The names of the quantities end with their units.
+    /// Write the steps to this JSON file, one object per step: side, number, start, duration, and every quantity of the foot and
+    /// of each region. The names of the quantities end with their units.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
     /// Write the load bouts (all load outside steps) to this JSON file, one object per bout. The last bout ends with the

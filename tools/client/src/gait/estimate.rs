@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-/// A value, and whether its stride begins where the stride of the previous value ends.
+/// A value, and whether it follows the previous value without a gap: only such pairs count in the correlation.
 pub(super) type Consecutive = (f64, bool);
 
 /// Mean of a measure over strides. Successive strides of a person are correlated, which the interval takes into account.

@@ -136,7 +136,7 @@ fn print_sources(study: &Study) {
     summary::align(&mut table);
     println!("{table}");
     println!(
-        "The force determines neither d0 nor C. Assumed: 0 if C rests on measurements only, 50 % if either thickness or\n\
+        "The force determines neither d0 nor C. Assumed: 0 % if C rests on measurements only, 50 % if either thickness or\n\
          compression is assumed, 100 % if both are, or if C results from the search of the paper; unless the share is 0, the\n\
          results are those of a deformation (scaled by assumption). The last three columns: change of C and of the secant\n\
          stiffness and modulus at 20 % strain if the value of the source of C were {0:.0} % smaller / larger.",

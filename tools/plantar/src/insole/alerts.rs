@@ -22,16 +22,18 @@ pub struct AlertArgs {
     /// Length of the time over which sustained load is determined, minutes, 1 to 60.
     #[arg(long, value_name = "MIN", value_parser = clap::value_parser!(u16).range(1..=60))]
     window: Option<u16>,
-    /// Sustained load begins when the pressure is at or above --sustained-pressure for this share of the window, percent.
+    /// Sustained load begins when the pressure is at or above --sustained-pressure for this share of the window, percent, up to
+    /// 100.
     #[arg(long, value_name = "PERCENT")]
     begins: Option<u8>,
-    /// Sustained load ends when the pressure is at or above --sustained-pressure for less than this share of the window, percent.
+    /// Sustained load ends when the pressure is at or above --sustained-pressure for less than this share of the window, percent,
+    /// above 0 and below --begins.
     #[arg(long, value_name = "PERCENT")]
     ends: Option<u8>,
     /// Pressure above which the dose counts, kPa, 1 to 2000.
     #[arg(long, value_name = "KPA")]
     dose_pressure: Option<f32>,
-    /// Raise an alert when the dose of a region in a day reaches this value, kPa s; 0 for no such alert.
+    /// Raise an alert when the dose of a region in a day reaches this value, kPa s, up to 1e7; 0 for no such alert.
     #[arg(long, value_name = "KPA_S")]
     dose: Option<f32>,
     /// Raise alerts for this region only. Repeat the option for several regions; `all` stands for all regions.

@@ -25,12 +25,13 @@ pub struct SettingsArgs {
     /// force above that of the lifted foot; absolute ones are fixed.
     #[arg(long, value_enum)]
     thresholds: Option<Thresholds>,
-    /// Heel strike is the frame in which the total force reaches this value, N. If thresholds are adaptive, the value applies to
-    /// steps with a peak of 700 N.
+    /// Heel strike is the frame in which the total force reaches this value, N, up to 1000. If it is below --release, a heel
+    /// strike needs the value of --release until the force has fallen below --strike after toe off. If thresholds are adaptive,
+    /// the value applies to steps with a peak of 700 N.
     #[arg(long, value_name = "N")]
     strike: Option<f32>,
-    /// Toe off is the frame in which the total force falls below this value, N. If thresholds are adaptive, the value applies to
-    /// steps with a peak of 700 N.
+    /// Toe off is the frame in which the total force falls below this value, N, up to 1000. If thresholds are adaptive, the value
+    /// applies to steps with a peak of 700 N.
     #[arg(long, value_name = "N")]
     release: Option<f32>,
     /// A contact that is shorter than this time, ms, is not a step.
