@@ -220,7 +220,9 @@ impl Basis<'_> {
             };
             // All quantities are positive, and their logarithms are nearly linear in the coordinates.
             let gradient = Vector5::from_fn(|i, _| (ln_at(i, STEP) - ln_at(i, -STEP)) / (2.0 * STEP));
-            let half = noise.quantile() * (gradient.transpose() * covariance * gradient)[0].max(0.0).sqrt();
+            let variance = (gradient.transpose() * covariance * gradient)[0];
+            // A variance of NaN, if the law reaches the quantity on one side only, must not become 0 as by `f64::max`.
+            let half = noise.quantile() * if variance < 0.0 { 0.0 } else { variance.sqrt() };
             let from_covariance = [value * (-half).exp(), value * half.exp()];
             let values = resampled.iter().filter_map(|law| self.of_law(law, quantity));
             let interval = match interval::middle(values) {
@@ -320,5 +322,26 @@ mod tests {
         let [_, dissipated] = work_mj(&deformation_m, &half_n);
         // Loading 8 mJ; unloading (4 + 1.5)/2 + (1.5 + 1)/2 + (1 + 0.5)/2 + 0.25 = 5 mJ.
         assert!((dissipated - 3.0).abs() < 1e-12, "{dissipated}");
+    }
+
+    /// A slightly smaller K cannot reach 75 % of the peak force, so the gradient of the area at this force is unknown.
+    #[test]
+    fn a_quantity_at_the_limit_of_the_law_has_no_interval() {
+        let fixed = FixedParameters {
+            aspect: 1.0,
+            thickness_m: 0.012,
+            is_thickness_measured: false,
+            scale: crate::fixed::Scale::Assumed(0.457),
+        };
+        let at = Coordinates::new(0.5, -0.5, 0.0, 13.0, 9.0);
+        let area_max_m2 = 2e-3;
+        let law = prior::parameters(&at, 0.0, 0).law(area_max_m2, 1.0);
+        let peak_n = law.force_n(1.0, 0.0) * (1.0 - 1e-6) / 0.75;
+        let basis = Basis { area_max_m2, step_area_m2: area_max_m2, peak_n, fixed: &fixed };
+        let noise = Noise { variance: 1.0, degrees_of_freedom: 100.0 };
+        let measures = basis.measures(&at, &(Matrix5::identity() * 1e-4), &noise, &[]);
+        let interval = |share| find(&measures, Quantity::AreaAtForce(share)).expect("reached").interval;
+        assert_eq!(interval(0.75), None);
+        assert!(interval(0.5).is_some_and(|[low, high]| low < high));
     }
 }
