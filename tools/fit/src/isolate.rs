@@ -36,6 +36,7 @@ pub fn isolate(
         let toe_off = device.frame(i as u32, scan.codes);
         if device.on_ground() && !was_on_ground {
             contact.frames.clear();
+            contact.is_excluded = false;
             contact.start_s = scan.t_s.unwrap_or(first_s + i as f64 * period_s);
             starts_loaded = i == 0;
         }
@@ -46,6 +47,7 @@ pub fn isolate(
         let mut exclude = |reason, at_s| excluded.push(ExcludedContact { recording: index, at_s, reason });
         if let Some(reason) = new_rejection(&rejected, &device.rejected()) {
             exclude(reason, contact.start_s);
+            contact.is_excluded = true;
         }
         rejected = device.rejected();
         if was_on_ground && !device.on_ground() && !toe_off && starts_loaded {
@@ -83,7 +85,8 @@ pub fn isolate(
             progress(i);
         }
     }
-    if device.on_ground() {
+    // A contact that is longer than the longest step was already excluded.
+    if device.on_ground() && !contact.is_excluded {
         let reason = if starts_loaded { ExclusionReason::NoHeelStrike } else { ExclusionReason::NoToeOff };
         excluded.push(ExcludedContact { recording: index, at_s: contact.start_s, reason });
     }
@@ -121,6 +124,8 @@ struct Contact {
     /// Time of the first frame in the recording, s.
     start_s: f64,
     frames: Vec<FrameLoads>,
+    /// True if the insole rejected the contact, which was then excluded.
+    is_excluded: bool,
 }
 
 impl Contact {

@@ -113,15 +113,23 @@ fn a_live_stream_and_the_recording_of_all_cells_result_in_the_same_parameters() 
     }
 }
 
-/// The walk of a wearer who stood for four seconds before, and lifted the foot for three seconds before and after standing.
-fn after_standing(walk: &Recording) -> Recording {
-    let cells = walk.cells();
+/// The frame of a walk with the largest load, repeated for four seconds: the wearer stands.
+fn standing(walk: &Recording) -> Vec<f32> {
     let load = |frame: usize| walk.frame(frame).iter().sum::<f32>();
     let standing = (0..walk.frames()).max_by(|&a, &b| load(a).total_cmp(&load(b))).expect("there are frames");
-    let lifted = vec![0.0; 300 * cells];
-    let pressure_kpa = [&*lifted, &walk.frame(standing).repeat(400), &lifted, &walk.pressure_kpa].concat();
-    let t_s = (0..pressure_kpa.len() / cells).map(|frame| frame as f64 / walk.rate_hz).collect();
+    walk.frame(standing).repeat(400)
+}
+
+/// A recording with the insole and the frame rate of the walk, and these pressures.
+fn with_pressures(walk: &Recording, pressure_kpa: Vec<f32>) -> Recording {
+    let t_s = (0..pressure_kpa.len() / walk.cells()).map(|frame| frame as f64 / walk.rate_hz).collect();
     Recording { t_s, pressure_kpa, ..walk.clone() }
+}
+
+/// The walk of a wearer who stood for four seconds before, and lifted the foot for three seconds before and after standing.
+fn after_standing(walk: &Recording) -> Recording {
+    let lifted = vec![0.0; 300 * walk.cells()];
+    with_pressures(walk, [&*lifted, &standing(walk), &lifted, &walk.pressure_kpa].concat())
 }
 
 /// Steps and load bouts are numbered together.
@@ -137,6 +145,18 @@ fn steps_after_a_load_bout_have_the_numbers_that_an_insole_sends() {
     let insole = VirtualInsole::new(&recording, CONTACT, StanceRule::ADAPTIVE);
     let (steps, _) = fit::steps::isolate(&insole, insole.scans(&recording), 0, &mut |_| ()).expect("a valid insole");
     assert_eq!(steps.iter().map(|step| step.number).collect::<Vec<_>>(), sent);
+}
+
+/// The contact has two defects: it is longer than a step, and its toe off is missing.
+#[test]
+fn standing_until_the_end_of_a_recording_is_excluded_once() {
+    let walk = computed_walk(4);
+    let recording = with_pressures(&walk, [&*walk.pressure_kpa, &standing(&walk)].concat());
+    let insole = VirtualInsole::new(&recording, CONTACT, StanceRule::ADAPTIVE);
+    let isolated = fit::steps::isolate(&insole, insole.scans(&recording), 0, &mut |_| ());
+    let (steps, excluded) = isolated.expect("a valid insole");
+    let reasons: Vec<_> = excluded.iter().map(|contact| contact.reason).collect();
+    assert_eq!((steps.len(), reasons), (4, vec![ExclusionReason::Long]));
 }
 
 #[test]
