@@ -65,7 +65,7 @@ impl Agreement {
             return Some(Self { people, mean, icc, sem: rounded(sem), mdc: rounded(mdc) });
         }
         let (sem, mdc) = within_person(rows).filter(|_| people > 1 || is_alone)?;
-        Some(Self { people, mean, icc: None, sem, mdc })
+        Some(Self { people, mean, icc: None, sem: rounded(sem), mdc: rounded(mdc) })
     }
 
     /// The minimal detectable change in percent of the mean; `None` for a mean of 0, which has no percentage.
@@ -248,6 +248,10 @@ mod tests {
         // The mean of these values is not exactly this value.
         let people: Vec<_> = (0..10).map(|_| vec![trial(Side::Left, 9.523809523809526); 2]).collect();
         let agreement = heel(&feet(&people, 2).0[0]);
+        assert_eq!((agreement.icc, agreement.sem, agreement.mdc), (None, 0.0, 0.0));
+        // Three trials of one person. The thickness d0 of shoe size 39 is such a value.
+        let person = vec![vec![trial(Side::Left, 12.0 * (39.0 / 42.0) * 1e-3 * 1e3); 3]];
+        let agreement = heel(&feet(&person, 1).0[0]);
         assert_eq!((agreement.icc, agreement.sem, agreement.mdc), (None, 0.0, 0.0));
     }
 
