@@ -157,10 +157,12 @@ fn paper(study: &Study) -> Markup {
     if fits.len() < COMPARED_REGIONS {
         return html! { p { "Too few regions were fitted for a comparison with the findings of the paper." } };
     }
+    let findings =
+        [Some(vertical(&fits)), Some(round(&fits)), Some(uniform(&fits)), exponent(&fits), Some(positive(&fits))];
     html! {
         h3.spaced { "Findings of the paper" }
         ul.findings {
-            @for Finding { paper, here, agrees } in [vertical(&fits), round(&fits), uniform(&fits), exponent(&fits), positive(&fits)] {
+            @for Finding { paper, here, agrees } in findings.into_iter().flatten() {
                 li {
                     strong { (if agrees { "Agrees. " } else { "Contradicts. " }) }
                     "Paper: " (paper) " Here: " (here)
@@ -238,14 +240,15 @@ fn uniform(fits: &[(usize, &RegionFit)]) -> Finding {
     }
 }
 
-/// The finding on the region with the highest n.
-fn exponent(fits: &[(usize, &RegionFit)]) -> Finding {
+/// The finding on the region with the highest n; `None` if no region of the metatarsals was fitted.
+fn exponent(fits: &[(usize, &RegionFit)]) -> Option<Finding> {
+    let is_metatarsal = |region: usize| [Region::Metatarsals12, Region::Metatarsals35].contains(&Region::ALL[region]);
     let largest = fits.iter().max_by(|a, b| a.1.law.n.total_cmp(&b.1.law.n)).map_or(0, |(region, _)| *region);
-    Finding {
+    fits.iter().any(|(region, _)| is_metatarsal(*region)).then(|| Finding {
         paper: "the stiffness exponent n is highest at the metatarsals.",
         here: format!("n is highest at: {}.", TITLES[largest].to_lowercase()),
-        agrees: [Region::Metatarsals12, Region::Metatarsals35].iter().any(|region| *region as usize == largest),
-    }
+        agrees: is_metatarsal(largest),
+    })
 }
 
 /// The finding on the sign of n.

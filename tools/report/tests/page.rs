@@ -4,7 +4,7 @@ mod common;
 
 use common::{FILE, PARTICIPANT, STUDY, TITLES, empty};
 use fit::sensitivity::{Choice, MainResults, Sensitivity, Variant};
-use fit::{Filter, Method, RegionFit, Study};
+use fit::{Filter, Method, NotFitted, RegionFit, Study};
 
 /// The texts between the tags of each table row, without white space at their ends and without empty texts.
 fn rows(html: &str) -> Vec<Vec<String>> {
@@ -230,4 +230,9 @@ fn findings_of_the_paper_are_compared_with_the_results() {
         heel.law.n = -0.1;
     }
     assert!(!finding(&study, "n is positive"));
+    // Without a fit of the metatarsals, nothing is known about their n.
+    assert!(report::html(&study).contains("highest at the metatarsals"));
+    study.fits[3..5].fill(Err(NotFitted::NeverLoaded));
+    let html = report::html(&study);
+    assert!(html.contains("n is positive") && !html.contains("highest at the metatarsals"));
 }
