@@ -21,6 +21,11 @@ struct Worst {
     area: f64,
 }
 
+/// Raises `worst` to `difference`. `f64::max` would ignore NaN, which is therefore replaced by the largest number.
+fn raise(worst: &mut f64, difference: f64) {
+    *worst = f64::max(*worst, if difference.is_nan() { f64::MAX } else { difference });
+}
+
 /// Measures the differences with counted cells and with covered shares ([`ContactRule`]), each with typical parameters and
 /// those of [`tight_tissue`].
 pub fn measure(figures: &mut Figures) -> Result<()> {
@@ -70,13 +75,13 @@ fn compare(walk: &Recording, contact: ContactRule, tissue: &Tissue, worst: &mut 
                 (f64::from(s.tissue.model_n), d.tissue.model_n),
             ];
             for (k, (s, d)) in forces.into_iter().enumerate() {
-                differences[region][k] = differences[region][k].max((s - d).abs());
+                raise(&mut differences[region][k], (s - d).abs());
                 peaks[region][k] = peaks[region][k].max(d);
             }
-            worst.area = worst.area.max(relative(f64::from(s.frame.area.area_mm2::<f32>()), d.frame.area.area_mm2()));
+            raise(&mut worst.area, relative(f64::from(s.frame.area.area_mm2::<f32>()), d.frame.area.area_mm2()));
             if let (Some(s), Some(d)) = (single.ellipse(region), double.ellipse(region)) {
-                worst.area =
-                    worst.area.max(relative(s.r_a_mm.to_f64(), d.r_a_mm)).max(relative(s.r_b_mm.to_f64(), d.r_b_mm));
+                raise(&mut worst.area, relative(s.r_a_mm.to_f64(), d.r_a_mm));
+                raise(&mut worst.area, relative(s.r_b_mm.to_f64(), d.r_b_mm));
             }
         }
         if toe_off {
@@ -90,21 +95,19 @@ fn compare(walk: &Recording, contact: ContactRule, tissue: &Tissue, worst: &mut 
                     (f64::from(s.measured_integral_n_s), d.measured_integral_n_s, d.measured_peak_n * d.contact_s),
                 ];
                 for (s, d, peak) in forces {
-                    worst.force = worst.force.max((s - d).abs() / peak.max(f64::MIN_POSITIVE));
+                    raise(&mut worst.force, (s - d).abs() / peak.max(f64::MIN_POSITIVE));
                 }
-                worst.area = worst.area.max(relative(f64::from(s.area_peak_mm2), d.area_peak_mm2));
+                raise(&mut worst.area, relative(f64::from(s.area_peak_mm2), d.area_peak_mm2));
                 if let (Some(s), Some(d)) = (s.ellipse_at_peak, d.ellipse_at_peak) {
-                    worst.area = worst
-                        .area
-                        .max(relative(s.r_a_mm.to_f64(), d.r_a_mm))
-                        .max(relative(s.r_b_mm.to_f64(), d.r_b_mm));
+                    raise(&mut worst.area, relative(s.r_a_mm.to_f64(), d.r_a_mm));
+                    raise(&mut worst.area, relative(s.r_b_mm.to_f64(), d.r_b_mm));
                 }
             }
         }
     }
     for (difference, peak) in differences.iter().flatten().zip(peaks.iter().flatten()) {
         if *peak > 0.0 {
-            worst.force = worst.force.max(difference / peak);
+            raise(&mut worst.force, difference / peak);
         }
     }
     Ok(())
