@@ -1,4 +1,5 @@
-//! Measures the time of `plantar cohort` for ten walkers with sixty steps each. It includes the reading of the recordings.
+//! Measures the time of `plantar cohort`, and that of the Python package with Dask, for ten walkers with sixty steps each. Both
+//! times include the reading of the recordings.
 
 use anyhow::{Context, Result, bail};
 use bench::Figures;

@@ -133,9 +133,9 @@ fn most_probable(samples: &Samples, prior: &Prior) -> (Identified, interval::Noi
     (prior.identify(samples, &unconstrained, noise.variance), noise)
 }
 
-/// Measures the fraction of computed steps for which a true value lies in its 95 % interval. The typical K and parameters that
-/// are drawn from their distribution among people ([`WALKERS`]) are the true parameters of a step. Successive residuals are
-/// correlated.
+/// Measures the fraction of computed steps for which a true value lies in its 95 % interval. The true K of a region is that of
+/// [`law`]; the other true parameters of each step are drawn from their distribution among people ([`WALKERS`]). Successive
+/// residuals are correlated.
 fn coverage(figures: &mut Figures) {
     let mut least = 1.0f64;
     let mut mean = 0.0;

@@ -1,5 +1,5 @@
 //! Measures the speed of a replay on one core, from recorded pressures to codes, live values and steps, and compares it with a
-//! vectorised NumPy version of the same stages.
+//! vectorised NumPy version of the same stages, which also smooths the area of each step.
 
 use crate::python;
 use anyhow::{Result, bail};

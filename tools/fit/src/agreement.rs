@@ -42,7 +42,7 @@ pub struct Agreement {
     pub people: usize,
     /// Mean of all values.
     pub mean: f64,
-    /// ICC(2,1); `None` for one person, and if all values are equal.
+    /// ICC(2,1); `None` for one person, if all values are equal, and if its denominator is not positive.
     pub icc: Option<f64>,
     /// Standard error of measurement, in the unit of the variable.
     pub sem: f64,

@@ -80,26 +80,26 @@ fn note(fit: &Result<RegionFit, NotFitted>, name: &str, method: Method) -> Strin
     let Some(uncertainty) = fit.uncertainty.as_ref().filter(|_| method == Method::Projection) else {
         return "identified together with the other seven, by the paper's search".into();
     };
-    let identified = |i: usize, scale: f64, unit: &str| {
+    let identified = |i: usize, scale: f64, unit: &str| -> String {
         let interval = &uncertainty.intervals[i];
         if !interval.is_identifiable {
             return "NOT determined by the force: the usual value of other people, or without meaning if G is 0".into();
         }
         let [low, high] = widest(interval).map(|end| significant(end * scale));
         let bound = if interval.at_bound { ", at a bound of the search" } else { "" };
-        format!("{low} to {high}{unit} (95 %){bound}")
+        format!("identified: {low} to {high}{unit} (95 %){bound}")
     };
     let fixed = &fit.fixed;
     match name {
-        "a_mm" => format!("A B identified, {}; A / B measured, {:.2}", identified(0, 1e6, " mm2"), fixed.aspect),
+        "a_mm" => format!("A B {}; A / B measured: {:.2}", identified(0, 1e6, " mm2"), fixed.aspect),
         "b_mm" => "see a_mm".into(),
         "c_mm" => format!("fixed, not identified: by {}{}", fixed.scale, effect(fit)),
         "d0_mm" if fixed.is_thickness_measured => "fixed, not identified: measured".into(),
         "d0_mm" => "fixed, not identified: typical for the shoe size".into(),
-        "k_n_m3" => format!("identified: K = k C^(n+1) / d0^n, {}", identified(1, 1.0, " Pa")),
-        "c_n_s_m3" => format!("identified: G = c C^(m+1) / d0^m, {}", identified(2, 1.0, " Pa s")),
-        "n" => format!("identified, {}", identified(3, 1.0, "")),
-        _ => format!("identified, {}", identified(4, 1.0, "")),
+        "k_n_m3" => format!("K = k C^(n+1) / d0^n, {}", identified(1, 1.0, " Pa")),
+        "c_n_s_m3" => format!("G = c C^(m+1) / d0^m, {}", identified(2, 1.0, " Pa s")),
+        "n" => identified(3, 1.0, ""),
+        _ => identified(4, 1.0, ""),
     }
 }
 

@@ -82,7 +82,9 @@ impl fmt::Display for Scale {
         match self {
             Self::Assumed(strain) => write!(f, "an assumed largest compression of {:.1} %", strain * 100.0),
             Self::PeakStrain(strain) => write!(f, "a measured peak strain of {:.1} %", strain * 100.0),
-            Self::Curvature(radius_m) => write!(f, "a measured radius of curvature of {:.1} mm", radius_m * 1e3),
+            Self::Curvature(radius_m) => {
+                write!(f, "a measured curvature (geometric mean of the radii {:.1} mm)", radius_m * 1e3)
+            }
             Self::Searched(_) => f.write_str("the search"),
         }
     }
@@ -168,8 +170,8 @@ impl fmt::Display for Contradiction {
             ),
         }?;
         f.write_str(
-            "; neither peak strain nor curvature was used, and C, stiffness and moduli follow from the assumed compression; \
-             measure this region again, or remove a value from the file of tissue measurements",
+            "; neither peak strain nor curvature was used, and C, stiffness, moduli and energies follow from the assumed \
+             compression; measure this region again, or remove a value from the file of tissue measurements",
         )
     }
 }

@@ -6,8 +6,8 @@ use std::fmt;
 
 /// Smallest number of samples in contact. Fewer samples cannot determine five parameters.
 pub const MIN_SAMPLES: usize = 12;
-/// Smallest peak force of a region, N: about the force of one cell at the contact threshold. With a smaller force, the contact
-/// area is that of single cells.
+/// Smallest peak force of a region, N: that of a few cells of an insole at the contact threshold. With a smaller force, the
+/// contact area is that of single cells.
 pub const MIN_FORCE_N: f64 = 3.0;
 /// The area must be below its maximum for some of the contact time. If it is at its maximum for at least this fraction, force
 /// cannot be related to area.
@@ -26,9 +26,9 @@ pub enum NotFitted {
     ZeroForce,
     /// The largest force of all steps, N, is below [`MIN_FORCE_N`].
     HardlyLoaded(f64),
-    /// The longest contact has this number of samples, fewer than [`MIN_SAMPLES`].
+    /// The longest contact with sufficient force has this number of samples, fewer than [`MIN_SAMPLES`].
     TooFewFrames(usize),
-    /// A cell was saturated in every step.
+    /// A cell was saturated in at least one step, and no other step qualifies.
     Clipped,
     /// The area never changes.
     ConstantArea,
@@ -63,9 +63,9 @@ impl fmt::Display for NotFitted {
                     "too few frames: {samples} in contact, at least {MIN_SAMPLES} are needed; record at a higher rate"
                 )
             }
-            Self::Clipped => {
-                f.write_str("clipped: a cell was saturated in every step; use a sensor with a larger range")
-            }
+            Self::Clipped => f.write_str(
+                "clipped: a cell was saturated, and no other step qualifies; use a sensor with a larger range",
+            ),
             Self::ConstantArea => f.write_str(
                 "constant area: the contact area never changes, so force cannot be related to it; use smaller cells",
             ),

@@ -173,7 +173,7 @@ pub enum ExclusionReason {
     Long,
     /// Frames are missing in the contact.
     Broken,
-    /// The step was recorded before the insole restarted, so its frames were not received.
+    /// The step was recorded before the insole restarted, so its frames are not among those since the restart.
     BeforeRestart,
     /// The step began before the live stream, so not all of its frames were received.
     BeforeStream,
@@ -189,7 +189,9 @@ impl fmt::Display for ExclusionReason {
             Self::Short => f.write_str("shorter than a step"),
             Self::Long => f.write_str("longer than a step: standing"),
             Self::Broken => f.write_str("frames are missing in it"),
-            Self::BeforeRestart => f.write_str("recorded before the insole restarted: its frames were not received"),
+            Self::BeforeRestart => {
+                f.write_str("recorded before the insole restarted: its frames are not among those since the restart")
+            }
             Self::BeforeStream => f.write_str("began before the live stream: its first frames were not received"),
             Self::Partial(share) => {
                 write!(f, "partial: its peak force is {:.0} % of the recording's median", share * 100.0)

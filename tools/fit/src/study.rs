@@ -74,7 +74,7 @@ impl Study {
     /// receives the number of frames that have been processed.
     ///
     /// # Errors
-    /// Fails if the insole cannot be set up. The study is then unchanged.
+    /// Fails if the insole cannot be set up, or the recording cannot be read. The study is then unchanged.
     #[cfg(feature = "recordings")]
     pub fn add(
         &mut self,

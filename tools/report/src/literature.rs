@@ -171,7 +171,7 @@ fn paper(study: &Study) -> Markup {
         }
         p {
             @if study.options.method == Method::Projection {
-                "C, and with it k, depends on d₀ and on whether C was measured or assumed; the product A B, and K and n, follow from the force. "
+                "C follows from a measurement or an assumption, and k depends on C and d₀; A B, K and n follow from the force. "
             }
             "The paper's values of C and k follow from bounds and starting points of a search, because force does not determine them."
         }

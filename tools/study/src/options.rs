@@ -21,7 +21,7 @@ pub struct Search {
     pub filter: Option<Filter>,
     /// The method of search.
     pub method: Method,
-    /// True for the bounds of the paper and least squares, false for the usual bounds and the prior.
+    /// True for least squares within [`Bounds::PAPER`], false for [`Bounds::USUAL`] and the prior.
     pub has_paper_bounds: bool,
     /// The file of tissue measurements, if there is one.
     pub tissue: Option<PathBuf>,

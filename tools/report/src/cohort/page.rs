@@ -115,9 +115,9 @@ fn reading(cohort: &Cohort) -> Markup {
             "Contact from " (rule.on_kpa) " kPa; "
             @if rule.full_kpa > 0.0 { "a cell counts with the fraction √(p / " (rule.full_kpa) " kPa) of its area, at most 1. " }
             @else { "a cell counts with its whole area. " }
-            "Values are comparable only for the same contact rule, sensor and source of the thickness. Strains, and with \
-             them stiffness, moduli and energies, depend on the assumed compression and thickness of the tissue. This is not \
-             a medical device; it must not be used for diagnosis."
+            "Values are comparable only for the same contact rule, sensor, and sources of thickness and C. Deformations, and \
+             with them stiffness, moduli and energies, are scaled by assumption unless thickness and strain of the tissue, or a \
+             curvature of the sole, were measured. This is not a medical device; it must not be used for diagnosis."
         }
         p {
             strong { "Source. " }

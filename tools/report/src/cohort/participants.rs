@@ -44,7 +44,7 @@ fn height_m(settings: &Participant) -> Option<f64> {
 pub fn by_size(people: &[Person]) -> Markup {
     html! {
         table #sizes {
-            caption { "Participants by insole size, mean ± standard deviation (Table 1 of the paper)" }
+            caption { "Participants by insole size, mean ± standard deviation, in the form of Table 1 of the paper" }
             thead { tr { @for title in TITLES { th scope="col" { (title) } } } }
             tbody {
                 @for [size, rest @ ..] in rows(people) {
