@@ -105,8 +105,8 @@ const DESELECTED_S: f64 = 1e-6;
 const BREAK_S: f64 = 0.2e-6;
 /// Duration of a simulation of settling, s.
 const SETTLING_S: f64 = 81e-6;
-/// Largest share of the simulated time after a change until the converter's input has settled. Distances are taken from the last sample, so an input
-/// that still changes has a distance of more than half an LSB until shortly before the end.
+/// Largest share of the simulated time after a change until the converter's input has settled. Distances are taken from the last
+/// sample, so an input that still changes has a distance of more than half an LSB until shortly before the end.
 const SETTLED_SHARE: f64 = 0.75;
 
 /// The changes from row `ROW - 1` to row `ROW` after which the settling is simulated: name and conditions.

@@ -48,7 +48,7 @@ fn main() -> Result<()> {
     let missed: Vec<_> = results.figures.iter().filter(|figure| figure.is_missed()).map(|figure| figure.key).collect();
     if !missed.is_empty() {
         bail!(
-            "figures that miss their limit: {}: change the parts in tools/hardware/src/netlist.rs, and run \
+            "figures that miss their limit: {}: change the parts in tools/hardware/src/parts.rs or netlist.rs, and run \
              `cargo xtask hardware` again",
             missed.join(", ")
         );
