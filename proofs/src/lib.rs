@@ -1,8 +1,9 @@
 //! Properties of the core, the library `plantar`. A property is a function that takes an input and panics if the core behaves
 //! differently from a simple, independent model.
 //!
-//! `tests/exhaustive.rs` calls each property for all inputs within its bounds, on any machine. With the harnesses in the module
-//! `harnesses`, which only Kani compiles, Kani can prove some properties for all inputs at once, without running the code.
+//! `tests/exhaustive.rs` calls each property for all inputs within its bounds, on any machine; `tests/stored.rs` has further
+//! properties, of sequences of events on a simulated flash chip. With the harnesses in the module `harnesses`, which only Kani
+//! compiles, Kani can prove some properties for all inputs at once, without running the code.
 
 pub mod acknowledgement;
 pub mod calendar;

@@ -3,8 +3,9 @@
 //!
 //! This program does not write the seeds of `jiku` and the seed `footscan-xls` of `vendor`, because nothing in this project
 //! writes HDF5 files or Excel files. Those seeds were written from computed trials with h5py, and from the computed step below
-//! with xlwt. It does not write the seed `claimed-list.parquet` of `recording`, either: that file claims to contain a far
-//! longer list than it does (docs/reliability.md).
+//! with xlwt, except `overflow` of `jiku`: this file is damaged, so that a product overflows while it is read. Nor does the
+//! program write the seed `claimed-list.parquet` of `recording`: that file claims to contain a far longer list than it does
+//! (docs/reliability.md).
 
 use client::append;
 use emulation::EmulatorConfig;

@@ -113,7 +113,7 @@ def _evaluate(participant: str, files: Any, folder: str, table_files: Any, targe
     tissue = None if options.tissue is None else os.fspath(options.tissue)
 
     def read(path: str) -> bytes:
-        # The file of `options.tissue` is on the worker, all others are in the study.
+        # The file of `options.tissue` is on this worker, all others are in the study.
         return pathlib.Path(path).read_bytes() if path == tissue else bytes(files.cat_file(path))
 
     person = _core.Person.open(folder, options, read)
@@ -276,7 +276,7 @@ def _options(parser: argparse.ArgumentParser) -> None:
     method = "method of the identification [projection]"
     parser.add_argument("--method", choices=["projection", "paper"], default="projection", help=method)
     parser.add_argument("--bounds", choices=["free", "paper"], default="free", help="bounds of the exponents [free]")
-    parser.add_argument("--tissue", metavar="FILE", help="tissue measurements, at the same path on each worker")
+    parser.add_argument("--tissue", metavar="FILE", help="tissue measurements, at the same path here and on each worker")
     compression = "assumed largest compression of the tissue, as a fraction of its thickness [0.457]"
     parser.add_argument("--compression", type=float, metavar="FRACTION", help=compression)
     for name, text in (

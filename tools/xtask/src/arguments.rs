@@ -32,7 +32,8 @@ pub enum Task {
         #[arg(long)]
         quick: bool,
     },
-    /// Feed every parser with arbitrary bytes. The task ends at the first input that makes a parser fail.
+    /// Feed every parser with arbitrary bytes. If an input makes a parser fail, no further targets are started, and the task
+    /// fails once those that are running have ended.
     Fuzz {
         /// Time for all fuzz targets together, minutes of one core. As many targets run at the same time as there are cores.
         #[arg(long, value_name = "N", default_value_t = 10.0)]
