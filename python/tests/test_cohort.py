@@ -169,6 +169,17 @@ def test_rows_of_a_participant_without_a_folder_are_noted(
     assert "participant=ann/" in notes[0]
 
 
+def test_a_folder_with_only_the_table_is_no_participant(study_folder: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    study, names = tmp_path / "study", ["ann", "bob=b.", "cid", "dan"]
+    shutil.copytree(study_folder, study)
+    out = study / "results" / "table"
+    for _ in range(2):
+        assert cohort.main([str(study), "--out", str(out)]) == 0
+    assert cohort.participants(str(study), str(out)) == names
+    # A folder with recordings is that of a participant, even if it contains the table.
+    assert cohort.participants(str(study), str(study / "ann" / "table")) == [*names, "results"]
+
+
 def test_hidden_files_are_not_recordings(study_folder: pathlib.Path, tmp_path: pathlib.Path) -> None:
     study, out = tmp_path / "study", tmp_path / "table"
     shutil.copytree(study_folder, study)

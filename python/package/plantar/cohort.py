@@ -72,17 +72,27 @@ def _parquet_entries(files: Any, folder: str) -> list[dict[str, Any]]:
 
 
 def participants(study: str, out: str) -> list[str]:
-    """The names of the participants' folders in a study, sorted. The folder of the table is not one of them."""
+    """The names of the participants' folders in a study, sorted. The folder of the table is not one of them, and a folder that
+    contains it is one only if it has recordings or settings, too."""
     files, root = fsspec.url_to_fs(study)
     files.invalidate_cache(root)
-    _, table = fsspec.url_to_fs(out)
+    _, out_path = fsspec.url_to_fs(out)
+    table = out_path.rstrip("/")
+
+    def is_participant(path: str) -> bool:
+        if path == table:
+            return False
+        if not table.startswith(f"{path}/"):
+            return True
+        return bool(_parquet_entries(files, path) or files.exists(f"{path}/participant.toml"))
+
     try:
         entries = files.ls(root, detail=True)
     except (FileNotFoundError, NotADirectoryError) as error:
         raise OSError(f"cannot read {study}: it must be a folder with one folder per participant") from error
 
     paths = [entry["name"].rstrip("/") for entry in entries if _is_folder(files, entry)]
-    names = sorted(path.rsplit("/", 1)[-1] for path in paths if path != table.rstrip("/"))
+    names = sorted(path.rsplit("/", 1)[-1] for path in paths if is_participant(path))
     names = [name for name in names if not name.startswith(".")]
     if not names:
         raise OSError(f"{study}: no participant: it must contain one folder per participant, with recordings")
