@@ -144,6 +144,21 @@ def test_a_second_run_evaluates_only_the_remaining_participants(
     assert all(outcome.is_cached for outcome in cohort.run(study_folder, out))
 
 
+def test_rows_of_an_earlier_run_are_removed_if_a_task_fails(
+    study_folder: pathlib.Path, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(participant: str, study: str, out: str, options: plantar.Options) -> cohort.Outcome:
+        raise RuntimeError(participant)
+
+    out, names = tmp_path / "table", ["ann", "bob=b.", "cid", "dan"]
+    cohort.run(study_folder, out)
+    assert len(list(out.glob("participant=*/steps.parquet"))) == len(names)
+    monkeypatch.setattr(cohort, "evaluate", fail)
+    outcomes = cohort.run(study_folder, out)
+    assert [outcome.left_out for outcome in outcomes] == [(f"{name}: RuntimeError('{name}')",) for name in names]
+    assert not list(out.glob("participant=*/steps.parquet"))
+
+
 def test_invalid_options_remove_no_rows(
     study_folder: pathlib.Path, expected: pd.DataFrame, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -105,9 +105,7 @@ def evaluate(participant: str, study: str, out: str, options: Options) -> Outcom
     This is the task that Dask or another engine runs: it needs nothing but its arguments, and can be repeated at any time.
     """
     files, root = fsspec.url_to_fs(study)
-    table_files, table = fsspec.url_to_fs(out)
-    # The participant's file in the table.
-    target = f"{table}/{_core.partition(participant)}"
+    table_files, target = _table_file(participant, out)
     try:
         return _evaluate(participant, files, f"{root}/{participant}", table_files, target, options)
     except (OSError, ValueError) as error:
@@ -115,6 +113,12 @@ def evaluate(participant: str, study: str, out: str, options: Options) -> Outcom
         if table_files.exists(target):
             table_files.rm_file(target)
         return Outcome(participant, 0, False, (str(error),))
+
+
+def _table_file(participant: str, out: str) -> tuple[Any, str]:
+    """The file system of the table, and the path of the participant's file there."""
+    files, table = fsspec.url_to_fs(out)
+    return files, f"{table}/{_core.partition(participant)}"
 
 
 def _evaluate(participant: str, files: Any, folder: str, table_files: Any, target: str, options: Options) -> Outcome:
@@ -242,6 +246,10 @@ def run(
             if future.status == "finished":
                 outcomes[name] = future.result()
             elif future.status == "error":
+                # The task could not remove the rows of an earlier run from the table, for example because its worker was lost.
+                table_files, target = _table_file(name, out)
+                with contextlib.suppress(FileNotFoundError):
+                    table_files.rm_file(target)
                 outcomes[name] = Outcome(name, 0, False, (f"{name}: {future.exception()!r}",))
             elif future.status in ("pending", "lost"):
                 # Its result was lost with a worker, so another worker evaluates the participant again.
