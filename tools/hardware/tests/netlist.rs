@@ -96,6 +96,15 @@ fn the_firmware_uses_the_pins_of_the_netlist() {
         let set_up = format!("let {output} = Output::new(p.{}, Level::High", controller_pin(&board, net));
         assert!(source.contains(&set_up), "boards/wb55/src/main.rs lacks {set_up}");
     }
+    let pin = |net: &str| format!("p.{}", controller_pin(&board, net));
+    let set_ups = [
+        format!("Input::new({}, Pull::Up)", pin("SIDE")),
+        format!("let select = Output::new({}, Level::High", pin("FLASH_CS")),
+        format!("flash::open(p.SPI2, {}, {}, {},", pin("FLASH_CLK"), pin("FLASH_DI"), pin("FLASH_DO")),
+    ];
+    for set_up in set_ups {
+        assert!(source.contains(&set_up), "boards/wb55/src/main.rs lacks {set_up}");
+    }
 }
 
 #[test]
