@@ -21,7 +21,8 @@ class Event:
     kind: str
     """``live`` for a frame, ``step``, ``bout`` and ``alert`` for records, ``started`` and ``lost`` for the link."""
     values: dict[str, Any]
-    """The values; docs/quantities.md describes the names."""
+    """The values. docs/quantities.md describes their names: for a frame those of the columns, for a record the JSON keys. Frames,
+    steps and load bouts have the values of the regions in ``regions``."""
     unix_s: float | None
     """Time of the frame, or of the start of the record, on this computer's clock, s since 1970, UTC, so several insoles share
     one time axis. ``None`` for a change of the link, and if the time is unknown."""

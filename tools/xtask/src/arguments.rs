@@ -100,7 +100,7 @@ pub struct Demo {
     /// Play in real time (real), or as fast as the emulator runs (max).
     #[arg(long, default_value = "real", value_parser = ["real", "max"])]
     pub speed: String,
-    /// End the walk after this number of steps.
+    /// End the walk after this number of steps. In the sample walk, only steps after the identification count.
     #[arg(long, value_name = "N")]
     pub steps: Option<usize>,
     /// Write the steps and the counters of the live frames to this JSON file. The page is then not served.
