@@ -51,9 +51,8 @@ def replay(
     options: Options = Options(),
 ) -> Replay:
     """The steps of a recording as an insole computes them, like ``plantar replay``. See ``Recording.replay``."""
-    return (recording if isinstance(recording, Recording) else read(recording)).replay(
-        params=params, precision=precision, options=options
-    )
+    opened = recording if isinstance(recording, Recording) else read(recording)
+    return Replay(opened, params, precision, options)
 
 
 class Recording:
@@ -158,6 +157,7 @@ class Replay:
         self._arguments = (options, params, precision)
         steps, _, notes = _core.replay(recording._core, *self._arguments, False)
         for note in notes:
+            # At the place where the user called the function or the method `replay`, which creates this object.
             warnings.warn(note, stacklevel=3)
         index = pd.MultiIndex.from_arrays([[], []], names=["step", "region"])
         self.steps: pd.DataFrame = (
