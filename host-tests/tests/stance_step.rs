@@ -5,6 +5,7 @@ use plantar::Real;
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::curves::STANCE_SAMPLES;
+use plantar::pipeline::measures::{Extent, FootMeasures};
 use plantar::pipeline::model::ForceLaw;
 use plantar::pipeline::region::{AreaMoments, ForceMoments, RegionFrame};
 use plantar::pipeline::setup::DEVICE_CELLS;
@@ -451,6 +452,24 @@ fn a_region_without_contact_has_only_a_force_integral() {
     loaded.measured_integral_n_s = 0.0;
     assert_eq!(loaded, none);
     assert_eq!(RegionStep::new(&law, &[], &[], 0.01, &area_moments(10.0)), none);
+}
+
+/// The path of the centre of pressure excludes both ends of stance, also if these are all samples of the step.
+#[test]
+fn the_path_of_a_step_of_two_samples_is_a_line_from_10_to_90_percent() {
+    let limits = StanceLimits::<f64>::new(&StanceRule { min_stance_ms: 0, ..StanceRule::ABSOLUTE }, PERIOD_US);
+    let (mut stance, loaded, none) = (Stance::new(), frame(100.0, 600.0), RegionFrame::NONE);
+    let centre_mm = |seq: u32| if seq < 2 { (40.0, 50.0) } else { (60.0, 200.0) };
+    let is_step = (0..10).any(|seq| {
+        let heel = if (1..3).contains(&seq) { &loaded } else { &none };
+        stance.push(&limits, seq, &[heel, &none, &none, &none, &none, &none, &none, &none], centre_mm(seq))
+    });
+    assert!(is_step && stance.curves().samples() == 2);
+    let foot = FootMeasures::new(stance.curves(), 0.01, &Extent::default());
+    let length_mm = 0.8 * 20f64.hypot(150.0);
+    assert!((foot.gait_length_mm - length_mm).abs() < 1e-9, "{}", foot.gait_length_mm);
+    assert!((foot.gait_width_mm - 0.8 * 20.0).abs() < 1e-9, "{}", foot.gait_width_mm);
+    assert!((foot.gait_velocity_mm_s - length_mm / 0.008).abs() < 1e-6, "{}", foot.gait_velocity_mm_s);
 }
 
 /// The same contact area and force of one region are sampled at four frame rates.

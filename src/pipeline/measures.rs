@@ -226,7 +226,8 @@ impl<R: Real> FootMeasures<R> {
         let forefoot_mm = R::of_f32(extent.heel_mm + (extent.toe_mm - extent.heel_mm) * (2.0 / 3.0));
         let mut from = start_mm;
         let mut crossing = None;
-        let points = (first..=end.max(first)).map(centre_mm).chain([end_mm]);
+        // A stance of two samples has none between these ends.
+        let points = (first..=end).map(centre_mm).chain([end_mm]);
         for to in points {
             let (dx, dy) = (to.0 - from.0, to.1 - from.1);
             self.gait_length_mm += (dx * dx + dy * dy).sqrt();
