@@ -37,7 +37,7 @@ pub struct Curves<R> {
     force_n: [[R; STANCE_SAMPLES]; 8],
     /// Largest cell pressure of each region, in 0.1 kPa.
     pressure_dkpa: [[u16; STANCE_SAMPLES]; 8],
-    /// Centre of pressure of the foot, foot coordinates, in units of 1/[`PER_MM`] mm.
+    /// Centre of pressure of the foot, foot coordinates, in units of 1/[`PER_MM`] mm, limited to 512 mm along each axis.
     centre: [(i16, i16); STANCE_SAMPLES],
     /// The last frame.
     last: [Sample<R>; 8],
@@ -175,7 +175,7 @@ impl<R: Real> Curves<R> {
         &self.pressure_dkpa[region][..self.len]
     }
 
-    /// Centre of pressure of the foot in a sample, foot coordinates, mm.
+    /// Centre of pressure of the foot in a sample, foot coordinates, mm, limited to 512 mm along each axis: no foot is longer.
     ///
     /// # Panics
     /// If there is no such sample.

@@ -29,7 +29,8 @@ const PEAK_WINDOW_S: f64 = 0.05;
 const LEAST_PEAK: f64 = 0.5;
 
 impl<R: Real> RegionMeasures<R> {
-    /// Evaluates the curves of a region with the time `sample_s` between samples.
+    /// Evaluates the curves of a region with the time `sample_s` between samples. Without contact, all measures but the
+    /// pressure-time integral are 0.
     ///
     /// # Panics
     /// If `region` is not an index of [`crate::Region::ALL`].

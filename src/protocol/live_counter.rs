@@ -37,8 +37,9 @@ impl LiveCounter {
         self.expected = Some(sequence.wrapping_add(1));
     }
 
-    /// Counts the losses that follow from `live_due`, the number of live frames that were due in this session. Unlike gaps in the
-    /// sequence numbers, this number also reveals losses before the first and after the last received frame.
+    /// Counts the losses that follow from `live_due` of the status ([`super::Status::live_due`]), the number of live frames that
+    /// were due in this session. Unlike gaps in the sequence numbers, this number also reveals losses before the first and after
+    /// the last received frame.
     pub fn due(&mut self, live_due: u32) {
         self.add_lost(live_due.saturating_sub(self.session_received).saturating_sub(self.session_lost));
         // The gap before the next frame must not count these losses again.

@@ -19,7 +19,7 @@ pub struct Status {
     pub frames_missed: u32,
     /// Number of frames that were not scanned because the queue to processing was full.
     pub frames_overrun: u32,
-    /// Number of live frames that were due in this session.
+    /// Number of live frames that were due in this session, without those that still wait for the carrier.
     pub live_due: u32,
     /// Number of live frames that were passed to the carrier in this session.
     pub live_sent: u32,

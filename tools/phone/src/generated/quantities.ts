@@ -100,7 +100,7 @@ export interface StepRegion {
   deformation_peak_mm: number;
   /** Largest rate of the deformation (scaled by assumption as well) under increasing load. Unit: mm/s. */
   deformation_rate_peak_mm_s: number;
-  /** Time from the region's first to its last sample in contact. Unit: s. */
+  /** Time from the region's first sample in contact to the end of its last one, the time between samples later. Unit: s. */
   contact_time_s: number;
   /** Time from the region's first sample in contact to its largest measured force. Unit: s. */
   time_to_peak_s: number;
@@ -160,7 +160,7 @@ export interface Bout {
   number: number;
   /** Time of the first frame, since the first scan. Unit: s. */
   start_s: number;
-  /** Time from the first frame to the end of the last one, a period after its scan. Unit: s. */
+  /** Time from the first frame to a period after the last one, or to the next bout, if that one begins after a step. Unit: s. */
   duration_s: number;
   /** Boots of the insole since the one that recorded this bout; the start time counts from that one. Unit: count. */
   starts_ago: number;
