@@ -13,7 +13,7 @@ use semihosting::io::{self, Read, Seek, SeekFrom, Write};
 pub struct FlashFile {
     /// `None` if there is no chip.
     file: Option<File>,
-    /// Size of the file.
+    /// Size of the file, bytes; 0 if there is no chip.
     bytes: usize,
     /// Number of write operations and erasures of a sector before power fails; `None` if power does not fail.
     operations_left: Option<u32>,

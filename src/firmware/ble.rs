@@ -20,7 +20,8 @@ use heapless::Vec;
 /// The interface of application and board to the Bluetooth stack, which uses it as a trait object: so the stack is not generic,
 /// and is compiled only once, optimised for size.
 pub trait GattServer {
-    /// The advertised name, at most 22 bytes.
+    /// The advertised name: at most 22 bytes, and at most 11 if the insole serves management tools, because the scan response of
+    /// 31 bytes then also contains the UUID of their service.
     fn name(&self) -> &str;
     /// The model number of Device Information.
     fn model(&self) -> &str;

@@ -64,8 +64,8 @@ pub trait Stopwatch {
 
     /// Begins a measurement and returns its mark. Called at the beginning of every processed frame.
     fn start(&self) -> u32;
-    /// Number of cycles since the mark `start`. The result may wrap after a millisecond, so the caller computes longer times
-    /// from differences of successive results.
+    /// Number of cycles since the mark `start`. The counter of a board may wrap after a millisecond, so the caller measures
+    /// longer work in parts, as differences of successive results. A part in which the counter wraps is measured wrongly.
     fn cycles_since(&self, start: u32) -> u32;
 }
 

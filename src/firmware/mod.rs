@@ -6,7 +6,7 @@
 //! [`serve::serve`], [`persist::persist`] and the board's Bluetooth loop share a low-priority executor. If processing is late,
 //! frames wait in the board's queue; while it is full, scans are skipped and counted. If storing is late, up to
 //! [`shared::STORAGE_QUEUE`] load records (steps, load bouts, alerts) wait; further steps and bouts are dropped and counted, and
-//! an alert is not raised before the queue has space. The link has no deadline. [`supervise`] checks that scan, processing, link,
+//! an alert waits until the queue has space. The link has no deadline. [`supervise`] checks that scan, processing, link,
 //! storage and radio make progress.
 
 #![allow(async_fn_in_trait, reason = "boards implement these traits for executors that do not move tasks")]

@@ -55,7 +55,7 @@ pub struct Configuration<C> {
     pub cells: C,
     /// Bytes per second of the serial port.
     pub serial_bytes_per_s: u32,
-    /// Why the board does not have the configuration that it should have; `None` if it has.
+    /// A fault of the board that the hello is to report, such as a crystal that does not oscillate; `None` without one.
     pub fault: Option<String<MAX_FAULT_TEXT>>,
     /// Restarts the board.
     pub restart: fn() -> !,

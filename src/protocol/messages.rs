@@ -208,7 +208,8 @@ pub enum ToDevice {
     SetAlertRules(AlertRules),
     /// Asks for [`ToHost::DailyLoad`].
     GetDailyLoad,
-    /// Raises no alerts for this time; answered by [`ToHost::DailyLoad`].
+    /// Raises no alerts for this time; answered by [`ToHost::DailyLoad`], or by [`ToHost::Refused`] if the insole has no valid
+    /// layout.
     SnoozeAlerts {
         /// The time, s; 0 ends a snooze. A time above [`MAX_SNOOZE_S`](crate::pipeline::alert::MAX_SNOOZE_S) is limited to it.
         snoozed_s: u16,
@@ -220,7 +221,7 @@ pub enum ToDevice {
         every: u8,
     },
     /// Measures the baselines of all cells under the lifted foot; answered by [`ToHost::Zero`], or by [`ToHost::Refused`] if the
-    /// foot is not lifted within [`ZERO_S`](crate::pipeline::baseline::ZERO_S) seconds.
+    /// foot is not lifted within [`ZERO_S`](crate::pipeline::baseline::ZERO_S) seconds, or the insole has no valid layout.
     Zero,
     /// Erases everything about the wearer: parameters, rules of alerts, load of the day, bonds, and all records of steps, load
     /// bouts and alerts. Foot, serial number, calibration and settings remain. Answered by [`ToHost::Identity`] after some 15 s,

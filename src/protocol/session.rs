@@ -234,7 +234,7 @@ impl Session {
         self.records.back().map(LoadRecord::number)
     }
 
-    /// The records in RAM, oldest first. A host that passes them on changes them if the insole restarts.
+    /// The records in RAM, oldest first. `plantar serve`, which passes them on, updates their number of boots after a restart.
     pub fn records_mut(&mut self) -> impl Iterator<Item = &mut LoadRecord> {
         self.records.iter_mut()
     }

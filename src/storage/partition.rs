@@ -17,7 +17,8 @@ pub fn state_partition<F>(chip: &Mutex<NoopRawMutex, F>) -> Partition<'_, F, STA
     Partition::new(chip, STATE)
 }
 
-/// True if the running image is on trial: the bootloader swaps it back at the next start, unless it is confirmed before.
+/// True if the running image is on trial: the bootloader swaps it back at the next start, unless it is confirmed before. Between
+/// the acceptance of an update and the restart, also true because the received image is marked to be swapped in.
 ///
 /// # Errors
 /// [`Refusal::Chip`] if the chip fails.
