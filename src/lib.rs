@@ -14,6 +14,7 @@
 //!   |
 //!   v   scan       one frame of raw codes, u16 for each cell
 //!   |   calibrate  codes -> pressure, kPa: zero offset, sensor law, gain
+//!   |   baseline   minus the pressure of the cell under the lifted foot
 //!   |   contact    the share of each cell that is in contact, 0 to 1
 //!   |   region     area, measured force, centre of pressure of each region
 //!   |   ellipse    second moments of the contact area -> centre, radii, angle

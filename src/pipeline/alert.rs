@@ -2,7 +2,7 @@
 //!
 //! An alert is raised while a region is under sustained load ([`super::cumulative`]), and repeated after
 //! [`AlertRules::pause_s`] until the region is relieved; and once a day when the dose of a region reaches
-//! [`AlertRules::dose_kpa_s`]. At most [`AlertRules::per_day`] alerts are raised in a day, because people stop reacting to more.
+//! [`AlertRules::dose_kpa_s`]. At most [`AlertRules::per_day`] alerts are raised in a day, so that they do not go on without end.
 
 use super::cumulative::{LoadLimits, Totals};
 use super::region::Side;

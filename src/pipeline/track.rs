@@ -40,7 +40,8 @@ impl<R: Real> StepSums<R> {
         }
     }
 
-    /// The factors of the identified K and G that fit best, within their ranges.
+    /// The factors of the identified K and G that fit best, each limited to its range. The factor of K is the best one for the
+    /// limited factor of G.
     fn solve(&self) -> [R; 2] {
         let clamp = |value: R, [least, most]: [f64; 2]| value.max(R::of(least)).min(R::of(most));
         // The best factor of one coefficient if the other one is given.
