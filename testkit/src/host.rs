@@ -288,11 +288,14 @@ impl Host {
             return;
         }
         let Some(client) = &mut self.client else { return };
+        let before_us = now_us();
         match client.receive() {
             Ok(Some(message)) => {
                 self.last_message_us = now_us();
                 self.handle(message);
             }
+            // The wait ended early: a message for the client itself arrived, such as the insole's time.
+            Ok(None) if now_us() - before_us < WAIT_US => self.last_message_us = now_us(),
             Ok(None) => {}
             Err(error) => self.fail(&error),
         }

@@ -7,6 +7,7 @@ use emulator::SensorFault;
 use plantar::Side;
 use std::cell::RefCell;
 use std::collections::VecDeque;
+use std::mem;
 use std::rc::Rc;
 
 /// An event that acts on an insole or its links.
@@ -158,6 +159,13 @@ impl World {
     }
 
     fn execute(&mut self, Due { insole: index, event, .. }: Due) {
+        // A cut that ends during another one, and a low supply during another one, last until the later end.
+        let continues = |end: InsoleEvent| {
+            let is_same = |due: &Due| due.insole == index && mem::discriminant(&due.event) == mem::discriminant(&end);
+            self.due.iter().any(is_same)
+        };
+        let (is_still_cut, is_still_low) =
+            (continues(InsoleEvent::CableRepaired), continues(InsoleEvent::SupplyRecovered));
         let insole = &mut self.insoles[index];
         match event {
             InsoleEvent::Walk { steps } => {
@@ -170,7 +178,7 @@ impl World {
                 insole.cable.borrow_mut().is_cut = true;
                 self.schedule(now_us() + for_us, index, InsoleEvent::CableRepaired);
             }
-            InsoleEvent::CableRepaired => insole.cable.borrow_mut().is_cut = false,
+            InsoleEvent::CableRepaired => insole.cable.borrow_mut().is_cut = is_still_cut,
             InsoleEvent::CableRate { bytes_per_s } => {
                 insole.cable.borrow_mut().byte_us = if bytes_per_s > 0.0 { 1e6 / bytes_per_s } else { 0.0 };
             }
@@ -186,7 +194,7 @@ impl World {
                 insole.chip.0.borrow_mut().refuses_changes = true;
                 self.schedule(now_us() + for_us, index, InsoleEvent::SupplyRecovered);
             }
-            InsoleEvent::SupplyRecovered => insole.chip.0.borrow_mut().refuses_changes = false,
+            InsoleEvent::SupplyRecovered => insole.chip.0.borrow_mut().refuses_changes = is_still_low,
         }
     }
 }
