@@ -93,8 +93,8 @@ impl Identify {
         // Options that cannot be used are refused before the wearer stands and walks.
         let options = self.search.options(0)?;
         ensure!(
-            options.filter != ::fit::Filter::Smoothed,
-            "no insole evaluates the smoothing of the paper: use --filter direct, which is the usual one"
+            options.filter == ::fit::Filter::Direct,
+            "the insole's steps, which verify the parameters, are evaluated with the filter direct: use --filter direct"
         );
         let mut feet = self.connect()?;
         let rule = self.rule();
@@ -199,6 +199,10 @@ impl Identify {
                 for cell in results.iter_mut().flat_map(|result| &mut result.cells) {
                     cell.gain *= scale as f32;
                 }
+                ensure!(
+                    results.iter().flat_map(|result| &result.cells).all(CellCalibration::is_valid),
+                    "with the scale {scale:.3}, the gain of a cell is outside of 0.1 to 10: check --mass, and calibrate the sensors"
+                );
             }
             Some(_) => println!("standing: {total_n:.0} N on this foot; the scale needs both feet, so it is unchanged"),
             None => {

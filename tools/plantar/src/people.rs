@@ -14,6 +14,9 @@ use study::table::partition;
 pub fn names(study: &Path, out: Option<&Path>) -> Result<Vec<String>> {
     let error = || format!("cannot read {}: it must be a folder with one folder per participant", study.display());
     let out = out.map(resolved);
+    if let Some(folder) = out.as_ref().filter(|out| out.is_dir() && has_person(out)) {
+        bail!("{}: this folder contains recordings or participant.toml: choose another --out", folder.display());
+    }
     let mut names = Vec::new();
     for entry in fs::read_dir(study).with_context(error)? {
         let path = entry.with_context(error)?.path();
@@ -37,13 +40,23 @@ fn has_only_results(folder: &Path, out: Option<&Path>) -> bool {
     if out.is_some_and(|out| out == resolved) {
         return true;
     }
-    let entries: Vec<_> = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
-    if entries.iter().any(|path| recording::is_parquet(path) || path.ends_with("participant.toml")) {
+    if has_person(folder) {
         return false;
     }
+    let entries = entries(folder);
     let in_table = |path: &Path| path.file_name().is_some_and(|n| n.to_string_lossy().starts_with(&partition("")));
     let holds_results = |path: &PathBuf| in_table(path) || path.is_dir() && has_only_results(path, None);
     out.is_some_and(|out| out.starts_with(&resolved)) || entries.iter().any(holds_results)
+}
+
+/// True if a folder contains recordings or settings of a participant.
+fn has_person(folder: &Path) -> bool {
+    entries(folder).iter().any(|path| recording::is_parquet(path) || path.ends_with("participant.toml"))
+}
+
+/// The entries of a folder; none if it cannot be read.
+fn entries(folder: &Path) -> Vec<PathBuf> {
+    fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()).collect()
 }
 
 /// The files of these participants that a command reads: recordings and settings. A folder that cannot be read has none; its

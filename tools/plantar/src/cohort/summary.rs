@@ -45,7 +45,7 @@ pub fn print_participants(people: &[Person]) {
         ]);
     }
     summary::align(&mut table);
-    println!("Participants by insole size (Table 1 of the paper), mean ± standard deviation:\n{table}");
+    println!("Participants by insole size, mean ± standard deviation, in the form of Table 1 of the paper:\n{table}");
 }
 
 /// Height in m, rounded to 1 mm.
