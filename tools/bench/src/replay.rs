@@ -66,8 +66,13 @@ pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
     if *numpy_steps as usize != steps {
         bail!("NumPy found {numpy_steps} steps, this library {steps}");
     }
+    if numpy_peaks.len() != peak_n.len() {
+        bail!("replay_numpy.py printed {} peak forces instead of {}", numpy_peaks.len(), peak_n.len());
+    }
     for (region, (numpy, own)) in numpy_peaks.iter().zip(peak_n).enumerate() {
-        if (numpy - f64::from(own)).abs() > 0.01 * numpy.abs() {
+        let is_equal = (numpy - f64::from(own)).abs() <= 0.01 * numpy.abs();
+        // NaN is not equal.
+        if !is_equal {
             bail!("region {region}: NumPy's peak model force is {numpy} N, this library's {own} N");
         }
     }

@@ -99,7 +99,7 @@ fn a_live_stream_and_the_recording_of_all_cells_result_in_the_same_parameters() 
         let (ours, theirs) = (ours.as_ref().expect("fitted"), theirs.as_ref().expect("fitted"));
         let predicted = |fit: &fit::RegionFit| fit.quality.predicted.expect("several steps");
         let ratio = predicted(ours) / predicted(theirs);
-        assert!(ratio < 1.05, "{}: {ratio}", region.name());
+        assert!((0.95..1.05).contains(&ratio), "{}: {ratio}", region.name());
         let intervals = |fit: &fit::RegionFit| fit.uncertainty.clone().expect("intervals").intervals;
         for (ours, theirs) in intervals(ours).iter().zip(&intervals(theirs)) {
             assert_eq!(ours.is_identifiable, theirs.is_identifiable);
