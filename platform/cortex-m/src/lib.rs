@@ -189,6 +189,8 @@ pub fn boot_report(controller_reset: Option<Reset>) -> BootReport {
     match before {
         Some(before) if cause != 0 => text.push_record(&before),
         _ if reset == Reset::Watchdog => text.push("stalled with interrupts disabled"),
+        // A lockup resets some controllers before anything is recorded.
+        _ if reset == Reset::Panic => text.push("fault in a fault handler"),
         _ => &mut text,
     };
     BootReport { reset, fault: Some(text.0).filter(|text| !text.is_empty()), failed_starts }
