@@ -75,7 +75,8 @@ fn method(options: &Options) -> &'static str {
 
 fn bounds(study: &Study) -> String {
     if study.options.prior.is_some() {
-        return "π A B 1 to 8.4 times the largest contact area, n above −0.95; the prior replaces further bounds".into();
+        return "π A B 1 to 8.4 times the largest contact area, n above −0.95; the prior replaces further bounds"
+            .into();
     }
     let bounds = &study.options.bounds;
     // The reciprocals of the ratios are pi A B divided by the largest area.

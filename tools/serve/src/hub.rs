@@ -671,7 +671,8 @@ mod tests {
         hub.hello(0, &testkit::hello(), None, None, None, None);
         let stream = CellStream { resolution: Resolution::Converter, every: 1 };
         send(&page, 0, ToDevice::StreamCells(Some(stream)));
-        let messages: Vec<ToHost> = std::iter::from_fn(|| page.next()).filter_map(|bytes| decode(&bytes[1..])).collect();
+        let messages: Vec<ToHost> =
+            std::iter::from_fn(|| page.next()).filter_map(|bytes| decode(&bytes[1..])).collect();
         assert!(messages.contains(&ToHost::Refused(Refusal::NotUnderstood)), "{messages:?}");
         assert!(!messages.iter().any(|message| matches!(message, ToHost::CellStream(_))), "{messages:?}");
     }
