@@ -26,7 +26,8 @@ def areas(pressure_kpa):
 
 
 def loading_rate(force_n):
-    """Slope from 20 to 80 % of the first peak of at least half the largest force that is not exceeded for 50 ms, N/s."""
+    """Slope of the force between 20 and 80 % of its first peak, N/s. The first peak is the first sample that is at least half of
+    the largest force and is not exceeded in the next 50 ms."""
     window = round(0.05 * rate_hz)
     peak = next(
         i for i, f in enumerate(force_n) if f >= 0.5 * force_n.max() and f >= force_n[i : i + window + 1].max()

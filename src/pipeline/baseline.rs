@@ -5,10 +5,11 @@
 //!
 //! - A reading below the baseline lowers the baseline at once, because a cell without load cannot read less than its baseline. A
 //!   reading that would lower the zero by more than 2,048 codes changes nothing, and may be evidence of a fault.
-//! - A reading above it raises the baseline to the lower of this reading and that of the previous swing, which must be at most
-//!   [`GAIT_MS`] earlier; so neither the reading under a foot that rests for a moment, nor that under the foot of a person who
-//!   sits down and stands up, becomes the baseline. The first reading after the start becomes the baseline at once, unless the
-//!   foot has carried load before; so does the first one after a host has requested a measurement.
+//! - A reading above it raises the baseline to the lower of this reading and that of the previous swing, if that swing was at
+//!   most [`GAIT_MS`] earlier and a step of walking was between the two; so neither the reading under a foot that rests for a
+//!   moment, nor that under the foot of a person who sits down and stands up, becomes the baseline. The first reading after the
+//!   start becomes the baseline at once, unless the foot has carried load before; so does the first one after a host has
+//!   requested a measurement.
 //! - A baseline is at most [`MAX_RESIDUAL_KPA`] above the zero. The former baseline of a cell that reads more under a
 //!   lifted foot remains in force, and the cell is counted in [`Faults::without_baseline`](crate::faults::Faults).
 //!
@@ -60,7 +61,8 @@ impl Baseline {
         Self { zero: calibration.offset, code: calibration.offset, residual_kpa: 0.0, gain: calibration.gain }
     }
 
-    /// The code of the baseline after a code of the lifted foot, and the new `lowered`; `None` if the baseline does not change.
+    /// The new code of the baseline and the new `lowered`, if the cell reads `code` under the lifted foot; `None` if the baseline
+    /// does not change.
     /// `lowered` is the distance from the calibrated code at zero pressure down to the present one, in units of [`NOISE`] codes,
     /// and `before` the reading of the previous swing, codes above the baseline. Changes within the noise are ignored, and
     /// so is a code that would bring the zero or the baseline out of its limits.

@@ -92,7 +92,7 @@ fn few_steps(studies: &[Study], figures: &mut Figures) {
                 random.shuffle(&mut chosen);
                 let (fitted, others) = chosen.split_at(FEW_STEPS);
                 let steps: Vec<Step> = fitted.iter().map(|&i| study.steps[i].clone()).collect();
-                let Ok(law) = fit::fit_one(&steps, region, &study.options) else { continue };
+                let Ok(law) = fit::fit_force_law(&steps, region, &study.options) else { continue };
                 let errors = others.iter().filter_map(|&i| {
                     Some(Evaluated::new(&study.steps[i].regions[region], study.options.filter, &law)?.nrmse())
                 });

@@ -1,39 +1,39 @@
-//! Checks the order of the load records that arrive, and decides when to request a replay of those that were lost on
+//! Checks the order of the load records that arrive, and decides when to request a retransmission of those that were lost on
 //! the way.
 //!
-//! In a replay, the insole sends all its unacknowledged records again, oldest first.
+//! In a retransmission, the insole sends all its unacknowledged records again, oldest first.
 
 use plantar::sequence::is_after;
 
-/// Number of replays without the missing record after which the insole is assumed to have dropped it, if all frames arrived
-/// intact. A cable that was cut for a moment may have lost the record nevertheless.
-const INTACT_REPLAYS: u8 = 8;
-/// Number of replays after which the insole is assumed to have dropped the record even if each time a damaged frame arrived,
-/// which may have contained it. A record of a kind that this program does not know is such a frame every time.
-const ALL_REPLAYS: u8 = 64;
+/// Number of retransmissions without the missing record after which the insole is assumed to have dropped it, if all frames
+/// arrived intact. A cable that was cut for a moment may have lost the record nevertheless.
+const INTACT_RETRANSMISSIONS: u8 = 8;
+/// Number of retransmissions after which the insole is assumed to have dropped the record even if each time a damaged frame
+/// arrived, which may have contained it. A record of a kind that this program does not know is such a frame every time.
+const ALL_RETRANSMISSIONS: u8 = 64;
 
 /// The treatment of a record that arrives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Arrival {
     /// Accept it: no record before it is missing, or the missing one is assumed to have been dropped by the insole.
     InOrder,
-    /// Records before it are missing. Request a replay and ignore this record, because the replay includes it.
+    /// Records before it are missing. Request a retransmission and ignore this record, because the retransmission includes it.
     Gap,
-    /// A replay was requested and has not begun. Ignore the record, because the replay includes it.
+    /// A retransmission was requested and has not begun. Ignore the record, because the retransmission includes it.
     Awaited,
 }
 
-/// The replays that were requested for a missing record.
+/// The retransmissions that were requested for a missing record.
 #[derive(Debug)]
-struct Replays {
+struct Retransmissions {
     /// The first missing number.
     missing: u32,
-    /// Number of replays without it.
+    /// Number of retransmissions without it.
     all: u8,
-    /// Number of replays without it in which no damaged frame arrived.
+    /// Number of retransmissions without it in which no damaged frame arrived.
     intact: u8,
-    /// Number of damaged frames before the last request. It is not taken when the replay begins: damaged frames of the replay
-    /// may already be counted while its first messages still wait for the caller.
+    /// Number of damaged frames before the last request. It is not taken when the retransmission begins: damaged frames of the
+    /// retransmission may already be counted while its first messages still wait for the caller.
     damaged_before: u32,
 }
 
@@ -43,9 +43,9 @@ struct Replays {
 pub struct RecordOrder {
     /// The number after the last accepted record.
     expected: Option<u32>,
-    /// When a replay that has not begun yet was requested, by the carrier's clock, us.
+    /// When a retransmission that has not begun yet was requested, by the carrier's clock, us.
     requested_us: Option<u64>,
-    replays: Option<Replays>,
+    retransmissions: Option<Retransmissions>,
 }
 
 impl Default for RecordOrder {
@@ -56,7 +56,7 @@ impl Default for RecordOrder {
 
 impl RecordOrder {
     /// Before the first record.
-    pub const NEW: Self = Self { expected: None, requested_us: None, replays: None };
+    pub const NEW: Self = Self { expected: None, requested_us: None, retransmissions: None };
 
     /// Decides how to treat a record that was not delivered before. `damaged` is the number of damaged frames that have arrived.
     pub fn arrive(&mut self, number: u32, damaged: u32) -> Arrival {
@@ -64,16 +64,16 @@ impl RecordOrder {
             return Arrival::Awaited;
         }
         if let Some(missing) = self.expected.filter(|&expected| is_after(number, expected)) {
-            let replays = match self.replays.take().filter(|replays| replays.missing == missing) {
-                None => Replays { missing, all: 0, intact: 0, damaged_before: damaged },
-                Some(replays) => Replays {
-                    all: replays.all + 1,
-                    intact: replays.intact + u8::from(replays.damaged_before == damaged),
-                    ..replays
+            let counts = match self.retransmissions.take().filter(|counts| counts.missing == missing) {
+                None => Retransmissions { missing, all: 0, intact: 0, damaged_before: damaged },
+                Some(counts) => Retransmissions {
+                    all: counts.all + 1,
+                    intact: counts.intact + u8::from(counts.damaged_before == damaged),
+                    ..counts
                 },
             };
-            let is_sent_again = replays.intact < INTACT_REPLAYS && replays.all < ALL_REPLAYS;
-            self.replays = Some(replays);
+            let is_sent_again = counts.intact < INTACT_RETRANSMISSIONS && counts.all < ALL_RETRANSMISSIONS;
+            self.retransmissions = Some(counts);
             if is_sent_again {
                 return Arrival::Gap;
             }
@@ -90,16 +90,16 @@ impl RecordOrder {
         }
     }
 
-    /// Called when a replay was requested, at `now_us` of the carrier's clock, after this number of damaged frames.
+    /// Called when a retransmission was requested, at `now_us` of the carrier's clock, after this number of damaged frames.
     pub fn request(&mut self, now_us: u64, damaged: u32) {
         self.requested_us = Some(now_us);
-        if let Some(replays) = &mut self.replays {
-            replays.damaged_before = damaged;
+        if let Some(counts) = &mut self.retransmissions {
+            counts.damaged_before = damaged;
         }
     }
 
     /// Called when a session begins, in which the insole sends its unacknowledged records from the oldest on. True if this is the
-    /// replay that was requested.
+    /// retransmission that was requested.
     pub fn begin(&mut self) -> bool {
         self.requested_us.take().is_some()
     }
@@ -109,7 +109,7 @@ impl RecordOrder {
         *self = Self::NEW;
     }
 
-    /// When a replay that has not begun yet was requested, us.
+    /// When a retransmission that has not begun yet was requested, us.
     pub fn requested_us(&self) -> Option<u64> {
         self.requested_us
     }
@@ -117,10 +117,10 @@ impl RecordOrder {
 
 #[cfg(test)]
 mod tests {
-    use super::{ALL_REPLAYS, Arrival, INTACT_REPLAYS, RecordOrder};
+    use super::{ALL_RETRANSMISSIONS, Arrival, INTACT_RETRANSMISSIONS, RecordOrder};
 
     #[test]
-    fn a_gap_is_replayed_once() {
+    fn a_gap_is_retransmitted_once() {
         let mut order = RecordOrder::default();
         assert_eq!([7, 8].map(|step| order.arrive(step, 0)), [Arrival::InOrder; 2]);
         assert_eq!(order.arrive(10, 0), Arrival::Gap);
@@ -131,31 +131,31 @@ mod tests {
         assert!(!order.begin());
     }
 
-    /// Requests replays in which record 3 arrives, but not the missing records before it, until record 3 is accepted. In each
-    /// replay this number of damaged frames arrives. Returns the number of replays.
-    fn replays_until_accepted(order: &mut RecordOrder, damaged_frames: u32) -> u8 {
+    /// Requests retransmissions in which record 3 arrives, but not the missing records before it, until record 3 is accepted. In
+    /// each retransmission this number of damaged frames arrives. Returns the number of retransmissions.
+    fn retransmissions_until_accepted(order: &mut RecordOrder, damaged_frames: u32) -> u8 {
         assert_eq!(order.arrive(u32::MAX, 0), Arrival::InOrder);
-        for replay in 0.. {
-            if order.arrive(3, damaged_frames * u32::from(replay)) == Arrival::InOrder {
-                return replay;
+        for retransmission in 0.. {
+            if order.arrive(3, damaged_frames * u32::from(retransmission)) == Arrival::InOrder {
+                return retransmission;
             }
-            order.request(5, damaged_frames * u32::from(replay));
+            order.request(5, damaged_frames * u32::from(retransmission));
             assert!(order.begin());
         }
-        unreachable!("the number of replays is limited")
+        unreachable!("the number of retransmissions is limited")
     }
 
     #[test]
     fn a_step_that_the_insole_dropped_is_not_awaited_without_end() {
         let mut order = RecordOrder::default();
-        assert_eq!(replays_until_accepted(&mut order, 0), INTACT_REPLAYS);
-        // The replays of another gap are counted from the start.
+        assert_eq!(retransmissions_until_accepted(&mut order, 0), INTACT_RETRANSMISSIONS);
+        // The retransmissions of another gap are counted from the start.
         assert_eq!(order.arrive(5, 0), Arrival::Gap);
     }
 
     #[test]
     fn a_step_that_may_have_been_damaged_is_requested_more_often() {
-        assert_eq!(replays_until_accepted(&mut RecordOrder::default(), 2), ALL_REPLAYS);
+        assert_eq!(retransmissions_until_accepted(&mut RecordOrder::default(), 2), ALL_RETRANSMISSIONS);
     }
 
     #[test]

@@ -141,8 +141,8 @@ impl<C: Carrier> Client<C> {
             match self.next() {
                 Err(error) => break Err(error),
                 Ok(Some(ToHost::Refused(refusal))) => break Err(Error::Refused(refusal)),
-                // The connect request may have been sent twice, so a second hello may arrive. A replay that was requested begins
-                // with its hello.
+                // The connect request may have been sent twice, so a second hello may arrive. A retransmission that was requested
+                // begins with its hello.
                 Ok(Some(ToHost::Hello(_))) if self.order.requested_us().is_none() => {}
                 Ok(None) => {}
                 Ok(Some(message)) => match answer(&message) {
@@ -214,8 +214,8 @@ impl<C: Carrier> Client<C> {
     }
 
     /// The next message for the caller. `None` if none arrived within the carrier's timeout, or if this function handled the
-    /// message itself: the insole's time, a repeated record, a record after a gap, or the hello of a requested replay. Requests
-    /// the insole's time four times a second, for [`Client::clock_mapping`].
+    /// message itself: the insole's time, a repeated record, a record after a gap, or the hello of a requested retransmission.
+    /// Requests the insole's time four times a second, for [`Client::clock_mapping`].
     ///
     /// Each record (step, load bout or alert) is returned once, however often the insole repeats it. Send
     /// [`ToDevice::Acknowledge`] once the record is stored; if the insole repeats the record afterwards, this function
@@ -227,8 +227,8 @@ impl<C: Carrier> Client<C> {
     pub fn receive(&mut self) -> Result<Option<ToHost>, Error> {
         self.request_time_if_due()?;
         if self.order.requested_us().is_some_and(|requested_us| elapsed::<C>(requested_us) >= ANSWER) {
-            // The request for the replay, or its answer, was lost on the way.
-            self.request_replay()?;
+            // The request for the retransmission, or its answer, was lost on the way.
+            self.request_retransmission()?;
         }
         let Some(message) = self.next()? else { return Ok(None) };
         if let Some(record) = LoadRecord::of(&message) {
@@ -274,7 +274,7 @@ impl<C: Carrier> Client<C> {
                     return Ok(true);
                 }
                 Arrival::Awaited => {}
-                Arrival::Gap => self.request_replay()?,
+                Arrival::Gap => self.request_retransmission()?,
             },
         }
         Ok(false)
@@ -282,7 +282,7 @@ impl<C: Carrier> Client<C> {
 
     /// Requests to open the session again, so that the insole sends its records from the oldest unacknowledged one on. This ends
     /// all streams, so they are requested again.
-    fn request_replay(&mut self) -> Result<(), Error> {
+    fn request_retransmission(&mut self) -> Result<(), Error> {
         self.order.request(C::now_us(), self.damaged());
         self.send(ToDevice::Connect { major: MAJOR, minor: MINOR })?;
         if self.is_streaming {

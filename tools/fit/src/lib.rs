@@ -50,7 +50,7 @@ pub use fixed::Measured;
 pub use identify::Bounds;
 pub use prior::Prior;
 pub use quality::Quality;
-pub use region::{RegionFit, fit_one, fit_step};
+pub use region::{RegionFit, fit_force_law, fit_step};
 pub use samples::Samples;
 pub use screen::{MIN_FORCE_N, MIN_SAMPLES, NotFitted};
 pub use steps::{Filter, RegionCurves, Step};

@@ -1,5 +1,5 @@
-//! The fit of one region: the search for the parameters that force and area determine, the three that they do not determine and
-//! other data fix (A/B, C and d0), confidence intervals and errors.
+//! The fit of one region: the search for the five parameters that force and area determine; the other three (A/B, C and d0),
+//! which follow from other data; confidence intervals and errors.
 
 use crate::compare::{Change, Group};
 use crate::fixed::{FixedParameters, Scale};
@@ -99,7 +99,7 @@ pub fn fit_step(step: &Step, region: usize, options: &Options) -> Result<(Region
 ///
 /// # Errors
 /// Returns the reason if no step passes the screening.
-pub fn fit_one(steps: &[Step], region: usize, options: &Options) -> Result<ForceLaw<f64>, NotFitted> {
+pub fn fit_force_law(steps: &[Step], region: usize, options: &Options) -> Result<ForceLaw<f64>, NotFitted> {
     let used = usable(steps, region, options.filter)?;
     Ok(search(used.iter().map(|&i| &steps[i].regions[region]), region, options).law)
 }
@@ -316,8 +316,8 @@ impl SearchResult {
     }
 
     /// The fixed parameters of the result, from the contact ellipses of the steps and from the options. If measurements
-    /// contradict each other, the assumed compression determines C. If all eight parameters were searched, the values of A/B, C
-    /// and d0 are those of the search.
+    /// contradict each other, or a curvature contradicts the thickness, the assumed compression determines C. If all eight
+    /// parameters were searched, the values of A/B, C and d0 are those of the search.
     pub(crate) fn fixed_parameters(
         &self,
         curves: &[&RegionCurves],

@@ -356,7 +356,7 @@ export class Session {
       this.connect_requested_ms = -Infinity;
     }
     const is_waiting = this.state === "waiting" || this.state === "lost";
-    if (is_waiting || (this.state === "live" && this.order.is_replay_due)) this.requestHello(now_ms);
+    if (is_waiting || (this.state === "live" && this.order.is_retransmission_due)) this.requestHello(now_ms);
     if (this.state === "live" && now_ms - this.status_requested_ms >= STATUS_MS) {
       this.status_requested_ms = now_ms;
       this.send(this.wire.getStatus());

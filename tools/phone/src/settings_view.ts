@@ -11,16 +11,16 @@ import type { Records, StepStore } from "./step_store";
 import type { Wire } from "./wire";
 
 /**
- * The number that the wearer has entered for a setting. `per_unit` is the size of the unit of the field in that of the setting.
+ * The number that the wearer has entered for a setting. `factor` converts it to the unit of the setting: `KG_PER_LB` for pounds.
  * Returns `null` if there is no number or if it is out of range, which the note below the field then says.
  */
-function enteredNumber(field: HTMLInputElement, key: keyof typeof LIMITS, per_unit: number, unit: string): number | null {
-  const value = field.valueAsNumber * per_unit;
+function enteredNumber(field: HTMLInputElement, key: keyof typeof LIMITS, factor: number, unit: string): number | null {
+  const value = field.valueAsNumber * factor;
   const is_valid = isWithinLimits(key, value);
   const { min, max } = LIMITS[key];
   // The value of a field whose text is no number is empty.
   const is_empty = field.value === "" && !field.validity.badInput;
-  const limits = `Enter ${Math.ceil(min / per_unit)} to ${Math.floor(max / per_unit)} ${unit}. Other values are not used.`;
+  const limits = `Enter ${Math.ceil(min / factor)} to ${Math.floor(max / factor)} ${unit}. Other values are not used.`;
   fill(`${field.id}-note`, is_valid || is_empty ? [] : [limits]);
   return is_valid ? value : null;
 }
@@ -31,8 +31,8 @@ export function listenToSettings(settings: Settings, changed: () => void): void 
   const stride = byId("stride", HTMLInputElement);
   const mass_unit = byId("mass-unit", HTMLSelectElement);
   const force_unit = byId("force-unit", HTMLSelectElement);
-  const kg_per_unit = () => (settings.mass_unit === "lb" ? KG_PER_LB : 1);
-  const show = () => (mass.value = settings.body_mass_kg === null ? "" : (settings.body_mass_kg / kg_per_unit()).toFixed(1));
+  const kg_factor = () => (settings.mass_unit === "lb" ? KG_PER_LB : 1);
+  const show = () => (mass.value = settings.body_mass_kg === null ? "" : (settings.body_mass_kg / kg_factor()).toFixed(1));
   mass_unit.value = settings.mass_unit;
   force_unit.value = settings.force_unit;
   stride.value = settings.stride_cm === null ? "" : settings.stride_cm.toFixed(0);
@@ -42,7 +42,7 @@ export function listenToSettings(settings: Settings, changed: () => void): void 
     changed();
   };
   mass.oninput = () => {
-    settings.body_mass_kg = enteredNumber(mass, "body_mass_kg", kg_per_unit(), settings.mass_unit);
+    settings.body_mass_kg = enteredNumber(mass, "body_mass_kg", kg_factor(), settings.mass_unit);
     save();
   };
   stride.oninput = () => {

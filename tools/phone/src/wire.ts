@@ -38,7 +38,7 @@ interface Exports {
   counter_lost(index: number): number;
   order_accepts(index: number, number: number, damaged: number): number;
   order_repeat(index: number, number: number): void;
-  order_is_replay_due(index: number): number;
+  order_is_retransmission_due(index: number): number;
   order_begin(index: number): void;
   order_interrupt(index: number): void;
   gait_step(foot: number, number: number, start_s: number, duration_s: number, peak_n: number, integral_n_s: number): void;
@@ -129,8 +129,8 @@ export class RecordOrder {
   }
 
   /** True from the detection of a gap until the insole begins to send its unacknowledged records again. */
-  get is_replay_due(): boolean {
-    return Boolean(this.core.order_is_replay_due(this.index));
+  get is_retransmission_due(): boolean {
+    return Boolean(this.core.order_is_retransmission_due(this.index));
   }
 
   /** To be called when a session begins, in which the insole sends all its unacknowledged records, oldest first. */

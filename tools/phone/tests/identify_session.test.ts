@@ -204,20 +204,22 @@ test("the parameters are sent again to an insole that did not answer, during the
   const steps = (...sides: Side[]) => {
     for (let i = 0; i <= CHECK_STEPS; i += 1) for (const side of sides) session.step(side, withError(9), `${i}`, 0);
   };
-  const fail = (now_ms: number) => {
+  // Sends the parameters and waits until all attempts are over. The left insole never answers, the right one at time 0 only.
+  // Returns the foot of each message.
+  const pushWithoutAnswer = (now_ms: number) => {
     sent.length = 0;
     session.push(now_ms);
     if (now_ms === 0) session.insoleAnswer("right", { kind: "tissue", id: 42 }, now_ms);
     for (const wait_ms of [3000, 6000, 9000]) session.tick(now_ms + wait_ms, []);
     return sent.map(([side]) => side);
   };
-  expect(fail(0)).toEqual(["left", "right", "left", "left"]);
+  expect(pushWithoutAnswer(0)).toEqual(["left", "right", "left", "left"]);
   expect(session.phase).toBe("verify");
-  expect(fail(10_000)).toEqual(["left", "left", "left"]);
+  expect(pushWithoutAnswer(10_000)).toEqual(["left", "left", "left"]);
   expect(session.phase).toBe("verify");
   steps("right");
   expect(session.phase).toBe("done");
-  expect(fail(20_000)).toEqual(["left", "left", "left"]);
+  expect(pushWithoutAnswer(20_000)).toEqual(["left", "left", "left"]);
   expect(session.phase).toBe("done");
   session.push(30_000);
   session.insoleAnswer("left", { kind: "tissue", id: 42 }, 30_010);

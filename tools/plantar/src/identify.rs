@@ -1,4 +1,5 @@
-//! `plantar identify`: a guided session that identifies the wearer of one insole or two, and sends the results to the insoles.
+//! `plantar identify`: a guided session that identifies the tissue parameters of the wearer of one insole or two, and sends them
+//! to the insoles.
 
 mod foot;
 mod screen;
@@ -204,13 +205,15 @@ impl Identify {
                     "with the scale {scale:.3}, the gain of a cell is outside of 0.1 to 10: check --mass, and calibrate the sensors"
                 );
             }
-            Some(_) => println!("standing: {total_n:.0} N on this foot; the scale needs both feet, so it is unchanged"),
+            Some(_) => println!(
+                "standing: {total_n:.0} N on this foot; forces are scaled to the body weight only with both feet"
+            ),
             None => {
                 println!("standing: {total_n:.0} N; with --mass and both feet, forces are scaled to the body weight")
             }
         }
-        // All are stored before the first one is sent. If one cannot be sent, the next session sends all of them. Another trial
-        // would scale the forces of an insole that has received its calibration a second time.
+        // All are stored before the first one is sent. If one cannot be sent, the next session sends all of them, without
+        // another trial, which would scale the forces of the insoles that have received theirs once more.
         feet.iter().zip(&results).try_for_each(|(foot, result)| foot.store_calibration(&result.cells))?;
         let calibrations: Vec<_> = results.into_iter().map(|result| result.cells).collect();
         send_calibrations(feet, &calibrations)
@@ -389,6 +392,7 @@ fn print_verification(foot: &Foot, steps: &[Step], study: &Study) -> bool {
         is_good &= is_within;
         let percent = |percent: Option<f64>| percent.map_or("-".into(), |percent| format!("{percent:.1}"));
         let remark = match (predicted, found, is_within) {
+            (None, ..) if fit.is_ok() => "identified from one step, which predicts no error",
             (None, ..) => "not identified",
             (_, None, _) => "hardly loaded, or saturated",
             (.., true) => "as predicted",

@@ -184,9 +184,10 @@ fn a_recorder_whose_acknowledgement_was_lost_repeats_it() {
     assert!(output.status.success(), "{text}");
 }
 
-/// After a record was lost on the way, the insole counts its frames from 0 again, over the same link.
+/// After a record was lost on the way, the recorder opens the session again over the same link, so that the insole sends its
+/// records again. The insole then counts its frames from 0 again.
 #[test]
-fn no_two_frames_of_a_recorder_have_the_same_session_and_number_after_a_replay() {
+fn no_two_frames_of_a_recorder_have_the_same_session_and_number_after_records_were_sent_again() {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("session");
     let (listener, address) = listen();
@@ -206,7 +207,7 @@ fn no_two_frames_of_a_recorder_have_the_same_session_and_number_after_a_replay()
     send_frames(&mut insole, &mut host);
     insole.session.push_record(step(0));
     assert!(insole.send_due(&mut host));
-    // Step 1 is lost on the way, so the recorder requests a replay when step 2 arrives.
+    // Step 1 is lost on the way, so the recorder opens the session again when step 2 arrives.
     insole.session.push_record(step(1));
     assert!(insole.session.next(&hello(), Status::default, &mut [0; MAX_MESSAGE]).is_some());
     insole.session.push_record(step(2));
@@ -381,8 +382,8 @@ fn a_recorder_requests_the_cells_until_their_stream_is_on_again() {
     assert!(text.contains(&expected), "{text}");
 }
 
-/// If the request fails, the origin counts as unknown only if older firmware refused the request because it does not know it.
-/// After any other failure, personal parameters would be written as not personal.
+/// If older firmware refuses the request for the origin of the parameters because it does not know this request, they are written
+/// as not personal. After any other failure nothing is written, because the parameters may be personal.
 #[test]
 fn parameters_whose_origin_could_not_be_read_are_not_written() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -441,7 +442,8 @@ fn a_calibration_is_not_sent_if_the_other_foot_has_none() {
             .arg(folder.path())
             .spawn()
             .expect("it runs");
-    // The first request of each foot after the start of the session: the cells for the trial, or the calibration in force.
+    // True for a foot that requests its cells, for a trial, before it requests the identity, which contains the identifier of the
+    // calibration in force. A stored calibration is compared with it before it is sent.
     let serving = [(left.0, Side::Left), (right.0, Side::Right)].map(|(listener, side)| {
         std::thread::spawn(move || {
             let mut insole = Insole { side, ..Insole::with_steps([]) }.with_cells();
@@ -572,7 +574,8 @@ fn assert_second_program_is_refused<L: Read + Write>(arguments: &[&str], link: i
     text
 }
 
-/// A bridge that serves one program at a time leaves the next one in the queue of connections, without an answer.
+/// A program that connects an insole to the network, and serves one client at a time, leaves the next one in the queue of
+/// connections, without an answer.
 #[test]
 fn a_second_program_at_a_network_address_ends_with_a_remedy_and_the_first_one_loses_nothing() {
     let (listener, address) = listen();

@@ -1,9 +1,9 @@
 //! Import of measurements on a plate of the emed system (novel GmbH), from the ASCII export (`.lst`).
 //!
-//! Each page contains one frame, as a table of the loaded part of the plate in kPa: the first line has the numbers of the
-//! columns, and each other line begins with the number of its row. The last column and the last line contain forces in N, with
-//! which the import is compared. Pages of a summary, such as the maximum of all frames, are skipped. Rows are numbered from the
-//! top, as seen from above.
+//! Each page contains one frame, which emed calls a picture, as a table of the loaded part of the plate in kPa: the first line
+//! has the numbers of the columns, and each other line begins with the number of its row. The last column and the last line
+//! contain forces in N, with which the import is compared. Pages of a summary, such as the maximum of all frames, are skipped.
+//! Rows are numbered from the top, as seen from above.
 
 use crate::grid::{Foot, Frames, Grid, MAX_CELL_MM, MAX_LINES, SWING_S, Toes, check_period};
 use crate::table::{at_line, file_name};
@@ -146,14 +146,15 @@ impl Pages<'_> {
         let size_mm = size_mm.or(area_mm2.map(|mm2| [mm2.sqrt(); 2]));
         let size_mm = size_mm.filter(|size| size.iter().all(|mm| *mm > 0.0 && *mm <= MAX_CELL_MM));
         let (Some(size_mm), Some(period_s)) = (size_mm, period_s) else {
-            let problem = format!("no sensor size of up to {MAX_CELL_MM} mm, or no time of a picture, on this page");
+            let problem =
+                format!("no sensor size of up to {MAX_CELL_MM} mm, or no time between pictures, on this page");
             return Err(Error::content(place(), problem, "export the measurement with the header of each page"));
         };
         check_period(period_s, &place)?;
         if self.size_mm.is_some_and(|before| before != size_mm)
             || self.period_s.is_some_and(|before| before != period_s)
         {
-            let problem = "sensor size or time of a picture differs from that of the pages before";
+            let problem = "sensor size or time between pictures differs from that of the pages before";
             return Err(Error::content(place(), problem, "import each measurement on its own"));
         }
         (self.size_mm, self.period_s) = (Some(size_mm), Some(period_s));

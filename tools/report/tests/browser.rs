@@ -1,5 +1,5 @@
-//! The page in Chromium. The browser is the program that the environment variable `PLANTAR_CHROMIUM` names, or the one that is
-//! found in the folders of `PATH`.
+//! Opens and prints the report in Chromium. The browser is the program that the environment variable `PLANTAR_CHROMIUM` names, or
+//! the one that is found in the folders of `PATH`.
 
 mod common;
 
@@ -18,7 +18,7 @@ fn browser() -> Option<PathBuf> {
     names.iter().flat_map(|name| folders.iter().map(move |folder| folder.join(name))).find(|path| path.is_file())
 }
 
-/// Opens the page with a new profile.
+/// Opens the report with a new profile.
 fn open(browser: &Path, folder: &Path, arguments: &[&str]) -> Output {
     let profile = tempfile::tempdir().expect("a folder for the profile");
     let output = Command::new(browser)

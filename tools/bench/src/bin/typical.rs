@@ -76,7 +76,7 @@ fn stiffness_mdc(walkers: &[Study], options: &Options) {
 
 /// The changes of K that the insole reports in the steps `walked`, with parameters identified from the steps `identified`.
 fn changes(identified: &[Step], walked: &[Step], region: usize, options: &Options) -> Vec<f64> {
-    let Ok(mut law) = fit::fit_one(identified, region, options) else { return Vec::new() };
+    let Ok(mut law) = fit::fit_force_law(identified, region, options) else { return Vec::new() };
     let mut laws = [ForceLaw::NONE; 8];
     laws[region] = law;
     let mut tracker = Tracker::OFF;

@@ -215,8 +215,8 @@ pub extern "C" fn counter_lost(index: usize) -> f64 {
 static ORDERS: Mutex<[RecordOrder; INSOLES]> = Mutex::new([RecordOrder::NEW; INSOLES]);
 
 /// True if the record with this number, which has not arrived before, can be used. Otherwise records before it are missing, and
-/// the insole must first send all its unacknowledged records again: see [`order_is_replay_due`]. `damaged` is the number of
-/// damaged messages that have arrived.
+/// the insole must first send all its unacknowledged records again: see [`order_is_retransmission_due`]. `damaged` is the number
+/// of damaged messages that have arrived.
 #[unsafe(no_mangle)]
 pub extern "C" fn order_accepts(index: usize, number: u32, damaged: u32) -> bool {
     with(&ORDERS, index, |order| match order.arrive(number, damaged) {
@@ -238,7 +238,7 @@ pub extern "C" fn order_repeat(index: usize, number: u32) {
 
 /// True from the detection of a gap until [`order_begin`]: the page must send the message of [`connect`] again.
 #[unsafe(no_mangle)]
-pub extern "C" fn order_is_replay_due(index: usize) -> bool {
+pub extern "C" fn order_is_retransmission_due(index: usize) -> bool {
     with(&ORDERS, index, |order| order.requested_us().is_some())
 }
 

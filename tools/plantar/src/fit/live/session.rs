@@ -83,7 +83,8 @@ fn frames(folder: &Path) -> Result<BTreeMap<i32, Vec<Live>>> {
     for_each_row(folder, &columns, |row| {
         let frames = sessions.entry(row.integer("session")?).or_default();
         let sequence = row.integer("sequence")? as u32;
-        // In a folder of an earlier version, two successive frames have the same number if a replay began between them.
+        // In a folder from an earlier version of this program, two successive frames have the same number if the insole began to
+        // count from 0 between them, because records were lost and sent again.
         if row.region()? == 0 || frames.last().is_none_or(|frame| frame.sequence != sequence) {
             frames.push(Live { sequence, t_us: (row.real("t_s")? * 1e6).round() as u64, ..Live::default() });
         }
