@@ -95,7 +95,8 @@ impl Identify {
         let options = self.search.options(0)?;
         ensure!(
             options.filter == ::fit::Filter::Direct,
-            "the insole's steps, which verify the parameters, are evaluated with the filter direct: use --filter direct"
+            "the steps that verify the parameters are evaluated without smoothing and without the filter of live frames: use --filter \
+             direct"
         );
         let mut feet = self.connect()?;
         let rule = self.rule();

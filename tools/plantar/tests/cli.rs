@@ -254,6 +254,7 @@ fn a_session_is_refused_before_it_connects_if_its_options_cannot_be_used() {
     let (_folder, path) = folder();
     for (option, words) in [
         ("--filter smoothed", ["smoothing", "--filter direct"]),
+        ("--filter live", ["live frames", "--filter direct"]),
         ("--method paper", ["smoothing", "--filter direct"]),
         ("--compression 5", ["--compression 5", "compression"]),
         ("--tissue nowhere.toml", ["nowhere.toml", "nowhere"]),
