@@ -34,6 +34,8 @@ struct Truth {
     /// Centre of pressure.
     pressure_x_mm: f64,
     pressure_y_mm: f64,
+    /// Largest pressure of a cell.
+    peak_kpa: f64,
     saturated: bool,
 }
 
@@ -108,6 +110,7 @@ impl Reference {
             truth.force_n += force_n;
             force_x += force_n * x_mm;
             force_y += force_n * y_mm;
+            truth.peak_kpa = truth.peak_kpa.max(self.pressure_kpa(i, codes[i]));
             truth.saturated |= codes[i] >= FULL_CODE;
         }
         (truth.x_mm, truth.y_mm) = (x / truth.area_mm2, y / truth.area_mm2);
@@ -198,6 +201,9 @@ proptest! {
                 let near = |got: f64, want: f64, tolerance: f64| (got - want).abs() <= tolerance * want.abs();
                 prop_assert!(near(load.force.force_n, truth.force_n, 1e-12), "{:?} {:?}", load, truth);
                 prop_assert!(near(single_load.force.force_n.into(), truth.force_n, 1e-5), "{:?} {:?}", single_load, truth);
+
+                prop_assert!(near(load.peak_kpa, truth.peak_kpa, 1e-12), "{:?} {:?}", load, truth);
+                prop_assert!(near(single_load.peak_kpa.into(), truth.peak_kpa, 1e-5), "{:?} {:?}", single_load, truth);
 
                 match (double.centre_of_pressure_mm(region), single.centre_of_pressure_mm(region)) {
                     (Some((x, y)), Some((single_x, single_y))) => {

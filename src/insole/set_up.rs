@@ -34,6 +34,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             let _ = self.cells.push(InsoleCell::new(&cell, &setup.contact, &self.curve, &division));
         }
         self.rows.set(&self.cells);
+        self.note_gains();
         self.most_residual = self.curve.first_code_at(MAX_RESIDUAL_KPA);
         self.residuals = [const { Residual::NONE }; 8];
         self.detector.set_up(&self.cells, setup.period_us);
@@ -64,6 +65,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             let cell = SetupCell { calibration, ..cell };
             *place = InsoleCell::new(&cell, &self.setup.contact, &self.curve, &self.division);
         }
+        self.note_gains();
     }
 
     /// Replaces the tissue parameters of the wearer from the next frame on. A stance that is in progress is evaluated with the

@@ -110,13 +110,15 @@ fn sum_moments<R>(cells: &[InsoleCell<R>], share: impl Fn(&InsoleCell<R>) -> u16
 }
 
 /// Calibrates the cells of a region, sums their forces, and updates the contact area. `COVERED` states whether cells can be in
-/// contact in part. Returns the code of the *highest cell*, the one with the largest pressure, minus its code at zero pressure.
-/// If no cell has a pressure near the largest one of the previous frame, the result is 0, and [`find_peak`] must be called.
+/// contact in part, and `most_gain` is the largest gain of the cells. Returns the code of the *highest cell*, the one with the
+/// largest pressure, minus its code at zero pressure. The result is 0 if that cell may be one that was not compared, because its
+/// gain is large or because pressures have fallen; [`find_peak`] must then be called.
 #[inline(always)]
 pub(crate) fn sum_region<R: Real, const COVERED: bool>(
     curve: &Curve,
     cells: &mut [InsoleCell<R>],
     codes: &[u16],
+    most_gain: R,
     frame: &mut RegionFrame<R>,
 ) -> i32 {
     // Pressures change little from frame to frame, so few cells must be compared.
@@ -139,7 +141,9 @@ pub(crate) fn sum_region<R: Real, const COVERED: bool>(
     frame.peak_kpa = sums.peak.kpa;
     frame.force = sums.force;
     frame.area.add(sums.area_change);
-    sums.peak.code
+    // The largest pressure that a cell has that was not compared.
+    let most_kpa = curve.pressure_kpa::<R>(candidate) * most_gain;
+    if sums.peak.kpa < most_kpa { 0 } else { sums.peak.code }
 }
 
 /// Number of cells that [`sum_region`] processes in each pass of its unrolled loop.
@@ -182,9 +186,7 @@ impl<R: Real> Sums<R> {
 
 /// The highest cell of a region. A cell that was not compared has a code of at most seven eighths of [`RegionFrame::peak_code`]
 /// in the previous frame. The highest code of a baseline is subtracted in `peak_code`, because a cell without residual pressure
-/// may have a higher pressure at a lower code. So while pressures do not fall, the cell with the largest pressure is found as
-/// long as the gains of the cells differ by a factor of less than 1.18, which is 8/7 to the power 1/0.8, with the exponent of
-/// the reference insole's sensor law.
+/// may have a higher pressure at a lower code.
 struct Peak<R> {
     /// Pressure above the baseline, kPa.
     kpa: R,
@@ -202,8 +204,7 @@ impl<R: Real> Peak<R> {
     }
 }
 
-/// Finds the highest cell of a region among all cells, after a frame with much higher pressures. Returns its code above zero
-/// pressure.
+/// Finds the highest cell of a region among all cells. Returns its code above zero pressure.
 #[cold]
 #[inline(never)]
 pub(crate) fn find_peak<R: Real>(
@@ -254,4 +255,9 @@ impl<R: Real> Residual<R> {
         }
         residual
     }
+}
+
+/// The largest gain of these cells.
+pub(crate) fn most_gain<R: Real>(cells: &[InsoleCell<R>]) -> R {
+    R::of_f32(cells.iter().fold(0.0, |most, cell| cell.baseline.gain.max(most)))
 }
