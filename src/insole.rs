@@ -48,7 +48,7 @@ pub struct Insole<R, const N: usize> {
     loads: [RegionLoad<R>; 8],
     /// The baselines of each region.
     residuals: [Residual<R>; 8],
-    /// The largest gain of the cells of each region.
+    /// The largest gain of the cells of each region; 0 if they have equal gains.
     most_gains: [R; 8],
     /// Centre of pressure of the foot, foot coordinates, mm; in a frame without force, that of the last frame with force.
     centre_mm: (R, R),

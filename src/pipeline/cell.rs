@@ -110,7 +110,7 @@ fn sum_moments<R>(cells: &[InsoleCell<R>], share: impl Fn(&InsoleCell<R>) -> u16
 }
 
 /// Calibrates the cells of a region, sums their forces, and updates the contact area. `COVERED` states whether cells can be in
-/// contact in part, and `most_gain` is the largest gain of the cells. Returns the code of the *highest cell*, the one with the
+/// contact in part, and `most_gain` is that of [`most_gain`]. Returns the code of the *highest cell*, the one with the
 /// largest pressure, minus its code at zero pressure. The result is 0 if that cell may be one that was not compared, because its
 /// gain is large or because pressures have fallen; [`find_peak`] must then be called.
 #[inline(always)]
@@ -141,9 +141,11 @@ pub(crate) fn sum_region<R: Real, const COVERED: bool>(
     frame.peak_kpa = sums.peak.kpa;
     frame.force = sums.force;
     frame.area.add(sums.area_change);
-    // The largest pressure that a cell has that was not compared.
-    let most_kpa = curve.pressure_kpa::<R>(candidate) * most_gain;
-    if sums.peak.kpa < most_kpa { 0 } else { sums.peak.code }
+    // The largest pressure that a cell can have that was not compared. With equal gains it is that of a lower code.
+    if most_gain > R::ZERO && sums.peak.kpa < curve.pressure_kpa::<R>(candidate) * most_gain {
+        return 0;
+    }
+    sums.peak.code
 }
 
 /// Number of cells that [`sum_region`] processes in each pass of its unrolled loop.
@@ -257,7 +259,9 @@ impl<R: Real> Residual<R> {
     }
 }
 
-/// The largest gain of these cells.
+/// The largest gain of these cells; 0 if their gains are equal.
 pub(crate) fn most_gain<R: Real>(cells: &[InsoleCell<R>]) -> R {
-    R::of_f32(cells.iter().fold(0.0, |most, cell| cell.baseline.gain.max(most)))
+    let gains = || cells.iter().map(|cell| cell.baseline.gain);
+    let most = gains().fold(0.0, f32::max);
+    if gains().all(|gain| gain == most) { R::ZERO } else { R::of_f32(most) }
 }
