@@ -12,7 +12,7 @@ use crate::faults::{FaultDetector, Faults, FrameContext, MatrixRows};
 use crate::num::Real;
 use crate::pipeline::alert::{AlertRules, Alerts, DailyLoad};
 use crate::pipeline::calibrate::Curve;
-use crate::pipeline::cell::{InsoleCell, Residual, area_moments, area_units, find_peak, most_gain, sum_region};
+use crate::pipeline::cell::{InsoleCell, Residual, area_moments, area_units, find_peak, sum_region};
 use crate::pipeline::cumulative::{CumulativeLoad, LOADED_KPA};
 use crate::pipeline::ellipse::Ellipse;
 use crate::pipeline::lift::is_unloaded;
@@ -48,8 +48,6 @@ pub struct Insole<R, const N: usize> {
     loads: [RegionLoad<R>; 8],
     /// The baselines of each region.
     residuals: [Residual<R>; 8],
-    /// The largest gain of the cells of each region; 0 if they have equal gains.
-    most_gains: [R; 8],
     /// Centre of pressure of the foot, foot coordinates, mm; in a frame without force, that of the last frame with force.
     centre_mm: (R, R),
     extent: Extent,
@@ -113,7 +111,6 @@ impl<R: Real, const N: usize> Insole<R, N> {
             stance: Stance::new(),
             loads: [RegionLoad::NONE; 8],
             residuals: [const { Residual::NONE }; 8],
-            most_gains: [R::ZERO; 8],
             centre_mm: (R::ZERO, R::ZERO),
             extent: Extent { heel_mm: 0.0, toe_mm: 0.0, forefoot_width_mm: 0.0 },
             detector: FaultDetector::new(),
@@ -233,13 +230,6 @@ impl<R: Real, const N: usize> Insole<R, N> {
         }
     }
 
-    /// Notes the largest gain of each region.
-    fn note_gains(&mut self) {
-        for (region, gain) in self.most_gains.iter_mut().enumerate() {
-            *gain = most_gain(&self.cells[self.division.cells(region)]);
-        }
-    }
-
     /// Sums the baselines of each region.
     #[cold]
     #[inline(never)]
@@ -270,14 +260,14 @@ impl<R: Real, const N: usize> Insole<R, N> {
     fn sum_regions<const COVERED: bool>(&mut self, codes: &[u16]) -> i32 {
         let (mut cells, mut codes) = (self.cells.as_mut_slice(), codes);
         let (mut start, mut change) = (0, 0);
-        let regions = self.loads.iter_mut().zip(&self.residuals).zip(&self.most_gains).zip(&self.division.ends);
-        for (((load, residual), &most_gain), &end) in regions {
+        for ((load, residual), &end) in self.loads.iter_mut().zip(&self.residuals).zip(&self.division.ends) {
             // The ends increase, the last end is the number of cells, and `frame` has checked the number of codes.
             let (region_cells, other_cells) = cells.split_at_mut(end - start);
             let (region_codes, other_codes) = codes.split_at(end - start);
             let frame = &mut load.frame;
             let (code_before, area_before) = (frame.peak_code, area_units(&frame.area));
-            let mut peak_code = sum_region::<R, COVERED>(&self.curve, region_cells, region_codes, most_gain, frame);
+            let mut peak_code =
+                sum_region::<R, COVERED>(&self.curve, region_cells, region_codes, residual.most_gain, frame);
             change += area_units(&frame.area) - area_before;
             if peak_code == 0 && code_before > 0 {
                 peak_code = find_peak(&self.curve, region_cells, region_codes, frame);

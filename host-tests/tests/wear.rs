@@ -149,7 +149,9 @@ fn the_peak_pressure_is_that_above_the_baseline() {
     for seq in 0..100 {
         push(seq, [0.0, 0.0]);
     }
-    for (seq, pressures_kpa) in (100..).zip([[20.0, 0.0], [20.0, 24.0], [20.0, 30.0], [30.0, 28.0], [30.0, 34.0]]) {
+    // In the last frame, the pressures have fallen so far that only the cell with the lower one still reads a high code.
+    let rising = [[20.0, 0.0], [20.0, 24.0], [20.0, 30.0], [30.0, 28.0], [30.0, 34.0]];
+    for (seq, pressures_kpa) in (100..).zip(rising.into_iter().chain([[8.0, 12.0]])) {
         let (peak_kpa, expected_kpa) = (push(seq, pressures_kpa), pressures_kpa[0].max(pressures_kpa[1]));
         assert!((peak_kpa - expected_kpa).abs() < 0.1, "{peak_kpa} kPa, not {expected_kpa}");
     }

@@ -5,7 +5,7 @@ use crate::num::Real;
 use crate::pipeline::alert::AlertRules;
 use crate::pipeline::baseline::MAX_RESIDUAL_KPA;
 use crate::pipeline::calibrate::CellCalibration;
-use crate::pipeline::cell::{InsoleCell, Residual};
+use crate::pipeline::cell::InsoleCell;
 use crate::pipeline::live::{LiveModel, RegionLoad};
 use crate::pipeline::model::ForceLaw;
 use crate::pipeline::setup::{Setup, SetupCell, SetupError, check_setup};
@@ -34,9 +34,8 @@ impl<R: Real, const N: usize> Insole<R, N> {
             let _ = self.cells.push(InsoleCell::new(&cell, &setup.contact, &self.curve, &division));
         }
         self.rows.set(&self.cells);
-        self.note_gains();
         self.most_residual = self.curve.first_code_at(MAX_RESIDUAL_KPA);
-        self.residuals = [const { Residual::NONE }; 8];
+        self.sum_residuals();
         self.detector.set_up(&self.cells, setup.period_us);
         self.frame_rate_hz = R::of(1e6 / f64::from(setup.period_us));
         self.limits = StanceLimits::new(&setup.stance, setup.period_us);
@@ -65,7 +64,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             let cell = SetupCell { calibration, ..cell };
             *place = InsoleCell::new(&cell, &self.setup.contact, &self.curve, &self.division);
         }
-        self.note_gains();
+        self.sum_residuals();
     }
 
     /// Replaces the tissue parameters of the wearer from the next frame on. A stance that is in progress is evaluated with the

@@ -110,9 +110,9 @@ fn sum_moments<R>(cells: &[InsoleCell<R>], share: impl Fn(&InsoleCell<R>) -> u16
 }
 
 /// Calibrates the cells of a region, sums their forces, and updates the contact area. `COVERED` states whether cells can be in
-/// contact in part, and `most_gain` is that of [`most_gain`]. Returns the code of the *highest cell*, the one with the
-/// largest pressure, minus its code at zero pressure. The result is 0 if that cell may be one that was not compared, because its
-/// gain is large or because pressures have fallen; [`find_peak`] must then be called.
+/// contact in part, and `most_gain` is [`Residual::most_gain`]. Returns the code of the *highest cell*, the one with the largest
+/// pressure, minus its code at zero pressure. The result is 0 if that cell may be one that was not compared, because its gain is
+/// large or because pressures have fallen; [`find_peak`] must then be called.
 #[inline(always)]
 pub(crate) fn sum_region<R: Real, const COVERED: bool>(
     curve: &Curve,
@@ -141,7 +141,7 @@ pub(crate) fn sum_region<R: Real, const COVERED: bool>(
     frame.peak_kpa = sums.peak.kpa;
     frame.force = sums.force;
     frame.area.add(sums.area_change);
-    // The largest pressure that a cell can have that was not compared. With equal gains it is that of a lower code.
+    // The product is the largest pressure that a cell can have that was not compared.
     if most_gain > R::ZERO && sums.peak.kpa < curve.pressure_kpa::<R>(candidate) * most_gain {
         return 0;
     }
@@ -242,11 +242,14 @@ pub(crate) struct Residual<R> {
     pub(crate) force: ForceMoments<R>,
     /// The highest code of a baseline above zero pressure.
     pub(crate) code: i32,
+    /// Largest gain of the cells. It is 0 if their gains are equal and no cell has residual pressure: of two cells, the one with
+    /// the higher code then always has the higher pressure.
+    pub(crate) most_gain: R,
 }
 
 impl<R: Real> Residual<R> {
     /// No residual pressure.
-    pub(crate) const NONE: Self = Self { force: ForceMoments::NONE, code: 0 };
+    pub(crate) const NONE: Self = Self { force: ForceMoments::NONE, code: 0, most_gain: R::ZERO };
 
     /// The baselines of these cells, which must be those of one region.
     pub(crate) fn of(cells: &[InsoleCell<R>]) -> Self {
@@ -255,13 +258,11 @@ impl<R: Real> Residual<R> {
             residual.force.add(&cell.region, R::of_f32(cell.baseline.residual_kpa));
             residual.code = residual.code.max(i32::from(cell.baseline.code) - i32::from(cell.baseline.zero));
         }
+        let gains = || cells.iter().map(|cell| cell.baseline.gain);
+        let most_gain = gains().fold(0.0, f32::max);
+        if residual.code > 0 || gains().any(|gain| gain != most_gain) {
+            residual.most_gain = R::of_f32(most_gain);
+        }
         residual
     }
-}
-
-/// The largest gain of these cells; 0 if their gains are equal.
-pub(crate) fn most_gain<R: Real>(cells: &[InsoleCell<R>]) -> R {
-    let gains = || cells.iter().map(|cell| cell.baseline.gain);
-    let most = gains().fold(0.0, f32::max);
-    if gains().all(|gain| gain == most) { R::ZERO } else { R::of_f32(most) }
 }

@@ -86,7 +86,7 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
             "instructions for the frame of frame_instructions, with covered shares",
         ),
     ] {
-        let virtual_insole = VirtualInsole::new(&recording, contact, StanceRule::ADAPTIVE);
+        let mut virtual_insole = VirtualInsole::new(&recording, contact, StanceRule::ADAPTIVE);
         let mut codes = vec![0; CELLS];
         virtual_insole.codes(recording.frame(0), &mut codes);
         for region in Region::ALL {
@@ -94,8 +94,10 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
                 bail!("the computed frame of {CELLS} cells loads no cell of the region {}", region.name());
             }
         }
-        let measure = |walk: Loaded| instructions(&walk_through(firmware, &virtual_insole, Time::Counted, walk, None)?);
-        figures.add(key, measure(Loaded(codes.clone()))?, meaning);
+        let measure = |insole: &VirtualInsole, codes: &[u16]| {
+            instructions(&walk_through(firmware, insole, Time::Counted, Loaded(codes.to_vec()), None)?)
+        };
+        figures.add(key, measure(&virtual_insole, &codes)?, meaning);
         if contact.full_kpa > 0.0 {
             figures.add(
                 "tracking_instructions",
@@ -111,6 +113,15 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
                 "cells_instructions",
                 instructions(&with)? - instructions(&without)?,
                 "at most 6,000: instructions that pack 240 loaded cells with one bit of noise, if they are streamed",
+            );
+            for (cell, gain) in virtual_insole.cells.iter_mut().zip([0.8, 1.25].into_iter().cycle()) {
+                cell.calibration.gain = gain;
+            }
+            virtual_insole.codes(recording.frame(0), &mut codes);
+            figures.add(
+                "frame_instructions_gains",
+                measure(&virtual_insole, &codes)?,
+                "instructions for the frame of frame_instructions, with cells whose gains are 0.8 and 1.25 in turn",
             );
         }
     }

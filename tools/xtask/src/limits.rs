@@ -4,9 +4,10 @@ use anyhow::{Context, Result, bail};
 use serde_json::{Map, Value};
 
 /// Keys of figures, each with its smallest and its largest allowed value.
-const LIMITS: [(&str, f64, f64); 51] = [
+const LIMITS: [(&str, f64, f64); 52] = [
     ("frame_instructions", 0.0, 10_000.0),
     ("frame_instructions_fractional", 0.0, 16_000.0),
+    ("frame_instructions_gains", 0.0, 13_000.0),
     ("cells_instructions", 0.0, 6_000.0),
     ("tracking_instructions", 0.0, 2_000.0),
     ("device_vs_host_force_rel", 0.0, 1e-4),
