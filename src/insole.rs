@@ -266,10 +266,9 @@ impl<R: Real, const N: usize> Insole<R, N> {
             let (region_codes, other_codes) = codes.split_at(end - start);
             let frame = &mut load.frame;
             let (code_before, area_before) = (frame.peak_code, area_units(&frame.area));
-            let mut peak_code =
-                sum_region::<R, COVERED>(&self.curve, region_cells, region_codes, residual.most_gain, frame);
+            let mut peak_code = sum_region::<R, COVERED>(&self.curve, region_cells, region_codes, frame);
             change += area_units(&frame.area) - area_before;
-            if peak_code == 0 && code_before > 0 {
+            if code_before > 0 && (peak_code == 0 || residual.may_exceed(frame.peak_kpa, code_before, &self.curve)) {
                 peak_code = find_peak(&self.curve, region_cells, region_codes, frame);
             }
             frame.force.subtract(&residual.force);

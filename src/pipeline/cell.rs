@@ -110,19 +110,18 @@ fn sum_moments<R>(cells: &[InsoleCell<R>], share: impl Fn(&InsoleCell<R>) -> u16
 }
 
 /// Calibrates the cells of a region, sums their forces, and updates the contact area. `COVERED` states whether cells can be in
-/// contact in part, and `most_gain` is [`Residual::most_gain`]. Returns the code of the *highest cell*, the one with the largest
-/// pressure, minus its code at zero pressure. The result is 0 if that cell may be one that was not compared, because its gain is
-/// large or because pressures have fallen; [`find_peak`] must then be called.
+/// contact in part. Returns the code of the *highest cell*, the one with the largest pressure, minus its code at zero pressure; 0
+/// if no cell has a pressure near the largest one of the previous frame. If [`Residual::may_exceed`] is true, another cell may be
+/// the highest one, and [`find_peak`] must be called.
 #[inline(always)]
 pub(crate) fn sum_region<R: Real, const COVERED: bool>(
     curve: &Curve,
     cells: &mut [InsoleCell<R>],
     codes: &[u16],
-    most_gain: R,
     frame: &mut RegionFrame<R>,
 ) -> i32 {
     // Pressures change little from frame to frame, so few cells must be compared.
-    let candidate = frame.peak_code - (frame.peak_code >> 3);
+    let candidate = candidate(frame.peak_code);
     let (force, area_change) = (ForceMoments::NONE, ContactArea::NONE);
     let mut sums = Sums { force, area_change, candidate, peak: Peak { kpa: R::ZERO, code: 0 } };
     frame.saturated = false;
@@ -141,11 +140,14 @@ pub(crate) fn sum_region<R: Real, const COVERED: bool>(
     frame.peak_kpa = sums.peak.kpa;
     frame.force = sums.force;
     frame.area.add(sums.area_change);
-    // The product is the largest pressure that a cell can have that was not compared.
-    if most_gain > R::ZERO && sums.peak.kpa < curve.pressure_kpa::<R>(candidate) * most_gain {
-        return 0;
-    }
     sums.peak.code
+}
+
+/// The highest code above zero pressure of the cells that [`sum_region`] does not compare, if the previous frame had this
+/// [`RegionFrame::peak_code`].
+#[inline(always)]
+fn candidate(peak_code: i32) -> i32 {
+    peak_code - (peak_code >> 3)
 }
 
 /// Number of cells that [`sum_region`] processes in each pass of its unrolled loop.
@@ -264,5 +266,12 @@ impl<R: Real> Residual<R> {
             residual.most_gain = R::of_f32(most_gain);
         }
         residual
+    }
+
+    /// True if a cell that [`sum_region`] has not compared may have a pressure above `peak_kpa`. `code_before` is the
+    /// [`RegionFrame::peak_code`] of the previous frame, and above 0.
+    #[inline(always)]
+    pub(crate) fn may_exceed(&self, peak_kpa: R, code_before: i32, curve: &Curve) -> bool {
+        self.most_gain > R::ZERO && peak_kpa < curve.pressure_kpa::<R>(candidate(code_before)) * self.most_gain
     }
 }
