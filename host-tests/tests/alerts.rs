@@ -214,6 +214,8 @@ fn noon_us(day: u32) -> u64 {
 }
 
 /// At ten past eight, the clock is set: by the former rules on day 7, and by the new ones, whose days begin at nine, on day 6.
+/// The stored load has the number of its day by the former rules: a load of day 7 is of the present day, one of day 6 of the day
+/// before.
 #[test]
 fn the_stored_load_of_the_day_remains_if_the_beginning_of_the_day_changes_before_the_clock_is_set() {
     let recording = day(&[Activity::Walk, Activity::Stand, Activity::Stand], 5);

@@ -158,7 +158,7 @@ impl Observed {
 
 /// After these events, in a session with records that are numbered from `first`, the next host receives exactly the records
 /// that no host has acknowledged and that the full queue has not dropped, each once and in order. The dropped records are
-/// counted, and the session reports the newest acknowledged record to the log.
+/// counted, and [`Session::take_acknowledged`] returns the newest acknowledged record.
 pub fn session(first: u32, events: &[Event]) {
     let mut observed = Observed {
         session: Session::new(),

@@ -21,7 +21,7 @@ mod _core {
     #[pymodule_export]
     use super::insole::Insole;
     #[pymodule_export]
-    use super::person::{Person, Trial, partition, repeatability};
+    use super::person::{Person, Trial, repeatability, steps_path};
     #[pymodule_export]
     use super::recordings::Recording;
     #[pymodule_export]

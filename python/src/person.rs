@@ -74,7 +74,7 @@ impl Person {
 
 /// The path of a participant's file, relative to the folder of the study's table.
 #[pyfunction]
-pub fn partition(participant: &str) -> String {
+pub fn steps_path(participant: &str) -> String {
     format!("{}/{STEPS_FILE}", study::table::partition(participant))
 }
 

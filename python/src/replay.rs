@@ -26,7 +26,7 @@ struct Replayed {
     frames: Vec<Vec<Option<f64>>>,
 }
 
-/// Computes the steps of a recording as an insole would and, if `has_frames` is true, the live values of every frame. `params`
+/// Computes the steps of a recording as an insole would and, if `with_frames` is true, the live values of every frame. `params`
 /// is a parameter file; without one, typical parameters are used. `precision` is `f32` or `f64`. Returns the table of the steps
 /// (`None` if there are none), the table of the frames, and notes for the user.
 #[pyfunction]
@@ -36,7 +36,7 @@ pub fn replay(
     options: Options,
     params: Option<PathBuf>,
     precision: &str,
-    has_frames: bool,
+    with_frames: bool,
 ) -> PyResult<(Option<Table>, Option<Table>, Vec<String>)> {
     let parameters = match &params {
         Some(path) => Parameters::read(path).map_err(exception)?,
@@ -70,23 +70,24 @@ pub fn replay(
             if let Some(zero) = &options.zero {
                 Zero::read(zero)?.apply_to(&mut insole, &zero.display().to_string())?;
             }
-            run(inner, &insole, &parameters.tissue(), has_frames)
+            run(inner, &insole, &parameters.tissue(), with_frames)
         };
         let Replayed { steps, frames } =
             replayed().with_context(|| format!("{path}: the recording cannot be evaluated")).map_err(exception)?;
         let rows: Vec<_> = steps.iter().flat_map(|step| (0..Region::ALL.len()).map(|i| step_row(step, i))).collect();
         let steps = rows.first().map(|row| table(row, &rows)).transpose()?.map(PyArrowType);
-        let frames = if has_frames { Some(PyArrowType(numbers(&frames::column_names(), frames)?)) } else { None };
+        let frames = if with_frames { Some(PyArrowType(numbers(&frames::column_names(), frames)?)) } else { None };
         Ok((steps, frames, notes))
     })
 }
 
-/// Evaluates a recording with a virtual insole that computes with `R`. The live values are computed only if `has_frames` is true.
+/// Evaluates a recording with a virtual insole that computes with `R`. The live values are computed only if `with_frames` is
+/// true.
 fn run<R: Real>(
     recording: &recording::Recording,
     virtual_insole: &VirtualInsole,
     tissue: &Tissue,
-    has_frames: bool,
+    with_frames: bool,
 ) -> anyhow::Result<Replayed> {
     let mut insole = Box::new(Insole::<R, MAX_CELLS>::new());
     insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied())?;
@@ -102,7 +103,7 @@ fn run<R: Real>(
         // step.
         insole.take_bout();
         // A scan without a time repeats the last frame, to confirm the toe off at the end.
-        if has_frames && let Some(t_s) = t_s {
+        if with_frames && let Some(t_s) = t_s {
             row.clear();
             frames::push_row(&mut row, t_s, &insole, virtual_insole.setup.contact);
             columns.iter_mut().zip(&row).for_each(|(column, value)| column.push(*value));

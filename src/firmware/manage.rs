@@ -104,15 +104,15 @@ impl From<Refusal> for Failure {
     fn from(refusal: Refusal) -> Self {
         // The codes in Zephyr that are nearest in meaning: `common` is one of `mcumgr_err_t`, `code` of `img_mgmt_err_code_t`.
         let (common, code) = match refusal {
-            Refusal::Board => (3, 25),
-            Refusal::Older => (6, 27),
-            Refusal::Length => (3, 30),
-            Refusal::OnTrial => (6, 28),
-            Refusal::NotBegun => (6, 3),
-            Refusal::Incomplete => (3, 4),
-            Refusal::Header => (3, 22),
-            Refusal::Signature => (3, 5),
-            Refusal::Chip => (1, 12),
+            Refusal::Board => (3, 25),     // EINVAL, INVALID_FLASH_ADDRESS
+            Refusal::Older => (6, 27),     // EBADSTATE, CURRENT_VERSION_IS_NEWER
+            Refusal::Length => (3, 30),    // EINVAL, INVALID_IMAGE_TOO_LARGE
+            Refusal::OnTrial => (6, 28),   // EBADSTATE, IMAGE_ALREADY_PENDING
+            Refusal::NotBegun => (6, 3),   // EBADSTATE, NO_IMAGE
+            Refusal::Incomplete => (3, 4), // EINVAL, NO_TLVS
+            Refusal::Header => (3, 22),    // EINVAL, INVALID_IMAGE_HEADER
+            Refusal::Signature => (3, 5),  // EINVAL, INVALID_TLV
+            Refusal::Chip => (1, 12),      // EUNKNOWN, FLASH_WRITE_FAILED
         };
         Self::of_image(common, code)
     }

@@ -1,3 +1,5 @@
+# The types of the compiled part. The sources in python/src document its functions.
+
 from collections.abc import Callable, Sequence
 from os import PathLike
 from typing import Literal
@@ -30,7 +32,7 @@ def replay(
     options: Options,
     params: str | PathLike[str] | None,
     precision: str,
-    has_frames: bool,
+    with_frames: bool,
 ) -> tuple[pyarrow.RecordBatch | None, pyarrow.RecordBatch | None, list[str]]: ...
 
 class Fitted:
@@ -54,7 +56,7 @@ class Person:
     def rows(self, recording: Recording) -> pyarrow.RecordBatch: ...
     def trial(self, recording: Recording) -> Trial: ...
 
-def partition(participant: str) -> str: ...
+def steps_path(participant: str) -> str: ...
 def repeatability(people: Sequence[tuple[str, Sequence[Trial]]], least_people: int) -> pyarrow.RecordBatch: ...
 
 class Insole:

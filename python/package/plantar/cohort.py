@@ -118,7 +118,7 @@ def evaluate(participant: str, study: str, out: str, options: Options) -> Outcom
 def _table_file(participant: str, out: str) -> tuple[Any, str]:
     """The file system of the table, and the path of the participant's file there."""
     files, table = fsspec.url_to_fs(out)
-    return files, f"{table}/{_core.partition(participant)}"
+    return files, f"{table}/{_core.steps_path(participant)}"
 
 
 def _evaluate(participant: str, files: Any, folder: str, table_files: Any, target: str, options: Options) -> Outcome:
@@ -274,7 +274,7 @@ def run(
 def _without_folder(out: str, names: Sequence[str]) -> list[str]:
     """The files of the table whose participants have no folder in the study."""
     files, root = fsspec.url_to_fs(_address(out))
-    known = [f"{root}/{_core.partition(name)}" for name in names]
+    known = [f"{root}/{_core.steps_path(name)}" for name in names]
     file_name = known[0].rsplit("/", 1)[-1]
     paths = [f"{folder.rstrip('/')}/{file_name}" for folder in files.ls(root, detail=False)]
     return sorted(path for path in paths if path not in known and files.exists(path))

@@ -1,4 +1,5 @@
-//! The sensor plant, which simulates the sensor matrix: answers the board's requests for scans, and paces them if required.
+//! The sensor plant, which simulates the sensor matrix: answers the board's requests for scans, and paces them if required. The
+//! crate [`emulation`] describes requests and answers.
 
 use crate::port::Stream;
 use emulation::{COLUMNS, SCAN, TICK};

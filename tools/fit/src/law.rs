@@ -31,8 +31,9 @@ pub(crate) struct Deformation {
     weighted_section_m2_per_n: Vec<f64>,
     /// Derivative of ln(pi A B) with respect to `max_ratio`.
     ln_section_by_max_ratio: f64,
-    /// ln g; 0 without contact.
+    /// ln g; 0 without contact. As `g`, it has one value more than there are samples.
     ln_g: Vec<f64>,
+    /// g of each sample and, as the last value, 0 for the unloaded tissue before contact; see [`Samples::share`].
     g: Vec<f64>,
     g_by_max_ratio: Vec<f64>,
     /// Rate of g, 1/s.
@@ -60,6 +61,7 @@ impl Deformation {
         self.ln_g.extend(self.g.iter().map(|&g| if g > 0.0 { g.ln() } else { 0.0 }));
         self.rate.clear();
         self.rate_by_max_ratio.clear();
+        // The filter determines the two values of g from which the rate of a sample is computed, and the time between them.
         for (&(later, earlier), per_s) in samples.difference.iter().zip(&samples.per_s) {
             let (later, earlier) = (later as usize, earlier as usize);
             self.rate.push((self.g[later] - self.g[earlier]) * per_s);

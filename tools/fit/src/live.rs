@@ -125,8 +125,8 @@ impl LiveSteps {
     }
 
     /// The steps that a fit may use, and the excluded contacts in the order of their times. Partially loaded steps are recognised
-    /// by the median of all steps so far, so that a step can be excluded by later steps. `recording` is the index of the insole
-    /// in the study.
+    /// by their peak force relative to the median peak force of all steps so far, so that a step can be excluded by later steps.
+    /// `recording` is the index of the insole in the study.
     pub fn collected(&self, recording: usize) -> (Vec<Step>, Vec<ExcludedContact>) {
         let (mut steps, mut excluded) = (self.steps.clone(), self.excluded.clone());
         steps.iter_mut().for_each(|step| step.recording = recording);
@@ -193,7 +193,8 @@ impl LiveSteps {
         }
     }
 
-    /// Cuts the curves of a step out of the frames. `None` if more than [`INTERPOLATED_FRAMES`] successive frames are missing.
+    /// Cuts the curves of a step out of the frames. `None` if more than [`INTERPOLATED_FRAMES`] successive frames are missing, if
+    /// the first or last ones are not buffered, or if the step's times are not multiples of the time between frames.
     fn evaluate(&self, step: &StepMessage) -> Option<Step> {
         let sample_us = u64::from(step.sample_us);
         let period_us = self.period_us?.min(sample_us);

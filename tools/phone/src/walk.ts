@@ -42,7 +42,8 @@ export function gaitOf(wire: Wire, { steps, bouts, alerts }: Pick<Records, "step
   const first_s = feet.map((steps) => Math.min(...steps.map(start_s)));
   const last_s = feet.map((steps) => Math.max(...steps.map(start_s)));
   const is_apart = has_common_clock && Math.max(...first_s) > Math.min(...last_s);
-  // With the steps of another day, no stride of this foot would contain a step of the other one.
+  // With older steps of the other foot, no stride of the foot that walked last would contain one of them, and `wire.gait` would
+  // omit all of its strides as unpaired.
   const measured = feet.map((steps, i) => (is_apart && last_s[i] !== Math.max(...last_s) ? [] : steps));
   return wire.gait(measured.map((steps) => steps.map(timed)), has_common_clock, stride_m);
 }

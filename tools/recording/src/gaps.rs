@@ -23,7 +23,7 @@ pub fn fill(t_s: &mut Vec<f64>, kpa: &mut Vec<f32>, cells: usize) -> Option<Stri
         return None;
     }
     let longest_filled_s = LONGEST_FILLED_S.max(GAP_INTERVALS * period_s);
-    // Rounded times may make a gap that is just filled slightly longer.
+    // Because times are rounded, a gap of exactly the longest duration that is filled may appear slightly longer.
     let part = longest_part(t_s, longest_filled_s + 0.25 * period_s);
     let left_out = t_s.len() - part.len();
     let (old_s, old_kpa) = (t_s[part.clone()].to_vec(), kpa[part.start * cells..part.end * cells].to_vec());

@@ -6,7 +6,10 @@ import { type Entry, entries } from "../../src/stream_file";
 /** First bytes of the requests and answers that the insoles use. */
 const [CONNECT, STREAM, ACKNOWLEDGE, SET_IDENTIFIED_TISSUE] = [0, 1, 2, 20];
 const TISSUE = 4;
-/** Number of bytes of the force laws, which follow the identifier in a message: six f32 for each of eight regions. */
+/**
+ * Number of bytes of the force laws: six f32 for each of eight regions. In a message with parameters they follow the identifier
+ * of the parameters, an integer of variable length.
+ */
 const FORCE_LAWS_BYTES = 8 * 6 * 4;
 /** Longest real time that one tick of the timer counts. */
 const MOST_TICK_MS = 20;
@@ -82,8 +85,8 @@ export class FakeInsoles {
     let last_ms = performance.now();
     this.timer = setInterval(() => {
       const now_ms = performance.now();
-      // On a busy machine, the walk becomes slower instead of arriving in bursts.
       const speed = this.elapsed_ms < this.wait_at_ms ? this.speed : WAITING;
+      // On a busy machine, the walk becomes slower instead of arriving in bursts.
       if (this.is_connected) this.elapsed_ms += speed * Math.min(now_ms - last_ms, MOST_TICK_MS);
       last_ms = now_ms;
       for (let due = this.messages[this.next]; due && due.t_ms <= this.elapsed_ms; due = this.messages[this.next]) {

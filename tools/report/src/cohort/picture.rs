@@ -21,6 +21,8 @@ const ROW: f64 = 18.0;
 const COLUMNS: [f64; 6] = [0.0, 120.0, 210.0, 310.0, 420.0, 530.0];
 /// Number of rows of the legend of the repeatability.
 const LEGEND_ROWS: usize = 3;
+/// Number of rows of the legend of the errors, with three sizes each: there are at most six pairs of sizes, 35-36 to 45-46.
+const SIZE_ROWS: f64 = 2.0;
 /// Number of charts in a row.
 const ACROSS: usize = 4;
 const WIDTH: f64 = 2.0 * MARGIN + ACROSS as f64 * (by_size::WIDTH + GAP) - GAP;
@@ -42,9 +44,12 @@ fn svg(cohort: &Cohort) -> Markup {
     let errors = by_size::errors(&groups);
     let feet: Vec<Drawing> = cohort.feet.iter().map(repeatability::chart).collect();
     let feet_height: f64 = feet.iter().map(|foot| foot.height + GAP).sum::<f64>() + LEGEND_ROWS as f64 * LEGEND;
-    let beside_height = (2.0 * LEGEND + errors.height + GAP).max(if feet.is_empty() { 0.0 } else { feet_height });
-    let quantities =
-        Grid { y: errors_y + TITLE + beside_height, charts: by_size::charts(&groups, Variable::quantities()) };
+    let errors_and_repeatability_height =
+        (SIZE_ROWS * LEGEND + errors.height + GAP).max(if feet.is_empty() { 0.0 } else { feet_height });
+    let quantities = Grid {
+        y: errors_y + TITLE + errors_and_repeatability_height,
+        charts: by_size::charts(&groups, Variable::quantities()),
+    };
     let parameters = Grid { y: quantities.bottom(&groups), charts: by_size::charts(&groups, Variable::parameters()) };
     let bottom = parameters.bottom(&groups);
     let steps: usize = cohort.people.iter().map(|person| person.steps).sum();
@@ -64,7 +69,7 @@ fn svg(cohort: &Cohort) -> Markup {
             @for (i, entries) in by_size::legend(&groups).chunks(3).enumerate() {
                 (legend_row(entries, MARGIN, errors_y + TITLE + i as f64 * LEGEND))
             }
-            (errors.at(MARGIN, errors_y + TITLE + 2.0 * LEGEND))
+            (errors.at(MARGIN, errors_y + TITLE + SIZE_ROWS * LEGEND))
             @if !feet.is_empty() { (repeated(&feet, errors_y)) }
             (quantities.svg("Mechanical quantities by region and insole size", &groups))
             (parameters.svg("Parameters by region and insole size", &groups))

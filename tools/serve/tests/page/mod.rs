@@ -1,4 +1,5 @@
-//! A client for the tests of the bridge. It exchanges messages with the bridge over a real WebSocket, as the web page does.
+//! A client for the tests of the bridge between insoles and pages (`plantar serve`). It exchanges messages with the bridge over a
+//! real WebSocket, as the web page does.
 
 use futures_util::{SinkExt, StreamExt};
 use plantar::protocol::{Hello, Live, MAJOR, MAX_MESSAGE, MINOR, Status, Step, ToDevice, ToHost, decode, encode};
