@@ -475,7 +475,7 @@ fn alerts_and_the_load_of_the_day_are_the_same_on_the_device_and_on_a_host() {
         insole.take_bout();
         if insole.has_ended_second() {
             seconds += 1;
-            // The device executes requests at the end of a second.
+            // The device puts new rules of alerts in force at the end of a second.
             if seconds == 1 {
                 insole.set_alert_rules(&rules);
             }

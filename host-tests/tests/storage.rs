@@ -76,7 +76,7 @@ fn a_loss_of_power_leaves_parameters_with_the_rule_of_their_identification() {
     force_laws[0].n = 1.3;
     let (first, second) = ((*TISSUE, identified(0.0, 20)), (Tissue::new(force_laws), identified(150.0, 30)));
     let mut used = chip();
-    // Firmware that did not have the second part of the record has stored these.
+    // Stored as by older firmware, which had only part 0 of `IdentifiedRecord`; present firmware uses its two parts in turn.
     let mut store = open(&mut used);
     let record = IdentifiedRecord { tissue_id: first.0.id, identified: first.1 };
     block_on(store.put(0, &record)).expect("the chip works");
@@ -271,8 +271,8 @@ fn start_quickly(chip: &NorFlashChip) -> NorFlashChip {
     (chip.read_operations, chip.bytes_read) = (0, 0);
     let erasures = chip.erasures.clone();
     open(&mut chip);
-    // Each of two surveys searches the sectors of the log twice, with at most two one-byte reads for each sector, and reads the
-    // records.
+    // A start surveys the contents of the chip twice. Each survey searches the sectors of the log twice, with at most two
+    // one-byte reads for each sector, and reads the records.
     let most_reads = 8 * (chip.bytes.len() / SECTOR as usize) as u64 + 10_000;
     let (reads, bytes) = (chip.read_operations, chip.bytes_read);
     assert!(reads < most_reads && bytes < 400_000, "{reads} reads, {bytes} bytes");

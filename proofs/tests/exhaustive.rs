@@ -137,7 +137,8 @@ fn the_joiner_accepts_exactly_the_fragments_that_continue_their_message() {
     }
 }
 
-/// Messages of which the stated and the actual length are near each other and near the limits.
+/// Over Bluetooth, requests of management tools arrive in parts without headers; the first bytes of a message state its length.
+/// Here, the stated and the actual length are near each other and near the limits.
 #[test]
 fn the_joiner_accepts_parts_without_headers_up_to_the_stated_length() {
     let most = MAX_MESSAGE as u16;

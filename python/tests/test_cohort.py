@@ -193,6 +193,8 @@ def test_a_folder_with_only_the_table_is_no_participant(study_folder: pathlib.Pa
     assert cohort.participants(str(study), str(out)) == names
     # A folder with recordings is that of a participant, even if it contains the table.
     assert cohort.participants(str(study), str(study / "ann" / "table")) == [*names, "results"]
+    with pytest.raises(OSError, match="choose another --out"):
+        cohort.participants(str(study), str(study / "ann"))
 
 
 def test_hidden_files_are_not_recordings(study_folder: pathlib.Path, tmp_path: pathlib.Path) -> None:

@@ -156,9 +156,10 @@ impl FaultDetector {
 
     /// Processes a frame in which the foot is lifted: reviews all cells once after the start, after each stance and on request,
     /// a few in each frame. True if baselines have changed or cells were masked. `has_walked` states whether a step of walking
-    /// has ended since the last review began; the beginning of a review resets it. Other contacts, such as those of a seated
-    /// foot, are not concluded on: the inspections of rows in them are discarded, and the flags of cells are evaluated with
-    /// those of the next step. A constant force after them may be that of a resting foot.
+    /// has ended since the last review began; the beginning of a review resets it. After other contacts, such as those of a
+    /// seated foot, no fault is concluded: the inspections of rows in them are discarded, and the flags of cells are evaluated
+    /// with those of the next step. The readings are no evidence of a fault, either: a foot that rests with a constant force may
+    /// count as lifted.
     #[inline(never)]
     pub(crate) fn lifted_frame<R: Real>(&mut self, frame: &mut FrameContext<'_, R>, has_walked: &mut bool) -> bool {
         if self.next_cell.is_none() {

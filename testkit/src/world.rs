@@ -7,7 +7,6 @@ use emulator::SensorFault;
 use plantar::Side;
 use std::cell::RefCell;
 use std::collections::VecDeque;
-use std::mem;
 use std::rc::Rc;
 
 /// An event that acts on an insole or its links.
@@ -160,10 +159,7 @@ impl World {
 
     fn execute(&mut self, Due { insole: index, event, .. }: Due) {
         // A cut that ends during another one, and a low supply during another one, last until the later end.
-        let continues = |end: InsoleEvent| {
-            let is_same = |due: &Due| due.insole == index && mem::discriminant(&due.event) == mem::discriminant(&end);
-            self.due.iter().any(is_same)
-        };
+        let continues = |end: InsoleEvent| self.due.iter().any(|due| due.insole == index && due.event == end);
         let (is_still_cut, is_still_low) =
             (continues(InsoleEvent::CableRepaired), continues(InsoleEvent::SupplyRecovered));
         let insole = &mut self.insoles[index];

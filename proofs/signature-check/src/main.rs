@@ -127,8 +127,8 @@ fn end() -> ! {
     SCB::sys_reset()
 }
 
-/// Starts the timeout that ends an attempt in which the core does not return from the check: more than ten times the duration of the
-/// check.
+/// Starts the timeout that ends an attempt in which the core does not return from the check: more than ten times the duration of
+/// the check.
 fn start_timeout() {
     if let Some(mut peripherals) = Peripherals::take() {
         peripherals.SYST.set_clock_source(SystClkSource::Core);

@@ -79,12 +79,15 @@ def participants(study: str, out: str) -> list[str]:
     _, out_path = fsspec.url_to_fs(out)
     table = out_path.rstrip("/")
 
+    def has_person(path: str) -> bool:
+        return bool(_parquet_entries(files, path) or files.exists(f"{path}/participant.toml"))
+
     def is_participant(path: str) -> bool:
         if path == table:
+            if has_person(path):
+                raise OSError(f"{out}: this folder contains recordings or participant.toml: choose another --out")
             return False
-        if not table.startswith(f"{path}/"):
-            return True
-        return bool(_parquet_entries(files, path) or files.exists(f"{path}/participant.toml"))
+        return has_person(path) if table.startswith(f"{path}/") else True
 
     try:
         entries = files.ls(root, detail=True)
@@ -248,9 +251,14 @@ def run(
             elif future.status == "error":
                 # The task could not remove the rows of an earlier run from the table, for example because its worker was lost.
                 table_files, target = _table_file(name, out)
-                with contextlib.suppress(FileNotFoundError):
+                reasons = [f"{name}: {future.exception()!r}"]
+                try:
                     table_files.rm_file(target)
-                outcomes[name] = Outcome(name, 0, False, (f"{name}: {future.exception()!r}",))
+                except FileNotFoundError:
+                    pass
+                except OSError as error:
+                    reasons.append(f"{target}: rows of an earlier run remain: {error}")
+                outcomes[name] = Outcome(name, 0, False, tuple(reasons))
             elif future.status in ("pending", "lost"):
                 # Its result was lost with a worker, so another worker evaluates the participant again.
                 completed.add(future)

@@ -22,14 +22,14 @@ class Event:
     """``live`` for a frame, ``step``, ``bout`` and ``alert`` for records, ``started`` and ``lost`` for the link."""
     values: dict[str, Any]
     """The values. docs/quantities.md describes their names: for a frame those of the columns, for a record the JSON keys. Frames,
-    steps and load bouts have the values of the regions in ``regions``."""
+    steps and load bouts have the values of the regions in ``regions``. ``lost`` has a text, ``reason``; ``started`` has none."""
     unix_s: float | None
     """Time of the frame, or of the start of the record, on this computer's clock, s since 1970, UTC, so several insoles share
     one time axis. ``None`` for a change of the link, and if the time is unknown."""
 
 
 class Insole:
-    """A connected insole: a context manager, an iterator of events, and an asynchronous iterator of events.
+    """A connected insole: a context manager, and an iterable and an asynchronous iterable of events.
 
     A lost link is opened again. The insole deletes a record once the next event is requested, so a record whose processing
     raised an exception arrives again in the next session.

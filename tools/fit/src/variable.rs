@@ -103,7 +103,7 @@ impl Variable {
         }
     }
 
-    /// Name in words, and unit, which may be empty.
+    /// Symbol or name in figures, and unit, which may be empty.
     pub fn title(self) -> (Cow<'static, str>, &'static str) {
         match self {
             Self::Quantity(quantity) => {
@@ -114,7 +114,7 @@ impl Variable {
         }
     }
 
-    /// The name in words with its unit.
+    /// The symbol or name in figures, with its unit.
     pub fn title_and_unit(self) -> String {
         let (title, unit) = self.title();
         if unit.is_empty() { title.into() } else { format!("{title}, {unit}") }

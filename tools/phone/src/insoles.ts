@@ -54,9 +54,13 @@ export class Insoles {
     });
   }
 
-  /** The session with the insole of this foot; `undefined` until that insole has sent its hello. */
+  /**
+   * The session with the insole of this foot; `undefined` until that insole has sent its hello. A session that waits for its
+   * insole counts only if no other one has this foot.
+   */
   of(side: Side): Session | undefined {
-    return this.sessions.find(({ hello, state }) => hello?.side === side && state !== "same-foot");
+    const waiting = ({ hello, state }: Session) => hello?.side === side && state !== "same-foot";
+    return this.sessions.find((session) => claims(session, side)) ?? this.sessions.find(waiting);
   }
 
   /** Sends the requests that are due. To be called a few times a second. */

@@ -329,6 +329,15 @@ test("two insoles that have changed places are both used after the links were op
   }
 });
 
+test("after two insoles have changed places, the one that is back has its foot although the other one is still away", () => {
+  const { insoles, open, identify } = startInsoles();
+  identify(0, "right");
+  expect(insoles.of("right")?.insole).toBe(0);
+  open();
+  identify(1, "right");
+  expect([insoles.of("right")?.insole, insoles.sessions[0]!.state]).toEqual([1, "waiting"]);
+});
+
 test("an insole that reports a fault after its start measures, unless it has no cells", () => {
   let next: ToHost;
   const { session } = start(() => next);

@@ -151,7 +151,8 @@ fn from_stream(path: &Path) -> Result<Walk> {
             Some(ToHost::Hello(_)) => *mapping = ClockMapping::new(),
             Some(ToHost::Time { host_us, device_us }) => mapping.answer(host_us, device_us),
             Some(ToHost::Step(step)) => {
-                // An insole can repeat up to twice as many records as its queue holds, and a file has up to two insoles.
+                // An insole can send again the records in its queue, and as many whose acknowledgement was lost. A file has up to
+                // two insoles.
                 let record = LoadRecord::from(step);
                 let is_same = |known: &Step| LoadRecord::from(*known).is_same(&record);
                 let is_known = steps.iter().rev().take(4 * RECORD_QUEUE).any(|(known, _)| is_same(known));

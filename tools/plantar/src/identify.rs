@@ -18,10 +18,10 @@ use client::ReconnectPolicy;
 use client::ble::Selector;
 use foot::{Foot, StandingResult, Trial};
 use parameters::Parameters;
-use plantar::Region;
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::Step;
+use plantar::{Region, Side};
 use screen::{Progress, Screen};
 use std::path::{Path, PathBuf};
 use std::sync::PoisonError;
@@ -101,11 +101,15 @@ impl Identify {
         let mut feet = self.connect()?;
         let rule = self.rule();
         ensure!(rule.is_valid(), "--contact-full {}: expected 0, or 10 to 2000 kPa", self.contact_full);
+        // The stream files of earlier sessions are read before the insoles are changed, and before the screen opens, which would
+        // hide the notes about them.
+        let earlier = feet.iter_mut().map(|foot| anyhow::Ok((foot.side, earlier_good_steps(foot, &rule)?)));
+        let earlier = earlier.collect::<Result<Vec<_>>>()?;
         feet.iter_mut().try_for_each(|foot| foot.set_rule(rule))?;
         if !self.no_standing {
             self.stand(&mut feet)?;
         }
-        self.walk(&mut feet)?;
+        self.walk(&mut feet, &earlier)?;
         let mut is_good = true;
         let mut studies = Vec::new();
         for foot in &mut feet {
@@ -220,14 +224,11 @@ impl Identify {
         send_calibrations(feet, &calibrations)
     }
 
-    /// Records the walk until each foot has enough good steps, together with those of earlier sessions.
-    fn walk(&self, feet: &mut [Foot]) -> Result<()> {
+    /// Records the walk until each foot has enough good steps, together with those of earlier sessions; `earlier` has their
+    /// numbers.
+    fn walk(&self, feet: &mut [Foot], earlier: &[(Side, usize)]) -> Result<()> {
         let needed = usize::from(self.steps);
         let instruction = |_| "Walk at your usual speed. Turn where you like; only complete steps count.".to_string();
-        // The stream files of earlier sessions are read here, so that notes about them are printed before the screen opens.
-        let rule = self.rule();
-        let earlier = feet.iter_mut().map(|foot| anyhow::Ok((foot.side, earlier_good_steps(foot, &rule)?)));
-        let earlier = earlier.collect::<Result<Vec<_>>>()?;
         run_part(feet, instruction, |foot, stop| {
             let earlier = earlier.iter().find(|(side, _)| *side == foot.side).map_or(0, |(_, steps)| *steps);
             if earlier < needed { foot.walk(stop, earlier, needed) } else { Ok(()) }

@@ -14,7 +14,8 @@ use study::table::partition;
 pub fn names(study: &Path, out: Option<&Path>) -> Result<Vec<String>> {
     let error = || format!("cannot read {}: it must be a folder with one folder per participant", study.display());
     let out = out.map(resolved);
-    if let Some(folder) = out.as_ref().filter(|out| out.is_dir() && has_person(out)) {
+    let root = resolved(study);
+    if let Some(folder) = out.as_ref().filter(|out| out.parent() == Some(root.as_path()) && has_person(out)) {
         bail!("{}: this folder contains recordings or participant.toml: choose another --out", folder.display());
     }
     let mut names = Vec::new();

@@ -186,6 +186,19 @@ fn the_summary_has_means_over_steps_then_trials_then_participants_of_a_size() {
 }
 
 #[test]
+fn the_folder_of_a_participant_is_refused_as_output() {
+    let (_folder, path) = people();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_plantar"));
+    command.args(["cohort", "people", "--out", "people/ann"]).current_dir(&path);
+    let (status, text) = outcome(&command.output().expect("the program starts"));
+    assert!(status == Some(1) && text.contains("ann") && text.contains("choose another --out"), "{text}");
+    // A recording beside the table does not make its folder that of a participant.
+    fs::create_dir(path.join("table")).expect("made");
+    walk(&path.join("table/all.parquet"), Side::Left, 9);
+    assert_eq!(outcome(&cohort(&path, "")).0, Some(0));
+}
+
+#[test]
 fn a_second_run_processes_only_changed_participants() {
     let (_folder, path) = people();
     assert_eq!(outcome(&cohort(&path, "")).0, Some(0));

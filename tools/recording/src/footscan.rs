@@ -76,7 +76,9 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         })?
     } else {
         text = decode(bytes, path)?;
-        text.lines().map(|line| line.split(['\t', ';']).map(|field| field.trim().to_owned()).collect()).collect()
+        text.lines()
+            .map(|line| line.split(['\t', ';']).map(|field| field.trim().trim_matches('"').to_owned()).collect())
+            .collect()
     };
     let mut feet: Vec<ReadFoot> = Vec::new();
     for (line, fields) in (1..).zip(&rows) {

@@ -21,6 +21,7 @@ fn text(side: Side, unit: &str, per_kpa: f64, spacing: &str) -> String {
         text += &format!("\r\nFrame {}\r\n", frame + 1);
         for row in 0..ROWS {
             let field = |column: usize| match (row, column) {
+                // `B` stands for a cell outside of the sensor.
                 (0, 0) => "B".to_owned(),
                 _ => format!("{:.3}", pressure_kpa(side, frame, row, column) * per_kpa),
             };

@@ -16,7 +16,7 @@ export interface TransportEvents {
   message(insole: Insole, bytes: Uint8Array): void;
   /**
    * The link broke, the insole did not accept this phone, or `plantar serve` could not be reached. `reason` is a phrase for the
-   * wearer. The transport tries to open the link again.
+   * wearer. The transport tries to open the link again, unless it was the first connection over Bluetooth.
    */
   closed(insole: Insole, reason: string): void;
   /** A message could not be received, because one of its fragments is missing or damaged. */
