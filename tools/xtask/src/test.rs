@@ -1,7 +1,7 @@
 //! The test suite: a quick part for use after each change, and the complete suite.
 
 use crate::arguments::Soak;
-use crate::build::{bootloader, build_firmware, build_whole_host, cargo_firmware, firmware};
+use crate::build::{bootloader, build_firmware, build_firmware_with, build_whole_host, cargo_firmware, firmware};
 use crate::command::{built, join, root, run, run_command};
 use crate::setup::Python;
 use crate::{BOARDS, EMULATED, bench, limits, package, page, setup};
@@ -43,11 +43,13 @@ pub fn all() -> Result<()> {
         join(firmware_and_page)?;
         join(python)
     })?;
-    // While those tests wait, and they mostly wait, everything else is built.
+    // While those tests wait, and they mostly wait, everything else is built: on one core, because some of them fail if programs
+    // occupy all cores, even in idle time; beside the tests of the page on all cores.
     let page_figures = std::thread::scope(|scope| {
         let boards = scope.spawn(|| in_idle_time().and_then(|()| build_boards()));
+        tests_in_real_time(&python)?;
         let package = scope.spawn(|| in_idle_time().and_then(|()| build_package()));
-        let figures = tests_in_real_time(&python)?;
+        let figures = page::test(&built("release/plantar"), &firmware(EMULATED))?;
         join(boards)?;
         join(package)?;
         Ok::<_, Error>(figures)
@@ -66,16 +68,19 @@ fn build_host_programs() -> Result<()> {
     build_whole_host()
 }
 
-/// Builds the firmware of the boards that are not emulated, and lints the firmware of all boards.
+/// Builds the firmware of the boards that are not emulated, and lints the firmware of all boards, on one core.
 fn build_boards() -> Result<()> {
+    let one_job = ["--jobs", "1"];
+    let lint = [&one_job[..], &DENY_WARNINGS[..]].concat();
     // The bootloaders contain the library without its features, and the page contains it as WebAssembly, so the builds also show
     // that the library compiles in both ways.
-    BOARDS.into_iter().filter(|&board| board != EMULATED).try_for_each(build_firmware)?;
+    let mut boards = BOARDS.into_iter().filter(|&board| board != EMULATED);
+    boards.try_for_each(|board| build_firmware_with(board, &one_job))?;
     for board in BOARDS {
-        cargo_firmware("clippy", board, &DENY_WARNINGS)?;
-        cargo_firmware("clippy", &bootloader(board), &DENY_WARNINGS)?;
+        cargo_firmware("clippy", board, &lint)?;
+        cargo_firmware("clippy", &bootloader(board), &lint)?;
     }
-    cargo_firmware("build", "minimal-board", &[])
+    cargo_firmware("build", "minimal-board", &one_job)
 }
 
 /// Builds the Python package, and checks licences and sources of the dependencies.
@@ -117,12 +122,10 @@ fn lint_host() -> Result<()> {
     run_command(command.args(DENY_WARNINGS))
 }
 
-/// Runs the tests with walks that are played in real time, then those of the page, many of which play walks in real time, too.
-/// Returns the figures that the page's tests measure.
-fn tests_in_real_time(python: &Python) -> Result<bench::Figures> {
+/// Runs the tests with walks that are played in real time, except those of the page.
+fn tests_in_real_time(python: &Python) -> Result<()> {
     // Two at a time, because on a slow computer more of them would cause missed scans and timeouts.
-    selected_tests(python, IN_REAL_TIME, 2)?;
-    page::test(&built("release/plantar"), &firmware(EMULATED))
+    selected_tests(python, IN_REAL_TIME, 2)
 }
 
 /// Runs all other tests of the host programs, and beside them those of the Python package and a short endurance test.
