@@ -62,10 +62,9 @@ impl Baseline {
     }
 
     /// The new code of the baseline and the new `lowered`, if the cell reads `code` under the lifted foot; `None` if the baseline
-    /// does not change.
-    /// `lowered` is the distance from the calibrated code at zero pressure down to the present one, in units of [`NOISE`] codes,
-    /// and `before` the reading of the previous swing, codes above the baseline. Changes within the noise are ignored, and
-    /// so is a code that would bring the zero or the baseline out of its limits.
+    /// does not change. `lowered` is the distance from the calibrated code at zero pressure down to the present one, in units of
+    /// [`NOISE`] codes, and `before` the reading of the previous swing, codes above the baseline. Changes within the noise are
+    /// ignored, and so is a code that would bring the zero or the baseline out of its limits.
     pub(crate) fn follow(&self, code: u16, before: i16, rise: Rise, lowered: u8, curve: &Curve) -> Option<(u16, u8)> {
         let reading = i32::from(code) - i32::from(self.code);
         let change = match rise {

@@ -112,9 +112,7 @@ def evaluate(participant: str, study: str, out: str, options: Options) -> Outcom
     try:
         return _evaluate(participant, files, f"{root}/{participant}", table_files, target, options)
     except (OSError, ValueError) as error:
-        # Otherwise a file of an earlier run would remain in the table.
-        if table_files.exists(target):
-            table_files.rm_file(target)
+        _remove_rows(table_files, target)
         return Outcome(participant, 0, False, (str(error),))
 
 
@@ -122,6 +120,12 @@ def _table_file(participant: str, out: str) -> tuple[Any, str]:
     """The file system of the table, and the path of the participant's file there."""
     files, table = fsspec.url_to_fs(out)
     return files, f"{table}/{_core.steps_path(participant)}"
+
+
+def _remove_rows(files: Any, target: str) -> None:
+    """Removes a participant's file of an earlier run, if there is one, so that it does not remain in the table."""
+    with contextlib.suppress(FileNotFoundError):
+        files.rm_file(target)
 
 
 def _evaluate(participant: str, files: Any, folder: str, table_files: Any, target: str, options: Options) -> Outcome:
@@ -253,9 +257,7 @@ def run(
                 table_files, target = _table_file(name, out)
                 reasons = [f"{name}: {future.exception()!r}"]
                 try:
-                    table_files.rm_file(target)
-                except FileNotFoundError:
-                    pass
+                    _remove_rows(table_files, target)
                 except OSError as error:
                     reasons.append(f"{target}: rows of an earlier run remain: {error}")
                 outcomes[name] = Outcome(name, 0, False, tuple(reasons))

@@ -23,11 +23,11 @@ export interface InsoleEvents {
   message(bytes: Uint8Array, side: Side): void;
 }
 
-/**
- * True if the insole of a session is the one for this foot. A session that waits for a hello may have another insole than before.
- */
-const claims = ({ hello, state }: Session, side: Side) =>
-  hello?.side === side && state !== "same-foot" && state !== "waiting";
+/** True if the last hello of a session's insole was the one for this foot, and its insole is not a second one for it. */
+const isOf = ({ hello, state }: Session, side: Side) => hello?.side === side && state !== "same-foot";
+
+/** True if the insole of a session is the one for this foot. A session that waits for a hello may have another one than before. */
+const claims = (session: Session, side: Side) => isOf(session, side) && session.state !== "waiting";
 
 /** Creates a session for each insole of the transport in use, and passes the events of the transport to the sessions. */
 export class Insoles {
@@ -59,8 +59,7 @@ export class Insoles {
    * insole counts only if no other one has this foot.
    */
   of(side: Side): Session | undefined {
-    const waiting = ({ hello, state }: Session) => hello?.side === side && state !== "same-foot";
-    return this.sessions.find((session) => claims(session, side)) ?? this.sessions.find(waiting);
+    return this.sessions.find((session) => claims(session, side)) ?? this.sessions.find((session) => isOf(session, side));
   }
 
   /** Sends the requests that are due. To be called a few times a second. */

@@ -95,11 +95,11 @@ impl Identify {
         let options = self.search.options(0)?;
         ensure!(
             options.filter == ::fit::Filter::Direct,
-            "the steps that verify the parameters are evaluated without smoothing and without the filter of live frames: use --filter \
-             direct"
+            "the steps that verify the parameters are evaluated without smoothing and without the filter of live frames: \
+             use --filter direct"
         );
         let mut feet = self.connect()?;
-        let rule = self.rule();
+        let rule = ContactRule { full_kpa: self.contact_full, ..ContactRule::COUNTED };
         ensure!(rule.is_valid(), "--contact-full {}: expected 0, or 10 to 2000 kPa", self.contact_full);
         // The stream files of earlier sessions are read before the insoles are changed, and before the screen opens, which would
         // hide the notes about them.
@@ -123,11 +123,6 @@ impl Identify {
         }
         println!("\nThe session is complete. Recordings, parameters and reports are in {}.", self.out.display());
         Ok(is_good)
-    }
-
-    /// The contact rule of the session.
-    fn rule(&self) -> ContactRule {
-        ContactRule { full_kpa: self.contact_full, ..ContactRule::COUNTED }
     }
 
     fn connections(&self) -> Vec<Connection> {
@@ -207,7 +202,8 @@ impl Identify {
                 }
                 ensure!(
                     results.iter().flat_map(|result| &result.cells).all(CellCalibration::is_valid),
-                    "with the scale {scale:.3}, the gain of a cell is outside of 0.1 to 10: check --mass, and calibrate the sensors"
+                    "with the scale {scale:.3}, the gain of a cell is outside of 0.1 to 10: check --mass, and calibrate the \
+                     sensors"
                 );
             }
             Some(_) => println!(

@@ -15,7 +15,7 @@ pub fn names(study: &Path, out: Option<&Path>) -> Result<Vec<String>> {
     let error = || format!("cannot read {}: it must be a folder with one folder per participant", study.display());
     let out = out.map(resolved);
     let root = resolved(study);
-    if let Some(folder) = out.as_ref().filter(|out| out.parent() == Some(root.as_path()) && has_person(out)) {
+    if let Some(folder) = out.as_ref().filter(|out| out.parent() == Some(root.as_path()) && has_person(&entries(out))) {
         bail!("{}: this folder contains recordings or participant.toml: choose another --out", folder.display());
     }
     let mut names = Vec::new();
@@ -41,18 +41,18 @@ fn has_only_results(folder: &Path, out: Option<&Path>) -> bool {
     if out.is_some_and(|out| out == resolved) {
         return true;
     }
-    if has_person(folder) {
+    let entries = entries(folder);
+    if has_person(&entries) {
         return false;
     }
-    let entries = entries(folder);
     let in_table = |path: &Path| path.file_name().is_some_and(|n| n.to_string_lossy().starts_with(&partition("")));
     let holds_results = |path: &PathBuf| in_table(path) || path.is_dir() && has_only_results(path, None);
     out.is_some_and(|out| out.starts_with(&resolved)) || entries.iter().any(holds_results)
 }
 
-/// True if a folder contains recordings or settings of a participant.
-fn has_person(folder: &Path) -> bool {
-    entries(folder).iter().any(|path| recording::is_parquet(path) || path.ends_with("participant.toml"))
+/// True if the entries of a folder contain recordings or settings of a participant.
+fn has_person(entries: &[PathBuf]) -> bool {
+    entries.iter().any(|path| recording::is_parquet(path) || path.ends_with("participant.toml"))
 }
 
 /// The entries of a folder; none if it cannot be read.
