@@ -170,7 +170,6 @@ impl Stopwatch for NoStopwatch {
 }
 
 /// A serial cable between insole and host.
-#[derive(Default)]
 pub struct Cable {
     /// Bytes in transit to the host.
     pub to_host: VecDeque<u8>,
@@ -182,10 +181,24 @@ pub struct Cable {
     pub is_cut: bool,
     /// Duration of the transfer of one byte to the host, us; 0 for an unlimited rate.
     pub byte_us: f64,
-    /// Number of bytes to the host from one damaged byte to the next; 0 for no damage.
+    /// Mean number of bytes to the host from one damaged byte to the next; 0 for no damage. The distances are random, because with
+    /// a constant one, which can be the length of a retransmission, the same byte could be damaged in all retransmissions.
     pub damaged_every: u32,
-    /// Number of bytes sent to the host so far; wraps.
-    bytes: u32,
+    random: fastrand::Rng,
+}
+
+impl Default for Cable {
+    fn default() -> Self {
+        Self {
+            to_host: VecDeque::new(),
+            to_insole: VecDeque::new(),
+            reader: None,
+            is_cut: false,
+            byte_us: 0.0,
+            damaged_every: 0,
+            random: fastrand::Rng::with_seed(0),
+        }
+    }
 }
 
 impl Cable {
@@ -200,8 +213,7 @@ impl Cable {
     /// Transfers bytes from the insole to the host.
     fn write_to_host(&mut self, bytes: &[u8]) {
         for byte in bytes {
-            self.bytes = self.bytes.wrapping_add(1);
-            let is_damaged = self.damaged_every > 0 && self.bytes.is_multiple_of(self.damaged_every);
+            let is_damaged = self.damaged_every > 0 && self.random.u32(..self.damaged_every) == 0;
             if !self.is_cut {
                 self.to_host.push_back(if is_damaged { byte ^ 0x10 } else { *byte });
             }

@@ -12,8 +12,7 @@ use std::time::Duration;
 
 /// Longest wait for a message in one call, us.
 const WAIT_US: u64 = 50_000;
-/// Time after which the host connects again if [`Client::receive`] has returned no message, us. It does not return the answers to
-/// its requests for the insole's time, so a host without live frames also connects again if no load record arrives for this time.
+/// Time without a message of the insole after which the host connects again, us.
 const SILENCE_US: u64 = 2_000_000;
 /// Longest wait for the answer to a connection request.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
@@ -288,11 +287,14 @@ impl Host {
             return;
         }
         let Some(client) = &mut self.client else { return };
+        let before_us = now_us();
         match client.receive() {
             Ok(Some(message)) => {
                 self.last_message_us = now_us();
                 self.handle(message);
             }
+            // The client handled a message itself, such as the insole's time, which it requests all the time.
+            Ok(None) if now_us() - before_us < WAIT_US => self.last_message_us = now_us(),
             Ok(None) => {}
             Err(error) => self.fail(&error),
         }

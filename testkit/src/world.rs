@@ -44,9 +44,9 @@ pub enum InsoleEvent {
         /// Bytes per second; 0 for no limit.
         bytes_per_s: f64,
     },
-    /// Bytes to the host are damaged at regular distances from now on, or no longer damaged.
+    /// Bytes to the host are damaged at random distances from now on, or no longer damaged.
     Damage {
-        /// Bytes from one damaged byte to the next; 0 for no damage.
+        /// Mean number of bytes from one damaged byte to the next; 0 for no damage.
         every_bytes: u32,
     },
     /// The radio link is lost.
