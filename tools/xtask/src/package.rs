@@ -7,14 +7,22 @@ use anyhow::Result;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// The target folder of the compiled part. It shares no libraries with the other host programs, which enable more features of
 /// them; with a folder of its own, it can be built at the same time.
 const TARGET_FOLDER: &str = "package";
 
-/// Builds the wheel of the package and installs it in the private environment. Returns the folder of the environment.
+/// Set once the package is built and installed.
+static IS_BUILT: AtomicBool = AtomicBool::new(false);
+
+/// Builds the wheel of the package and installs it in the private environment, unless this was done before. Returns the folder of
+/// the environment.
 pub fn build() -> Result<PathBuf> {
     let (environment, wheels) = (setup::package()?, built("wheels"));
+    if IS_BUILT.load(Ordering::Relaxed) {
+        return Ok(environment);
+    }
     // Wheels of earlier versions would be installed as well.
     if wheels.exists() {
         fs::remove_dir_all(&wheels)?;
@@ -26,6 +34,7 @@ pub fn build() -> Result<PathBuf> {
         let wheel = wheel?.path();
         setup::pip(&environment, &["install", "--force-reinstall", "--no-deps", &wheel.to_string_lossy()])?;
     }
+    IS_BUILT.store(true, Ordering::Relaxed);
     Ok(environment)
 }
 

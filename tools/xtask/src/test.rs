@@ -8,6 +8,7 @@ use crate::{BOARDS, EMULATED, bench, limits, package, page, setup};
 use anyhow::{Error, Result};
 use std::path::PathBuf;
 use std::process::Command;
+use std::thread::ScopedJoinHandle;
 
 /// Arguments of Clippy that make every warning an error.
 pub const DENY_WARNINGS: [&str; 3] = ["--", "--deny", "warnings"];
@@ -44,17 +45,18 @@ pub fn all() -> Result<()> {
         join(python)
     })?;
     // While those tests wait, and they mostly wait, everything else is built: on one core, because some of them fail if programs
-    // occupy all cores, even in idle time; beside the tests of the page on all cores.
+    // occupy all cores, even in idle time; beside the other tests on all cores.
     let page_figures = std::thread::scope(|scope| {
         let boards = scope.spawn(|| in_idle_time().and_then(|()| build_boards()));
         tests_in_real_time(&python)?;
         let package = scope.spawn(|| in_idle_time().and_then(|()| build_package()));
+        let lints = scope.spawn(|| in_idle_time().and_then(|()| lint_boards()));
         let figures = page::test(&built("release/plantar"), &firmware(EMULATED))?;
+        other_tests(&python, package)?;
         join(boards)?;
-        join(package)?;
+        join(lints)?;
         Ok::<_, Error>(figures)
     })?;
-    other_tests(&python)?;
     let mut figures = bench::bench_without_page()?;
     figures.extend(page_figures);
     limits::check(&figures)
@@ -68,19 +70,20 @@ fn build_host_programs() -> Result<()> {
     build_whole_host()
 }
 
-/// Builds the firmware of the boards that are not emulated, and lints the firmware of all boards, on one core.
+/// Builds the firmware of the boards that are not emulated, on one core.
 fn build_boards() -> Result<()> {
     let one_job = ["--jobs", "1"];
-    let lint = [&one_job[..], &DENY_WARNINGS[..]].concat();
     // The bootloaders contain the library without its features, and the page contains it as WebAssembly, so the builds also show
     // that the library compiles in both ways.
     let mut boards = BOARDS.into_iter().filter(|&board| board != EMULATED);
     boards.try_for_each(|board| build_firmware_with(board, &one_job))?;
-    for board in BOARDS {
-        cargo_firmware("clippy", board, &lint)?;
-        cargo_firmware("clippy", &bootloader(board), &lint)?;
-    }
     cargo_firmware("build", "minimal-board", &one_job)
+}
+
+/// Lints the firmware of all boards.
+fn lint_boards() -> Result<()> {
+    let mut packages = BOARDS.into_iter().flat_map(|board| [board.to_owned(), bootloader(board)]);
+    packages.try_for_each(|package| cargo_firmware("clippy", &package, &DENY_WARNINGS))
 }
 
 /// Builds the Python package, and checks licences and sources of the dependencies.
@@ -128,10 +131,15 @@ fn tests_in_real_time(python: &Python) -> Result<()> {
     selected_tests(python, IN_REAL_TIME, 2)
 }
 
-/// Runs all other tests of the host programs, and beside them those of the Python package and a short endurance test.
-fn other_tests(python: &Python) -> Result<()> {
+/// Runs all other tests of the host programs, and beside them those of the Python package, once `package` has built it, and a
+/// short endurance test.
+fn other_tests(python: &Python, package: ScopedJoinHandle<'_, Result<()>>) -> Result<()> {
     std::thread::scope(|scope| {
-        let package = scope.spawn(|| package::test().and_then(|()| Soak { short: true, json: None }.run()));
+        let package = scope.spawn(|| {
+            join(package)?;
+            package::test()?;
+            Soak { short: true, json: None }.run()
+        });
         // Many tests wait for an emulated board, so more of them run at the same time than there are cores.
         let threads = 3 * std::thread::available_parallelism().map_or(1, usize::from);
         selected_tests(python, &format!("not ({IN_REAL_TIME})"), threads)?;
