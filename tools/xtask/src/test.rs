@@ -44,8 +44,8 @@ pub fn all() -> Result<()> {
         join(firmware_and_page)?;
         join(python)
     })?;
-    // While those tests wait, and they mostly wait, everything else is built: on one core, because some of them fail if programs
-    // occupy all cores, even in idle time; beside the other tests on all cores.
+    // The tests in real time mostly wait. Meanwhile the boards are built, on one core only, because some of these tests fail if
+    // other programs occupy all cores, even in idle time. The rest is built on all cores, beside the other tests.
     let page_figures = std::thread::scope(|scope| {
         let boards = scope.spawn(|| in_idle_time().and_then(|()| build_boards()));
         tests_in_real_time(&python)?;
