@@ -902,7 +902,7 @@ fn a_request_to_measure_the_baselines_is_passed_to_the_insole_and_answered() {
     session.receive(ToDevice::Zero, 0);
     assert!(session.take_to_insole().zero && !session.take_to_insole().zero);
     assert_eq!(all(&mut session), []);
-    let result = ZeroResult { changed: 3, without_baseline: [1; 8], residual_dn: [40; 8] };
+    let result = ZeroResult { changed: 3, with_former_baseline: [1; 8], residual_dn: [40; 8] };
     session.answer_zero(Ok(result));
     assert_eq!(all(&mut session), [Sent::Zero(result)]);
 

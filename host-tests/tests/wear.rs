@@ -94,13 +94,13 @@ fn cells_without_a_baseline_are_reported_by_region() {
         spot.iter().for_each(|&cell| frame[cell] += 2.0 * MAX_RESIDUAL_KPA + creep_kpa);
     }
     let Found { faults, steps, .. } = found(&pressed);
-    assert_eq!(faults.without_baseline, [6, 0, 0, 3, 0, 0, 0, 0]);
+    assert_eq!(faults.with_former_baseline, [6, 0, 0, 3, 0, 0, 0, 0]);
     assert_eq!((faults.found, steps.len()), (0, expected_steps));
 
     // The reported number is that of the last swing, in which the spot no longer presses.
     let released_at = walk.pressure_kpa.len() / 2;
     pressed.pressure_kpa[released_at..].copy_from_slice(&walk.pressure_kpa[released_at..]);
-    assert_eq!(found(&pressed).faults.without_baseline, [0; 8]);
+    assert_eq!(found(&pressed).faults.with_former_baseline, [0; 8]);
 }
 
 /// A shoe that is laced tighter, or toes that rest on the insole, press on several cells, more from swing to swing. A single cell
@@ -123,7 +123,7 @@ fn a_pressure_that_grows_on_several_cells_is_no_drift() {
         found(&pressed).faults
     };
     let faults = growing(&adjacent[..4].iter().map(|(index, ..)| *index).collect::<Vec<_>>());
-    assert_eq!((faults.found, faults.without_baseline), (0, [4, 0, 0, 0, 0, 0, 0, 0]), "{faults:?}");
+    assert_eq!((faults.found, faults.with_former_baseline), (0, [4, 0, 0, 0, 0, 0, 0, 0]), "{faults:?}");
     let faults = growing(&[middle]);
     assert_eq!((faults.found, faults.list[0].kind), (1, FaultKind::Drift), "{faults:?}");
 }

@@ -239,11 +239,11 @@ fn any_faults() -> impl Strategy<Value = Faults> {
     let fault = (prop::sample::select(FaultKind::ALL.to_vec()), place, any::<u32>())
         .prop_map(|(kind, place, found_ms)| Fault { kind, place, found_ms });
     (any::<(u32, u32, [u8; 8], [u8; 8])>(), prop::collection::vec(fault, 0..=MAX_FAULTS)).prop_map(
-        |((found, rezeroed, masked_cells, without_baseline), list)| Faults {
+        |((found, rezeroed, masked_cells, with_former_baseline), list)| Faults {
             found,
             rezeroed,
             masked_cells,
-            without_baseline,
+            with_former_baseline,
             list: list.into_iter().collect(),
         },
     )
@@ -291,8 +291,8 @@ fn to_host() -> impl Strategy<Value = ToHost> {
         }),
         any::<u16>().prop_map(|pause_s| ToHost::AlertRules(AlertRules { pause_s, ..AlertRules::RECOMMENDED })),
         any::<(u32, u8)>().prop_map(|(day, alerts)| ToHost::DailyLoad(DailyLoad { day, alerts, ..daily_load() })),
-        any::<(u16, [u8; 8], [u16; 8])>().prop_map(|(changed, without_baseline, residual_dn)| {
-            ToHost::Zero(ZeroResult { changed, without_baseline, residual_dn })
+        any::<(u16, [u8; 8], [u16; 8])>().prop_map(|(changed, with_former_baseline, residual_dn)| {
+            ToHost::Zero(ZeroResult { changed, with_former_baseline, residual_dn })
         }),
         Just(ToHost::Update(Progress::Accepted)),
         Just(ToHost::Update(Progress::Confirmed)),
@@ -637,7 +637,7 @@ fn longest_messages_fit_their_limits() {
         found: u32::MAX,
         rezeroed: u32::MAX,
         masked_cells: [u8::MAX; 8],
-        without_baseline: [u8::MAX; 8],
+        with_former_baseline: [u8::MAX; 8],
         list: [longest_fault; MAX_FAULTS].into_iter().collect(),
     });
     assert!(encoded(&longest_live).len() <= MAX_LIVE);
@@ -829,7 +829,7 @@ fn messages_have_the_bytes_of_this_version() {
 }
 
 const ZERO_RESULT: ZeroResult =
-    ZeroResult { changed: 300, without_baseline: [1, 2, 3, 4, 5, 6, 7, 8], residual_dn: [45; 8] };
+    ZeroResult { changed: 300, with_former_baseline: [1, 2, 3, 4, 5, 6, 7, 8], residual_dn: [45; 8] };
 
 const CELL_STREAM: CellStream = CellStream { resolution: Resolution::Oversampled, every: 2 };
 

@@ -63,7 +63,7 @@ fn the_reading_of_a_lifted_foot_becomes_the_baseline_at_once() {
     let result = result.expect("the foot is lifted");
     assert!(duration_s <= 1, "{duration_s}");
     assert_eq!(usize::from(result.changed), recording.cells());
-    assert_eq!(result.without_baseline, [0; 8]);
+    assert_eq!(result.with_former_baseline, [0; 8]);
     let shoe_n = recording.layout.force_n(&vec![SHOE_KPA; recording.cells()]);
     let found_n: f64 = result.residual_dn.iter().map(|dn| f64::from(*dn) / 10.0).sum();
     // The noise of the computed readings is at most 12 codes, and a baseline follows changes of more than 32 codes, 0.07 kPa.

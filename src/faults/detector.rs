@@ -197,7 +197,7 @@ impl FaultDetector {
         }
         let found_before = self.faults.found;
         self.faults.rezeroed = self.faults.rezeroed.wrapping_add(self.review.rezeroed);
-        self.faults.without_baseline = self.review.without_baseline;
+        self.faults.with_former_baseline = self.review.with_former_baseline;
         if self.review.has_stance {
             self.conclude(frame);
         } else {

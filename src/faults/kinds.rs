@@ -86,7 +86,7 @@ pub struct Faults {
     /// Number of cells of each region without a new baseline: in the last swing, they read more than a baseline can have
     /// ([`MAX_RESIDUAL_KPA`](crate::pipeline::baseline::MAX_RESIDUAL_KPA)), so their former baseline remains in force. 255 stands
     /// for 255 or more.
-    pub without_baseline: [u8; 8],
+    pub with_former_baseline: [u8; 8],
     /// The first [`MAX_FAULTS`] faults, in the order of their detection.
     pub list: Vec<Fault, MAX_FAULTS>,
 }
@@ -94,7 +94,7 @@ pub struct Faults {
 impl Faults {
     /// No faults.
     pub const NONE: Self =
-        Self { found: 0, rezeroed: 0, masked_cells: [0; 8], without_baseline: [0; 8], list: Vec::new() };
+        Self { found: 0, rezeroed: 0, masked_cells: [0; 8], with_former_baseline: [0; 8], list: Vec::new() };
 
     /// Bit i: region i has masked cells.
     pub fn masked(&self) -> u8 {

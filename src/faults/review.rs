@@ -29,8 +29,8 @@ pub(super) struct Review {
     pub(super) unresponsive: u32,
     /// Number of corrected baselines.
     pub(super) rezeroed: u32,
-    /// See [`Faults::without_baseline`](super::Faults::without_baseline).
-    pub(super) without_baseline: [u8; 8],
+    /// See [`Faults::with_former_baseline`](super::Faults::with_former_baseline).
+    pub(super) with_former_baseline: [u8; 8],
     /// Bit i: the reading of a cell of row i has risen by more than [`MAX_RISE`] since the last swing, so its residual pressure
     /// in the step between was not known.
     pub(super) risen_rows: u16,
@@ -38,7 +38,7 @@ pub(super) struct Review {
 
 impl Review {
     pub(super) const fn new(rise: Rise, has_stance: bool) -> Self {
-        Self { rise, has_stance, unresponsive: 0, rezeroed: 0, without_baseline: [0; 8], risen_rows: 0 }
+        Self { rise, has_stance, unresponsive: 0, rezeroed: 0, with_former_baseline: [0; 8], risen_rows: 0 }
     }
 
     /// Reviews some cells from index `first` on, as many as it takes to review all cells in `frames` frames. Returns the index of
@@ -73,7 +73,7 @@ impl Review {
             cell.marks.swing_reading = reading(cell, code);
             self.rezeroed += u32::from(is_changed);
             if is_exceeded {
-                let cells = &mut self.without_baseline[frame.region(index)];
+                let cells = &mut self.with_former_baseline[frame.region(index)];
                 *cells = cells.saturating_add(1);
             }
         }

@@ -30,7 +30,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             self.zero_s = 0;
             return Some(Ok(ZeroResult {
                 changed: self.detector.zeroed() as u16,
-                without_baseline: self.faults().without_baseline,
+                with_former_baseline: self.faults().with_former_baseline,
                 residual_dn: self
                     .residuals
                     .each_ref()

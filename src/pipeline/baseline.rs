@@ -11,7 +11,7 @@
 //!   start becomes the baseline at once, unless the foot has carried load before; so does the first one after a host has
 //!   requested a measurement.
 //! - A baseline is at most [`MAX_RESIDUAL_KPA`] above the zero. The former baseline of a cell that reads more under a
-//!   lifted foot remains in force, and the cell is counted in [`Faults::without_baseline`](crate::faults::Faults).
+//!   lifted foot remains in force, and the cell is counted in [`Faults::with_former_baseline`](crate::faults::Faults).
 //!
 //! The pressure of the baseline is subtracted from the pressure of the cell. It is not subtracted from the code, because codes
 //! are not proportional to pressure. If the baseline is below the calibrated zero, the zero follows it.
@@ -37,7 +37,7 @@ pub struct ZeroResult {
     pub changed: u16,
     /// Number of cells of each region that read more than [`MAX_RESIDUAL_KPA`], so that their former baseline remains in force;
     /// 255 stands for 255 or more.
-    pub without_baseline: [u8; 8],
+    pub with_former_baseline: [u8; 8],
     /// Force of the baselines of each region, 0.1 N.
     pub residual_dn: [u16; 8],
 }

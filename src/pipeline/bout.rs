@@ -13,8 +13,9 @@ use serde::{Deserialize, Serialize};
 
 /// Time outside steps after which a window ends, ms.
 const WINDOW_MS: u32 = 2_000;
-/// A window that is shorter than [`WINDOW_MS`] divided by this number, because the foot left or touched the ground, has no kind
-/// of its own, unless it has load from between steps or from a short contact: it is then unclassified.
+/// A window that is shorter than [`WINDOW_MS`] divided by this number, because the foot left or touched the ground, is too short
+/// to be classified: it joins the bout around it. One with load from between steps or from a short contact does not: however
+/// short it is, it has the kind [`BoutKind::Unclassified`].
 const LEAST_PART: u32 = 2;
 /// A bout ends with the window in which it reaches this duration, s.
 const LONGEST_S: u32 = 60;

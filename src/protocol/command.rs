@@ -118,7 +118,7 @@ pub enum CommandResult {
 }
 
 /// An answer that waits for the carrier. It becomes the message of the same name of [`super::ToHost`] when it is sent, with the
-/// values of that time.
+/// values of that time. [`Answer::NewTissue`] becomes `Tissue`, or `Refused` if the parameters could not be stored.
 #[derive(Debug)]
 pub(super) enum Answer {
     Status,

@@ -272,7 +272,7 @@ pub fn faults() -> Faults {
         found: 3,
         rezeroed: 8,
         masked_cells: [1, 2, 3, 4, 5, 6, 7, 8],
-        without_baseline: [8, 7, 6, 5, 4, 3, 2, 1],
+        with_former_baseline: [8, 7, 6, 5, 4, 3, 2, 1],
         list: list.into_iter().collect(),
     }
 }

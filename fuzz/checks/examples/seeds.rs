@@ -124,7 +124,7 @@ fn main() {
             found: 1,
             rezeroed: 2,
             masked_cells: [1, 0, 0, 0, 0, 0, 0, 0],
-            without_baseline: [0; 8],
+            with_former_baseline: [0; 8],
             list: [fault].into_iter().collect(),
         }),
         ToHost::Identity(Identity { side: Side::Right, serial, calibration_id: 1 }),

@@ -67,7 +67,7 @@ impl Session {
     /// Stores the faults that the insole detected; returns how many of them are new.
     pub fn set_faults(&mut self, faults: &Faults) -> u32 {
         let new = faults.found.saturating_sub(self.faults.found);
-        let state = |faults: &Faults| (faults.found, faults.rezeroed, faults.without_baseline);
+        let state = |faults: &Faults| (faults.found, faults.rezeroed, faults.with_former_baseline);
         if state(faults) != state(&self.faults) {
             self.faults = faults.clone();
         }

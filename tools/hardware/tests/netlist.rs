@@ -42,7 +42,7 @@ fn designators_are_unique_and_every_net_connects_parts() {
 }
 
 #[test]
-fn every_line_of_the_sheet_has_its_parts() {
+fn every_row_and_column_of_the_sensor_has_its_parts() {
     let board = Netlist::reference();
     let nets = board.nets();
     let parts = |net: String| nets[&*net].iter().map(|(designator, _)| *designator).collect::<BTreeSet<_>>();

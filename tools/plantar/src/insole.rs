@@ -248,7 +248,7 @@ fn zero(client: &mut AnyClient) -> Result<()> {
     let forces: Vec<_> = forces.map(|(name, dn)| format!("{name} {:.1} N", f64::from(dn) / 10.0)).collect();
     println!("the baselines of {} cells have changed", result.changed);
     println!("force that is subtracted: {}", if forces.is_empty() { "none".into() } else { forces.join(", ") });
-    for (name, cells) in REGION_LABELS.iter().zip(result.without_baseline).filter(|(_, cells)| *cells > 0) {
+    for (name, cells) in REGION_LABELS.iter().zip(result.with_former_baseline).filter(|(_, cells)| *cells > 0) {
         println!(
             "warning: {cells} cells of {name} read more than {MAX_RESIDUAL_KPA} kPa, so their former baselines remain: loosen the \
              shoe, or check these cells"

@@ -131,7 +131,8 @@ pub fn print_faults(faults: &Faults, cells: usize) {
     faults_to_lines(faults, cells).iter().for_each(|line| println!("{line}"));
 }
 
-/// One line for each fault, then lines with the number of masked cells, of cells without a baseline, and of corrected baselines.
+/// One line for each fault, then lines with the number of masked cells, of cells with their former baseline, and of
+/// corrected baselines.
 fn faults_to_lines(faults: &Faults, cells: usize) -> Vec<String> {
     let fault = |fault: &Fault| {
         let found_s = f64::from(fault.found_ms) / 1e3;
@@ -144,7 +145,10 @@ fn faults_to_lines(faults: &Faults, cells: usize) -> Vec<String> {
     }
     for (of_regions, state) in [
         (&faults.masked_cells, "masked"),
-        (&faults.without_baseline, "with their former baseline, because they read a load while the foot was lifted"),
+        (
+            &faults.with_former_baseline,
+            "with their former baseline, because they read a load while the foot was lifted",
+        ),
     ] {
         let regions = REGION_LABELS.iter().zip(of_regions).filter(|&(_, &count)| count > 0);
         let regions: Vec<_> = regions.map(|(name, count)| format!("{name} {count}")).collect();
@@ -230,8 +234,8 @@ mod tests {
             Fault { kind: FaultKind::Short, place: Place::Row(3), found_ms: 12_340 },
         ];
         let list = list.into_iter().collect();
-        let (masked_cells, without_baseline) = ([2, 0, 0, 0, 0, 1, 0, 0], [0, 0, 0, 4, 0, 0, 0, 0]);
-        let faults = Faults { found: 3, rezeroed: 5, masked_cells, without_baseline, list };
+        let (masked_cells, with_former_baseline) = ([2, 0, 0, 0, 0, 1, 0, 0], [0, 0, 0, 4, 0, 0, 0, 0]);
+        let faults = Faults { found: 3, rezeroed: 5, masked_cells, with_former_baseline, list };
         let lines = [
             "sensor fault: cell 17 open, found 1.9 s after the first scan",
             "sensor fault: row 3 short, found 12.3 s after the first scan",

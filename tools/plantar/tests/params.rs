@@ -20,7 +20,7 @@ use std::sync::{Arc, Mutex};
 
 /// The result with which the simulated insole answers a request to measure its baselines (`plantar insole zero`).
 const ZERO_RESULT: ZeroResult =
-    ZeroResult { changed: 17, without_baseline: [0, 2, 0, 0, 0, 0, 0, 0], residual_dn: [31, 0, 0, 0, 0, 0, 0, 0] };
+    ZeroResult { changed: 17, with_former_baseline: [0, 2, 0, 0, 0, 0, 0, 0], residual_dn: [31, 0, 0, 0, 0, 0, 0, 0] };
 
 /// Starts an insole that serves one host after the other until the test ends. Returns its address and its session.
 fn insole() -> (SocketAddr, Arc<Mutex<Session>>) {

@@ -115,11 +115,12 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         let Some((_, rows_read)) = foot_rows.last_mut() else { continue };
         let expected = *columns.get_or_insert(filled);
         if expected != filled || *rows_read >= MAX_LINES || filled > MAX_LINES {
-            let problem = match expected == filled {
-                true => format!("a frame of more than {MAX_LINES} rows or columns"),
-                false => format!("{filled} values, the rows before have {expected}"),
-            };
-            return Err(Error::content(place(), problem, CUT_OFF));
+            if expected != filled {
+                let problem = format!("{filled} values, the rows before have {expected}");
+                return Err(Error::content(place(), problem, CUT_OFF));
+            }
+            let problem = format!("a frame of more than {MAX_LINES} rows or columns");
+            return Err(Error::content(place(), problem, format!("export at most {MAX_LINES} rows and columns")));
         }
         for (column, field) in fields.iter().enumerate() {
             let force_n = number(field, &format!("the force in column {}", column + 1), &place)?;

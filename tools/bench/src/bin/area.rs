@@ -1,5 +1,5 @@
-//! Computes the tables of docs/identification.md on the scale of the effective area, as Markdown: the predicted error by scale,
-//! and the bias of the area by the pitch of the sensor and the pressure.
+//! Computes the tables of docs/identification.md on the pressure from which a cell counts whole ([`ContactRule::full_kpa`]), as
+//! Markdown: the predicted error by this pressure, and the bias of the area by the pitch of the sensor and the pressure.
 
 use anyhow::Result;
 use bench::studies::{self, mean_percent};
@@ -13,8 +13,8 @@ use plantar::{Region, Side};
 use recording::{Cell, Layout, MAX_CELLS, Recording, VirtualInsole};
 use std::path::PathBuf;
 
-/// Computes the predicted errors of ten walkers by the scale of the effective area, and the bias of the area of pressed
-/// ellipsoids.
+/// Computes the predicted errors of ten walkers by the pressure from which a cell counts whole, and the bias of the area of
+/// pressed ellipsoids.
 #[derive(Parser)]
 struct Arguments {
     /// The folder SpeedPP2DS of the Python package jiku-data.
@@ -22,8 +22,8 @@ struct Arguments {
     jiku: PathBuf,
 }
 
-/// The scales of the effective area ([`ContactRule::full_kpa`]), kPa; 0 for counted cells.
-const SCALES_KPA: [f32; 7] = [0.0, 75.0, 100.0, 150.0, 200.0, 300.0, 600.0];
+/// The pressures from which a cell counts whole, kPa; 0 for counted cells.
+const FULL_KPA: [f32; 7] = [0.0, 75.0, 100.0, 150.0, 200.0, 300.0, 600.0];
 /// Distances between the centres of square cells, mm.
 const PITCHES_MM: [f64; 4] = [5.0, 7.0, 10.0, 14.0];
 /// Pressures at the centre of the contact, kPa.
@@ -37,15 +37,15 @@ const POINTS: usize = 12;
 
 fn main() -> Result<()> {
     let arguments = Arguments::parse();
-    println!("| whole cell from | predicted error % | readings below the scale % |\n|---|---|---|");
+    println!("| whole cell from | predicted error % | readings that count partly % |\n|---|---|---|");
     let walks = studies::walks(&arguments.jiku)?;
-    for full_kpa in SCALES_KPA {
+    for full_kpa in FULL_KPA {
         let rule = ContactRule { full_kpa, ..ContactRule::COUNTED };
         let studies = studies::fitted(&walks, rule)?;
         let predicted = (0..8).map(|region| mean_percent(&studies, region, |fit| fit.quality.predicted)).sum::<f64>();
-        let scale =
+        let whole_from =
             if full_kpa == 0.0 { "counted, 10 kPa".to_string() } else { format!("covered share, {full_kpa} kPa") };
-        println!("| {scale} | {:.1} | {:.0} |", predicted / 8.0, partial_percent(&walks, &rule));
+        println!("| {whole_from} | {:.1} | {:.0} |", predicted / 8.0, partial_percent(&walks, &rule));
     }
     for region in PRESSED {
         let pressed = Pressed::of(region);
