@@ -52,13 +52,16 @@ export interface Check {
   is_confirmed: boolean;
 }
 
-/** Compares the insole's own model error in these steps with the result. `undefined` if no fitted region was loaded. */
+/**
+ * Compares the insole's own model error in these steps with the result. `undefined` if no fitted region was loaded. As in a fit,
+ * a step with a saturated cell of a region is not used for this region, because its measured force is only a lower bound.
+ */
 export function check(result: FootResult, steps: readonly Step[]): Check | undefined {
   const predicted_percent: number[] = [];
   const measured_percent: number[] = [];
   for (const [name, error_percent] of predictedErrors(result)) {
     const all = steps.flatMap((step) => step.regions[name] ?? []);
-    const regions = all.filter((region) => region.measured_force_peak_n >= LOADED_N);
+    const regions = all.filter((region) => region.measured_force_peak_n >= LOADED_N && !region.saturated);
     if (regions.length === 0) continue;
     predicted_percent.push(error_percent);
     measured_percent.push(mean(regions.map((region) => region.model_error_nrmse_percent)));

@@ -82,7 +82,10 @@ export interface Foot {
   refusal: string;
   /** True if the link is lost. */
   is_lost: boolean;
-  /** Smallest time of a live frame during the phase "stand", on the insole's clock; infinite before the first frame. */
+  /**
+   * Smallest time of a live frame since the session began or, later, since the insole confirmed the parameters, on the insole's
+   * clock; infinite before the first frame. The insole can still transmit steps from before this time.
+   */
   first_frame_s: number;
   /** Steps with the new parameters, by key. */
   checked: Map<string, Step>;
@@ -213,9 +216,10 @@ export class IdentifySession {
   /** A live frame of a foot arrived. `force_n` returns the total force on the other foot in its last frame, N. */
   live(side: Side, live: Live, now_ms: number, force_n: (side: Side) => number): void {
     const sender = this.foot(side);
-    if (this.phase !== "stand" || !sender) return;
+    if (!sender) return;
     // The times begin again after a restart of the insole, and when a recording is repeated.
     sender.first_frame_s = Math.min(sender.first_frame_s, live.t_s);
+    if (this.phase !== "stand") return;
     const is_standing = this.feet.every((foot) => (foot.side === side ? totalForce(live) : force_n(foot.side)) >= STANDING_N);
     if (!is_standing) this.stand_since_ms = undefined;
     else {
@@ -235,15 +239,17 @@ export class IdentifySession {
   step(side: Side, step: Step, key: string, now_ms: number): void {
     const foot = this.foot(side);
     if (!foot) return;
-    // Steps from before the session can arrive, because the insole stores its steps until they are acknowledged.
-    if (this.phase === "stand" && step.starts_ago === 0 && step.start_s >= foot.first_frame_s) {
+    // Steps from before the session, or with the former parameters, can arrive, because the insole stores its steps until they
+    // are acknowledged.
+    const is_new = step.starts_ago === 0 && step.start_s >= foot.first_frame_s;
+    if (this.phase === "stand" && is_new) {
       this.remarks.add("You began to walk before you had stood still. That is all right.");
       this.walk(now_ms);
     }
     if (this.isCollecting) {
       this.last_step_ms = now_ms;
       this.passOn(now_ms);
-    } else if (this.phase === "verify" && foot.sent === "confirmed" && step.starts_ago === 0) {
+    } else if (this.phase === "verify" && foot.sent === "confirmed" && is_new) {
       this.last_step_ms = now_ms;
       foot.checked.set(key, step);
       this.evaluateCheck();
@@ -395,7 +401,7 @@ export class IdentifySession {
     const foot = this.foot(side);
     if (!foot || this.phase !== "push" || foot.sent !== "waiting") return;
     if (answer.kind === "refused") [foot.sent, foot.refusal] = ["failed", answer.reason];
-    else if (answer.id === foot.result?.tissue_id) foot.sent = "confirmed";
+    else if (answer.id === foot.result?.tissue_id) [foot.sent, foot.first_frame_s] = ["confirmed", Infinity];
     this.continueIfSent(now_ms);
   }
 
@@ -425,8 +431,7 @@ export class IdentifySession {
   /** Evaluates the check once each foot with new parameters has enough steps. */
   private evaluateCheck(): void {
     const feet = this.feet.filter(({ sent }) => sent === "confirmed");
-    // The first step may have begun with the previous parameters, so it is not counted.
-    if (feet.some(({ checked }) => checked.size <= CHECK_STEPS)) return;
+    if (feet.some(({ checked }) => checked.size < CHECK_STEPS)) return;
     for (const foot of feet) {
       if (foot.result) foot.check = check(foot.result, [...foot.checked.values()].slice(-CHECK_STEPS));
     }

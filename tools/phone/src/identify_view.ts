@@ -63,8 +63,7 @@ function content(session: IdentifySession, state: IdentifyState): Node[] {
         ["p", { class: "command" }, `Walk ${CHECK_STEPS} more steps`],
         rings(
           session.feet.filter(({ sent }) => sent === "confirmed"),
-          // The first step is not counted, because it may have begun before the parameters were in force.
-          ({ checked }) => Math.min(CHECK_STEPS, Math.max(0, checked.size - 1)),
+          ({ checked }) => Math.min(CHECK_STEPS, checked.size),
           CHECK_STEPS,
         ),
         soft("The insoles now use your parameters, and measure how well the parameters predict your steps."),

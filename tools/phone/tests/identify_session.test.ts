@@ -20,7 +20,8 @@ const collected = (side: Side, good: number, excluded: Partial<Collected["exclud
 });
 const region = (values: Partial<StepRegion>): StepRegion => ({ measured_force_peak_n: 100, ...values }) as StepRegion;
 /** A step in which the heel has this model error. */
-const withError = (percent: number): Step => anyStep({ regions: { heel: region({ model_error_nrmse_percent: percent }) } });
+const withError = (percent: number, start_s = 0): Step =>
+  anyStep({ start_s, regions: { heel: region({ model_error_nrmse_percent: percent }) } });
 
 function result(predicted: number): FootResult {
   const heel = { fitted: true, nrmse_percent: { fitted: predicted, predicted, floor: 1 } };
@@ -169,10 +170,14 @@ test("the feet are fitted one after the other, the parameters are sent until the
   expect(sent.map(([side]) => side)).toEqual(["left", "right", "right"]);
   session.insoleAnswer("right", { kind: "tissue", id: 42 }, 3600);
   expect(session.phase).toBe("verify");
-  for (let i = 0; i <= CHECK_STEPS; i += 1) {
+  // Steps with the former parameters can arrive after the confirmation, also before its first live frame.
+  session.step("left", withError(90, 2), "a", 3600);
+  for (const side of ["left", "right"] as const) receiveLive(session, side, 3600);
+  for (let i = 0; i <= CHECK_STEPS; i += 1) session.step("right", withError(90, 3.5), `b${i}`, 4000);
+  for (let i = 0; i < CHECK_STEPS; i += 1) {
     expect(session.phase).toBe("verify");
-    // A step that the insole sends twice counts once. The first step may have begun with other parameters.
-    for (const side of ["left", "left", "right"] as const) session.step(side, withError(i === 0 ? 90 : 9), `${i}`, 4000);
+    // A step that the insole sends twice counts once.
+    for (const side of ["left", "left", "right"] as const) session.step(side, withError(9, 3.6), `${i}`, 4000);
   }
   expect(session.phase).toBe("done");
   expect(session.feet.map(({ check }) => check?.is_confirmed)).toEqual([true, true]);
@@ -201,8 +206,9 @@ test("the parameters are sent again to an insole that did not answer, during the
   const { session, sent, answer } = all;
   walk(all);
   for (const insole of [0, 1] as const) answer({ kind: "result", insole, result: result(8) });
-  const steps = (...sides: Side[]) => {
-    for (let i = 0; i <= CHECK_STEPS; i += 1) for (const side of sides) session.step(side, withError(9), `${i}`, 0);
+  const steps = (side: Side) => {
+    receiveLive(session, side, 0);
+    for (let i = 0; i < CHECK_STEPS; i += 1) session.step(side, withError(9), `${i}`, 0);
   };
   // Sends the parameters and waits until all attempts are over. The left insole never answers, the right one at time 0 only.
   // Returns the foot of each message.
@@ -292,6 +298,8 @@ test("the check compares loaded fitted regions with the prediction, and excluded
   expect(check(result(8), [withError(9), withError(11), unloaded])).toEqual(confirmed);
   expect(check(result(8), [withError(20)])?.is_confirmed).toBe(false);
   expect(check(result(8), [unloaded])).toBeUndefined();
+  const saturated = anyStep({ regions: { heel: region({ saturated: true, model_error_nrmse_percent: 90 }) } });
+  expect(check(result(8), [withError(9), withError(11), saturated])).toEqual(confirmed);
   const sentences = exclusions(collected("left", 3, { broken: 1 }));
   expect(sentences).toEqual(["Not used: 1 left step with lost data. Hold the phone closer to your feet."]);
   expect(wire.facts.regions.map(({ name }) => name)).toEqual(expect.arrayContaining(["toes_35", "hallux"]));

@@ -21,9 +21,10 @@ pub fn names(study: &Path, out: Option<&Path>) -> Result<Vec<String>> {
     let mut names = Vec::new();
     for entry in fs::read_dir(study).with_context(error)? {
         let path = entry.with_context(error)?.path();
-        let name = path.file_name().unwrap_or_default().to_str();
-        let name = name.with_context(|| format!("{}: a participant's name must be UTF-8", path.display()))?;
-        if path.is_dir() && !name.starts_with('.') && !has_only_results(&path, out.as_deref()) {
+        let name = path.file_name().unwrap_or_default();
+        if path.is_dir() && !name.as_encoded_bytes().starts_with(b".") && !has_only_results(&path, out.as_deref()) {
+            let name = name.to_str();
+            let name = name.with_context(|| format!("{}: a participant's name must be UTF-8", path.display()))?;
             names.push(name.to_string());
         }
     }
