@@ -268,6 +268,7 @@ fn assert_not_restarted(mut board: ConnectedBoard) -> Status {
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn a_stopped_frame_clock_is_no_fault() {
+    // With `Time::Fastest`, the frame clock does not run before `Board::play`.
     let board = ConnectedBoard::start_with(|config| config, Time::Fastest, None::<NoAnswer>);
     assert_eq!(assert_not_restarted(board).frames, 0);
 }

@@ -77,7 +77,7 @@ fn the_steps_of_all_wearers_are_found() {
 /// A hard spot in the shoe presses with more than the largest baseline: its cells are reported, and steps and other cells are not
 /// affected.
 #[test]
-fn cells_without_a_baseline_are_reported_by_region() {
+fn cells_without_a_new_baseline_are_reported_by_region() {
     let walk = noisy_walk(&SyntheticWalk { steps: 12, ..SyntheticWalk::default() });
     let expected_steps = found(&walk).steps.len();
     let mut pressed = walk.clone();
@@ -149,7 +149,8 @@ fn the_peak_pressure_is_that_above_the_baseline() {
     for seq in 0..100 {
         push(seq, [0.0, 0.0]);
     }
-    // In the last frame, the pressures have fallen so far that only the cell with the lower one still reads a high code.
+    // In the last frame, the pressures have fallen so far that only the cell with the lower pressure reads a code near that of
+    // the previous peak, because of its residual pressure.
     let rising = [[20.0, 0.0], [20.0, 24.0], [20.0, 30.0], [30.0, 28.0], [30.0, 34.0]];
     for (seq, pressures_kpa) in (100..).zip(rising.into_iter().chain([[8.0, 12.0]])) {
         let (peak_kpa, expected_kpa) = (push(seq, pressures_kpa), pressures_kpa[0].max(pressures_kpa[1]));

@@ -32,8 +32,8 @@ pub(crate) const DRIFT: u8 = 128;
 pub(crate) enum Count {
     /// Recent steps in which the cell exceeded the load threshold.
     Loaded = 0,
-    /// Successive steps without a response, although the cell is surrounded by loaded ones. A step with [`NO_RESPONSE`] alone
-    /// does not count.
+    /// Successive steps in which the cell did not respond although it was surrounded by loaded cells. [`NO_RESPONSE`] has weaker
+    /// conditions, so it is also set in steps that do not count here.
     NoResponse = 2,
     /// Successive swings at full scale, or far below the baseline.
     OffScale = 4,

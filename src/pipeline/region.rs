@@ -343,9 +343,9 @@ pub struct RegionFrame<R> {
     pub force: ForceMoments<R>,
     /// Largest cell pressure, kPa. Masked cells are not considered.
     pub peak_kpa: R,
-    /// Code above zero pressure of the cell with this pressure, minus the highest code above zero pressure of a baseline in the
-    /// region. In the next frame, only cells with a code above zero pressure of more than seven eighths of this value are
-    /// compared.
+    /// Code of the cell with this pressure, minus the highest code of a baseline in the region; both are codes above zero
+    /// pressure. In the next frame, the search for the largest pressure compares only cells with a code above zero pressure of
+    /// more than seven eighths of this value.
     pub peak_code: i32,
     /// A cell is saturated: the area is valid, the force is a lower bound.
     pub saturated: bool,

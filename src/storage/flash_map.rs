@@ -20,7 +20,7 @@ pub const MAX_IMAGE: u32 = ACTIVE.end - ACTIVE.start;
 pub const SMALLEST_CHIP: u32 = 2 << 20;
 /// Size of the largest flash chip of which all bytes are used: its addresses have three bytes.
 pub const LARGEST_CHIP: u32 = 16 << 20;
-/// Records, in the flash chip.
+/// The settings records (parameters, identity, calibration and others), in the flash chip.
 pub const RECORDS: Range<u32> = 0..16 * SECTOR;
 /// The step log, in a flash chip of up to 4 MiB: at least 2,000 steps, because each of its 256 sectors has room for 8 steps of
 /// the longest form.

@@ -115,8 +115,9 @@ impl<F: MultiwriteNorFlash> Store<F> {
             if is_after(next, self.contents.next_record) {
                 self.mark_next_record(next).await;
             } else {
-                // The log has the number. From now on, a damaged log is not the result of an erasure. If the chip refuses to
-                // remove the record, the next start repeats this.
+                // The log has the number, so the record is not needed any more. Without it, a log that is damaged from now on
+                // counts as damaged, and not as one whose erasure was interrupted. If the chip refuses to remove the record, the
+                // next start repeats this.
                 let _ = self.remove([NumberingRecord::KIND, 0, NumberingRecord::VERSION]).await;
             }
         }
@@ -136,7 +137,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
         }
         if survey.has_no_log() {
             let numbering: Option<NumberingRecord> = self.get(0).await.ok().flatten();
-            // With the number, the log contained the data of the wearer, whose erasure was interrupted.
+            // If this record exists, an erasure of the wearer's data was interrupted. The log was to be erased, so none of its
+            // contents count as lost.
             let is_lost = numbering.is_none() && (is_in_use || log.has_data_after_first_entry);
             self.is_log_foreign = self.clear_area(self.log.range(), log, is_lost).await.is_err();
             // From here on the log always has an entry, so that numbering continues after a restart.
@@ -233,8 +235,9 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// Counts the entries in the newest sectors of the log, and determines the number of the next load record. Reads the whole
     /// log for a repair, or if these sectors have no entry in a format that this firmware knows.
     async fn survey_log(&mut self) -> Result<u32, StorageError> {
-        // Sectors of which all entries were deleted remain until the log is next read. A survey that repairs reads the whole log:
-        // in a part of it, `sequential-storage` could erase such a sector although the log begins before it.
+        // While `sequential-storage` reads the log, it erases sectors of which all entries were deleted. A read-only survey
+        // postpones these erasures. A survey that repairs reads the whole log: if it read only a part, `sequential-storage` could
+        // erase such a sector although the log begins before it.
         self.guard.postpones_erasure = self.guard.is_read_only;
         let newest = if self.guard.is_read_only { self.log.newest(&mut self.flash).await } else { None };
         let mut count = match newest {

@@ -1,5 +1,5 @@
-//! Shared parts of the programs of this package: the output of figures, walks through the firmware's loops on this computer, and
-//! the studies of the ten barefoot walkers on a pressure plate.
+//! Shared parts of the programs of this package: the output of figures, simulated walks that the firmware's loops process on this
+//! computer, and the studies of the ten barefoot walkers on a pressure plate.
 
 mod figures;
 pub mod host_loops;

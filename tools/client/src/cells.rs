@@ -42,7 +42,8 @@ pub struct CellReceiver {
     /// Frames that were received and unpacked.
     pub received: u32,
     /// Frames that were lost on the way, or that cannot be unpacked after a loss: up to the next key frame, so at most
-    /// [`KEY_INTERVAL`] for one loss. If the stream was started again, also the frames that were due before.
+    /// [`KEY_INTERVAL`] for one loss. If the stream was started again, also the frames that were due between the last frame
+    /// before the new start and the first one after it.
     pub lost: u32,
     /// Scans that the insole dropped, because the carrier was too slow.
     pub dropped: u32,

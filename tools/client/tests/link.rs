@@ -298,7 +298,7 @@ thread_local! {
     static NOW_US: Cell<u64> = const { Cell::new(0) };
 }
 
-/// An insole that still answers a connect request after a request to restart, and restarts when it receives the next one for its
+/// An insole that still answers a connect request after a request to restart. It restarts when it then receives a request for its
 /// status, which it does not answer. A read without a message takes 50 ms of a virtual clock.
 struct Restarting {
     session: Session,
@@ -337,7 +337,8 @@ impl Carrier for Restarting {
     }
 }
 
-/// An insole answers a status within two seconds. One that restarts earlier is not waited for as long.
+/// A client usually waits two seconds for a status. After a request to restart it waits less, because an insole that restarts
+/// does not answer.
 #[test]
 fn a_status_that_is_lost_in_a_restart_is_soon_requested_again() {
     let insole = Restarting { session: Session::new(), boots: 1, is_restart_due: false };

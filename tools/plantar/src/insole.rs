@@ -29,7 +29,8 @@ pub enum Insole {
         /// The foot that the insole is for [default: unchanged].
         #[arg(long)]
         side: Option<Foot>,
-        /// The serial number: up to 16 letters without accents, digits or punctuation marks, without spaces [default: unchanged].
+        /// The serial number, up to 16 characters: digits, punctuation marks or letters without accents, but no spaces [default:
+        /// unchanged].
         #[arg(long, value_name = "TEXT", value_parser = serial)]
         serial_number: Option<Serial>,
         #[command(flatten)]
@@ -101,7 +102,8 @@ pub enum Foot {
 /// Parses a serial number.
 fn serial(text: &str) -> Result<Serial, String> {
     Serial::new(text).ok_or_else(|| {
-        "a serial number has up to 16 letters without accents, digits or punctuation marks, without spaces".into()
+        "a serial number has up to 16 characters: digits, punctuation marks or letters without accents, but no spaces"
+            .into()
     })
 }
 

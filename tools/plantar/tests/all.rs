@@ -1,4 +1,4 @@
-//! All tests of the command line in one program: each program of its own would have to be linked with the same libraries.
+//! All integration tests of the command line in one program: separate programs would be linked with the same libraries each.
 
 mod bluetooth;
 #[cfg(all(target_os = "linux", feature = "ble"))]

@@ -89,7 +89,7 @@ pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
     }
 }
 
-/// Passes the hello, the counters, the parameters and the layout of a new session to the hub.
+/// Passes the hello, the counters, the parameters, the rules of alerts and the layout of a new session to the hub.
 fn pass_hello(hub: &Hub, index: usize, insole: &mut Session) {
     let client = insole.client();
     // The hub acknowledges a record only if it has arrived in this session.

@@ -91,8 +91,8 @@ fn stream_name(side: Side, name: &str) -> String {
     format!("plantar_{}_{name}", side.name())
 }
 
-/// The time on LSL's clock, s, at `unix_us` on this computer's clock. `None` before LSL's clock began: liblsl interprets 0 and
-/// negative times otherwise.
+/// The time on LSL's clock, s, at `unix_us` on this computer's clock. `None` before LSL's clock began, because 0 and negative
+/// times have a special meaning for liblsl.
 fn lsl_s(now: Now, unix_us: u64) -> Option<f64> {
     // Negative for a time in the future.
     let elapsed_us = now.unix_us.wrapping_sub(unix_us) as i64;

@@ -8,7 +8,7 @@ import { INSOLES, type Insole, type Transport, type TransportEvents } from "./tr
 
 /** The insoles of `plantar serve`. */
 export class WebSocketTransport implements Transport {
-  // The computer of the insoles can be another one than that of the page.
+  // Not "of this computer": the browser can run on another computer, or on a phone.
   readonly location = "of plantar serve";
   readonly is_replay = false;
   readonly can_lose_records = false;
