@@ -7,9 +7,9 @@ use testkit::virtual_time::{advance_to, now_us};
 /// Resolution with which the virtual time advances, us.
 const STEP_US: u64 = 200_000;
 
-/// Connects a central that never encrypts its link, again and again, for this time; it disconnects this time before its time
-/// limit, us. Returns the fraction of the time in which it occupied the insole, and its longest connection, us. The insole
-/// advertises for half a second between two connections.
+/// Connects a central that never encrypts its link, again and again, until `for_us` has passed. Each connection ends `early_us`
+/// before the central's time limit. Returns the fraction of the time in which the central occupied the insole, and its longest
+/// connection, us. The insole advertises for half a second between two connections.
 fn occupied(admission: &mut Admission, early_us: u64, for_us: u64) -> (f64, u64) {
     let start_us = now_us();
     let (mut occupied_us, mut longest_us) = (0, 0);

@@ -88,7 +88,8 @@ impl<'b> Item<'b> {
     }
 }
 
-/// Reads a map from texts to items. Returns the items with these keys; `None` if the map is malformed.
+/// Reads a map from texts to items. Returns the items with these keys; `None` if the map is malformed, or contains what no known
+/// tool sends: a number of more than 32 bits, such as most doubles, or a text, array or inner map of indefinite length.
 pub(crate) fn read_map<'b, const N: usize>(mut rest: &'b [u8], keys: &[&str; N]) -> Option<[Option<Item<'b>>; N]> {
     let mut items = [None; N];
     let map = Item::take(&mut rest).filter(|map| map.kind == MAP)?;

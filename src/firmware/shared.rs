@@ -25,9 +25,9 @@ use mcumgr::{Answer, Head, Request};
 pub const STORAGE_QUEUE: usize = 2;
 
 /// Time after the last message of a session's host in which messages over the other carrier are refused, except a connect
-/// request, which always takes the session. Afterwards they are not answered, so that a host that waits there connects. Hosts
-/// that receive the live stream send several messages a second; a command-line program ends its session without a message, so
-/// only its silence shows that it has gone.
+/// request, which always takes the session. Afterwards they are not answered: a refused host does not connect by itself, but it
+/// connects when the insole is silent. Hosts that receive the live stream send several messages a second; a command-line program
+/// ends its session without a message, so only its silence shows that it has gone.
 const OCCUPIED: Duration = Duration::from_secs(30);
 
 /// Number of attempts to read the bonds at the start.

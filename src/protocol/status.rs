@@ -40,7 +40,7 @@ pub struct Status {
     pub faults: u32,
     /// Number of baseline corrections of unloaded cells.
     pub rezeroed: u32,
-    /// Number of records, load records and acknowledgements that could not be stored.
+    /// Number of items that could not be stored: load records, acknowledgements, and others such as settings and bonds.
     pub not_stored: u32,
     /// Contents of the flash chip.
     pub contents: Contents,

@@ -94,7 +94,7 @@ fn a_row_returns_to_the_virtual_ground_with_its_time_constant() {
 #[test]
 fn an_input_that_still_changes_at_the_end_of_a_simulation_is_an_error() {
     let (tau_s, step_s) = (1e-6, 10e-9);
-    // The decay begins `before_s` after the first time.
+    // The decay begins with the first sample, at the time `before_s`.
     let decay = |samples: u32, before_s: f64| -> Points {
         let error_lsb = |t_s: f64| 4096.0 * (-t_s / tau_s).exp();
         let times_s = (0..=samples).map(|i| f64::from(i) * step_s);

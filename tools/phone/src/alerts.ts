@@ -41,7 +41,10 @@ function ageOf_s(alert: Alert, start_unix_s: number | null, t_s: number | undefi
 export class Alerts {
   private readonly cues = new PhoneCues();
   private readonly shown = new Map<Side, Alert>();
-  /** The last change of the switch by the wearer: its new state, and the sessions whose insoles were asked for it. */
+  /**
+   * The last change of the switch by the wearer: its new state, and the sessions whose insoles were asked for it. `update`
+   * removes the connected sessions whose insoles have accepted it.
+   */
   private change: { is_on: boolean; sessions: Session[] } = { is_on: false, sessions: [] };
   /** Runs until the insoles must have answered the last change of the switch. */
   private answer_timer: ReturnType<typeof setTimeout> | undefined;
@@ -145,7 +148,7 @@ export class Alerts {
     if (is_known && this.answer_timer === undefined) {
       const with_alerts = sessions.filter(({ has_alerts }) => has_alerts);
       alerts.checked = with_alerts.length > 0 && with_alerts.length === sessions.length;
-      // An insole that was connected later, or that refused the change, raises no alerts: the wearer must know.
+      // The alerts of an insole that was connected later, or that refused the change, may differ: the wearer must know.
       alerts.indeterminate = with_alerts.length > 0 && with_alerts.length < sessions.length;
       const only = with_alerts[0]?.hello?.side ?? "";
       const note = ({ hello }: Session) =>

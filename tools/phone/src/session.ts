@@ -204,7 +204,8 @@ export class Session {
         }
         return this.onAnswer(message, this);
       case "tissue":
-        // The object is changed and not replaced, because the receiver of a new one stores this message as the hello.
+        // The object is changed and not replaced: if `hello` is another object after a message, `Insoles` stores this message as
+        // the hello.
         if (this.hello) this.hello.has_parameters = message.id !== 0;
         return this.onAnswer(message, this);
       case "ellipses":

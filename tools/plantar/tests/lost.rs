@@ -442,8 +442,8 @@ fn a_calibration_is_not_sent_if_the_other_foot_has_none() {
             .arg(folder.path())
             .spawn()
             .expect("it runs");
-    // True for a foot that requests its cells, for a trial, before it requests the identity, which contains the identifier of the
-    // calibration in force. A stored calibration is compared with it before it is sent.
+    // True for a foot whose cells the program requests, for a trial, before it requests the identity, which contains the
+    // identifier of the calibration in force. The program compares a stored calibration with it before it sends the calibration.
     let serving = [(left.0, Side::Left), (right.0, Side::Right)].map(|(listener, side)| {
         std::thread::spawn(move || {
             let mut insole = Insole { side, ..Insole::with_steps([]) }.with_cells();
@@ -459,6 +459,22 @@ fn a_calibration_is_not_sent_if_the_other_foot_has_none() {
     program.kill().expect("it can be ended");
     let (_, text) = wait_for_end(program);
     assert_eq!(are_trials, [true, true], "{text}");
+}
+
+/// The link of a foot can be lost between two parts of a session, in which nothing is received from this foot.
+#[test]
+fn a_link_that_was_lost_before_the_walk_is_opened_again_and_the_cells_are_requested() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (listener, address) = listen();
+    let arguments = ["identify", "--no-standing", "--contact-full", "0", "--tcp", &address, "--out"];
+    let mut program = plantar(&arguments).arg(folder.path()).spawn().expect("it runs");
+    let is_cells = |message: &ToDevice| matches!(message, ToDevice::StreamCells(Some(_)));
+    for _ in 0..2 {
+        // The connection is closed at the request.
+        assert!(Insole::with_steps([]).with_cells().serve(listener.accept().expect("it connects").0, is_cells));
+    }
+    program.kill().expect("it is still running");
+    wait_for_end(program);
 }
 
 #[test]

@@ -6,7 +6,7 @@ use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{self, Path, PathBuf};
 
-/// Largest number of links that lead to the target of a link, as on Linux.
+/// Largest number of symbolic links that are followed, each of which leads to the next one, as on Linux.
 const MAX_LINKS: usize = 40;
 
 /// Writes a file. If this fails, an existing file with this name is unchanged. A device or a pipe is written directly.

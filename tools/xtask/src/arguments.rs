@@ -25,7 +25,7 @@ pub enum Task {
     /// play other steps into its sensor matrix, and show the loads live in the terminal. Then print a table of the steps, and
     /// serve the page for a phone with the same walk.
     Demo(Demo),
-    /// Run everything that continuous integration runs.
+    /// Run everything that continuous integration runs, except the proofs with Kani.
     Test {
         /// Check only the format and the lints, and run only the host tests, for use after each change. Tests that need the
         /// firmware, the emulator, the page, Python or data are skipped and counted.

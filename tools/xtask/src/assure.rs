@@ -217,8 +217,8 @@ fn mutation_score(every: u32) -> Result<f64> {
     println!("Testing, with the slower tests, the {} changes that the fast tests did not notice", missed.len());
     let names: Vec<String> = missed.iter().map(|change| escaped(change)).collect();
     let names = format!("^({})$", names.join("|"));
-    // cargo-mutants ignores the names for changes that delete a field, and tests those in all of these files. It adds the files of
-    // its configuration, so it does not read that.
+    // cargo-mutants ignores the option --re for changes that delete a field, and tests all of them in the files of --file. Its
+    // configuration would add further files, so `--no-config` excludes it.
     let files: BTreeSet<_> = missed.iter().filter_map(|change| change.split(':').next()).collect();
     let files = files.into_iter().flat_map(|file| ["--file", file]);
     let configuration = ["--no-config", "--profile", "mutants"];

@@ -127,11 +127,15 @@ pub fn rust() -> Result<()> {
     if !sysroot.status.success() {
         bail!("rustc --print sysroot failed: {}", String::from_utf8_lossy(&sysroot.stderr).trim());
     }
-    let libraries = PathBuf::from(String::from_utf8(sysroot.stdout)?.trim()).join("lib/rustlib");
+    let sysroot = PathBuf::from(String::from_utf8(sysroot.stdout)?.trim());
     let targets = [TARGET, "wasm32-unknown-unknown"];
-    if targets.into_iter().any(|target| !libraries.join(target).is_dir()) {
+    let components = ["clippy", "rustfmt"];
+    let has_program =
+        |name: &str| sysroot.join("bin").join(name).with_extension(std::env::consts::EXE_EXTENSION).is_file();
+    let has_targets = targets.into_iter().all(|target| sysroot.join("lib/rustlib").join(target).is_dir());
+    if !(has_targets && ["clippy-driver", "rustfmt"].into_iter().all(has_program)) {
         run("rustup", &[&["target", "add"], &targets[..]].concat())
-            .and_then(|()| run("rustup", &["component", "add", "clippy", "rustfmt"]))
+            .and_then(|()| run("rustup", &[&["component", "add"], &components[..]].concat()))
             .context("rustup cannot complete the toolchain in rust-toolchain.toml: check the network connection")?;
     }
     Ok(())

@@ -32,7 +32,7 @@ pub fn quick() -> Result<()> {
     documentation_tests()
 }
 
-/// Runs everything that continuous integration runs.
+/// Runs everything that continuous integration runs, except the proofs with Kani.
 pub fn all() -> Result<()> {
     setup::rust()?;
     format()?;

@@ -67,18 +67,18 @@ next_record: number,
 records_dropped: number,
 /** Damaged or unknown messages that the insole received. */
 bad_frames: number,
-/** Records that the insole could not store. */
+/** Items that the insole could not store: load records, acknowledgements, and others such as settings and bonds. */
 not_stored: number,
 /** Number of sensor faults. */
 faults: number,
-/** Number of zero corrections of unloaded cells. */
+/** Number of times that the baseline of a cell was corrected. */
 rezeroed: number, };
 
 /** The faults of the sensor. */
 export type Faults = {
 /** Number of faults, including faults that exceed the capacity of the list. */
 found: number,
-/** Number of zero corrections of unloaded cells. */
+/** Number of times that the baseline of a cell was corrected. */
 rezeroed: number, list: Array<Fault>, };
 
 /** A fault of the sensor. */

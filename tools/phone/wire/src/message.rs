@@ -136,11 +136,11 @@ pub(crate) struct Status {
     records_dropped: u32,
     /// Damaged or unknown messages that the insole received.
     bad_frames: u32,
-    /// Records that the insole could not store.
+    /// Items that the insole could not store: load records, acknowledgements, and others such as settings and bonds.
     not_stored: u32,
     /// Number of sensor faults.
     faults: u32,
-    /// Number of zero corrections of unloaded cells.
+    /// Number of times that the baseline of a cell was corrected.
     rezeroed: u32,
 }
 
@@ -150,7 +150,7 @@ pub(crate) struct Status {
 pub(crate) struct Faults {
     /// Number of faults, including faults that exceed the capacity of the list.
     found: u32,
-    /// Number of zero corrections of unloaded cells.
+    /// Number of times that the baseline of a cell was corrected.
     rezeroed: u32,
     list: Vec<Fault>,
 }

@@ -263,12 +263,14 @@ impl Foot {
             needed,
             evaluated: 0,
             unused: None,
-            cells: unless_too_slow(
-                CellRecorder::begin(self.link.client(), ALL_CELLS, cells_folder).map_err(Into::into),
-            )?,
+            cells_folder: Some(cells_folder),
+            cells: None,
             part_start: Instant::now(),
             last_step: Instant::now(),
         };
+        if let Err(error) = walk.start_cells(self.link.client()) {
+            self.link.recover(error.downcast()?)?;
+        }
         let followed = self.follow(stop, |foot, item| walk.process(foot, item, &mut file));
         if let Some(cells) = &mut walk.cells {
             cells.complete_part()?;
@@ -281,14 +283,20 @@ impl Foot {
     /// Receives and stores steps until `count` of them began after this call, and returns these. The insole evaluates them with
     /// the parameters in force.
     pub fn verify(&mut self, stop: &AtomicBool, count: usize) -> Result<Vec<Step>> {
-        let mut begin_us = self.link.client().status()?.uptime_us;
+        let mut begin_us = match self.link.client().status() {
+            Ok(status) => status.uptime_us,
+            Err(error) => {
+                self.link.recover(error)?;
+                u64::MAX
+            }
+        };
         let mut steps: Vec<Step> = Vec::new();
         let mut file = self.new_stream_file(VERIFY_PREFIX)?;
         self.update(|progress| (progress.done, progress.needed, progress.remark) = (0, count, String::new()));
         self.follow(stop, |foot, item| {
             let message = match item {
                 Item::Message(message) => message,
-                // After a restart the insole's time begins at 0.
+                // The link was lost before, or the insole's time has begun again at 0 after a restart.
                 Item::Started => {
                     begin_us = begin_us.min(foot.link.client().status()?.uptime_us);
                     return Ok(false);
@@ -350,22 +358,36 @@ struct Walk {
     evaluated: usize,
     /// Why the last step was not used; `None` if it was used, and before the first step.
     unused: Option<ExclusionReason>,
+    /// The folder for the cells; `None` if the carrier is too slow for all frames.
+    cells_folder: Option<PathBuf>,
+    /// `None` before the first start of the stream of cells, and if the carrier is too slow for it.
     cells: Option<CellRecorder>,
     part_start: Instant,
     last_step: Instant,
 }
 
 impl Walk {
+    /// Starts the stream of all cells in a new session. After an error, this function can be called again.
+    fn start_cells(&mut self, client: &mut AnyClient) -> Result<()> {
+        let Some(folder) = &self.cells_folder else { return Ok(()) };
+        let started = match &mut self.cells {
+            Some(cells) => cells.restart(client),
+            None => CellRecorder::begin(client, ALL_CELLS, folder.clone())
+                .map(|cells| self.cells = Some(cells))
+                .map_err(Into::into),
+        };
+        if unless_too_slow(started)?.is_none() {
+            (self.cells_folder, self.cells) = (None, None);
+        }
+        Ok(())
+    }
+
     /// Stores the message of an item, and counts the good steps. Returns true once there are enough.
     fn process(&mut self, foot: &mut Foot, item: Item, file: &mut StreamFile) -> Result<bool> {
         match item {
             Item::Started => {
                 file.write(0, &ToHost::Hello(foot.link.client().hello().clone()))?;
-                if let Some(cells) = &mut self.cells
-                    && unless_too_slow(cells.restart(foot.link.client()))?.is_none()
-                {
-                    self.cells = None;
-                }
+                self.start_cells(foot.link.client())?;
             }
             Item::Message(ToHost::Cells(frame)) => {
                 if let Some(cells) = &mut self.cells {
