@@ -167,7 +167,8 @@ impl<R: Real> Stance<R> {
         let release_n = self.lifted_n + limits.release_n * scale;
         let mut strike_n = self.lifted_n + limits.strike_n * scale;
         // After toe off the force may still fade. Until it has fallen below the threshold of heel strike, only a force that
-        // reaches both thresholds is a heel strike. It may also have been lower just after heel strike, which does not count.
+        // reaches both thresholds is a heel strike. A force below it earlier in the stance does not count: `is_unloaded` becomes
+        // false again when the force reaches both thresholds.
         self.is_unloaded = total_n < strike_n || (self.is_unloaded && total_n < release_n);
         if !self.is_unloaded {
             strike_n = strike_n.max(release_n);

@@ -15,8 +15,8 @@ const WALKING: f64 = 0.5;
 const WEAK: f64 = 0.3;
 /// Weight of a step in the usual peak.
 const WEIGHT: f64 = 0.5;
-/// Weight of a weak step after the first step of walking: some presses must not become the usual steps. Many weak steps are those
-/// of a person who has begun to unload an injured foot.
+/// Weight of a weak step after the first step of walking. It is small, because some presses of a seated foot must not become the
+/// usual steps, and above 0, because a person who has begun to unload an injured foot takes many weak steps.
 const WEAK_WEIGHT: f64 = 1.0 / 16.0;
 
 /// Time for which the total force must be constant before the foot counts as lifted, ms. After this time the toes are unloaded.

@@ -21,10 +21,10 @@ const FILLERS: u32 = (RECORDS.end - RECORDS.start + 2 * SECTOR) / FILLER_BYTES a
 
 impl<F: MultiwriteNorFlash> Store<F> {
     /// Erases all records about the wearer, in all versions of their formats, and the log, so that no earlier value remains in
-    /// the chip either. The numbers of load records (steps, load bouts and alerts) continue. Calls `progressed` after each
-    /// removed record, each filler and each sector of the log. If power is lost meanwhile, a part may remain. The record with the
-    /// number remains until a start finds this number in the log; with this record, a log that cannot be read does not count as
-    /// damaged.
+    /// the chip either. Calls `progressed` after each removed record, each filler and each sector of the log. If power is lost
+    /// meanwhile, a part may remain. The numbers of load records (steps, load bouts and alerts) continue: a record with the next
+    /// number is stored first, and remains until a start finds this number in the log. While this record exists, a log that
+    /// cannot be read does not count as damaged.
     ///
     /// # Errors
     /// See [`StorageError`].

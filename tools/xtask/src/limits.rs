@@ -46,7 +46,7 @@ const LIMITS: [(&str, f64, f64); 52] = [
     ("repeat.icc.force_at_area", 0.9, 1.0),
     ("repeat.icc.area_at_force", 0.85, 1.0),
     ("repeat.icc.stiffness", 0.8, 1.0),
-    // With a residual force: the share of the steps that are found, and the number of steps that did not occur.
+    // In shoes that press on the insole: the share of the steps that are found, and the number of steps found but not walked.
     ("wear.residual_found", 0.995, 1.0),
     ("wear.residual_extra", 0.0, 0.0),
     ("wear.false_faults", 0.0, 0.0),

@@ -13,7 +13,10 @@ const NO_SERVICE =
 const NOT_PAIRED =
   "The insole did not accept this phone. It pairs only within a minute after it is switched on: switch it off and on, then " +
   "try again at once. If this phone was paired with it before, first remove the insole in the phone's Bluetooth settings.";
-/** Reasons for a lost connection, as phrases for the wearer. A phone that connects again was paired before. */
+/**
+ * Reasons for a lost connection, as phrases for the wearer. A phone that connects again was paired before, so if the insole does
+ * not accept it now, it is no longer paired.
+ */
 const OUT_OF_REACH = "out of reach or switched off";
 const NO_LONGER_PAIRED =
   "it does not accept this phone any more: remove the insole in the phone's Bluetooth settings, then switch it off and on";

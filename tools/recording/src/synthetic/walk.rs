@@ -1,7 +1,7 @@
 //! A computed walk. In each step, the load moves from the heel to the toes. Each region is loaded over an ellipse, which
-//! grows and then shrinks. The pressure over the ellipse has the shape of a smooth dome. A cell reads the pressure of the
-//! dome at its centre times the share of the cell that the ellipse covers. The force on the whole foot has two peaks in each
-//! step, as in walking.
+//! grows and then shrinks. The pressure over the ellipse has the shape of a smooth dome. A cell reads the pressure that the
+//! dome has at the centre of the cell, times the share of the cell that the ellipse covers. The force on the whole foot has
+//! two peaks in each step, as in walking.
 
 use super::ellipse::{EllipseCell, LoadEllipse};
 use super::{Random, insole};
