@@ -23,7 +23,7 @@ quantities! {
         start_us: u64 = record.start_us
             => start_s [1_000_000 per "s"],
             "First frame after the previous bout that is not part of a step.";
-        /// Time from the first frame to a period after the last one, or to the next bout, if that one begins after a step.
+        /// Time from the first frame to a frame period after the last one; to the next bout if that bout begins after a step.
         duration_us: u32 = record.duration_us
             => duration_s [1_000_000 per "s"],
             "The bout can span steps; their load is not part of it.";

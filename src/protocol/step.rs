@@ -227,7 +227,7 @@ quantities! {
         deformation_rate_peak_dmm_s: u16 = (region.deformation_rate_peak_m_s * R::of(1e4)).round_u16()
             => deformation_rate_peak_mm_s [10 per "mm/s"],
             "Difference of the deformation over 20 ms, instead of over one sample as in Eq. 16.";
-        /// Time from the region's first sample in contact to the end of its last one, the time between samples later.
+        /// Time from the region's first sample in contact to the end of its last one; a sample lasts until the next one.
         #[serde(with = "le")]
         contact_ms: u16 = (region.contact_s * R::of(1e3)).round_u16()
             => contact_time_s [1000 per "s"],

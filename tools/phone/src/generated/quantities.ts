@@ -18,7 +18,7 @@ export interface Step {
   bridged_frames: number;
   /** Boots of the insole since the one that recorded this step; the start time counts from that one. Unit: count. */
   starts_ago: number;
-  /** Start on the insole's own clock, s since 1970; null if it was not set, or no restart has followed since the step. */
+  /** Start on the insole's own clock, s since 1970; null if the clock was not set, and in the boot of the record. */
   start_unix_s: number | null;
   /** Contact rule of the areas. */
   contact_rule: { area: string; rule: "counted" | "fractional"; on_kpa: number; off_kpa: number; full_kpa: number };
@@ -100,7 +100,7 @@ export interface StepRegion {
   deformation_peak_mm: number;
   /** Largest rate of the deformation (scaled by assumption as well) under increasing load. Unit: mm/s. */
   deformation_rate_peak_mm_s: number;
-  /** Time from the region's first sample in contact to the end of its last one, the time between samples later. Unit: s. */
+  /** Time from the region's first sample in contact to the end of its last one; a sample lasts until the next one. Unit: s. */
   contact_time_s: number;
   /** Time from the region's first sample in contact to its largest measured force. Unit: s. */
   time_to_peak_s: number;
@@ -160,11 +160,11 @@ export interface Bout {
   number: number;
   /** Time of the first frame, since the first scan. Unit: s. */
   start_s: number;
-  /** Time from the first frame to a period after the last one, or to the next bout, if that one begins after a step. Unit: s. */
+  /** Time from the first frame to a frame period after the last one; to the next bout if that bout begins after a step. Unit: s. */
   duration_s: number;
   /** Boots of the insole since the one that recorded this bout; the start time counts from that one. Unit: count. */
   starts_ago: number;
-  /** Start on the insole's own clock, s since 1970; null if it was not set, or no restart has followed since the bout. */
+  /** Start on the insole's own clock, s since 1970; null if the clock was not set, and in the boot of the record. */
   start_unix_s: number | null;
   /** The regions by name. */
   regions: Record<string, BoutRegion>;
