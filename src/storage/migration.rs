@@ -31,7 +31,8 @@ pub(super) struct StepV1 {
     regions: [[u8; REGION_V1_BYTES]; 8],
 }
 
-/// Version 2 of a step, which lacks tracking, the measures of the foot and those of the regions.
+/// Version 2 of a step, which lacks the results of tracking ([`Step::refit`] and the change of the stiffness of each region), the
+/// measures of the foot and those of the regions.
 #[derive(Deserialize)]
 pub(super) struct StepV2 {
     head: StepHead,

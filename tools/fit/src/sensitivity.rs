@@ -11,10 +11,11 @@ use std::fmt;
 const THRESHOLDS_KPA: [f32; 3] = [5.0, 10.0, 20.0];
 /// Pressures from which a cell in contact counts with its whole area, kPa; with 0, every cell in contact does.
 const AREA_SCALES_KPA: [f32; 4] = [75.0, 150.0, 300.0, 0.0];
-/// Number of groups into which the steps are divided. One group at a time is left out.
-const QUARTERS: usize = 4;
-/// The first step of each part that is left out, in words.
-const ORDINALS: [&str; QUARTERS] = ["first", "second", "third", "fourth"];
+/// Number of groups into which the steps are divided: each group is every fourth step, from another step on. One group at a time
+/// is left out.
+const GROUPS: usize = 4;
+/// The first step of each group, in words.
+const ORDINALS: [&str; GROUPS] = ["first", "second", "third", "fourth"];
 /// With fewer steps, none are left out.
 const LEAST_STEPS: usize = 8;
 
@@ -57,8 +58,8 @@ impl fmt::Display for Choice {
             Self::AreaScale(rule) if rule.full_kpa == 0.0 => f.write_str("area: cells counted whole"),
             Self::AreaScale(rule) => write!(f, "area: whole cell from {} kPa", rule.full_kpa),
             Self::Filter(filter) => write!(f, "filter {}", filter.name()),
-            Self::LeftOut(quarter) => {
-                write!(f, "without every fourth of the used steps, from the {} on", ORDINALS[*quarter])
+            Self::LeftOut(group) => {
+                write!(f, "without every fourth of the used steps, from the {} on", ORDINALS[*group])
             }
         }
     }
@@ -129,10 +130,10 @@ pub fn choices(study: &Study, has_cells: bool) -> Vec<Choice> {
         other.is_valid() && (other.on_kpa, other.full_kpa) != (rule.on_kpa, rule.full_kpa) && has_cells
     };
     let filters = [Filter::Direct, Filter::Live, Filter::Smoothed].into_iter().filter(|f| *f != study.options.filter);
-    let quarters = if study.steps.len() < LEAST_STEPS { 0 } else { QUARTERS };
+    let groups = if study.steps.len() < LEAST_STEPS { 0 } else { GROUPS };
     let thresholds = thresholds.into_iter().filter(is_other).map(Choice::Threshold);
     let scales = scales.into_iter().filter(is_other).map(Choice::AreaScale);
-    thresholds.chain(scales).chain(filters.map(Choice::Filter)).chain((0..quarters).map(Choice::LeftOut)).collect()
+    thresholds.chain(scales).chain(filters.map(Choice::Filter)).chain((0..groups).map(Choice::LeftOut)).collect()
 }
 
 /// NRMSE, as a fraction, of steps that are predicted from the other steps, for each region in the order of
@@ -160,8 +161,8 @@ impl Sensitivity {
         let choices = choices(study, steps_by.is_some());
         let steps = parallel::map(choices.len(), |i| match (choices[i], choices[i].contact(), steps_by) {
             (_, Some(rule), Some(steps_by)) => steps_by(&rule),
-            (Choice::LeftOut(quarter), ..) => {
-                let others = study.steps.iter().enumerate().filter(|(i, _)| i % QUARTERS != quarter);
+            (Choice::LeftOut(group), ..) => {
+                let others = study.steps.iter().enumerate().filter(|(i, _)| i % GROUPS != group);
                 Ok(others.map(|(_, step)| step.clone()).collect())
             }
             _ => Ok(study.steps.clone()),

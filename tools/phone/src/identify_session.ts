@@ -32,7 +32,7 @@ const ATTEMPTS = 3;
 const REGIONS = 8;
 
 /**
- * The phases of a guided session, in their order; "failed" can follow each of them:
+ * The phases of a guided session, in their order; "failed" can follow each of them except "closed":
  * - "closed": there is no session;
  * - "stand": the wearer has to stand still;
  * - "walk": the wearer walks, and steps are collected;
@@ -73,7 +73,7 @@ export interface Host {
 /** One foot of the session. */
 export interface Foot {
   side: Side;
-  /** The steps so far; `undefined` before the first step. */
+  /** The steps so far; `undefined` until the worker has answered for the first time. */
   collected: Collected | undefined;
   result: FootResult | undefined;
   /** State of the transfer of the parameters. */

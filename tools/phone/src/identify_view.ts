@@ -219,7 +219,7 @@ function result(session: IdentifySession, is_replay: boolean): Node[] {
       : session.pushable().length > 0 ? [button("push", "Send to my insoles", "primary")] : []),
     ...session.problems().map(note),
     ...session.feet.flatMap((foot) => (foot.result ? resultTable(foot, foot.result) : [])),
-    soft("In small print: the 95 % interval of the stiffness, from the scatter of the measured force about the model."),
+    soft("In small print: the 95 % interval of the stiffness, from the scatter of the forces about the model and among people."),
     ...session.comments().map(remark),
     ...exports(session),
     button("close", "Discard and close"),

@@ -33,4 +33,6 @@ test("a lost fragment damages one message, is counted once, and the next message
 
 test("an empty value counts as damaged", () => {
   expect(collect([new Uint8Array(0)])).toEqual({ messages: [], damaged: 1 });
+  // Further values of the damaged message do not count.
+  expect(collect([new Uint8Array(0), new Uint8Array(0)])).toEqual({ messages: [], damaged: 1 });
 });

@@ -42,13 +42,22 @@ pub fn instructions(options: &Options) -> Markup {
                      of A, B, C, d₀, k and c are valid only for these fixed values. ",
                 Method::Paper => "The search determines these three arbitrarily. ",
             }
-            "Compare people by the mechanical quantities. The value of a parameter with the mark † is close to the usual value \
-             of other people, because the force of this person does not determine it."
+            "Compare people by the mechanical quantities. The force of this person does not determine the value of a parameter \
+             with the mark †: "
+            @if options.prior.is_some() {
+                "it is close to the usual value of other people, or has no meaning if G, and with it c, is 0."
+            } @else {
+                "it has no meaning."
+            }
         }
         p {
             strong { "Intervals. " }
-            "Jacobian: the 95 % confidence interval from the scatter of the measured force about the model, corrected for the \
-             correlation of successive samples. Resampled (bootstrap): the middle 95 % of the fits to steps drawn with \
+            "Jacobian: the 95 % interval from the scatter of the measured force about the model, corrected for the correlation of \
+             successive samples"
+            @if options.prior.is_some() {
+                ", and from the distribution among people (prior); for a parameter with the mark †, mainly from the latter"
+            }
+            ". Resampled (bootstrap): the middle 95 % of the fits to steps drawn with \
              replacement; it includes the differences between steps. If the two disagree, use the wider one."
         }
         p {

@@ -21,7 +21,7 @@ export class Fragments {
   /** Adds a fragment; returns the message if it is complete. */
   push(value: Uint8Array): Uint8Array | undefined {
     const header = value[0];
-    if (header === undefined) return this.drop();
+    if (header === undefined) return this.is_skipping ? undefined : this.drop();
     const number = header & NUMBER;
     if (number === 0) {
       if (this.fragments.length > 0) this.drop();

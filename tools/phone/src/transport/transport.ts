@@ -16,7 +16,7 @@ export interface TransportEvents {
   message(insole: Insole, bytes: Uint8Array): void;
   /**
    * The link broke, the insole did not accept this phone, or `plantar serve` could not be reached. `reason` is a phrase for the
-   * wearer. The transport tries to open the link again, unless it was the first connection over Bluetooth.
+   * wearer. The transport tries to open the link again, unless the first attempt to connect an insole over Bluetooth has failed.
    */
   closed(insole: Insole, reason: string): void;
   /** A message could not be received, because one of its fragments is missing or damaged. */
@@ -32,8 +32,8 @@ export interface Transport {
   /** True if the messages come from a recording. Their steps must not be stored as the wearer's steps. */
   readonly is_replay: boolean;
   /**
-   * True if records can be lost on the way, and the insole can send them again. `plantar serve` loses none, and after an
-   * interruption it can send only the last ones again.
+   * True if the page must detect missing records, and request them again. Not for `plantar serve`: while its link is open, no
+   * record is lost, and it may not have those that are missing after an interruption any more.
    */
   readonly can_lose_records: boolean;
   /** Sends an encoded message. A message to an insole that is not connected is dropped. */

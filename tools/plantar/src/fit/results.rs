@@ -54,12 +54,16 @@ pub fn print(study: &Study) {
     }
     summary::align(&mut table);
     println!("{table}");
+    let undetermined = match study.options.prior {
+        Some(_) => "close to the usual value of other people, or without meaning if G is 0",
+        None => "without meaning",
+    };
     println!(
         "Error: NRMSE of the model against the measured force (Eq. 20 of the paper), mean over the steps. Predicted: the\n\
          same error if each step is predicted from the others. Counted: the predicted error if each cell counts with its\n\
          whole area, which only recordings of all cells show. Floor: the least error of any force law without damping\n\
          for the measured areas. In parentheses: 95 % intervals. A value with ! is at a bound of the search. A value\n\
-         with * is close to the usual value of other people, because the force does not determine it."
+         with * is not determined by the force: {undetermined}."
     );
     for (region, fit) in Region::ALL.iter().zip(&study.fits) {
         match fit {
