@@ -12,7 +12,7 @@ use std::time::Duration;
 
 /// Longest wait for a message in one call, us.
 const WAIT_US: u64 = 50_000;
-/// Time without a message of the insole after which the host connects again, us.
+/// Time without bytes of the insole after which the host connects again, us.
 const SILENCE_US: u64 = 2_000_000;
 /// Longest wait for the answer to a connection request.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
@@ -293,7 +293,8 @@ impl Host {
                 self.last_message_us = now_us();
                 self.handle(message);
             }
-            // The client handled a message itself, such as the insole's time, which it requests all the time.
+            // The client handled a message itself, such as the insole's time, which it requests all the time, or a part of a
+            // frame arrived.
             Ok(None) if now_us() - before_us < WAIT_US => self.last_message_us = now_us(),
             Ok(None) => {}
             Err(error) => self.fail(&error),

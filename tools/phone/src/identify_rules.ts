@@ -53,8 +53,9 @@ export interface Check {
 }
 
 /**
- * Compares the insole's own model error in these steps with the result. `undefined` if no fitted region was loaded. As in a fit,
- * a step with a saturated cell of a region is not used for this region, because its measured force is only a lower bound.
+ * Compares the insole's own model error in these steps with the result. As in a fit, a region is left out in the steps in which
+ * it is hardly loaded, or has a saturated cell: its measured force is then only a lower bound. `undefined` if no fitted region
+ * remains.
  */
 export function check(result: FootResult, steps: readonly Step[]): Check | undefined {
   const predicted_percent: number[] = [];

@@ -89,7 +89,7 @@ export interface Foot {
   first_frame_s: number;
   /** Steps with the new parameters, by key. */
   checked: Map<string, Step>;
-  /** The result of the check; `undefined` before its end, and if the check was skipped or no fitted region was loaded. */
+  /** The result of the check; `undefined` before its end, and if the check was skipped or no step can be compared. */
   check: Check | undefined;
 }
 

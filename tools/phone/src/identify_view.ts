@@ -229,8 +229,11 @@ function result(session: IdentifySession, is_replay: boolean): Node[] {
 function done(session: IdentifySession): Node[] {
   return [
     ["p", { class: "command" }, "Finished"],
-    ...session.feet.flatMap(({ side, check, sent }): Node[] => {
+    ...session.feet.flatMap(({ side, check, checked, sent }): Node[] => {
       if (sent !== "confirmed") return [];
+      if (!check && checked.size >= CHECK_STEPS) {
+        return [note(`The ${side} insole has your parameters. No step could be compared: the loads were too small or too large.`)];
+      }
       if (!check) return [note(`The ${side} insole has your parameters. They were not checked on further steps.`)];
       const { predicted_percent, measured_percent, is_confirmed } = check;
       const expected = `${predicted_percent.toFixed(0)} % were expected.`;

@@ -144,7 +144,7 @@ function trend(steps: readonly StoredStep[], settings: Settings): Node[] {
   // The ends of the scale are multiples of this value. All values can be 0, because they are rounded.
   const multiple = 10 ** Math.floor(Math.log10(Math.max(1, ...all))) / 2;
   const low = Math.floor((Math.min(...all) * 0.95) / multiple) * multiple;
-  const high = Math.max(Math.ceil((Math.max(...all) * 1.01) / multiple) * multiple, low + multiple);
+  const high = Math.max(Math.ceil((Math.max(...all) * 1.01) / multiple) * multiple, low + 2);
   const longest = Math.max(2, ...series.map(({ values }) => values.length));
   // The last step of each foot is at the right end.
   const x = (i: number, count: number) => left + ((longest - count + i) / (longest - 1)) * (width - left - 8);

@@ -19,6 +19,8 @@ use std::net::{TcpListener, TcpStream};
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc;
+use std::time::Duration;
 use testkit::step;
 
 /// Number of cells of the insole.
@@ -469,12 +471,19 @@ fn a_link_that_was_lost_before_the_walk_is_opened_again_and_the_cells_are_reques
     let arguments = ["identify", "--no-standing", "--contact-full", "0", "--tcp", &address, "--out"];
     let mut program = plantar(&arguments).arg(folder.path()).spawn().expect("it runs");
     let is_cells = |message: &ToDevice| matches!(message, ToDevice::StreamCells(Some(_)));
-    for _ in 0..2 {
-        // The connection is closed at the request.
-        assert!(Insole::with_steps([]).with_cells().serve(listener.accept().expect("it connects").0, is_cells));
-    }
-    program.kill().expect("it is still running");
-    wait_for_end(program);
+    let (requested, requests) = mpsc::channel();
+    std::thread::spawn(move || {
+        for _ in 0..2 {
+            // The connection is closed at the request.
+            let is_requested = Insole::with_steps([]).with_cells().serve(listener.accept()?.0, is_cells);
+            requested.send(is_requested).map_err(std::io::Error::other)?;
+        }
+        std::io::Result::Ok(())
+    });
+    let received = [(); 2].map(|()| requests.recv_timeout(Duration::from_secs(60)));
+    program.kill().expect("it can be ended");
+    let (_, text) = wait_for_end(program);
+    assert_eq!(received, [Ok(true), Ok(true)], "{text}");
 }
 
 #[test]

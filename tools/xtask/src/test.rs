@@ -45,16 +45,19 @@ pub fn all() -> Result<()> {
         join(python)
     })?;
     // The tests in real time mostly wait. Meanwhile the boards are built, on one core only, because some of these tests fail if
-    // other programs occupy all cores, even in idle time. The rest is built on all cores, beside the other tests.
+    // other programs occupy all cores, even in idle time. The rest is built and linted on all cores, beside the tests of the page
+    // and all others.
     let page_figures = std::thread::scope(|scope| {
         let boards = scope.spawn(|| in_idle_time().and_then(|()| build_boards()));
         tests_in_real_time(&python)?;
         let package = scope.spawn(|| in_idle_time().and_then(|()| build_package()));
         let lints = scope.spawn(|| in_idle_time().and_then(|()| lint_boards()));
         let figures = page::test(&built("release/plantar"), &firmware(EMULATED))?;
-        other_tests(&python, package)?;
+        let others = other_tests(&python, package);
+        // An error of the firmware is reported first, because a test may have failed for the same reason.
         join(boards)?;
         join(lints)?;
+        others?;
         Ok::<_, Error>(figures)
     })?;
     let mut figures = bench::bench_without_page()?;

@@ -18,7 +18,7 @@ export interface Step {
   bridged_frames: number;
   /** Boots of the insole since the one that recorded this step; the start time counts from that one. Unit: count. */
   starts_ago: number;
-  /** Start on the insole's own clock, s since 1970; null if the clock was not set, and in the boot of the record. */
+  /** Start on the insole's own clock, s since 1970; null if the clock was not set, or if there was no restart since. */
   start_unix_s: number | null;
   /** Contact rule of the areas. */
   contact_rule: { area: string; rule: "counted" | "fractional"; on_kpa: number; off_kpa: number; full_kpa: number };
@@ -164,7 +164,7 @@ export interface Bout {
   duration_s: number;
   /** Boots of the insole since the one that recorded this bout; the start time counts from that one. Unit: count. */
   starts_ago: number;
-  /** Start on the insole's own clock, s since 1970; null if the clock was not set, and in the boot of the record. */
+  /** Start on the insole's own clock, s since 1970; null if the clock was not set, or if there was no restart since. */
   start_unix_s: number | null;
   /** The regions by name. */
   regions: Record<string, BoutRegion>;

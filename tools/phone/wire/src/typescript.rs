@@ -147,7 +147,7 @@ fn quantities() -> String {
     interface(&mut text, "A step, the same object as in the files of the command line.", "Step", |text| {
         field(text, "Foot.", "side", "Side");
         Step::QUANTITIES.iter().for_each(|quantity| quantity_field(text, quantity));
-        let meaning = "Start on the insole's own clock, s since 1970; null if the clock was not set, and in the boot of the record.";
+        let meaning = "Start on the insole's own clock, s since 1970; null if the clock was not set, or if there was no restart since.";
         field(text, meaning, "start_unix_s", "number | null");
         field(text, "Contact rule of the areas.", "contact_rule", contact_rule);
         field(text, "The measures of the foot.", "foot", "StepFoot");
@@ -180,7 +180,7 @@ fn quantities() -> String {
         field(text, "The kind of the bout.", "kind", &kinds);
         field(text, "Foot.", "side", "Side");
         Bout::QUANTITIES.iter().for_each(|quantity| quantity_field(text, quantity));
-        let meaning = "Start on the insole's own clock, s since 1970; null if the clock was not set, and in the boot of the record.";
+        let meaning = "Start on the insole's own clock, s since 1970; null if the clock was not set, or if there was no restart since.";
         field(text, meaning, "start_unix_s", "number | null");
         field(text, "The regions by name.", "regions", "Record<string, BoutRegion>");
     });
