@@ -191,7 +191,7 @@ fn other_tissue() -> Tissue {
     Tissue::new(force_laws)
 }
 
-/// Plays a recording and compares all messages of the board with a replay.
+/// Plays a recording and compares live frames and steps of the board with a replay.
 fn assert_device_equals_host(recording: &Recording, contact: ContactRule, min_steps: usize) {
     let mut session = Session::start(recording, contact, |_| None);
     session.client.stream().expect("the stream starts");
@@ -578,8 +578,8 @@ fn damaged_and_invalid_parameters_are_refused_and_the_old_ones_remain() {
     assert_eq!(session.client.tissue().expect("the insole answers"), tissue());
 }
 
-/// Each fault is detected during a walk and reported, and its cells are masked. All messages equal those that a host computes
-/// from the same codes.
+/// Each fault is detected during a walk and reported, and its cells are masked. Live frames, steps and faults equal those that
+/// a host computes from the same codes.
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn every_kind_of_fault_is_found_on_the_device_as_on_a_host() {

@@ -1,4 +1,4 @@
-"""The cohort on Dask has the rows of the command line, continues after an interruption, and tolerates failures."""
+"""The cohort on Dask has the rows of `plantar cohort`, continues after an interruption, and tolerates failures."""
 
 import contextlib
 import os
@@ -14,13 +14,13 @@ import fsspec
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
-from conftest import plantar as command
+from conftest import plantar as plantar_program
 from conftest import walk
 
 import plantar
 from plantar import cohort
 
-COMMAND = [sys.executable, "-m", "plantar.cohort"]
+COHORT_ON_DASK = [sys.executable, "-m", "plantar.cohort"]
 
 
 def table(folder: pathlib.Path) -> pd.DataFrame:
@@ -31,9 +31,9 @@ def table(folder: pathlib.Path) -> pd.DataFrame:
 
 @pytest.fixture(scope="module")
 def expected(study_folder: pathlib.Path, tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
-    """The rows of the command line."""
+    """The rows of `plantar cohort`."""
     out = tmp_path_factory.mktemp("expected") / "table"
-    command("cohort", study_folder, "--out", out)
+    plantar_program("cohort", study_folder, "--out", out)
     return table(out)
 
 
@@ -73,7 +73,10 @@ def test_a_local_run_has_the_rows_of_the_command_line(
     local: str, study_folder: pathlib.Path, expected: pd.DataFrame, tmp_path: pathlib.Path
 ) -> None:
     completed = subprocess.run(
-        [*COMMAND, study_folder, "--out", tmp_path / "table", "--scheduler", local], capture_output=True, text=True, check=False
+        [*COHORT_ON_DASK, study_folder, "--out", tmp_path / "table", "--scheduler", local],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert completed.returncode == 0, completed.stderr
     assert "16 steps of 4 participants" in completed.stdout
@@ -84,7 +87,7 @@ def test_a_local_run_has_the_rows_of_the_command_line(
 def test_options_are_those_of_the_command_line(study_folder: pathlib.Path, tmp_path: pathlib.Path) -> None:
     options = ["--size", "44", "--bounds", "paper", "--filter", "live", "--contact-on", "12", "--compression", "0.4"]
     assert cohort.main([str(study_folder), "--out", str(tmp_path / "dask"), *options]) == 0
-    command("cohort", study_folder, "--out", tmp_path / "rust", *options)
+    plantar_program("cohort", study_folder, "--out", tmp_path / "rust", *options)
     pd.testing.assert_frame_equal(table(tmp_path / "dask"), table(tmp_path / "rust"))
 
 
@@ -213,7 +216,7 @@ def test_a_recording_in_parts_has_the_rows_of_the_command_line(tmp_path: pathlib
     pq.write_table(whole.slice(0, middle), parts / "part-0.parquet")
     pq.write_table(whole.slice(middle), parts / "part-1.parquet")
     (parts / "._part-1.parquet").write_bytes(b"attributes")
-    command("cohort", study, "--out", tmp_path / "rust")
+    plantar_program("cohort", study, "--out", tmp_path / "rust")
     expected = table(tmp_path / "rust")
     assert len(expected) == 8 * 4
     assert set(expected["recording"]) == {"walk.parquet"}

@@ -33,7 +33,7 @@ quantities! {
         today: u8 = record.today
             => today [1 per "count"],
             "Counted by the insole.";
-        /// Boots of the insole since the one that recorded this alert; the start time counts from that one.
+        /// Boots of the insole since the one that recorded this alert; `start_s` counts from that boot.
         boots_since: u32 = 0
             => starts_ago [1 per "count"],
             "Counted by the insole.";

@@ -29,7 +29,7 @@ quantities! {
             "The bout can span steps; their load is not part of it.";
         /// The regions, in the order of [`crate::Region::ALL`].
         regions: [BoutRegion; 8] = record.regions.each_ref().map(BoutRegion::new);
-        /// Boots of the insole since the one that recorded this bout; the start time counts from that one.
+        /// Boots of the insole since the one that recorded this bout; `start_s` counts from that boot.
         boots_since: u32 = 0
             => starts_ago [1 per "count"],
             "Counted by the insole.";

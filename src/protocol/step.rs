@@ -48,7 +48,7 @@ quantities! {
         foot: StepFoot = StepFoot::new(&record.foot);
         /// The regions, in the order of [`crate::Region::ALL`].
         regions: [StepRegion; 8] = record.regions.each_ref().map(StepRegion::new);
-        /// Boots of the insole since the one that recorded this step; the start time counts from that one.
+        /// Boots of the insole since the one that recorded this step; `start_s` counts from that boot.
         boots_since: u32 = 0
             => starts_ago [1 per "count"],
             "Counted by the insole.";

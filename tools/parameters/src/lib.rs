@@ -334,7 +334,11 @@ impl Parameters {
             }
             if scale != DeformationScale::Assumed {
                 let percent = scale.assumed_percent();
-                let _ = writeln!(text, "deformation_scale = {:?} # share of assumption: {percent} %", scale.name());
+                let _ = writeln!(
+                    text,
+                    "deformation_scale = {:?} # share of assumption: {percent} % of thickness and compression",
+                    scale.name()
+                );
             }
         }
         text

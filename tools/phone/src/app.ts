@@ -290,5 +290,7 @@ export class App {
     });
     const failed = (problem: string) => (this.problem = problem);
     listenToExport(this.wire, this.recorder, this.insoles, () => this.store, () => this.clear(), failed);
+    // Until here, a tap on one of the buttons would have been lost.
+    document.querySelector("nav")?.removeAttribute("inert");
   }
 }

@@ -49,7 +49,7 @@ function insole(subscribe: () => Promise<void>) {
   return { device: Object.assign(device, { gatt }), gatt, end };
 }
 
-/** The error of Chromium if the insole requires a pairing, and if the link breaks. */
+/** The error of Chromium if the insole requires a pairing; it is the same if the link breaks. */
 const networkError = () => Promise.reject(new DOMException("", "NetworkError"));
 
 test("an insole that refuses the pairing is reported with the remedy", async () => {

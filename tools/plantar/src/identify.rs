@@ -11,7 +11,7 @@ use crate::setup::rule_in_words;
 use crate::summary;
 use crate::zero::GRAVITY_M_S2;
 use ::fit::Study;
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Result, anyhow, bail, ensure};
 use clap::Args;
 use client::ReconnectPolicy;
 #[cfg(feature = "ble")]
@@ -172,10 +172,11 @@ impl Identify {
             };
             let is_lost = AtomicBool::new(false);
             let trials = run_part(feet, instruction, |foot, stop| foot.stand(stop, duration, &is_lost))?;
-            let evaluate = |(foot, trial): (&Foot, &Option<Trial>)| {
-                foot.evaluate(trial.as_ref().context("the connection was lost: the trial begins again")?)
+            let evaluate = |(foot, trial): (&Foot, &Option<Trial>)| match trial {
+                Some(trial) => foot.evaluate(trial),
+                None => Ok(Err(anyhow!("the connection was lost: the trial begins again"))),
             };
-            let results: Vec<_> = feet.iter().zip(&trials).map(evaluate).collect();
+            let results = feet.iter().zip(&trials).map(evaluate).collect::<Result<Vec<_>>>()?;
             for (foot, result) in feet.iter().zip(&results) {
                 foot.remark(result.as_ref().err().map_or(String::new(), |error| format!("{error:#}")));
             }

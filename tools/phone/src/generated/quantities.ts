@@ -16,7 +16,7 @@ export interface Step {
   sample_s: number;
   /** Number of frames that were missing and bridged by straight lines. Unit: count. */
   bridged_frames: number;
-  /** Boots of the insole since the one that recorded this step; the start time counts from that one. Unit: count. */
+  /** Boots of the insole since the one that recorded this step; `start_s` counts from that boot. Unit: count. */
   starts_ago: number;
   /** Start on the insole's own clock, s since 1970; null if the clock was not set, or if there was no restart since. */
   start_unix_s: number | null;
@@ -162,7 +162,7 @@ export interface Bout {
   start_s: number;
   /** Time from the first frame to a frame period after the last one; to the next bout if that bout begins after a step. Unit: s. */
   duration_s: number;
-  /** Boots of the insole since the one that recorded this bout; the start time counts from that one. Unit: count. */
+  /** Boots of the insole since the one that recorded this bout; `start_s` counts from that boot. Unit: count. */
   starts_ago: number;
   /** Start on the insole's own clock, s since 1970; null if the clock was not set, or if there was no restart since. */
   start_unix_s: number | null;
@@ -192,7 +192,7 @@ export interface Alert {
   window_s: number;
   /** Alerts in this day, with this one. Unit: count. */
   today: number;
-  /** Boots of the insole since the one that recorded this alert; the start time counts from that one. Unit: count. */
+  /** Boots of the insole since the one that recorded this alert; `start_s` counts from that boot. Unit: count. */
   starts_ago: number;
   /** Time on the insole's own clock, s since 1970; null if a host had not set it. */
   start_unix_s: number | null;

@@ -174,15 +174,19 @@ impl Foot {
         Ok(trial.filter(|_| !is_lost.load(Ordering::Relaxed)))
     }
 
-    /// Stores a standing trial in the folder, and determines the offsets from it.
+    /// Stores a standing trial in the folder, and determines the offsets from it. The inner error states why the trial has to be
+    /// repeated.
     ///
     /// # Errors
-    /// If the trial has to be repeated.
-    pub fn evaluate(&self, trial: &Trial) -> Result<StandingResult> {
+    /// If the file cannot be written.
+    pub fn evaluate(&self, trial: &Trial) -> Result<Result<StandingResult>> {
         let name = format!("{} foot", self.side.name());
-        let recording = trial.recording(&name, None)?;
+        let recording = match trial.recording(&name, None) {
+            Ok(recording) => recording,
+            Err(error) => return Ok(Err(error)),
+        };
         recording.write(self.folder.join("standing.parquet"))?;
-        trial.evaluate(&name, &recording)
+        Ok(trial.evaluate(&name, &recording))
     }
 
     /// Stores the calibration on the insole, unless it is in force already.
