@@ -8,7 +8,6 @@ use crate::{BOARDS, EMULATED, bench, limits, package, page, setup};
 use anyhow::{Error, Result};
 use std::path::PathBuf;
 use std::process::Command;
-use std::thread::ScopedJoinHandle;
 
 /// Arguments of Clippy that make every warning an error.
 pub const DENY_WARNINGS: [&str; 3] = ["--", "--deny", "warnings"];
@@ -45,18 +44,17 @@ pub fn all() -> Result<()> {
         join(python)
     })?;
     // The tests in real time mostly wait. Meanwhile the boards are built, on one core only, because some of these tests fail if
-    // other programs occupy all cores, even in idle time. The rest is built and linted on all cores, beside the tests of the page
-    // and all others.
+    // other programs occupy all cores, even in idle time. Their lints run on all cores, beside the tests of the page and all
+    // others.
     let page_figures = std::thread::scope(|scope| {
         let boards = scope.spawn(|| in_idle_time().and_then(|()| build_boards()));
         tests_in_real_time(&python)?;
-        let package = scope.spawn(|| in_idle_time().and_then(|()| build_package()));
-        let lints = scope.spawn(|| in_idle_time().and_then(|()| lint_boards()));
+        let checks = scope.spawn(|| in_idle_time().and_then(|()| check_boards_and_dependencies()));
         let figures = page::test(&built("release/plantar"), &firmware(EMULATED))?;
-        let others = other_tests(&python, package);
+        let others = other_tests(&python);
         // An error of the firmware is reported first, because a test may have failed for the same reason.
         join(boards)?;
-        join(lints)?;
+        join(checks)?;
         others?;
         Ok::<_, Error>(figures)
     })?;
@@ -83,15 +81,10 @@ fn build_boards() -> Result<()> {
     cargo_firmware("build", "minimal-board", &one_job)
 }
 
-/// Lints the firmware of all boards.
-fn lint_boards() -> Result<()> {
+/// Lints the firmware of all boards, and checks licences and sources of the dependencies.
+fn check_boards_and_dependencies() -> Result<()> {
     let mut packages = BOARDS.into_iter().flat_map(|board| [board.to_owned(), bootloader(board)]);
-    packages.try_for_each(|package| cargo_firmware("clippy", &package, &DENY_WARNINGS))
-}
-
-/// Builds the Python package, and checks licences and sources of the dependencies.
-fn build_package() -> Result<()> {
-    package::build()?;
+    packages.try_for_each(|package| cargo_firmware("clippy", &package, &DENY_WARNINGS))?;
     deny(&["licenses", "bans", "sources"])
 }
 
@@ -134,15 +127,10 @@ fn tests_in_real_time(python: &Python) -> Result<()> {
     selected_tests(python, IN_REAL_TIME, 2)
 }
 
-/// Runs all other tests of the host programs, and beside them those of the Python package, once `package` has built it, and a
-/// short endurance test.
-fn other_tests(python: &Python, package: ScopedJoinHandle<'_, Result<()>>) -> Result<()> {
+/// Runs all other tests of the host programs, and beside them those of the Python package and a short endurance test.
+fn other_tests(python: &Python) -> Result<()> {
     std::thread::scope(|scope| {
-        let package = scope.spawn(|| {
-            join(package)?;
-            package::test()?;
-            Soak { short: true, json: None }.run()
-        });
+        let package = scope.spawn(|| package::test().and_then(|()| Soak { short: true, json: None }.run()));
         // Many tests wait for an emulated board, so more of them run at the same time than there are cores.
         let threads = 3 * std::thread::available_parallelism().map_or(1, usize::from);
         selected_tests(python, &format!("not ({IN_REAL_TIME})"), threads)?;
