@@ -181,8 +181,8 @@ pub struct Cable {
     pub is_cut: bool,
     /// Duration of the transfer of one byte to the host, us; 0 for an unlimited rate.
     pub byte_us: f64,
-    /// Mean number of bytes to the host from one damaged byte to the next; 0 for no damage. The distances are random, because with
-    /// a constant one, which can be the length of a retransmission, the same byte could be damaged in all retransmissions.
+    /// Mean number of bytes to the host from one damaged byte to the next; 0 for no damage. The distances are random: a constant
+    /// one can be the length of a retransmission, and the same byte would then be damaged in all retransmissions.
     pub damaged_every: u32,
     random: fastrand::Rng,
 }

@@ -8,7 +8,8 @@ pub fn check(data: &[u8]) {
     let mut decoder = Decoder::new();
     let mut messages = 0;
     for &byte in data.iter().chain(&[0]) {
-        if decoder.push(byte).is_some() {
+        if let Some(message) = decoder.push(byte) {
+            assert!(message.len() <= MAX_MESSAGE);
             messages += 1;
         }
     }

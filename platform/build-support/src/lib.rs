@@ -106,8 +106,8 @@ pub fn check_update_key(key: Option<&str>, is_development_allowed: bool) -> Resu
     let is_development = key.is_none_or(|key| key.eq_ignore_ascii_case(DEVELOPMENT_KEY));
     if is_development && !is_development_allowed {
         return Err("this firmware would accept updates signed with the development key, of which the secret half is public: set \
-             PLANTAR_UPDATE_KEY to the key that `cargo xtask key --out insole.key` prints, or, for a board that only you use, build with \
-             `--features development-key`"
+             PLANTAR_UPDATE_KEY to the key that `cargo xtask key --out insole.key` prints, or, for a board that only you use, \
+             build with `--features development-key`"
             .into());
     }
     Ok(())

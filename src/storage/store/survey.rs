@@ -137,8 +137,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
         }
         if survey.has_no_log() {
             let numbering: Option<NumberingRecord> = self.get(0).await.ok().flatten();
-            // If this record exists, an erasure of the wearer's data was interrupted, or no start has confirmed it yet. The log was
-            // to be erased, so none of its contents count as lost.
+            // If this record exists, an erasure of the wearer's data was interrupted, or no start has confirmed it yet. The log
+            // was to be erased, so none of its contents count as lost.
             let is_lost = numbering.is_none() && (is_in_use || log.has_data_after_first_entry);
             self.is_log_foreign = self.clear_area(self.log.range(), log, is_lost).await.is_err();
             // From here on the log always has an entry, so that numbering continues after a restart.

@@ -231,10 +231,12 @@ function done(session: IdentifySession): Node[] {
     ["p", { class: "command" }, "Finished"],
     ...session.feet.flatMap(({ side, check, checked, sent }): Node[] => {
       if (sent !== "confirmed") return [];
-      if (!check && checked.size >= CHECK_STEPS) {
-        return [note(`The ${side} insole has your parameters. No step could be compared: the loads were too small or too large.`)];
+      if (!check) {
+        const reason = checked.size < CHECK_STEPS
+          ? "They were not checked on further steps."
+          : "No step could be compared: the loads were too small or too large.";
+        return [note(`The ${side} insole has your parameters. ${reason}`)];
       }
-      if (!check) return [note(`The ${side} insole has your parameters. They were not checked on further steps.`)];
       const { predicted_percent, measured_percent, is_confirmed } = check;
       const expected = `${predicted_percent.toFixed(0)} % were expected.`;
       const errors = `error ${measured_percent.toFixed(0)} % on your last ${CHECK_STEPS} steps, ${expected}`;

@@ -129,13 +129,12 @@ pub fn rust() -> Result<()> {
     }
     let sysroot = PathBuf::from(String::from_utf8(sysroot.stdout)?.trim());
     let targets = [TARGET, "wasm32-unknown-unknown"];
-    let components = ["clippy", "rustfmt"];
     let has_program =
         |name: &str| sysroot.join("bin").join(name).with_extension(std::env::consts::EXE_EXTENSION).is_file();
     let has_targets = targets.into_iter().all(|target| sysroot.join("lib/rustlib").join(target).is_dir());
     if !(has_targets && ["clippy-driver", "rustfmt"].into_iter().all(has_program)) {
         run("rustup", &[&["target", "add"], &targets[..]].concat())
-            .and_then(|()| run("rustup", &[&["component", "add"], &components[..]].concat()))
+            .and_then(|()| run("rustup", &["component", "add", "clippy", "rustfmt"]))
             .context("rustup cannot complete the toolchain in rust-toolchain.toml: check the network connection")?;
     }
     Ok(())
