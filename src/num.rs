@@ -1,8 +1,9 @@
 //! The arithmetic of the data path: [`Real`] is `f32` on a device, and `f32` or `f64` on a host.
 //!
-//! Transcendental functions are those of `libm` on all targets, or are defined here, and never those of `std`, so that a host in
-//! `f32` computes exactly the same bits as a device. The square root is an instruction of the FPU if there is one. The
-//! instruction is correctly rounded, as the function of `libm` is, so both have equal results.
+//! Transcendental functions are those of `libm` on all targets (for the angle of an ellipse, of `micromath`), or are defined
+//! here, and never those of `std`, so that a host in `f32` computes exactly the same bits as a device. The square root is an
+//! instruction of the FPU if there is one. The instruction is correctly rounded, as the function of `libm` is, so both have
+//! equal results.
 
 use core::fmt::Debug;
 use core::iter::Sum;
@@ -52,6 +53,8 @@ pub trait Real:
     fn to_f64(self) -> f64;
     /// Converts to single precision; rounded to nearest.
     fn to_f32(self) -> f32;
+    /// The integer part, within the range of the type; 0 for NaN.
+    fn to_u32(self) -> u32;
     /// Nearest integer within 0..=65535, 0 for NaN; for the scaled integers of the protocol.
     fn round_u16(self) -> u16;
     /// Nearest integer within -32768..=32767, 0 for NaN.
@@ -98,6 +101,9 @@ impl Real for f64 {
     fn to_f32(self) -> f32 {
         self as f32
     }
+    fn to_u32(self) -> u32 {
+        self as u32
+    }
     fn round_u16(self) -> u16 {
         (self + 0.5) as u16
     }
@@ -139,6 +145,9 @@ impl Real for f32 {
     }
     fn to_f32(self) -> f32 {
         self
+    }
+    fn to_u32(self) -> u32 {
+        self as u32
     }
     #[inline(always)]
     fn round_u16(self) -> u16 {

@@ -1,7 +1,7 @@
 //! Messages and their frames on a byte carrier.
 
 use plantar::checksum::crc32;
-use plantar::protocol::{Decoder, MAX_FRAME, decode, encode, frame};
+use plantar::protocol::{Decoder, MAX_FRAME, MAX_MESSAGE, decode, encode, frame};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -44,11 +44,11 @@ fn cobs(bytes: &[u8]) -> Vec<u8> {
     frame
 }
 
-/// The message in a frame, passed without its final zero; `None` if the frame is damaged.
+/// The message in a frame, passed without its final zero; `None` if the frame is damaged, or if frame or message are too long.
 fn message(frame: &[u8]) -> Option<Vec<u8>> {
     let mut message = uncobs(frame).filter(|_| frame.len() <= MAX_FRAME)?;
     let crc = message.split_off(message.len().checked_sub(4)?);
-    (crc32_by_bits(&message).to_le_bytes() == *crc).then_some(message)
+    (message.len() <= MAX_MESSAGE && crc32_by_bits(&message).to_le_bytes() == *crc).then_some(message)
 }
 
 /// The checksum equals the CRC-32 that is computed by its definition.
@@ -73,6 +73,18 @@ pub fn stream(stream: &[u8]) {
         }
         assert_eq!(decoded, expected);
         assert_eq!(decoder.bad_frames, bad_frames);
+    }
+}
+
+/// The decoder returns a message of this length, if it is not too long, and the next message after it.
+pub fn length(len: usize) {
+    for byte in [0, 7] {
+        let frames = [vec![byte; len], vec![1]].map(|mut message| {
+            let crc = crc32_by_bits(&message).to_le_bytes();
+            message.extend(crc);
+            cobs(&message)
+        });
+        stream(&frames.concat());
     }
 }
 
@@ -115,7 +127,7 @@ pub fn damage(message: &[u8], at: [usize; 2], bytes: [u8; 2]) {
 /// The bytes are not a message, or a message that encoding and decoding leave unchanged. Returns true if they are a message.
 pub fn message_of<T: Serialize + DeserializeOwned + PartialEq>(bytes: &[u8]) -> bool {
     let Some(message) = decode::<T>(bytes) else { return false };
-    let mut buffer = [0; plantar::protocol::MAX_MESSAGE];
+    let mut buffer = [0; MAX_MESSAGE];
     let encoded = encode(&message, &mut buffer).expect("a message fits MAX_MESSAGE");
     assert!(encoded.len() <= bytes.len(), "the encoder must produce the shortest encoding of a message");
     assert!(decode::<T>(encoded).is_some_and(|decoded| decoded == message));

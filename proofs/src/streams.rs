@@ -71,8 +71,8 @@ pub fn cells(every: u8, events: &[bool]) {
 }
 
 /// Of each `every` frames, the ellipses of the first are due, and the newest due ellipses are sent; a rate above 25 Hz is
-/// refused. `period_us` is the time between frames. The carrier takes a message after frame `n` if bit `n` modulo 32 of `taken`
-/// is set.
+/// refused, unless it is the lowest one, one frame in 255. `period_us` is the time between frames. The carrier takes a message
+/// after frame `n` if bit `n` modulo 32 of `taken` is set.
 pub fn ellipses(every: u8, period_us: u32, frames: u32, taken: u32) {
     let mut session = session(period_us);
     session.receive(ToDevice::StreamEllipses { every }, 0);

@@ -76,6 +76,11 @@ fn the_decoder_finds_exactly_the_intact_frames_of_a_short_stream() {
 }
 
 #[test]
+fn the_decoder_refuses_exactly_the_messages_that_are_too_long() {
+    (0..2 * MAX_MESSAGE).for_each(codec::length);
+}
+
+#[test]
 fn a_message_is_framed_by_the_definition_and_decoded_again() {
     sequences(&all_bytes(), bound(1, 2), codec::framing);
     sequences(&[0, 1, 254, 255], bound(8, 10), codec::framing);

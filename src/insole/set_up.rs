@@ -37,7 +37,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.most_residual = self.curve.first_code_at(MAX_RESIDUAL_KPA);
         self.sum_residuals();
         self.detector.set_up(&self.cells, setup.period_us);
-        self.frame_rate_hz = R::of(1e6 / f64::from(setup.period_us));
+        self.frame_rate_hz = R::of(1e6) / R::of_u32(setup.period_us);
         self.limits = StanceLimits::new(&setup.stance, setup.period_us);
         self.live = [LiveModel::NEW; 8];
         self.stance.reset(setup.period_us);

@@ -382,7 +382,7 @@ impl<R: Real> Bouts<R> {
             return None;
         }
         let Part { kind, load } = self.complete.take();
-        let frame_s = R::of(f64::from(self.period_us) * 1e-6);
+        let frame_s = R::of_u32(self.period_us) / R::of(1e6);
         Some(BoutRecord {
             side,
             number,

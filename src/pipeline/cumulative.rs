@@ -205,7 +205,7 @@ impl<R: Real> CumulativeLoad<R> {
         let sums = core::mem::replace(&mut self.sums, [Sums::NONE; 8]);
         for (i, (sums, window)) in sums.iter().zip(&mut self.windows).enumerate() {
             let total = &mut self.totals.regions[i];
-            let rounded = |sum: R| (sum * frame_s + R::of(0.5)).to_f64() as u32;
+            let rounded = |sum: R| (sum * frame_s + R::of(0.5)).to_u32();
             total.dose_dkpa_s = total.dose_dkpa_s.saturating_add(rounded(sums.dose_kpa * R::of(10.0)));
             total.squared_kpa2_s = total.squared_kpa2_s.saturating_add(rounded(sums.squared_kpa2));
             // The sum fits 16 bits: a part has at most 240 s. A frame that stands for missing ones can exceed the last second, at

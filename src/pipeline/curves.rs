@@ -135,7 +135,7 @@ impl<R: Real> Curves<R> {
         self.frames
     }
 
-    /// Number of frames up to the last sample with at least this total force, N; 0 without such a sample.
+    /// Number of frames before the sample that follows the last one with at least this total force, N; 0 without such a sample.
     pub(super) fn frames_above(&self, least_n: R) -> u32 {
         let last = (0..self.len).rev().find(|&sample| self.total_n(sample) >= least_n);
         last.map_or(0, |last| (last as u32 + 1) * self.stride).min(self.frames)
@@ -192,4 +192,11 @@ impl<R: Real> Curves<R> {
     pub fn total_n(&self, sample: usize) -> R {
         self.force_n.iter().map(|force_n| force_n[sample]).sum()
     }
+}
+
+/// Number of samples that is nearest to the time `us`, if `sample_s` is the time between samples, s.
+pub(super) fn whole_samples<R: Real>(us: u32, sample_s: R) -> usize {
+    // Whole microseconds, so that single and double precision have the same number. A time between samples is positive.
+    let sample_us = (sample_s * R::of(1e6) + R::of(0.5)).to_u32().max(1);
+    ((us + sample_us / 2) / sample_us) as usize
 }

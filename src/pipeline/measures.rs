@@ -1,6 +1,6 @@
 //! The standard measures of a step, of each region and of the foot. docs/measures.md has their definitions and sources.
 
-use super::curves::Curves;
+use super::curves::{Curves, whole_samples};
 use crate::num::Real;
 
 /// The measures of one region in a step.
@@ -23,8 +23,8 @@ pub struct RegionMeasures<R> {
     pub residual_n: R,
 }
 
-/// A peak is the first one if the force does not rise above it for this time, s.
-const PEAK_WINDOW_S: f64 = 0.05;
+/// A peak is the first one if the force does not rise above it for this time, us.
+const PEAK_WINDOW_US: u32 = 50_000;
 /// The first peak has at least this share of the largest force.
 const LEAST_PEAK: f64 = 0.5;
 
@@ -79,7 +79,7 @@ fn largest<R: Real>(values: &[R]) -> usize {
 
 /// Slope of the force between the times at which it passes 20 and 80 % of its first peak, N/s.
 fn loading_rate_n_s<R: Real>(force_n: &[R], largest_n: R, sample_s: R) -> R {
-    let window = (PEAK_WINDOW_S / sample_s.to_f64() + 0.5) as usize;
+    let window = whole_samples(PEAK_WINDOW_US, sample_s);
     let is_first_peak = |&i: &usize| {
         let later = &force_n[i..(i + window + 1).min(force_n.len())];
         force_n[i] >= largest_n * R::of(LEAST_PEAK) && later.iter().all(|later_n| *later_n <= force_n[i])
@@ -132,8 +132,8 @@ pub struct FootMeasures<R> {
     pub gait_width_mm: R,
     /// Length of this path, divided by the time from 10 to 90 % of stance, mm/s.
     pub gait_velocity_mm_s: R,
-    /// Centre of pressure excursion index: distance of the path from the line between its ends, in the plane at two thirds of the
-    /// [`Extent`], divided by the width of the forefoot. It is positive if the path is lateral of that line.
+    /// Centre of pressure excursion index: distance of the path, where it crosses two thirds of the length of the [`Extent`],
+    /// from the line between its ends, divided by the width of the forefoot. It is positive if the path is lateral of that line.
     pub excursion_index: R,
     /// Arch index: sum of the largest contact areas of the two midfoot regions, divided by the sum of those of all regions but
     /// the toes.

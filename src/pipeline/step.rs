@@ -8,7 +8,7 @@
 //! would dominate the latter.
 
 use super::contact::ContactRule;
-use super::curves::STANCE_SAMPLES;
+use super::curves::{STANCE_SAMPLES, whole_samples};
 use super::ellipse::Ellipse;
 use super::measures::{FootMeasures, RegionMeasures};
 use super::model::ForceLaw;
@@ -31,8 +31,8 @@ use crate::num::Real;
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RegionStep<R> {
-    /// Largest measured force from the first to the last sample in contact, N. A sample is a frame in stances of up to 256
-    /// frames; see [`StepRecord::sample_us`].
+    /// Largest measured force from the first to the last sample in contact, N. A sample is a frame, in a long stance one of
+    /// several frames; see [`StepRecord::sample_us`].
     pub measured_peak_n: R,
     /// Largest model force, N.
     pub model_peak_n: R,
@@ -129,7 +129,8 @@ pub struct StepRecord<R> {
     pub start_us: u64,
     /// Stance time, from heel strike to toe off, us.
     pub duration_us: u32,
-    /// Time between samples of the curves, us.
+    /// Time between samples of the curves, us: that between frames, or a multiple of it if more than [`STANCE_SAMPLES`] frames
+    /// passed until toe off was confirmed.
     pub sample_us: u32,
     /// Number of frames that were missing and bridged.
     pub bridged_frames: u16,
@@ -164,7 +165,7 @@ impl<R: Real> RegionStep<R> {
     /// the force from Eq. 13. A tensile force is replaced by 0.
     ///
     /// # Panics
-    /// If `force_n` is shorter than the contact, or a curve is longer than [`STANCE_SAMPLES`].
+    /// If the contact continues after the end of `force_n`, or has more than [`STANCE_SAMPLES`] samples.
     pub fn new(law: &ForceLaw<R>, area_mm2: &[R], force_n: &[R], sample_s: R, at_peak: &AreaMoments) -> Self {
         let in_contact = |&area: &R| area > R::ZERO;
         // The force of cells that are not in contact counts, too, so that the integrals of all regions add up to that of the
@@ -186,7 +187,7 @@ impl<R: Real> RegionStep<R> {
             *g = ratio.normalised_deformation();
         }
 
-        let (span, section_m2) = (rate_span(sample_s.to_f64()), law.section_m2());
+        let (span, section_m2) = (rate_span(sample_s), law.section_m2());
         let stride = g.len().div_ceil(SUMMED);
         let (mut squares, mut peak_at) = (R::ZERO, 0u32);
         for (i, (&g_here, &measured)) in g.iter().zip(measured_n).enumerate() {
@@ -228,10 +229,8 @@ const RATE_HALF_US: u32 = 10_000;
 
 /// The deformation rate of a sample is computed from the samples that are this number of samples before and after it: 10 ms, and
 /// at least one sample. `sample_s` is the time between samples, s.
-pub fn rate_span(sample_s: f64) -> usize {
-    // Whole microseconds, so that single and double precision have the same span. A time between samples is positive.
-    let sample_us = ((sample_s * 1e6 + 0.5) as u32).max(1);
-    ((RATE_HALF_US + sample_us / 2) / sample_us).max(1) as usize
+pub fn rate_span<R: Real>(sample_s: R) -> usize {
+    whole_samples(RATE_HALF_US, sample_s).max(1)
 }
 
 /// Indices of the earlier and the later sample from which the deformation rate of sample `i` is computed, in a contact of

@@ -69,5 +69,5 @@ quantities! {
 /// Nearest integer of a value that is not negative. In `f32`, values from 2^23 on are already integers, and the result may be
 /// the next integer, because the sum is rounded.
 fn round_u32<R: Real>(value: R) -> u32 {
-    (value + R::of(0.5)).to_f64() as u32
+    (value + R::of(0.5)).to_u32()
 }

@@ -150,9 +150,10 @@ impl Default for Decoder {
     }
 }
 
-/// Decodes a frame in place and checks its CRC; returns the length of the message.
+/// Decodes a frame in place and checks its CRC; returns the length of the message, at most [`MAX_MESSAGE`].
 fn unframe(frame: &mut [u8]) -> Option<usize> {
     let len = cobs::decode_in_place(frame).ok()?;
     let (message, crc) = frame.get(..len)?.split_last_chunk::<4>()?;
-    (crc32(message) == u32::from_le_bytes(*crc)).then_some(message.len())
+    // A frame of MAX_FRAME bytes has room for a message that is too long, because it can contain fewer bytes of COBS overhead.
+    (message.len() <= MAX_MESSAGE && crc32(message) == u32::from_le_bytes(*crc)).then_some(message.len())
 }
