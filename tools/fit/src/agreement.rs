@@ -249,7 +249,7 @@ mod tests {
         let people: Vec<_> = (0..10).map(|_| vec![trial(Side::Left, 9.523809523809526); 2]).collect();
         let agreement = heel(&feet(&people, 2).0[0]);
         assert_eq!((agreement.icc, agreement.sem, agreement.mdc), (None, 0.0, 0.0));
-        // Three trials of one person. The thickness d0 of shoe size 39 is such a value.
+        // Three trials of one person with the thickness d0 of shoe size 39. Their mean is not exactly this thickness, either.
         let person = vec![vec![trial(Side::Left, 12.0 * (39.0 / 42.0) * 1e-3 * 1e3); 3]];
         let agreement = heel(&feet(&person, 1).0[0]);
         assert_eq!((agreement.icc, agreement.sem, agreement.mdc), (None, 0.0, 0.0));

@@ -113,7 +113,7 @@ pub struct Change {
     /// The region's peak force, relative to that of the whole foot, in the second half divided by that in the first half; 1 if
     /// the difference is within the scatter of the steps.
     pub load_ratio: f64,
-    /// Error of a half with the parameters of the other half, divided by its error with its own.
+    /// Error of a half with the parameters of the other half, divided by its error with its own; the larger of the two ratios.
     pub error_ratio: f64,
 }
 

@@ -14,11 +14,11 @@ pub const COMPRESSION: f64 = 0.457;
 /// The parameters of one region that the force does not determine: A/B, d0, and what determines C.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FixedParameters {
-    /// A divided by B: the ratio of the radii of the measured contact ellipse.
+    /// A divided by B: the ratio of the radii of the measured contact ellipse, or 1 without contact ellipses.
     pub aspect: f64,
     /// d0, m.
     pub thickness_m: f64,
-    /// True if d0 was measured, false if it is typical for the shoe size.
+    /// True if d0 was measured, false if it is typical for the shoe size or was searched.
     pub is_thickness_measured: bool,
     /// What determines C.
     pub scale: Scale,

@@ -100,8 +100,9 @@ pub fn covariance(samples: &Samples, prior: &Prior, identified: &Identified, var
 
 /// A coordinate whose standard deviation is more than this fraction of that among people is not determined by the force.
 const UNDETERMINED: f64 = 0.8;
-/// An n or a logit of `max_ratio` counts as at its lower bound if it exceeds the bound by less than this value. A `max_ratio`
-/// counts as at its upper bound, 1, if it is below 1 by less than a hundredth of this value.
+/// An n or a logit of `max_ratio` counts as at its lower bound if it exceeds the bound by less than this value, and an n or m as
+/// at its upper bound if ln(n + 0.95) or ln m is below that of the bound by less than this value. A `max_ratio` counts as at its
+/// upper bound, 1, if it is below 1 by less than a hundredth of this value.
 const AT_BOUND: f64 = 0.005;
 
 /// The index of each of the parameters [`FIVE`] among the variables of the search and among the coordinates of the prior.
@@ -142,7 +143,8 @@ pub fn from_posterior(
             bootstrap: None,
             at_bound: match i {
                 0 => identified.shape.max_ratio > 1.0 - 0.01 * AT_BOUND || at[0] < prior::LEAST_LOGIT + AT_BOUND,
-                3 => values[3] < Bounds::LEAST_N + AT_BOUND,
+                3 => values[3] < Bounds::LEAST_N + AT_BOUND || at[1] > prior::LN_LARGEST_EXPONENT - AT_BOUND,
+                4 => at[2] > prior::LN_LARGEST_EXPONENT - AT_BOUND,
                 _ => false,
             },
             is_identifiable: variance.sqrt() < UNDETERMINED * deviation_of_prior,

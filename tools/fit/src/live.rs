@@ -9,6 +9,7 @@ use crate::steps::{ExcludedContact, ExclusionReason, FootEllipse, FrameLoads, ex
 use crate::{MIN_FORCE_N, RegionCurves, Step};
 use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::{Live, LiveRegion, Step as StepMessage, StepRegion};
+use plantar::sequence::is_after;
 use plantar::{Region, Side};
 use std::collections::{BTreeSet, VecDeque};
 
@@ -36,6 +37,11 @@ pub struct LiveSteps {
     period_us: Option<u64>,
     /// Records that arrived before the last frame of their stance.
     pending: Vec<StepMessage>,
+    /// The records since the last hello, until the first frame after it shows whether the insole has restarted; `None` after this
+    /// frame.
+    since_hello: Option<Vec<StepMessage>>,
+    /// Number and start time (us) of the last record of this boot; `None` before this record.
+    last_record: Option<(u32, u64)>,
     /// Number, start time (us) and duration (us) of all records, by which a repeated record is recognised.
     received: BTreeSet<(u32, u64, u32)>,
     /// The different contact rules of the steps of this stream. Steps from before the stream may have other rules, which are not
@@ -67,29 +73,36 @@ impl LiveSteps {
         Self::default()
     }
 
+    /// To be called for each hello. If the insole has restarted before it, the records of the new boot arrive before the first
+    /// live frame, and must not be combined with frames of the former boot that have the same times.
+    pub fn session_started(&mut self) {
+        if !self.frames.is_empty() {
+            self.since_hello.get_or_insert_default();
+        }
+    }
+
     /// Adds a live frame. A frame with the time of the previous frame is ignored. A frame with an earlier time means that the
     /// insole restarted or that a stored stream is repeated: all pending records are evaluated, and the buffered frames are
     /// deleted.
     pub fn frame(&mut self, live: &Live) {
-        if let Some(last) = self.frames.back() {
-            if live.t_us == last.t_us {
-                return;
-            }
-            if live.t_us < last.t_us {
-                self.finish();
-                self.frames.clear();
-                // The insole may have restarted with another frame rate.
-                (self.first_us, self.period_us) = (None, None);
-            } else {
-                let elapsed_us = live.t_us - last.t_us;
-                self.period_us = Some(self.period_us.map_or(elapsed_us, |period_us| period_us.min(elapsed_us)));
-            }
+        let held = self.since_hello.take().unwrap_or_default();
+        let last_us = self.frames.back().map(|last| last.t_us);
+        if last_us == Some(live.t_us) && held.is_empty() {
+            return;
+        }
+        if last_us.is_some_and(|last_us| live.t_us < last_us) || held.iter().any(|step| self.is_of_new_boot(step)) {
+            self.restart();
+        } else if let Some(elapsed_us) = last_us.map(|last_us| live.t_us - last_us).filter(|us| *us > 0) {
+            self.period_us = Some(self.period_us.map_or(elapsed_us, |period_us| period_us.min(elapsed_us)));
         }
         self.first_us.get_or_insert(live.t_us);
-        self.frames.push_back(Frame { t_us: live.t_us, regions: live.regions });
+        if self.frames.back().is_none_or(|last| last.t_us < live.t_us) {
+            self.frames.push_back(Frame { t_us: live.t_us, regions: live.regions });
+        }
         while self.frames.front().is_some_and(|frame| live.t_us - frame.t_us > BUFFERED_US) {
             self.frames.pop_front();
         }
+        held.iter().for_each(|step| self.add(step));
         self.evaluate_pending(Some(live.t_us));
     }
 
@@ -104,24 +117,51 @@ impl LiveSteps {
         }
         if step.boots_since > 0 {
             self.exclude(step, ExclusionReason::BeforeRestart);
-        } else if self.first_us.is_none_or(|first_us| step.start_us < first_us) {
-            self.exclude(step, ExclusionReason::BeforeStream);
+        } else if let Some(held) = &mut self.since_hello {
+            held.push(*step);
         } else {
-            if !self.contact_rules.contains(&step.contact_rule) {
-                self.contact_rules.push(step.contact_rule);
-            }
-            let peak_n = |region: Region| step.regions[region as usize].measured_force_peak_n();
-            let small_toes_n = peak_n(Region::Toes35);
-            self.toes[0] += 1;
-            self.toes[1] += usize::from(small_toes_n > MIN_FORCE_N && small_toes_n > peak_n(Region::Hallux));
-            self.pending.push(*step);
-            self.evaluate_pending(self.frames.back().map(|last| last.t_us));
+            self.add(step);
         }
     }
 
-    /// Evaluates the records whose last frames have not arrived. To be called after the last message.
+    /// Adds the record of a step of this boot.
+    fn add(&mut self, step: &StepMessage) {
+        self.last_record = Some((step.step, step.start_us));
+        if self.first_us.is_none_or(|first_us| step.start_us < first_us) {
+            self.exclude(step, ExclusionReason::BeforeStream);
+            return;
+        }
+        if !self.contact_rules.contains(&step.contact_rule) {
+            self.contact_rules.push(step.contact_rule);
+        }
+        let peak_n = |region: Region| step.regions[region as usize].measured_force_peak_n();
+        let small_toes_n = peak_n(Region::Toes35);
+        self.toes[0] += 1;
+        self.toes[1] += usize::from(small_toes_n > MIN_FORCE_N && small_toes_n > peak_n(Region::Hallux));
+        self.pending.push(*step);
+        self.evaluate_pending(self.frames.back().map(|last| last.t_us));
+    }
+
+    /// True if a record with a later number has an earlier time than the last record: only a restart sets the time back.
+    fn is_of_new_boot(&self, step: &StepMessage) -> bool {
+        self.last_record.is_some_and(|(number, start_us)| is_after(step.step, number) && step.start_us < start_us)
+    }
+
+    /// Evaluates all pending records, and forgets everything about the boot before this moment.
+    fn restart(&mut self) {
+        self.evaluate_pending(None);
+        self.frames.clear();
+        // The insole may have restarted with another frame rate.
+        (self.first_us, self.period_us, self.last_record) = (None, None, None);
+    }
+
+    /// Evaluates the records whose last frames have not arrived. To be called after the last message. Records after a hello
+    /// without a frame are excluded.
     pub fn finish(&mut self) {
         self.evaluate_pending(None);
+        for step in self.since_hello.take().unwrap_or_default() {
+            self.exclude(&step, ExclusionReason::BeforeStream);
+        }
     }
 
     /// The steps that a fit may use, and the excluded contacts in the order of their times. Partially loaded steps are recognised

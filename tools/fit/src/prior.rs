@@ -41,7 +41,7 @@ pub(crate) const LEAST_LOGIT: f64 = -2.0;
 /// Largest absolute value of a coordinate.
 const FAR: f64 = 30.0;
 /// Largest ln(n + 0.95) and ln m: exponents of about 9 and 10. An insole accepts exponents up to 10.
-const LN_LARGEST_EXPONENT: f64 = 2.3;
+pub(crate) const LN_LARGEST_EXPONENT: f64 = 2.3;
 /// Relative tolerance of a fit, from which the reported parameters result. That of [`Prior::refine`] is [`REFINE_TOLERANCE`].
 const FIT_TOLERANCE: f64 = 1e-10;
 

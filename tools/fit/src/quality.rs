@@ -20,8 +20,8 @@ pub struct Quality {
     pub own: f64,
     /// As `own`, but against the smoothed force.
     pub own_smoothed: f64,
-    /// NRMSE of each step with parameters that were fitted to the other steps, against the measured force. `None` for a single
-    /// step.
+    /// NRMSE of each step with parameters that were fitted to other steps ([`crate::RegionFit::predicted_nrmse`]), against the
+    /// measured force. `None` for a single step.
     pub predicted: Option<f64>,
     /// NRMSE of the non-decreasing function of area that fits the force of each step best. No force law without damping has a
     /// smaller error; a law with damping may have one.

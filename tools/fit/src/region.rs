@@ -39,7 +39,8 @@ pub struct RegionFit {
     pub measures: Vec<Measure>,
     /// The errors of the model force with these parameters, against the measured force.
     pub quality: Quality,
-    /// NRMSE of each step, as a fraction, with parameters that were fitted to the other steps. Empty if there is only one step.
+    /// NRMSE of each step, as a fraction, with parameters that were fitted to other steps: to all others or, with more than 60
+    /// steps, to those of the other groups. Empty if there is only one step.
     pub predicted_nrmse: Vec<f64>,
     /// Area of the contact ellipse divided by the contact area, minus 1. In each step, it is the mean over the stance weighted
     /// by force or, for a live stream, the value at the peak force. 0 if the contact is an ellipse. `None` without contact

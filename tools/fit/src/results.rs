@@ -193,7 +193,11 @@ fn fit_to_json(fit: &Result<RegionFit, NotFitted>, counted_nrmse: Option<f64>) -
         "pinned": {
             "aspect": fit.fixed.aspect,
             "d0_mm": fit.fixed.thickness_m * 1e3,
-            "d0_by": if fit.fixed.is_thickness_measured { "measurement" } else { "shoe_size" },
+            "d0_by": match fit.fixed.scale {
+                Scale::Searched(_) => "search",
+                _ if fit.fixed.is_thickness_measured => "measurement",
+                _ => "shoe_size",
+            },
             "by": fit.fixed.scale.name(),
             "deformation_scale": deformation_scale(&fit.fixed).name(),
             "assumed_percent": deformation_scale(&fit.fixed).assumed_percent(),

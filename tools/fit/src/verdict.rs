@@ -7,7 +7,7 @@ use crate::interval::{FIVE, Interval};
 const INSEPARABLE: f64 = 0.95;
 
 /// If C is more than this multiple of d0, the ellipsoid does not resemble the fat pad of a foot.
-const FLAT: f64 = 2.0;
+const TALL: f64 = 2.0;
 
 /// With fewer different areas in a step, the curve of the area is too coarse.
 const FEW_AREAS: usize = 8;
@@ -93,10 +93,10 @@ pub(crate) fn warnings(fit: &RegionFit) -> Vec<String> {
             fit.area_levels
         ));
     }
-    let flatness = fit.law.c_m / fit.fixed.thickness_m;
-    if flatness > FLAT {
+    let height = fit.law.c_m / fit.fixed.thickness_m;
+    if height > TALL {
         warnings.push(format!(
-            "C is {flatness:.1} times the thickness of the tissue: force depends on area as under a nearly flat body; A, B and C \
+            "C is {height:.1} times the thickness of the tissue, so the ellipsoid does not resemble a fat pad: A, B and C \
              are parameters of the model here, not anatomical dimensions"
         ));
     }
@@ -104,7 +104,7 @@ pub(crate) fn warnings(fit: &RegionFit) -> Vec<String> {
     let correlated: Vec<_> = (0..FIVE.len()).filter(|&i| is_correlated(i)).map(|i| FIVE[i]).collect();
     if !correlated.is_empty() {
         warnings.push(format!(
-            "{} compensate each other (correlation above {INSEPARABLE}): compare the resulting force, not single parameters",
+            "{} compensate each other (absolute correlation above {INSEPARABLE}): compare the resulting force, not single parameters",
             correlated.join(", ")
         ));
     }

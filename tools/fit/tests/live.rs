@@ -50,6 +50,11 @@ fn messages(recording: &Recording) -> Vec<ToHost> {
 
 fn collect<'m>(messages: impl IntoIterator<Item = &'m ToHost>) -> LiveSteps {
     let mut live = LiveSteps::new();
+    collect_into(&mut live, messages);
+    live
+}
+
+fn collect_into<'m>(live: &mut LiveSteps, messages: impl IntoIterator<Item = &'m ToHost>) {
     for message in messages {
         match message {
             ToHost::Live(frame) => live.frame(frame),
@@ -58,7 +63,6 @@ fn collect<'m>(messages: impl IntoIterator<Item = &'m ToHost>) -> LiveSteps {
         }
     }
     live.finish();
-    live
 }
 
 /// Collects `messages`, except the live frames that are lost: `is_lost` returns true for their time, us.
@@ -229,6 +233,59 @@ fn an_insole_may_restart_with_a_lower_frame_rate() {
     let live = collect(fast.iter().chain(&slow));
     assert_eq!((live.collected(0).0.len(), reasons(&live)), (10, vec![]));
     assert!((live.rate_hz() - 50.0).abs() < 1e-9, "{}", live.rate_hz());
+}
+
+/// After a restart, the records that are stored on the insole arrive before its first live frame. Their times are those of other
+/// steps before the restart.
+#[test]
+fn a_step_after_a_restart_is_not_combined_with_frames_before_the_restart() {
+    let messages = messages(&computed_walk(5));
+    let mut live = collect(&messages);
+    live.session_started();
+    for message in &messages {
+        if let ToHost::Step(step) = message {
+            live.step(&Step { step: step.step + 5, ..*step });
+        }
+    }
+    live.finish();
+    assert_eq!((live.collected(0).0.len(), reasons(&live)), (5, vec![ExclusionReason::BeforeStream; 5]));
+}
+
+/// The insole has run longer after the restart than before it, so the times of the frames do not show the restart.
+#[test]
+fn a_restart_that_only_the_times_of_steps_show_is_recognised() {
+    const LATER_US: u64 = 60_000_000;
+    let messages = messages(&computed_walk(5));
+    let mut live = collect(&messages);
+    live.session_started();
+    for message in &messages {
+        if let ToHost::Step(step) = message {
+            live.step(&Step { step: step.step + 5, ..*step });
+        }
+    }
+    for message in &messages {
+        match message {
+            ToHost::Live(frame) => live.frame(&Live { t_us: frame.t_us + LATER_US, ..*frame }),
+            ToHost::Step(step) => {
+                live.step(&Step { step: step.step + 10, start_us: step.start_us + LATER_US, ..*step })
+            }
+            _ => (),
+        }
+    }
+    live.finish();
+    assert_eq!((live.collected(0).0.len(), reasons(&live)), (10, vec![ExclusionReason::BeforeStream; 5]));
+}
+
+/// The link was lost without a restart, and a record arrives only in the next session.
+#[test]
+fn a_step_whose_record_arrives_in_the_next_session_is_used() {
+    let mut messages = messages(&computed_walk(5));
+    let record = messages.iter().position(|message| matches!(message, ToHost::Step(_))).expect("a step");
+    let mut live = collect(&messages[..record]);
+    live.session_started();
+    // The record arrives before the next frame.
+    collect_into(&mut live, messages.drain(record..).collect::<Vec<_>>().iter());
+    assert_eq!((live.collected(0).0.len(), reasons(&live)), (5, vec![]));
 }
 
 #[test]

@@ -240,7 +240,7 @@ impl Identify {
         let study = fit.study()?;
         fit.write(&study)?;
         let parameters = Parameters::read(&foot.folder.join("params.toml"))?;
-        params::send(&mut foot.link, &parameters)?;
+        send_parameters(foot, &parameters)?;
         println!(
             "the {} insole uses and stores these parameters, with the rule {}",
             foot.side.name(),
@@ -367,6 +367,17 @@ fn ensure_same_rule(sources: &[live::LiveSource], rule: &ContactRule) -> Result<
 /// Sends each foot's calibration to its insole.
 fn send_calibrations(feet: &mut [Foot], calibrations: &[Vec<CellCalibration>]) -> Result<()> {
     feet.iter_mut().zip(calibrations).try_for_each(|(foot, cells)| foot.send_calibration(cells))
+}
+
+/// Sends the parameters of a foot to its insole. If the link was lost, for example during the search for these parameters, waits
+/// until it is opened again.
+fn send_parameters(foot: &mut Foot, parameters: &Parameters) -> Result<()> {
+    let Err(error) = params::send(&mut foot.link, parameters) else { return Ok(()) };
+    foot.recover(error)?;
+    let instruction =
+        |_| "The parameters could not be sent yet: they will be once the insole is connected again.".into();
+    run_part(std::slice::from_mut(foot), instruction, |foot, stop| foot.send_parameters(stop, parameters))?;
+    Ok(())
 }
 
 /// The calibration of an earlier part of the session; `None` without one.

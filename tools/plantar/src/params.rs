@@ -11,7 +11,7 @@ use parameters::{AssumedShare, Identified, InsoleSize, Parameters};
 use plantar::Region;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::tissue::{Identified as IdentifiedOnInsole, Tissue};
-use plantar::protocol::{Refusal, Settings};
+use plantar::protocol::{Hello, Refusal, Settings};
 use recording::output;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -91,8 +91,10 @@ fn push(file: &Path, connection: &Connection) -> Result<()> {
     let parameters = Parameters::read(file)?;
     note_unless_personal(&parameters);
     let mut insole = connection.open(ReconnectPolicy::RESTART)?;
-    let before = insole.client().hello().tissue_id;
-    send(&mut insole, &parameters)?;
+    let Hello { tissue_id: before, contact_rule, .. } = *insole.client().hello();
+    let sent = send(&mut insole, &parameters);
+    print_new_rule(&mut insole, contact_rule);
+    sent?;
     let id = parameters.tissue().id;
     println!("parameters on the insole: {} before, now {}; they are stored", id_text(before), id_text(id));
     Ok(())
@@ -132,13 +134,20 @@ pub fn set_rule(insole: &mut InsoleLink, contact: ContactRule) -> Result<()> {
             rule_in_words(&in_force)
         );
     }
-    println!("contact rule of the insole: now {}", rule_in_words(&contact));
     Ok(())
+}
+
+/// Prints the contact rule of an insole if it differs from the rule `before`.
+pub fn print_new_rule(insole: &mut InsoleLink, before: ContactRule) {
+    let rule = insole.client().hello().contact_rule;
+    if rule != before {
+        println!("contact rule of the insole: now {}", rule_in_words(&rule));
+    }
 }
 
 /// Refuses to overwrite a file that contains personal parameters, because neither typical parameters nor those on an insole
 /// have all of its information. A file that cannot be read as parameters may contain personal ones, too: it may be damaged, or
-/// from a newer program. A device or a pipe is not read, because it may contain the output itself.
+/// from a newer program. A device or a pipe, such as /dev/stdout, stores no parameters and is not read.
 fn check_not_personal(out: &Path) -> Result<()> {
     if !out.is_file() || out.metadata().is_ok_and(|metadata| metadata.len() == 0) {
         return Ok(());

@@ -221,10 +221,14 @@ fn errors_for_bad_input_name_the_place_and_the_remedy() {
     assert!(status == 2 && err.contains("N or N-M"), "{err}");
 }
 
-/// The messages of an insole with this contact rule while it measures the recording of [`walk`] in `folder`.
-fn messages(folder: &Path, contact: ContactRule) -> Vec<ToHost> {
-    let recording = Recording::read(folder.join("walk.parquet")).expect("a recording");
-    let computed = VirtualInsole::new(&recording, contact, StanceRule::ADAPTIVE);
+/// The recording of [`walk`] in `folder`.
+fn recording(folder: &Path) -> Recording {
+    Recording::read(folder.join("walk.parquet")).expect("a recording")
+}
+
+/// The messages of an insole with this contact rule while it measures the recording.
+pub fn messages(recording: &Recording, contact: ContactRule) -> Vec<ToHost> {
+    let computed = VirtualInsole::new(recording, contact, StanceRule::ADAPTIVE);
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
     insole.set_up(computed.setup, computed.cells.iter().copied()).expect("a valid insole");
     let mut messages = vec![ToHost::Hello(Hello {
@@ -242,8 +246,8 @@ fn messages(folder: &Path, contact: ContactRule) -> Vec<ToHost> {
         fault: None,
     })];
     let mut codes = vec![0; computed.cells.len()];
-    for frame in 0..computed.frames(&recording) {
-        computed.codes_of(&recording, frame, &mut codes);
+    for frame in 0..computed.frames(recording) {
+        computed.codes_of(recording, frame, &mut codes);
         let is_toe_off = insole.frame(frame as u32, &codes);
         let t_us = frame as u64 * u64::from(computed.setup.period_us);
         messages.push(ToHost::Live(Live::new(
@@ -261,7 +265,7 @@ fn messages(folder: &Path, contact: ContactRule) -> Vec<ToHost> {
 }
 
 /// The content of a stream file with these messages of the insole with index `insole`, all at time 0.
-fn stream(messages: &[ToHost], insole: u8) -> Vec<u8> {
+pub fn stream(messages: &[ToHost], insole: u8) -> Vec<u8> {
     let mut bytes = Vec::new();
     for message in messages {
         let mut buffer = [0; MAX_MESSAGE];
@@ -295,7 +299,7 @@ fn a_stream_file_results_in_the_same_parameters_as_the_recording_of_all_cells() 
     let folder = walk();
     let path = folder.path();
     succeed(path, "fit walk.parquet --contact-full 150 --json cells.json");
-    let right = messages(path, ContactRule::COVERED);
+    let right = messages(&recording(path), ContactRule::COVERED);
     std::fs::write(path.join("walk.plantar"), stream(&right, 0)).expect("written");
     let out = succeed(path, "fit walk.plantar --json live.json --out p.toml --report r.html");
     assert!(out.contains("walk: 6 steps of 1 recordings") && out.contains("fraction sqrt(p / 150 kPa)"), "{out}");
@@ -339,10 +343,10 @@ fn errors_of_live_streams_name_the_file_and_the_remedy() {
     let folder = walk();
     let path = folder.path();
     let write = |name: &str, bytes: &[u8]| std::fs::write(path.join(name), bytes).expect("written");
-    let covered = messages(path, ContactRule::COVERED);
+    let covered = messages(&recording(path), ContactRule::COVERED);
     write("a.plantar", &stream(&covered, 0));
     write("copy.plantar", &stream(&covered, 1));
-    write("b.plantar", &stream(&messages(path, ContactRule::COUNTED), 0));
+    write("b.plantar", &stream(&messages(&recording(path), ContactRule::COUNTED), 0));
     let mut changed = covered.clone();
     if let Some(ToHost::Step(step)) = changed.iter_mut().rfind(|message| matches!(message, ToHost::Step(_))) {
         step.contact_rule = ContactRule::COUNTED;
@@ -421,7 +425,7 @@ fn serve(messages: Vec<ToHost>) -> SocketAddr {
 fn the_folder_of_a_recorded_session_results_in_the_same_parameters_as_its_stream_file() {
     let folder = walk();
     let path = folder.path();
-    let messages = messages(path, ContactRule::COUNTED);
+    let messages = messages(&recording(path), ContactRule::COUNTED);
     std::fs::write(path.join("walk.plantar"), stream(&messages, 0)).expect("written");
     let address = serve(messages);
     succeed(path, &format!("record --tcp {address} --out session --steps 6"));

@@ -2,6 +2,7 @@
 //!
 //! The insole is simulated: the code of the firmware's session runs in the test, on a socket or a pseudo-terminal.
 
+use crate::fit;
 use parameters::{InsoleSize, Parameters};
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
@@ -481,6 +482,33 @@ fn a_link_that_was_lost_before_the_walk_is_opened_again_and_the_cells_are_reques
         std::io::Result::Ok(())
     });
     let received = [(); 2].map(|()| requests.recv_timeout(Duration::from_secs(60)));
+    program.kill().expect("it can be ended");
+    let (_, text) = wait_for_end(program);
+    assert_eq!(received, [Ok(true), Ok(true)], "{text}");
+}
+
+/// The steps of an earlier session suffice, so the session has no walk.
+#[test]
+fn parameters_are_sent_again_after_the_link_was_lost() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let walk = SyntheticWalk { side: Side::Left, cells: CELLS, steps: 6, ..Default::default() };
+    let messages = fit::messages(&synthetic::walk(&walk).recording, ContactRule::COUNTED);
+    std::fs::create_dir(folder.path().join("left")).expect("a folder");
+    std::fs::write(folder.path().join("left/walk-000.plantar"), fit::stream(&messages, 0)).expect("written");
+    let (listener, address) = listen();
+    let arguments = ["identify", "--no-standing", "--contact-full", "0", "--steps", "5", "--tcp", &address, "--out"];
+    let mut program = plantar(&arguments).arg(folder.path()).spawn().expect("it runs");
+    let is_parameters = |message: &ToDevice| matches!(message, ToDevice::SetIdentifiedTissue { .. });
+    let (requested, requests) = mpsc::channel();
+    std::thread::spawn(move || {
+        for _ in 0..2 {
+            // The connection is closed at the request.
+            let is_requested = Insole::with_steps([]).with_cells().serve(listener.accept()?.0, is_parameters);
+            requested.send(is_requested).map_err(std::io::Error::other)?;
+        }
+        std::io::Result::Ok(())
+    });
+    let received = [(); 2].map(|()| requests.recv_timeout(Duration::from_secs(120)));
     program.kill().expect("it can be ended");
     let (_, text) = wait_for_end(program);
     assert_eq!(received, [Ok(true), Ok(true)], "{text}");

@@ -44,7 +44,10 @@ impl Session {
         let Some(insole) = self.insoles.get_mut(insole) else { return false };
         let has_same_version = insole.hello.as_ref().is_none_or(|hello| hello.major == MAJOR);
         match decode::<ToHost>(message) {
-            Some(ToHost::Hello(hello)) => insole.hello = Some(hello),
+            Some(ToHost::Hello(hello)) => {
+                insole.steps.session_started();
+                insole.hello = Some(hello);
+            }
             Some(ToHost::Live(live)) if has_same_version => insole.steps.frame(&live),
             Some(ToHost::Step(step)) if has_same_version => {
                 insole.steps.step(&step);
@@ -65,8 +68,8 @@ impl Session {
     ///
     /// The result has the form of the JSON of `plantar fit`, with four more entries: `message`, the bytes of the request that
     /// sends the parameters to the insole, `tissue_id`, the identifier by which the insole confirms them, `parameters`, the text
-    /// of the parameter file, and `fitted`, the number of fitted regions. It has the entry `error` instead if the steps cannot be
-    /// fitted together.
+    /// of the parameter file, and `fitted`, the number of fitted regions. It has the entry `error` instead if there is no such
+    /// insole, or if its steps cannot be fitted together.
     pub fn identify(&mut self, insole: usize, size: InsoleSize, progress: &(dyn Fn(Region) + Sync)) -> Value {
         let Some(insole) = self.insoles.get_mut(insole) else { return json!({ "error": "There is no such insole." }) };
         insole.steps.finish();

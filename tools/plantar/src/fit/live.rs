@@ -85,7 +85,7 @@ pub fn is_stream(path: &Path) -> bool {
     !is_parquet && path.extension().is_some_and(|extension| extension == EXTENSION)
 }
 
-/// Reads a stream file. The result has each insole that sent live frames or steps.
+/// Reads a stream file. The result has each insole that sent live frames or steps and of which the foot is known.
 pub fn read_stream(path: &Path) -> Result<Vec<LiveSource>> {
     let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
     from_stream(&path.display().to_string(), &bytes)
@@ -158,7 +158,10 @@ fn from_stream(name: &str, bytes: &[u8]) -> Result<Vec<LiveSource>> {
                  program of that version",
                 hello.major
             ),
-            Some(ToHost::Hello(hello)) => insole.hello = Some(hello),
+            Some(ToHost::Hello(hello)) => {
+                insole.steps.session_started();
+                insole.hello = Some(hello);
+            }
             Some(ToHost::Live(live)) => {
                 insole.count += 1;
                 insole.steps.frame(&live);

@@ -24,7 +24,7 @@ impl Fit {
     }
 
     /// Computes [`Study::counted_nrmse`]. `recordings` are the sources of the study that contain all cells. If another source
-    /// exists, all results are `None`.
+    /// exists, or if the method is that of the paper, all results are `None`.
     pub(super) fn counted_nrmse(&self, study: &Study, recordings: &[Recording]) -> [Option<f64>; 8] {
         // The method of the paper is too slow to be repeated.
         if recordings.len() != study.sources.len() || study.options.method != Method::Projection {

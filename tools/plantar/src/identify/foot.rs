@@ -8,6 +8,7 @@ use anyhow::{Context, Result, bail, ensure};
 use client::{Error, Event, SessionStart, StartedCells, StreamFile};
 use fit::live::LiveSteps;
 use fit::steps::{ExcludedContact, ExclusionReason};
+use parameters::Parameters;
 use plantar::Side;
 use plantar::pipeline::calibrate::{CellCalibration, zero_offset};
 use plantar::pipeline::contact::ContactRule;
@@ -88,7 +89,10 @@ impl Foot {
 
     /// Sets the contact rule of the insole.
     pub fn set_rule(&mut self, contact: ContactRule) -> Result<()> {
-        params::set_rule(&mut self.link, contact)
+        let before = self.link.client().hello().contact_rule;
+        let set = params::set_rule(&mut self.link, contact);
+        params::print_new_rule(&mut self.link, before);
+        set
     }
 
     fn update(&self, change: impl FnOnce(&mut Progress)) {
@@ -102,8 +106,8 @@ impl Foot {
 
     /// Passes each item from the insole to `process` until it returns true or `stop` is set. Reconnects when the link is lost.
     fn follow(&mut self, stop: &AtomicBool, mut process: impl FnMut(&mut Self, Item) -> Result<bool>) -> Result<()> {
-        // The live stream is requested again, because a restart of the insole ends it. If the link is lost, the first event
-        // reports the loss.
+        // The live stream is requested again, because a restart of the insole ends it. If this fails because the link is lost,
+        // `next_event` opens it again.
         let _ = self.link.start();
         while !stop.load(Ordering::Relaxed) {
             let event = self.link.next_event().with_context(|| format!("{} foot", self.side.name()))?;
@@ -141,10 +145,21 @@ impl Foot {
             match process(self, item) {
                 Ok(true) => return Ok(()),
                 Ok(false) => {}
-                Err(error) => self.link.recover(error.downcast()?)?,
+                Err(error) => self.recover(error)?,
             }
         }
         Ok(())
+    }
+
+    /// Ends the session with the insole after a failure of the link, so that it is opened again.
+    ///
+    /// # Errors
+    /// Returns any other error.
+    pub fn recover(&mut self, error: anyhow::Error) -> Result<()> {
+        match error.downcast_ref::<Error>() {
+            Some(failure) if failure.is_link_failure() => Ok(self.link.recover(error.downcast()?)?),
+            _ => Err(error),
+        }
     }
 
     /// Records the cells of a standing trial for `time`. `None` if the link of a foot was lost meanwhile: `is_lost`, which all
@@ -273,15 +288,25 @@ impl Foot {
             last_step: Instant::now(),
         };
         if let Err(error) = walk.start_cells(self.link.client()) {
-            self.link.recover(error.downcast()?)?;
+            self.recover(error)?;
         }
         let followed = self.follow(stop, |foot, item| walk.process(foot, item, &mut file));
-        if let Some(cells) = &mut walk.cells {
-            cells.complete_part()?;
-        }
         // If the link is lost, the stream has ended already, and the error is ignored.
         let _ = self.link.client().stream_cells(None);
-        followed
+        followed.and(walk.cells.map_or(Ok(()), |mut cells| cells.complete_part()))
+    }
+
+    /// Sends the parameters once the link, which was lost, is open again.
+    pub fn send_parameters(&mut self, stop: &AtomicBool, parameters: &Parameters) -> Result<()> {
+        let mut file = self.new_stream_file(VERIFY_PREFIX)?;
+        self.update(|progress| progress.needed = 0);
+        self.follow(stop, |foot, item| {
+            match item {
+                Item::Started => return params::send(&mut foot.link, parameters).map(|()| true),
+                Item::Message(message) => foot.store_record(&mut file, &message)?,
+            }
+            Ok(false)
+        })
     }
 
     /// Receives and stores steps until `count` of them began after this call, and returns these. The insole evaluates them with
@@ -346,7 +371,7 @@ const OTHER_FOOT: &str = "the small toes carry more than the big toe: is this in
 const STAND_PREFIX: &str = "stand";
 /// First part of the names of the stream files of the walk.
 const WALK_PREFIX: &str = "walk";
-/// First part of the names of the stream files with the steps that verify the result.
+/// First part of the names of the stream files with the load records after the walk, among them the steps that verify the result.
 const VERIFY_PREFIX: &str = "verify";
 
 /// The walk in progress.
@@ -391,6 +416,7 @@ impl Walk {
         match item {
             Item::Started => {
                 file.write(0, &ToHost::Hello(foot.link.client().hello().clone()))?;
+                self.steps.session_started();
                 self.start_cells(foot.link.client())?;
             }
             Item::Message(ToHost::Cells(frame)) => {

@@ -1,5 +1,5 @@
 //! The screen of a guided session: an instruction, the progress of each foot, and the loads of the soles. If stdout is not a
-//! terminal, instructions and counts are printed as lines.
+//! terminal, instructions, counts and remarks are printed as lines.
 
 use crate::signals::Signals;
 use crate::view::ends_session;

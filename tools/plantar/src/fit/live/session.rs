@@ -48,6 +48,7 @@ pub fn read(folder: &Path) -> Result<Option<Vec<LiveSource>>> {
     let mut collected = LiveSteps::new();
     for (session, frames) in &frames {
         let records = records.get(session).map_or(&[][..], |records| records);
+        collected.session_started();
         collect(&mut collected, frames, records);
     }
     collected.finish();
