@@ -219,6 +219,7 @@ fn steps_that_were_not_sent_cannot_be_acknowledged() {
     let mut session = with_steps(0..3);
     connect(&mut session);
     assert_eq!([next(&mut session), next(&mut session)], [Some(Sent::Hello), Some(Sent::Step(0))]);
+    // Only step 0 was sent, and is acknowledged.
     acknowledge(&mut session, 2);
     assert_eq!(steps(&mut session), [1, 2]);
     // Steps that were sent in an earlier session, but not yet in this one, cannot be acknowledged either.
@@ -243,7 +244,7 @@ fn an_outdated_acknowledgement_has_no_effect() {
 }
 
 #[test]
-fn load_bouts_are_sent_and_acknowledged_in_turn_with_steps() {
+fn load_bouts_are_sent_and_acknowledged_in_one_order_with_steps() {
     let mut session = with_steps([0]);
     session.push_record(bout(1));
     session.push_record(step(2));
@@ -309,7 +310,7 @@ fn live_frames_are_numbered_from_the_start_of_a_session() {
 }
 
 #[test]
-fn live_frames_that_a_slow_carrier_drops_leave_a_gap() {
+fn live_frames_that_are_dropped_because_the_carrier_is_slow_leave_a_gap() {
     let mut session = streaming();
     (0..100).for_each(|_| push_live(&mut session));
     session.receive(ToDevice::GetStatus, 0);
@@ -537,6 +538,34 @@ fn parameters_that_are_stored_after_the_host_has_gone_are_put_in_force() {
     assert_eq!(session.take_tissue_due().map(|tissue| tissue.id), Some(TISSUE.id));
 }
 
+/// A host that connects after the carrier was lost would take the result for the answer to a request of its own. New parameters
+/// are announced to this host, too, but not that they could not be stored.
+#[test]
+fn the_result_of_a_command_is_not_sent_to_the_host_of_the_next_session() {
+    for (command, result, expected) in [
+        (ToDevice::SetSettings(None), Err(Refusal::NotStored), None),
+        (ToDevice::SetSettings(None), Ok(CommandResult::Stored), None),
+        (ToDevice::SetTissue(*TISSUE), Err(Refusal::NotStored), Some(Sent::Tissue(TISSUE.id))),
+        (ToDevice::SetTissue(*TISSUE), Ok(CommandResult::Stored), Some(Sent::Tissue(TISSUE.id))),
+    ] {
+        let mut session = streaming();
+        session.receive(command, 0);
+        session.close();
+        connect(&mut session);
+        assert_eq!(all(&mut session), [Sent::Hello]);
+        session.complete(result);
+        assert_eq!(all(&mut session), Vec::from_iter(expected));
+        session.receive(ToDevice::SetSettings(None), 0);
+        session.complete(Ok(CommandResult::Stored));
+        assert_eq!(all(&mut session), [Sent::Settings(None)], "the session's own command is answered");
+        // The host connects again within its session, as after missing records.
+        session.receive(ToDevice::SetSettings(None), 0);
+        connect(&mut session);
+        session.complete(Ok(CommandResult::Stored));
+        assert_eq!(all(&mut session), [Sent::Hello, Sent::Settings(None)]);
+    }
+}
+
 #[test]
 fn parameters_are_not_accepted_outside_of_a_session() {
     for connect in [None, Some(ToDevice::Connect { major: MAJOR + 1, minor: MINOR })] {
@@ -654,10 +683,10 @@ fn an_acknowledgement_is_passed_to_the_storage_once() {
     assert_eq!(session.take_acknowledged(), None);
 }
 
-/// The frames of cells wait for everything else. Where the carrier is too slow, scans are dropped whole and counted, and the
-/// frames that are sent can be unpacked one after the other.
+/// The frames of cells wait for everything else but ellipses. Where the carrier is too slow, scans are dropped whole and counted,
+/// and the frames that are sent can be unpacked one after the other.
 #[test]
-fn frames_of_cells_are_sent_last_and_dropped_whole() {
+fn frames_of_cells_wait_for_other_messages_and_are_dropped_whole() {
     let mut session = streaming();
     let stream = CellStream { resolution: Resolution::Converter, every: 1 };
     session.receive(ToDevice::StreamCells(Some(stream)), 0);

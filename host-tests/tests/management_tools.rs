@@ -3,7 +3,7 @@
 //! firmware, `PLANTAR_SMP` that of a Python interpreter with `smpclient`, and `PLANTAR_PYTHON` that of the interpreter that
 //! runs the simulated radio.
 
-// The link of a board is passed to Python as a Unix descriptor.
+// Python opens the link of a board as two FIFOs, which only Unix has.
 #![cfg(unix)]
 
 use crate::common::{TIMEOUT, connect, smp};
@@ -204,7 +204,7 @@ fn number(map: &Value, name: &str) -> u64 {
 /// 3: no transfer was begun; 4: no valid trailer; 5: damaged, or wrong signature; 8: no image with this SHA-256; 22: no valid
 /// header; 25: for another board; 27: older, or not newer although `upgrade` requires it; 28: an image is on trial, or marked
 /// for the next start; 30: wrong length; 32: the image cannot be confirmed, because the checks of its trial are not complete,
-/// or it does not run; 33: the image already runs.
+/// it does not run, or the chip refused the confirmation; 33: the image already runs.
 fn refusal(answer: &Value) -> Option<u64> {
     let error = field(answer, "err")?;
     assert_eq!(number(error, "group"), u64::from(IMAGES));
@@ -280,6 +280,24 @@ fn an_image_that_is_not_confirmed_or_not_tested_does_not_remain() {
     tool.set(Some(name(&failing)), false).expect("the image is accepted");
     tool.reset();
     assert_eq!(tool.set(None, true), Err(32));
+}
+
+/// The image passes the checks of its trial, but the chip cannot store its confirmation.
+#[test]
+fn a_confirmation_that_the_chip_refuses_is_refused_and_can_be_repeated() {
+    let file = image(NEW, Defect::None).file();
+    let mut tool = Tool::new(LinkKind::Serial);
+    assert_eq!(tool.upload(&file), Ok(()));
+    tool.set(Some(name(&file)), false).expect("the image is accepted");
+    tool.reset();
+    let refuse_changes = |tool: &Tool, refuses: bool| {
+        tool.world.borrow().insoles[0].chip.0.borrow_mut().refuses_changes = refuses;
+    };
+    refuse_changes(&tool, true);
+    assert_eq!(tool.set(None, true), Err(32));
+    assert_eq!(tool.states(), [running(NEW, false)]);
+    refuse_changes(&tool, false);
+    assert_eq!(tool.set(None, true), Ok(vec![running(NEW, true)]));
 }
 
 /// The file of an image without a defect, with this header and signed with this key.

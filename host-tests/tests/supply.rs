@@ -70,6 +70,20 @@ fn a_boot_that_begins_with_a_low_supply_is_counted_once_the_supply_is_sufficient
     assert_eq!(is_of_previous_boot, Some(true));
 }
 
+/// The log has foreign contents, which the start cannot erase.
+#[test]
+fn the_data_of_the_wearer_can_be_erased_after_a_start_with_a_low_supply() {
+    let mut chip = used_chip();
+    chip.bytes[SMALL_LOG.start as usize..SMALL_LOG.end as usize].fill(0x55);
+    let is_sufficient = Cell::new(false);
+    let mut store =
+        block_on(Store::open(Some(Supplied::new(&mut chip, SMALL_LOG.end, || is_sufficient.get())), Reset::Power));
+    is_sufficient.set(true);
+    assert_eq!(block_on(store.push_record(step(0))), Err(StorageError::Contents));
+    assert_eq!(block_on(store.erase_wearer(|| {})), Ok(()));
+    assert_eq!(block_on(store.push_record(step(0))), Ok(0));
+}
+
 #[test]
 fn steps_that_were_stored_remain_when_the_supply_was_low_for_some_time() {
     let steady = Supply::new(u64::MAX, 0);

@@ -67,7 +67,7 @@ impl Failure {
     pub const OFFSET: Self = Self::of_image(3, 20);
     /// The hash has a wrong length.
     pub const HASH: Self = Self::of_image(3, 24);
-    /// The image is still on trial, or does not run yet.
+    /// The image is still on trial, does not run yet, or its confirmation could not be stored.
     pub const NOT_CONFIRMED: Self = Self::of_image(6, 32);
     /// The running image cannot be tested.
     pub const ALREADY_RUNS: Self = Self::of_image(6, 33);

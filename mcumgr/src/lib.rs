@@ -21,8 +21,8 @@ use heapless::{String, Vec};
 
 /// Length of the head of a message, bytes.
 pub const HEAD: usize = 8;
-/// Longest text of an echo, bytes; a longer one is refused. Also the largest number of bytes that are used of the part of a file
-/// in one request; the offset in the answer requests the rest again.
+/// Longest text of an echo, bytes; a longer one is refused. Also the largest number of bytes of a file that one request can
+/// store: if its part of the file is longer, the offset in the answer requests the rest again.
 pub const CHUNK: usize = 192;
 /// Longest message that tools may send, bytes, including two bytes for its length and two for its checksum. On a serial port,
 /// all lines of such a message together have 281 bytes, which the receive buffers of the ports can hold.

@@ -25,9 +25,9 @@ use mcumgr::{Answer, Head, Request};
 pub const STORAGE_QUEUE: usize = 2;
 
 /// Time after the last message of a session's host in which messages over the other carrier are refused, except a connect
-/// request, which always takes the session. Afterwards they are not answered: a refused host does not connect by itself, but it
-/// connects when the insole is silent. Hosts that receive the live stream send several messages a second; a command-line program
-/// ends its session without a message, so only its silence shows that it has gone.
+/// request, which always takes the session. Afterwards they are not answered: a host does not connect again by itself if it is
+/// refused, but it does if the insole is silent. Hosts that receive the live stream send several messages a second; a
+/// command-line program ends its session without a message, so only its silence shows that it has gone.
 const OCCUPIED: Duration = Duration::from_secs(30);
 
 /// Number of attempts to read the bonds at the start.
@@ -205,6 +205,10 @@ impl Shared {
             log::info!("link: a host connects over {}", carrier);
             let former = self.carrier.replace(carrier);
             self.is_other_host_refused.set(former != carrier && session.is_open());
+            if former != carrier {
+                // The answers of the session before are not for this host.
+                session.close();
+            }
             self.changed(former).signal(());
         }
         if self.carrier.get() == carrier {

@@ -50,6 +50,8 @@ pub struct Session {
     /// Number of the last acknowledged record, until [`Session::take_acknowledged`].
     acknowledged: Option<u32>,
     command: Option<Command>,
+    /// The host that requested the pending command is still connected, as far as the carrier shows.
+    is_command_of_session: bool,
     configured: Configured,
     /// The parameters are new, and no frame was evaluated with them yet.
     is_tissue_due: bool,
@@ -61,7 +63,7 @@ pub struct Session {
     to_insole: ToInsole,
     /// The host of this session has requested that the baselines are measured.
     is_zero_awaited: bool,
-    /// The result of the last such measurement; `None` before the first.
+    /// The result of the last such measurement; `None` before the first, and if the last one was refused.
     zeroed: Option<ZeroResult>,
     /// The wall clock, us since 1970, minus the device's time, us; `None` until the clock is set.
     unix_offset_us: Option<u64>,
@@ -85,6 +87,7 @@ impl Session {
             records_dropped: 0,
             acknowledged: None,
             command: None,
+            is_command_of_session: false,
             configured: Configured::NONE,
             is_tissue_due: false,
             cells: CellSender::new(),
@@ -103,7 +106,10 @@ impl Session {
     pub fn receive(&mut self, message: ToDevice, now_us: u64) {
         match message {
             ToDevice::Connect { major, .. } => {
+                // A host may connect again within its session, and still expects the answer to its request.
+                let is_command_of_session = self.is_command_of_session;
                 self.close();
+                self.is_command_of_session = is_command_of_session;
                 self.is_open = major == MAJOR;
                 self.is_hello_due = true;
             }
@@ -166,7 +172,7 @@ impl Session {
     /// Makes a command the pending one; refuses it if another command is pending.
     fn begin(&mut self, command: Command) {
         match self.command {
-            None => self.command = Some(command),
+            None => (self.command, self.is_command_of_session) = (Some(command), true),
             Some(_) => self.answer(Answer::Refused(Refusal::Busy)),
         }
     }
@@ -176,7 +182,9 @@ impl Session {
         self.command
     }
 
-    /// Completes the pending command with its result, and queues the answer.
+    /// Completes the pending command with its result, and queues the answer, unless the carrier of the host that requested it was
+    /// lost: another host would take the result for the answer to a request of its own. New parameters and
+    /// rules of alerts are announced to any host.
     pub fn complete(&mut self, result: Result<CommandResult, Refusal>) {
         let Some(command) = self.command.take() else { return };
         // Parameters and rules that could not be stored are in force until the insole restarts.
@@ -191,7 +199,10 @@ impl Session {
             }
         }
         let answer = match (result, command) {
-            (Ok(_) | Err(Refusal::NotStored), Command::Tissue(..)) => Answer::NewTissue { is_stored: result.is_ok() },
+            (Ok(_) | Err(Refusal::NotStored), Command::Tissue(..)) => {
+                Answer::NewTissue { is_stored: result.is_ok() || !self.is_command_of_session }
+            }
+            (Err(Refusal::NotStored), Command::AlertRules(_)) if !self.is_command_of_session => Answer::AlertRules,
             (Err(refusal), _) => Answer::Refused(refusal),
             (Ok(CommandResult::Update(progress)), _) => Answer::Update(progress),
             (Ok(CommandResult::Identity(identity)), _) => {
@@ -206,7 +217,9 @@ impl Session {
             (Ok(CommandResult::Stored), Command::AlertRules(_)) => Answer::AlertRules,
             (Ok(CommandResult::Stored), _) => Answer::Tissue,
         };
-        self.answer(answer);
+        if self.is_command_of_session || matches!(answer, Answer::NewTissue { .. } | Answer::AlertRules) {
+            self.answer(answer);
+        }
     }
 
     /// Answers a request with a refusal.
@@ -270,6 +283,7 @@ impl Session {
         // Field by field, because a whole new session would be composed on the stack.
         (self.is_open, self.is_hello_due, self.is_streaming) = (false, false, false);
         self.answers.clear();
+        self.is_command_of_session = false;
         self.live.clear();
         (self.live_before_answer, self.live_due, self.live_sent) = (0, 0, 0);
         self.records_sent = 0;

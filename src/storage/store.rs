@@ -46,7 +46,8 @@ pub struct Store<F> {
     contents: Contents,
     /// The reason of this boot, until it is counted.
     boot_due: Option<Reset>,
-    /// The log has foreign contents that could not be erased completely, so nothing is stored in it before the next start.
+    /// The log has foreign contents that could not be erased completely, so nothing is stored in it before the next start, or
+    /// before the wearer's data are erased.
     is_log_foreign: bool,
 }
 

@@ -2,6 +2,7 @@
 
 use super::{Persist, RESTART_DELAY, poll_in_own_frame};
 use crate::firmware::shared::Exchange;
+use crate::firmware::trial::Verdict;
 use crate::log;
 use crate::protocol::update::{Header, Refusal};
 use crate::storage::Store;
@@ -63,12 +64,16 @@ impl Persist<'_> {
                 (true, false) if is_received => return Err(Failure::NOT_CONFIRMED),
                 (_, false) => return Err(Failure::NO_IMAGE),
                 (true, true) => {
+                    let mut verdict = Verdict::Passed;
                     if let Some(trial) = &mut self.trial {
                         trial.confirm_by_host();
-                        self.end_trial(store).await;
+                        verdict = self.end_trial(store).await;
                     }
                     match &self.trial {
-                        Some(trial) if trial.is_overdue() => return Err(Failure::NOT_CONFIRMED),
+                        // If the image has passed, the chip has refused the confirmation.
+                        Some(trial) if verdict == Verdict::Passed || trial.is_overdue() => {
+                            return Err(Failure::NOT_CONFIRMED);
+                        }
                         Some(_) => return Ok(None),
                         None => {}
                     }

@@ -53,6 +53,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
         let oldest_at = newest.map_or(log.end, |newest| newest.end);
         self.erase_used(oldest_at..log.end, &progressed).await?;
         self.erase_used(log.start..oldest_at, &progressed).await?;
+        // A foreign log that the start could not erase is erased now.
+        self.is_log_foreign = false;
         self.push_mark(self.contents.next_record).await
     }
 

@@ -60,8 +60,8 @@ impl Sectors {
     }
 
     /// The addresses of the sector that is being filled and of the one before it, which contain the newest entry. `None` if the
-    /// marks of the sectors do not show the sector that is being filled. The sector before it is omitted if it is at the other
-    /// end of the log, or if its erasure was interrupted: it is then marked as full, but not as begun.
+    /// marks of the sectors do not show the sector that is being filled, or cannot be read. The sector before it is omitted if it
+    /// is at the other end of the log, or is marked as full but not as begun, as after an interrupted erasure.
     pub(super) async fn newest<F: MultiwriteNorFlash>(&self, flash: &mut Option<F>) -> Option<Range<u32>> {
         const { assert!(F::READ_SIZE == 1, "a mark has the size of a read operation") };
         let flash = flash.as_mut()?;
