@@ -50,6 +50,8 @@ export class Alerts {
   private answer_timer: ReturnType<typeof setTimeout> | undefined;
   /** Why an insole refused this change, as a phrase; empty if none did. */
   private refusal = "";
+  /** The ends of pauses, as times of `Date.now()`, that were not sent yet because the insole of the foot is not connected. */
+  private readonly unsent_pauses = new Map<Side, number>();
 
   constructor(
     private readonly wire: Wire,
@@ -62,8 +64,8 @@ export class Alerts {
     byId("alert-close").onclick = () => this.close();
     byId("alert-snooze").onclick = () => {
       // Both feet: a wearer who has no time to unload one foot has none for the other.
-      // A second insole for a foot may be another person's.
-      for (const side of SIDES) this.insoles.of(side)?.send(this.wire.snoozeAlerts(SNOOZE_MIN * 60));
+      for (const side of SIDES) if (this.insoles.of(side)) this.unsent_pauses.set(side, Date.now() + SNOOZE_MIN * 60_000);
+      this.sendPauses();
       this.close();
     };
     const alerts = byId("alerts-on", HTMLInputElement);
@@ -129,6 +131,20 @@ export class Alerts {
     fill("alert-text", [...this.shown.values()].map(({ advice }): Node => ["p", {}, advice]));
   }
 
+  /**
+   * Sends the pauses to the insoles that are connected now. A second insole for a foot may be another person's, and receives
+   * none. To be called a few times a second, also while the page is hidden.
+   */
+  sendPauses(): void {
+    for (const [side, end_ms] of this.unsent_pauses) {
+      const rest_s = Math.ceil((end_ms - Date.now()) / 1000);
+      const session = this.insoles.of(side);
+      if (rest_s > 0 && session?.state !== "live") continue;
+      if (rest_s > 0) session?.send(this.wire.snoozeAlerts(rest_s));
+      this.unsent_pauses.delete(side);
+    }
+  }
+
   private connected(): Session[] {
     return this.insoles.sessions.filter(({ state }) => state === "live");
   }
@@ -162,7 +178,10 @@ export class Alerts {
       const why = refused.length > 0 && this.refusal ? [`The reason: ${this.refusal}.`] : [];
       fill("alerts-note", [[...partly, ...refused, ...why].join(" ")]);
     }
-    const daily = SIDES.map((side) => this.insoles.of(side)?.daily);
+    const feet = SIDES.map((side) => this.insoles.of(side));
+    const daily = feet.map((session) => session?.daily);
+    // What an insole reported before its connection was lost may not be true any more.
+    const present = feet.map((session) => (session?.state === "live" ? session.daily : undefined));
     byId("today").hidden = daily.every((load) => !load);
     const cell = (value: (region: DailyRegion) => string, name: string) =>
       daily.map((load): Node => {
@@ -172,11 +191,11 @@ export class Alerts {
     const minutes = ({ sustained_s }: DailyRegion) => (sustained_s / 60).toFixed(0);
     const dose = ({ dose_kpa_s }: DailyRegion) => dose_kpa_s.toFixed(0);
     fill(byId("today").querySelector("tbody"), this.wire.facts.regions.map(({ name }): Node => {
-      const is_sustained = daily.some((load) => load?.sustained.includes(name));
+      const is_sustained = present.some((load) => load?.sustained.includes(name));
       const title: Node = ["th", { scope: "row" }, regionTitle(name), ...(is_sustained ? [" ●"] : [])];
       return ["tr", {}, title, ...cell(minutes, name), ...cell(dose, name)];
     }));
-    const snoozed_s = Math.max(0, ...daily.map((load) => load?.snoozed_s ?? 0));
+    const snoozed_s = Math.max(0, ...present.map((load) => load?.snoozed_s ?? 0));
     const raised = daily.reduce((sum, load) => sum + (load?.alerts ?? 0), 0);
     const snoozed_min = Math.ceil(snoozed_s / 60);
     const pause = ` No alert for another ${snoozed_min} ${snoozed_min === 1 ? "minute" : "minutes"}.`;

@@ -46,7 +46,7 @@ export class App {
   private readonly identify: IdentifyController;
   private readonly alerts: Alerts;
   private store: StepStore;
-  /** Resolves when no stored data are being loaded. Until then, a record would be stored where it is lost. */
+  /** Resolves when no stored data are being loaded. Until then, records would only be stored temporarily. */
   private loaded = Promise.resolve();
   /** The last error, as a sentence for the wearer; empty without an error. */
   private problem = "";
@@ -236,6 +236,7 @@ export class App {
     this.insoles.tick(now_ms);
     this.identify.tick(now_ms);
     this.retryStoring(now_ms);
+    this.alerts.sendPauses();
     // While the page is in the background, the sessions continue, but the texts are not visible.
     if (!document.hidden) this.update(now_ms);
   }

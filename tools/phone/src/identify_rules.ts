@@ -31,18 +31,7 @@ export function exclusions({ side, excluded }: Collected): string[] {
   ];
 }
 
-/**
- * The fitted regions of a foot by name, with the error that the fit predicts for new steps, %. For a fit to a single step, this
- * is the error of the fit.
- */
-export function predictedErrors({ regions }: FootResult): Map<string, number> {
-  const errors = Object.entries(regions).flatMap(([name, region]): [string, number][] =>
-    region.fitted ? [[name, region.nrmse_percent.predicted ?? region.nrmse_percent.fitted]] : [],
-  );
-  return new Map(errors);
-}
-
-/** Errors of the model (NRMSE), mean over the fitted regions. */
+/** Errors of the model (NRMSE), mean over the fitted regions for which the fit predicts an error. */
 export interface Check {
   /** The error that the fit predicts. */
   predicted_percent: number;
@@ -54,17 +43,18 @@ export interface Check {
 
 /**
  * Compares the insole's own model error in these steps with the result. As in a fit, a region is left out in the steps in which
- * it is hardly loaded, or has a saturated cell: its measured force is then only a lower bound. `undefined` if no fitted region
- * remains.
+ * it is hardly loaded, or has a saturated cell: its measured force is then only a lower bound. A region that was fitted to a
+ * single step is left out, because this fit predicts no error. `undefined` if no region remains.
  */
 export function check(result: FootResult, steps: readonly Step[]): Check | undefined {
   const predicted_percent: number[] = [];
   const measured_percent: number[] = [];
-  for (const [name, error_percent] of predictedErrors(result)) {
+  for (const [name, fit] of Object.entries(result.regions)) {
+    if (!fit.fitted || fit.nrmse_percent.predicted === null) continue;
     const all = steps.flatMap((step) => step.regions[name] ?? []);
     const regions = all.filter((region) => region.measured_force_peak_n >= LOADED_N && !region.saturated);
     if (regions.length === 0) continue;
-    predicted_percent.push(error_percent);
+    predicted_percent.push(fit.nrmse_percent.predicted);
     measured_percent.push(mean(regions.map((region) => region.model_error_nrmse_percent)));
   }
   if (predicted_percent.length === 0) return undefined;

@@ -213,7 +213,7 @@ export class IdentifySession {
     this.host.storage.add(part).catch(() => this.cannotStore());
   }
 
-  /** A live frame of a foot arrived. `force_n` returns the total force on the other foot in its last frame, N. */
+  /** A live frame of a foot arrived. `force_n` returns the total force on a foot in its last frame, N. */
   live(side: Side, live: Live, now_ms: number, force_n: (side: Side) => number): void {
     const sender = this.foot(side);
     if (!sender) return;

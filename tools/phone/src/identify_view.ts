@@ -169,12 +169,14 @@ export function regionRow(name: string, region: RegionResult): Node {
   if (!region.fitted) return ["tr", {}, title, ["td", { colspan: "2" }, `not determined: ${region.reason}`]];
   const kPa = (pa: number | null) => (pa === null ? "∞" : (pa / 1000).toFixed(pa < 10_000 ? 1 : 0));
   const { jacobian, at_bound } = region.uncertainty.intervals_95.stiffness_pa;
-  const error_percent = region.nrmse_percent.predicted ?? region.nrmse_percent.fitted;
-  const rating = error_percent < GOOD_PERCENT ? "good" : error_percent < FAIR_PERCENT ? "fair" : "rough";
+  const { predicted } = region.nrmse_percent;
+  const rating = (percent: number) => (percent < GOOD_PERCENT ? "good" : percent < FAIR_PERCENT ? "fair" : "rough");
+  // A fit to a single step predicts no error.
+  const [error, words] = predicted === null ? ["–", "from one step"] : [`${predicted.toFixed(0)} %`, rating(predicted)];
   const range = at_bound ? "at the limit of the search" : `${kPa(jacobian[0])} to ${kPa(jacobian[1])}`;
   return ["tr", {}, title,
     ["td", {}, kPa(region.identified.stiffness_pa), ["small", {}, range]],
-    ["td", {}, `${error_percent.toFixed(0)} %`, ["small", {}, rating]]];
+    ["td", {}, error, ["small", {}, words]]];
 }
 
 function resultTable({ side, collected, result }: Foot, { regions }: FootResult): Node[] {
@@ -219,7 +221,10 @@ function result(session: IdentifySession, is_replay: boolean): Node[] {
       : session.pushable().length > 0 ? [button("push", "Send to my insoles", "primary")] : []),
     ...session.problems().map(note),
     ...session.feet.flatMap((foot) => (foot.result ? resultTable(foot, foot.result) : [])),
-    soft("In small print: the 95 % interval of the stiffness, from the scatter of the forces about the model and among people."),
+    soft(
+      "In small print: the 95 % interval of the stiffness, from the scatter of the forces about the model and of the stiffness " +
+        "among people.",
+    ),
     ...session.comments().map(remark),
     ...exports(session),
     button("close", "Discard and close"),
@@ -234,7 +239,7 @@ function done(session: IdentifySession): Node[] {
       if (!check) {
         const reason = checked.size < CHECK_STEPS
           ? "They were not checked on further steps."
-          : "No step could be compared: the loads were too small or too large.";
+          : "No step could be compared: the loads were too small or too large, or the fit predicts no error.";
         return [note(`The ${side} insole has your parameters. ${reason}`)];
       }
       const { predicted_percent, measured_percent, is_confirmed } = check;

@@ -23,10 +23,10 @@ export interface InsoleEvents {
   message(bytes: Uint8Array, side: Side): void;
 }
 
-/** True if the last hello of a session's insole was the one for this foot, and its insole is not a second one for it. */
+/** True if the last hello of a session was for this foot, and its insole is not a second one for this foot. */
 const isOf = ({ hello, state }: Session, side: Side) => hello?.side === side && state !== "same-foot";
 
-/** True if the insole of a session is the one for this foot. A session that waits for a hello may have another one than before. */
+/** True if the insole of a session is the one for this foot. While a session waits for a hello, its insole may be another one. */
 const claims = (session: Session, side: Side) => isOf(session, side) && session.state !== "waiting";
 
 /** Creates a session for each insole of the transport in use, and passes the events of the transport to the sessions. */

@@ -1,4 +1,4 @@
-/** Reconnection: the intervals that all transports and sessions use, and the retries of a transport. */
+/** Reconnection: the intervals that transports and sessions use, and the retries of a transport. */
 
 /** Time after a link broke, or after an attempt failed, before the next attempt to open the link. */
 export const RETRY_MS = 1000;

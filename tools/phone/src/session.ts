@@ -275,6 +275,9 @@ export class Session {
     this.live = undefined;
     this.ellipses = [];
     this.cells = [];
+    // The insole may be that of the other foot.
+    this.daily = undefined;
+    this.daily_requested_ms = -Infinity;
     if (hello.major !== this.wire.facts.major) {
       this.state = "other-version";
       return;

@@ -41,8 +41,8 @@ export const LIMITS = {
 export const isWithinLimits = (key: keyof typeof LIMITS, value: number) => value >= LIMITS[key].min && value <= LIMITS[key].max;
 
 /**
- * The stored settings. Missing or invalid settings have their defaults. `storage` may throw, as `localStorage` does if the
- * browser stores nothing for this site.
+ * The stored settings. Missing or invalid settings have their defaults, but a shoe size that is out of range becomes the nearest
+ * one within the range. `storage` may throw, as `localStorage` does if the browser stores nothing for this site.
  */
 export function loadSettings(storage: () => Storage): Settings {
   try {

@@ -93,7 +93,7 @@ export function listenToExport(
   };
 }
 
-/** Saves all stored records as a CSV file. `csv` returns the header line and the lines of a part of the records. */
+/** Saves all records as a CSV file. `csv` returns the header line and the lines of a part of the records. */
 async function exportCsv(store: StepStore, name: string, csv: (records: Records) => string[]): Promise<void> {
   const blobs: Blob[] = [];
   // Each part is a blob of its own, because a browser can hold blobs on the disk instead of in memory.

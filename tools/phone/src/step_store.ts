@@ -68,7 +68,10 @@ function withKey(decoded: RecordMessage, { message, start_unix_s }: StepRecord, 
 
 const now_unix_s = () => Date.now() / 1000;
 
-/** The key and the load of a record that was stored without them; `undefined` for a record of another protocol version. */
+/**
+ * Adds the key and the load to a record that was stored without them. A record without a time counts for the present day. Returns
+ * `undefined` for a record of another protocol version.
+ */
 export function keyedRecord(wire: Wire, record: StepRecord): NewRecord | undefined {
   const decoded = decodeRecord(wire, record);
   return decoded && withKey(decoded, record, now_unix_s());

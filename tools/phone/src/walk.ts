@@ -34,16 +34,26 @@ export function gaitOf(wire: Wire, { steps, bouts, alerts }: Pick<Records, "step
   // The times of a foot are all on the clock of the browser, or all on that of its insole.
   const start_s = ({ step, start_unix_s }: StoredStep) => start_unix_s ?? step.start_s;
   const stride_m = (settings.stride_cm ?? 0) / 100;
-  // An insole numbers steps, load bouts and alerts together. Here, the steps are numbered alone, so a gap is a missing step.
-  const others = [...bouts.map(({ bout }) => bout), ...alerts.map(({ alert }) => alert)];
-  const number = ({ step }: StoredStep) =>
-    step.step - others.filter((other) => other.side === step.side && other.number < step.step).length;
-  const timed = (stored: StoredStep) => ({ ...stored, number: number(stored), start_s: start_s(stored) });
   const first_s = feet.map((steps) => Math.min(...steps.map(start_s)));
   const last_s = feet.map((steps) => Math.max(...steps.map(start_s)));
+  // An insole numbers steps, load bouts and alerts together. Here, the steps are numbered alone, so a gap is a missing step.
+  // Records from before these steps are not counted: they may be of another insole, which had numbers of its own.
+  const records = [
+    ...bouts.map(({ bout, start_unix_s }) => ({ ...bout, start_unix_s })),
+    ...alerts.map(({ alert, start_unix_s }) => ({ ...alert, start_unix_s })),
+  ];
+  const others = SIDES.map((side, i) => {
+    const is_timed = feet[i]!.every(({ start_unix_s }) => start_unix_s !== null);
+    const isBefore = ({ start_unix_s }: { start_unix_s: number | null }) => is_timed && (start_unix_s ?? Infinity) < first_s[i]!;
+    return records.filter((record) => record.side === side && !isBefore(record));
+  });
+  const numbered = (stored: StoredStep, i: number) => {
+    const before = others[i]!.filter(({ number }) => number < stored.step.step);
+    return { ...stored, number: stored.step.step - before.length, start_s: start_s(stored) };
+  };
   const is_apart = has_common_clock && Math.max(...first_s) > Math.min(...last_s);
   // With older steps of the other foot, no stride of the foot that walked last would contain one of them, and `wire.gait` would
   // omit all of its strides as unpaired.
   const measured = feet.map((steps, i) => (is_apart && last_s[i] !== Math.max(...last_s) ? [] : steps));
-  return wire.gait(measured.map((steps) => steps.map(timed)), has_common_clock, stride_m);
+  return wire.gait(measured.map((steps, i) => steps.map((step) => numbered(step, i))), has_common_clock, stride_m);
 }

@@ -1,6 +1,6 @@
 /**
- * The core of the page, as WebAssembly: decodes and encodes messages, converts the times of insoles, counts lost frames, and
- * detects lost records.
+ * The core of the page, as WebAssembly: decodes and encodes messages, computes the shapes of soles and the measures of walking,
+ * converts the times of insoles, counts lost frames, and detects lost records.
  */
 
 import type { Facts, LayoutCell, Sole, ToHost } from "./generated/messages";

@@ -143,3 +143,18 @@ test("a signal in a hidden page is repeated when the page becomes visible, unles
   setHidden(false);
   expect(vibrate).toHaveBeenCalledTimes(2);
 });
+
+test("a pause is sent to an insole that is connected later, with the rest of its duration", () => {
+  const { alerts, left, right } = start();
+  const [rest, whole] = [20, 30].map((minutes) => JSON.stringify(wire.snoozeAlerts(minutes * 60)));
+  const pauses = ({ sent }: typeof left) =>
+    sent.map((message) => JSON.stringify(message)).filter((message) => message === rest || message === whole);
+  left.session.closed("out of reach");
+  element("alert-snooze").onclick();
+  expect([pauses(left), pauses(right)]).toEqual([[], [whole]]);
+  vi.advanceTimersByTime(10 * 60_000);
+  left.receive({ ...hello(wire.facts.major), side: "left" } as ToHost);
+  alerts.sendPauses();
+  alerts.sendPauses();
+  expect([pauses(left), pauses(right)]).toEqual([[rest], [whole]]);
+});

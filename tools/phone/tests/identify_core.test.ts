@@ -43,7 +43,7 @@ test("the steps of both feet are counted once if they are added twice, and can b
 test("a step that lacks more than three successive frames is not used, and other bytes are ignored", () => {
   core.clear();
   const lost = (t_ms: number) => t_ms > 1900 && t_ms < 1950;
-  // At this time, the left foot is on the ground in its third step. The record of the step arrives later.
+  // At this time, the left foot is on the ground in its second step. The record of the step arrives later.
   add([...entries(walk)].filter(({ insole, t_ms }) => insole === 0 && !lost(t_ms)));
   const [left] = core.collected();
   expect([left!.good, left!.excluded]).toEqual([5, { broken: 1, partial: 0, before: 0 }]);

@@ -23,8 +23,8 @@ const region = (values: Partial<StepRegion>): StepRegion => ({ measured_force_pe
 const withError = (percent: number, start_s = 0): Step =>
   anyStep({ start_s, regions: { heel: region({ model_error_nrmse_percent: percent }) } });
 
-function result(predicted: number): FootResult {
-  const heel = { fitted: true, nrmse_percent: { fitted: predicted, predicted, floor: 1 } };
+function result(predicted: number | null): FootResult {
+  const heel = { fitted: true, nrmse_percent: { fitted: 8, predicted, floor: 1 } };
   const regions = { heel, hallux: { fitted: false, reason: "never loaded" } } as unknown as FootResult["regions"];
   return { fitted: 1, steps: [], regions, message: [4, 7], tissue_id: 42, parameters: "" };
 }
@@ -299,6 +299,8 @@ test("the check compares loaded fitted regions with the prediction, and excluded
   expect(check(result(8), [withError(9), withError(11), unloaded])).toEqual(confirmed);
   expect(check(result(8), [withError(20)])?.is_confirmed).toBe(false);
   expect(check(result(8), [unloaded])).toBeUndefined();
+  // A fit to a single step predicts no error.
+  expect(check(result(null), [withError(9)])).toBeUndefined();
   const saturated = anyStep({ regions: { heel: region({ saturated: true, model_error_nrmse_percent: 90 }) } });
   expect(check(result(8), [withError(9), withError(11), saturated])).toEqual(confirmed);
   const sentences = exclusions(collected("left", 3, { broken: 1 }));

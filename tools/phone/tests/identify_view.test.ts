@@ -7,10 +7,10 @@ import { element } from "./elements";
 
 vi.mock("../src/dom", async () => (await import("./elements")).dom);
 
-/** The row of a fitted region with this interval of the stiffness, as JSON. */
-function row(jacobian: [number | null, number | null]): string {
+/** The row of a fitted region with this interval of the stiffness and this predicted error, as JSON. */
+function row(jacobian: [number | null, number | null], predicted: number | null = 6): string {
   const intervals_95 = { stiffness_pa: { jacobian, at_bound: false, told: true } };
-  const nrmse_percent = { fitted: 5, predicted: 6, floor: 1 };
+  const nrmse_percent = { fitted: 5, predicted, floor: 1 };
   const region = { fitted: true, identified: { stiffness_pa: 20_000 }, uncertainty: { intervals_95 }, nrmse_percent };
   return JSON.stringify(regionRow("heel", region as unknown as RegionResult));
 }
@@ -18,6 +18,13 @@ function row(jacobian: [number | null, number | null]): string {
 test("the interval of a stiffness is shown with its ends in kPa, also if its upper end is infinite", () => {
   expect(row([9_500, 41_200])).toContain("9.5 to 41");
   expect(row([9_500, null])).toContain("9.5 to ∞");
+});
+
+test("no error on new steps is shown for a region that was fitted to one step", () => {
+  expect(row([9_500, 41_200])).toContain("6 %");
+  const one_step = row([9_500, 41_200], null);
+  expect(one_step).toContain("from one step");
+  expect(one_step).not.toContain(" %");
 });
 
 /** The view of a session in this phase, as JSON. `has_stored` is that of the view's state. */

@@ -1,7 +1,7 @@
 import { expect, test } from "vitest";
 import type { Side } from "../src/generated/quantities";
 import { loadSettings } from "../src/settings";
-import type { StoredStep } from "../src/step_store";
+import type { StoredBout, StoredStep } from "../src/step_store";
 import { gaitOf } from "../src/walk";
 import { loadWire, step } from "./wire";
 
@@ -48,6 +48,18 @@ test("without times on the browser's clock, each foot is measured alone", () => 
   expect(gait.cadence_per_min?.mean).toBeCloseTo(100, 5);
   expect(measure(gait, "stance_time_s")?.right?.mean).toBeCloseTo(0.7, 5);
   expect(measure(gait, "step_time_s")).toMatchObject({ left: null, right: null, symmetry_percent: null });
+});
+
+test("load bouts that another insole has numbered before are not missing steps", () => {
+  const steps = [...foot("left", 0, 0.8, 60), ...foot("right", 0.5, 0.7, 60)];
+  const bout = (number: number, start_unix_s: number) =>
+    ({ bout: { side: "left", number }, start_unix_s }) as unknown as StoredBout;
+  const gait = (bouts: StoredBout[]) => gaitOf(wire, { steps, bouts, alerts: [] }, SETTINGS).strides;
+  expect(gait([20, 45].map((number) => bout(number, 1_799_990_000)))).toEqual({ left: 59, right: 59 });
+  // A bout of this insole, which has the number after that of a step, is not a missing step, either.
+  for (const { step } of steps) if (step.side === "left" && step.step >= 30) step.step += 1;
+  expect(gait([bout(30, 1_800_000_000 + 30 * STRIDE_S - 0.1)])).toEqual({ left: 59, right: 59 });
+  expect(gait([]).left).toBe(58);
 });
 
 test("if the feet did not walk at the same time, only the foot that walked last is measured", () => {

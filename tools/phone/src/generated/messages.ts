@@ -57,13 +57,13 @@ fault: string | null, };
 export type Status = { uptime_s: number,
 /** Frame times that passed without a complete scan. */
 frames_missed: number,
-/** Live frames that were due in this session. */
+/** Live frames that were due in this session, without those that still wait for the link. */
 live_due: number,
 /** Live frames that the insole handed to its link in this session. */
 live_sent: number, steps: number,
 /** Number of the next record. */
 next_record: number,
-/** Unacknowledged records that were dropped because there was no space for newer ones. */
+/** Unacknowledged records that were dropped, because there was no space or they could not be stored. */
 records_dropped: number,
 /** Damaged or unknown messages that the insole received. */
 bad_frames: number,
@@ -87,7 +87,7 @@ export type Fault = {
 fault: string,
 /** The cell, row or column. */
 place: string,
-/** Time of detection since the start of the insole. */
+/** Time of detection since the first scan. */
 found_s: number, };
 
 /** Constants of the protocol and the geometry of the sole. */
@@ -103,7 +103,7 @@ regions: Array<RegionFacts>,
 /** The sole to draw until the cells of an insole are known. */
 sole: Sole, };
 
-/** UUIDs of the insole's Bluetooth service and of its characteristics. */
+/** UUIDs of the insole's Bluetooth service and of its characteristics, all of which require a bond. */
 export type Gatt = { service: string,
 /** The page writes requests to this characteristic, and the insole indicates the answers. */
 control: string,
@@ -111,7 +111,7 @@ control: string,
 live: string,
 /** The insole notifies steps, load bouts and alerts. */
 steps: string,
-/** As `control`, for requests that concern the wearer's parameters. This characteristic requires a bond. */
+/** As `control`, for requests that concern the wearer's parameters. The insole indicates all refusals here. */
 parameters: string,
 /** The first bytes of the requests that are written to `parameters`. */
 parameter_requests: Array<number>, };

@@ -106,7 +106,7 @@ export interface StepRegion {
   time_to_peak_s: number;
   /** Root mean square of model minus measured force over the contact, relative to the largest measured force. Unit: %. */
   model_error_nrmse_percent: number;
-  /** Change of K since the identification; 0 without parameters of the wearer. Unit: %. */
+  /** Change of K since the identification; 0 without tracking. Unit: %. */
   stiffness_change_percent: number;
   /** Largest pressure of a cell. Unit: kPa. */
   peak_pressure_kpa: number;

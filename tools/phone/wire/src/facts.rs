@@ -26,7 +26,7 @@ pub struct Facts {
     sole: Sole,
 }
 
-/// UUIDs of the insole's Bluetooth service and of its characteristics.
+/// UUIDs of the insole's Bluetooth service and of its characteristics, all of which require a bond.
 #[derive(Serialize)]
 #[cfg_attr(test, derive(ts_rs::TS))]
 pub struct Gatt {
@@ -37,7 +37,7 @@ pub struct Gatt {
     live: String,
     /// The insole notifies steps, load bouts and alerts.
     steps: String,
-    /// As `control`, for requests that concern the wearer's parameters. This characteristic requires a bond.
+    /// As `control`, for requests that concern the wearer's parameters. The insole indicates all refusals here.
     parameters: String,
     /// The first bytes of the requests that are written to `parameters`.
     parameter_requests: Vec<u8>,

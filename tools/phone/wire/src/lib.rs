@@ -1,6 +1,6 @@
 //! The core of the page for a phone, as WebAssembly. It decodes messages to JSON in physical units, encodes requests, computes
-//! the keys of records and the measures of walking, converts the times of insoles, counts lost frames, detects lost records, and
-//! provides the constants of the protocol.
+//! the keys of records, the shapes of soles and the measures of walking, converts the times of insoles, counts lost frames,
+//! detects lost records, and provides the constants of the protocol.
 //!
 //! The page calls plain WebAssembly exports and shares one buffer with them. A binding generator such as wasm-bindgen is not
 //! used, because its command-line program would have to be installed in exactly the version of its crate. Messages are passed as

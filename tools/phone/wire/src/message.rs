@@ -125,14 +125,14 @@ pub(crate) struct Status {
     uptime_s: f64,
     /// Frame times that passed without a complete scan.
     frames_missed: u32,
-    /// Live frames that were due in this session.
+    /// Live frames that were due in this session, without those that still wait for the link.
     live_due: u32,
     /// Live frames that the insole handed to its link in this session.
     live_sent: u32,
     steps: u32,
     /// Number of the next record.
     next_record: u32,
-    /// Unacknowledged records that were dropped because there was no space for newer ones.
+    /// Unacknowledged records that were dropped, because there was no space or they could not be stored.
     records_dropped: u32,
     /// Damaged or unknown messages that the insole received.
     bad_frames: u32,
@@ -163,7 +163,7 @@ pub(crate) struct Fault {
     fault: &'static str,
     /// The cell, row or column.
     place: String,
-    /// Time of detection since the start of the insole.
+    /// Time of detection since the first scan.
     found_s: f64,
 }
 
