@@ -167,3 +167,10 @@ def test_a_closed_connection_and_a_missing_parameter_file_are_errors(tmp_path: p
         insole.close()
         with pytest.raises(RuntimeError, match="the connection was closed"):
             insole.next_event()
+
+        async def iterate() -> None:
+            async for _ in insole:
+                pass
+
+        with pytest.raises(RuntimeError, match="the connection was closed"):
+            asyncio.run(iterate())

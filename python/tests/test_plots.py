@@ -37,7 +37,7 @@ def test_a_step_has_the_curves_of_its_regions(walk_file: pathlib.Path, tmp_path:
     figure.savefig(tmp_path / "step.png")
 
 
-def test_a_fit_has_a_curve_for_each_step(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
+def test_a_fit_has_two_curves_for_each_step(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
     fit = plantar.fit(walk_file)
     figure = fit.plot()
     for axes, (_, row) in zip(figure.axes, fit.table().iterrows(), strict=True):

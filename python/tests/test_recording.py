@@ -120,8 +120,8 @@ def test_normalised_steps_are_interpolated_from_heel_strike_to_toe_off(
 def test_normalised_steps_do_not_drift_at_a_rate_whose_period_is_no_whole_microsecond(tmp_path: pathlib.Path) -> None:
     path = walk(tmp_path / "walk.parquet", "--rate", 300, "--steps", 60)
     curves = package.replay(path).normalised("total_force_n")
-    # All steps of the computed walk are equal, but each begins at another time between two frames. The force grows by up to
-    # 30 N from one frame to the next.
+    # The steps of the computed walk differ by a few percent, and each begins at another time between two frames. The force
+    # grows by up to 30 N from one frame to the next.
     assert len(curves) == 60
     assert np.abs(curves[-1] - curves[0]).max() < 40.0
 

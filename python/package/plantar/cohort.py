@@ -95,6 +95,8 @@ def participants(study: str, out: str) -> list[str]:
         raise OSError(f"cannot read {study}: it must be a folder with one folder per participant") from error
 
     paths = [entry["name"].rstrip("/") for entry in entries if _is_folder(files, entry)]
+    # An object storage can list the folder itself as one of its entries.
+    paths = [path for path in paths if path != root.rstrip("/")]
     names = sorted(path.rsplit("/", 1)[-1] for path in paths if is_participant(path))
     names = [name for name in names if not name.startswith(".")]
     if not names:
@@ -160,7 +162,7 @@ def _evaluate(participant: str, files: Any, folder: str, table_files: Any, targe
             left_out.append(str(error))
     steps = sum(batch.num_rows for batch in batches) // len(REGIONS)
     if steps == 0:
-        found = f"{len(recordings)} recordings (*.parquet), but no complete step"
+        found = "no complete step in its recordings" if recordings else "no recording (*.parquet)"
         problem = f"{folder}: {found}: record a walk of several steps"
         raise ValueError("; ".join([*left_out, problem]))
     # Without a description of its inputs the file is out of date, so the next run tries the unusable recordings again.

@@ -128,7 +128,7 @@ class Fit:
         pathlib.Path(path).write_text(self._core.toml(), encoding="utf-8")
 
     def report(self, path: Path) -> None:
-        """Writes the report of ``plantar fit`` as an HTML file, without the section that repeats the fit with other choices."""
+        """Writes the report of ``plantar fit`` as an HTML file, but does not repeat the fit with other choices of the method."""
         pathlib.Path(path).write_text(self._core.html(), encoding="utf-8")
 
     def plot(self) -> Figure:

@@ -96,7 +96,12 @@ class Insole:
     async def __aiter__(self) -> AsyncIterator[Event]:
         while True:
             if self._call is None or self._call.cancelled():
-                self._call = self._executor.submit(self._receive)
+                try:
+                    self._call = self._executor.submit(self._receive)
+                except RuntimeError:
+                    # After `close`, this call raises the error that names the remedy.
+                    self._receive()
+                    raise
             try:
                 event = await asyncio.wrap_future(self._call)
             except asyncio.CancelledError:

@@ -60,7 +60,7 @@ def foot(recording: Recording) -> Figure:
 
 
 def step(replay: Replay, number: int | None = None) -> Figure:
-    """The measured force and the live model force of the regions in a step, by default the first one."""
+    """The measured force and the live model force of the regions in a step, by default in the first step."""
     numbers = replay.steps.index.unique("step")
     if numbers.empty:
         raise ValueError(f"{replay.recording.path} has no complete step: record a walk of several steps")

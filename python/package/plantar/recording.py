@@ -204,7 +204,7 @@ class Replay:
         return math.floor(1e6 / self.recording.rate_hz + 0.5) / 1e6
 
     def plot(self, step: int | None = None) -> Figure:
-        """Draws the measured and the model force of the regions in a step, by default the first one."""
+        """Draws the measured and the model force of the regions in a step, by default in the first step."""
         from plantar import plots
 
         return plots.step(self, step)

@@ -269,16 +269,22 @@ impl Session {
         self.feet.iter().flat_map(of).collect()
     }
 
-    /// The events of all feet within the frames, in the order of time.
+    /// The events of all feet within their frames, in the order of time.
     pub fn events(&self) -> Vec<Event> {
-        let within_s = self.t_s[0]..=self.t_s[self.t_s.len() - 1];
         let of_step = |side, step: &TimedStep| {
             let event = |kind, t_s| Event { side, kind, t_s, step: step.step.step };
             [event(EventKind::HeelStrike, step.heel_strike_s), event(EventKind::ToeOff, step.toe_off_s)]
         };
-        let of_foot = |foot: &Foot| foot.steps.iter().flat_map(|step| of_step(foot.side, step)).collect::<Vec<_>>();
+        let ends_s = |t_s: &[f64]| (t_s[0], t_s[t_s.len() - 1]);
+        let (first_s, last_s) = ends_s(&self.t_s);
+        let of_foot = |foot: &Foot| {
+            let (first_of_foot_s, last_of_foot_s) = ends_s(&foot.t_s);
+            let events = foot.steps.iter().flat_map(|step| of_step(foot.side, step));
+            let within = events.filter(|event| (first_of_foot_s..=last_of_foot_s).contains(&event.t_s));
+            // The first and last frame of the right foot may be early or late by half a frame period.
+            within.map(|event| Event { t_s: event.t_s.clamp(first_s, last_s), ..event }).collect::<Vec<_>>()
+        };
         let mut events: Vec<_> = self.feet.iter().flat_map(of_foot).collect();
-        events.retain(|event| within_s.contains(&event.t_s));
         events.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
         events
     }

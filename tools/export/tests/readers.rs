@@ -1,7 +1,7 @@
 //! Exported files, read by independent programs, contain what was measured.
 
 use export::motion_bids::Names;
-use export::{EventKind, Foot, Quantity, Session, c3d, csv, mat, mcap, motion_bids, opensim};
+use export::{Event, EventKind, Foot, Quantity, Session, c3d, csv, mat, mcap, motion_bids, opensim};
 use parameters::{InsoleSize, Parameters};
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
@@ -229,6 +229,25 @@ fn events_are_where_the_recorded_force_rises_and_falls() {
         let (lifted_n, loaded_n) = if is_heel_strike { (before_n, after_n) } else { (after_n, before_n) };
         assert!(lifted_n < 20.0 && loaded_n > 50.0, "{event:?}: {before_n} N, {after_n} N");
     }
+}
+
+/// The frames of the right foot are 4 ms later than those of the left one. The last frames of both feet, which belong together,
+/// have the toe off of the right foot.
+#[test]
+fn an_event_in_the_last_frame_of_the_later_foot_is_exported() {
+    const LATE_S: f64 = 0.004;
+    let mut right = walk(Side::Right, 5, 60);
+    right.t_s.iter_mut().for_each(|t_s| *t_s += LATE_S);
+    let right = foot(right);
+    let (toe_off_s, step) = (right.steps[1].toe_off_s, right.steps[1].step.step);
+    let session =
+        Session::new(vec![foot(walk(Side::Left, 5, 60)), right], None, Some(toe_off_s - LATE_S)).expect("one clock");
+    let end_s = session.t_s[session.frames() - 1];
+    assert!((end_s - (toe_off_s - LATE_S)).abs() < 1e-9, "{end_s}");
+    let is_toe_off = |event: &Event| (event.side, event.kind, event.step) == (Side::Right, EventKind::ToeOff, step);
+    let events = session.events();
+    let times: Vec<_> = events.iter().filter(|event| is_toe_off(event)).map(|event| event.t_s).collect();
+    assert_eq!(times, [end_s], "{events:?}");
 }
 
 #[test]

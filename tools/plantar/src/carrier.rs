@@ -163,7 +163,7 @@ pub fn open_serial(port: &str, baud: u32) -> Result<Box<dyn SerialPort>> {
     })
 }
 
-/// The names of this computer's serial ports, or `None` if there is none.
+/// The names of this computer's serial ports; `None` if there is none, or if they cannot be listed.
 fn known_ports() -> Option<String> {
     let names: Vec<_> = serialport::available_ports().ok()?.into_iter().map(|port| port.port_name).collect();
     (!names.is_empty()).then(|| names.join(", "))

@@ -36,7 +36,7 @@ pub enum Export {
     },
     /// Write a CSV file in long form: a row for each time, quantity and region.
     Csv(Options),
-    /// Write an MCAP file for Foxglove: channels of the frames, pressures of the cells as a picture of the soles, steps, events.
+    /// Write an MCAP file for Foxglove: channels of the frames, pressures of the cells as point clouds, steps, events.
     Mcap(Options),
 }
 

@@ -30,9 +30,9 @@ use std::str::FromStr;
 /// insole's contact rule. Send the resulting file to an insole with `plantar params push`, and use it in
 /// `plantar replay` and `plantar emulate` with --params.
 ///
-/// Exit status: 0 if all eight regions were fitted, 3 if only some were or if a part of a region's result is missing or must not
-/// be used, for example because measurements contradict each other or because the insole shifted, 1 otherwise, for example if no
-/// region was fitted.
+/// Exit status: 0 if all eight regions were fitted with complete results; 3 if only some were, or if a part of a region's result
+/// is missing or must not be used, for example because measurements contradict each other or because the insole shifted; 1
+/// otherwise, for example if no region was fitted.
 #[derive(Args)]
 pub struct Fit {
     /// The recordings and recorded live streams, all of one person.
@@ -42,7 +42,7 @@ pub struct Fit {
     #[arg(long, value_name = "FILE", default_value = "params.toml")]
     out: PathBuf,
     /// Write a report with pictures to this HTML file, which can be read without a network. For the report, the fit is repeated
-    /// with other contact rules, filters and steps.
+    /// with other contact rules, filters and steps, unless the method is that of the paper.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
     /// Write the pictures of the report to this PNG file.
@@ -324,7 +324,7 @@ impl<'p> Input<'p> {
 
 impl Fit {
     /// The contact rule of the fit: that of the live streams, or else that of the options. Returns an error if the live streams
-    /// differ in their rules, or if an option contradicts them.
+    /// differ in their rules, or if an option contradicts them, as --zero does.
     fn contact_rule(&self, inputs: &[Input]) -> Result<ContactRule> {
         let mut measured: Option<(ContactRule, &LiveSource)> = None;
         for input in inputs {

@@ -15,7 +15,8 @@ pub enum Import {
     /// Import exports of other systems, whose formats are recognised from their content.
     ///
     /// The files are of one measurement: one file with both feet, or a file for each foot. Both feet are written to
-    /// NAME.left.parquet and NAME.right.parquet for --out NAME.parquet, with times on one clock.
+    /// NAME.left.parquet and NAME.right.parquet for --out NAME.parquet, with times on one clock; two files are taken to begin at
+    /// the same moment.
     Auto {
         /// The exported files.
         #[arg(required = true)]

@@ -19,7 +19,7 @@ use settings::{SettingsArgs, print_settings};
 
 #[derive(Subcommand)]
 pub enum Insole {
-    /// Show the foot, serial number, settings, calibration, number of boots and storage errors of an insole.
+    /// Show the foot, serial number, settings, calibration, number of boots, power use and storage errors of an insole.
     Show {
         #[command(flatten)]
         connection: Connection,

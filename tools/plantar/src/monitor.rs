@@ -55,8 +55,8 @@ pub trait Sink {
         Ok(())
     }
 
-    /// Called when another session began. The insole may have restarted; its clock and sequence numbers then start again. If
-    /// this function returns an error of the link, another session begins.
+    /// Called when another session began, in which the sequence numbers start again. The insole may have restarted; its clock
+    /// then starts again, too. If this function returns an error of the link, another session begins.
     fn reconnected(&mut self, client: &mut AnyClient) -> Result<()>;
 
     /// True once the user's limit of steps or time is reached. The session then ends.

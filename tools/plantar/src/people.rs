@@ -61,8 +61,8 @@ fn entries(folder: &Path) -> Vec<PathBuf> {
     fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()).collect()
 }
 
-/// The files of these participants that a command reads: recordings and settings. A folder that cannot be read has none; its
-/// participant is left out later, with the reason.
+/// The Parquet and TOML files in the folders of these participants, which a command may read. A folder that cannot be read has
+/// none; its participant is left out later, with the reason.
 pub fn files(study: &Path, names: &[String]) -> Vec<PathBuf> {
     let folders = names.iter().filter_map(|name| fs::read_dir(study.join(name)).ok());
     let paths = folders.flatten().flatten().map(|entry| entry.path());

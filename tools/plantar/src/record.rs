@@ -226,7 +226,7 @@ impl Sink for Recorder<'_> {
     fn live(&mut self, live: &Live, mapping: &ClockMapping) -> Result<()> {
         self.frames += 1;
         // After the loss of a record, the client opens the session again over the same link, and the insole counts its frames
-        // from 0. It repeats its records before it sends further frames, so they remain in the session of their own frames.
+        // from 0. The insole repeats its records before it sends further frames, so the session number changes only after them.
         if self.last_live.is_some_and(|last| !sequence::is_after(live.sequence, last)) {
             self.session += 1;
         }

@@ -33,8 +33,8 @@ use study::{Person, fits};
 /// If people have different numbers of trials of a foot, the first trials of
 /// each, in the order of the names of the recordings, are used.
 ///
-/// Exit status: 0 if all participants and recordings were used, 3 if some could
-/// not be used, 1 otherwise, for example if there are too few trials to compare.
+/// Exit status: 0 if all participants and recordings can be used, 3 if some
+/// cannot, 1 otherwise, for example if there are too few trials to compare.
 #[derive(Args)]
 #[command(verbatim_doc_comment)]
 pub struct Repeat {
@@ -65,7 +65,7 @@ struct Trials {
 }
 
 impl Repeat {
-    /// Runs the command. Returns true if all participants and recordings were used.
+    /// Runs the command. Returns true if all participants and recordings can be used.
     pub fn run(&self) -> Result<bool> {
         self.search.check()?;
         let rule = self.contact.rule(None)?;

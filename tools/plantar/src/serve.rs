@@ -67,6 +67,12 @@ impl Serve {
         if !(1..=MAX_INSOLES).contains(&insoles) {
             bail!("give one --serial, --tcp or --emulate per foot: 1 or 2 in total, not {insoles}");
         }
+        if self.emulate.is_empty() && self.insole.is_given() {
+            bail!(
+                "--params, --size, --contact-on, --contact-off, --contact-full and --zero are for --emulate: set up a connected \
+                 insole with `plantar params` and `plantar insole` instead"
+            );
+        }
         let mut sources = Vec::new();
         for port in self.ports.serial.clone() {
             let baud = self.ports.baud;

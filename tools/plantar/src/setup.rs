@@ -27,6 +27,13 @@ impl InsoleArgs {
         recordings.iter().chain(&self.wearer.params).chain(&self.zero.zero).cloned().collect()
     }
 
+    /// True if an option has another value than its default.
+    pub fn is_given(&self) -> bool {
+        let Self { wearer, contact, zero } = self;
+        let values = [contact.contact_on, contact.contact_off, contact.contact_full];
+        wearer.params.is_some() || wearer.size != InsoleSize::default() || values != [None; 3] || zero.zero.is_some()
+    }
+
     /// The contact rule for these parameters. See [`ContactArgs::rule`].
     pub fn rule(&self, parameters: &Parameters) -> Result<ContactRule> {
         self.contact.rule(parameters.identified.as_ref())
@@ -192,5 +199,18 @@ impl ZeroArgs {
             Zero::read(path)?.apply_to(insole, &path.display().to_string())?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{ContactArgs, ContactRule};
+
+    #[test]
+    fn a_contact_rule_remains_exactly_the_same_without_options() {
+        for (on_kpa, off_kpa) in (1..=40u8).flat_map(|on| (1..=on).map(move |off| (on.into(), off.into()))) {
+            let rule = ContactRule { on_kpa, off_kpa, full_kpa: 150.0 };
+            assert_eq!(ContactArgs::default().values().rule(rule).expect("a valid rule"), rule);
+        }
     }
 }

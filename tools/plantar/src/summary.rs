@@ -171,9 +171,9 @@ pub fn model_error_percent(steps: &[Step], region: usize) -> Option<f64> {
     (!loaded.is_empty()).then(|| sum / loaded.len() as f64)
 }
 
-/// As [`model_error_percent`], but only over steps that a fit would use, so that the result can be compared with the error that
-/// the fit predicts: steps in which the region carries at least [`MIN_FORCE_N`] and has no saturated cell. With a smaller force,
-/// the error is mainly that of single cells; with a saturated cell, the measured force is only a lower bound.
+/// As [`model_error_percent`], but only over steps in which the region carries at least [`MIN_FORCE_N`] and has no saturated
+/// cell, so that the result can be compared with the error that a fit predicts: a fit does not use the other steps. With a
+/// smaller force, the error is mainly that of single cells; with a saturated cell, the measured force is only a lower bound.
 pub fn comparable_error_percent(steps: &[Step], region: usize) -> Option<f64> {
     let is_comparable =
         |step: &Step| step.saturated >> region & 1 == 0 && step.regions[region].measured_force_peak_n() >= MIN_FORCE_N;

@@ -87,7 +87,7 @@ impl Update {
     }
 
     /// Waits until the insole has restarted with the new image; `before` is the version that ran before. If the insole did not
-    /// answer the request to install the image, only another version shows that it has done so.
+    /// answer the request to install the image, only another version shows that it has installed it.
     fn wait_for_restart(&self, image: &Image, insole: &mut InsoleLink, before: &str, is_answered: bool) -> Result<()> {
         let version = image.header().version();
         let outcome = |hello: &Hello, was_silent: bool| {
@@ -125,7 +125,8 @@ fn wait_for_trial(image: &Image, insole: &mut InsoleLink) -> Result<()> {
             }
             Err(Error::Refused(protocol::Refusal::Update(Refusal::OnTrial))) => bail!(
                 "{} runs, but it did not pass all checks (measuring, storing, answering by radio), so it is not confirmed: \
-                 the insole restores the previous version within 15 minutes, or at once when you switch it off and on",
+                 unless it passes them later, the insole restores the previous version within 15 minutes, or at once \
+                 when you switch it off and on",
                 image.header().version()
             ),
             Err(error) => return Err(error.into()),

@@ -1,4 +1,5 @@
-//! Shows the live loads of the eight regions in the terminal. If stdout is not a terminal, prints one line per step instead.
+//! Shows the live loads of the eight regions in the terminal. If stdout is not a terminal, prints one line for each step, load
+//! bout and alert instead.
 
 use crate::records::{alert_line, bout_line};
 use crate::signals::Signals;

@@ -56,7 +56,7 @@ impl Peripheral for Insole {
         let (session, joiner) = &mut *guard;
         let Some(message) = joiner.push(fragment).expect("in order") else { return Ok(()) };
         let message = decode::<ToDevice>(message).expect("a message");
-        // Only the messages about tissue parameters use characteristic 4.
+        // Of the requests, only those about tissue parameters use characteristic 4.
         assert_eq!(number == 4, matches!(message, ToDevice::SetTissue(_) | ToDevice::GetTissue));
         if matches!(message, ToDevice::Acknowledge { .. }) && self.breaks_link.swap(false, Ordering::SeqCst) {
             self.connected.store(false, Ordering::SeqCst);

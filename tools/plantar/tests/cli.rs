@@ -256,8 +256,8 @@ fn a_session_is_refused_before_it_connects_if_its_options_cannot_be_used() {
         ("--filter smoothed", ["smoothing", "--filter direct"]),
         ("--filter live", ["live frames", "--filter direct"]),
         ("--method paper", ["smoothing", "--filter direct"]),
-        ("--compression 5", ["--compression 5", "compression"]),
-        ("--tissue nowhere.toml", ["nowhere.toml", "nowhere"]),
+        ("--compression 5", ["compression of 5", "0.05 to 0.95"]),
+        ("--tissue nowhere.toml", ["cannot read nowhere.toml", "check the path"]),
     ] {
         fail(&path, &format!("identify --tcp 127.0.0.1:1 --out session {option}"), &words);
     }

@@ -1,4 +1,4 @@
-//! The last stage of every import of a vendor's export: fills short gaps between frames, and checks the recording.
+//! The last stage of the import of a vendor's export, except pedar's: fills short gaps between frames, and checks the recording.
 
 use crate::check::{self, At};
 use crate::footprint::capitalised;

@@ -1,7 +1,7 @@
 //! The clock of an export that numbers its frames and states the time of day of each.
 
-/// Largest difference between the stated times and a uniform clock, s, if the times have fractions of a second, and if not:
-/// whole seconds are rounded down by up to one second.
+/// Largest difference between the stated times and a uniform clock, s: for times with fractions of a second, and for whole
+/// seconds, which are rounded down by up to one second.
 const LARGEST_RESIDUAL_S: [f64; 2] = [0.1, 1.1];
 /// Least number of frames at which the second changes, if no time has a fraction. The first and the last of them are at least 4 s
 /// apart, so that the period is exact to one frame in 4 s.

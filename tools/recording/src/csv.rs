@@ -5,7 +5,7 @@
 //! header `t_s,c0,c1,...`: time in seconds and the pressure of each cell in kPa.
 
 use crate::check::{self, At};
-use crate::table::{self, at_line, check_later, check_width, file_name, number, unreadable};
+use crate::table::{self, Lines, at_line, check_later, check_width, file_name, number, unreadable};
 use crate::{Cell, Error, Layout, Recording, Result, names, rate, template};
 use ::csv::{ByteRecord, StringRecord};
 use plantar::{Region, Side};
@@ -85,9 +85,9 @@ fn read_layout(from: impl Read, path: &Path) -> Result<Layout> {
     let columns = layout_columns(&header, path)?;
     // (cell number, line, cell), sorted by number below.
     let mut rows: Vec<(usize, u64, Cell)> = Vec::new();
-    for record in reader.records() {
-        let record = record.map_err(|e| unreadable(path, e))?;
-        let line = record.position().map_or(0, |p| p.line());
+    let (lines, mut record) = (Lines::after_header(&reader), StringRecord::new());
+    while reader.read_record(&mut record).map_err(|e| unreadable(path, e))? {
+        let line = lines.of(&reader, record.position());
         let place = || at_line(path, line);
         check_width(record.len(), header.len(), &place)?;
         let value = |column: usize| number(&record[column], &header[column], &place);
@@ -276,9 +276,9 @@ fn read_frames(
     let header = reader.headers().map_err(|e| unreadable(path, e))?.clone();
     check_frames_header(&header, path, layout_path, cells)?;
     let mut frames = Frames { t_s: Vec::new(), lines: Vec::new(), pressure_kpa: Vec::new() };
-    let mut record = ByteRecord::new();
+    let (lines, mut record) = (Lines::after_header(&reader), ByteRecord::new());
     while reader.read_byte_record(&mut record).map_err(|e| unreadable(path, e))? {
-        let (line, done_bytes) = record.position().map_or((0, 0), |p| (p.line(), p.byte()));
+        let line = lines.of(&reader, record.position());
         let place = || at_line(path, line);
         check_width(record.len(), header.len(), &place)?;
         let field = |column: usize| std::str::from_utf8(&record[column]).unwrap_or("?");
@@ -291,7 +291,7 @@ fn read_frames(
             frames.pressure_kpa.push(kpa);
         }
         if frames.lines.len().is_multiple_of(ROWS_PER_REPORT) {
-            progress(done_bytes);
+            progress(reader.position().byte());
         }
     }
     Ok(frames)

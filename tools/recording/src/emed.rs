@@ -102,7 +102,7 @@ impl Pages<'_> {
             return Ok(());
         }
         let mut lines = (first_line..).zip(page.lines());
-        let (mut size_mm, mut area_mm2, mut period_s, mut picture, mut is_frame) = (None, None, None, None, false);
+        let (mut size_mm, mut area_mm2, mut period_s, mut picture, mut is_frame) = (None, Ok(None), None, None, false);
         // The first line whose first non-empty field is a number contains the numbers of the columns.
         let columns = loop {
             let Some((line, row)) = lines.next() else {
@@ -122,10 +122,12 @@ impl Pages<'_> {
                 size_mm = Some(sizes_mm(value, &place)?);
             }
             if let Some(value) = value_of("Sensor area") {
-                area_mm2 = first_number(value).map(|cm2| 100.0 * cm2);
+                // The superscript 2 of the unit is not always readable.
+                let mm2 = unit_in(value, [("cm", 100.0), ("mm", 1.0), ("", 100.0)], &place);
+                area_mm2 = mm2.map(|mm2| first_number(value).map(|area| mm2 * area));
             }
             if let Some(value) = value_of("Time/picture") {
-                let unit_s = if value.contains("ms") { 1e-3 } else { 1.0 };
+                let unit_s = unit_in(value, [("ms", 1e-3), ("s", 1.0), ("", 1.0)], &place)?;
                 period_s = first_number(value).map(|time| time * unit_s);
             }
             if let Some(value) = value_of("Pict-No") {
@@ -143,7 +145,10 @@ impl Pages<'_> {
         }
         let place = || at_line(self.path, first_line);
         // A page without the size of a sensor states its area; the sensor is then assumed to be square.
-        let size_mm = size_mm.or(area_mm2.map(|mm2| [mm2.sqrt(); 2]));
+        let size_mm = match size_mm {
+            Some(size_mm) => Some(size_mm),
+            None => area_mm2?.map(|mm2| [mm2.sqrt(); 2]),
+        };
         let size_mm = size_mm.filter(|size| size.iter().all(|mm| *mm > 0.0 && *mm <= MAX_CELL_MM));
         let (Some(size_mm), Some(period_s)) = (size_mm, period_s) else {
             let problem =
@@ -222,7 +227,7 @@ impl Pages<'_> {
             }
             force_n += row_n;
         }
-        // In known exports, the tables of all pictures have the same rows, so that also one without load has some.
+        // In known exports, the tables of all pictures have the same rows, so even that of a picture without load has some.
         if rows.is_empty() {
             return Err(Error::content(place(), "the table below has no rows", CUT_OFF));
         }
@@ -257,6 +262,20 @@ fn index(field: &str, what: &str, place: &dyn Fn() -> String) -> Result<usize> {
     field.parse().ok().filter(|index| *index < MAX_LINES).ok_or_else(|| {
         let problem = format!("`{}` is not a {what} number from 0 to {}", shortened(field), MAX_LINES - 1);
         Error::content(place(), problem, CUT_OFF)
+    })
+}
+
+/// The value of the unit after the number in a text. `units` lists beginnings of names of units with their values; the first one
+/// that fits is used, and an empty name fits only a text without a unit.
+///
+/// # Errors
+/// Fails for an unknown unit.
+fn unit_in(text: &str, units: [(&str, f64); 3], place: &dyn Fn() -> String) -> Result<f64> {
+    let unit = text.trim_start_matches(|c: char| !c.is_alphabetic()).to_lowercase();
+    let fits = |name: &str| if name.is_empty() { unit.is_empty() } else { unit.starts_with(name) };
+    units.into_iter().find(|(name, _)| fits(name)).map(|(_, value)| value).ok_or_else(|| {
+        let problem = format!("unknown unit in `{}`", shortened(text));
+        Error::content(place(), problem, "export the measurement with lengths in mm or cm, and times in ms or s")
     })
 }
 

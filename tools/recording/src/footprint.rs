@@ -13,7 +13,7 @@ const IN_STANCE: f64 = 0.1;
 /// Least movement of the centre of pressure in a step that shows the direction of walking, as a fraction of the length of the
 /// foot.
 const LEAST_MOVEMENT: f64 = 0.1;
-/// Further bands across the foot, between two fractions of its length as [`HEEL`] and [`FOREFOOT`].
+/// Further bands across the foot. Like [`HEEL`] and [`FOREFOOT`], each lies between two fractions of the length of the foot.
 const MIDFOOT: [f64; 2] = [0.32, 0.52];
 const TOES: [f64; 2] = [0.84, 1.0];
 /// Least asymmetry towards the wrong side that indicates a mirrored layout, as a fraction of the width of the forefoot.
@@ -149,9 +149,9 @@ pub fn warnings(recording: &Recording) -> Vec<String> {
         && lesser_toes_exceed_hallux(recording)
     {
         warnings.push(format!(
-            "The {} foot looks mirrored: the lesser toes carry more than the hallux, and the midfoot is loaded on \
-             its medial side. If it is the other foot, state it with --side; otherwise mirror the layout in the \
-             vendor's program, or correct x_mm in a layout file.",
+            "The {} foot looks mirrored: the lesser toes carry more than the hallux, and the load of midfoot and toes \
+             is distributed as in the other foot. If it is the other foot, state it with --side; otherwise mirror the \
+             layout in the vendor's program, or correct x_mm in a layout file.",
             recording.side.name()
         ));
     }

@@ -1,5 +1,6 @@
 //! Gaps in an export, where the measuring system lost frames. An imported recording has no gaps: short ones are filled, and if
-//! there are longer ones, only the longest part between them is imported.
+//! there are longer ones, only the longest part between them is imported. [`crate::pedar`] and [`crate::csv`] instead refuse an
+//! export with gaps.
 
 /// Longest gap that is filled by interpolation, s. A heel strike takes about this time, so that a longer gap may hide the
 /// beginning of a step.
@@ -7,7 +8,8 @@ const LONGEST_FILLED_S: f64 = 0.1;
 /// If the time between two frames is longer than this number of median intervals, frames between them were lost.
 pub const GAP_INTERVALS: f64 = 1.5;
 /// Shortest median interval with which gaps are filled, s; with a shorter one, the number of frames in a gap would have no limit.
-/// It is between the intervals at 1000 Hz, which are filled, and at 2000 Hz, because the times of an export are rounded.
+/// It is between the interval at 1000 Hz, with which gaps are filled, and that at 2000 Hz, because the times of an export are
+/// rounded.
 const SHORTEST_FILLED_PERIOD_S: f64 = 7e-4;
 
 /// Fills gaps of up to [`LONGEST_FILLED_S`] linearly. In a longer gap the load is unknown: only the longest part without one

@@ -2,9 +2,10 @@
 //!
 //! A [`Recording`] is the pressure under one foot over time. It is stored in a Parquet file ([`Recording::read`],
 //! [`Recording::write`]), which [`RecordingReader`] reads in blocks of frames. One of the importers creates it ([`export`] for
-//! the exports of other systems, [`csv`], [`pedar`], [`jiku`]), or it is computed from known true values ([`synthetic`]). If the
-//! source names no regions, [`template`] assigns them. [`VirtualInsole`] converts the pressures of a recording to the codes of a
-//! sensor; [`Scans`] are these codes. The zero of an insole, [`Zero`], is computed from a [`StandingTrial`].
+//! the exports of other systems, [`csv`], [`pedar`], [`jiku`]), [`StreamedCells`] collects it from the stream of an insole, or it
+//! is computed from known true values ([`synthetic`]). If the source names no regions, [`template`] assigns them.
+//! [`VirtualInsole`] converts the pressures of a recording to the codes of a sensor; [`Scans`] are these codes. The zero of an
+//! insole, [`Zero`], is computed from a [`StandingTrial`].
 
 pub mod csv;
 pub mod emed;

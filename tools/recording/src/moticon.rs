@@ -39,7 +39,8 @@ const CENTRES: [[f64; 2]; CELLS] = [
     [0.408, -0.082],
     [0.359, -0.312],
 ];
-/// Areas of the cells as fractions of their sum, for measurements that load too few cells to determine their areas.
+/// Typical areas of the cells as fractions of their sum. They replace areas that a measurement does not determine, because the
+/// cells are hardly loaded, and limit the other areas.
 const AREAS: [f64; CELLS] = [
     0.0604, 0.0540, 0.0652, 0.0641, 0.0641, 0.0636, 0.0877, 0.0889, 0.0765, 0.0607, 0.0611, 0.0619, 0.0500, 0.0495,
     0.0611, 0.0312,

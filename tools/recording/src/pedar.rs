@@ -8,9 +8,10 @@
 //! side by side and are seen from above, with the heels at small y and the right insole at larger x.
 
 use crate::check::{self, At};
-use crate::table::{self, at_line, check_later, check_width, file_name, number, pressure, unreadable};
+use crate::table::{self, Lines, at_line, check_later, check_width, file_name, number, pressure, unreadable};
 use crate::text::decode;
 use crate::{Cell, Error, Layout, Recording, Result, rate, template, units};
+use csv::StringRecord;
 use plantar::{Region, Side};
 use std::fs;
 use std::path::Path;
@@ -110,9 +111,9 @@ fn read_geometry(text: &[u8], path: &Path, side: Side) -> Result<Vec<Cell>> {
     }
     let mut cells = Vec::new();
     let mut corners = Vec::new();
-    for record in reader.records() {
-        let record = record.map_err(|e| unreadable(path, e))?;
-        let line = record.position().map_or(0, |p| p.line());
+    let (lines, mut record) = (Lines::after_header(&reader), StringRecord::new());
+    while reader.read_record(&mut record).map_err(|e| unreadable(path, e))? {
+        let line = lines.of(&reader, record.position());
         let place = || at_line(path, line);
         check_width(record.len(), header.len(), &place)?;
         if !["left", "right"].contains(&&record[0]) {

@@ -10,6 +10,7 @@ use crate::table::{at_line, check_later, check_width, file_name, pressure};
 use crate::text::{decode, number, parse_number};
 use crate::{Error, Export, Result, units};
 use plantar::Side;
+use std::collections::BTreeSet;
 use std::path::Path;
 
 /// First word of the line that names the sensors.
@@ -150,11 +151,17 @@ fn places(text: &str, sensors: usize, path: &Path) -> Result<Places> {
     let index = |axis: usize, sensor: usize, pitch_mm: f64, start_mm: f64| {
         ((extent(axis, sensor)[0] - start_mm) / pitch_mm).round() as usize
     };
-    let cells = (0..sensors)
+    let cells: Vec<_> = (0..sensors)
         .map(|sensor| {
             // `Grid` numbers rows from the top, and y increases to the top.
             (MAX_LINES - 1 - index(1, sensor, row_mm, lower_mm), index(0, sensor, column_mm, left_mm))
         })
         .collect();
+    // Of two sensors in the same place, only the pressure of the last one would be imported.
+    if cells.iter().collect::<BTreeSet<_>>().len() < sensors {
+        let problem = "two sensors have the same corners";
+        let remedy = "export the measurement again, or correct the corners of the sensors";
+        return Err(Error::content(path.display().to_string(), problem, remedy));
+    }
     Ok(Places { row_mm, column_mm, cells })
 }

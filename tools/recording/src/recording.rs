@@ -102,10 +102,10 @@ impl Recording {
 
     /// The same load on at most `max_cells` cells. A recording that has no more cells is returned unchanged.
     ///
-    /// First, cells that are never loaded are dropped. If that does not suffice, cells of the same region within one square of
-    /// a regular grid are merged. The pitch of the grid is the smallest multiple of 0.1 mm that suffices. A merged cell has the
-    /// sum of the areas, the area-weighted centroid and the area-weighted mean pressure, so the force on every region is
-    /// conserved in every frame.
+    /// First, cells that are never loaded are dropped, unless no cell is ever loaded. If that does not suffice, cells of the same
+    /// region within one square of a regular grid are merged. The pitch of the grid is the smallest multiple of 0.1 mm that
+    /// suffices. A merged cell has the sum of the areas, the area-weighted centroid and the area-weighted mean pressure, so the
+    /// force on every region is conserved in every frame.
     ///
     /// # Errors
     /// Fails if `max_cells` is smaller than the number of loaded regions, or a merged cell would be larger than 4,000 mm².

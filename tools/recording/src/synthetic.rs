@@ -1,5 +1,5 @@
-//! Computed recordings with known true values, for tests and benchmarks: a walk and a standing trial. The errors of a real
-//! sensor can be added: the offsets and the noise of its cells.
+//! Computed recordings with known true values, for tests, benchmarks and examples: a walk and a standing trial. The errors of a
+//! real sensor can be added: the offsets and the noise of its cells.
 
 mod ellipse;
 mod insole;

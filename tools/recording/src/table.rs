@@ -1,7 +1,7 @@
 //! Parsing of text tables, with errors that name file and line.
 
 use crate::{Error, Result};
-use csv::{Reader, ReaderBuilder, Trim};
+use csv::{ErrorKind, Position, Reader, ReaderBuilder, Trim};
 use std::io::Read;
 use std::path::Path;
 
@@ -9,6 +9,27 @@ use std::path::Path;
 /// message.
 pub fn open<R: Read>(from: R) -> Reader<R> {
     ReaderBuilder::new().trim(Trim::All).flexible(true).from_reader(from)
+}
+
+/// Determines the lines of records.
+pub struct Lines {
+    /// Number of lines that the reader counts too few after a record: it counts the line feed after a carriage return only with
+    /// the next record.
+    uncounted: u64,
+}
+
+impl Lines {
+    /// For a reader that has read nothing but the header, which is one line.
+    pub fn after_header<R: Read>(reader: &Reader<R>) -> Self {
+        Self { uncounted: 2_u64.saturating_sub(reader.position().line()) }
+    }
+
+    /// The line of the record that was read last, which has this position.
+    pub fn of<R: Read>(&self, reader: &Reader<R>, record: Option<&Position>) -> u64 {
+        // The position of a record after blank lines is that of the first blank line, and the last record of a file may have no
+        // line feed at its end.
+        (reader.position().line() - 1).max(record.map_or(0, Position::line)) + self.uncounted
+    }
 }
 
 /// The text `file:line` for messages.
@@ -27,7 +48,11 @@ pub fn unreadable(file: &Path, error: csv::Error) -> Error {
         Some(position) => at_line(file, position.line()),
         None => file.display().to_string(),
     };
-    Error::content(place, error.to_string(), "save the file as plain CSV in UTF-8")
+    let problem = error.to_string();
+    match error.into_kind() {
+        ErrorKind::Io(reason) => Error::io(file)(reason),
+        _ => Error::content(place, problem, "save the file as plain CSV in UTF-8"),
+    }
 }
 
 /// Parses a finite number. Messages name `column` and begin with `place`, the file and the line.

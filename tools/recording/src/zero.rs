@@ -70,7 +70,7 @@ impl Zero {
     ///
     /// # Errors
     /// Fails if the file cannot be read, is not TOML of this form and version, or contains an offset that is negative or not
-    /// finite. The message names file and line.
+    /// finite. The message names the file and, if one line is wrong, this line.
     pub fn read(path: &Path) -> Result<Self> {
         Self::parse(&std::fs::read_to_string(path).map_err(Error::io(path))?, path)
     }

@@ -37,6 +37,19 @@ fn valid_files_are_imported() {
 }
 
 #[test]
+fn an_error_names_the_line_for_both_line_ends_and_after_blank_lines() {
+    for end in ["\n", "\r\n"] {
+        for (last, blank) in [("", ""), (end, ""), (end, end)] {
+            let lines = ["t_s,c0,c1", "0.00,1,2", "0.01,3,4", "0.02,5"].join(end);
+            let frames = lines.replacen("0.02", &format!("{blank}0.02"), 1) + last;
+            assert_refused(LAYOUT, &frames, &[if blank.is_empty() { "frames.csv:4:" } else { "frames.csv:5:" }]);
+            let layout = LAYOUT.replace("toe_2", "toe_9").replace("\n1,", &format!("\n{blank}1,")).replace('\n', end);
+            assert_refused(&layout, FRAMES, &[if blank.is_empty() { "layout.csv:3:" } else { "layout.csv:4:" }]);
+        }
+    }
+}
+
+#[test]
 fn order_spaces_and_a_byte_order_mark_do_not_matter() {
     let layout = "\u{feff}region, cell, area_mm2, y_mm, x_mm\ntoe_2, 1, 100, 5, 15\nheel,0,100,5,5\n";
     let frames = FRAMES.replace(',', " , ").replace('\n', "\r\n");

@@ -144,6 +144,11 @@ fn damaged_files_are_refused_with_the_line_and_a_remedy() {
     assert_message(cut_within_second("\t20\t21"), &at(first_line), &["picture has no table", "cut off"]);
     assert_message(cut_within_second("\t24\t25"), &at(first_line + columns), &["no rows", "cut off"]);
     assert_message(changed("1.000x1.000 cm", "1.000x1.000 cubits"), &at(7), &["cubits"]);
+    assert_message(changed("Time/picture:10.0 ms", "Time/picture:10.0 min"), &at(5), &["10.0 min", "unit"]);
+    // The area is used only without a size.
+    assert!(changed("1.00 cm²", "1.00 in²").is_ok());
+    let without_size = text.replace("\tSensor size: 1.000x1.000 cm\n", "").replacen("1.00 cm²", "1.00 in²", 1);
+    assert_message(parse(without_size.as_bytes()), &at(5), &["1.00 in²", "unit"]);
     assert_message(changed("Time/picture:10.0 ms", ""), &at(1), &["time between pictures"]);
     assert_message(changed("picture:10.0 ms", "picture:0.05 ms"), &at(1), &["5e-5 s", "1e-4 to 1 s"]);
     assert_message(parse(b"File: 2.dat\nMVP\n"), "step.lst: ", &["no page"]);

@@ -138,8 +138,8 @@ fn an_excel_file_is_imported() {
 #[test]
 fn an_excel_file_with_a_record_beyond_its_end_is_refused_with_the_place() {
     let mut file = include_bytes!("../../../fuzz/corpus/vendor/footscan-xls")[1..].to_vec();
-    // The stream with the workbook follows the first sector, which has 512 bytes. The last number of the sheet is in a record of
-    // type 0x0203 with 14 bytes.
+    // The stream with the workbook follows the header of the file, which has 512 bytes. The last number of the sheet is in a
+    // record of type 0x0203 with 14 bytes.
     let at = file.windows(4).rposition(|bytes| bytes == [0x03, 0x02, 14, 0]).expect("a number");
     file[at + 2..at + 4].copy_from_slice(&[0xff, 0xff]);
     let place = format!("byte {} ", at - 512);

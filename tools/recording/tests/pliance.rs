@@ -80,6 +80,14 @@ fn damaged_files_are_refused_with_the_place_and_a_remedy() {
     let raised = text.replacen("y[1] 26.1000", "y[1] 3686.3100", 1).replacen("y[2] 26.1000", "y[2] 3686.3100", 1);
     let raised = raised.replacen("y[3] 27.0000", "y[3] 3687.2100", 1).replacen("y[4] 27.0000", "y[4] 3687.2100", 1);
     assert_message(parse(&raised), "step.asc: ", &["rectangles"]);
+    // The first sensor gets the corners of the second one.
+    let doubled = text.lines().map(|line| match *line.split(' ').collect::<Vec<_>>() {
+        [name, _, second, ref others @ ..] if name.starts_with("x[") || name.starts_with("y[") => {
+            [&[name, second, second], others].concat().join(" ") + "\n"
+        }
+        _ => format!("{line}\n"),
+    });
+    assert_message(parse(&doubled.collect::<String>()), "step.asc: ", &["same corners"]);
     assert_message(changed("\n5.01000 0.000", "\n5.01000"), "step.asc:8: ", &["330 columns"]);
     assert_message(changed("\n5.01000 0.000", "\n5.01000 -1"), "step.asc:8: ", &["-1 kPa", "at least 0"]);
     let in_bars = text.replacen("kPa", "bar", 1).replacen("\n5.01000 0.000", "\n5.01000 -1", 1);

@@ -37,7 +37,7 @@ impl Typical {
             let (start_s, curves) = evaluate(study, step, region)?;
             Some(Self { step, start_s, curves })
         });
-        // In each step that a fit uses, the region is in contact, so none of them can be missing here.
+        // In each step that a fit uses, the region is in contact, so a step is missing only if the fit is of other steps.
         median(steps.collect(), Self::nrmse).ok_or_else(|| "the fit is of other steps than those of the study".into())
     }
 

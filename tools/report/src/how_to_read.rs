@@ -25,8 +25,8 @@ pub fn instructions(options: &Options) -> Markup {
                     " Tensile model force is set to zero instead of penalised as in Eq. 19, and π A B is constrained to be at \
                      least the largest contact area.",
                 Method::Paper =>
-                    " All eight parameters were searched as in the paper, with the penalty of Eq. 19; π A B may be smaller than \
-                     the largest contact area.",
+                    " All eight parameters were searched as in the paper, for the measured force smoothed by a polynomial of \
+                     fifth order, with the penalty of Eq. 19; π A B may be smaller than the largest contact area.",
             }
         }
         p {

@@ -53,7 +53,7 @@ fn filter(filter: Filter) -> &'static str {
         }
         Filter::Smoothed => {
             "the smoothing of the paper: contact area smoothed by a three-point mean and a polynomial of fifth order over the \
-             contact phase, deformation rate by Eq. 16; force as measured"
+             contact phase, deformation rate by Eq. 16"
         }
         Filter::Live => {
             "the filter of the live stream: mean contact area of three frames, deformation rate by the backward difference; force \
@@ -69,13 +69,16 @@ fn method(options: &Options) -> &'static str {
              deterministic"
         }
         Method::Projection => "five parameters by variable projection from a grid of starting points; deterministic",
-        Method::Paper => "the method of the paper: eight variables by a general solver from ten random starts",
+        Method::Paper => {
+            "the method of the paper: eight variables by a general solver from ten random starts; force smoothed by a \
+             polynomial of fifth order"
+        }
     }
 }
 
 fn bounds(study: &Study) -> String {
     if study.options.prior.is_some() {
-        return "π A B 1 to 8.4 times the largest contact area, n above −0.95; the prior replaces further bounds"
+        return "π A B 1 to 8.4 times the largest contact area, n −0.95 to 9.0, m up to 10; the prior replaces further bounds"
             .into();
     }
     let bounds = &study.options.bounds;

@@ -63,8 +63,10 @@ impl Search {
             peak_strain: region.peak_strain,
             curvature_m: region.curvature_m,
         });
-        let (bounds, prior) =
-            if self.has_paper_bounds { (Bounds::PAPER, None) } else { (Bounds::USUAL, Some(fit::prior::WALKERS)) };
+        let bounds = if self.has_paper_bounds { Bounds::PAPER } else { Bounds::USUAL };
+        // The paper's search has no prior.
+        let has_prior = self.method == Method::Projection && !self.has_paper_bounds;
+        let prior = has_prior.then_some(fit::prior::WALKERS);
         let usual_filter = match self.method {
             Method::Projection => Filter::Direct,
             Method::Paper => Filter::Smoothed,
@@ -132,7 +134,7 @@ impl ContactOptions {
     /// # Errors
     /// Fails if the result is no valid rule.
     pub fn rule(&self, default: ContactRule) -> Result<ContactRule> {
-        let off_kpa = default.off_kpa / default.on_kpa * self.on_kpa.unwrap_or(default.on_kpa);
+        let off_kpa = self.on_kpa.map_or(default.off_kpa, |on_kpa| default.off_kpa / default.on_kpa * on_kpa);
         let rule = self.changed(ContactRule { off_kpa, ..default });
         if !rule.is_valid() {
             bail!(

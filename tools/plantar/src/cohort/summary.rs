@@ -80,7 +80,7 @@ pub fn print(people: &[Person]) {
          {table}"
     );
     println!(
-        "Each step is fitted separately to the measured force (NRMSE: Eq. 20 of the paper). The means are taken over the steps"
+        "Each step is fitted separately. NRMSE: against the measured force (Eq. 20 of the paper). Means are taken over the steps"
     );
     println!(
         "of a recording, then over recordings, then over participants. As in the paper, all means are arithmetic. A few\n\

@@ -48,7 +48,7 @@ fn print_medians(foot: &FootRepeatability) {
     println!("Repeatability, {}:\n{table}", foot.comparison());
 }
 
-/// Prints the ICC by region, unless there is only one person, and then SEM and MDC by region.
+/// Prints the ICC by region, unless there is only one person. Then prints SEM and MDC by region.
 fn print_regions(foot: &FootRepeatability) {
     let side = foot.side.name();
     if foot.people.len() > 1 {
