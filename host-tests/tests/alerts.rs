@@ -14,7 +14,7 @@ use testkit::activity::{self, Activity};
 
 const RATE_HZ: usize = 100;
 
-/// Rules with a window of a minute and a limit of the dose that a walk of some minutes reaches.
+/// Rules with a window of a minute and a limit of the dose that some tens of steps reach.
 const RULES: AlertRules = AlertRules {
     limits: LoadLimits { window_s: 60, ..LoadLimits::DEFAULT },
     dose_kpa_s: 500.0,

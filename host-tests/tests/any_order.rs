@@ -36,7 +36,7 @@ enum Event {
 #[derive(Clone, Debug, Default)]
 struct Schedule {
     now_ms: u64,
-    /// End of the present walk, ms.
+    /// Time by which the last stance of the present walk has ended, ms.
     walks_until_ms: u64,
     /// Number of crashes so far.
     crashes: u32,
@@ -85,7 +85,7 @@ impl ReferenceStateMachine for AnyOrder {
 
     fn preconditions(state: &Schedule, transition: &Transition) -> bool {
         match transition.event {
-            // A walk begins after the end of the previous one.
+            // A walk begins after the last stance of the previous one.
             Event::Insole(InsoleEvent::Walk { .. }) => state.now_ms >= state.walks_until_ms,
             Event::Insole(InsoleEvent::Stall(_) | InsoleEvent::Panic) => state.crashes < MOST_CRASHES,
             _ => true,

@@ -13,8 +13,8 @@ const DOCUMENT: &str = "docs/architecture.md";
 const BEGIN: &str = "<!-- The diagrams are generated: see CONTRIBUTING.md. -->\n";
 const END: &str = "<!-- End of the generated diagrams. -->\n";
 
-/// Folders with programs and tests for a host. No firmware may use the crates in these folders.
-const HOST: [&str; 5] = ["host-tests", "proofs", "python", "testkit", "tools"];
+/// Folders with host programs and with tests. No firmware may use the crates in these folders.
+const HOST: [&str; 6] = ["fuzz", "host-tests", "proofs", "python", "testkit", "tools"];
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
@@ -25,14 +25,14 @@ fn read(path: &Path) -> String {
 }
 
 /// The paths of all files with this ending below a folder of the workspace, relative to the root of the workspace. Hidden
-/// folders, `fuzz`, `node_modules` and `target` are skipped.
+/// folders, `node_modules` and `target` are skipped.
 fn files(folder: &str, ending: &str) -> Vec<String> {
     let mut found = Vec::new();
     for entry in fs::read_dir(root().join(folder)).expect("the folder can be read").flatten() {
         let name = entry.file_name().into_string().expect("the name is UTF-8");
         let path = if folder.is_empty() { name.clone() } else { format!("{folder}/{name}") };
         if entry.path().is_dir() {
-            let is_source = !name.starts_with('.') && !["fuzz", "node_modules", "target"].contains(&name.as_str());
+            let is_source = !name.starts_with('.') && !["node_modules", "target"].contains(&name.as_str());
             if is_source {
                 found.extend(files(&path, ending));
             }
@@ -213,7 +213,9 @@ impl Modules {
 
 /// The tree of a `pub use` of submodules. `text` begins after the `pub`.
 fn exported_tree(text: &str) -> Option<&str> {
-    let text = text.strip_prefix("(crate)").unwrap_or(text).strip_prefix(" use ")?;
+    // `pub(crate)`, `pub(super)` or `pub(in path)`.
+    let text = text.strip_prefix('(').and_then(|rest| rest.split_once(')')).map_or(text, |(_, text)| text);
+    let text = text.strip_prefix(" use ")?;
     (!["crate::", "self::", "super::"].iter().any(|other| text.starts_with(other))).then_some(text)
 }
 
@@ -230,7 +232,8 @@ fn top_level(modules: &Graph) -> Graph {
 
 /// The folder of each crate of the workspace, and the crates that each crate uses other than in its tests.
 fn crates() -> (BTreeMap<String, String>, Graph) {
-    let manifests: Vec<_> = files("", "Cargo.toml").into_iter().map(|file| (read(&root().join(&file)), file)).collect();
+    let manifests = files("", "Cargo.toml").into_iter().filter(|file| file != "fuzz/Cargo.toml");
+    let manifests: Vec<_> = manifests.map(|file| (read(&root().join(&file)), file)).collect();
     let name = |manifest: &str| {
         let name =
             manifest.lines().skip_while(|line| *line != "[package]").find_map(|line| line.strip_prefix("name = "));

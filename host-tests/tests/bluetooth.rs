@@ -75,7 +75,7 @@ fn an_unbonded_phone_reads_values_of_standard_services_and_nothing_else() {
     assert_eq!(phone.read(&mut world.radio, "2a19"), [73]);
     assert_eq!(phone.read(&mut world.radio, CURRENT_TIME), [0; 10], "the clock must not be set yet");
     assert_eq!(phone.read(&mut world.radio, "2a54"), [0, 0]);
-    // A write without a response has none, even if it is not permitted.
+    // A write without a response must not be answered, even if it is not permitted.
     assert_eq!(phone.command_and_read(&mut world.radio, "2a54", &[1, 0]), [0, 0]);
 
     let connect = fragments(&ToDevice::Connect { major: MAJOR, minor: MINOR }, 20).remove(0);
@@ -149,7 +149,7 @@ fn a_bonded_phone_receives_every_frame_and_step_of_a_walk() {
     println!("deepest stack with a pairing: {} bytes", phone.status(&mut world.radio).stack_bytes);
 }
 
-/// A phone finds an insole that is not worn and scans once a second. From the first load on, the insole scans every frame again.
+/// A phone finds an insole that is not worn, which scans once a second. From the first load on, the insole scans every frame.
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn an_insole_that_is_not_worn_is_found_and_measures_when_it_is_put_on() {

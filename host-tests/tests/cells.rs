@@ -1,5 +1,6 @@
 //! The stream of all cells. Through the emulated board and its link, the received codes equal those of the walk, and a rate
-//! that the port cannot carry is refused. On a host board in virtual time, a stream with `every` 0 has the cells of all frames.
+//! that the port cannot carry is refused. On a host board in virtual time, a rate that Bluetooth cannot carry is refused, too,
+//! and a stream with `every` 0 has the cells of all frames.
 
 use crate::common::{TIMEOUT, connect, firmware, synthetic_walk, tissue};
 use client::{Client, Error, StartedCells};

@@ -1,9 +1,9 @@
 """The measures of both feet in NumPy, computed directly from their definitions in docs/measures.md.
 
 Reads from the standard input, as JSON, the steps of the "left" and of the "right" foot in the order of time: number, heel strike
-(s), stance time (s), peak force (N) and force-time integral (N s). Prints a JSON object: for each measure and for the cadence,
-the number of values, their mean and standard deviation, and the two limits of the 95 % confidence interval of the mean; null
-for what cannot be computed.
+(s), stance time (s), peak force (N) and force-time integral (N s). Prints a JSON object: for each measure of each foot, each
+symmetry index and the cadence, the number of values, their mean and standard deviation, and the two limits of the 95 %
+confidence interval of the mean; null for what cannot be computed.
 """
 
 import json

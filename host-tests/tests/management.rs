@@ -203,7 +203,7 @@ fn lines_with_any_flipped_bit_are_no_message() {
     for bit in 0..8 * len {
         let mut flipped = lines;
         flipped[bit / 8] ^= 1 << (bit % 8);
-        // Ends of lines, padding and the unused bits of the last character have no meaning.
+        // Ends of lines and padding have no meaning. The character before the padding has unused bits, and is not tested either.
         let is_unused = lines[bit / 8] == END || lines[bit / 8..len].contains(&b'=') && len - bit / 8 <= 4;
         if !is_unused {
             assert!(!matches!(unwrap(&mut flipped[..len]), Lines::Message(_)), "bit {bit}");

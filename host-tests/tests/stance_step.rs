@@ -317,7 +317,7 @@ proptest! {
         let mut area_mm2 = vec![0.0; count_before];
         area_mm2.extend((0..count).map(|i| f64::from((peak_mm2 * bell(i, skew)) as f32)));
         area_mm2.resize(area_mm2.len() + count_after, 0.0);
-        // The force begins before the contact and ends after it. Its peak is at another time than that of the contact area.
+        // The force can begin before the contact and end after it. Its peak can be at another time than that of the contact area.
         let force_n: Vec<_> = (0..area_mm2.len())
             .map(|i| f64::from((peak_n * (PI * (i as f64 + 0.5) / area_mm2.len() as f64).sin()) as f32))
             .collect();

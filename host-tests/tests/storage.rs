@@ -582,9 +582,9 @@ fn a_chip_without_two_equal_surveys_is_not_used() {
     assert!(chip.operations == 0 && chip.bytes == before.bytes, "{contents:?}");
 }
 
-/// The areas of the records and of the log have random content, in which nothing shows that the chip was in use before. They
-/// are counted as erased nevertheless. Only data within the first 512 bytes, which an interrupted first start may have written,
-/// would not be counted.
+/// The first sectors of the records and the whole log have random content, in which nothing shows that the chip was in use
+/// before. Both areas are counted as erased nevertheless. Only data within the first 512 bytes of an area, which an interrupted
+/// first start may have written, would not be counted.
 #[test]
 fn an_area_with_foreign_data_is_counted_when_it_is_erased() {
     for chip_bytes in [SMALL_LOG.end as usize, 16 << 20] {

@@ -1,7 +1,8 @@
 //! Updates of the real firmware in QEMU by the real bootloader. A signed image runs after the restart, and remains active once it
 //! has confirmed itself. If an image is refused or fails, the previous one runs. Both hold if power fails at any moment.
 //!
-//! The newer image of these tests is the same firmware with another version in its header. The firmware reports that version.
+//! The newer image of these tests is the same firmware with another version in its header, which the firmware reports, or a
+//! short image that crashes.
 
 use crate::common::{TIMEOUT, connect};
 use crate::updates::{BOARD, Insole, OLD, development, firmware_with, signed};

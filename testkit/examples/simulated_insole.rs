@@ -1,7 +1,7 @@
 //! A simulated insole that listens on a TCP port, for tests of other programs. The command is `cargo run -p testkit --example
 //! simulated_insole -- STEPS`. The insole serves one host after the other with the code of the firmware's session. It accepts
 //! parameters, but computes nothing with them. It sends STEPS steps, a load bout and an alert; of more than four steps only
-//! the last four, because the session keeps six records. The program prints the address on which it listens, and then the
+//! the last four, because the session holds six records. The program prints the address on which it listens, and then the
 //! record number of each acknowledgement that arrives.
 
 use plantar::protocol::session::{CommandResult, Session};

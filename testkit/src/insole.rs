@@ -40,7 +40,7 @@ const IMAGE_BYTES: usize = 40 * CHUNK;
 /// Time from the start to the panic of an image with [`Defect::Crash`], s.
 const CRASH_S: u64 = 20;
 
-/// A defect of an image; the byte after the header of an image states it.
+/// A defect of an image; the byte after the space that is reserved for the header of an image states it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Defect {

@@ -623,8 +623,8 @@ impl Outcome {
     }
 
     /// Checks the invariants of all scenarios: every computed step and load bout arrives once, in order and unchanged, except the
-    /// last ones of a boot that was cut short; numbers increase; counters are consistent. Returns the number of lost steps and
-    /// load bouts.
+    /// last ones of a boot that was cut short, and those of the last boot if the host has ended its session or does not
+    /// acknowledge; numbers increase; counters are consistent. Returns the number of steps and load bouts that did not arrive.
     ///
     /// # Errors
     /// The first invariant that is violated.
@@ -838,8 +838,8 @@ pub struct LongWalk {
 
 impl LongWalk {
     /// Runs the walk, with the left foot connected over the cable, the right one over the radio, and live frames from both.
-    /// Calls `progress` after each virtual minute with the number of steps that arrived. Returns the outcome, and the virtual
-    /// duration of the walk.
+    /// Calls `progress` with the number of steps that arrived, after each virtual minute and at the end of each walk and rest.
+    /// Returns the outcome, and the virtual duration of the walk.
     pub fn run(&self, mut progress: impl FnMut(usize)) -> (Outcome, Duration) {
         let start_us = now_us();
         let world: SharedWorld = Rc::new(RefCell::new(World::new(2, self.rate_hz)));

@@ -203,12 +203,14 @@ impl Script {
         let past: Vec<Action> = (0..used).map(|_| action()).collect();
         let actions = (0..len).map(|_| action()).collect();
         let mut chip = NorFlashChip::new(SMALL_LOG.end as usize);
-        let (before, _) = run(&mut chip, Content::default(), &past);
+        let (before, failed) = run(&mut chip, Content::default(), &past);
+        assert!(failed.is_none(), "{failed:?} must succeed before the script");
         chip.operations = 0;
         chip.erasures.fill(0);
         let mut script = Self { chip, before, actions, operations: 0, erasures: 0 };
         let mut chip = script.chip.clone();
-        run(&mut chip, script.before.clone(), &script.actions);
+        let (_, failed) = run(&mut chip, script.before.clone(), &script.actions);
+        assert!(failed.is_none(), "{failed:?} must succeed without a power cut");
         script.operations = chip.operations;
         script.erasures = chip.erasures.iter().sum();
         script
@@ -247,9 +249,14 @@ impl Script {
             Action::Step,
             Action::AcknowledgeAllBut(1),
         ];
-        let (content, _) = run(&mut chip, actual, &again);
-        block_on(async { check_content(&mut Store::open(Some(&mut chip), Reset::Power).await, &content).await })
-            .map_err(|error| format!("after a cut {torn:?} in operation {at}, {action:?}: {error}"))
+        let (content, failed) = run(&mut chip, actual, &again);
+        let result = match failed {
+            Some(failed) => Err(format!("{failed:?} failed")),
+            None => {
+                block_on(async { check_content(&mut Store::open(Some(&mut chip), Reset::Power).await, &content).await })
+            }
+        };
+        result.map_err(|error| format!("after a cut {torn:?} in operation {at}, {action:?}: {error}"))
     }
 }
 
@@ -265,8 +272,8 @@ fn outcomes(before: &Content, action: Action) -> Vec<Content> {
     }
 }
 
-/// Opens the store and runs actions until all are complete or power fails. Returns the content after the complete actions, and
-/// the interrupted action if power failed.
+/// Opens the store and runs actions until all are complete or one fails, as after a power cut. Returns the content after the
+/// complete actions, and the action that failed.
 fn run(chip: &mut NorFlashChip, mut content: Content, actions: &[Action]) -> (Content, Option<Action>) {
     for session in actions.split(|action| *action == Action::Restart) {
         let cut = block_on(async {

@@ -53,8 +53,8 @@ pub fn with_origin<T>(origin_us: u64, work: impl FnOnce() -> T) -> T {
     work()
 }
 
-/// Removes all timers of this thread. A new world begins with this call, because the timers of the previous world are still
-/// queued.
+/// Removes all timers of this thread. To be called before a simulation begins, because the timers of the previous simulation may
+/// still be queued.
 pub fn clear_timers() {
     TIMERS.replace(Queue::new());
 }

@@ -14,6 +14,7 @@ use plantar::Side;
 use plantar::faults::{Fault, FaultKind, Faults, Place};
 use plantar::insole::Insole;
 use plantar::pipeline::alert::{AlertRules, DailyLoad};
+use plantar::pipeline::baseline::ZeroResult;
 use plantar::pipeline::bout::BoutKind;
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::contact::ContactRule;
@@ -143,6 +144,7 @@ fn main() {
         ToHost::DailyLoad(DailyLoad::NONE),
         ToHost::Bout(BOUT),
         ToHost::Alert(ALERT),
+        ToHost::Zero(ZeroResult { changed: 3, with_former_baseline: [1, 0, 0, 0, 0, 0, 0, 0], residual_dn: [20; 8] }),
     ]
     .map(|message| encoded(&message));
     for (i, message) in to_device.iter().enumerate() {

@@ -27,13 +27,13 @@ pub enum Torn {
 pub struct NorFlashChip {
     /// The content of the chip.
     pub bytes: Vec<u8>,
-    /// Number of write operations and of erase operations of a sector so far.
+    /// Number of write operations and of erase operations of a sector so far, without those that were refused or forgotten.
     pub operations: u64,
     /// For each sector, the number of its erase operations so far, those that failed included.
     pub erasures: Vec<u32>,
     /// Number of bytes written so far, those of failed operations included.
     pub bytes_written: u64,
-    /// Number of read operations so far.
+    /// Number of read operations so far, without those that failed.
     pub read_operations: u64,
     /// Number of bytes read so far.
     pub bytes_read: u64,

@@ -1,7 +1,7 @@
 //! Compares single precision, as on the insole, with double precision on the same codes.
 
 use anyhow::Result;
-use bench::Figures;
+use bench::{Figures, raise};
 use parameters::{InsoleSize, Parameters};
 use plantar::Real;
 use plantar::insole::Insole;
@@ -19,11 +19,6 @@ struct Worst {
     force: f64,
     /// Largest difference of an area or of a radius of an ellipse, relative to the value.
     area: f64,
-}
-
-/// Raises `worst` to `difference`. `f64::max` would ignore NaN, which is therefore replaced by the largest number.
-fn raise(worst: &mut f64, difference: f64) {
-    *worst = f64::max(*worst, if difference.is_nan() { f64::MAX } else { difference });
 }
 
 /// Measures the differences with counted cells and with covered shares ([`ContactRule`]), each with typical parameters and

@@ -2,7 +2,7 @@
 //! emulated insole sends when their recordings are played into its matrix.
 
 use anyhow::{Context, Result, ensure};
-use bench::Figures;
+use bench::{Figures, raise};
 use client::{Client, Framed, StartedCells};
 use emulation::EmulatorConfig;
 use emulator::{Board, Recorded, Time};
@@ -49,7 +49,8 @@ pub fn measure(firmware: &Path, data: &Path, figures: &mut Figures) -> Result<()
             let side = walk.side;
             Ok(study.add_live("live stream".into(), String::new(), side, &sent.live)?)
         })?;
-        worst = [worst[0].max(from_cells / from_file), worst[1].max(from_live / from_file)];
+        raise(&mut worst[0], from_cells / from_file);
+        raise(&mut worst[1], from_live / from_file);
         lost += sent.lost;
         frames += sent.cells.frames();
     }
@@ -116,5 +117,7 @@ fn play(firmware: &Path, walk: &Recording) -> Result<Sent> {
     }
     live.finish();
     let cells = streamed.take("Recorded from the emulated insole").context("no cells arrived")?;
-    Ok(Sent { cells, live, lost: receiver.lost + receiver.dropped })
+    // The receiver counts lost frames only if a later one arrives.
+    let missing = scans.saturating_sub(cells.frames() as u32);
+    Ok(Sent { cells, live, lost: missing.max(receiver.lost + receiver.dropped) })
 }

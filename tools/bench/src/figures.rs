@@ -26,3 +26,8 @@ impl Figures {
         std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
     }
 }
+
+/// Raises `worst` to `value`. `f64::max` would ignore NaN, which is therefore replaced by the largest number.
+pub fn raise(worst: &mut f64, value: f64) {
+    *worst = f64::max(*worst, if value.is_nan() { f64::MAX } else { value });
+}

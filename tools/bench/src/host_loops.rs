@@ -11,7 +11,7 @@ const RATE_HZ: f64 = 100.0;
 /// Number of steps of each foot for the measurement of speed.
 const SPEED_STEPS: u32 = 400;
 /// Number of steps of each foot in the endurance test: more than a person walks in a day. Without pauses they take about seven
-/// hours.
+/// and a half hours.
 const DAY_STEPS: u32 = 25_000;
 /// Number of steps of each foot in the short endurance test.
 const SHORT_STEPS: u32 = 1_000;

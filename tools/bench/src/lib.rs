@@ -5,4 +5,4 @@ mod figures;
 pub mod host_loops;
 pub mod studies;
 
-pub use figures::Figures;
+pub use figures::{Figures, raise};

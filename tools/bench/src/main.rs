@@ -38,7 +38,8 @@ struct Arguments {
     /// `plantar cohort` are also measured on its walkers.
     #[arg(long, requires = "plantar")]
     jiku: Option<PathBuf>,
-    /// The source archive of the Python package moticon-opengo. With this option, the detection of steps is also measured.
+    /// The source archive of the Python package moticon-opengo. With this option, the detection of steps and load bouts is also
+    /// measured.
     #[arg(long, requires = "python")]
     moticon: Option<PathBuf>,
     /// The folder with recordings of people, which are not public. With this option and `--jiku`, the packed cells of an in-shoe

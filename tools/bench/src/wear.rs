@@ -1,7 +1,7 @@
 //! Measures how an insole finds steps in shoes that press on it, and how its steps agree with another vendor's reports.
 
 use anyhow::Result;
-use bench::Figures;
+use bench::{Figures, raise};
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
 use recording::synthetic::SyntheticWalk;
@@ -24,7 +24,7 @@ pub fn measure(python: &Path, moticon: &Path, figures: &mut Figures) -> Result<(
                 found += result.found;
                 extra += result.extra;
                 faults += result.faults;
-                force_error = force_error.max(result.force_error);
+                raise(&mut force_error, result.force_error);
             }
         }
     }
@@ -57,7 +57,7 @@ pub fn measure(python: &Path, moticon: &Path, figures: &mut Figures) -> Result<(
         (
             "moticon.double_support_ms",
             agreement.double_support_ms,
-            "at most 15: difference of a phase of double support, median",
+            "at most 15: difference of the first phase of double support, median",
         ),
         (
             "moticon.both_phases_ms",
@@ -79,7 +79,7 @@ fn measure_bouts(figures: &mut Figures) {
         for (order, seed) in sequences().zip(50..) {
             let (recording, spans) = recording(&order, weight_n, rate_hz, 20.0, seed);
             let found = find(&recording, ContactRule::COVERED, StanceRule::ADAPTIVE);
-            unassigned = unassigned.max(found.unassigned(rate_hz));
+            raise(&mut unassigned, found.unassigned(rate_hz));
             let (of_run, right_of_run) = recognised(&spans, &found, (1e6 / rate_hz) as u64);
             (labelled, right) = (labelled + of_run, right + right_of_run);
         }

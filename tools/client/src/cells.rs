@@ -47,7 +47,7 @@ pub struct CellReceiver {
     pub lost: u32,
     /// Scans that the insole dropped, because the carrier was too slow.
     pub dropped: u32,
-    /// Those that it had dropped when the stream was started again.
+    /// Number of scans that it had dropped before the stream was last started again.
     dropped_before: u32,
 }
 

@@ -18,8 +18,8 @@ use std::time::Duration;
 /// 16 MiB with a full log needs about three minutes.
 const ERASURE: Duration = Duration::from_secs(300);
 
-/// Time within which an insole must answer a request for its status that follows the request to restart, until such a request
-/// fails; [`ANSWER`] applies from then on. It is short, because an insole that restarts meanwhile does not answer.
+/// Time within which an insole must answer the requests for its status that follow the request to restart. It is short, because
+/// an insole that restarts meanwhile does not answer. After the first such request that fails, [`ANSWER`] applies.
 const ANSWER_BEFORE_RESTART: Duration = Duration::from_millis(250);
 
 /// The errors of each request are [`Error::NoAnswer`], [`Error::Refused`] and those of the carrier.

@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 /// A step on the clock of the walk.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FootStep {
-    /// Number of the step on its insole, without other records: the next step has the next number.
+    /// Number of the step on its insole, not counting other records: the next step has the next number.
     pub number: u32,
     /// Time of the heel strike, s. The times of both feet are comparable if they are on a common clock, such as that of
     /// [`crate::ClockMapping`]. Without one, [`Gait::new`] does not compare the feet.

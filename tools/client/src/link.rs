@@ -89,8 +89,8 @@ pub enum Event {
     Started(SessionStart),
     /// A message arrived.
     Message(ToHost),
-    /// No message arrived within the carrier's timeout, the insole refused a further message because another host has the
-    /// session, the link is still lost, or it was just opened again and the next event is `Started`.
+    /// No message for the caller arrived (see [`Client::receive`]), the insole refused a further message because another host has
+    /// the session, the link is still lost, or it was just opened again and the next event is `Started`.
     Timeout,
     /// The session ended for this reason. The next calls open it again. If it ended with [`Refusal::OtherHost`], they first wait
     /// until the session of the other host has ended.
@@ -188,7 +188,8 @@ impl<C: Carrier + 'static> Link<C> {
     }
 
     /// Ends the session after a request of its caller failed because of the link: the next event reports `error`, and a later one
-    /// the start of another session, in which the request can be repeated.
+    /// the start of another session, in which the request can be repeated. If another host has the session, a later event
+    /// reports this.
     ///
     /// # Errors
     /// Returns any other error.
@@ -211,7 +212,7 @@ impl<C: Carrier + 'static> Link<C> {
         self.policy.give_up.is_some_and(|limit| since.elapsed() >= limit)
     }
 
-    /// Restarts the insole and opens the session again, over a newly opened carrier if the restart closed the one in use.
+    /// Restarts the insole and opens the session again, over a newly opened carrier if this fails over the one in use.
     ///
     /// # Errors
     /// Those of [`Client::status`] and [`Client::reconnect_over`]; [`Error::NotRestarted`] if the insole answers, but did not

@@ -108,7 +108,7 @@ impl<C: Carrier> Client<C> {
     /// [`Client::receive`] returns other messages that arrive meanwhile.
     ///
     /// # Errors
-    /// [`Error::NoAnswer`]; errors of the carrier.
+    /// [`Error::NoAnswer`]; [`Error::Refused`]; errors of the carrier.
     pub fn stream(&mut self) -> Result<(), Error> {
         // The clock of this host may never have been set. An insole refuses times outside of this range.
         if CLOCK_US.contains(&C::unix_us()) {
@@ -194,7 +194,7 @@ impl<C: Carrier> Client<C> {
     /// Requests the insole's time, us since its first scan, which [`Client::clock_mapping`] uses, too.
     ///
     /// # Errors
-    /// If the link is lost or the insole does not answer.
+    /// [`Error::NoAnswer`]; [`Error::Refused`]; errors of the carrier.
     pub fn device_us(&mut self) -> Result<u64, Error> {
         let request = ToDevice::GetTime { host_us: C::unix_us() };
         let (host_us, device_us) = self.request(request, |message| match *message {
@@ -305,8 +305,8 @@ impl<C: Carrier> Client<C> {
     }
 
     /// The counters of this link. The number of sent frames, and losses before the first or after the last received frame, are
-    /// those of the last status that [`Client::receive`] returned: send [`ToDevice::GetStatus`] first. The answer to
-    /// [`Client::status`] is not counted.
+    /// those of the last status that [`Client::receive`] returned: send [`ToDevice::GetStatus`] first. The result of
+    /// [`Client::status`] does not update them.
     pub fn counters(&self) -> LinkCounters {
         LinkCounters {
             frames_sent: self.frames_sent,

@@ -44,8 +44,8 @@ fn the_measures_of_a_walk_with_known_times_follow_their_definitions() {
     assert!(gait.feet.iter().all(|foot| (foot.strides.len(), foot.gaps, foot.unpaired) == (9, 0, 0)));
     // The times are near 1.8e9 s, where a floating-point number has a resolution of 0.24 us.
     let near = |found: f64, expected: f64| (found - expected).abs() < 1e-5 * expected.abs().max(1.0);
-    // The first double support begins with the left heel strike while the right foot is on the ground, the second one with the
-    // right heel strike.
+    // The first double support of a foot begins with its heel strike, while the other foot is still on the ground; the second
+    // one begins with the heel strike of the other foot.
     let left_first_s = LAG_S + STANCE_S[1] - STRIDE_S;
     let right_first_s = STANCE_S[0] - LAG_S;
     let double_s = left_first_s + right_first_s;

@@ -280,7 +280,10 @@ fn a_restart_is_waited_for_until_the_check_accepts_the_hello() {
 fn an_insole_that_answers_without_a_restart_is_not_reported_as_silent() {
     let insole = Insole::new();
     let mut link = insole.connect().expect("an insole");
-    let restart = link.wait_for_restart(|_, _| None::<()>);
+    let restart = link.wait_for_restart(|_, was_silent| {
+        assert!(!was_silent);
+        None::<()>
+    });
     assert!(matches!(restart, Err(Error::NotRestarted)), "{restart:?}");
 }
 

@@ -45,7 +45,8 @@ pub enum Task {
     /// Assess how thorough the tests are: check properties of the core (the library in src) for all inputs within larger bounds
     /// than `test`, try the orders in which the firmware's loops interrupt each other, skip instructions while a wrong
     /// signature is verified, look for undefined behaviour, and measure the share of the core's lines that tests execute and
-    /// the share of changes to the core that tests notice. The task takes hours, and installs the programs that it needs.
+    /// the share of changes to protocol, storage, update and supervision that tests notice. The task takes hours, and installs
+    /// the programs that it needs.
     Assure(Assure),
     /// Compare the dependencies with RustSec's database of known vulnerabilities, which is downloaded.
     Advisories,
@@ -123,8 +124,8 @@ pub struct Soak {
 
 #[derive(Args)]
 pub struct Assure {
-    /// Test one in N changes to the core, and skip instructions at one in N places of the signature check. Testing all changes
-    /// takes about five hours on two idle cores.
+    /// Test one in N of the changes, and skip instructions at one in N places of the signature check. Testing all changes takes
+    /// about five hours on two idle cores.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     pub every: u32,
     #[command(flatten)]

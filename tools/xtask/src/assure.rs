@@ -153,7 +153,7 @@ fn undefined_behaviour() -> Result<()> {
         .args(["run", setup::MIRI_TOOLCHAIN, "cargo", "miri", "test", "--locked", "--target-dir"])
         .arg(built("miri"));
     command.args(["--package", "plantar", "--package", "proofs", "--lib", "--test", "examples"]);
-    // These tests try all numbers of cells, for which Miri is too slow.
+    // These tests pack and unpack many frames, for which Miri is too slow.
     run_command(command.args(["--", "--skip", "protocol::cells"]))
 }
 

@@ -15,7 +15,7 @@ const HANG_S: u32 = 25;
 /// Runs every target; all of them together take `minutes` of one core.
 ///
 /// # Errors
-/// If a target fails; the message names the target and its input.
+/// If a target fails; the message names the target and, if an input was written, its file.
 pub fn run(minutes: f64) -> Result<()> {
     let tool = setup::cargo_fuzz()?;
     let cargo_fuzz = |arguments: &[&str]| {

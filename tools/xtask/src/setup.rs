@@ -75,14 +75,15 @@ pub struct Python {
     pub moticon: PathBuf,
 }
 
-/// Installs all programs and data that the builds, the demonstration, the tests and the benchmarks need.
+/// Installs all programs and data that the builds, the demonstration, the tests and the benchmarks need, except the npm packages
+/// of the page, which [`crate::page::install`] installs.
 pub fn all() -> Result<()> {
     for_tests()?;
     cargo_deny().map(drop)
 }
 
-/// Installs all programs and data that the builds, the demonstration, the tests and the benchmarks need, but for the programs that
-/// check the dependencies. What the builds need comes first, because they may run at the same time.
+/// As [`all`], but without cargo-deny, which checks the dependencies. What the builds need comes first, because they may run at
+/// the same time.
 pub fn for_tests() -> Result<Python> {
     rust()?;
     libclang()?;

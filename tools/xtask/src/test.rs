@@ -5,7 +5,7 @@ use crate::build::{bootloader, build_firmware, build_firmware_with, build_whole_
 use crate::command::{built, join, root, run, run_command};
 use crate::setup::Python;
 use crate::{BOARDS, EMULATED, bench, limits, package, page, setup};
-use anyhow::{Error, Result};
+use anyhow::Result;
 use std::path::PathBuf;
 use std::process::Command;
 
@@ -50,13 +50,12 @@ pub fn all() -> Result<()> {
         let boards = scope.spawn(|| in_idle_time().and_then(|()| build_boards()));
         tests_in_real_time(&python)?;
         let checks = scope.spawn(|| in_idle_time().and_then(|()| check_boards_and_dependencies()));
-        let figures = page::test(&built("release/plantar"), &firmware(EMULATED))?;
-        let others = other_tests(&python);
-        // An error of the firmware is reported first, because a test may have failed for the same reason.
+        let figures = page::test(&built("release/plantar"), &firmware(EMULATED));
+        let figures = figures.and_then(|figures| other_tests(&python).map(|()| figures));
+        // An error of the firmware is reported before one of these tests, because a test may have failed for the same reason.
         join(boards)?;
         join(checks)?;
-        others?;
-        Ok::<_, Error>(figures)
+        figures
     })?;
     let mut figures = bench::bench_without_page()?;
     figures.extend(page_figures);
@@ -81,15 +80,17 @@ fn build_boards() -> Result<()> {
     cargo_firmware("build", "minimal-board", &one_job)
 }
 
-/// Lints the firmware of all boards, and checks licences and sources of the dependencies.
+/// Lints the firmware of all boards, the minimal board and the program that checks a signature, and checks licences and sources
+/// of the dependencies.
 fn check_boards_and_dependencies() -> Result<()> {
-    let mut packages = BOARDS.into_iter().flat_map(|board| [board.to_owned(), bootloader(board)]);
+    let boards = BOARDS.into_iter().flat_map(|board| [board.to_owned(), bootloader(board)]);
+    let mut packages = boards.chain(["minimal-board", "signature-check"].map(String::from));
     packages.try_for_each(|package| cargo_firmware("clippy", &package, &DENY_WARNINGS))?;
     deny(&["licenses", "bans", "sources"])
 }
 
 /// On Linux, lets this thread, and the programs that it starts, run only while a processor has nothing else to do: they delay
-/// other programs less than with the lowest priority. On other systems, it would change all threads.
+/// other programs less than with the lowest priority. Changes nothing on other systems, where all threads would be affected.
 fn in_idle_time() -> Result<()> {
     #[cfg(target_os = "linux")]
     {
@@ -177,7 +178,8 @@ fn documentation_tests() -> Result<()> {
 
 /// The folder with recordings of people: the folder that `PLANTAR_RECORDINGS` names, or else `shared/data` beside the repository.
 pub fn recordings() -> Option<PathBuf> {
-    let named = std::env::var_os("PLANTAR_RECORDINGS").map(PathBuf::from);
+    // Programs that use the folder run in other folders.
+    let named = std::env::var_os("PLANTAR_RECORDINGS").and_then(|folder| std::path::absolute(folder).ok());
     named.or_else(|| Some(root().parent()?.join("shared/data")).filter(|folder| folder.is_dir()))
 }
 
