@@ -22,7 +22,7 @@
 //!   v   stance     heel strike and toe off; stores the curves of the stance
 //!   |   step       curves -> step record
 //!   v   protocol   messages <-> bytes
-//!   |   session    hello, commands, live frames, replay of steps
+//!   |   session    hello, commands, live frames, load records
 //!   v
 //! host: phone, command line
 //! ```
@@ -34,7 +34,7 @@
 //! | [`faults`] | detection and masking of sensor faults |
 //! | [`protocol`] | messages, their encoding, and the session of a device with a host |
 //! | [`storage`] | settings, steps and firmware updates in NOR flash |
-//! | `firmware` | the loops of a device over a few board traits (feature `firmware`) |
+//! | `firmware` | the loops of a device; a board implements a few traits for them (feature `firmware`) |
 //! | [`num`] | [`Real`], the arithmetic |
 //! | [`checksum`], [`sequence`] | CRC-32, wrapping sequence numbers |
 //!

@@ -120,7 +120,7 @@ impl EmulatorConfig {
 const ITEM_BYTES: usize = 192;
 
 /// Decodes the set-up file item by item, because all of it would take kilobytes of stack. `read` fills a buffer from an offset in
-/// the file, and returns how many bytes it read. Returns `None` if the file is absent or incomplete.
+/// the file, and returns how many bytes it read. Returns `None` if the file is absent or has an item that cannot be decoded.
 pub fn read_setup<F>(read: F) -> Option<(EmulatorConfig, impl Iterator<Item = SetupCell> + Clone)>
 where
     F: Fn(usize, &mut [u8]) -> Option<usize> + Clone,

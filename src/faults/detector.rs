@@ -207,7 +207,8 @@ impl FaultDetector {
         self.review.rezeroed > 0 || self.faults.found != found_before
     }
 
-    /// Concludes a review of all cells: reports faults of lines first, then those of single cells.
+    /// Concludes a review of all cells: reports faults of lines first, then those of single cells, and crosstalk of a row only if
+    /// there are no others.
     fn conclude<R: Real>(&mut self, frame: &mut FrameContext<'_, R>) {
         let before = self.faults.found;
         if self.has_lines {

@@ -3,7 +3,7 @@
 //! Detection has two parts. In stance, a cell records evidence (`pipeline/cell.rs`) in the rarely executed code that runs when
 //! the contact of the cell changes; so a frame with the foot on the ground costs only a few more comparisons, independent of the
 //! number of cells. In swing, once the foot is lifted (`pipeline/lift.rs`), all cells are reviewed, a few in each frame: their
-//! evidence of the stance, and their unloaded reading, which also becomes their baseline (`pipeline/baseline.rs`). Most faults
+//! evidence of the stance, and their unloaded reading, which their baseline also follows (`pipeline/baseline.rs`). Most faults
 //! are reported once two steps have shown them; `docs/faults.md` has the rules. A line is a row or a column of the matrix.
 //!
 //! A masked cell reads the mean of the nearest healthy cells of its region, or zero if there are none nearby.

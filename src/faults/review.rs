@@ -87,9 +87,9 @@ fn reading<R>(cell: &InsoleCell<R>, code: u16) -> i16 {
     above.clamp(i16::MIN.into(), i16::MAX.into()) as i16
 }
 
-/// Reviews the unloaded reading of a cell: the reading can be at full scale, stuck, or drift farther than the baseline follows.
-/// `neighbours` is `None` if their state was not determined; `is_exceeded` states that the cell has more pressure than a
-/// baseline can have.
+/// Reviews the unloaded reading of a cell: the reading can be at full scale, far below the baseline or stuck, or drift farther
+/// than the baseline follows. `neighbours` is `None` if their state was not determined; `is_exceeded` states that the cell has
+/// more pressure than a baseline can have.
 fn review_swing<R>(cell: &mut InsoleCell<R>, code: u16, neighbours: Option<&Neighbourhood>, is_exceeded: bool) {
     let (reading, reading_before) = (reading(cell, code), cell.marks.swing_reading);
     let (size, size_before) = (reading.unsigned_abs(), reading_before.unsigned_abs());

@@ -44,11 +44,11 @@ struct Row {
     inspections: u8,
     /// Number of clean inspections in this step.
     clean: u8,
-    /// Number of clean steps so far.
+    /// Number of clean steps since [`RowSearch::conclude`] or [`RowSearch::forget`] has last reset it.
     clean_steps: u8,
     /// Number of suspect steps since the last clean inspection; steps without enough inspections in between do not count.
     suspect_steps: u8,
-    /// The row has masked cells, so that its inspections are not conclusive.
+    /// The row has masked cells and is not inspected; see [`RowSearch::exclude`].
     is_excluded: bool,
 }
 

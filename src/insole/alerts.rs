@@ -68,15 +68,15 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.alerts.daily(&self.cumulative.totals, self.cumulative.sustained())
     }
 
-    /// Restores the load that was stored before this start, on a day by the present rules. It is added if [`Insole::enter_day`]
-    /// is called on the same day.
+    /// Restores the load that was stored before this start. Its day begins at the time of day that the present rules state. It
+    /// is added if [`Insole::enter_day`] is called on the same day.
     pub fn restore_day(&mut self, earlier: &DailyLoad) {
         self.earlier = *earlier;
         self.earlier_start_min = self.alert_rules.day_start_min;
     }
 
     /// States the present time, us since 1970, from which the day follows. A new day begins without load. The first call after
-    /// the start states the day of the load so far. A step back by one day is a correction of the clock, and begins no day.
+    /// the start states the day of the load so far. A clock that is set back by one day begins no day.
     pub fn enter_day(&mut self, unix_us: u64) {
         let day = self.alert_rules.day(unix_us);
         if self.alerts.day == 0 {

@@ -97,7 +97,7 @@ impl CellMarks {
         self.has(MASKED)
     }
 
-    /// Marks the cell as masked, which discards all other evidence.
+    /// Marks the cell as masked, and clears all other flags.
     pub(crate) fn set_masked(&mut self) {
         self.flags = MASKED;
     }

@@ -16,9 +16,9 @@
 //! | lift | `lift` | whether the foot is lifted |
 //! | curves | [`curves`] | stored curves of a stance |
 //! | bouts | [`bout`] | load outside steps |
-//! | stance | [`stance`] | heel strike and toe off |
 //! | cumulative load | [`cumulative`] | dose, squared pressure and sustained load of a day |
 //! | alerts | [`alert`] | requests to unload a region |
+//! | stance | [`stance`] | heel strike and toe off |
 //! | measures | [`measures`] | the standard measures of a region and of the foot in a step |
 //! | step | [`step`] | step record: the quantities of each region |
 //! | tracking | [`track`] | force laws that follow the wearer |

@@ -26,10 +26,10 @@ pub(crate) const SETTLE_MS: u32 = 100;
 /// The rule that determines stance from the total force.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StanceRule {
-    /// Heel strike: the total force reaches this value, N, at most 1000.
+    /// Heel strike: the total force reaches this value, N, above 0 and at most 1000.
     pub strike_n: f32,
-    /// Toe off: the total force falls below this value, N, at most 1000. If `release_n` is above `strike_n`, the next heel
-    /// strike needs `release_n` until the force has fallen below `strike_n`, so a force that fades after toe off is no heel
+    /// Toe off: the total force falls below this value, N, above 0 and at most 1000. If `release_n` is above `strike_n`, the next
+    /// heel strike needs `release_n` until the force has fallen below `strike_n`, so a force that fades after toe off is no heel
     /// strike.
     pub release_n: f32,
     /// Shorter contacts are not steps, ms; below `max_stance_ms`.

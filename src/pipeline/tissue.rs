@@ -67,7 +67,8 @@ pub enum AreaFilter {
     Live,
 }
 
-/// The conditions of the identification of parameters. The parameters are valid only for areas with the same contact rule.
+/// The conditions of the identification of parameters. The parameters are valid only for areas with the same contact
+/// rule and the same filter.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Identified {
     /// The contact rule of the areas.

@@ -44,7 +44,7 @@ impl<R: Real> StepSums<R> {
     /// limited factor of G.
     fn solve(&self) -> [R; 2] {
         let clamp = |value: R, [least, most]: [f64; 2]| value.max(R::of(least)).min(R::of(most));
-        // The best factor of one coefficient if the other one is given.
+        // The best factor of K for a factor of G.
         let stiffness = |damping: R| clamp((self.ef - damping * self.ev) / self.ee, STIFFNESS_RANGE);
         let determinant = self.ee * self.vv - self.ev * self.ev;
         if determinant <= R::of(INDEPENDENT) * self.ee * self.vv {

@@ -330,7 +330,7 @@ mod tests {
     fn a_serial_port_sends_240_cells_at_100_hz_and_offers_less_at_400_hz() {
         let stream = CellStream { resolution: Resolution::Converter, every: 1 };
         assert_eq!(stream.fitting(240, 10_000, SERIAL), Some(1));
-        // 36.8 kB/s of live frames leave 9.28 kB/s: 39 messages of 238 bytes a second.
+        // 36.8 kB/s of live frames leave 9.28 kB/s: almost 39 messages of 238 bytes a second.
         assert_eq!(stream.fitting(240, 2_500, SERIAL), Some(11));
         assert_eq!(stream.fitting(240, 10_000, 960), None, "9,600 bit/s are too slow for live frames");
     }

@@ -44,7 +44,8 @@ pub fn to_current_time(unix_us: Option<u64>) -> [u8; 10] {
     [low, high, month, day, hour, minute, second, weekday as u8, fraction as u8, 0]
 }
 
-/// Decodes ten bytes to a time, us since 1970; `None` if they are not a valid time since then. The day of the week is ignored.
+/// Decodes ten bytes to a time, us since 1970; `None` if they are not a valid time since then. The day of the week and the reason
+/// for the adjustment are ignored.
 pub fn from_current_time(bytes: &[u8]) -> Option<u64> {
     let &[low, high, month, day, hour, minute, second, _, fraction, _] = bytes else { return None };
     let year = u16::from_le_bytes([low, high]);

@@ -8,7 +8,8 @@ use serde::{Deserialize, Serialize};
 /// Longest text of [`Hello::fault`], bytes.
 pub const MAX_FAULT_TEXT: usize = 96;
 
-/// Identifies the insole. The encoding of this message never changes, nor do those of [`ContactRule`] and [`Reset`] within it.
+/// Identifies the insole. The encoding of this message never changes, nor do those of [`Side`], [`ContactRule`] and [`Reset`]
+/// within it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Hello {
     /// Major protocol version of the insole.
@@ -34,9 +35,10 @@ pub struct Hello {
     /// Why the insole last started.
     pub reset: Reset,
     /// If a failure ended the previous run: its cause, its time, and addresses in the program, which `cargo xtask explain`
-    /// translates to source lines; the text also states whether this start ignores all stored data but the bonds, because several
-    /// starts failed in a row. Otherwise a fault of this start, such as a chip that does not answer, or stored parameters of
-    /// another contact rule. If the set-up of the board was refused, [`Hello::cells`] is 0, and the insole does not measure.
+    /// translates to source lines. In recovery mode, after several failed starts in a row, the text begins with the word
+    /// "recovery"; the insole then ignores the stored data, except the bonds in the first such start. Without such a failure:
+    /// a fault of this start, such as a chip that does not answer, or stored parameters of another contact rule. If the set-up
+    /// of the board was refused, [`Hello::cells`] is 0, and the insole does not measure.
     pub fault: Option<String<MAX_FAULT_TEXT>>,
 }
 

@@ -42,7 +42,7 @@ pub fn front(header: &Header, image_bytes: u32) -> [u8; FRONT] {
 }
 
 /// The header and the length of the image, bytes, from the first bytes of a file; `None` if `file` does not begin with a result
-/// of [`front`].
+/// of [`front`] for an image of whole chunks.
 pub fn read_front(file: &[u8]) -> Option<(Header, u32)> {
     let bytes: &[u8; FRONT] = file.first_chunk()?;
     let header = Header::read(bytes.last_chunk()?)?;

@@ -12,8 +12,8 @@ pub const SUFFICIENT_SUPPLY_MV: u16 = 2_800;
 pub struct Status {
     /// Time since the start, us.
     pub uptime_us: u64,
-    /// Number of processed frames. The frame that ends a step, and the frames after it, are counted only once the step is stored:
-    /// so a host that receives this number has received, or will receive, all steps of these frames.
+    /// Number of processed frames. The frame that completes a load record, and the frames after it, are counted only once the
+    /// record is stored: so a host that receives this number has received, or will receive, all load records of these frames.
     pub frames: u32,
     /// Number of frame times without a complete scan, because the scan was late or the matrix did not answer.
     pub frames_missed: u32,
@@ -48,8 +48,8 @@ pub struct Status {
     pub is_clock_set: bool,
     /// Identifies the key with which updates must be signed, by its first four bytes.
     pub update_key: u32,
-    /// The insole is worn: every frame is scanned. An insole that was not loaded for a minute counts as not worn, and scans one
-    /// frame a second until it is loaded.
+    /// The insole is worn: every frame is scanned. An insole that was not loaded for a minute, streams no cells and measures no
+    /// baselines counts as not worn, and scans one frame a second until one of these changes.
     pub is_worn: bool,
     /// Number of frames that were not scanned because the insole was not worn.
     pub frames_skipped: u32,

@@ -31,7 +31,7 @@ quantities! {
         /// Time between the samples that the step was computed from.
         sample_us: u32 = record.sample_us
             => sample_s [1_000_000 per "s"],
-            "Frame time; a multiple of it for a stance of more than 256 frames.";
+            "Frame time; a multiple of it if more than 256 frames passed until toe off was confirmed.";
         /// Number of frames that were missing and bridged by straight lines.
         bridged_frames: u16 = record.bridged_frames
             => bridged_frames [1 per "count"],
@@ -76,12 +76,12 @@ quantities! {
         #[serde(with = "le")]
         first_peak_dn: u16 = (foot.first_peak.force_n * R::of(10.0)).round_u16()
             => foot_first_peak_n [10 per "N"],
-            "Largest total force in the first half of stance.";
+            "Largest total force in the first half of stance; in a step with one hump, in the whole stance.";
         /// Time from heel strike to the first peak.
         #[serde(with = "le")]
         first_peak_ms: u16 = (foot.first_peak.t_s * R::of(1e3)).round_u16()
             => foot_first_peak_time_s [1000 per "s"],
-            "Largest total force in the first half of stance.";
+            "Largest total force in the first half of stance; in a step with one hump, in the whole stance.";
         /// Valley between the two peaks of the total force.
         #[serde(with = "le")]
         valley_dn: u16 = (foot.valley.force_n * R::of(10.0)).round_u16()
@@ -271,7 +271,7 @@ quantities! {
         masked_cells: u8 = region.masked_cells
             => masked_cells [1 per "count"],
             "Cells that the fault detector replaces by their neighbours.";
-        /// Change of K since the identification; 0 without parameters of the wearer.
+        /// Change of K since the identification; 0 without tracking.
         stiffness_change_percent: i8 = (region.stiffness_change * R::of(100.0)).round_i16().clamp(-100, 127) as i8
             => stiffness_change_percent [1 per "%"],
             "Recursive least squares over the recent steps, Eq. 13.";

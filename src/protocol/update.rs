@@ -135,7 +135,7 @@ pub enum Progress {
 pub enum Refusal {
     /// The image is for another board.
     Board,
-    /// The running image is newer.
+    /// The running image is newer, or has the same version although a management tool requires a newer one.
     Older,
     /// The image is empty or too long.
     Length,

@@ -75,10 +75,10 @@ fn word(at: u32) -> u32 {
     unsafe { (at as *const u32).read_volatile() }
 }
 
-/// Records the cause and the addresses of the calls in progress, the innermost first, then resets. The addresses are `pc` and the
-/// return addresses on the stack from `from` on, some of which may be stale. The record contains addresses, because panic
-/// messages and locations would take a fifth of the flash; `cargo xtask explain` finds the source lines in the file of the
-/// firmware.
+/// Records the cause and the addresses of the calls in progress, the innermost first, then resets. The addresses are `pc` and,
+/// for each return address on the stack from `from` on, that of its call; some return addresses may be stale. The record contains
+/// addresses, because panic messages and locations would take some 45 KiB of flash; `cargo xtask explain` finds the source lines
+/// in the file of the firmware.
 fn save_crash_record_and_reset(cause: u32, pc: Option<u32>, from: u32) -> ! {
     cortex_m::interrupt::disable();
     let mut calls = [0; CALLS];
@@ -254,7 +254,7 @@ impl Text {
     }
 }
 
-/// The address of the call that returns to `word`; `None` if `word` is not a return address.
+/// An address within the call instruction that returns to `word`; `None` if `word` is not a return address.
 fn call_before(word: u32) -> Option<u32> {
     unsafe extern "C" {
         static __stext: u16;

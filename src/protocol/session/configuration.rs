@@ -118,7 +118,7 @@ impl Session {
         Some(&self.configured.tissue)
     }
 
-    /// True if the parameters in force were identified from steps of the wearer.
+    /// True if the parameters in force were set together with how they were identified. Only such parameters are tracked.
     pub fn is_identified(&self) -> bool {
         self.configured.identified.is_some()
     }

@@ -1,4 +1,4 @@
-//! The simulated analyses of the front end: transfer, settling, sampling, crosstalk, stability, noise and supply current.
+//! The simulated analyses of the front end: transfer, settling, start, sampling, crosstalk, stability, noise and supply current.
 
 use crate::data_sheet::{
     AMPLIFIER_LARGE_OUTPUT_OHM, AMPLIFIER_OFFSET_V, CONVERTER_NOISE_LSB, LOAD_SWITCH_OPEN_ON_S,

@@ -120,7 +120,7 @@ figures! {
     CONVERTER_NOISE_LSB: "STM32WB55", "noise of a conversion of 12 bits: a signal-to-noise ratio of 66 dB", 0.73 "LSB",
         "DS11929, ADC accuracy", ToBeChecked;
 
-    SHEET_LINE_F: "sensor sheet", "capacitance of a line", 200e-12 "F", "estimate for a printed insole of this size", Assumed;
+    SHEET_LINE_F: "sensor sheet", "capacitance of a line", 200e-12 "F", "estimate for a flexible sheet of this size", Assumed;
     SHEET_LINE_OHM: "sensor sheet", "resistance of a line: 300 mm of 35 um copper, 0.4 mm wide", 0.4 "ohm",
         "0.49 mohm per square", Assumed;
 }

@@ -226,8 +226,8 @@ fn simulate_crosstalk(board: &Netlist, figures: &mut Figures) -> Result<Vec<(f64
         "crosstalk_diagonal_percent",
         crosstalk.diagonal_percent,
         limit,
-        "a cell at full load in the next column and another row, beside a cell at full load of the measured column, \
-         largest offsets, % of a reading at full load",
+        "a cell at full load in the next column and another row, beside a cell at full load in the column of an open \
+         cell, largest offsets, % of a reading at full load",
     );
     let mut sheet = |key, cell_ohm, offset_v, meaning| -> Result<()> {
         figures.add(key, sheet_crosstalk(board, cell_ohm, offset_v)?, meaning);
@@ -255,7 +255,8 @@ fn simulate_crosstalk(board: &Netlist, figures: &mut Figures) -> Result<Vec<(f64
     figures.add(
         "crosstalk_saturated_percent",
         crosstalk.saturated_percent,
-        "a saturated neighbour of 1 kohm, % of a reading at full load",
+        "a saturated neighbour of 1 kohm in the row of an open cell, with a cell at full load in another row of \
+         each of the two columns, % of a reading at full load",
     );
     for (key, figure, meaning) in [
         (

@@ -1,5 +1,6 @@
-//! Writes the files of the reference board to the folder `hardware`: bill of materials, schematic and nets from the netlist, and
-//! plots and figures from the simulation of its front end. Fails if a figure misses its limit.
+//! Writes the files of the reference board to the folder `hardware`: bill of materials, schematic, nets and circuit from the
+//! netlist, the figures from data sheets, and plots and figures from the simulation of its front end. Fails if a figure misses
+//! its limit.
 
 use anyhow::{Context, Result, bail};
 use clap::Parser;

@@ -283,7 +283,7 @@ impl<'a> Schematic<'a> {
                     }
                 });
                 let net = self.pin(designator, pin, (end, at_y));
-                // Ground is labelled with its name, because its symbol would cover the next pin of the column.
+                // Ground is labelled with its name, because its symbol would cover the pin below.
                 self.labels.push(((end, at_y), net.clone()));
                 self.body.push(html! {
                     g.c1 {

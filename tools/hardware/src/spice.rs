@@ -285,8 +285,8 @@ impl Circuit<'_> {
     }
 
     /// The amplifiers' macro-model: offset and noise at the input, a stage that limits the slew rate and has the gain bandwidth
-    /// product, a limit of its voltage, a second pole, and the output impedance. Also the model of the row switches' body
-    /// diodes.
+    /// product, a limit of its voltage, a second pole, the output impedance, and the supply current. Also the model of the row
+    /// switches' body diodes.
     fn models(&mut self) {
         let a = &self.conditions.amplifier;
         // The capacitance of the stage can be chosen freely: the stage's conductance and current are proportional to it.

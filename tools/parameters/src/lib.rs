@@ -24,7 +24,7 @@ use thiserror::Error;
 /// Version of the file format.
 const VERSION: u32 = 1;
 
-/// The reason why a parameter file cannot be used.
+/// The reason why a file of parameters, of tissue measurements or of a participant cannot be used.
 #[derive(Debug, Error)]
 pub enum Error {
     /// The file cannot be read or written, with the operating system's reason.
@@ -290,7 +290,7 @@ impl Parameters {
     /// may return a comment on that value.
     pub fn to_toml_with(&self, note: &dyn Fn(Region, &str) -> Option<String>) -> String {
         let mut text = String::from(
-            "# Plantar tissue parameters: one viscoelastic ellipsoid for each region of one foot.\n\
+            "# Plantar tissue parameters: one viscoelastic ellipsoid for each region of the foot.\n\
              # a_mm, b_mm, c_mm  radii: medial-lateral, heel-toe, vertical\n\
              # d0_mm             thickness of the unloaded tissue\n\
              # k_n_m3, n         stiffness k (d/d0)^n, N/m3\n\
@@ -307,10 +307,7 @@ impl Parameters {
         };
         let _ = writeln!(text, "personal = {} # {kind}", self.personal);
         if let Some(Identified { filter, contact, side, steps }) = &self.identified {
-            let _ = writeln!(
-                text,
-                "\n# The parameters hold for areas of this foot with this filter and this contact rule."
-            );
+            let _ = writeln!(text, "\n# The parameters hold only for areas with this filter and this contact rule.");
             let (side, filter) = (quoted(side), quoted(filter));
             let _ = writeln!(text, "[identified]\nside = {side}\nsteps = {steps}\nfilter = {filter}");
             let _ = writeln!(text, "contact_on_kpa = {:?}\ncontact_off_kpa = {:?}", contact.on_kpa, contact.off_kpa);

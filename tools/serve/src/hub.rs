@@ -308,7 +308,7 @@ impl Hub {
             return;
         }
         if let Some(pending) = insole.pending.iter_mut().find(|pending| pending.record.is_same(&record)) {
-            // The insole itself states how many boots ago it was.
+            // The insole's own number of boots since the record replaces that of the hub.
             pending.record = record;
             pending.session = session;
             // If the record is in the recording, the insole has not received its acknowledgement.

@@ -29,7 +29,7 @@ const HOLD: usize = 23;
 const RATE: u8 = 1;
 /// Shortest time for which the select line is high between commands, in units of 62.5 ns. The chip needs 50 ns.
 const SELECT_HIGH: u8 = 2;
-/// Longest time of a transfer, ms. A page takes 0.2 ms.
+/// Longest time of a transfer, ms. A page takes 0.13 ms.
 const TRANSFER_LIMIT_MS: u32 = 20;
 
 /// The buffer of the transfers. A cancelled transfer may still change it, which does no harm.
