@@ -279,7 +279,7 @@ def test_an_unusable_recording_is_reported_and_tried_again(
     (study / "dan" / "participant.toml").write_text("size = 99")
     assert cohort.main([str(study), "--out", str(out)]) == 3
     text = capsys.readouterr().err
-    for words in ("ann/0.parquet: the file is cut off", "nobody: 0 recordings", "dan/participant.toml"):
+    for words in ("ann/0.parquet: the file is cut off", "nobody: no recording (*.parquet)", "dan/participant.toml"):
         assert words in text
     rows = table(out)
     assert rows.groupby("participant", observed=True).size().to_dict() == {"ann": 16, "bob=b.": 32, "cid": 32}

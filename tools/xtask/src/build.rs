@@ -29,14 +29,9 @@ pub fn bootloader(board: &str) -> String {
 
 /// Builds firmware and bootloader of a board.
 pub fn build_firmware(board: &str) -> Result<()> {
-    build_firmware_with(board, &[])
-}
-
-/// Builds firmware and bootloader of a board with further arguments of cargo.
-pub fn build_firmware_with(board: &str, arguments: &[&str]) -> Result<()> {
     // Within one build, cargo enables the features of a shared dependency for all packages. In a build of its own, the bootloader
     // does not contain features that only the firmware needs.
-    [bootloader(board).as_str(), board].into_iter().try_for_each(|package| cargo_firmware("build", package, arguments))
+    [bootloader(board).as_str(), board].into_iter().try_for_each(|package| cargo_firmware("build", package, &[]))
 }
 
 /// The boards that are made for users: their packages refuse the public development key unless a feature allows it.

@@ -1,13 +1,14 @@
 //! The test suite: a quick part for use after each change, and the complete suite.
 
 use crate::arguments::Soak;
-use crate::build::{bootloader, build_firmware, build_firmware_with, build_whole_host, cargo_firmware, firmware};
+use crate::build::{bootloader, build_firmware, build_whole_host, cargo_firmware, firmware};
 use crate::command::{built, join, root, run, run_command};
 use crate::setup::Python;
 use crate::{BOARDS, EMULATED, bench, limits, package, page, setup};
 use anyhow::Result;
 use std::path::PathBuf;
 use std::process::Command;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Arguments of Clippy that make every warning an error.
 pub const DENY_WARNINGS: [&str; 3] = ["--", "--deny", "warnings"];
@@ -44,17 +45,22 @@ pub fn all() -> Result<()> {
         join(python)
     })?;
     // The tests in real time mostly wait. Meanwhile the boards are built, on one core only, because some of these tests fail if
-    // other programs occupy all cores, even in idle time. Their lints run on all cores, beside the tests of the page and all
-    // others.
+    // other programs occupy all cores, even in idle time. What remains of the builds, and their lints, runs on all cores, beside
+    // the tests of the page and all others. Cargo would execute these builds and lints one after the other in any case.
+    let is_in_real_time = AtomicBool::new(true);
     let page_figures = std::thread::scope(|scope| {
-        let boards = scope.spawn(|| in_idle_time().and_then(|()| build_boards()));
-        tests_in_real_time(&python)?;
-        let checks = scope.spawn(|| in_idle_time().and_then(|()| check_boards_and_dependencies()));
+        let boards = scope.spawn(|| {
+            in_idle_time()?;
+            build_boards(&is_in_real_time)?;
+            check_boards_and_dependencies()
+        });
+        let in_real_time = tests_in_real_time(&python);
+        is_in_real_time.store(false, Ordering::Relaxed);
+        in_real_time?;
         let figures = page::test(&built("release/plantar"), &firmware(EMULATED));
         let figures = figures.and_then(|figures| other_tests(&python).map(|()| figures));
         // An error of the firmware is reported before one of these tests, because a test may have failed for the same reason.
         join(boards)?;
-        join(checks)?;
         figures
     })?;
     let mut figures = bench::bench_without_page()?;
@@ -70,14 +76,14 @@ fn build_host_programs() -> Result<()> {
     build_whole_host()
 }
 
-/// Builds the firmware of the boards that are not emulated, on one core.
-fn build_boards() -> Result<()> {
-    let one_job = ["--jobs", "1"];
+/// Builds the firmware of the boards that are not emulated. Each build that begins while `is_on_one_core` is true uses one core.
+fn build_boards(is_on_one_core: &AtomicBool) -> Result<()> {
+    let jobs = || if is_on_one_core.load(Ordering::Relaxed) { &["--jobs", "1"][..] } else { &[] };
     // The bootloaders contain the library without its features, and the page contains it as WebAssembly, so the builds also show
     // that the library compiles in both ways.
-    let mut boards = BOARDS.into_iter().filter(|&board| board != EMULATED);
-    boards.try_for_each(|board| build_firmware_with(board, &one_job))?;
-    cargo_firmware("build", "minimal-board", &one_job)
+    let boards = BOARDS.into_iter().filter(|&board| board != EMULATED);
+    let packages = boards.flat_map(|board| [bootloader(board), board.to_owned()]);
+    packages.chain(["minimal-board".to_owned()]).try_for_each(|package| cargo_firmware("build", &package, jobs()))
 }
 
 /// Lints the firmware of all boards, the minimal board and the program that checks a signature, and checks licences and sources
