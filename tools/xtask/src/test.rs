@@ -8,7 +8,6 @@ use crate::{BOARDS, EMULATED, bench, limits, package, page, setup};
 use anyhow::Result;
 use std::path::PathBuf;
 use std::process::Command;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Arguments of Clippy that make every warning an error.
 pub const DENY_WARNINGS: [&str; 3] = ["--", "--deny", "warnings"];
@@ -44,19 +43,15 @@ pub fn all() -> Result<()> {
         join(firmware_and_page)?;
         join(python)
     })?;
-    // The tests in real time mostly wait. Meanwhile the boards are built, on one core only, because some of these tests fail if
-    // other programs occupy all cores, even in idle time. What remains of the builds, and their lints, runs on all cores, beside
-    // the tests of the page and all others. Cargo would execute these builds and lints one after the other in any case.
-    let is_in_real_time = AtomicBool::new(true);
+    // Nothing runs beside the tests in real time: even a build in idle time on one of two cores has delayed the emulated boards.
+    tests_in_real_time(&python)?;
+    // The other boards are built and linted in idle time, beside the tests of the page and all others.
     let page_figures = std::thread::scope(|scope| {
         let boards = scope.spawn(|| {
             in_idle_time()?;
-            build_boards(&is_in_real_time)?;
+            build_boards()?;
             check_boards_and_dependencies()
         });
-        let in_real_time = tests_in_real_time(&python);
-        is_in_real_time.store(false, Ordering::Relaxed);
-        in_real_time?;
         let figures = page::test(&built("release/plantar"), &firmware(EMULATED));
         let figures = figures.and_then(|figures| other_tests(&python).map(|()| figures));
         // An error of the firmware is reported before one of these tests, because a test may have failed for the same reason.
@@ -76,14 +71,13 @@ fn build_host_programs() -> Result<()> {
     build_whole_host()
 }
 
-/// Builds the firmware of the boards that are not emulated. Each build that begins while `is_on_one_core` is true uses one core.
-fn build_boards(is_on_one_core: &AtomicBool) -> Result<()> {
-    let jobs = || if is_on_one_core.load(Ordering::Relaxed) { &["--jobs", "1"][..] } else { &[] };
+/// Builds the firmware of the boards that are not emulated.
+fn build_boards() -> Result<()> {
     // The bootloaders contain the library without its features, and the page contains it as WebAssembly, so the builds also show
     // that the library compiles in both ways.
-    let boards = BOARDS.into_iter().filter(|&board| board != EMULATED);
-    let packages = boards.flat_map(|board| [bootloader(board), board.to_owned()]);
-    packages.chain(["minimal-board".to_owned()]).try_for_each(|package| cargo_firmware("build", &package, jobs()))
+    let mut boards = BOARDS.into_iter().filter(|&board| board != EMULATED);
+    boards.try_for_each(build_firmware)?;
+    cargo_firmware("build", "minimal-board", &[])
 }
 
 /// Lints the firmware of all boards, the minimal board and the program that checks a signature, and checks licences and sources
