@@ -114,9 +114,10 @@ proptest! {
         let (x_m, y_m) = (q * r_a_m * phi.cos(), q * r_b_m * phi.sin());
         let depth_m = e.c_m * (1.0 - (x_m / e.a_m).powi(2) - (y_m / e.b_m).powi(2)).max(0.0).sqrt();
         let below_ground_m = depth_m - (e.c_m - deformation_m);
-        close(e.local_deformation_m(deformation_m, q), below_ground_m, e.c_m, 1e-13)?;
+        // Both are square roots of at least (1 - g)^2, which amplifies rounding errors by up to 1 / (2 (1 - g)) = 500.
+        close(e.local_deformation_m(deformation_m, q), below_ground_m, e.c_m, 1e-12)?;
         close(e.local_deformation_m(deformation_m, 0.0), deformation_m, e.c_m, 1e-15)?;
-        close(e.local_deformation_m(deformation_m, 1.0), 0.0, e.c_m, 1e-13)?;
+        close(e.local_deformation_m(deformation_m, 1.0), 0.0, e.c_m, 1e-12)?;
     }
 
     #[test]
