@@ -107,9 +107,7 @@ impl Session {
         match message {
             ToDevice::Connect { major, .. } => {
                 // A host may connect again within its session, and still expects the answer to its request.
-                let is_command_of_session = self.is_command_of_session;
-                self.close();
-                self.is_command_of_session = is_command_of_session;
+                self.reset();
                 self.is_open = major == MAJOR;
                 self.is_hello_due = true;
             }
@@ -183,8 +181,8 @@ impl Session {
     }
 
     /// Completes the pending command with its result, and queues the answer, unless the carrier of the host that requested it was
-    /// lost: another host would take the result for the answer to a request of its own. New parameters and
-    /// rules of alerts are announced to any host.
+    /// lost: another host would take the result for the answer to a request of its own. New parameters and rules of alerts are
+    /// announced to any host.
     pub fn complete(&mut self, result: Result<CommandResult, Refusal>) {
         let Some(command) = self.command.take() else { return };
         // Parameters and rules that could not be stored are in force until the insole restarts.
@@ -280,10 +278,15 @@ impl Session {
 
     /// Ends the session, as after the loss of the carrier: all streams end; records, parameters and the clock remain.
     pub fn close(&mut self) {
+        self.reset();
+        self.is_command_of_session = false;
+    }
+
+    /// Resets what belongs to a session, except that its host may still expect the answer to the pending command.
+    fn reset(&mut self) {
         // Field by field, because a whole new session would be composed on the stack.
         (self.is_open, self.is_hello_due, self.is_streaming) = (false, false, false);
         self.answers.clear();
-        self.is_command_of_session = false;
         self.live.clear();
         (self.live_before_answer, self.live_due, self.live_sent) = (0, 0, 0);
         self.records_sent = 0;

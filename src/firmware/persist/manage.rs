@@ -64,11 +64,10 @@ impl Persist<'_> {
                 (true, false) if is_received => return Err(Failure::NOT_CONFIRMED),
                 (_, false) => return Err(Failure::NO_IMAGE),
                 (true, true) => {
-                    let mut verdict = Verdict::Passed;
                     if let Some(trial) = &mut self.trial {
                         trial.confirm_by_host();
-                        verdict = self.end_trial(store).await;
                     }
+                    let verdict = self.end_trial(store).await;
                     match &self.trial {
                         // If the image has passed, the chip has refused the confirmation.
                         Some(trial) if verdict == Verdict::Passed || trial.is_overdue() => {

@@ -6,8 +6,8 @@ use plantar::protocol::session::RECORD_QUEUE;
 use plantar::sequence;
 use std::collections::VecDeque;
 
-/// Largest number of records that an insole can send again: those in its RAM, and as many whose acknowledgement was lost. Only
-/// an insole that could not store acknowledgements, as with a low supply, can send more of them again after a restart.
+/// Largest number of records that an insole can send again: those in its RAM, and as many of which the acknowledgement was lost.
+/// Only an insole that could not store acknowledgements, as with a low supply, can send more of them again after a restart.
 const CAPACITY: usize = 2 * RECORD_QUEUE;
 
 /// The last records that were delivered, oldest first, and for each whether the caller has acknowledged it.

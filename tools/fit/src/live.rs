@@ -155,7 +155,7 @@ impl LiveSteps {
         (self.first_us, self.period_us, self.last_record) = (None, None, None);
     }
 
-    /// Evaluates the records whose last frames have not arrived. To be called after the last message. Records after a hello
+    /// Evaluates the records of which the last frames are missing. To be called after the last message. Records after a hello
     /// without a frame are excluded.
     pub fn finish(&mut self) {
         self.evaluate_pending(None);

@@ -65,6 +65,15 @@ fn collect_into<'m>(live: &mut LiveSteps, messages: impl IntoIterator<Item = &'m
     live.finish();
 }
 
+/// Adds the steps among `messages` again as the steps of a later boot, of which the numbers are greater by 5.
+fn add_renumbered(live: &mut LiveSteps, messages: &[ToHost]) {
+    for message in messages {
+        if let ToHost::Step(step) = message {
+            live.step(&Step { step: step.step + 5, ..*step });
+        }
+    }
+}
+
 /// Collects `messages`, except the live frames that are lost: `is_lost` returns true for their time, us.
 fn without(messages: &[ToHost], is_lost: impl Fn(u64) -> bool) -> LiveSteps {
     collect(messages.iter().filter(|message| !matches!(message, ToHost::Live(live) if is_lost(live.t_us))))
@@ -242,11 +251,7 @@ fn a_step_after_a_restart_is_not_combined_with_frames_before_the_restart() {
     let messages = messages(&computed_walk(5));
     let mut live = collect(&messages);
     live.session_started();
-    for message in &messages {
-        if let ToHost::Step(step) = message {
-            live.step(&Step { step: step.step + 5, ..*step });
-        }
-    }
+    add_renumbered(&mut live, &messages);
     live.finish();
     assert_eq!((live.collected(0).0.len(), reasons(&live)), (5, vec![ExclusionReason::BeforeStream; 5]));
 }
@@ -258,11 +263,7 @@ fn a_restart_that_only_the_times_of_steps_show_is_recognised() {
     let messages = messages(&computed_walk(5));
     let mut live = collect(&messages);
     live.session_started();
-    for message in &messages {
-        if let ToHost::Step(step) = message {
-            live.step(&Step { step: step.step + 5, ..*step });
-        }
-    }
+    add_renumbered(&mut live, &messages);
     for message in &messages {
         match message {
             ToHost::Live(frame) => live.frame(&Live { t_us: frame.t_us + LATER_US, ..*frame }),

@@ -138,9 +138,11 @@ export class Alerts {
   sendPauses(): void {
     for (const [side, end_ms] of this.unsent_pauses) {
       const rest_s = Math.ceil((end_ms - Date.now()) / 1000);
-      const session = this.insoles.of(side);
-      if (rest_s > 0 && session?.state !== "live") continue;
-      if (rest_s > 0) session?.send(this.wire.snoozeAlerts(rest_s));
+      if (rest_s > 0) {
+        const session = this.insoles.of(side);
+        if (session?.state !== "live") continue;
+        session.send(this.wire.snoozeAlerts(rest_s));
+      }
       this.unsent_pauses.delete(side);
     }
   }

@@ -30,7 +30,8 @@ function comparable(steps: readonly StoredStep[]): StoredStep[] {
  */
 export function gaitOf(wire: Wire, { steps, bouts, alerts }: Pick<Records, "steps" | "bouts" | "alerts">, settings: Settings): Gait {
   const feet = SIDES.map((side) => comparable(stepsOf(steps, side)).slice(-LATEST_STEPS));
-  const has_common_clock = feet.flat().every(({ start_unix_s }) => start_unix_s !== null);
+  const are_timed = feet.map((steps) => steps.every(({ start_unix_s }) => start_unix_s !== null));
+  const has_common_clock = are_timed.every(Boolean);
   // The times of a foot are all on the clock of the browser, or all on that of its insole.
   const start_s = ({ step, start_unix_s }: StoredStep) => start_unix_s ?? step.start_s;
   const stride_m = (settings.stride_cm ?? 0) / 100;
@@ -43,9 +44,8 @@ export function gaitOf(wire: Wire, { steps, bouts, alerts }: Pick<Records, "step
     ...alerts.map(({ alert, start_unix_s }) => ({ ...alert, start_unix_s })),
   ];
   const others = SIDES.map((side, i) => {
-    const is_timed = feet[i]!.every(({ start_unix_s }) => start_unix_s !== null);
-    const isBefore = ({ start_unix_s }: { start_unix_s: number | null }) => is_timed && (start_unix_s ?? Infinity) < first_s[i]!;
-    return records.filter((record) => record.side === side && !isBefore(record));
+    const begin_s = are_timed[i] ? first_s[i]! : -Infinity;
+    return records.filter((record) => record.side === side && (record.start_unix_s ?? Infinity) >= begin_s);
   });
   const numbered = (stored: StoredStep, i: number) => {
     const before = others[i]!.filter(({ number }) => number < stored.step.step);

@@ -464,27 +464,39 @@ fn a_calibration_is_not_sent_if_the_other_foot_has_none() {
     assert_eq!(are_trials, [true, true], "{text}");
 }
 
+/// Longest time until a program sends a request, which may need the parameters of a foot to be identified first.
+const REQUEST_TIMEOUT: Duration = Duration::from_secs(60);
+
+/// Closes the connection of a program to its insole at the first request for which `is_requested` is true, and asserts that the
+/// program connects again and repeats this request. Then ends the program.
+fn assert_requested_twice(
+    mut program: Child,
+    listener: TcpListener,
+    is_requested: impl Fn(&ToDevice) -> bool + Copy + Send + 'static,
+) {
+    let (requested, requests) = mpsc::channel();
+    std::thread::spawn(move || {
+        for _ in 0..2 {
+            let was_requested = Insole::with_steps([]).with_cells().serve(listener.accept()?.0, is_requested);
+            requested.send(was_requested).map_err(std::io::Error::other)?;
+        }
+        std::io::Result::Ok(())
+    });
+    let received = [(); 2].map(|()| requests.recv_timeout(REQUEST_TIMEOUT));
+    program.kill().expect("it can be ended");
+    let (_, text) = wait_for_end(program);
+    assert_eq!(received, [Ok(true), Ok(true)], "{text}");
+}
+
 /// The link of a foot can be lost between two parts of a session, in which nothing is received from this foot.
 #[test]
 fn a_link_that_was_lost_before_the_walk_is_opened_again_and_the_cells_are_requested() {
     let folder = tempfile::tempdir().expect("a folder");
     let (listener, address) = listen();
     let arguments = ["identify", "--no-standing", "--contact-full", "0", "--tcp", &address, "--out"];
-    let mut program = plantar(&arguments).arg(folder.path()).spawn().expect("it runs");
+    let program = plantar(&arguments).arg(folder.path()).spawn().expect("it runs");
     let is_cells = |message: &ToDevice| matches!(message, ToDevice::StreamCells(Some(_)));
-    let (requested, requests) = mpsc::channel();
-    std::thread::spawn(move || {
-        for _ in 0..2 {
-            // The connection is closed at the request.
-            let is_requested = Insole::with_steps([]).with_cells().serve(listener.accept()?.0, is_cells);
-            requested.send(is_requested).map_err(std::io::Error::other)?;
-        }
-        std::io::Result::Ok(())
-    });
-    let received = [(); 2].map(|()| requests.recv_timeout(Duration::from_secs(60)));
-    program.kill().expect("it can be ended");
-    let (_, text) = wait_for_end(program);
-    assert_eq!(received, [Ok(true), Ok(true)], "{text}");
+    assert_requested_twice(program, listener, is_cells);
 }
 
 /// The steps of an earlier session suffice, so the session has no walk.
@@ -497,21 +509,9 @@ fn parameters_are_sent_again_after_the_link_was_lost() {
     std::fs::write(folder.path().join("left/walk-000.plantar"), fit::stream(&messages, 0)).expect("written");
     let (listener, address) = listen();
     let arguments = ["identify", "--no-standing", "--contact-full", "0", "--steps", "5", "--tcp", &address, "--out"];
-    let mut program = plantar(&arguments).arg(folder.path()).spawn().expect("it runs");
+    let program = plantar(&arguments).arg(folder.path()).spawn().expect("it runs");
     let is_parameters = |message: &ToDevice| matches!(message, ToDevice::SetIdentifiedTissue { .. });
-    let (requested, requests) = mpsc::channel();
-    std::thread::spawn(move || {
-        for _ in 0..2 {
-            // The connection is closed at the request.
-            let is_requested = Insole::with_steps([]).with_cells().serve(listener.accept()?.0, is_parameters);
-            requested.send(is_requested).map_err(std::io::Error::other)?;
-        }
-        std::io::Result::Ok(())
-    });
-    let received = [(); 2].map(|()| requests.recv_timeout(Duration::from_secs(120)));
-    program.kill().expect("it can be ended");
-    let (_, text) = wait_for_end(program);
-    assert_eq!(received, [Ok(true), Ok(true)], "{text}");
+    assert_requested_twice(program, listener, is_parameters);
 }
 
 #[test]
