@@ -2,8 +2,9 @@
 //! session; the other host waits until there is no session. Each step arrives at one of the hosts, once.
 
 use client::{Client, Error};
+use plantar::Side;
 use plantar::pipeline::baseline::ZERO_S;
-use plantar::protocol::{Refusal, ToDevice};
+use plantar::protocol::{Refusal, Serial, ToDevice, ToHost};
 use std::cell::RefCell;
 use std::rc::Rc;
 use std::time::Duration;
@@ -95,6 +96,31 @@ fn a_host_continues_after_the_other_one_was_silent_for_half_a_minute() {
     assert_eq!(hosts.radio.hellos.len(), 2);
     let steps = hosts.steps();
     assert!(steps.iter().copied().eq(0..steps.len() as u32), "{steps:?}");
+}
+
+/// The new host would take the answer to a request of the former one for the answer to a request of its own.
+#[test]
+fn the_answer_to_a_request_of_the_former_host_is_not_sent_to_the_new_one() {
+    let serial = Serial::new("A-1").expect("the serial number is valid");
+    // The new host connects before, while or after the insole executes the request.
+    for delay_us in (0..20_000).step_by(500) {
+        let world = Rc::new(RefCell::new(World::new(1, 100.0)));
+        world.borrow_mut().run_for(1_000_000);
+        let connect = |over| {
+            let link = Link::open(&world, 0, over).expect("the insole is on");
+            Client::connect(link, Duration::from_secs(5)).expect("the insole answers")
+        };
+        let mut cable = connect(LinkKind::Serial);
+        cable.send(ToDevice::SetIdentity { side: Side::Left, serial }).expect("the cable is there");
+        world.borrow_mut().run_for(delay_us);
+        let mut radio = connect(LinkKind::Bluetooth);
+        let end_us = now_us() + 1_000_000;
+        while now_us() < end_us {
+            let message = radio.receive().expect("the radio link is there");
+            assert!(!matches!(message, Some(ToHost::Identity(_))), "{delay_us} us: {message:?}");
+        }
+        assert_eq!(radio.identity().expect("an answer").serial, serial, "{delay_us} us");
+    }
 }
 
 /// The result of a measurement that an earlier host requested and has not waited for is no answer to a later request.

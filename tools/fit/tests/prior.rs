@@ -5,7 +5,7 @@ use fit::identify::{Bounds, identify};
 use fit::measures::Quantity;
 use fit::prior::{self, Coordinates, Prior, WALKERS};
 use fit::synthetic::{Noise, curves, law, walk};
-use fit::{Filter, Options, Samples, interval};
+use fit::{Filter, Options, RegionCurves, Samples, interval};
 use plantar::pipeline::model::ForceLaw;
 use std::f64::consts::PI;
 
@@ -85,14 +85,47 @@ fn a_fit_that_ends_at_the_largest_ellipsoid_is_marked() {
             assert_eq!(at_bound, fit.warnings.iter().any(is_named), "region {region}: {:?}", fit.warnings);
             *marked += usize::from(at_bound);
 
-            let curves = &mut step.regions[region];
             let flat = ForceLaw { ab_m2: 100.0 * fit.area_max_m2 / PI, ..law(region) };
-            curves.force_n = fit::synthetic::forces(curves, Filter::Direct, &flat);
-            let peak_n = curves.force_n.iter().copied().fold(0.0, f64::max);
-            curves.force_n.iter_mut().for_each(|force_n| *force_n *= 100.0 / peak_n);
+            replace_forces(&mut step.regions[region], &flat);
         }
     }
     assert!(marked[0] == 0 && marked[1] > 0, "{marked:?}");
+}
+
+/// Replaces the forces of a region by those of a law, with a peak of 100 N.
+fn replace_forces(curves: &mut RegionCurves, law: &ForceLaw<f64>) {
+    curves.force_n = fit::synthetic::forces(curves, Filter::Direct, law);
+    let peak_n = curves.force_n.iter().copied().fold(0.0, f64::max);
+    curves.force_n.iter_mut().for_each(|force_n| *force_n *= 100.0 / peak_n);
+}
+
+/// The forces follow, without noise, from a law with an exponent of 30. This is beyond the bound of the search, at which n is
+/// e^2.3 more than its least value, and m is e^2.3.
+#[test]
+fn a_fit_that_ends_at_the_largest_exponent_is_marked() {
+    let options = Options::usual([0.012; 8]);
+    let bounds = [(3, "n", Bounds::LEAST_N + 2.3f64.exp()), (4, "m", 2.3f64.exp())];
+    for (i, name, largest) in bounds {
+        let mut marked = 0;
+        for region in 0..8 {
+            let mut step = walk(1, 100.0, Filter::Direct, 0.0, 1).remove(0);
+            let steep = match name {
+                "n" => ForceLaw { n: 30.0, ..law(region) },
+                _ => ForceLaw { m: 30.0, ..law(region) },
+            };
+            replace_forces(&mut step.regions[region], &steep);
+            let (fit, _) = fit::fit_step(&step, region, &options).expect("a fit");
+            let interval = fit.uncertainty.expect("intervals").intervals[i];
+            assert_eq!(
+                interval.at_bound,
+                interval.value > 0.99 * largest,
+                "{name}, region {region}: {}",
+                interval.value
+            );
+            marked += usize::from(interval.at_bound);
+        }
+        assert!(marked > 0, "no fit ends at the largest {name}");
+    }
 }
 
 /// Each region is fitted to one step, and its quantities are less certain than with twenty steps.

@@ -78,7 +78,10 @@ export interface Foot {
   result: FootResult | undefined;
   /** State of the transfer of the parameters. */
   sent: "no" | "waiting" | "confirmed" | "failed";
-  /** The reason for which the insole refused the parameters, as a phrase; empty if it did not. */
+  /**
+   * The reason for which the insole refused the parameters, or could not store them, as a phrase; empty if it did neither. If it
+   * could not store them, they are confirmed, because it uses them until it restarts.
+   */
   refusal: string;
   /** True if the link is lost. */
   is_lost: boolean;
@@ -376,22 +379,21 @@ export class IdentifySession {
   /** The feet whose parameters can be sent: at least one region was fitted. */
   pushable = () => this.feet.filter(({ result }) => result !== undefined && result.fitted > 0);
 
-  /** Sends the parameters to the insoles that have not confirmed them. */
+  /** Sends the parameters to the insoles that have not confirmed them, or could not store them. */
   push(now_ms: number): void {
     if (this.phase !== "push") {
       this.attempts = 0;
       this.before_push = this.phase;
-      this.sending = this.pushable().filter(({ sent }) => sent !== "confirmed");
-      for (const foot of this.sending) foot.refusal = "";
+      this.sending = this.pushable().filter(({ sent, refusal }) => sent !== "confirmed" || refusal);
+      for (const foot of this.sending) [foot.sent, foot.refusal] = ["waiting", ""];
     }
     this.phase = "push";
     this.sent_ms = now_ms;
     this.attempts += 1;
     for (const foot of this.sending) {
-      if (foot.sent === "confirmed") continue;
-      const is_over = this.attempts > ATTEMPTS;
-      foot.sent = is_over || foot.refusal ? "failed" : "waiting";
-      if (foot.sent === "waiting" && foot.result) this.host.send(foot.side, Uint8Array.from(foot.result.message));
+      if (foot.sent !== "waiting") continue;
+      if (this.attempts > ATTEMPTS) foot.sent = "failed";
+      else if (foot.result) this.host.send(foot.side, Uint8Array.from(foot.result.message));
     }
     this.continueIfSent(now_ms);
   }
@@ -400,8 +402,11 @@ export class IdentifySession {
   insoleAnswer(side: Side, answer: InsoleAnswer, now_ms: number): void {
     const foot = this.foot(side);
     if (!foot || this.phase !== "push" || foot.sent !== "waiting") return;
-    if (answer.kind === "refused") [foot.sent, foot.refusal] = ["failed", answer.reason];
-    else if (answer.id === foot.result?.tissue_id) [foot.sent, foot.first_frame_s] = ["confirmed", Infinity];
+    if (answer.kind === "refused") foot.refusal = answer.reason;
+    if (answer.kind === "refused" && !answer.is_not_stored) foot.sent = "failed";
+    else if (answer.kind === "refused" || answer.id === foot.result?.tissue_id) {
+      [foot.sent, foot.first_frame_s] = ["confirmed", Infinity];
+    }
     this.continueIfSent(now_ms);
   }
 

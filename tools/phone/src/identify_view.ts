@@ -196,11 +196,16 @@ function resultTable({ side, collected, result }: Foot, { regions }: FootResult)
   ];
 }
 
-/** The insoles that have not confirmed the parameters, with the reasons, and the button that sends the parameters again. */
+/**
+ * The insoles that have not confirmed the parameters, or could not store them, with the reasons, and the button that sends the
+ * parameters again.
+ */
 function failedTransfers({ feet }: IdentifySession): Node[] {
-  const notes = feet.filter(({ sent }) => sent === "failed").map(({ side, refusal }) => note(refusal
-    ? `The ${side} insole did not accept the parameters: ${refusal}.`
-    : `The ${side} insole did not answer, so it may not have your parameters. Hold the phone closer to it.`));
+  const words = ({ side, sent, refusal }: Foot) =>
+    !refusal ? `The ${side} insole did not answer, so it may not have your parameters. Hold the phone closer to it.`
+    : sent === "confirmed" ? `The ${side} insole will lose your parameters when it restarts: ${refusal}.`
+    : `The ${side} insole did not accept the parameters: ${refusal}.`;
+  const notes = feet.filter(({ sent, refusal }) => sent === "failed" || refusal).map((foot) => note(words(foot)));
   return notes.length > 0 ? [...notes, button("push", "Send again", "primary")] : [];
 }
 

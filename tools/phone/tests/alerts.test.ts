@@ -65,7 +65,7 @@ function turnOn({ alerts, left, right }: ReturnType<typeof start>): void {
   box.checked = true;
   box.onchange();
   left.receive({ kind: "alert_rules", is_on: true });
-  right.receive({ kind: "refused", reason: "busy", is_other_host: false });
+  right.receive({ kind: "refused", reason: "busy", is_other_host: false, is_not_stored: false });
   const count = left.sent.length;
   vi.advanceTimersByTime(3000);
   // The insole that has accepted the change is not asked again.
@@ -100,8 +100,8 @@ test("the reason of a refusal is that of an insole that was asked", () => {
   box.checked = true;
   box.onchange();
   const other = connect("left").session;
-  all.alerts.answered({ kind: "refused", reason: "busy", is_other_host: false }, all.right.session);
-  all.alerts.answered({ kind: "refused", reason: "of another request", is_other_host: false }, other);
+  all.alerts.answered({ kind: "refused", reason: "busy", is_other_host: false, is_not_stored: false }, all.right.session);
+  all.alerts.answered({ kind: "refused", reason: "of another request", is_other_host: false, is_not_stored: false }, other);
   vi.advanceTimersByTime(3000);
   all.alerts.update();
   expect(note.content).toContain("The reason: busy.");

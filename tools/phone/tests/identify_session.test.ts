@@ -29,6 +29,9 @@ function result(predicted: number | null): FootResult {
   return { fitted: 1, steps: [], regions, message: [4, 7], tissue_id: 42, parameters: "" };
 }
 
+const refusal = (reason: string, is_not_stored = false) =>
+  ({ kind: "refused", reason, is_other_host: false, is_not_stored }) as const;
+
 /** Passes a live frame of a foot to the session, with the force on this foot and on the other one. */
 function receiveLive(session: IdentifySession, side: Side, now_ms: number, force_n = 0, other_n = 0): void {
   const message = live({ t_s: now_ms / 1000 }, force_n / 8);
@@ -190,16 +193,33 @@ test("an insole that refuses or does not answer is named, and the parameters can
   walk(all);
   for (const insole of [0, 1] as const) answer({ kind: "result", insole, result: result(8) });
   session.push(0);
-  session.insoleAnswer("left", { kind: "refused", reason: "The memory is full.", is_other_host: false }, 10);
+  session.insoleAnswer("left", refusal("The memory is full."), 10);
   for (const now_ms of [3000, 6000, 9000]) session.tick(now_ms, []);
   expect(session.phase).toBe("result");
   const answers = () => session.feet.map(({ sent, refusal }) => [sent, refusal]);
   expect(answers()).toEqual([["failed", "The memory is full."], ["failed", ""]]);
   session.push(10_000);
   session.insoleAnswer("right", { kind: "tissue", id: 42 }, 10_010);
-  session.insoleAnswer("left", { kind: "refused", reason: "The memory is full.", is_other_host: false }, 10_020);
+  session.insoleAnswer("left", refusal("The memory is full."), 10_020);
   expect(session.phase).toBe("verify");
   expect(answers()).toEqual([["failed", "The memory is full."], ["confirmed", ""]]);
+});
+
+test("an insole that could not store the parameters uses them, so they are checked, and they can be sent again", () => {
+  const all = start();
+  const { session, sent, answer } = all;
+  walk(all);
+  for (const insole of [0, 1] as const) answer({ kind: "result", insole, result: result(8) });
+  session.push(0);
+  session.insoleAnswer("left", refusal("low supply", true), 10);
+  session.insoleAnswer("right", { kind: "tissue", id: 42 }, 10);
+  const answers = () => session.feet.map(({ sent, refusal }) => [sent, refusal]);
+  expect([session.phase, answers()]).toEqual(["verify", [["confirmed", "low supply"], ["confirmed", ""]]]);
+  sent.length = 0;
+  session.push(20);
+  expect([session.phase, sent.map(([side]) => side)]).toEqual(["push", ["left"]]);
+  session.insoleAnswer("left", { kind: "tissue", id: 42 }, 30);
+  expect([session.phase, answers()]).toEqual(["verify", [["confirmed", ""], ["confirmed", ""]]]);
 });
 
 test("the parameters are sent again to an insole that did not answer, during the check and after it", () => {

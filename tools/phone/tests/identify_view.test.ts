@@ -46,6 +46,9 @@ test.each(["result", "verify", "done"] as const)("parameters that an insole did 
   expect(failed).toContain("The left insole did not answer");
   expect(failed).toContain("The right insole did not accept the parameters: busy.");
   expect(failed.split(send)).toHaveLength(2);
+  const lost = view(phase, [{ side: "left", sent: "confirmed", refusal: "low supply" }]);
+  expect(lost).toContain("The left insole will lose your parameters when it restarts: low supply.");
+  expect(lost.split(send)).toHaveLength(2);
   if (phase !== "result") expect(view(phase, [{ side: "left", sent: "confirmed" }])).not.toContain(send);
 });
 

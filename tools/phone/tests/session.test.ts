@@ -234,7 +234,7 @@ test("a step that the insole has dropped is not awaited without end", () => {
 test("steps that another host has received are not awaited", () => {
   const { receive, begin, receiveSteps, connects, numbers } = startSteps();
   receiveSteps(0);
-  receive({ kind: "refused", reason: "another host", is_other_host: true });
+  receive({ kind: "refused", reason: "another host", is_other_host: true, is_not_stored: false });
   begin();
   receiveSteps(5, 6);
   expect([numbers(), connects()]).toEqual([[0, 5, 6], 1]);
@@ -243,7 +243,7 @@ test("steps that another host has received are not awaited", () => {
 test("steps that another host has not received are awaited: the insole repeats them after a known one", () => {
   const { receive, begin, receiveSteps, connects, numbers } = startSteps();
   receiveSteps(0, 1);
-  receive({ kind: "refused", reason: "another host", is_other_host: true });
+  receive({ kind: "refused", reason: "another host", is_other_host: true, is_not_stored: false });
   begin();
   receiveSteps(0, 1, 2, 4);
   expect([numbers(), connects()]).toEqual([[0, 1, 0, 1, 2], 2]);
@@ -389,7 +389,7 @@ test("a session that another host has taken waits until the insole no longer ans
   const { session, sent } = start(() => next);
   session.opened(0);
   session.receive(new Uint8Array(1), 0);
-  next = { kind: "refused", reason: "another host", is_other_host: true };
+  next = { kind: "refused", reason: "another host", is_other_host: true, is_not_stored: false };
   for (const now_ms of [100, 1000, 2500, 4000]) {
     session.receive(new Uint8Array(1), now_ms);
     session.tick(now_ms);

@@ -4,10 +4,11 @@ use crate::fit::{Search, print_notes};
 use crate::paths::resolved;
 use crate::setup::ContactArgs;
 use anyhow::{Context, Result, bail};
+use parameters::Participant;
 use std::fs;
 use std::path::{Path, PathBuf};
-use study::Person;
 use study::table::partition;
+use study::{Person, SETTINGS_FILE};
 
 /// The names of the participants' folders in the folder of a study, sorted. Hidden folders and folders of results are omitted:
 /// the folder `out` of the output, folders that contain it, and tables of earlier runs.
@@ -53,7 +54,7 @@ fn has_only_results(folder: &Path, out: Option<&Path>) -> bool {
 
 /// True if the entries of a folder contain recordings or settings of a participant.
 fn has_person(entries: &[PathBuf]) -> bool {
-    entries.iter().any(|path| recording::is_parquet(path) || path.ends_with("participant.toml"))
+    entries.iter().any(|path| recording::is_parquet(path) || path.ends_with(SETTINGS_FILE))
 }
 
 /// The entries of a folder; none if it cannot be read.
@@ -61,12 +62,19 @@ fn entries(folder: &Path) -> Vec<PathBuf> {
     fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()).collect()
 }
 
-/// The Parquet and TOML files in the folders of these participants, which a command may read. A folder that cannot be read has
-/// none; its participant is left out later, with the reason.
+/// The files of these participants, which a command may read: the Parquet and TOML files in their folders, and the files that
+/// their settings name. A folder or settings that cannot be read add none; their participant is left out later, with the reason.
 pub fn files(study: &Path, names: &[String]) -> Vec<PathBuf> {
-    let folders = names.iter().filter_map(|name| fs::read_dir(study.join(name)).ok());
-    let paths = folders.flatten().flatten().map(|entry| entry.path());
-    paths.filter(|path| path.extension().is_some_and(|ending| ending == "parquet" || ending == "toml")).collect()
+    let of_participant = |name| {
+        let folder = study.join(name);
+        let mut files = entries(&folder);
+        files.retain(|path| path.extension().is_some_and(|ending| ending == "parquet" || ending == "toml"));
+        let path = folder.join(SETTINGS_FILE);
+        let settings = fs::read_to_string(&path).ok().and_then(|text| Participant::parse(&text, &path).ok());
+        files.extend(settings.into_iter().flat_map(|settings| [settings.zero, settings.thickness]).flatten());
+        files
+    };
+    names.iter().flat_map(of_participant).collect()
 }
 
 /// The participant in a folder, and the paths of the recordings there, sorted by name.

@@ -192,13 +192,16 @@ fn no_command_overwrites_its_input_or_personal_parameters() {
     assert!(std::fs::read(path.join("walk.parquet")).expect("a recording") == walk);
     std::fs::create_dir_all(path.join("people/ann")).expect("made");
     std::fs::write(path.join("people/ann/walk.parquet"), &walk).expect("written");
+    std::fs::write(path.join("people/ann/participant.toml"), "zero = '../../zero.txt'").expect("written");
     for command in [
         "replay walk.parquet --params p.toml --json ./p.toml",
         "export csv walk.parquet --zero z.toml --out z.toml",
         "fit walk.parquet --tissue t.toml --out t.toml",
         "fit walk.parquet --json a.json --report ./a.json",
         "repeat people --csv people/ann/walk.parquet",
+        "repeat people --csv zero.txt",
         "cohort people --out table --summary people/ann/walk.parquet",
+        "cohort people --out table --summary zero.txt",
         "emulate walk.parquet --identify . --json cells.parquet",
     ] {
         fail(&path, command, &["name another file"]);
@@ -246,6 +249,10 @@ fn errors_for_too_many_cells_and_missing_programs_name_the_remedy() {
     fail(&path, "monitor --tcp 127.0.0.1:1", &["127.0.0.1:1"]);
     fail(&path, "monitor --tcp 127.0.0.1:1 --json a.json --alerts ./a.json", &["a.json", "name another file"]);
     fail(&path, "monitor --serial /dev/nowhere", &["/dev/nowhere"]);
+    // Options of an emulated insole are not silently ignored for a connected one.
+    for option in ["--size 41", "--params p.toml", "--contact-on 20", "--zero z.toml"] {
+        fail(&path, &format!("serve --tcp 127.0.0.1:1 {option}"), &["are for --emulate", "plantar insole"]);
+    }
 }
 
 /// An option that cannot be used is refused before the person is asked to walk.

@@ -16,7 +16,7 @@ mod options;
 mod person;
 
 pub use options::{ContactOptions, Search, virtual_insole};
-pub use person::Person;
+pub use person::{Person, SETTINGS_FILE};
 
 use std::io;
 use std::path::Path;

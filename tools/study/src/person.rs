@@ -11,6 +11,9 @@ use recording::{FrameSource, VirtualInsole, Zero};
 use std::io;
 use std::path::{Path, PathBuf};
 
+/// The name of the file with a participant's settings, in the participant's folder.
+pub const SETTINGS_FILE: &str = "participant.toml";
+
 /// A participant and the options for this person.
 #[derive(Clone, Debug)]
 pub struct Person {
@@ -34,7 +37,7 @@ impl Person {
     /// # Errors
     /// Fails if a file cannot be read or used, or an option is out of range.
     pub fn open(folder: &Path, search: &Search, contact: ContactRule, read: ReadFile) -> Result<Self> {
-        let path = folder.join("participant.toml");
+        let path = folder.join(SETTINGS_FILE);
         let settings = match read(&path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Participant::default(),
             content => Participant::parse(&text(&path, content)?, &path)?,

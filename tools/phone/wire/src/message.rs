@@ -65,6 +65,8 @@ pub(crate) enum Message {
         reason: String,
         /// True if the session belongs to another host now. The insole repeats the refusal until that host has left.
         is_other_host: bool,
+        /// True if the insole could not store what was requested: parameters and rules of alerts are in force until it restarts.
+        is_not_stored: bool,
     },
     Time {
         /// The page's time in the request.
@@ -194,6 +196,7 @@ impl Message {
                     refusal => refusal.to_string(),
                 },
                 is_other_host: refusal == protocol::Refusal::OtherHost,
+                is_not_stored: refusal == protocol::Refusal::NotStored,
             },
             ToHost::Time { host_us, device_us } => Self::Time { host_us, device_us },
             ToHost::Faults(faults) => Self::Faults(faults.into()),
