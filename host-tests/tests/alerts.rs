@@ -275,6 +275,27 @@ fn a_day_begins_without_load_and_continues_after_a_restart() {
     }
 }
 
+/// The first host states a wrong date. Once it is corrected, the load that was stored on this day is added, but not twice.
+#[test]
+fn the_stored_load_of_the_day_is_added_although_the_first_date_was_wrong() {
+    let recording = day(&[Activity::Walk, Activity::Stand, Activity::Stand], 5);
+    let earlier = DailyLoad { day: 7, totals: Totals { steps: 1000, ..Totals::NONE }, alerts: 2, ..DailyLoad::NONE };
+    let run_with = |dates: &'static [(usize, u32)]| {
+        let (_, load) = run(&recording, &RULES, |seconds, insole| {
+            if seconds == 20 {
+                insole.restore_day(&earlier);
+            }
+            if let Some((_, day)) = dates.iter().find(|(at_s, _)| *at_s == seconds) {
+                insole.enter_day(noon_us(*day));
+            }
+        });
+        (load.day, load.totals.steps >= 1000, load.totals.steps < 2000, load.alerts >= 2)
+    };
+    assert_eq!(run_with(&[(20, 300), (40, 7), (41, 7), (60, 7)]), (7, true, true, true));
+    // The clock goes back to the day of the stored load, but the load so far is of the next day.
+    assert_eq!(run_with(&[(20, 8), (40, 7)]), (8, false, true, false));
+}
+
 #[test]
 fn the_day_begins_at_the_set_minute() {
     let rules = AlertRules { day_start_min: 330, ..AlertRules::OFF };

@@ -8,7 +8,8 @@ use emulation::EmulatorConfig;
 use emulator::{Board, Recorded, Time};
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
-use plantar::protocol::{CellStream, Refusal, Resolution, ToDevice, ToHost};
+use plantar::protocol::session::Session;
+use plantar::protocol::{CellStream, MAJOR, MAX_MESSAGE, MINOR, Refusal, Resolution, Status, ToDevice, ToHost, decode};
 use recording::{StreamedCells, VirtualInsole};
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -108,6 +109,27 @@ fn bluetooth_carries_every_second_frame_of_cells_and_refuses_every_frame() {
     };
     assert_eq!(every, 2);
     client.stream_cells(request(2)).expect("every second frame is accepted");
+}
+
+/// A missed scan must not shift the following ones: a host interpolates frames only at the distance of the stream. Only after two
+/// missed scans in a row, the next scan is sent at once.
+#[test]
+fn a_missed_scan_does_not_shift_the_stream() {
+    let mut session = Session::new();
+    session.set_layout(testkit::SETUP, &[], None);
+    session.receive(ToDevice::Connect { major: MAJOR, minor: MINOR }, 0);
+    let stream = CellStream { resolution: Resolution::Converter, every: 3 };
+    session.receive(ToDevice::StreamCells(Some(stream)), 0);
+    let (mut buffer, mut scans) = ([0; MAX_MESSAGE], Vec::new());
+    for scan in (10..40).filter(|scan| ![12, 16, 26, 27, 28, 34, 37].contains(scan)) {
+        session.push_cells(scan, &[0; 240]);
+        while let Some(message) = session.next(&testkit::hello(), Status::default, &mut buffer) {
+            if let Some(ToHost::Cells(frame)) = decode(message) {
+                scans.push(frame.scan);
+            }
+        }
+    }
+    assert_eq!(scans, [10, 13, 19, 22, 25, 31, 38]);
 }
 
 #[test]

@@ -1,9 +1,10 @@
 //! The values of GATT characteristics: fragments of messages, cadence, and the characteristic Current Time.
 
 use plantar::pipeline::cadence::Cadence;
-use plantar::protocol::MAX_MESSAGE;
 use plantar::protocol::current_time::{from_current_time, to_current_time};
 use plantar::protocol::fragment::{FragmentError, Joiner, Splitter};
+use plantar::protocol::gatt::{self, GattChannel};
+use plantar::protocol::{MAX_MESSAGE, Status, Step, StepFoot, StepRegion, ToHost, encode};
 use proptest::prelude::*;
 
 fn fragments(message: &[u8], max_len: usize) -> Vec<Vec<u8>> {
@@ -108,4 +109,43 @@ fn cadence_counts_the_steps_of_both_feet() {
     assert_eq!(cadence.per_min(5_000_000), 0, "a standing wearer must have no cadence");
     cadence.step(9_000_000);
     assert_eq!(cadence.per_min(9_000_000), 0, "the first step of a new walk must have no cadence");
+}
+
+/// Hosts find the services by the UUIDs and messages by the characteristics that docs/bluetooth.md states.
+#[test]
+fn services_and_characteristics_have_the_documented_identifiers() {
+    let text = include_str!("../../docs/bluetooth.md");
+    let ours = [gatt::SERVICE, gatt::CONTROL, gatt::LIVE, gatt::STEPS, gatt::PARAMETERS];
+    assert_eq!(ours, [0, 1, 2, 3, 4].map(|number| 0xdca8_c300_cb96_463f_8bec_f209_4e1c_cf7b + (number << 96)));
+    for uuid in [gatt::MANAGEMENT_SERVICE, gatt::MANAGEMENT] {
+        let digits = format!("{uuid:032X}");
+        let parts = [&digits[..8], &digits[8..12], &digits[12..16], &digits[16..20], &digits[20..]];
+        assert!(text.contains(&parts.join("-")), "{digits}");
+    }
+    let channel = |first: u8| GattChannel::of_message(&[first]);
+    for (kinds, expected) in [
+        (vec![ToHost::LIVE, ToHost::CELLS, ToHost::ELLIPSES], GattChannel::Live),
+        (vec![ToHost::STEP, ToHost::BOUT, ToHost::ALERT], GattChannel::Steps),
+        (vec![ToHost::TISSUE, ToHost::REFUSED], GattChannel::Parameters),
+    ] {
+        assert!(kinds.iter().all(|&kind| channel(kind) == expected), "{kinds:?}");
+    }
+    let of_status =
+        encode(&ToHost::Status(Status::default()), &mut [0; MAX_MESSAGE]).map(|message| channel(message[0]));
+    assert_eq!(of_status.ok(), Some(GattChannel::Control));
+}
+
+/// The quantities as files contain them: a value in its unit, its place in a JSON object, and the flags of a region.
+#[test]
+fn quantities_have_the_values_and_names_of_a_step() {
+    let find = |name: &str| StepRegion::QUANTITIES.iter().find(|quantity| quantity.name == name).expect("a quantity");
+    let region = StepRegion { measured_peak_dn: 1234, contact_ms: 500, ..StepRegion::default() };
+    assert_eq!(find("measured_force_peak_n").in_unit(&region), Some(123.4));
+    assert_eq!(find("contact_time_s").in_unit(&region), Some(0.5));
+    assert_eq!(find("contact_time_s").path(), (None, "contact_time_s"));
+    let foot = StepFoot::QUANTITIES.iter().find(|quantity| quantity.name == "gait_length_mm").expect("a quantity");
+    assert_eq!(foot.path(), (Some("gait_line"), "length_mm"));
+    let saturated = Step::FLAGS.iter().find(|flag| flag.name == "saturated").expect("a flag");
+    let step = Step { saturated: 0b0000_0110, ..testkit::step(1) };
+    assert_eq!([0, 1, 2, 3].map(|region| saturated.is_set(&step, region)), [false, true, true, false]);
 }

@@ -898,9 +898,16 @@ fn a_snooze_waits_for_the_insole() {
     all(&mut session);
     session.receive(ToDevice::SnoozeAlerts { snoozed_s: 1_100 }, 0);
     assert_eq!(all(&mut session), []);
-    assert_eq!(session.take_to_insole().snooze_s, Some(1_100));
+    let to_insole = session.take_to_insole();
+    assert_eq!((to_insole.snooze_s, to_insole.is_load_awaited), (Some(1_100), true));
     session.set_daily_load(daily_load(), true);
     assert_eq!(all(&mut session), [Sent::DailyLoad(daily_load())]);
+    // A host that connects meanwhile does not wait for this answer, but the snooze takes effect.
+    session.receive(ToDevice::SnoozeAlerts { snoozed_s: 60 }, 0);
+    connect(&mut session);
+    let to_insole = session.take_to_insole();
+    assert_eq!((to_insole.snooze_s, to_insole.is_load_awaited), (Some(60), false));
+    all(&mut session);
     session.receive(ToDevice::GetDailyLoad, 0);
     assert_eq!(all(&mut session), [Sent::DailyLoad(daily_load())]);
 }

@@ -27,18 +27,15 @@ def areas(pressure_kpa):
 
 def loading_rate(force_n):
     """Slope of the force between 20 and 80 % of its first peak, N/s. The first peak is the first sample that is at least half of
-    the largest force and is not exceeded in the next 50 ms."""
+    the largest force and is not exceeded in the next 50 ms. The region is unloaded in the sample before heel strike."""
     window = round(0.05 * rate_hz)
     peak = next(
         i for i, f in enumerate(force_n) if f >= 0.5 * force_n.max() and f >= force_n[i : i + window + 1].max()
     )
-    times = []
+    rise, times = np.concatenate([[0.0], force_n[: peak + 1]]), []
     for level in (0.2 * force_n[peak], 0.8 * force_n[peak]):
-        below = [i for i in range(peak) if force_n[i] < level]
-        if not below:
-            return 0.0
-        i = below[-1]
-        times.append(i + (level - force_n[i]) / (force_n[i + 1] - force_n[i]))
+        i = np.flatnonzero(rise < level)[-1]
+        times.append(i + (level - rise[i]) / (rise[i + 1] - rise[i]))
     return 0.6 * force_n[peak] / (times[1] - times[0]) * rate_hz
 
 

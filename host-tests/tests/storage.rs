@@ -319,9 +319,15 @@ fn numbers_continue_after_many_entries_of_newer_firmware() {
         }
     });
     let mut store = open(&mut chip);
-    assert_eq!((store.contents().next_record, store.contents().newer_records), (20, 40));
-    assert_eq!(block_on(store.push_record(step(20))), Ok(0));
-    assert_eq!(numbers(&mut store), (0..=20).collect::<Vec<_>>());
+    // Newer firmware that is installed again reads both its own entries and the later ones.
+    assert_eq!((store.contents().next_record, store.contents().newer_records), (60, 40));
+    assert_eq!(numbers(&mut store), (0..20).collect::<Vec<_>>());
+    // The number remains although no entry that this firmware reads does.
+    assert_eq!(block_on(store.acknowledge(19)), Ok(()));
+    let mut store = open(&mut chip);
+    assert_eq!(store.contents().next_record, 60);
+    assert_eq!(block_on(store.push_record(step(60))), Ok(0));
+    assert_eq!(numbers(&mut store), [60]);
 }
 
 /// Deleted entries follow an entry of newer firmware that remains stored, and a damaged sector of the records must be repaired.

@@ -41,8 +41,8 @@ struct Persist<'a> {
     shared: &'a Shared,
     /// The log may contain load records after the newest one in RAM.
     has_more_in_log: bool,
-    /// The last attempt to read from the log succeeded.
-    is_log_readable: bool,
+    /// Whether the last attempt to read from the log succeeded; `None` before the first attempt that did.
+    is_log_readable: Option<bool>,
     /// Number of the last record that a host has acknowledged since the start. The log still contains this record if it could
     /// not be deleted.
     acknowledged: Option<u32>,
@@ -87,14 +87,15 @@ pub async fn persist(
     let mut state = Persist {
         shared,
         has_more_in_log: true,
-        is_log_readable: false,
+        is_log_readable: None,
         acknowledged: None,
         update: Update::new(),
         restart_at: Instant::MAX,
         daily_load_at: Instant::now() + DAILY_LOAD_PERIOD,
         trial: is_on_trial.then(|| Trial::new(&shared.scan.heartbeats, is_radio_known)),
         is_radio_known,
-        has_previous: true,
+        // In recovery mode, the running image has not proved itself, however long it runs.
+        has_previous: store.is_in_full_use(),
         bonds_failed: false,
         image,
         content,
@@ -176,10 +177,12 @@ impl Persist<'_> {
             }
             Err(_) => {
                 self.shared.count_not_stored();
+                let may_be_in_log = self.is_log_readable.unwrap_or_else(|| store.may_have_records());
                 let mut session = self.shared.session.borrow_mut();
                 // If this record were in RAM, only those after it would be loaded from the log. It is dropped, because those
-                // before it, which are in the log only or would have to leave the RAM, are more numerous.
-                let is_lost = self.is_log_readable && (self.has_more_in_log || !session.has_room());
+                // before it, which are in the log only or would have to leave the RAM, are more numerous. A log that cannot be
+                // read yet may contain such records, too.
+                let is_lost = may_be_in_log && (self.has_more_in_log || !session.has_room());
                 session.count_dropped(is_lost.into());
                 !is_lost
             }
@@ -238,7 +241,7 @@ impl Persist<'_> {
             has_room
         };
         let has_more = store.records(newest, push).await;
-        self.is_log_readable = has_more.is_ok();
+        self.is_log_readable = if has_more.is_ok() { Some(true) } else { self.is_log_readable.and(Some(false)) };
         // A failed read is repeated with the next event.
         self.has_more_in_log = has_more.unwrap_or(true);
     }

@@ -141,7 +141,7 @@ fn set_scan_interval(shared: &Shared, interval: u32) {
 #[inline(never)]
 fn end_second(insole: &mut DeviceInsole, shared: &Shared) {
     let mut session = shared.session.borrow_mut();
-    let ToInsole { rules, snooze_s, zero } = session.take_to_insole();
+    let ToInsole { rules, snooze_s, is_load_awaited, zero } = session.take_to_insole();
     let zeroed = insole.take_zero();
     if zero {
         // An outcome at this time is that of an earlier request, for which the host does not wait any more. It is discarded.
@@ -161,7 +161,7 @@ fn end_second(insole: &mut DeviceInsole, shared: &Shared) {
     if let Some(unix_us) = session.unix_us(shared.frame_us.get()) {
         insole.enter_day(unix_us);
     }
-    session.set_daily_load(insole.daily_load(), snooze_s.is_some());
+    session.set_daily_load(insole.daily_load(), is_load_awaited);
     // With a full queue, the alert waits for the next second.
     if !shared.records.is_full()
         && let Some(alert) = insole.take_alert()

@@ -76,19 +76,24 @@ impl<R: Real, const N: usize> Insole<R, N> {
     }
 
     /// States the present time, us since 1970, from which the day follows. A new day begins without load. The first call after
-    /// the start states the day of the load so far. A clock that is set back by one day begins no day.
+    /// the start states the day of the load so far. A clock that is set back by one day begins no day. The load that was stored
+    /// before the start is added once on its day, also if the first call stated another day by mistake.
     pub fn enter_day(&mut self, unix_us: u64) {
         let day = self.alert_rules.day(unix_us);
-        if self.alerts.day == 0 {
+        let is_first = self.alerts.day == 0;
+        if is_first {
             self.alerts.day = day;
-            // The rules may have changed since the start, but the stored load has the number of its day by the former ones.
-            let earlier_rules = AlertRules { day_start_min: self.earlier_start_min, ..self.alert_rules };
-            if self.earlier.day == earlier_rules.day(unix_us) {
-                self.cumulative.totals.add(&self.earlier.totals);
-                self.alerts.add(&self.earlier);
-            }
         } else if self.alerts.day != day && self.alerts.day != day + 1 {
             self.begin_day(day);
+        }
+        // The rules may have changed since the start, but the stored load has the number of its day by the former ones.
+        let earlier_rules = AlertRules { day_start_min: self.earlier_start_min, ..self.alert_rules };
+        if self.alerts.day == day && self.earlier.day == earlier_rules.day(unix_us) {
+            self.cumulative.totals.add(&self.earlier.totals);
+            // A snooze from before the start may have been ended since the first call.
+            let snoozed_s = if is_first { self.earlier.snoozed_s } else { 0 };
+            self.alerts.add(&DailyLoad { snoozed_s, ..self.earlier });
+            self.earlier = DailyLoad::NONE;
         }
     }
 

@@ -86,16 +86,20 @@ fn loading_rate_n_s<R: Real>(force_n: &[R], largest_n: R, sample_s: R) -> R {
     };
     let Some(peak) = (0..force_n.len()).find(is_first_peak) else { return R::ZERO };
     let rise = &force_n[..=peak];
-    // The time at which the force passes this level for the last time before the peak, samples after heel strike.
-    let passes = |level_n: R| {
-        let below = rise.iter().rposition(|force_n| *force_n < level_n)?;
-        let (from, to) = (rise[below], rise[below + 1]);
-        Some(R::of_u32(below as u32) + (level_n - from) / (to - from))
+    // The time at which the force passes this level for the last time before the peak, samples after heel strike. A rise that
+    // begins above the level has passed it since the sample before heel strike, in which the region counts as unloaded.
+    let passes = |level_n: R| match rise.iter().rposition(|force_n| *force_n < level_n) {
+        Some(below) => {
+            let (from, to) = (rise[below], rise[below + 1]);
+            R::of_u32(below as u32) + (level_n - from) / (to - from)
+        }
+        None => level_n / rise[0] - R::ONE,
     };
     let level_n = |share: f64| rise[peak] * R::of(share);
-    match (passes(level_n(0.2)), passes(level_n(0.8))) {
-        (Some(low), Some(high)) if high > low => (level_n(0.8) - level_n(0.2)) / ((high - low) * sample_s),
-        _ => R::ZERO,
+    let (low, high) = (passes(level_n(0.2)), passes(level_n(0.8)));
+    match high > low {
+        true => (level_n(0.8) - level_n(0.2)) / ((high - low) * sample_s),
+        false => R::ZERO,
     }
 }
 

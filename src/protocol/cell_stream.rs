@@ -14,8 +14,9 @@ const QUEUE: usize = 3;
 struct Running {
     stream: CellStream,
     coder: CellCoder,
-    /// Number of scans before the next one that is sent.
-    skip: u8,
+    /// The last scan that was due. Those at multiples of the stride after it are due, so that a missed scan does not shift those
+    /// that follow. If two due scans in a row are missed, the next scan is due.
+    last: Option<u32>,
     /// Number of scans that were dropped because the queue was full.
     dropped: u32,
 }
@@ -52,7 +53,7 @@ impl CellSender {
     pub fn start(&mut self, stream: Option<CellStream>) {
         self.len = 0;
         self.running =
-            stream.map(|stream| Running { stream, coder: CellCoder::new(stream.resolution), skip: 0, dropped: 0 });
+            stream.map(|stream| Running { stream, coder: CellCoder::new(stream.resolution), last: None, dropped: 0 });
     }
 
     /// True from the start of a stream until its end.
@@ -66,11 +67,14 @@ impl CellSender {
     #[inline(never)]
     pub fn push(&mut self, scan: u32, codes: &[u16]) {
         let Some(running) = &mut self.running else { return };
-        if let Some(skip) = running.skip.checked_sub(1) {
-            running.skip = skip;
+        let stride = u32::from(running.stream.stride());
+        if let Some(since) = running.last.map(|last| scan.wrapping_sub(last))
+            && !since.is_multiple_of(stride)
+            && since < 2 * stride
+        {
             return;
         }
-        running.skip = running.stream.stride() - 1;
+        running.last = Some(scan);
         if self.len == QUEUE {
             running.dropped = running.dropped.wrapping_add(1);
             return;

@@ -158,7 +158,10 @@ impl Session {
             ToDevice::GetIdentified => self.answer(Answer::Identified),
             ToDevice::GetAlertRules => self.answer(Answer::AlertRules),
             ToDevice::GetDailyLoad => self.answer(Answer::DailyLoad),
-            ToDevice::SnoozeAlerts { snoozed_s } => self.to_insole.snooze_s = Some(snoozed_s.min(MAX_SNOOZE_S)),
+            ToDevice::SnoozeAlerts { snoozed_s } => {
+                self.to_insole.snooze_s = Some(snoozed_s.min(MAX_SNOOZE_S));
+                self.to_insole.is_load_awaited = true;
+            }
             request => match Command::of(&request, self.setup().map(|setup| setup.contact)) {
                 Some(Ok(command)) => self.begin(command),
                 Some(Err(refusal)) => self.answer(Answer::Refused(refusal)),
@@ -292,7 +295,7 @@ impl Session {
         self.records_sent = 0;
         self.cells.start(None);
         self.ellipses = EllipseSender::new();
-        (self.to_insole.zero, self.is_zero_awaited) = (false, false);
+        (self.to_insole.zero, self.is_zero_awaited, self.to_insole.is_load_awaited) = (false, false, false);
     }
 
     /// The sequence number of the next live frame; `None` if no host receives the stream.

@@ -77,6 +77,17 @@ impl<F: MultiwriteNorFlash> Store<F> {
         (self.flash, self.used_for) = (None, Use::None);
     }
 
+    /// True if the store reads and writes everything on a chip. It does not in recovery mode.
+    pub fn is_in_full_use(&self) -> bool {
+        self.used_for == Use::All && self.flash.is_some()
+    }
+
+    /// True if the log may contain load records although it cannot be read yet. The log of a chip that cannot be read at all, or
+    /// with foreign contents, has none that could be sent later.
+    pub fn may_have_records(&self) -> bool {
+        self.is_in_full_use() && self.contents.start > 0 && !self.is_log_foreign
+    }
+
     /// Fails while the store does not read and write everything, as in recovery mode.
     fn require_full_use(&self) -> Result<(), StorageError> {
         if self.used_for == Use::All { Ok(()) } else { Err(StorageError::Chip) }
@@ -290,9 +301,13 @@ impl<F: MultiwriteNorFlash> Store<F> {
         let next = number.wrapping_add(1);
         // If all stored records are acknowledged, the log would become empty and lose the number of the next record; a mark
         // preserves it. An acknowledged record that could not be stored is later than all stored ones.
-        if !is_after(self.contents.next_record, next) {
-            self.push_mark(next).await?;
+        let is_last = !is_after(self.contents.next_record, next);
+        if is_last {
             self.contents.next_record = next;
+        }
+        // Entries of newer firmware have numbers that this firmware does not read.
+        if is_last || self.contents.newer_records > 0 {
+            self.push_mark(self.contents.next_record).await?;
         }
         let Self { flash, guard, log, buffer, contents, .. } = self;
         log.with_queue(flash, guard, async |log| {

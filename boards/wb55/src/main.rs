@@ -161,10 +161,11 @@ fn take_reset_reason() -> Reset {
     pac::RCC.csr().modify(|w| w.set_rmvf(false));
     if flags.iwdgrstf() || flags.wwdgrstf() {
         Reset::Watchdog
+    } else if flags.borrstf() {
+        // The bootloader may have reset the controller since: it does so once the supply suffices for a swap.
+        Reset::Power
     } else if flags.sftrstf() {
         Reset::Software
-    } else if flags.borrstf() {
-        Reset::Power
     } else if flags.oblrstf() || flags.lpwrrstf() || !flags.pinrstf() {
         Reset::Unknown
     } else {

@@ -19,12 +19,14 @@ pub struct ToInsole {
     pub rules: Option<AlertRules>,
     /// Raise no alerts for this time, s; 0 ends a snooze.
     pub snooze_s: Option<u16>,
+    /// The host of the session waits for the load of the day as the answer to such a request.
+    pub is_load_awaited: bool,
     /// Measure the baselines.
     pub zero: bool,
 }
 
 impl ToInsole {
-    pub(super) const NONE: Self = Self { rules: None, snooze_s: None, zero: false };
+    pub(super) const NONE: Self = Self { rules: None, snooze_s: None, is_load_awaited: false, zero: false };
 }
 
 impl Session {

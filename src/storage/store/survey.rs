@@ -239,6 +239,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         // postpones these erasures. A survey that repairs reads the whole log: if it read only a part, `sequential-storage` could
         // erase such a sector although the log begins before it.
         self.guard.postpones_erasure = self.guard.is_read_only;
+        let first_number = self.contents.next_record;
         let newest = if self.guard.is_read_only { self.log.newest(&mut self.flash).await } else { None };
         let mut count = match newest {
             Some(newest) => self.count_entries(newest, u32::MAX).await,
@@ -246,6 +247,9 @@ impl<F: MultiwriteNorFlash> Store<F> {
         };
         if let Ok(newest) = count {
             let next_record = self.contents.next_record;
+            if newest.known == 0 {
+                self.contents.next_record = first_number;
+            }
             // The number follows from entries in a known format. If the newest sectors have none, all entries are read, otherwise
             // only the oldest one.
             count = self.count_entries(self.log.range(), if newest.known == 0 { u32::MAX } else { 1 }).await;
@@ -282,7 +286,11 @@ impl<F: MultiwriteNorFlash> Store<F> {
                             count.known += 1;
                             contents.next_record = entry.next_record();
                         }
-                        None => count.newer += 1,
+                        // An entry of newer firmware has a number, too.
+                        None => {
+                            count.newer += 1;
+                            contents.next_record = contents.next_record.wrapping_add(1);
+                        }
                     }
                 }
                 Ok(count)

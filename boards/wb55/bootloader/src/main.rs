@@ -39,6 +39,10 @@ const WATCHDOG_US: u32 = 20_000_000;
 const SUPPLY_LEVEL: u8 = 5;
 /// The detector needs some microseconds after its start. At 32 MHz, this is 100 us.
 const DETECTOR_START_CYCLES: u32 = 3_200;
+/// Interval between two readings of the detector while the supply rises. At 32 MHz, this is 10 ms.
+const SUPPLY_POLL_CYCLES: u32 = 320_000;
+/// Number of readings, after which a start continues with a low supply.
+const SUPPLY_POLLS: u32 = 100;
 
 /// Address of the application.
 const APPLICATION: u32 = STM32_FLASH + ACTIVE.start;
@@ -113,6 +117,13 @@ fn main() -> ! {
             w.set_pvde(true);
         });
         cortex_m::asm::delay(DETECTOR_START_CYCLES);
+        // While the supply rises, the chip may read wrong, and a swap that was interrupted would be taken for a completed one.
+        for _ in 0..SUPPLY_POLLS {
+            if is_supplied() {
+                break;
+            }
+            cortex_m::asm::delay(SUPPLY_POLL_CYCLES);
+        }
         let chip = Mutex::new(Supplied::new(chip, SMALLEST_CHIP, is_supplied));
         let flash = Flash::new_blocking(p.FLASH).into_blocking_regions().bank1_region;
         let own = BlockingMutex::<NoopRawMutex, _>::new(RefCell::new(WatchedFlash { flash, watchdog }));
