@@ -7,7 +7,9 @@ use parameters::{InsoleSize, Parameters};
 use plantar::protocol::fragment::{Joiner, Splitter};
 use plantar::protocol::gatt::GattChannel;
 use plantar::protocol::{Alert, Bout, Hello, Live, LoadRecord, Status, Step, ToDevice, ToHost, decode, encode};
+use std::cell::Cell;
 use std::io::{self, Read, Write};
+use std::rc::Rc;
 use std::time::Duration;
 
 /// Longest wait for a message in one call, us.
@@ -154,10 +156,14 @@ impl Carrier for Central {
 }
 
 /// The host's end of a link of either kind.
-pub enum Link {
-    /// The cable.
+pub struct Link {
+    end: LinkEnd,
+    /// Number of load records that arrived, with those that arrived before.
+    records: Rc<Cell<usize>>,
+}
+
+enum LinkEnd {
     Serial(Box<Framed<SerialPort>>),
-    /// The radio.
     Bluetooth(Box<Central>),
 }
 
@@ -167,32 +173,36 @@ impl Link {
     /// # Errors
     /// If the link is [`LinkKind::Bluetooth`] and the insole remains off.
     pub fn open(world: &SharedWorld, insole: usize, over: LinkKind) -> io::Result<Self> {
-        Ok(match over {
-            LinkKind::Serial => Self::Serial(Box::new(Framed::new(SerialPort { world: world.clone(), insole }))),
-            LinkKind::Bluetooth => Self::Bluetooth(Box::new(Central::connect(world.clone(), insole)?)),
-        })
+        let end = match over {
+            LinkKind::Serial => LinkEnd::Serial(Box::new(Framed::new(SerialPort { world: world.clone(), insole }))),
+            LinkKind::Bluetooth => LinkEnd::Bluetooth(Box::new(Central::connect(world.clone(), insole)?)),
+        };
+        Ok(Self { end, records: Rc::default() })
     }
 }
 
 impl Carrier for Link {
     fn send(&mut self, message: ToDevice) -> io::Result<()> {
-        match self {
-            Self::Serial(link) => link.send(message),
-            Self::Bluetooth(link) => link.send(message),
+        match &mut self.end {
+            LinkEnd::Serial(link) => link.send(message),
+            LinkEnd::Bluetooth(link) => link.send(message),
         }
     }
 
     fn receive(&mut self) -> io::Result<Option<ToHost>> {
-        match self {
-            Self::Serial(link) => link.receive(),
-            Self::Bluetooth(link) => link.receive(),
-        }
+        let message = match &mut self.end {
+            LinkEnd::Serial(link) => link.receive(),
+            LinkEnd::Bluetooth(link) => link.receive(),
+        }?;
+        let is_record = message.as_ref().is_some_and(|message| LoadRecord::of(message).is_some());
+        self.records.set(self.records.get() + usize::from(is_record));
+        Ok(message)
     }
 
     fn damaged(&self) -> u32 {
-        match self {
-            Self::Serial(link) => link.damaged(),
-            Self::Bluetooth(link) => link.damaged(),
+        match &self.end {
+            LinkEnd::Serial(link) => link.damaged(),
+            LinkEnd::Bluetooth(link) => link.damaged(),
         }
     }
 
@@ -225,6 +235,8 @@ pub struct Host {
     last_message_us: u64,
     /// The steps, load bouts and alerts, in the order of their arrival.
     pub records: Vec<LoadRecord>,
+    /// Number of times that a load record arrived over any link, with those that arrived before.
+    records_with_repetitions: Rc<Cell<usize>>,
     /// Number of live frames that arrived.
     pub live: u64,
     /// The last live frame that arrived.
@@ -251,6 +263,7 @@ impl Host {
             is_broken: false,
             last_message_us: 0,
             records: Vec::new(),
+            records_with_repetitions: Rc::default(),
             live: 0,
             last_live: None,
             hellos: Vec::new(),
@@ -309,7 +322,10 @@ impl Host {
 
     /// Opens the link and a session.
     fn open(&mut self) {
-        let open = || Link::open(&self.world, self.insole, self.over).map_err(client::Error::Carrier);
+        let open = || {
+            let link = Link::open(&self.world, self.insole, self.over).map_err(client::Error::Carrier)?;
+            Ok(Link { records: self.records_with_repetitions.clone(), ..link })
+        };
         let hello = match &mut self.client {
             Some(client) => client.reconnect_over(open, CONNECT_TIMEOUT).cloned(),
             None => open().and_then(|link| Client::connect(link, CONNECT_TIMEOUT)).map(|client| {
@@ -354,6 +370,11 @@ impl Host {
                 }
             }
         }
+    }
+
+    /// Number of times that a load record arrived again.
+    pub fn repetitions(&self) -> usize {
+        self.records_with_repetitions.get() - self.records.len()
     }
 
     /// The load bouts, in the order of their arrival.

@@ -290,6 +290,10 @@ pub struct Expect {
     pub resets: Option<Vec<String>>,
     /// The sensor faults that the first insole reports, each as its kind and place.
     pub faults: Option<Vec<String>>,
+    /// Number of sessions that the host of the first insole opened.
+    pub sessions: Option<usize>,
+    /// Whether the first insole sent a step, load bout or alert again that had arrived before.
+    pub repeats_records: Option<bool>,
     /// Whether live frames of the first insole were lost.
     pub loses_live: Option<bool>,
     /// Number of frames of the first insole without a complete scan since its last start.
@@ -670,6 +674,12 @@ impl Outcome {
         let first = &mut self.insoles[0];
         if let Some(resets) = &expect.resets {
             compare("resets", format!("{resets:?}"), format!("{:?}", first.resets));
+        }
+        if let Some(sessions) = expect.sessions {
+            compare("sessions", sessions.to_string(), first.host.hellos.len().to_string());
+        }
+        if let Some(repeats) = expect.repeats_records {
+            compare("repeats records", repeats.to_string(), (first.host.repetitions() > 0).to_string());
         }
         // A found value is `None` without a session or without an answer, and then differs from every expected value.
         if let Some(faults) = &expect.faults {
