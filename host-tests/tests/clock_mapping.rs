@@ -80,6 +80,58 @@ fn times_are_converted_in_both_directions() {
     }
 }
 
+/// The steps of a walk without the host arrive when it connects, hours later. The clocks agree, and requests are delayed by up to
+/// 30 ms, so the drift that the first seconds seem to show is an error of the delays.
+#[test]
+fn the_drift_of_seconds_does_not_count_for_hours() {
+    for seed in 0..40 {
+        let mut random = Rng::with_seed(seed);
+        let clock = Clock { start_us: 20e9, drift: 0.0, interval_us: 30e3 };
+        let mut mapping = ClockMapping::new();
+        for request in 0..120 {
+            let host_us = f64::from(request) * 250e3;
+            let arrived_us = clock.at(host_us + clock.interval_us * random.f64());
+            mapping.answer(EPOCH_US + host_us as u64, arrived_us as u64);
+            let walk_us = mapping.host_us(2_000_000_000).expect("the mapping has answers");
+            let late_us = walk_us as f64 - (EPOCH_US as f64 - 18e9);
+            assert!(late_us.abs() < 40e3, "seed {seed}, request {request}: {late_us} us");
+        }
+    }
+}
+
+/// The host's clock is set after five minutes.
+#[test]
+fn a_clock_that_is_set_is_followed_within_half_a_minute() {
+    for step_us in [-2e6, 2e6, -300e3] {
+        let mut mapping = ClockMapping::new();
+        for request in 0..1400u32 {
+            let passed_us = f64::from(request) * 250e3;
+            let host_us = EPOCH_US as f64 + passed_us + if request < 1200 { 0.0 } else { step_us };
+            let device_us = 1_000_000_000 + passed_us as u64;
+            mapping.answer(host_us as u64, device_us);
+            let wrong_us = mapping.host_us(device_us).expect("the mapping has an answer") as f64 - host_us;
+            assert!((1200..1340).contains(&request) || wrong_us.abs() < 1e3, "{step_us} {request}: {wrong_us} us");
+        }
+    }
+}
+
+/// The clock of an insole without a crystal, and one of which an answer from before a change of the host's clock arrives late.
+#[test]
+fn a_slope_that_no_drift_explains_is_wrong_for_half_a_minute_at_most() {
+    for (drift, first_offset_us) in [(500e-6, 0), (-500e-6, 0), (0.0, -800_000)] {
+        let mut mapping = ClockMapping::new();
+        for request in 0..1200u32 {
+            let host_us = f64::from(request) * 250e3;
+            let arrived_us = 1e9 + (1.0 + drift) * host_us;
+            let changed_us = if request == 0 { first_offset_us } else { 0 };
+            mapping.answer(EPOCH_US + host_us as u64, (arrived_us as u64).wrapping_add_signed(changed_us));
+            let found_us = mapping.host_us(arrived_us as u64).expect("the mapping has answers");
+            let wrong_us = found_us as f64 - (EPOCH_US as f64 + host_us);
+            assert!(request < 140 || wrong_us.abs() < 20e3, "{drift} {first_offset_us} {request}: {wrong_us} us");
+        }
+    }
+}
+
 #[test]
 fn a_restart_of_the_insole_resets_the_mapping() {
     let mut mapping = ClockMapping::new();

@@ -9,6 +9,11 @@ const WINDOW_US: u64 = 5_000_000;
 const WINDOWS: usize = 60;
 /// Largest plausible drift, us per us: that between two crystals with a tolerance of 50 ppm.
 const MAX_DRIFT: f64 = 100e-6;
+/// Requests that are all above the line by more than this, us, show that a clock was set.
+const FAR_US: f64 = 100e3;
+/// If the drift is larger, as with an insole whose crystal does not run, only requests of this time before the last one are used,
+/// us: a drift of 500 ppm is 15 ms in this time.
+const RECENT_US: u64 = 30_000_000;
 
 /// Offset and drift of an insole's clock, from [`plantar::protocol::ToDevice::GetTime`] and its answers.
 ///
@@ -39,6 +44,17 @@ struct Line {
     device_us: u64,
     offset_us: i64,
     drift: f64,
+    /// Times since `device_us`, us, between which the drift holds: those of the samples, and as long before and after them as they
+    /// span. A drift that was measured in seconds says nothing about hours.
+    drifting_us: [f64; 2],
+}
+
+impl Line {
+    /// The drift of the offset from `device_us` to `since_us` after it, us.
+    fn drifted_us(&self, since_us: f64) -> f64 {
+        let [first_us, last_us] = self.drifting_us;
+        self.drift * since_us.clamp(first_us, last_us)
+    }
 }
 
 impl ClockMapping {
@@ -73,7 +89,7 @@ impl ClockMapping {
     pub fn host_us(&self, device_us: u64) -> Option<u64> {
         let line = self.line?;
         let since_us = device_us.wrapping_sub(line.device_us) as i64 as f64;
-        let offset_us = line.offset_us.wrapping_add((line.drift * since_us).round() as i64);
+        let offset_us = line.offset_us.wrapping_add(line.drifted_us(since_us).round() as i64);
         Some(device_us.wrapping_sub(offset_us as u64))
     }
 
@@ -89,13 +105,14 @@ impl ClockMapping {
         let line = self.line?;
         let line_host_us = line.device_us.wrapping_sub(line.offset_us as u64);
         let since_us = host_us.wrapping_sub(line_host_us) as i64 as f64;
-        Some(line.device_us.wrapping_add((since_us / (1.0 - line.drift)).round() as i64 as u64))
+        let drifted_us = line.drifted_us(since_us / (1.0 - line.drift));
+        Some(line.device_us.wrapping_add((since_us + drifted_us).round() as i64 as u64))
     }
 }
 
 /// The line below all samples that is closest to them at their mean time: an edge of their lower convex hull.
 fn line_below(samples: &VecDeque<Sample>) -> Option<Line> {
-    let first = samples.front()?;
+    let (first, last) = (samples.front()?, samples.back()?);
     let point = |q: &Sample| ((q.device_us - first.device_us) as f64, q.offset_us.wrapping_sub(first.offset_us) as f64);
     let slope = |a: &Sample, b: &Sample| (point(b).1 - point(a).1) / (point(b).0 - point(a).0);
     let mut hull: Vec<&Sample> = Vec::new();
@@ -111,10 +128,23 @@ fn line_below(samples: &VecDeque<Sample>) -> Option<Line> {
     // The hull's edge at the mean time of the samples.
     let edge = hull.windows(2).find(|edge| point(edge[1]).0 >= mean_us);
     let drift = edge.map(|edge| slope(edge[0], edge[1])).filter(|drift| drift.abs() <= MAX_DRIFT);
+    let recent = || samples.iter().filter(|q| last.device_us - q.device_us <= RECENT_US);
+    // If all recent requests are far above the line, the clock was set back.
+    let above_us =
+        |q: &Sample, from: &Sample, drift: f64| point(q).1 - point(from).1 - drift * (point(q).0 - point(from).0);
+    let is_followed = |from: &Sample, drift: f64| recent().any(|q| above_us(q, from, drift) <= FAR_US);
+    let drift = drift.filter(|drift| edge.is_some_and(|edge| is_followed(edge[0], *drift)));
     let on_line = match (edge, drift) {
         (Some(edge), Some(_)) => edge[0],
         // There is only one sample, or the slope is implausible, as it can be for samples within a short time: assume no drift.
-        _ => samples.iter().min_by_key(|q| q.offset_us)?,
+        _ => recent().min_by_key(|q| q.offset_us)?,
     };
-    Some(Line { device_us: on_line.device_us, offset_us: on_line.offset_us, drift: drift.unwrap_or(0.0) })
+    let since_us = |q: &Sample| point(q).0 - point(on_line).0;
+    let span_us = point(last).0;
+    Some(Line {
+        device_us: on_line.device_us,
+        offset_us: on_line.offset_us,
+        drift: drift.unwrap_or(0.0),
+        drifting_us: [since_us(first) - span_us, since_us(last) + span_us],
+    })
 }

@@ -17,6 +17,8 @@ pub(crate) const ANSWER: Duration = Duration::from_secs(2);
 const CONNECT_INTERVAL: Duration = Duration::from_millis(500);
 /// Time between two requests for the insole's time.
 const TIME_INTERVAL: Duration = Duration::from_millis(250);
+/// If the wall clock moves by more than this between two such requests, us, it was set.
+const CLOCK_STEP_US: u64 = 500_000;
 
 /// The host's side of a session with an insole.
 pub struct Client<C> {
@@ -33,6 +35,10 @@ pub struct Client<C> {
     clock_mapping: ClockMapping,
     /// When the insole's time was last requested, by [`Carrier::now_us`].
     time_requested_us: Option<u64>,
+    /// The wall clock at the time 0 of [`Carrier::now_us`], us since 1970, at the last request.
+    wall_clock_us: u64,
+    /// The earliest time of the wall clock as it is set now, us since 1970. Answers to earlier requests are not used.
+    wall_clock_since_us: u64,
     delivered: Delivered,
     order: RecordOrder,
     is_streaming: bool,
@@ -59,6 +65,8 @@ impl<C: Carrier> Client<C> {
             live: LiveCounter::NEW,
             clock_mapping: ClockMapping::new(),
             time_requested_us: None,
+            wall_clock_us: wall_clock_us::<C>(),
+            wall_clock_since_us: 0,
             delivered: Delivered::new(),
             order: RecordOrder::default(),
             is_streaming: false,
@@ -110,10 +118,7 @@ impl<C: Carrier> Client<C> {
     /// # Errors
     /// [`Error::NoAnswer`]; [`Error::Refused`]; errors of the carrier.
     pub fn stream(&mut self) -> Result<(), Error> {
-        // The clock of this host may never have been set. An insole refuses times outside of this range.
-        if CLOCK_US.contains(&C::unix_us()) {
-            self.send(ToDevice::SetClock { unix_us: C::unix_us() })?;
-        }
+        self.set_clock()?;
         self.device_us()?;
         self.send(ToDevice::Stream { live: true })?;
         self.status().map(drop)
@@ -155,6 +160,12 @@ impl<C: Carrier> Client<C> {
             self.waiting.push_front(message);
         }
         result
+    }
+
+    /// To be called instead of sending an acknowledgement of this record and all earlier ones, if they may be those of another
+    /// insole. If the insole repeats them, they are acknowledged.
+    pub fn mark_stored(&mut self, number: u32) {
+        self.delivered.acknowledge(number);
     }
 
     /// Number of damaged frames on all carriers.
@@ -201,14 +212,42 @@ impl<C: Carrier> Client<C> {
             ToHost::Time { host_us, device_us } => Some((host_us, device_us)),
             _ => None,
         })?;
-        self.clock_mapping.answer(host_us, device_us);
+        self.relate_clocks(host_us, device_us);
         Ok(device_us)
     }
 
     fn request_time_if_due(&mut self) -> Result<(), Error> {
         if self.time_requested_us.is_none_or(|requested_us| elapsed::<C>(requested_us) >= TIME_INTERVAL) {
             self.time_requested_us = Some(C::now_us());
+            self.follow_wall_clock()?;
             self.send(ToDevice::GetTime { host_us: C::unix_us() })?;
+        }
+        Ok(())
+    }
+
+    /// If the wall clock was set, relates the insole's clock to it anew, and sets the insole's wall clock again if the live stream
+    /// is on.
+    fn follow_wall_clock(&mut self) -> Result<(), Error> {
+        let before_us = std::mem::replace(&mut self.wall_clock_us, wall_clock_us::<C>());
+        if self.wall_clock_us.abs_diff(before_us) <= CLOCK_STEP_US {
+            return Ok(());
+        }
+        self.clock_mapping = ClockMapping::new();
+        self.wall_clock_since_us = C::unix_us();
+        if self.is_streaming { self.set_clock() } else { Ok(()) }
+    }
+
+    /// Uses the answer to a request for the insole's time, unless the wall clock was set since the request.
+    fn relate_clocks(&mut self, host_us: u64, device_us: u64) {
+        if (self.wall_clock_since_us..=C::unix_us()).contains(&host_us) {
+            self.clock_mapping.answer(host_us, device_us);
+        }
+    }
+
+    fn set_clock(&mut self) -> Result<(), Error> {
+        // The clock of this host may never have been set. An insole refuses times outside of this range.
+        if CLOCK_US.contains(&C::unix_us()) {
+            self.send(ToDevice::SetClock { unix_us: C::unix_us() })?;
         }
         Ok(())
     }
@@ -236,7 +275,7 @@ impl<C: Carrier> Client<C> {
         }
         match &message {
             ToHost::Time { host_us, device_us } => {
-                self.clock_mapping.answer(*host_us, *device_us);
+                self.relate_clocks(*host_us, *device_us);
                 return Ok(None);
             }
             ToHost::Live(live) => self.live.frame(live.sequence),
@@ -297,7 +336,7 @@ impl<C: Carrier> Client<C> {
         Ok(())
     }
 
-    fn next(&mut self) -> Result<Option<ToHost>, Error> {
+    pub(crate) fn next(&mut self) -> Result<Option<ToHost>, Error> {
         Ok(match self.waiting.pop_front() {
             Some(message) => Some(message),
             None => carrier(&mut self.carrier)?.receive()?,
@@ -357,4 +396,9 @@ fn request_hello<C: Carrier>(carrier: &mut C, patience: Duration) -> Result<Hell
         }
     }
     Err(Error::NoAnswer(patience, carrier.damaged()))
+}
+
+/// The wall clock at the time 0 of [`Carrier::now_us`], us since 1970.
+fn wall_clock_us<C: Carrier>() -> u64 {
+    C::unix_us().wrapping_sub(C::now_us())
 }

@@ -1,5 +1,6 @@
 //! Sends a firmware image to an insole: each request is sent after the previous one was answered.
 
+use crate::session::elapsed;
 use crate::{Carrier, Client, Error};
 use plantar::protocol::update::{Progress, Request};
 use plantar::protocol::{Refusal, ToDevice, ToHost};
@@ -9,6 +10,8 @@ use std::time::Duration;
 const ANSWER: Duration = Duration::from_secs(2);
 /// An insole verifies a whole image within this time.
 const VERIFICATION: Duration = Duration::from_secs(30);
+/// Time before a request is repeated that a busy insole refused.
+const BUSY: Duration = Duration::from_millis(500);
 /// Largest number of attempts to send a request.
 const ATTEMPTS: usize = 5;
 
@@ -44,12 +47,29 @@ impl<C: Carrier> Client<C> {
             });
             match answer {
                 // The insole is still executing another request.
-                Err(Error::Refused(Refusal::Busy)) if attempts < ATTEMPTS => {}
+                Err(Error::Refused(Refusal::Busy)) if attempts < ATTEMPTS => self.receive_for(BUSY)?,
                 // The request or its answer was lost on the way.
                 Err(Error::NoAnswer(..)) if attempts < ATTEMPTS && request != Request::Finish => {}
                 answer => return answer,
             }
         }
+    }
+
+    /// Receives messages for some time, for [`Client::receive`].
+    fn receive_for(&mut self, duration: Duration) -> Result<(), Error> {
+        let start_us = C::now_us();
+        let mut received = Vec::new();
+        let result = loop {
+            if elapsed::<C>(start_us) >= duration {
+                break Ok(());
+            }
+            match self.next() {
+                Ok(message) => received.extend(message),
+                Err(error) => break Err(error),
+            }
+        };
+        self.waiting.extend(received);
+        result
     }
 
     /// Discards the answers to earlier requests, perhaps of another image or another host: a late answer to a chunk looks like

@@ -8,8 +8,9 @@ use plantar::protocol::update::Request;
 use plantar::protocol::{
     Contents, Hello, Live, MAJOR, MAX_MESSAGE, MINOR, Refusal, Reset, Status, ToDevice, ToHost, decode,
 };
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 use std::io;
+use std::rc::Rc;
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
@@ -337,6 +338,59 @@ impl Carrier for Restarting {
 
     fn now_us() -> u64 {
         NOW_US.get()
+    }
+}
+
+thread_local! {
+    /// The wall clock at the time 0 of the virtual clock, us since 1970.
+    static WALL_US: Cell<u64> = const { Cell::new(1_790_000_000_000_000) };
+}
+
+/// An insole whose clock is the virtual clock.
+struct Clocked(Rc<RefCell<Session>>);
+
+impl Carrier for Clocked {
+    fn send(&mut self, message: ToDevice) -> io::Result<()> {
+        self.0.borrow_mut().receive(message, NOW_US.get());
+        Ok(())
+    }
+
+    fn receive(&mut self) -> io::Result<Option<ToHost>> {
+        let mut buffer = [0; MAX_MESSAGE];
+        let message = self.0.borrow_mut().next(&hello("1.0.0"), Status::default, &mut buffer).and_then(decode);
+        if message.is_none() {
+            NOW_US.set(NOW_US.get() + 50_000);
+        }
+        Ok(message)
+    }
+
+    fn damaged(&self) -> u32 {
+        0
+    }
+
+    fn now_us() -> u64 {
+        NOW_US.get()
+    }
+
+    fn unix_us() -> u64 {
+        WALL_US.get() + NOW_US.get()
+    }
+}
+
+#[test]
+fn the_times_of_an_insole_follow_a_wall_clock_that_is_set() {
+    let session = Rc::new(RefCell::new(Session::new()));
+    let mut client = Client::connect(Clocked(session.clone()), Duration::from_secs(5)).expect("an insole");
+    client.stream().expect("an answer");
+    for step_s in [0, -3600, 2] {
+        WALL_US.set(WALL_US.get().wrapping_add_signed(step_s * 1_000_000));
+        for _ in 0..40 {
+            client.receive().expect("the carrier has no errors");
+        }
+        let (now_us, unix_us) = (NOW_US.get(), Clocked::unix_us());
+        let host_us = client.clock_mapping().host_us(now_us).expect("the insole has answered");
+        assert!(host_us.abs_diff(unix_us) < 1_000, "{step_s} s: {host_us} {unix_us}");
+        assert_eq!(session.borrow().unix_us(now_us), Some(unix_us), "{step_s} s");
     }
 }
 

@@ -271,6 +271,11 @@ impl Sink for Recorder<'_> {
 
     fn reconnected(&mut self, client: &mut AnyClient) -> Result<()> {
         self.complete_file()?;
+        // This may be another insole, to which the number of the last record means another one. The client acknowledges the
+        // records if the insole repeats them.
+        if let Some(number) = self.stored.take() {
+            client.mark_stored(number);
+        }
         self.session += 1;
         self.last_live = None;
         self.cells.as_mut().map_or(Ok(()), |cells| cells.restart(client))

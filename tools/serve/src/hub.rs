@@ -338,6 +338,14 @@ impl Hub {
         insole.set_status(status, session);
     }
 
+    /// Records the relation of the insole's clock to this computer's.
+    pub fn record_time(&self, index: usize, mapping: &ClockMapping) {
+        let host_us = unix_us();
+        if let Some(device_us) = mapping.device_us(host_us) {
+            self.record(index, &ToHost::Time { host_us, device_us });
+        }
+    }
+
     /// Stores the current estimate of the insole's clock.
     pub fn clock_mapping(&self, index: usize, mapping: &ClockMapping) {
         self.insole(index).clock_mapping.clone_from(mapping);
@@ -445,6 +453,10 @@ impl Page {
             }
             // The insole answers with the load of the day, which all pages receive.
             Some(request @ ToDevice::SnoozeAlerts { .. }) => insole.to_send.push_back(request),
+            // All pages receive the answer, too.
+            Some(ToDevice::GetAlertRules) if insole.alert_rules.is_none() => {
+                insole.to_send.push_back(ToDevice::GetAlertRules);
+            }
             // A page may not send these requests. Changes of parameters and of rules of alerts get here only if the hub does not
             // accept them. The hub does not request the cells from the insole, so it cannot confirm a stream of cells.
             Some(
@@ -662,6 +674,40 @@ mod tests {
         // The insole did not receive the acknowledgement.
         hub.load_record(0, testkit::step(1).into());
         assert_eq!(hub.acknowledgement(0), Some(1));
+    }
+
+    /// The answer to the request for the rules at the beginning of the session was lost.
+    #[test]
+    fn unknown_rules_of_alerts_are_requested_from_the_insole() {
+        let hub = Arc::new(Hub::new(vec![None], false, None));
+        let mut page = hub.join();
+        hub.hello(0, &testkit::hello(), None, None, None, None);
+        while page.next().is_some() {}
+        send(&page, 0, ToDevice::GetAlertRules);
+        assert_eq!((page.next(), hub.to_send(0)), (None, Some(ToDevice::GetAlertRules)));
+        hub.alert_rules(0, AlertRules::RECOMMENDED);
+        let answer = page.next().and_then(|message| decode(&message[1..]));
+        assert_eq!(answer, Some(ToHost::AlertRules(AlertRules::RECOMMENDED)));
+        // From now on, the hub answers itself.
+        send(&page, 0, ToDevice::GetAlertRules);
+        assert_eq!(hub.to_send(0), None);
+    }
+
+    #[test]
+    fn a_recording_relates_the_clock_of_an_insole_to_that_of_this_computer() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("walk.plantar");
+        let hub = Hub::new(vec![None], false, Some(StreamFile::create(&path).expect("a file")));
+        let mut mapping = ClockMapping::new();
+        hub.record_time(0, &mapping);
+        let ahead_us = 1_000_000_000_000;
+        let now_us = unix_us();
+        mapping.answer(now_us, now_us - ahead_us);
+        hub.record_time(0, &mapping);
+        let file = std::fs::read(&path).expect("the file");
+        // Time, insole and length precede the message.
+        let Some(ToHost::Time { host_us, device_us }) = decode(&file[7..]) else { panic!("one time: {file:?}") };
+        assert!(host_us >= now_us && host_us - device_us == ahead_us, "{host_us} {device_us}");
     }
 
     #[test]

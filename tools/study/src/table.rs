@@ -8,6 +8,7 @@ use parquet::file::properties::WriterProperties;
 use parquet::file::writer::{SerializedColumnWriter, SerializedFileWriter};
 use parquet::schema::types::Type;
 use std::fs::{self, File};
+use std::io::ErrorKind;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -117,7 +118,17 @@ pub fn write<Name: AsRef<str>>(path: &Path, metadata: Option<(&str, &str)>, rows
         }
         group.close()?;
         file.into_inner()?.sync_all()?;
-        Ok(fs::rename(&temporary, path)?)
+        fs::rename(&temporary, path)?;
+        // The new name is also synchronised. Windows has no such request for a folder, and neither have some file systems.
+        #[cfg(unix)]
+        {
+            let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+            match File::open(folder)?.sync_all() {
+                Err(error) if matches!(error.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) => {}
+                synchronised => synchronised?,
+            }
+        }
+        Ok(())
     };
     let written = written().inspect_err(|_| {
         // The file may not exist.
