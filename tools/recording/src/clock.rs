@@ -87,7 +87,9 @@ fn least_squares(numbers: &[u64], passed_s: &[f64]) -> (f64, f64) {
 /// second changes is less than one period later than the change, so that the error of the period is less than one period in the
 /// frames between the two changes. After missing frames, the change may be earlier: it is not used.
 fn through_changes(numbers: &[u64], passed_s: &[f64]) -> Option<(f64, f64)> {
-    let is_change = |i: &usize| numbers[*i] - numbers[*i - 1] == 1 && passed_s[*i] > passed_s[*i - 1];
+    // An export can have every second frame only.
+    let interval = numbers.windows(2).map(|pair| pair[1] - pair[0]).min().unwrap_or(1);
+    let is_change = |i: &usize| numbers[*i] - numbers[*i - 1] == interval && passed_s[*i] > passed_s[*i - 1];
     let changes: Vec<usize> = (1..numbers.len()).filter(is_change).collect();
     if changes.len() < LEAST_CHANGES {
         return None;
@@ -108,6 +110,15 @@ mod tests {
         assert_eq!(time_of_day_s("12:00:02 AM"), Some(2.0));
         assert_eq!(time_of_day_s("12.25"), Some(12.25));
         assert_eq!(time_of_day_s("noon"), None);
+    }
+
+    #[test]
+    fn every_second_frame_with_whole_seconds_becomes_a_uniform_clock() {
+        let numbers: Vec<u64> = (0..3000).map(|i| 2 * i + 1).collect();
+        let uniform = times_s(&numbers, &whole_seconds(20_000, 0, 60));
+        for pair in uniform.windows(2) {
+            assert!(((pair[1] - pair[0]) / 0.02 - 1.0).abs() < 0.01, "{pair:?}");
+        }
     }
 
     #[test]

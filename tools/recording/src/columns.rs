@@ -118,13 +118,13 @@ impl ColumnFile {
         self.read(group, |group| self.column::<DoubleType>(group, 0, first_row))
     }
 
-    /// The pressures of each cell in a row group, kPa, converted by `convert`. All columns are decoded in parallel. `first_row`
-    /// is the number of rows in the groups before it.
+    /// The pressures of each cell in a row group, kPa, converted by `convert`, which also receives the index of the cell. All
+    /// columns are decoded in parallel. `first_row` is the number of rows in the groups before it.
     pub fn pressures<T: Send>(
         &self,
         group: usize,
         first_row: usize,
-        convert: &(dyn Fn(Vec<f32>) -> Vec<T> + Sync),
+        convert: &(dyn Fn(usize, Vec<f32>) -> Vec<T> + Sync),
     ) -> Result<Vec<Vec<T>>> {
         self.read(group, |group| {
             let cell = |cell| {
@@ -149,7 +149,7 @@ impl ColumnFile {
                         "copy or import the file again",
                     ));
                 }
-                Ok(convert(pressure_kpa))
+                Ok(convert(cell, pressure_kpa))
             };
             DECODERS.install(|| (0..self.cells).into_par_iter().map(cell).collect())
         })

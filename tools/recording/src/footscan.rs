@@ -88,6 +88,10 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         let Some(first) = fields.first() else { continue };
         let named = [("Left foot data", Side::Left), ("Right foot data", Side::Right)];
         if let Some((_, side)) = named.iter().find(|(name, _)| first.eq_ignore_ascii_case(name)) {
+            if feet.iter().any(|foot| foot.side == Some(*side)) {
+                let problem = format!("a second step of the {} foot begins here", side.name());
+                return Err(Error::content(place(), problem, "export each step to a file of its own"));
+            }
             feet.push(ReadFoot { side: Some(*side), ..ReadFoot::default() });
             continue;
         }

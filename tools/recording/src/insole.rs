@@ -25,6 +25,11 @@ pub struct VirtualInsole {
     pub cells: Vec<SetupCell>,
     /// For each cell of the recording, its index in [`VirtualInsole::cells`].
     insole_index: Vec<usize>,
+    /// True if the reading of an unloaded cell adds to its code; see [`crate::Layout::is_of_codes`].
+    has_code_offsets: bool,
+    /// The readings of the unloaded cells, kPa, in the order of the recording, which are subtracted from the pressures; empty
+    /// without such readings.
+    zero_kpa: Vec<f32>,
     law: LawTable,
     curve: Curve,
 }
@@ -73,7 +78,7 @@ impl LawTable {
 impl VirtualInsole {
     /// The insole of a recording. Its calibration is ideal: measured pressures differ from the recorded pressures by the
     /// resolution of the sensor alone, which is less than 0.1 % for pressures above 1 % of full scale.
-    /// [`crate::Zero::apply_to`] sets the offsets of the cells.
+    /// [`crate::Zero::apply_to`] sets the readings of the unloaded cells, which are subtracted.
     pub fn new(recording: &Recording, contact: ContactRule, stance: StanceRule) -> Self {
         Self::up_to(recording.largest_kpa(), recording, contact, stance)
     }
@@ -126,7 +131,8 @@ impl VirtualInsole {
         }
         let mut curve = Curve::new();
         curve.set(&setup.sensor);
-        Self { law: LawTable::new(&setup.sensor), setup, cells, insole_index, curve }
+        let (law, has_code_offsets) = (LawTable::new(&setup.sensor), head.layout.is_of_codes());
+        Self { setup, cells, insole_index, has_code_offsets, zero_kpa: Vec::new(), law, curve }
     }
 
     /// Number of repetitions of the last frame of a recording that confirm a toe off at its end.
@@ -164,8 +170,22 @@ impl VirtualInsole {
         order
     }
 
-    /// The code of one cell without an offset for each of its pressures, kPa.
-    pub(crate) fn codes_of_cell(&self, pressure_kpa: &[f32]) -> Vec<u16> {
+    /// Subtracts these readings of the unloaded cells, kPa, from now on. They are in the order of the insole.
+    pub(crate) fn subtract(&mut self, zero_kpa: &[f32]) {
+        if self.has_code_offsets {
+            for (cell, &kpa) in self.cells.iter_mut().zip(zero_kpa) {
+                cell.calibration.offset = self.law.code(kpa);
+            }
+        } else {
+            self.zero_kpa = self.insole_index.iter().map(|&index| zero_kpa[index]).collect();
+        }
+    }
+
+    /// The code of the cell with this index in the recording for each of its pressures, kPa.
+    pub(crate) fn codes_of_cell(&self, cell: usize, mut pressure_kpa: Vec<f32>) -> Vec<u16> {
+        if let Some(zero_kpa) = self.zero_kpa.get(cell) {
+            pressure_kpa.iter_mut().for_each(|kpa| *kpa = (*kpa - zero_kpa).max(0.0));
+        }
         let mut codes = vec![0; pressure_kpa.len()];
         // As in `codes`, unloaded frames are skipped eight at a time.
         for (kpa, codes) in pressure_kpa.chunks(8).zip(codes.chunks_mut(8)) {
@@ -179,6 +199,12 @@ impl VirtualInsole {
     /// Writes the codes of these pressures to `codes`. The pressures, kPa, are in the order of the recording; the codes are in
     /// the order of the insole.
     pub fn codes(&self, pressure_kpa: &[f32], codes: &mut [u16]) {
+        if !self.zero_kpa.is_empty() {
+            for ((kpa, zero_kpa), &index) in pressure_kpa.iter().zip(&self.zero_kpa).zip(&self.insole_index) {
+                codes[index] = self.law.code((kpa - zero_kpa).max(0.0));
+            }
+            return;
+        }
         codes.fill(0);
         // Most cells are unloaded most of the time, so unloaded cells are skipped eight at a time.
         let (kpa_by_8, kpa_left) = pressure_kpa.as_chunks::<8>();
@@ -192,7 +218,7 @@ impl VirtualInsole {
     }
 
     /// The pressures that a device measures if these pressures are applied. Both are in kPa and in the order of the recording.
-    /// The measured pressures are quantised, and the offsets of the cells are subtracted.
+    /// The measured pressures are quantised, and the readings of the unloaded cells are subtracted.
     pub fn measured_kpa(&self, pressure_kpa: &[f32]) -> Vec<f32> {
         let mut codes = vec![0; self.cells.len()];
         self.codes(pressure_kpa, &mut codes);

@@ -38,7 +38,28 @@ pub struct Layout {
     pub cells: Vec<Cell>,
 }
 
+/// The beginning of the name of an insole's layout, in front of its identifier.
+const INSOLE: &str = "insole 0x";
+/// The beginning of the name of the layout of computed recordings.
+const COMPUTED: &str = "synthetic insole";
+
 impl Layout {
+    /// The layout of an insole of this project.
+    pub(crate) fn of_insole(layout_id: u32, cells: Vec<Cell>) -> Self {
+        Self { name: format!("{INSOLE}{layout_id:08x}"), cells }
+    }
+
+    /// The layout of computed recordings.
+    pub(crate) fn computed(cells: Vec<Cell>) -> Self {
+        Self { name: format!("{COMPUTED}, EU 42, {} cells", cells.len()), cells }
+    }
+
+    /// True if the pressures follow from the codes of a sensor by this project's law: those of an insole or computed ones. The
+    /// reading of an unloaded cell adds to the code of such a sensor, and to the pressure of others.
+    pub(crate) fn is_of_codes(&self) -> bool {
+        [INSOLE, COMPUTED].iter().any(|beginning| self.name.starts_with(beginning))
+    }
+
     /// Force on all cells, N: the sum of pressure times area. `pressure_kpa` has one value for each cell.
     pub fn force_n(&self, pressure_kpa: &[f32]) -> f64 {
         // 1 kPa on 1 mm² is 1 mN.

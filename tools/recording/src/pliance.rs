@@ -56,9 +56,18 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         let fields: Vec<&str> = row_with_points.split_whitespace().collect();
         // The table ends with an empty line, the title of another table, or the mean and the maximum of all frames. Any
         // other first field is read as a time, even if it is damaged, and so is a title that a frame follows: if the table
-        // ended there, the frames below would be left out without a message.
-        let Some(first) = fields.first() else { break };
-        if is_title(first) && !lines.clone().next().is_some_and(|(_, next)| is_frame(next, sensors)) {
+        // ended there, the frames below would be left out without a message. For the same reason, an empty line that a frame
+        // follows is skipped.
+        let Some(first) = fields.first() else {
+            while lines.clone().next().is_some_and(|(_, row)| row.trim().is_empty()) {
+                lines.next();
+            }
+            if precedes_frame(&lines, sensors) {
+                continue;
+            }
+            break;
+        };
+        if is_title(first) && !precedes_frame(&lines, sensors) {
             break;
         }
         let place = || at_line(path, line);
@@ -70,6 +79,12 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
             let value = pressure(field, &format!("{}", i + 2), unit, &place)?;
             frames.add(*row, *column, value * kpa_per_unit as f32);
         }
+    }
+    let is_table =
+        |row: &str| row.strip_prefix(TIME_COLUMN).is_some_and(|names| names.split_whitespace().count() == sensors);
+    if let Some((line, _)) = lines.find(|(_, row)| is_table(row)) {
+        let remedy = "export each measurement to a file of its own";
+        return Err(Error::content(at_line(path, line), "another measurement begins here", remedy));
     }
     let mut remarks = Vec::new();
     let foot = Foot {
@@ -86,6 +101,11 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
 /// times and not titles.
 fn is_title(first: &str) -> bool {
     first.starts_with(char::is_alphabetic) && first.parse::<f64>().is_err()
+}
+
+/// True if the next line is a frame of this number of sensors.
+fn precedes_frame<'a>(lines: &(impl Iterator<Item = (u64, &'a str)> + Clone), sensors: usize) -> bool {
+    lines.clone().next().is_some_and(|(_, next)| is_frame(next, sensors))
 }
 
 /// True if a line is a frame of this number of sensors.

@@ -85,7 +85,7 @@ impl RecordingReader {
         for (file, group, first_row) in self.groups() {
             largest_kpa = largest_kpa.max(match file.stated_largest_kpa(group) {
                 Some(stated_kpa) => stated_kpa,
-                None => largest(file.pressures(group, first_row, &|kpa| vec![largest(kpa)])?.concat()),
+                None => largest(file.pressures(group, first_row, &|_, kpa| vec![largest(kpa)])?.concat()),
             });
         }
         Ok(largest_kpa)
@@ -99,7 +99,7 @@ impl RecordingReader {
         let mut recording = self.head.clone();
         check::value_count(self.frames() as u64, recording.cells(), &self.place)?;
         let order: Vec<usize> = (0..recording.cells()).collect();
-        for block in self.blocks(&order, &|kpa| kpa) {
+        for block in self.blocks(&order, &|_, kpa| kpa) {
             let Block { t_s, values } = block?;
             recording.t_s.extend(t_s);
             recording.pressure_kpa.extend(values);
@@ -119,11 +119,12 @@ impl RecordingReader {
     }
 
     /// The frames of each row group, or the violation of a rule. For each value of a frame, `order` contains the index of its
-    /// cell in the recording. `convert` converts the pressures of one cell in all frames of the row group, kPa, to values.
+    /// cell in the recording. `convert` converts the pressures of the cell with this index in all frames of the row group, kPa, to
+    /// values.
     pub(crate) fn blocks<T: Copy + Default + Send + Sync>(
         &self,
         order: &[usize],
-        convert: &(dyn Fn(Vec<f32>) -> Vec<T> + Sync),
+        convert: &(dyn Fn(usize, Vec<f32>) -> Vec<T> + Sync),
     ) -> impl Iterator<Item = Result<Block<T>>> {
         let mut groups = self.groups();
         let mut time_check = Some(self.time_check.clone());

@@ -101,7 +101,7 @@ impl VirtualInsole {
         let insole = self.clone();
         let decoder = Some(thread::spawn(move || {
             let order = insole.order();
-            for block in reader.blocks(&order, &|pressure_kpa| insole.codes_of_cell(&pressure_kpa)) {
+            for block in reader.blocks(&order, &|cell, pressure_kpa| insole.codes_of_cell(cell, pressure_kpa)) {
                 let is_last = block.is_err();
                 // The receiver is gone if the consumer needs no more scans.
                 if sender.send(block).is_err() || is_last {

@@ -113,7 +113,7 @@ fn layout(setup: &Setup, cells: &[SetupCell]) -> Layout {
         area_mm2: cell.area_mm2.into(),
         region: cell.region,
     };
-    Layout { name: format!("insole {:#010x}", setup.layout_id), cells: cells.iter().map(cell).collect() }
+    Layout::of_insole(setup.layout_id, cells.iter().map(cell).collect())
 }
 
 /// The pressure of a cell, kPa. It is computed by the sensor law itself, because the insole's table of the law is coarse near

@@ -25,6 +25,9 @@ fn property(line: &str) -> Option<(&str, &str)> {
     (!name.is_empty()).then(|| (name, value.trim_matches([' ', ',', '\t', ':', '"'])))
 }
 
+/// The remedy for raw values that cannot be converted.
+const CALIBRATE: &str = "calibrate the measurement in the vendor's program, and export it in kPa";
+
 /// The header of an export.
 #[derive(Default)]
 struct Header<'a> {
@@ -37,6 +40,8 @@ struct Header<'a> {
     unit: Option<(&'a str, u64)>,
     /// Force on the sensor, N, and sum of its raw values, in the measurement that calibrated it.
     calibration: Option<(f64, f64)>,
+    /// True if the sensor was calibrated with a second load, by a law that the export does not state.
+    has_second_point: bool,
     file_name: &'a str,
     sensor: &'a str,
 }
@@ -63,9 +68,12 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     let mut remarks = Vec::new();
     let kpa_per_unit = if unit.to_lowercase().starts_with("raw") {
         let (force_n, sum) = header.calibration.ok_or_else(|| {
-            let remedy = "calibrate the measurement in the vendor's program, and export it in kPa";
-            Error::content(at_line(path, unit_line), "raw values without a valid CALIBRATION_POINT_1", remedy)
+            Error::content(at_line(path, unit_line), "raw values without a valid CALIBRATION_POINT_1", CALIBRATE)
         })?;
+        if header.has_second_point {
+            let problem = "raw values with a CALIBRATION_POINT_2, which are not in proportion to the load";
+            return Err(Error::content(at_line(path, unit_line), problem, CALIBRATE));
+        }
         remarks.push(
             "The values are raw: they were converted in proportion to the load of CALIBRATION_POINT_1.".to_owned(),
         );
@@ -76,6 +84,13 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     let frames = read_frames(&mut lines, path, [rows, columns], period_s, kpa_per_unit)?;
     let is_insole = header.sensor.to_uppercase().replace(['-', ' '], "").contains("FSCAN");
     let stated = [header.file_name, &file_name(path)].into_iter().find_map(side_of);
+    if let (Some(side), Some(stated)) = (side, stated)
+        && side != stated
+    {
+        let (side, stated) = (side.name(), stated.name());
+        remarks
+            .push(format!("The export is named as one of the {stated} foot, but it was imported as the {side} foot."));
+    }
     let side = side.or(stated);
     if is_insole && side.is_none() {
         return Err(Error::content(
@@ -116,6 +131,7 @@ fn header<'a>(lines: &mut impl Iterator<Item = (u64, &'a str)>, path: &Path) -> 
             }
             "UNITS" => header.unit = Some((value, line)),
             "CALIBRATION_POINT_1" => header.calibration = calibration(value),
+            "CALIBRATION_POINT_2" => header.has_second_point = calibration(value).is_some(),
             "FILENAME" => header.file_name = value,
             "SENSOR_TYPE" => header.sensor = value,
             _ => {}
@@ -217,7 +233,9 @@ fn read_frames<'a>(
             rows_read = 0;
             continue;
         }
-        let fields = row.split([',', ';', '\t']).map(str::trim);
+        // With other separators, a comma is a decimal comma.
+        let separators: &[char] = if row.contains([';', '\t']) { &[';', '\t'] } else { &[','] };
+        let fields = row.split(separators).map(str::trim);
         if rows_read == rows {
             let problem = format!("`{}`, expected the beginning of a frame", shortened(row));
             return Err(Error::content(place(), problem, "export the measurement again, and do not edit the file"));

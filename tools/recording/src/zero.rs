@@ -3,7 +3,7 @@
 use crate::table::at_line;
 use crate::{Error, Recording, Result, StandingTrial, VirtualInsole, output};
 use plantar::Side;
-use plantar::pipeline::calibrate::zero_offset;
+use plantar::pipeline::calibrate::{CellCalibration, zero_offset};
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
 use serde::Deserialize;
@@ -36,8 +36,10 @@ pub struct FootZero {
     pub layout_id: u32,
     /// Reading of each unloaded cell, kPa, not negative, in the order of [`VirtualInsole::cells`].
     ///
-    /// A sensor adds its offset to the code, not to the pressure. The offset is nevertheless stored as a pressure, because its
-    /// code depends on the full scale, which a virtual insole chooses according to its recording.
+    /// It is subtracted from the pressures of an import, because the systems of other vendors state pressures that add up. An
+    /// insole of this project adds the offset of its sensor to the code, so there the code of this pressure is subtracted. It is
+    /// nevertheless stored as a pressure, because its code depends on the full scale, which a virtual insole chooses according to
+    /// its recording.
     pub offset_kpa: Vec<f32>,
 }
 
@@ -118,7 +120,7 @@ impl Zero {
             "# Plantar zero: readings of the unloaded cells of an insole, from a standing trial.\n\
              # layout_id   identifies the cells\n\
              # offset_kpa  reading of each cell, kPa, ordered by region from heel to toes, then as in the recording;\n\
-             #             the code of the sensor at this pressure is subtracted from every code of the cell\n\n\
+             #             it is subtracted from every reading of the cell\n\n\
              version = {VERSION}\n"
         );
         for (side, foot) in [(Side::Left, &self.left), (Side::Right, &self.right)] {
@@ -142,8 +144,8 @@ impl Zero {
         }
     }
 
-    /// Applies this zero to `insole`: sets the offsets of the cells of the insole. `name` is the name of this zero in
-    /// messages, such as its file.
+    /// Applies this zero to `insole`, which subtracts it from then on. `name` is the name of this zero in messages, such as its
+    /// file.
     ///
     /// # Errors
     /// Fails if this is the zero of the other foot or of other cells, or the code of an offset is at least half of the scale.
@@ -203,11 +205,10 @@ impl FootZero {
                  for such a sensor, let the vendor's program subtract the zero before the export",
             ));
         }
-        for (i, &kpa) in self.offset_kpa.iter().enumerate() {
-            // A pressure above the full scale has no code. The code of the full scale is rejected below.
-            insole.cells[i].calibration.offset = insole.code(kpa.min(insole.setup.sensor.full_kpa));
-            let cell = insole.cells[i];
-            if !cell.calibration.is_valid() {
+        for (cell, &kpa) in insole.cells.iter().zip(&self.offset_kpa) {
+            // A pressure above the full scale has no code. The code of the full scale is rejected.
+            let offset = insole.code(kpa.min(insole.setup.sensor.full_kpa));
+            if !(CellCalibration { offset, ..CellCalibration::IDEAL }).is_valid() {
                 return Err(Error::content(
                     name,
                     format!(
@@ -219,6 +220,7 @@ impl FootZero {
                 ));
             }
         }
+        insole.subtract(&self.offset_kpa);
         Ok(())
     }
 }

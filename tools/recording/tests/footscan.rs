@@ -39,6 +39,14 @@ fn parse(text: &str) -> Result<Export> {
     common::parse(Format::Footscan, "step.txt", text.as_bytes(), None)
 }
 
+#[test]
+fn a_second_step_of_a_foot_is_refused_with_its_line() {
+    let once = file(&foot(Side::Right, false));
+    let line = once.lines().count() + 2;
+    let twice = once + &foot(Side::Right, false);
+    assert_message(parse(&twice), &format!("step.txt:{line}: "), &["second step", "file of its own"]);
+}
+
 /// Number of unloaded frames that the import adds before and after those of the file: 0.4 s.
 const ADDED: usize = 200;
 

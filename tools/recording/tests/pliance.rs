@@ -56,6 +56,21 @@ fn decimal_commas_yield_the_same_recording() {
     assert_eq!(with_commas.feet, with_points.feet);
 }
 
+#[test]
+fn empty_lines_between_frames_are_skipped_and_another_measurement_is_refused() {
+    let text = text(Side::Right);
+    let whole = parse(&text).unwrap();
+    for empty in ["\n", "\n\n  \n"] {
+        for time in ["5.00000", "5.01000"] {
+            let with_empty = text.replacen(&format!("\n{time} "), &format!("\n{empty}{time} "), 1);
+            assert_eq!(parse(&with_empty).unwrap().feet, whole.feet, "{time}");
+        }
+    }
+    let table = &text[text.find("time[secs]").unwrap()..text.find("MVP").unwrap()];
+    let twice = text.replacen("MVP", &format!("MVP\n\n{table}\nMVP"), 1);
+    assert_message(parse(&twice), "step.asc:", &["another measurement", "file of its own"]);
+}
+
 /// If a row with a damaged time counted as the end of the table, the frames below it would be left out without a message.
 #[test]
 fn a_damaged_time_is_refused_with_its_line() {

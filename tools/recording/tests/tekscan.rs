@@ -66,6 +66,25 @@ fn raw_values_are_converted_with_the_calibration_or_refused() {
 }
 
 #[test]
+fn decimal_commas_yield_the_same_recording() {
+    let text = text(Side::Right, "KPa", 1.0, "10.16 mm");
+    let frames = text.find("Frame").unwrap();
+    for separator in [";", "\t"] {
+        let with_commas = text[frames..].replace(',', separator).replace('.', ",");
+        let export = parse(&format!("{}{with_commas}", &text[..frames])).unwrap();
+        assert_eq!(export.feet, parse(&text).unwrap().feet);
+    }
+}
+
+#[test]
+fn raw_values_of_a_calibration_with_two_loads_are_refused() {
+    let two = "CALIBRATION_POINT_2 20.0 (Kgs) 2600 (Raw Sum) 99 (Number of Loaded Cells)\r\nUNITS";
+    let raw = |text: String| parse(&text.replacen("UNITS", two, 1));
+    assert_message(raw(text(Side::Right, "Raw", 1.0, "10.16 mm")), "walk.asf:11: ", &["CALIBRATION_POINT_2", "kPa"]);
+    assert!(raw(text(Side::Right, "KPa", 1.0, "10.16 mm")).is_ok());
+}
+
+#[test]
 fn the_name_of_the_file_or_an_argument_states_the_foot() {
     let unnamed = text(Side::Right, "KPa", 1.0, "10.16 mm").replace("stepR", "step");
     assert_message(common::parse(Format::Tekscan, "walk.asf", unnamed.as_bytes(), None), "walk.asf: ", &["--side"]);
@@ -80,6 +99,8 @@ fn the_name_of_the_file_or_an_argument_states_the_foot() {
     assert_eq!(by_name.feet[0].side, Side::Right);
     let stated = common::parse(Format::Tekscan, "walk.asf", unnamed.as_bytes(), Some(Side::Right)).unwrap();
     assert_eq!(stated.feet[0], by_name.feet[0].clone_with_source(&stated.feet[0].source));
+    let contradicted = common::parse(Format::Tekscan, "walk_R.asf", unnamed.as_bytes(), Some(Side::Left)).unwrap();
+    assert!(contradicted.remarks.iter().any(|remark| remark.contains("one of the right foot")));
     // If the file is imported as a left foot, its footprint is mirrored, which leads to a warning.
     let wrong = common::parse(Format::Tekscan, "walk.asf", unnamed.as_bytes(), Some(Side::Left)).unwrap();
     assert!(recording::footprint::warnings(&wrong.feet[0])[0].contains("mirrored"));

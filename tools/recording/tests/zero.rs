@@ -5,7 +5,7 @@ use plantar::pipeline::calibrate::{FULL_CODE, zero_offset};
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
 use recording::synthetic::{self, SyntheticStanding, SyntheticWalk};
-use recording::{FootZero, MAX_CELLS, Recording, StandingTrial, VirtualInsole, Zero};
+use recording::{FootZero, FrameSource, MAX_CELLS, Recording, RecordingReader, StandingTrial, VirtualInsole, Zero};
 use std::path::Path;
 
 /// The code of a pressure by the law of the virtual sensor at its default full scale, implemented independently.
@@ -145,6 +145,45 @@ fn the_mean_force_while_standing_is_the_applied_one() {
     assert!((mean_n - 412.0).abs() < 0.01 * 412.0, "{mean_n} N");
     for i in found.lifted.iter().cloned().flatten() {
         assert!(measured_n(i) < 1.0, "{} N on the lifted foot", measured_n(i));
+    }
+}
+
+/// The systems of other vendors state pressures. The pressure of a shoe adds to that of the foot, not to the code of the virtual
+/// sensor.
+#[test]
+fn the_zero_of_an_import_is_subtracted_from_its_pressures() {
+    let import = |mut recording: Recording, offsets_kpa: &[f32]| {
+        recording.layout.name = "pressure insole".into();
+        let cells = recording.cells();
+        for frame in recording.pressure_kpa.chunks_exact_mut(cells) {
+            frame.iter_mut().zip(offsets_kpa).for_each(|(kpa, offset)| *kpa += offset);
+        }
+        recording
+    };
+    let offsets_kpa = offsets_kpa(240);
+    let walk = synthetic::walk(&SyntheticWalk::default()).recording;
+    let recorded = import(walk.clone(), &offsets_kpa);
+    let (_, zero) = measured(&import(synthetic::standing(&SyntheticStanding::default()), &offsets_kpa));
+    let mut insole = virtual_insole(&recorded);
+    zero.apply_to(&mut insole, "zero").expect("this insole's zero");
+    assert!(insole.cells.iter().all(|cell| cell.calibration.offset == 0));
+    for i in 0..walk.frames() {
+        for (true_kpa, kpa) in walk.frame(i).iter().zip(insole.measured_kpa(recorded.frame(i))) {
+            // A code is 0.01 kPa, and the zero is rounded up by at most one. The insole's table of the law is coarse near zero.
+            let tolerance_kpa = if *true_kpa < 5.0 { 0.1 } else { 0.03 };
+            assert!((kpa - true_kpa).abs() < tolerance_kpa, "frame {i}: {kpa} kPa, not {true_kpa}");
+        }
+    }
+    // From a file, whose cells are decoded one after the other.
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("walk.parquet");
+    recorded.write(&path).expect("written");
+    let reader = RecordingReader::open(&path).expect("a recording");
+    let mut scans = insole.scans(FrameSource::File(reader));
+    let mut codes = vec![0; 240];
+    while let Some(scan) = scans.next_scan().expect("the file") {
+        insole.codes_of(&recorded, scan.index, &mut codes);
+        assert_eq!(scan.codes, codes);
     }
 }
 

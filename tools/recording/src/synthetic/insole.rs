@@ -22,7 +22,7 @@ pub fn insole(cells: usize) -> Layout {
         .expect("the number of cells grows without limit as the pitch approaches zero");
     grid.truncate(cells);
     template::assign(&mut grid);
-    Layout { name: format!("synthetic insole, EU 42, {cells} cells"), cells: grid }
+    Layout::computed(grid)
 }
 
 /// The cells of a square grid whose centres lie inside [`GENERIC_SOLE`], from heel to toes.
