@@ -234,7 +234,8 @@ impl LiveSteps {
     }
 
     /// Cuts the curves of a step out of the frames. `None` if more than [`INTERPOLATED_FRAMES`] successive frames are missing, if
-    /// the first or last ones are not buffered, or if the step's times are not multiples of the time between frames.
+    /// the first or last ones are not buffered, if the step's times are not multiples of the time between frames, or if the
+    /// frames have other peak forces than the record.
     fn evaluate(&self, step: &StepMessage) -> Option<Step> {
         let sample_us = u64::from(step.sample_us);
         let period_us = self.period_us?.min(sample_us);
@@ -247,6 +248,11 @@ impl LiveSteps {
         let frames = frames.collect::<Option<Vec<FrameLoads>>>()?;
         // In a long stance, the insole stores only every second frame, then every fourth, and so on.
         let (frame_s, stride) = (period_us as f64 * 1e-6, (sample_us / period_us) as usize);
+        let end_us = step.start_us.saturating_add(step.duration_us.into());
+        let received = self.frames.iter().filter(|frame| (step.start_us..end_us).contains(&frame.t_us)).count();
+        if received == frames.len() && !have_peaks_of(&frames, stride, step) {
+            return None;
+        }
         let regions = std::array::from_fn(|region| {
             let curves = frame_curves(&frames, region, frame_s);
             let ellipse = ellipse_at_peak(&step.regions[region]);
@@ -300,6 +306,24 @@ impl LiveSteps {
             (from.0 + (to.0 - from.0) * part, from.1 + (to.1 - from.1) * part, None)
         }))
     }
+}
+
+/// True if the frames of a stance have the peak forces of its record, within the resolution of the messages. Frames of another boot
+/// of the insole can have the same times, if its restart was not recognised. The peak of a record is that of the stored samples,
+/// one of `stride` frames, from the first to the last one in contact; that of a region without contact is 0.
+fn have_peaks_of(frames: &[FrameLoads], stride: usize, step: &StepMessage) -> bool {
+    const RESOLUTION_N: f64 = 0.2;
+    let samples: Vec<&FrameLoads> = frames.iter().step_by(stride).collect();
+    step.regions.iter().enumerate().all(|(region, record)| {
+        let recorded_n = record.measured_force_peak_n();
+        // An area of less than 0.5 mm2 is 0 in a frame, so the contact may be longer.
+        let in_contact = |sample: &&FrameLoads| sample[region].0 > 0.0;
+        let first = samples.iter().position(in_contact).unwrap_or(samples.len());
+        let end = samples.iter().rposition(in_contact).map_or(first, |last| last + 1);
+        let least_n = samples[first..end].iter().map(|sample| sample[region].1).fold(0.0, f64::max);
+        let most_n = frames.iter().map(|frame| frame[region].1).fold(0.0, f64::max);
+        recorded_n >= least_n - RESOLUTION_N && recorded_n <= most_n + RESOLUTION_N
+    })
 }
 
 /// The contact ellipse at the peak force, from a record; `None` without contact.

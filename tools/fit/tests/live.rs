@@ -277,6 +277,45 @@ fn a_restart_that_only_the_times_of_steps_show_is_recognised() {
     assert_eq!((live.collected(0).0.len(), reasons(&live)), (10, vec![ExclusionReason::BeforeStream; 5]));
 }
 
+/// Neither the frames nor the numbers show the restart, but the frames of the former boot have other forces.
+#[test]
+fn a_step_is_not_combined_with_frames_of_other_forces() {
+    let messages = messages(&computed_walk(5));
+    let mut live = LiveSteps::new();
+    for message in &messages {
+        match message {
+            ToHost::Live(frame) => {
+                let mut frame = *frame;
+                frame.regions[Region::Heel as usize].measured_dn /= 2;
+                live.frame(&frame);
+            }
+            ToHost::Step(step) => live.step(step),
+            _ => (),
+        }
+    }
+    live.finish();
+    assert_eq!((live.collected(0).0.len(), reasons(&live)), (0, vec![ExclusionReason::Broken; 5]));
+}
+
+/// Under a high arch, cells carry less than the contact threshold: the frames have their force, but the record has no contact.
+#[test]
+fn a_step_with_regions_below_the_contact_threshold_is_used() {
+    let mut recording = computed_walk(3);
+    let midfoot = [Region::PosteriorMidfoot, Region::AnteriorMidfoot];
+    let cells: Vec<bool> = recording.layout.cells.iter().map(|cell| midfoot.contains(&cell.region)).collect();
+    for (kpa, is_midfoot) in recording.pressure_kpa.iter_mut().zip(cells.iter().cycle()) {
+        *kpa = if *is_midfoot { kpa.min(4.0) } else { *kpa };
+    }
+    let messages = messages(&recording);
+    let has_force = |message: &ToHost| match message {
+        ToHost::Live(frame) => frame.regions[Region::AnteriorMidfoot as usize].measured_dn > 20,
+        _ => false,
+    };
+    assert!(messages.iter().any(has_force));
+    let live = collect(&messages);
+    assert_eq!((live.collected(0).0.len(), reasons(&live)), (3, vec![]));
+}
+
 /// The link was lost without a restart, and a record arrives only in the next session.
 #[test]
 fn a_step_whose_record_arrives_in_the_next_session_is_used() {
@@ -328,6 +367,10 @@ fn partial_steps_are_excluded_and_contact_rules_are_not_mixed() {
             && (from_us..to_us).contains(&live.t_us)
         {
             live.regions.iter_mut().for_each(|region| region.measured_dn /= 2);
+        } else if let ToHost::Step(step) = message
+            && step.start_us == from_us
+        {
+            step.regions.iter_mut().for_each(|region| region.measured_peak_dn /= 2);
         }
     }
     let live = collect(&messages);

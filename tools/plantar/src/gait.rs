@@ -131,16 +131,28 @@ fn read(path: &Path) -> Result<Walk> {
     if live::is_stream(path) { from_stream(path) } else { from_recording(&Recording::read(path)?) }
 }
 
+/// Number of times of an insole after which its clock is compared well with that of the host.
+const COMPARED_TIMES: u32 = 20;
+
 /// The load records in a stream file. The times of the steps are on the clock of the host: they follow from the time messages
 /// of the insoles or, without such messages, from the wall clocks of the insoles, which the host set.
 fn from_stream(path: &Path) -> Result<Walk> {
     let bytes = std::fs::read(path)?;
     let mut messages = live::StreamMessages::new(&bytes);
     let mut mappings = [const { ClockMapping::new() }; STREAM_INSOLES];
+    // A host receives stored steps before the first time of the insole. Their times follow once the clocks are compared: their
+    // indices in `steps`, and the number of times since the hello.
+    let mut untimed: [(Vec<usize>, u32); STREAM_INSOLES] = [const { (Vec::new(), 0) }; STREAM_INSOLES];
     let Walk { mut steps, mut others } = Walk::default();
+    let set_times = |steps: &mut [(Step, Option<u64>)], untimed: &mut Vec<usize>, mapping: &ClockMapping| {
+        for index in untimed.drain(..) {
+            let (step, start_us) = &mut steps[index];
+            *start_us = mapping.start_us(&LoadRecord::from(*step)).or(step.start_unix_us);
+        }
+    };
     for message in &mut messages {
         let (entry, message) = message?;
-        let mapping = &mut mappings[entry.insole];
+        let (mapping, (untimed, times)) = (&mut mappings[entry.insole], &mut untimed[entry.insole]);
         match message {
             Some(ToHost::Hello(Hello { major, .. })) if major != MAJOR => {
                 bail!(
@@ -148,8 +160,17 @@ fn from_stream(path: &Path) -> Result<Walk> {
                      version"
                 )
             }
-            Some(ToHost::Hello(_)) => *mapping = ClockMapping::new(),
-            Some(ToHost::Time { host_us, device_us }) => mapping.answer(host_us, device_us),
+            Some(ToHost::Hello(_)) => {
+                set_times(&mut steps, untimed, mapping);
+                (*mapping, *times) = (ClockMapping::new(), 0);
+            }
+            Some(ToHost::Time { host_us, device_us }) => {
+                mapping.answer(host_us, device_us);
+                *times += 1;
+                if *times == COMPARED_TIMES {
+                    set_times(&mut steps, untimed, mapping);
+                }
+            }
             Some(ToHost::Step(step)) => {
                 // An insole can send again the records in its queue, and as many whose acknowledgement was lost. A file has up to
                 // two insoles.
@@ -157,7 +178,11 @@ fn from_stream(path: &Path) -> Result<Walk> {
                 let is_same = |known: &Step| LoadRecord::from(*known).is_same(&record);
                 let is_known = steps.iter().rev().take(4 * RECORD_QUEUE).any(|(known, _)| is_same(known));
                 if !is_known {
-                    steps.push((step, mapping.start_us(&record).or(step.start_unix_us)));
+                    let start_us = mapping.start_us(&record);
+                    if start_us.is_none() {
+                        untimed.push(steps.len());
+                    }
+                    steps.push((step, start_us));
                 }
             }
             Some(ToHost::Bout(Bout { side, number, .. }) | ToHost::Alert(Alert { side, number, .. }))
@@ -167,6 +192,9 @@ fn from_stream(path: &Path) -> Result<Walk> {
             }
             _ => {}
         }
+    }
+    for ((untimed, _), mapping) in untimed.iter_mut().zip(&mappings) {
+        set_times(&mut steps, untimed, mapping);
     }
     messages.note_unused(&path.display().to_string());
     Ok(Walk { steps, others })
@@ -182,9 +210,16 @@ fn from_recording(recording: &Recording) -> Result<Walk> {
         bail!("the time column begins at {start_s} s: shift it, so that it begins at 0 or later");
     }
     let mut walk = Walk::default();
+    // The insole assumes a constant period, in whole microseconds.
+    let time_us = |insole_us: u64| {
+        let frame = (insole_us / u64::from(virtual_insole.setup.period_us)) as usize;
+        recording.t_s.get(frame).or(recording.t_s.last()).map_or(0, |t_s| (t_s * 1e6).round() as u64)
+    };
     let mut add_records = |toe_off: bool, insole: &mut Insole<f32, MAX_CELLS>| {
         if let Some(step) = completed_step(toe_off, insole) {
-            walk.steps.push((step, Some((start_s * 1e6).round() as u64 + step.start_us)));
+            let start_us = time_us(step.start_us);
+            let duration_us = time_us(step.start_us + u64::from(step.duration_us)).saturating_sub(start_us) as u32;
+            walk.steps.push((Step { duration_us, ..step }, Some(start_us)));
         }
         walk.others.extend(insole.take_bout().map(|bout| (bout.side, bout.number)));
     };

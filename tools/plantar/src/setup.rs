@@ -187,13 +187,13 @@ pub fn insole(recording: &Recording, rule: ContactRule) -> Result<VirtualInsole>
 
 #[derive(Args, Default)]
 pub struct ZeroArgs {
-    /// The zero file from `plantar zero`. The insole subtracts the zero of each cell from its readings.
+    /// The zero file from `plantar zero`. The zero of each cell is subtracted from its readings.
     #[arg(long, value_name = "FILE")]
     pub(crate) zero: Option<PathBuf>,
 }
 
 impl ZeroArgs {
-    /// Sets the offsets of the insole's cells from the zero file, if the option is given.
+    /// Lets the insole subtract the zeros in the zero file, if the option is given.
     pub fn apply(&self, insole: &mut VirtualInsole) -> Result<()> {
         if let Some(path) = &self.zero {
             Zero::read(path)?.apply_to(insole, &path.display().to_string())?;

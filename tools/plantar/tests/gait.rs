@@ -95,6 +95,42 @@ fn a_stream_has_the_measures_of_both_feet_on_the_clock_of_the_host() {
     assert!(text.contains("Walking speed: 1.20 m/s") && text.contains("Double support"), "{text}");
 }
 
+/// An insole sends its stored steps before its time.
+#[test]
+fn steps_before_the_first_time_of_an_insole_are_used() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut file = Vec::new();
+    let mut append = |insole, message: &ToHost| client::append(&mut file, 0, insole, message).expect("it fits");
+    for (insole, side, ahead_us) in [(0, Side::Left, 5_000_000), (1, Side::Right, 90_000_000)] {
+        (0..10).for_each(|number| append(insole, &ToHost::Step(step(side, number, ahead_us))));
+        append(insole, &ToHost::Time { host_us: 100, device_us: 100 + ahead_us });
+    }
+    std::fs::write(folder.path().join("stored.plantar"), file).expect("written");
+    write_stream(&folder.path().join("walk.plantar"), true);
+    let [stored, live] = ["stored.plantar", "walk.plantar"].map(|name| measures(folder.path(), name).0);
+    assert_eq!(stored, live);
+}
+
+/// The frame rate of one foot is stated wrong by 0.5 %, and the insole knows only this rate.
+#[test]
+fn times_of_recordings_are_those_of_their_frames() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (side, lag_s, rate_hz) in [(Side::Left, 0.0, 100.0), (Side::Right, 0.4, 100.5)] {
+        let mut recording =
+            walk(&SyntheticWalk { side, steps: 30, variation: 0.0, ..SyntheticWalk::default() }).recording;
+        recording.t_s.iter_mut().for_each(|t_s| *t_s += lag_s);
+        recording.rate_hz = rate_hz;
+        recording.write(folder.path().join(format!("{}.parquet", side.name()))).expect("written");
+    }
+    let (gait, _) = measures(folder.path(), "left.parquet right.parquet");
+    let SyntheticWalk { stance_s, swing_s, .. } = SyntheticWalk::default();
+    for key in ["stride_time_s", "stance_time_s"] {
+        assert!((mean(&gait, key, "left") - mean(&gait, key, "right")).abs() < 1e-6, "{key}: {gait:#}");
+    }
+    assert!((mean(&gait, "step_time_s", "right") - 0.4).abs() < 1e-6, "{gait:#}");
+    assert!((mean(&gait, "step_time_s", "left") - (stance_s + swing_s - 0.4)).abs() < 1e-6, "{gait:#}");
+}
+
 #[test]
 fn a_stream_without_a_common_clock_has_the_measures_of_each_foot() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -62,6 +62,10 @@ fn measurements_of_the_tissue_determine_the_vertical_radius_and_are_named_in_eve
         (&"assumed_compression".into(), &"measurement".into())
     );
     assert_eq!(pinned("metatarsals_12")["d0_by"], "shoe_size");
+    // The method of the paper searches the thickness, also if it was measured.
+    let (_, stdout, stderr) = run(path, "fit walk.parquet --tissue t.toml --method paper --json paper.json");
+    let hallux = json(&path.join("paper.json"))["regions"]["hallux"]["pinned"].clone();
+    assert_eq!(hallux["d0_by"], "search", "{stdout}{stderr}");
     let compression = pinned("heel")["compression"].as_f64().expect("a number");
     assert!((compression - 0.3).abs() < 1e-9, "{compression}");
     let text = std::fs::read_to_string(path.join("p.toml")).expect("a file");

@@ -5,6 +5,7 @@ use crate::setup::{ContactArgs, rule_in_words};
 use anyhow::{Result, ensure};
 use clap::{Args, ValueEnum};
 use parameters::InsoleSize;
+use plantar::pipeline::setup::Setup;
 use plantar::protocol::Settings;
 
 /// The European shoe size of the reference layout, to which [`Settings::scale`] is relative.
@@ -66,7 +67,9 @@ impl SettingsArgs {
         }
         let before = in_force(client)?;
         let settings = self.changed(before);
-        ensure!(settings != before, "nothing to change: these settings are in force, or no option was given");
+        // If the restart after an earlier change failed, the stored settings are not in force yet: the insole restarts now.
+        let is_change = settings != before || !are_used(&settings, client)?;
+        ensure!(is_change, "nothing to change: these settings are in force, or no option was given");
         Ok(client.set_settings(Some(settings))?)
     }
 
@@ -89,6 +92,13 @@ impl SettingsArgs {
     }
 }
 
+/// True if an insole uses these settings since its last start. The size is not compared, because an insole does not report the one
+/// that it uses.
+fn are_used(settings: &Settings, client: &mut AnyClient) -> Result<bool> {
+    let Setup { contact, stance, period_us, .. } = client.setup()?;
+    Ok((contact, stance, period_us) == (settings.contact, settings.stance, settings.period_us))
+}
+
 /// The settings of an insole: those that a host has stored, or else those of its firmware.
 pub fn in_force(client: &mut AnyClient) -> Result<Settings> {
     Ok(match client.settings()? {
@@ -101,9 +111,12 @@ pub fn in_force(client: &mut AnyClient) -> Result<Settings> {
 pub fn print_settings(client: &mut AnyClient) -> Result<()> {
     let hello = client.hello();
     let (layout_id, is_stored) = (hello.layout_id, client.settings()?.is_some());
-    let Settings { contact, stance, period_us, scale } = in_force(client)?;
+    let settings = in_force(client)?;
+    let is_used = are_used(&settings, client)?;
+    let Settings { contact, stance, period_us, scale } = settings;
     let origin = if is_stored { "set by a host" } else { "of the firmware" };
-    println!("settings {layout_id:08x}, {origin}:");
+    let since = if is_used { "" } else { ", in force once the insole restarts" };
+    println!("settings {layout_id:08x}, {origin}{since}:");
     println!("  contact: {}", rule_in_words(&contact));
     println!(
         "  stance: {} thresholds, from {} N until below {} N, {} to {} ms, gaps of less than {} ms are bridged",

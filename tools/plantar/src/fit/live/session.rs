@@ -103,7 +103,7 @@ fn frames(folder: &Path) -> Result<BTreeMap<i32, Vec<Live>>> {
 fn records(folder: &Path) -> Result<BTreeMap<i32, Vec<Step>>> {
     let columns = [
         &STEP_COLUMNS[..],
-        &["saturated", "masked_cells"],
+        &["saturated", "masked_cells", "measured_force_peak_n"],
         &["ellipse_x_mm", "ellipse_y_mm", "ellipse_r_a_mm", "ellipse_r_b_mm", "ellipse_angle_deg"],
     ];
     let columns = columns.concat();
@@ -184,6 +184,7 @@ fn step_of(row: &Row, number: u32) -> Result<Step> {
 fn region_of(row: &Row) -> Result<StepRegion> {
     let scaled = |name, per_unit: f64| anyhow::Ok((row.optional(name)?.unwrap_or(0.0) * per_unit).round());
     Ok(StepRegion {
+        measured_peak_dn: scaled("measured_force_peak_n", 10.0)? as u16,
         masked_cells: row.integer("masked_cells")? as u8,
         ellipse_x_dmm: scaled("ellipse_x_mm", 10.0)? as i16,
         ellipse_y_dmm: scaled("ellipse_y_mm", 10.0)? as i16,
