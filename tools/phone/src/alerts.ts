@@ -3,7 +3,7 @@
 import { PhoneCues } from "./cues";
 import { type Node, byId, fill } from "./dom";
 import { regionTitle } from "./format";
-import type { Alert, DailyRegion, Side } from "./generated/quantities";
+import type { Alert, DailyLoad, DailyRegion, Side } from "./generated/quantities";
 import type { Insoles } from "./insoles";
 import type { InsoleAnswer, Session } from "./session";
 import { type Settings, saveSettings } from "./settings";
@@ -15,12 +15,41 @@ import type { Wire } from "./wire";
 const FRESH_S = 300;
 /** Duration of a snooze. The text of the button in index.html states it, too. */
 const SNOOZE_MIN = 30;
+/** Largest age of the load of the day that confirms a pause, s. */
+const PAUSE_TOLERANCE_S = 30;
 /** Number of alerts in the table. */
 const ROWS = 10;
 /** Longest time that the insoles need to answer a change of the switch. During this time, the switch is not updated. */
 const ANSWER_MS = 3000;
 /** Durations of the vibrations of an alert and of the pauses between them, beginning with a vibration. */
 const VIBRATION_MS = [400, 200, 400, 200, 400];
+
+/** The key under which the browser stores when the wearer last closed alerts. */
+const CLOSED_KEY = "plantar.alerts_closed_unix_s";
+
+/** The key under which the browser stores all starts of the day that this page has sent to insoles, separated by commas. */
+const DAY_STARTS_KEY = "plantar.day_starts_min";
+
+/** All starts of the day that this page has sent to insoles, minutes from midnight UTC. */
+const ownDayStarts = () => (stored(DAY_STARTS_KEY) ?? "").split(",");
+
+/** What the browser has stored under a key; `null` if it stores nothing for this site. */
+function stored(key: string): string | null {
+  try {
+    return localStorage.getItem(key);
+  } catch {
+    return null;
+  }
+}
+
+/** Lets the browser store a value, if it stores anything for this site. */
+function store(key: string, value: string): void {
+  try {
+    localStorage.setItem(key, value);
+  } catch {
+    // The value is lost with the page.
+  }
+}
 
 /** Minutes from midnight UTC to midnight of the phone's time zone. */
 const dayStartMinutes = () => (new Date().getTimezoneOffset() + 1440) % 1440;
@@ -40,7 +69,8 @@ function ageOf_s(alert: Alert, start_unix_s: number | null, t_s: number | undefi
 /** Shows alerts until the wearer closes them. */
 export class Alerts {
   private readonly cues = new PhoneCues();
-  private readonly shown = new Map<Side, Alert>();
+  /** The alerts that the wearer has not closed, oldest first. */
+  private shown: Alert[] = [];
   /**
    * The last change of the switch by the wearer: its new state, and the sessions whose insoles were asked for it. `update`
    * removes the connected sessions whose insoles have accepted it.
@@ -50,8 +80,14 @@ export class Alerts {
   private answer_timer: ReturnType<typeof setTimeout> | undefined;
   /** Why an insole refused this change, as a phrase; empty if none did. */
   private refusal = "";
-  /** The ends of pauses, as times of `Date.now()`, that were not sent yet because the insole of the foot is not connected. */
+  /** The ends of pauses, as times of `Date.now()`, that the insole of the foot has not confirmed. */
   private readonly unsent_pauses = new Map<Side, number>();
+  /** For each foot with such a pause that was sent, the load of the day that was known then. The next one shows whether it arrived. */
+  private readonly known_at_pause = new Map<Side, DailyLoad | undefined>();
+  /** The sessions whose insoles were asked to begin the day at this time, minutes from midnight UTC. */
+  private readonly asked_day_start = new WeakMap<Session, number>();
+  /** True once the alerts of the last visit were shown. */
+  private is_restored = false;
 
   constructor(
     private readonly wire: Wire,
@@ -64,7 +100,10 @@ export class Alerts {
     byId("alert-close").onclick = () => this.close();
     byId("alert-snooze").onclick = () => {
       // Both feet: a wearer who has no time to unload one foot has none for the other.
-      for (const side of SIDES) if (this.insoles.of(side)) this.unsent_pauses.set(side, Date.now() + SNOOZE_MIN * 60_000);
+      for (const side of SIDES) {
+        if (this.insoles.of(side)) this.unsent_pauses.set(side, Date.now() + SNOOZE_MIN * 60_000);
+        this.known_at_pause.delete(side);
+      }
       this.sendPauses();
       this.close();
     };
@@ -74,7 +113,7 @@ export class Alerts {
       this.change = { is_on: alerts.checked, sessions };
       this.refusal = "";
       for (const session of sessions) {
-        if (session.alert_rules) session.send(this.wire.setAlerts(session.alert_rules, alerts.checked, dayStartMinutes()));
+        if (session.alert_rules) this.setRules(session, session.alert_rules, alerts.checked);
       }
       clearTimeout(this.answer_timer);
       this.answer_timer = setTimeout(() => {
@@ -95,7 +134,7 @@ export class Alerts {
     }
     // A hidden page cannot vibrate, so the wearer may not have noticed the signal.
     document.addEventListener("visibilitychange", () => {
-      if (!document.hidden && this.shown.size > 0) this.signal();
+      if (!document.hidden && this.shown.length > 0) this.signal();
     });
   }
 
@@ -111,9 +150,20 @@ export class Alerts {
    */
   raise(alert: Alert, start_unix_s: number | null, t_s: number | undefined): void {
     if (ageOf_s(alert, start_unix_s, t_s) > FRESH_S) return;
-    this.shown.set(alert.side, alert);
+    // A dose is reported once a day, so a later alert does not replace it.
+    this.shown = [...this.shown.filter(({ side, dose }) => side !== alert.side || dose.length > 0), alert];
     this.signal();
     this.draw();
+  }
+
+  /** Shows the alerts of the last visit that the wearer has not closed. The browser may have ended the page in the background. */
+  restore(alerts: readonly StoredAlert[]): void {
+    if (this.is_restored) return;
+    this.is_restored = true;
+    const closed_s = Number(stored(CLOSED_KEY) ?? 0) || 0;
+    for (const { alert, start_unix_s } of alerts) {
+      if (start_unix_s !== null && start_unix_s > closed_s) this.raise(alert, start_unix_s, undefined);
+    }
   }
 
   private signal(): void {
@@ -122,13 +172,15 @@ export class Alerts {
   }
 
   private close(): void {
-    this.shown.clear();
+    this.shown = [];
+    // A browser that stores nothing for this site shows an alert of the last minutes again at the next visit.
+    store(CLOSED_KEY, String(Date.now() / 1000));
     this.draw();
   }
 
   private draw(): void {
-    byId("alert").hidden = this.shown.size === 0;
-    fill("alert-text", [...this.shown.values()].map(({ advice }): Node => ["p", {}, advice]));
+    byId("alert").hidden = this.shown.length === 0;
+    fill("alert-text", this.shown.map(({ advice }): Node => ["p", {}, advice]));
   }
 
   /**
@@ -138,13 +190,44 @@ export class Alerts {
   sendPauses(): void {
     for (const [side, end_ms] of this.unsent_pauses) {
       const rest_s = Math.ceil((end_ms - Date.now()) / 1000);
-      if (rest_s > 0) {
-        const session = this.insoles.of(side);
-        if (session?.state !== "live") continue;
-        session.send(this.wire.snoozeAlerts(rest_s));
+      const session = this.insoles.of(side);
+      if (rest_s > 0 && session?.state !== "live") continue;
+      const is_sent = this.known_at_pause.has(side);
+      if (rest_s > 0 && is_sent && session?.daily === this.known_at_pause.get(side)) continue;
+      // An alert begins a shorter pause by itself.
+      const is_confirmed = is_sent && (session?.daily?.snoozed_s ?? 0) >= rest_s - PAUSE_TOLERANCE_S;
+      if (rest_s > 0 && !is_confirmed) {
+        session?.send(this.wire.snoozeAlerts(rest_s));
+        this.known_at_pause.set(side, session?.daily);
+        continue;
       }
       this.unsent_pauses.delete(side);
+      this.known_at_pause.delete(side);
     }
+  }
+
+  /**
+   * Sends the start of the wearer's day to insoles with the default, midnight UTC, or with the one that this page has sent before:
+   * the time zone of this device may have changed, or its daylight-saving time. A start that somebody else has chosen remains. To
+   * be called a few times a second, also while the page is hidden.
+   */
+  followTimeZone(): void {
+    const present_min = dayStartMinutes();
+    for (const session of this.connected()) {
+      const { alert_rules, has_alerts, day_start_min } = session;
+      if (!alert_rules || has_alerts === undefined || day_start_min === undefined || day_start_min === present_min) continue;
+      const is_own = day_start_min === 0 || ownDayStarts().includes(String(day_start_min));
+      // An insole that refuses this is not asked again.
+      if (!is_own || this.asked_day_start.get(session) === present_min) continue;
+      this.asked_day_start.set(session, present_min);
+      this.setRules(session, alert_rules, has_alerts);
+    }
+  }
+
+  /** Turns the alerts of an insole on or off, and begins its day at midnight of this device. */
+  private setRules(session: Session, alert_rules: Uint8Array, is_on: boolean): void {
+    store(DAY_STARTS_KEY, [...new Set([...ownDayStarts(), String(dayStartMinutes())])].join(","));
+    session.send(this.wire.setAlerts(alert_rules, is_on, dayStartMinutes()));
   }
 
   private connected(): Session[] {

@@ -9,7 +9,7 @@ import { LiveView } from "./live_view";
 import { problems, remarks } from "./notes";
 import { Recorder } from "./recorder";
 import { type RecordMessage, type Session, recordOf } from "./session";
-import { loadSettings } from "./settings";
+import { followSettings, loadSettings } from "./settings";
 import { listenToExport, listenToSettings, updateSettingsView } from "./settings_view";
 import { SIDES } from "./side";
 import { DatabaseStorage, NoStorage, type StepRecord, type StepStorage, TemporaryStorage } from "./step_storage";
@@ -65,7 +65,8 @@ export class App {
       isKnown: (message) => this.store.has(message),
       answer: (answer, session) => {
         this.alerts.answered(answer, session);
-        if (session.hello) this.identify.insoleAnswer(session.hello.side, answer);
+        const { hello } = session;
+        if (hello && this.identify.insoleAnswer(hello.side, answer)) hello.has_parameters = true;
       },
       message: (bytes, side) => this.identify.message(side, bytes),
     });
@@ -112,6 +113,7 @@ export class App {
     // A storage that cannot be read is not used: the insoles still store the steps.
     const is_loaded = await store.load().then(() => true, () => false);
     this.show(is_loaded ? store : new StepStore(this.wire, new NoStorage()));
+    this.alerts.restore(this.store.latest.alerts);
   }
 
   /** Uses this store from now on, and shows its records. */
@@ -130,13 +132,18 @@ export class App {
 
   /** Plays the recording at `url`. */
   private async replay(url: string): Promise<void> {
+    const { transport: before } = this.insoles;
+    // The wearer may connect insoles while the recording is loaded.
+    const is_replaced = () => this.insoles.transport !== before;
     try {
       await this.loaded;
       const transport = await ReplayTransport.load(url, this.insoles.transportEvents);
+      if (is_replaced()) return transport.close();
       this.show(StepStore.ofRecording(this.wire));
       this.identify.useRecording();
       this.use(transport);
     } catch (error) {
+      if (is_replaced()) return;
       this.problem = error instanceof Error ? error.message : "The recording cannot be played. Reload the page and try again.";
       // In a temporary storage, the steps of insoles that are connected next would be acknowledged and then lost.
       await this.loadStored();
@@ -237,6 +244,7 @@ export class App {
     this.identify.tick(now_ms);
     this.retryStoring(now_ms);
     this.alerts.sendPauses();
+    this.alerts.followTimeZone();
     // While the page is in the background, the sessions continue, but the texts are not visible.
     if (!document.hidden) this.update(now_ms);
   }
@@ -289,6 +297,7 @@ export class App {
       this.tick();
       this.stepsChanged();
     });
+    followSettings(this.settings, () => this.stepsChanged());
     const failed = (problem: string) => (this.problem = problem);
     listenToExport(this.wire, this.recorder, this.insoles, () => this.store, () => this.clear(), failed);
     // Until here, a tap on one of the buttons would have been lost.

@@ -201,8 +201,8 @@ export class IdentifyController {
     this.session.step(side, step, key, performance.now());
   }
 
-  insoleAnswer(side: Side, answer: InsoleAnswer): void {
-    this.session.insoleAnswer(side, answer, performance.now());
+  insoleAnswer(side: Side, answer: InsoleAnswer): boolean {
+    return this.session.insoleAnswer(side, answer, performance.now());
   }
 
   /** To be called a few times a second. */

@@ -78,11 +78,10 @@ export interface Foot {
   result: FootResult | undefined;
   /** State of the transfer of the parameters. */
   sent: "no" | "waiting" | "confirmed" | "failed";
-  /**
-   * The reason for which the insole refused the parameters, or could not store them, as a phrase; empty if it did neither. If it
-   * could not store them, they are confirmed, because it uses them until it restarts.
-   */
+  /** The reason for which the insole refused the parameters, as a phrase; empty if it did not. */
   refusal: string;
+  /** The reason for which the insole could not store the parameters, which it uses until it restarts; empty if it did. */
+  unstored: string;
   /** True if the link is lost. */
   is_lost: boolean;
   /**
@@ -174,7 +173,7 @@ export class IdentifySession {
 
   private reset(sides: Side[]): void {
     this.feet = SIDES.filter((side) => sides.includes(side)).map((side) => ({
-      side, collected: undefined, result: undefined, sent: "no", refusal: "", is_lost: false,
+      side, collected: undefined, result: undefined, sent: "no", refusal: "", unstored: "", is_lost: false,
       first_frame_s: Infinity, checked: new Map(), check: undefined,
     }));
     this.remarks.clear();
@@ -384,7 +383,7 @@ export class IdentifySession {
     if (this.phase !== "push") {
       this.attempts = 0;
       this.before_push = this.phase;
-      this.sending = this.pushable().filter(({ sent, refusal }) => sent !== "confirmed" || refusal);
+      this.sending = this.pushable().filter(({ sent, unstored }) => sent !== "confirmed" || unstored);
       for (const foot of this.sending) [foot.sent, foot.refusal] = ["waiting", ""];
     }
     this.phase = "push";
@@ -392,22 +391,24 @@ export class IdentifySession {
     this.attempts += 1;
     for (const foot of this.sending) {
       if (foot.sent !== "waiting") continue;
-      if (this.attempts > ATTEMPTS) foot.sent = "failed";
+      if (this.attempts > ATTEMPTS) foot.sent = withoutConfirmation(foot);
       else if (foot.result) this.host.send(foot.side, Uint8Array.from(foot.result.message));
     }
     this.continueIfSent(now_ms);
   }
 
-  /** An insole answered a request. */
-  insoleAnswer(side: Side, answer: InsoleAnswer, now_ms: number): void {
+  /** An insole answered a request. Returns true if it uses new parameters. */
+  insoleAnswer(side: Side, answer: InsoleAnswer, now_ms: number): boolean {
     const foot = this.foot(side);
-    if (!foot || this.phase !== "push" || foot.sent !== "waiting") return;
-    if (answer.kind === "refused") foot.refusal = answer.reason;
-    if (answer.kind === "refused" && !answer.is_not_stored) foot.sent = "failed";
-    else if (answer.kind === "refused" || answer.id === foot.result?.tissue_id) {
+    if (!foot || this.phase !== "push" || foot.sent !== "waiting") return false;
+    const is_unstored = answer.kind === "refused" && answer.is_not_stored;
+    const is_in_use = is_unstored || (answer.kind === "tissue" && answer.id === foot.result?.tissue_id);
+    if (is_in_use) {
       [foot.sent, foot.first_frame_s] = ["confirmed", Infinity];
-    }
+      foot.unstored = is_unstored ? answer.reason : "";
+    } else if (answer.kind === "refused") [foot.sent, foot.refusal] = [withoutConfirmation(foot), answer.reason];
     this.continueIfSent(now_ms);
+    return is_in_use;
   }
 
   /** Once all insoles have answered, begins the check; returns to the phase before if none of them confirmed the parameters. */
@@ -445,6 +446,9 @@ export class IdentifySession {
     this.host.cues.say("Finished. Thank you.");
   }
 }
+
+/** The state of a foot whose insole has not confirmed the parameters. It may use them from an earlier transfer. */
+const withoutConfirmation = ({ unstored }: Foot) => (unstored ? "confirmed" : "failed");
 
 /** The remark on a foot without usable steps. */
 const missingFoot = (side: Side) =>

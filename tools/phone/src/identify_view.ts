@@ -201,11 +201,11 @@ function resultTable({ side, collected, result }: Foot, { regions }: FootResult)
  * parameters again.
  */
 function failedTransfers({ feet }: IdentifySession): Node[] {
-  const words = ({ side, sent, refusal }: Foot) =>
-    !refusal ? `The ${side} insole did not answer, so it may not have your parameters. Hold the phone closer to it.`
-    : sent === "confirmed" ? `The ${side} insole will lose your parameters when it restarts: ${refusal}.`
-    : `The ${side} insole did not accept the parameters: ${refusal}.`;
-  const notes = feet.filter(({ sent, refusal }) => sent === "failed" || refusal).map((foot) => note(words(foot)));
+  const words = ({ side, refusal, unstored }: Foot) =>
+    unstored ? `The ${side} insole will lose your parameters when it restarts: ${unstored}.`
+    : refusal ? `The ${side} insole did not accept the parameters: ${refusal}.`
+    : `The ${side} insole did not answer, so it may not have your parameters. Hold the phone closer to it.`;
+  const notes = feet.filter(({ sent, unstored }) => sent === "failed" || unstored).map((foot) => note(words(foot)));
   return notes.length > 0 ? [...notes, button("push", "Send again", "primary")] : [];
 }
 

@@ -18,6 +18,8 @@ const CELLS_MS = 1000;
 const RECORDS_WAIT_MS = 1000;
 /** Highest rate of the stream of ellipses. */
 const ELLIPSES_HZ = 25;
+/** Number of unanswered requests after which an insole counts as silent. */
+const UNANSWERED_REQUESTS = 4;
 /** Duration over which the rate of live frames is averaged. */
 const RATE_MS = 2000;
 
@@ -85,6 +87,8 @@ export class Session {
   alert_rules: Uint8Array | undefined;
   /** True if the insole raises alerts; `undefined` until it has answered. */
   has_alerts: boolean | undefined;
+  /** Minutes from midnight UTC to the start of the wearer's day, by the rules of alerts. */
+  day_start_min: number | undefined;
   /** The contact ellipses of the last message with ellipses, by region; null for a region without contact. */
   ellipses: (Ellipse | null)[] = [];
   /** The sole of the insole; `undefined` until its cells are known. After a reconnection it remains until they are read again. */
@@ -114,6 +118,13 @@ export class Session {
   private untimed: [RecordMessage, Uint8Array][] = [];
   /** Time of this device at which the wait for the time of the insole's clock began. */
   private untimed_since_ms = 0;
+  /**
+   * The time, us since 1970, at which the time of the insole's clock was first requested by the clock of this device as it is set
+   * now. Answers to earlier requests are not used.
+   */
+  private clock_since_us = 0;
+  /** Number of requests for the time of the insole's clock since the last message. */
+  private unanswered = 0;
   private hello_received_ms = 0;
   private last_message_ms = 0;
   private connect_requested_ms = -Infinity;
@@ -173,6 +184,7 @@ export class Session {
       return;
     }
     this.last_message_ms = now_ms;
+    this.unanswered = 0;
     switch (message.kind) {
       case "hello":
         return this.receiveHello(message, now_ms);
@@ -191,9 +203,11 @@ export class Session {
         return;
       case "alert_rules":
         this.has_alerts = message.is_on;
+        this.day_start_min = message.day_start_min;
         this.alert_rules = bytes.slice();
         return;
       case "time":
+        if (!this.isOfPresentClock(message.host_us)) return;
         this.clock_mapping.answer(message);
         return this.releaseUntimed(now_ms);
       case "refused":
@@ -252,12 +266,20 @@ export class Session {
   /** Discards the known times of the insole's clock, and requests the present one. */
   private restartClockMapping(now_ms: number): void {
     this.clock_mapping.clear();
+    this.clock_since_us = unix_us(performance.now());
     this.untimed_since_ms = now_ms;
     this.requestTime(now_ms);
   }
 
+  /** True if the clock of this device was not set since a request at this time. A recording has the times of another device. */
+  private isOfPresentClock(host_us: number): boolean {
+    const is_replay = this.transport()?.is_replay ?? false;
+    return is_replay || (host_us >= this.clock_since_us && host_us <= unix_us(performance.now()));
+  }
+
   private requestTime(now_ms: number): void {
     this.time_requested_ms = now_ms;
+    this.unanswered += 1;
     this.send(this.wire.getTime(unix_us(performance.now())));
   }
 
@@ -352,14 +374,17 @@ export class Session {
   /** Sends the requests that are due. To be called a few times a second. */
   tick(now_ms: number): void {
     // An insole repeats its refusal as long as another host is connected. Afterwards it sends nothing until it receives a connect
-    // request.
-    if ((this.state === "live" || this.state === "other-host") && now_ms - this.last_message_ms > TIMEOUT_MS) {
+    // request. A page in the background, which has requested nothing for some time, must not take the insole from that host.
+    const is_silent = this.unanswered >= UNANSWERED_REQUESTS && now_ms - this.last_message_ms > TIMEOUT_MS;
+    if ((this.state === "live" || this.state === "other-host") && is_silent) {
       this.state = "lost";
       this.reason = "no data for two seconds";
       // The insole may have restarted. Then it waits for a connect request.
       this.connect_requested_ms = -Infinity;
     }
-    const is_waiting = this.state === "waiting" || this.state === "lost";
+    // The insole for this foot that was connected before may have been replaced by one for the other foot.
+    const is_only = this.state === "same-foot" && this.hello !== undefined && !this.isTaken(this.hello.side);
+    const is_waiting = this.state === "waiting" || this.state === "lost" || is_only;
     if (is_waiting || (this.state === "live" && this.order.is_retransmission_due)) this.requestHello(now_ms);
     if (this.state === "live" && now_ms - this.status_requested_ms >= STATUS_MS) {
       this.status_requested_ms = now_ms;

@@ -44,6 +44,11 @@ function connect(side: Side) {
   return { session, sent, receive };
 }
 
+/** The message with rules of alerts for a day that begins this many minutes after midnight of this device's time zone. */
+const rules = (is_on: boolean, after_min = 0): ToHost => ({
+  kind: "alert_rules", is_on, day_start_min: (new Date().getTimezoneOffset() + 1440 + after_min) % 1440,
+});
+
 /** The alerts of the page with two insoles, which do not raise alerts yet. */
 function start() {
   const [left, right] = [connect("left"), connect("right")];
@@ -52,7 +57,7 @@ function start() {
   const settings = loadSettings(() => ({ getItem: () => null }) as unknown as Storage);
   const alerts = new Alerts(wire, insoles as unknown as Insoles, settings);
   alerts.listen();
-  for (const { receive } of [left, right]) receive({ kind: "alert_rules", is_on: false });
+  for (const { receive } of [left, right]) receive(rules(false));
   alerts.update();
   return { alerts, left, right };
 }
@@ -64,7 +69,7 @@ function turnOn({ alerts, left, right }: ReturnType<typeof start>): void {
   expect([box.disabled, box.checked]).toEqual([false, false]);
   box.checked = true;
   box.onchange();
-  left.receive({ kind: "alert_rules", is_on: true });
+  left.receive(rules(true));
   right.receive({ kind: "refused", reason: "busy", is_other_host: false, is_not_stored: false });
   const count = left.sent.length;
   vi.advanceTimersByTime(3000);
@@ -78,7 +83,7 @@ function turnOn({ alerts, left, right }: ReturnType<typeof start>): void {
 test("an insole that did not accept a change of the switch is named, with what is in force there", () => {
   const all = start();
   turnOn(all);
-  all.right.receive({ kind: "alert_rules", is_on: false });
+  all.right.receive(rules(false));
   all.alerts.update();
   expect([box.disabled, box.indeterminate]).toEqual([false, true]);
   const refused = "The right insole did not accept the change: its alerts are off.";
@@ -88,9 +93,9 @@ test("an insole that did not accept a change of the switch is named, with what i
 test("a change by another host is not reported as one that an insole did not accept", () => {
   const all = start();
   turnOn(all);
-  all.right.receive({ kind: "alert_rules", is_on: true });
+  all.right.receive(rules(true));
   all.alerts.update();
-  all.left.receive({ kind: "alert_rules", is_on: false });
+  all.left.receive(rules(false));
   all.alerts.update();
   expect(note.content).toBe(JSON.stringify(["Alerts are on for the right foot only."]));
 });
@@ -110,7 +115,7 @@ test("the reason of a refusal is that of an insole that was asked", () => {
 test("rules that an insole could not store, but that are in force, are shown as in force", () => {
   const all = start();
   turnOn(all);
-  all.right.receive({ kind: "alert_rules", is_on: true });
+  all.right.receive(rules(true));
   all.alerts.update();
   expect([box.disabled, box.checked, box.indeterminate]).toEqual([false, true, false]);
   expect(note.content).toBe(JSON.stringify([""]));
@@ -142,6 +147,67 @@ test("a signal in a hidden page is repeated when the page becomes visible, unles
   setHidden(true);
   setHidden(false);
   expect(vibrate).toHaveBeenCalledTimes(2);
+});
+
+test("an alert that the wearer has not closed is shown after the page was ended, and a dose is not replaced by a later alert", () => {
+  const items = new Map<string, string>();
+  const setItem = (key: string, value: string) => void items.set(key, value);
+  vi.stubGlobal("localStorage", { getItem: (key: string) => items.get(key) ?? null, setItem });
+  const alert = (advice: string, dose: string[]) => ({ side: "left", starts_ago: 0, start_s: 0, sustained: [], dose, advice }) as unknown as Alert;
+  const stored = (age_s: number, advice: string, dose: string[] = []) => ({ alert: alert(advice, dose), start_unix_s: Date.now() / 1000 - age_s });
+  const shown = () => JSON.parse(element("alert-text").content).map((node: string[]) => node[2]);
+  const { alerts } = start();
+  const all = [stored(600, "old"), stored(90, "dose", ["heel"]), stored(60, "first"), stored(30, "second")];
+  alerts.restore(all as never);
+  expect(shown()).toEqual(["dose", "second"]);
+  element("alert-close").onclick();
+  const { alerts: reloaded } = start();
+  reloaded.restore(all as never);
+  expect(shown()).toEqual([]);
+});
+
+test("an insole whose day begins at midnight UTC, or as this page has set it before, is asked once to follow the time zone", () => {
+  const items = new Map<string, string>();
+  const setItem = (key: string, value: string) => void items.set(key, value);
+  vi.stubGlobal("localStorage", { getItem: (key: string) => items.get(key) ?? null, setItem });
+  const offset_min = vi.spyOn(Date.prototype, "getTimezoneOffset").mockReturnValue(420);
+  const { alerts, left, right } = start();
+  const counts = () => {
+    for (let i = 0; i < 3; i += 1) alerts.followTimeZone();
+    return [left, right].map(({ sent }) => sent.length);
+  };
+  const [of_left, of_right] = counts() as [number, number];
+  // Somebody has chosen another time for the right insole.
+  left.receive({ kind: "alert_rules", is_on: true, day_start_min: 0 });
+  right.receive({ kind: "alert_rules", is_on: true, day_start_min: 240 });
+  expect(counts()).toEqual([of_left + 1, of_right]);
+  left.receive({ kind: "alert_rules", is_on: true, day_start_min: 420 });
+  expect(counts()).toEqual([of_left + 1, of_right]);
+  // The wearer travels.
+  offset_min.mockReturnValue(360);
+  expect(counts()).toEqual([of_left + 2, of_right]);
+  offset_min.mockRestore();
+});
+
+test("a pause that the insole has not received is sent again", () => {
+  const { alerts, left } = start();
+  element("alert-snooze").onclick();
+  const before = left.sent.length;
+  const load = (snoozed_s: number) => left.receive({ kind: "daily_load", load: { snoozed_s } } as ToHost);
+  const resent = () => {
+    alerts.sendPauses();
+    return left.sent.length - before;
+  };
+  expect(resent()).toBe(0);
+  load(0);
+  expect([resent(), resent()]).toEqual([1, 1]);
+  // The pause after an alert.
+  load(1190);
+  expect([resent(), resent()]).toEqual([2, 2]);
+  load(1799);
+  expect(resent()).toBe(2);
+  load(0);
+  expect(resent()).toBe(2);
 });
 
 test("a pause is sent to an insole that is connected later, with the rest of its duration", () => {

@@ -213,12 +213,18 @@ test("an insole that could not store the parameters uses them, so they are check
   session.push(0);
   session.insoleAnswer("left", refusal("low supply", true), 10);
   session.insoleAnswer("right", { kind: "tissue", id: 42 }, 10);
-  const answers = () => session.feet.map(({ sent, refusal }) => [sent, refusal]);
+  const answers = () => session.feet.map(({ sent, unstored }) => [sent, unstored]);
+  expect([session.phase, answers()]).toEqual(["verify", [["confirmed", "low supply"], ["confirmed", ""]]]);
+  // Without an answer, and after another refusal, it is known that the insole uses them nevertheless.
+  session.push(20);
+  for (const now_ms of [3020, 6020, 9020]) session.tick(now_ms, []);
+  session.push(9030);
+  session.insoleAnswer("left", refusal("busy"), 9040);
   expect([session.phase, answers()]).toEqual(["verify", [["confirmed", "low supply"], ["confirmed", ""]]]);
   sent.length = 0;
-  session.push(20);
+  session.push(10_000);
   expect([session.phase, sent.map(([side]) => side)]).toEqual(["push", ["left"]]);
-  session.insoleAnswer("left", { kind: "tissue", id: 42 }, 30);
+  session.insoleAnswer("left", { kind: "tissue", id: 42 }, 10_010);
   expect([session.phase, answers()]).toEqual(["verify", [["confirmed", ""], ["confirmed", ""]]]);
 });
 

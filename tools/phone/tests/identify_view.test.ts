@@ -30,7 +30,7 @@ test("no error on new steps is shown for a region that was fitted to one step", 
 /** The view of a session in this phase, as JSON. `has_stored` is that of the view's state. */
 function view(phase: Phase, feet: Partial<Foot>[] = [], has_stored = false): string {
   const result = { fitted: 1, steps: [], regions: {} } as unknown as FootResult;
-  const all = feet.map((foot) => ({ refusal: "", checked: new Map(), result, ...foot }));
+  const all = feet.map((foot) => ({ refusal: "", unstored: "", checked: new Map(), result, ...foot }));
   const session = { phase, feet: all, problems: () => [], comments: () => [], pushable: () => all };
   const insoles = { of: () => undefined };
   const state = { insoles: insoles as unknown as Insoles, shoe_size: 42, has_stored, now_ms: 0 };
@@ -46,7 +46,7 @@ test.each(["result", "verify", "done"] as const)("parameters that an insole did 
   expect(failed).toContain("The left insole did not answer");
   expect(failed).toContain("The right insole did not accept the parameters: busy.");
   expect(failed.split(send)).toHaveLength(2);
-  const lost = view(phase, [{ side: "left", sent: "confirmed", refusal: "low supply" }]);
+  const lost = view(phase, [{ side: "left", sent: "confirmed", unstored: "low supply" }]);
   expect(lost).toContain("The left insole will lose your parameters when it restarts: low supply.");
   expect(lost.split(send)).toHaveLength(2);
   if (phase !== "result") expect(view(phase, [{ side: "left", sent: "confirmed" }])).not.toContain(send);

@@ -24,11 +24,16 @@ function start(decode?: (bytes: Uint8Array) => ToHost | undefined) {
   const steps: Step[] = [];
   const send = (_: unknown, message: Uint8Array) => sent.push(message);
   const transport = { location: "in a test", is_replay: false, can_lose_records: true, send, close: () => undefined };
-  const core = decode ? (Object.assign(Object.create(wire), { decode }) as Wire) : wire;
+  const requested_us: number[] = [];
+  const getTime = (host_us: number) => {
+    requested_us.push(host_us);
+    return wire.getTime(host_us);
+  };
+  const core = Object.assign(Object.create(wire), { getTime, decode: decode ?? wire.decode.bind(wire) }) as Wire;
   const onRecord = (message: RecordMessage) => message.kind === "step" && steps.push(message.step);
   const isKnown = (message: RecordMessage) => message.kind === "step" && steps.includes(message.step);
   const session = new Session(0, core, () => transport, onRecord, undefined, undefined, isKnown);
-  return { session, sent, steps, transport };
+  return { session, sent, steps, transport, requested_us };
 }
 
 /** The counters of the messages of a session. */
@@ -83,7 +88,9 @@ test("the ellipses of the last frame replace those before, and a new session has
 });
 
 test("all frames and steps of the computed walk are received", () => {
-  const { session, steps } = start();
+  const { session, steps, transport } = start();
+  // The recording has the times of the computer that made it.
+  transport.is_replay = true;
   session.opened(0);
   messagesOf(1).forEach((message, i) => session.receive(message, i));
   expect(session.hello?.side).toBe("right");
@@ -165,9 +172,9 @@ test("an insole has parameters once it confirms them, although its hello stated 
 
 test("steps that arrive before the time of the insole wait for it in their order, but not for long", () => {
   const walked = [0, 1, 2].map((number): ToHost => ({ kind: "step", key: String(number), step: step({ step: number }) }));
-  const time: ToHost = { kind: "time", host_us: 1_000_000_000, device_us: 500_000 };
-  const messages = [hello(wire.facts.major), ...walked, time];
-  const { session, steps } = start(([index]) => messages[index!]);
+  const time = (host_us: number): ToHost => ({ kind: "time", host_us, device_us: 500_000 });
+  const messages = [hello(wire.facts.major), ...walked];
+  const { session, steps, requested_us } = start(([index]) => messages[index!] ?? time(requested_us.at(-1)!));
   const receive = (index: number, now_ms: number) => session.receive(Uint8Array.of(index), now_ms);
   const numbers = () => steps.map((received) => received.step);
   session.opened(0);
@@ -177,7 +184,7 @@ test("steps that arrive before the time of the insole wait for it in their order
   expect(numbers()).toEqual([]);
   receive(4, 30);
   expect(numbers()).toEqual([0, 1]);
-  expect(session.clock_mapping.unix_s(0.5)).toBeCloseTo(1000, 5);
+  expect(session.clock_mapping.unix_s(0.5)).toBeCloseTo(requested_us.at(-1)! / 1e6, 5);
   receive(3, 40);
   expect(numbers()).toEqual([0, 1, 2]);
   // In the next session, the insole does not answer.
@@ -187,6 +194,30 @@ test("steps that arrive before the time of the insole wait for it in their order
   expect(numbers()).toEqual([0, 1, 2]);
   session.tick(6000);
   expect(numbers()).toEqual([0, 1, 2, 0]);
+});
+
+test("an answer to a request from before the clock was set is not used", () => {
+  let host_us = 0;
+  const { session, requested_us } = start(([index]) =>
+    index === 0 ? hello(wire.facts.major) : { kind: "time", host_us, device_us: 500_000 });
+  session.opened(0);
+  session.receive(Uint8Array.of(0), 0);
+  for (const [step_us, is_used] of [[-3_600_000_000, false], [3_600_000_000, false], [0, true]] as const) {
+    session.clockChanged(100);
+    host_us = requested_us.at(-1)! + step_us;
+    session.receive(Uint8Array.of(1), 200);
+    expect(session.clock_mapping.unix_s(0.5) !== null).toBe(is_used);
+  }
+});
+
+test("a page that was suspended does not take the insole from another host, but takes it once that host has left", () => {
+  const { session, receive, connects } = startSteps();
+  receive({ kind: "refused", reason: "another host", is_other_host: true, is_not_stored: false });
+  const before = connects();
+  session.tick(60_000);
+  expect([session.state, connects()]).toEqual(["other-host", before]);
+  for (let now_ms = 60_250; now_ms < 62_000; now_ms += 250) session.tick(now_ms);
+  expect([session.state, connects()]).toEqual(["lost", before + 2]);
 });
 
 /** A session, and functions that pass it a step or a hello one second after the message before. */
@@ -377,9 +408,11 @@ test("after a timeout the connection is lost and the session sends a connect req
   const { session, sent } = start();
   session.opened(0);
   session.receive(messagesOf(0)[0]!, 0);
-  session.tick(TIMEOUT_MS);
-  expect(session.state).toBe("live");
+  // After a time in the background, in which it has requested nothing, the page does not take the insole from another host.
   session.tick(TIMEOUT_MS + 1);
+  for (let now_ms = TIMEOUT_MS + 250; now_ms < TIMEOUT_MS + 1000; now_ms += 250) session.tick(now_ms);
+  expect(session.state).toBe("live");
+  session.tick(TIMEOUT_MS + 1000);
   expect(session.state).toBe("lost");
   expect(sent.at(-1)).toEqual(wire.connect());
 });
@@ -398,7 +431,7 @@ test("a session that another host has taken waits until the insole no longer ans
   // The session still requests the time. A connect request would take the insole from the other host.
   const connects = () => sent.filter((message) => message[0] === wire.connect()[0]).length;
   expect([connects(), sent.at(-1)?.[0]]).toEqual([1, wire.getTime(0)[0]]);
-  session.tick(4000 + TIMEOUT_MS + 1);
+  for (let now_ms = 4250; now_ms < 4500 + TIMEOUT_MS; now_ms += 250) session.tick(now_ms);
   expect([session.state, connects()]).toEqual(["lost", 2]);
 });
 

@@ -11,7 +11,9 @@ key: string, bout: Bout, } | { "kind": "alert",
 /** Identifies the alert. It does not change when an insole sends the alert again. */
 key: string, alert: Alert, } | { "kind": "alert_rules",
 /** True if the insole raises alerts. */
-is_on: boolean, } | { "kind": "daily_load", load: DailyLoad, } | { "kind": "status" } & Status | { "kind": "tissue",
+is_on: boolean,
+/** Minutes from midnight UTC to the start of the wearer's day. */
+day_start_min: number, } | { "kind": "daily_load", load: DailyLoad, } | { "kind": "status" } & Status | { "kind": "tissue",
 /** Identifies the parameters of the wearer's tissue; 0 if the insole has none. */
 id: number, } | { "kind": "refused",
 /** The reason, as a phrase without a full stop. */

@@ -49,6 +49,8 @@ pub(crate) enum Message {
     AlertRules {
         /// True if the insole raises alerts.
         is_on: bool,
+        /// Minutes from midnight UTC to the start of the wearer's day.
+        day_start_min: u16,
     },
     /// The load of the day.
     DailyLoad {
@@ -185,7 +187,9 @@ impl Message {
             ToHost::Alert(alert) => {
                 Self::Alert { key: key(&Alert { boots_since: 0, ..alert }), alert: alert_to_json(&alert) }
             }
-            ToHost::AlertRules(rules) => Self::AlertRules { is_on: rules.per_day > 0 },
+            ToHost::AlertRules(rules) => {
+                Self::AlertRules { is_on: rules.per_day > 0, day_start_min: rules.day_start_min }
+            }
             ToHost::DailyLoad(daily) => Self::DailyLoad { load: daily_load_to_json(&daily) },
             ToHost::Status(status) => Self::Status(status.into()),
             ToHost::Tissue(tissue) => Self::Tissue { id: tissue.id },
