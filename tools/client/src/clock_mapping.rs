@@ -11,8 +11,8 @@ const WINDOWS: usize = 60;
 const MAX_DRIFT: f64 = 100e-6;
 /// Requests that are all above the line by more than this, us, show that a clock was set.
 const FAR_US: f64 = 100e3;
-/// If the drift is larger, as with an insole whose crystal does not run, only requests of this time before the last one are used,
-/// us: a drift of 500 ppm is 15 ms in this time.
+/// If the drift is larger, as with an insole without a running crystal, only requests of this time before the last one are used, us:
+/// a drift of 500 ppm is 15 ms in this time.
 const RECENT_US: u64 = 30_000_000;
 
 /// Offset and drift of an insole's clock, from [`plantar::protocol::ToDevice::GetTime`] and its answers.
@@ -127,24 +127,25 @@ fn line_below(samples: &VecDeque<Sample>) -> Option<Line> {
     let mean_us = samples.iter().map(|q| point(q).0).sum::<f64>() / samples.len() as f64;
     // The hull's edge at the mean time of the samples.
     let edge = hull.windows(2).find(|edge| point(edge[1]).0 >= mean_us);
-    let drift = edge.map(|edge| slope(edge[0], edge[1])).filter(|drift| drift.abs() <= MAX_DRIFT);
+    let edge = edge.map(|edge| (edge[0], slope(edge[0], edge[1])));
     let recent = || samples.iter().filter(|q| last.device_us - q.device_us <= RECENT_US);
-    // If all recent requests are far above the line, the clock was set back.
-    let above_us =
-        |q: &Sample, from: &Sample, drift: f64| point(q).1 - point(from).1 - drift * (point(q).0 - point(from).0);
-    let is_followed = |from: &Sample, drift: f64| recent().any(|q| above_us(q, from, drift) <= FAR_US);
-    let drift = drift.filter(|drift| edge.is_some_and(|edge| is_followed(edge[0], *drift)));
-    let on_line = match (edge, drift) {
-        (Some(edge), Some(_)) => edge[0],
-        // There is only one sample, or the slope is implausible, as it can be for samples within a short time: assume no drift.
-        _ => recent().min_by_key(|q| q.offset_us)?,
+    // The slope can be implausible for samples within a short time. If all recent requests are far above the line, the clock was
+    // set back.
+    let is_plausible = |(from, drift): &(&Sample, f64)| {
+        let above_us = |q: &Sample| point(q).1 - point(from).1 - drift * (point(q).0 - point(from).0);
+        drift.abs() <= MAX_DRIFT && recent().any(|q| above_us(q) <= FAR_US)
+    };
+    let (on_line, drift) = match edge.filter(is_plausible) {
+        Some(edge) => edge,
+        // There is only one sample, or no plausible line: assume no drift.
+        None => (recent().min_by_key(|q| q.offset_us)?, 0.0),
     };
     let since_us = |q: &Sample| point(q).0 - point(on_line).0;
     let span_us = point(last).0;
     Some(Line {
         device_us: on_line.device_us,
         offset_us: on_line.offset_us,
-        drift: drift.unwrap_or(0.0),
+        drift,
         drifting_us: [since_us(first) - span_us, since_us(last) + span_us],
     })
 }

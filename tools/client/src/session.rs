@@ -225,8 +225,8 @@ impl<C: Carrier> Client<C> {
         Ok(())
     }
 
-    /// If the wall clock was set, relates the insole's clock to it anew, and sets the insole's wall clock again if the live stream
-    /// is on.
+    /// If the wall clock was set, relates the insole's clock to it from the start again, and sets the insole's wall clock if the
+    /// live stream is on.
     fn follow_wall_clock(&mut self) -> Result<(), Error> {
         let before_us = std::mem::replace(&mut self.wall_clock_us, wall_clock_us::<C>());
         if self.wall_clock_us.abs_diff(before_us) <= CLOCK_STEP_US {

@@ -298,12 +298,21 @@ fn an_insole_that_does_not_restart_on_request_is_an_error() {
 }
 
 thread_local! {
-    /// The virtual clock of [`Restarting`], us.
+    /// The virtual clock, us.
     static NOW_US: Cell<u64> = const { Cell::new(0) };
 }
 
+/// The next message of a session. A read without a message takes 50 ms of the virtual clock.
+fn read(session: &mut Session, status: Status) -> Option<ToHost> {
+    let message = session.next(&hello("1.0.0"), || status, &mut [0; MAX_MESSAGE]).and_then(decode);
+    if message.is_none() {
+        NOW_US.set(NOW_US.get() + 50_000);
+    }
+    message
+}
+
 /// An insole that still answers a connect request after a request to restart. It restarts when it then receives a request for its
-/// status, which it does not answer. A read without a message takes 50 ms of a virtual clock.
+/// status, which it does not answer.
 struct Restarting {
     session: Session,
     boots: u32,
@@ -324,12 +333,7 @@ impl Carrier for Restarting {
 
     fn receive(&mut self) -> io::Result<Option<ToHost>> {
         let contents = Contents { start: self.boots, ..Contents::default() };
-        let status = || Status { contents, ..Status::default() };
-        let message = self.session.next(&hello("1.0.0"), status, &mut [0; MAX_MESSAGE]).and_then(decode);
-        if message.is_none() {
-            NOW_US.set(NOW_US.get() + 50_000);
-        }
-        Ok(message)
+        Ok(read(&mut self.session, Status { contents, ..Status::default() }))
     }
 
     fn damaged(&self) -> u32 {
@@ -346,7 +350,7 @@ thread_local! {
     static WALL_US: Cell<u64> = const { Cell::new(1_790_000_000_000_000) };
 }
 
-/// An insole whose clock is the virtual clock.
+/// An insole with the virtual clock as its clock.
 struct Clocked(Rc<RefCell<Session>>);
 
 impl Carrier for Clocked {
@@ -356,12 +360,7 @@ impl Carrier for Clocked {
     }
 
     fn receive(&mut self) -> io::Result<Option<ToHost>> {
-        let mut buffer = [0; MAX_MESSAGE];
-        let message = self.0.borrow_mut().next(&hello("1.0.0"), Status::default, &mut buffer).and_then(decode);
-        if message.is_none() {
-            NOW_US.set(NOW_US.get() + 50_000);
-        }
-        Ok(message)
+        Ok(read(&mut self.0.borrow_mut(), Status::default()))
     }
 
     fn damaged(&self) -> u32 {

@@ -312,6 +312,7 @@ impl LiveSteps {
 /// of the insole can have the same times, if its restart was not recognised. The peak of a record is that of the stored samples,
 /// one of `stride` frames, from the first to the last one in contact; that of a region without contact is 0.
 fn have_peaks_of(frames: &[FrameLoads], stride: usize, step: &StepMessage) -> bool {
+    /// The record and the frames are rounded to 0.1 N each.
     const RESOLUTION_N: f64 = 0.2;
     let samples: Vec<&FrameLoads> = frames.iter().step_by(stride).collect();
     step.regions.iter().enumerate().all(|(region, record)| {

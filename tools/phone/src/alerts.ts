@@ -1,5 +1,6 @@
 /** Alerts of the insoles: the request to unload a region, and the load of the day. */
 
+import { store, stored } from "./browser_storage";
 import { PhoneCues } from "./cues";
 import { type Node, byId, fill } from "./dom";
 import { regionTitle } from "./format";
@@ -31,25 +32,7 @@ const CLOSED_KEY = "plantar.alerts_closed_unix_s";
 const DAY_STARTS_KEY = "plantar.day_starts_min";
 
 /** All starts of the day that this page has sent to insoles, minutes from midnight UTC. */
-const ownDayStarts = () => (stored(DAY_STARTS_KEY) ?? "").split(",");
-
-/** What the browser has stored under a key; `null` if it stores nothing for this site. */
-function stored(key: string): string | null {
-  try {
-    return localStorage.getItem(key);
-  } catch {
-    return null;
-  }
-}
-
-/** Lets the browser store a value, if it stores anything for this site. */
-function store(key: string, value: string): void {
-  try {
-    localStorage.setItem(key, value);
-  } catch {
-    // The value is lost with the page.
-  }
-}
+const ownDayStarts = () => (stored(() => localStorage, DAY_STARTS_KEY) ?? "").split(",");
 
 /** Minutes from midnight UTC to midnight of the phone's time zone. */
 const dayStartMinutes = () => (new Date().getTimezoneOffset() + 1440) % 1440;
@@ -82,9 +65,9 @@ export class Alerts {
   private refusal = "";
   /** The ends of pauses, as times of `Date.now()`, that the insole of the foot has not confirmed. */
   private readonly unsent_pauses = new Map<Side, number>();
-  /** For each foot with such a pause that was sent, the load of the day that was known then. The next one shows whether it arrived. */
+  /** For each foot with such a pause that was sent, the load of the day that was known then. The next one may confirm it. */
   private readonly known_at_pause = new Map<Side, DailyLoad | undefined>();
-  /** The sessions whose insoles were asked to begin the day at this time, minutes from midnight UTC. */
+  /** The last start of the day, minutes from midnight UTC, that was sent to the insole of a session by itself. */
   private readonly asked_day_start = new WeakMap<Session, number>();
   /** True once the alerts of the last visit were shown. */
   private is_restored = false;
@@ -160,7 +143,7 @@ export class Alerts {
   restore(alerts: readonly StoredAlert[]): void {
     if (this.is_restored) return;
     this.is_restored = true;
-    const closed_s = Number(stored(CLOSED_KEY) ?? 0) || 0;
+    const closed_s = Number(stored(() => localStorage, CLOSED_KEY) ?? 0) || 0;
     for (const { alert, start_unix_s } of alerts) {
       if (start_unix_s !== null && start_unix_s > closed_s) this.raise(alert, start_unix_s, undefined);
     }
@@ -174,7 +157,7 @@ export class Alerts {
   private close(): void {
     this.shown = [];
     // A browser that stores nothing for this site shows an alert of the last minutes again at the next visit.
-    store(CLOSED_KEY, String(Date.now() / 1000));
+    store(() => localStorage, CLOSED_KEY, String(Date.now() / 1000));
     this.draw();
   }
 
@@ -190,16 +173,17 @@ export class Alerts {
   sendPauses(): void {
     for (const [side, end_ms] of this.unsent_pauses) {
       const rest_s = Math.ceil((end_ms - Date.now()) / 1000);
-      const session = this.insoles.of(side);
-      if (rest_s > 0 && session?.state !== "live") continue;
-      const is_sent = this.known_at_pause.has(side);
-      if (rest_s > 0 && is_sent && session?.daily === this.known_at_pause.get(side)) continue;
-      // An alert begins a shorter pause by itself.
-      const is_confirmed = is_sent && (session?.daily?.snoozed_s ?? 0) >= rest_s - PAUSE_TOLERANCE_S;
-      if (rest_s > 0 && !is_confirmed) {
-        session?.send(this.wire.snoozeAlerts(rest_s));
-        this.known_at_pause.set(side, session?.daily);
-        continue;
+      if (rest_s > 0) {
+        const session = this.insoles.of(side);
+        if (session?.state !== "live") continue;
+        const is_sent = this.known_at_pause.has(side);
+        if (is_sent && session.daily === this.known_at_pause.get(side)) continue;
+        // An alert begins a shorter pause by itself.
+        if (!is_sent || (session.daily?.snoozed_s ?? 0) < rest_s - PAUSE_TOLERANCE_S) {
+          session.send(this.wire.snoozeAlerts(rest_s));
+          this.known_at_pause.set(side, session.daily);
+          continue;
+        }
       }
       this.unsent_pauses.delete(side);
       this.known_at_pause.delete(side);
@@ -226,7 +210,8 @@ export class Alerts {
 
   /** Turns the alerts of an insole on or off, and begins its day at midnight of this device. */
   private setRules(session: Session, alert_rules: Uint8Array, is_on: boolean): void {
-    store(DAY_STARTS_KEY, [...new Set([...ownDayStarts(), String(dayStartMinutes())])].join(","));
+    const day_starts = new Set([...ownDayStarts(), String(dayStartMinutes())]);
+    store(() => localStorage, DAY_STARTS_KEY, [...day_starts].join(","));
     session.send(this.wire.setAlerts(alert_rules, is_on, dayStartMinutes()));
   }
 

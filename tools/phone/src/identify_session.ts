@@ -447,7 +447,7 @@ export class IdentifySession {
   }
 }
 
-/** The state of a foot whose insole has not confirmed the parameters. It may use them from an earlier transfer. */
+/** The state of a foot after a transfer that its insole did not confirm. It may use the parameters from an earlier transfer. */
 const withoutConfirmation = ({ unstored }: Foot) => (unstored ? "confirmed" : "failed");
 
 /** The remark on a foot without usable steps. */

@@ -1,5 +1,7 @@
 /** The wearer's settings, stored by the browser. */
 
+import { store, stored } from "./browser_storage";
+
 /** The key under which the browser stores the settings. */
 const KEY = "plantar.settings";
 const GRAVITY_M_S2 = 9.80665;
@@ -46,7 +48,7 @@ export const isWithinLimits = (key: keyof typeof LIMITS, value: number) => value
  */
 export function loadSettings(storage: () => Storage): Settings {
   try {
-    const saved = JSON.parse(storage().getItem(KEY) ?? "{}") as Partial<Record<keyof Settings, unknown>>;
+    const saved = JSON.parse(stored(storage, KEY) ?? "{}") as Partial<Record<keyof Settings, unknown>>;
     const stated = (key: keyof typeof LIMITS) => {
       const value = saved[key];
       return typeof value === "number" && isWithinLimits(key, value) ? value : DEFAULTS[key];
@@ -70,13 +72,7 @@ export function loadSettings(storage: () => Storage): Settings {
 }
 
 /** Stores the settings. If the browser does not allow it, they apply until the page is closed. */
-export function saveSettings(storage: () => Storage, settings: Settings): void {
-  try {
-    storage().setItem(KEY, JSON.stringify(settings));
-  } catch {
-    // The settings are in force nevertheless.
-  }
-}
+export const saveSettings = (storage: () => Storage, settings: Settings) => store(storage, KEY, JSON.stringify(settings));
 
 /** Body weight; `null` without a body mass. */
 export const weight_n = ({ body_mass_kg }: Settings) => (body_mass_kg === null ? null : body_mass_kg * GRAVITY_M_S2);

@@ -166,7 +166,7 @@ test("an alert that the wearer has not closed is shown after the page was ended,
   expect(shown()).toEqual([]);
 });
 
-test("an insole whose day begins at midnight UTC, or as this page has set it before, is asked once to follow the time zone", () => {
+test("an insole with a day from midnight UTC, or as this page has set it before, is asked once to follow the time zone", () => {
   const items = new Map<string, string>();
   const setItem = (key: string, value: string) => void items.set(key, value);
   vi.stubGlobal("localStorage", { getItem: (key: string) => items.get(key) ?? null, setItem });

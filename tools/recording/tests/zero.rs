@@ -174,7 +174,7 @@ fn the_zero_of_an_import_is_subtracted_from_its_pressures() {
             assert!((kpa - true_kpa).abs() < tolerance_kpa, "frame {i}: {kpa} kPa, not {true_kpa}");
         }
     }
-    // From a file, whose cells are decoded one after the other.
+    // The cells of a file are decoded one after the other.
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("walk.parquet");
     recorded.write(&path).expect("written");

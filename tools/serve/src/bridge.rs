@@ -83,7 +83,7 @@ pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
         }
         if status_requested_at.elapsed() > STATUS_INTERVAL {
             status_requested_at = Instant::now();
-            hub.record_time(index, insole.client().clock_mapping());
+            hub.record_time(index);
             insole.send(ToDevice::GetStatus);
             insole.send(ToDevice::GetDailyLoad);
         }

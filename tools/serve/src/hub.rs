@@ -339,9 +339,10 @@ impl Hub {
     }
 
     /// Records the relation of the insole's clock to this computer's.
-    pub fn record_time(&self, index: usize, mapping: &ClockMapping) {
+    pub fn record_time(&self, index: usize) {
         let host_us = unix_us();
-        if let Some(device_us) = mapping.device_us(host_us) {
+        let device_us = self.insole(index).clock_mapping.device_us(host_us);
+        if let Some(device_us) = device_us {
             self.record(index, &ToHost::Time { host_us, device_us });
         }
     }
@@ -699,11 +700,12 @@ mod tests {
         let path = folder.path().join("walk.plantar");
         let hub = Hub::new(vec![None], false, Some(StreamFile::create(&path).expect("a file")));
         let mut mapping = ClockMapping::new();
-        hub.record_time(0, &mapping);
+        hub.record_time(0);
         let ahead_us = 1_000_000_000_000;
         let now_us = unix_us();
         mapping.answer(now_us, now_us - ahead_us);
-        hub.record_time(0, &mapping);
+        hub.clock_mapping(0, &mapping);
+        hub.record_time(0);
         let file = std::fs::read(&path).expect("the file");
         // Time, insole and length precede the message.
         let Some(ToHost::Time { host_us, device_us }) = decode(&file[7..]) else { panic!("one time: {file:?}") };

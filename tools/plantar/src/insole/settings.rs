@@ -6,7 +6,7 @@ use anyhow::{Result, ensure};
 use clap::{Args, ValueEnum};
 use parameters::InsoleSize;
 use plantar::pipeline::setup::Setup;
-use plantar::protocol::Settings;
+use plantar::protocol::{Refusal, Settings};
 
 /// The European shoe size of the reference layout, to which [`Settings::scale`] is relative.
 const REFERENCE_SIZE: f32 = 42.0;
@@ -68,7 +68,7 @@ impl SettingsArgs {
         let before = in_force(client)?;
         let settings = self.changed(before);
         // If the restart after an earlier change failed, the stored settings are not in force yet: the insole restarts now.
-        let is_change = settings != before || !are_used(&settings, client)?;
+        let is_change = settings != before || !are_used(&settings, setup_in_use(client)?.as_ref());
         ensure!(is_change, "nothing to change: these settings are in force, or no option was given");
         Ok(client.set_settings(Some(settings))?)
     }
@@ -92,11 +92,20 @@ impl SettingsArgs {
     }
 }
 
-/// True if an insole uses these settings since its last start. The size is not compared, because an insole does not report the one
-/// that it uses.
-fn are_used(settings: &Settings, client: &mut AnyClient) -> Result<bool> {
-    let Setup { contact, stance, period_us, .. } = client.setup()?;
-    Ok((contact, stance, period_us) == (settings.contact, settings.stance, settings.period_us))
+/// The set-up that an insole uses since its last start; `None` for an insole without a valid layout, which does not measure.
+fn setup_in_use(client: &mut AnyClient) -> Result<Option<Setup>> {
+    match client.setup() {
+        Err(client::Error::Refused(Refusal::NoLayout)) => Ok(None),
+        setup => Ok(Some(setup?)),
+    }
+}
+
+/// True if these settings are those of the set-up in use, as far as they can be compared: a set-up does not contain the size.
+fn are_used(settings: &Settings, in_use: Option<&Setup>) -> bool {
+    let used = |setup: &Setup| {
+        (setup.contact, setup.stance, setup.period_us) == (settings.contact, settings.stance, settings.period_us)
+    };
+    in_use.is_none_or(used)
 }
 
 /// The settings of an insole: those that a host has stored, or else those of its firmware.
@@ -112,7 +121,7 @@ pub fn print_settings(client: &mut AnyClient) -> Result<()> {
     let hello = client.hello();
     let (layout_id, is_stored) = (hello.layout_id, client.settings()?.is_some());
     let settings = in_force(client)?;
-    let is_used = are_used(&settings, client)?;
+    let is_used = are_used(&settings, setup_in_use(client)?.as_ref());
     let Settings { contact, stance, period_us, scale } = settings;
     let origin = if is_stored { "set by a host" } else { "of the firmware" };
     let since = if is_used { "" } else { ", in force once the insole restarts" };
