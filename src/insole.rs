@@ -179,8 +179,8 @@ impl<R: Real, const N: usize> Insole<R, N> {
     }
 
     /// Number of frames that the first frame after missing ones represents in the cumulative load: under load, itself and at most
-    /// as many missing frames as a stance bridges; without load, at most the frames of a second, because an insole that is not
-    /// worn scans once a second.
+    /// as many missing frames as a stance bridges; without load, at most the frames of a second, which is more than the time
+    /// between two scans of an insole that is not worn.
     #[cold]
     fn represented_frames(&self, elapsed_frames: u32) -> u32 {
         elapsed_frames.min(if self.is_loaded() { 1 + BRIDGED_FRAMES } else { self.cumulative.second_frames() })

@@ -149,7 +149,7 @@ fn a_bonded_phone_receives_every_frame_and_step_of_a_walk() {
     println!("deepest stack with a pairing: {} bytes", phone.status(&mut world.radio).stack_bytes);
 }
 
-/// A phone finds an insole that is not worn, which scans once a second. From the first load on, the insole scans every frame.
+/// A phone finds an insole that is not worn, which scans twice a second. From the first load on, the insole scans every frame.
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn an_insole_that_is_not_worn_is_found_and_measures_when_it_is_put_on() {
@@ -169,7 +169,7 @@ fn an_insole_that_is_not_worn_is_found_and_measures_when_it_is_put_on() {
     while (status.frame_times() as usize) < unworn - 100 {
         status = phone.status(&mut world.radio);
     }
-    // The insole counts as not worn after 60 s. From then on one frame in 100 is scanned.
+    // The insole counts as not worn after 60 s. From then on one frame in 50 is scanned.
     assert!(!status.is_worn && (800..=1000).contains(&status.frames_skipped), "{status:?}");
     phone.send(&mut world.radio, ToDevice::Stream { live: true });
     // The next frame that is scanned is in the first stance, and the walk continues when the insole has evaluated it.

@@ -662,7 +662,7 @@ fn the_insole_reports_the_force_that_the_fit_evaluated() {
                 // The device's value is in single precision and rounded to the unit of the message.
                 let is_equal = |sent: u16, value: f64| (f64::from(sent) - value).abs() <= 1.0;
                 assert!(is_equal(device.model_peak_dn, peak_n * 10.0), "{device:?}, {peak_n} N");
-                assert!(is_equal(device.model_integral_cns, integral_n_s * 100.0), "{device:?}, {integral_n_s} N s");
+                assert!(is_equal(device.model_integral_dns, integral_n_s * 10.0), "{device:?}, {integral_n_s} N s");
                 let error_bp = (ours.nrmse() * 1e4).min(f64::from(u16::MAX));
                 assert!(is_equal(device.model_error_bp, error_bp), "{device:?}, {error_bp}");
                 compared += 1;

@@ -135,8 +135,9 @@ fn old_region(region: StepRegion, masked_cells: u8) -> StepRegion {
     StepRegion {
         measured_peak_dn: region.measured_peak_dn,
         model_peak_dn: region.model_peak_dn,
-        measured_integral_cns: region.measured_integral_cns,
-        model_integral_cns: region.model_integral_cns,
+        // Stored in 0.01 N s, and in 0.1 N s since.
+        measured_integral_dns: (region.measured_integral_dns + 5) / 10,
+        model_integral_dns: (region.model_integral_dns + 5) / 10,
         area_peak_mm2: region.area_peak_mm2,
         deformation_peak_um: region.deformation_peak_um,
         deformation_rate_peak_dmm_s: region.deformation_rate_peak_dmm_s,

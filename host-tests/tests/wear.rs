@@ -6,6 +6,7 @@ use plantar::Region;
 use plantar::faults::FaultKind;
 use plantar::insole::Insole;
 use plantar::pipeline::baseline::MAX_RESIDUAL_KPA;
+use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::SetupCell;
 use plantar::pipeline::stance_rule::StanceRule;
@@ -155,6 +156,44 @@ fn the_peak_pressure_is_that_above_the_baseline() {
     for (seq, pressures_kpa) in (100..).zip(rising.into_iter().chain([[8.0, 12.0]])) {
         let (peak_kpa, expected_kpa) = (push(seq, pressures_kpa), pressures_kpa[0].max(pressures_kpa[1]));
         assert!((peak_kpa - expected_kpa).abs() < 0.1, "{peak_kpa} kPa, not {expected_kpa}");
+    }
+}
+
+/// The zero follows the sensor downwards, as in the cold, but not a single disturbed reading, because it never rises again.
+#[test]
+fn two_successive_swings_lower_the_zero() {
+    const ZERO: u16 = 1_000;
+    const LOAD_KPA: f64 = 100.0;
+    const CELLS: u8 = 64;
+    /// Number of frames of a stance, and of a swing.
+    const FRAMES: u32 = 60;
+    let load = code_of(&LAW, LOAD_KPA);
+    // The codes below the zero by which the cells read in one swing after the other. The result is how far below the calibrated
+    // zero the pressure under load is measured, codes.
+    let lowered = |below: &[u16]| {
+        let cells = (0..CELLS).map(|i| {
+            let at = cell(Region::Heel, f32::from(i % 8) * 10.0, f32::from(i / 8) * 10.0, 100.0);
+            SetupCell { row_column: i, calibration: CellCalibration { offset: ZERO, gain: 1.0 }, ..at }
+        });
+        let mut insole = Box::new(Insole::<f64, 64>::new());
+        insole.set_up(SETUP, cells).expect("the set-up is accepted");
+        let phases = below.iter().flat_map(|below| [ZERO - below, ZERO + load]);
+        let frames = phases.flat_map(|code| (0..FRAMES).map(move |_| code));
+        (0..).zip(frames).for_each(|(seq, code)| {
+            insole.frame(seq, &[code; CELLS as usize]);
+        });
+        i32::from(code_of(&LAW, insole.loads()[Region::Heel as usize].frame.peak_kpa)) - i32::from(load)
+    };
+    for (below, expected) in [
+        (&[0, 0, 400, 0, 0][..], 0),
+        (&[0, 0, 400, 0, 400, 0], 0),
+        (&[0, 0, 400, 300, 0], 300),
+        (&[0, 0, 400, 400, 400, 0], 400),
+        // The first reading after the start is the only one.
+        (&[400, 0], 400),
+    ] {
+        let measured = lowered(below);
+        assert!((measured - expected).abs() <= 2, "{below:?}: {measured} codes");
     }
 }
 

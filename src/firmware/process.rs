@@ -18,6 +18,10 @@ use embassy_sync::zerocopy_channel::Receiver;
 /// Time without load after which the insole counts as not worn, s.
 const UNWORN_AFTER_S: u32 = 60;
 
+/// Number of scans in a second while the insole is not worn. With one, all scans of a walk with strides of a second could meet
+/// swings. With two, one of three successive scans meets a stance, if strides take 0.63 to 2 s and stances 60 % of them.
+const UNWORN_SCANS_PER_S: u32 = 2;
+
 /// Processes frames. Never returns.
 pub async fn process<S: Stopwatch>(
     insole: &mut DeviceInsole,
@@ -157,7 +161,7 @@ fn end_second(insole: &mut DeviceInsole, shared: &Shared) {
     }
     let sends_cells = session.streams_cells() && !shared.is_host_silent();
     let is_worn = insole.unloaded_s() < UNWORN_AFTER_S || sends_cells || insole.is_zero_requested();
-    set_scan_interval(shared, if is_worn { 1 } else { insole.second_frames() });
+    set_scan_interval(shared, if is_worn { 1 } else { insole.second_frames() / UNWORN_SCANS_PER_S });
     if let Some(unix_us) = session.unix_us(shared.frame_us.get()) {
         insole.enter_day(unix_us);
     }

@@ -72,7 +72,7 @@ fn add(counter: &AtomicU32, count: u32) {
 }
 
 /// Scans at the frame times of the clock. Never waits for processing: if the queue of frames is full, the scan is skipped and
-/// counted. While the insole is not worn, it scans one frame a second. Never returns.
+/// counted. While the insole is not worn, it scans two frames a second. Never returns.
 pub async fn scan(
     mut clock: impl FrameClock,
     mut matrix: impl Matrix,

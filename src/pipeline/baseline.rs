@@ -3,13 +3,15 @@
 //! A shoe presses on the insole even when the foot is lifted, and this residual pressure creeps, as the sensor does, and drifts
 //! with temperature. After each stance, once the foot is lifted (`pipeline/lift.rs`), every cell is read:
 //!
-//! - A reading below the baseline lowers the baseline at once, because a cell without load cannot read less than its baseline. A
-//!   reading that would lower the zero by more than 2,048 codes changes nothing, and may be evidence of a fault.
+//! - A reading below the baseline lowers the baseline at once, because a cell without load cannot read less than its baseline. If
+//!   it is also below the zero, it lowers the baseline to the zero, and the zero to the higher of this reading and that of the
+//!   previous swing: no later reading raises the zero, so a single disturbed one must not lower it. A reading that would lower
+//!   the zero by more than 2,048 codes changes nothing, and may be evidence of a fault.
 //! - A reading above it raises the baseline to the lower of this reading and that of the previous swing, if that swing was at
 //!   most [`GAIT_MS`] earlier and a step of walking was between the two; so neither the reading under a foot that rests for a
-//!   moment, nor that under the foot of a person who sits down and stands up, becomes the baseline. The first reading after the
-//!   start becomes the baseline at once, unless the foot has carried load before; so does the first one after a host has
-//!   requested a measurement.
+//!   moment, nor that under the foot of a person who sits down and stands up, becomes the baseline.
+//! - The first reading after the start becomes the baseline at once, unless the foot has carried load before; so does the first
+//!   one after a host has requested a measurement. It lowers the zero, too.
 //! - A baseline is at most [`MAX_RESIDUAL_KPA`] above the zero. The former baseline of a cell that reads more under a
 //!   lifted foot remains in force, and the cell is counted in [`Faults::with_former_baseline`](crate::faults::Faults).
 //!
@@ -68,8 +70,8 @@ impl Baseline {
     pub(crate) fn follow(&self, code: u16, before: i16, rise: Rise, lowered: u8, curve: &Curve) -> Option<(u16, u8)> {
         let reading = i32::from(code) - i32::from(self.code);
         let change = match rise {
-            _ if reading < 0 => reading,
             Rise::Whole => reading,
+            _ if reading < 0 => reading.max(i32::from(before).min(i32::from(self.zero) - i32::from(self.code))),
             Rise::Confirmed => reading.min(before.into()).max(0),
             Rise::None => 0,
         };

@@ -49,7 +49,7 @@ pub struct Status {
     /// Identifies the key with which updates must be signed, by its first four bytes.
     pub update_key: u32,
     /// The insole is worn: every frame is scanned. An insole that was not loaded for a minute, streams no cells and measures no
-    /// baselines counts as not worn, and scans one frame a second until one of these changes.
+    /// baselines counts as not worn, and scans two frames a second until one of these changes.
     pub is_worn: bool,
     /// Number of frames that were not scanned because the insole was not worn.
     pub frames_skipped: u32,

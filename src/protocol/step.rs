@@ -204,13 +204,13 @@ quantities! {
             "Eq. 13 with Eq. 14, on the contact area.";
         /// Force-time integral of the measured force.
         #[serde(with = "le")]
-        measured_integral_cns: u16 = (region.measured_integral_n_s * R::of(100.0)).round_u16()
-            => measured_force_integral_n_s [100 per "N s"],
+        measured_integral_dns: u16 = (region.measured_integral_n_s * R::of(10.0)).round_u16()
+            => measured_force_integral_n_s [10 per "N s"],
             "Sum of the samples times the time between them.";
         /// Force-time integral of the model force.
         #[serde(with = "le")]
-        model_integral_cns: u16 = (region.model_integral_n_s * R::of(100.0)).round_u16()
-            => model_force_integral_n_s [100 per "N s"],
+        model_integral_dns: u16 = (region.model_integral_n_s * R::of(10.0)).round_u16()
+            => model_force_integral_n_s [10 per "N s"],
             "Sum of the samples times the time between them.";
         /// Largest contact area; the effective area if the contact rule has covered shares.
         #[serde(with = "le")]

@@ -77,13 +77,18 @@ impl StepHead {
     }
 }
 
-/// Decodes the bytes of a region of an older version, which is a prefix of the present one.
+/// Decodes the bytes of a region of an older version, which is a prefix of the present one, but for the unit of two numbers.
 fn region_of(bytes: &[u8]) -> StepRegion {
     // More bytes than a region of the present version has.
     let mut padded = [0; 64];
     padded[..bytes.len()].copy_from_slice(bytes);
     // All numbers have a fixed length, so any bytes are a region. The numbers that the older version lacks are 0.
-    postcard::take_from_bytes(&padded).map(|(region, _)| region).unwrap_or_default()
+    let mut region: StepRegion = postcard::take_from_bytes(&padded).map(|(region, _)| region).unwrap_or_default();
+    // The older versions stored these two in 0.01 N s.
+    for integral in [&mut region.measured_integral_dns, &mut region.model_integral_dns] {
+        *integral = integral.saturating_add(5) / 10;
+    }
+    region
 }
 
 impl From<StepV1> for Step {

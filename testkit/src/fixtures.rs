@@ -143,8 +143,8 @@ pub fn step(step: u32) -> Step {
     let region = |i: u16| StepRegion {
         measured_peak_dn: 1000 + i,
         model_peak_dn: 1100 + i,
-        measured_integral_cns: 1200 + i,
-        model_integral_cns: 1300 + i,
+        measured_integral_dns: 1200 + i,
+        model_integral_dns: 1300 + i,
         area_peak_mm2: 1400 + i,
         deformation_peak_um: 1500 + i,
         deformation_rate_peak_dmm_s: 1600 + i,

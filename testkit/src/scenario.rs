@@ -760,7 +760,7 @@ fn measured(record: &LoadRecord) -> LoadRecord {
     };
     let regions = step.regions.map(|region| StepRegion {
         model_peak_dn: 0,
-        model_integral_cns: 0,
+        model_integral_dns: 0,
         deformation_peak_um: 0,
         deformation_rate_peak_dmm_s: 0,
         model_error_bp: 0,

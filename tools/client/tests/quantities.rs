@@ -23,9 +23,9 @@ scan. In that of steps, `duration_s` is named `contact_time_foot_s`.
 In tables an alert has one row for each region, with `sustained` and `dose` of this region. In the JSON object of an
 alert these two keys have lists of the names of the regions to which they apply.
 
-A value is an integer on the wire, so it has a resolution and a largest value. Quantities of the contact ellipse are
-null without contact; the valley and the second peak of the total force are null in a step with one hump. Equations are
-those of [model.md](model.md).
+A value is an integer on the wire, so it has a resolution and a largest value, which also stands for larger ones.
+Quantities of the contact ellipse are null without contact; the valley and the second peak of the total force are null in
+a step with one hump. Equations are those of [model.md](model.md).
 ";
 
 #[test]

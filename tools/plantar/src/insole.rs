@@ -233,7 +233,7 @@ fn show(connection: &Connection) -> Result<()> {
 fn print_power(status: &Status) {
     let share = |ms: u32| 100.0 * f64::from(ms) * 1000.0 / status.uptime_us.max(1) as f64;
     let unworn = 100.0 * f64::from(status.frames_skipped) / f64::from(status.frame_times().max(1));
-    let worn = if status.is_worn { "worn" } else { "not worn: it scans once a second until it is loaded" };
+    let worn = if status.is_worn { "worn" } else { "not worn: it scans twice a second until it is loaded" };
     println!("the insole is {worn}; since its start it was not worn {unworn:.0} % of the time");
     println!(
         "scanning {:.1} %, evaluating frames {:.1} % of the time{}",

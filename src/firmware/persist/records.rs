@@ -1,0 +1,80 @@
+//! Stores load records and acknowledgements, and loads records from the log into the session.
+
+use super::Persist;
+use crate::protocol::LoadRecord;
+use crate::storage::Store;
+use embassy_time::Instant;
+use embedded_storage_async::nor_flash::MultiwriteNorFlash;
+
+impl Persist<'_> {
+    /// Stores the queued records.
+    pub(super) async fn store_records(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
+        while let Ok(record) = self.shared.records.try_receive() {
+            let must_hold = self.store_record(store, &record).await;
+            if must_hold {
+                self.shared.session.borrow_mut().push_record(record);
+            }
+        }
+        self.shared.frames_before.set(None);
+    }
+
+    /// Stores a record. Returns true if the session must also hold it in RAM, because it follows the records there or could not
+    /// be stored, and false if it will be loaded from the log later, or is lost.
+    async fn store_record(&mut self, store: &mut Store<impl MultiwriteNorFlash>, record: &LoadRecord) -> bool {
+        if matches!(record, LoadRecord::Alert(_)) {
+            // An alert must not be raised again after a loss of power.
+            self.daily_load_at = Instant::now();
+        }
+        match store.push_record(record).await {
+            Ok(dropped) => {
+                let mut session = self.shared.session.borrow_mut();
+                session.count_dropped(dropped);
+                self.has_more_in_log |= !session.has_room();
+                !self.has_more_in_log
+            }
+            Err(_) => {
+                self.shared.count_not_stored();
+                let may_be_in_log = self.is_log_readable.unwrap_or_else(|| store.may_have_records());
+                let mut session = self.shared.session.borrow_mut();
+                // If this record were in RAM, only those after it would be loaded from the log. It is dropped, because those
+                // before it, which are in the log only or would have to leave the RAM, are more numerous. A log that cannot be
+                // read yet may contain such records, too.
+                let is_lost = may_be_in_log && (self.has_more_in_log || !session.has_room());
+                session.count_dropped(is_lost.into());
+                !is_lost
+            }
+        }
+    }
+
+    /// Stores the newest acknowledgement of a host.
+    pub(super) async fn store_acknowledgement(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
+        let acknowledged = self.shared.session.borrow_mut().take_acknowledged();
+        if let Some(number) = acknowledged {
+            self.acknowledged = acknowledged;
+            if store.acknowledge(number).await.is_err() {
+                self.shared.count_not_stored();
+            }
+        }
+    }
+
+    /// Loads records from the log, as many as the session can hold in RAM: those after the newest one in RAM or, if there is
+    /// none, after the last one that a host has acknowledged.
+    pub(super) async fn refill_from_log(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
+        let newest = {
+            let session = self.shared.session.borrow();
+            session.newest_record().or(session.acknowledged()).or(self.acknowledged)
+        };
+        let push = |record| {
+            let mut session = self.shared.session.borrow_mut();
+            let has_room = session.has_room();
+            if has_room {
+                session.push_record(record);
+            }
+            has_room
+        };
+        let has_more = store.records(newest, push).await;
+        self.is_log_readable = if has_more.is_ok() { Some(true) } else { self.is_log_readable.and(Some(false)) };
+        // A failed read is repeated with the next event.
+        self.has_more_in_log = has_more.unwrap_or(true);
+    }
+}
