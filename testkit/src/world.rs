@@ -5,6 +5,7 @@ use crate::virtual_time::{advance_to, clear_timers, now_us, wake_due};
 use crate::walk::{Codes, Posture};
 use emulator::SensorFault;
 use plantar::Side;
+use plantar::storage::flash_map::SMALL_LOG;
 use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::rc::Rc;
@@ -75,6 +76,13 @@ pub enum InsoleEvent {
     },
     /// The supply voltage is sufficient again; scheduled by [`Self::LowSupply`].
     SupplyRecovered,
+    /// For this time, the flash chip does not return what the log of load records contains.
+    LogUnreadable {
+        /// Duration, us.
+        for_us: u64,
+    },
+    /// The log can be read again; scheduled by [`Self::LogUnreadable`].
+    LogReadable,
     /// A cut cable is repaired; scheduled by [`Self::CableCut`].
     CableRepaired,
 }
@@ -158,10 +166,11 @@ impl World {
     }
 
     fn execute(&mut self, Due { insole: index, event, .. }: Due) {
-        // A cut that ends during another one, and a low supply during another one, last until the later end.
+        // A cut that ends during another one lasts until the later end, and so do a low supply and an unreadable log.
         let continues = |end: InsoleEvent| self.due.iter().any(|due| due.insole == index && due.event == end);
         let (is_still_cut, is_still_low) =
             (continues(InsoleEvent::CableRepaired), continues(InsoleEvent::SupplyRecovered));
+        let is_still_unreadable = continues(InsoleEvent::LogReadable);
         let insole = &mut self.insoles[index];
         match event {
             InsoleEvent::Walk { steps } => {
@@ -191,6 +200,12 @@ impl World {
                 self.schedule(now_us() + for_us, index, InsoleEvent::SupplyRecovered);
             }
             InsoleEvent::SupplyRecovered => insole.chip.0.borrow_mut().refuses_changes = is_still_low,
+            InsoleEvent::LogUnreadable { for_us } => {
+                insole.chip.0.borrow_mut().unreadable = SMALL_LOG;
+                self.schedule(now_us() + for_us, index, InsoleEvent::LogReadable);
+            }
+            InsoleEvent::LogReadable if is_still_unreadable => {}
+            InsoleEvent::LogReadable => insole.chip.0.borrow_mut().unreadable = 0..0,
         }
     }
 }

@@ -7,6 +7,7 @@ use embedded_storage_async::nor_flash::{
 use plantar::storage::flash_map::SECTOR;
 use std::cell::Cell;
 use std::future::Future;
+use std::ops::Range;
 use std::pin::pin;
 use std::task::{Context, Poll, Waker};
 
@@ -48,6 +49,8 @@ pub struct NorFlashChip {
     pub failing_reads: u64,
     /// The next read operation that includes this address fails.
     pub failing_read_at: Option<u32>,
+    /// Read operations that include an address of this range fail.
+    pub unreadable: Range<u32>,
     /// Number of read operations from now on that return something else than the content, as from a chip whose supply rises
     /// slowly.
     pub wrong_reads: u64,
@@ -87,6 +90,7 @@ impl NorFlashChip {
             refuses_changes: false,
             failing_reads: 0,
             failing_read_at: None,
+            unreadable: 0..0,
             wrong_reads: 0,
             wrong_byte: None,
             random: fastrand::Rng::with_seed(1),
@@ -142,6 +146,9 @@ impl ReadNorFlash for NorFlashChip {
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), OperationFailed> {
         if self.is_off() {
+            return Err(OperationFailed);
+        }
+        if offset < self.unreadable.end && self.unreadable.start < offset + bytes.len() as u32 {
             return Err(OperationFailed);
         }
         if self.failing_reads > 0 {
