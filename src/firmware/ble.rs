@@ -15,6 +15,7 @@ use crate::storage::MAX_BONDS_BYTES;
 use core::cell::{Cell, RefCell};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal;
+use embassy_time::{Duration, Instant};
 use heapless::Vec;
 
 /// The interface of application and board to the Bluetooth stack, which uses it as a trait object: so the stack is not generic,
@@ -59,12 +60,15 @@ pub trait GattServer {
     fn radio_answered(&self);
 }
 
+/// Longest time between two parts of a request of a management tool. A part that arrives later begins a new request.
+const LONGEST_PAUSE: Duration = Duration::from_secs(1);
+
 /// The insole as a GATT server.
 pub struct GattSession<'a, B> {
     shared: &'a Shared,
     board: B,
-    /// The message that is being received, and its characteristic.
-    joiner: RefCell<(GattChannel, Joiner)>,
+    /// The message that is being received, its characteristic, and the time of its last part.
+    joiner: RefCell<(GattChannel, Joiner, Instant)>,
     /// The message that is being sent, and its characteristic.
     splitter: RefCell<(GattChannel, Splitter)>,
     /// The values of [`Shared::cadence`] and [`Shared::clock_sets`] at the last notification.
@@ -77,7 +81,7 @@ impl<'a, B> GattSession<'a, B> {
         Self {
             shared,
             board,
-            joiner: RefCell::new((GattChannel::Control, Joiner::new())),
+            joiner: RefCell::new((GattChannel::Control, Joiner::new(), Instant::MIN)),
             splitter: RefCell::new((GattChannel::Control, Splitter::new())),
             notified: Cell::new((shared.cadence(), shared.clock_sets())),
         }
@@ -85,9 +89,12 @@ impl<'a, B> GattSession<'a, B> {
 
     /// Adds a fragment of a request that was written to `channel`, and passes the request on once it is complete.
     fn join(&self, channel: GattChannel, fragment: &[u8]) -> Result<(), WriteError> {
-        let (joining, joiner) = &mut *self.joiner.borrow_mut();
-        // A message that was begun on one characteristic does not continue on another.
-        if core::mem::replace(joining, channel) != channel {
+        let (joining, joiner, last_part_at) = &mut *self.joiner.borrow_mut();
+        // A message that was begun on one characteristic does not continue on another. The parts of requests of management tools
+        // have no numbers, so if one was lost, only the time tells that the next part begins a new request.
+        let is_other = core::mem::replace(joining, channel) != channel;
+        let paused = core::mem::replace(last_part_at, Instant::now()).elapsed();
+        if is_other || channel == GattChannel::Management && paused > LONGEST_PAUSE {
             *joiner = Joiner::new();
         }
         let joined = match channel {

@@ -1,10 +1,10 @@
-//! The low-frequency clock, and waits with a finer resolution than its ticks of 30.5 us.
+//! The clocks, and waits with a finer resolution than its ticks of 30.5 us.
 
 use core::future::poll_fn;
 use core::task::Poll;
 use embassy_nrf::interrupt;
 use embassy_nrf::pac;
-use embassy_nrf::pac::clock::vals::Lfclksrc;
+use embassy_nrf::pac::clock::vals::{HfclkstatSrc, Lfclksrc};
 use embassy_nrf::pac::timer::vals::{Bitmode, Mode};
 use embassy_nrf::{Peri, peripherals};
 use embassy_sync::waitqueue::AtomicWaker;
@@ -14,6 +14,8 @@ use nrf52840_drivers::watchdog;
 pub const CORE_KHZ: u32 = 64_000;
 /// Longest time until the crystal oscillates, ms. By the data sheet it takes a quarter of a second.
 const CRYSTAL_LIMIT_MS: u32 = 500;
+/// Longest time until the crystal of 32 MHz oscillates, ms. By the data sheet it takes 0.4 ms.
+const FAST_CRYSTAL_LIMIT_MS: u32 = 5;
 /// Longest time until the clock has stopped, ms.
 const STOP_LIMIT_MS: u32 = 5;
 
@@ -39,6 +41,15 @@ pub fn has_crystal() -> bool {
     // this also works while the watchdog runs, which uses the same clock: see docs/bring-up.md.
     within_ms(STOP_LIMIT_MS, || !pac::CLOCK.lfclkstat().read().state());
     has_started
+}
+
+/// Waits until the high-frequency clock comes from its crystal, which the radio has requested, but not longer than
+/// [`FAST_CRYSTAL_LIMIT_MS`]: without the radio nothing requests it, and the clock does not change.
+pub fn wait_for_fast_crystal() {
+    within_ms(FAST_CRYSTAL_LIMIT_MS, || {
+        let status = pac::CLOCK.hfclkstat().read();
+        status.state() && status.src() == HfclkstatSrc::Xtal
+    });
 }
 
 static ELAPSED: AtomicWaker = AtomicWaker::new();

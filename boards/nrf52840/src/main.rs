@@ -104,13 +104,14 @@ fn take_reset_reason() -> Reset {
     let flags = pac::POWER.resetreas().read();
     // A flag is cleared by writing 1.
     pac::POWER.resetreas().write_value(flags);
-    if flags.dog() {
+    // After a reset by the pin, other flags can be set, too (erratum 136).
+    if flags.resetpin() {
+        Reset::Pin
+    } else if flags.dog() {
         Reset::Watchdog
     } else if flags.lockup() {
         // A fault in the handler of a fault.
         Reset::Panic
-    } else if flags.resetpin() {
-        Reset::Pin
     } else if flags.sreq() {
         Reset::Software
     } else if flags == Resetreas(0) {
@@ -276,6 +277,8 @@ async fn run(boot: BootReport, image: &'static Header, p: Peripherals, has_cryst
     // Each task has static memory of its own and is spawned once, so spawning cannot fail.
     SCAN_EXECUTOR.start(interrupt::EGU1_SWI1).spawn(run_scan(clock, matrix, to_process).unwrap());
     RADIO_EXECUTOR.start(interrupt::EGU2_SWI2).spawn(radio::run(parts, &FROM_RADIO, &TO_RADIO).unwrap());
+    // The radio's task has a higher priority, so it has requested the crystal by now.
+    clock::wait_for_fast_crystal();
     spawner.spawn(run_process(insole, scanned, shared).unwrap());
     spawner.spawn(run_serve(link, shared).unwrap());
     spawner.spawn(run_persist(store, shared, image).unwrap());

@@ -55,9 +55,9 @@ const CORE_KHZ: u32 = 64_000;
 const WATCHDOG_MS: u16 = 1_000;
 
 /// Number of checks whether the crystal oscillates, and number of cycles between them. The bootloader starts this program with a
-/// clock of 32 MHz, at which all checks take 100 ms; a crystal needs 2 ms.
+/// clock of 16 MHz, at which all checks take 100 ms; a crystal needs 2 ms.
 const CRYSTAL_CHECKS: u32 = 1_000;
-const CRYSTAL_CHECK_CYCLES: u32 = 3_200;
+const CRYSTAL_CHECK_CYCLES: u32 = 1_600;
 
 /// The trim of the crystal's load capacitance, 0 to 63, from `PLANTAR_HSE_TUNE`; without it, the value after a reset remains.
 const CRYSTAL_TRIM: Option<u8> = match option_env!("PLANTAR_HSE_TUNE") {

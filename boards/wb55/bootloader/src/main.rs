@@ -1,7 +1,7 @@
 //! The bootloader of the STM32WB55: swaps the images if a swap is due, and starts the active image.
 //!
-//! The watchdog starts directly after the clocks, which need only the internal oscillator. No wait is longer than its timeout,
-//! except the wait for the supply after a failed swap, which feeds the watchdog.
+//! The watchdog starts first. The clocks need only the internal oscillator. No wait is longer than the watchdog's timeout, except
+//! the wait for the supply after a failed swap, which feeds the watchdog.
 //! If the flash chip does not answer, or if the state in it is not readable, the active image starts without a swap.
 //!
 //! Only the bootloader writes the controller's own flash; the radio's core does not run yet.
@@ -16,6 +16,7 @@ use embassy_embedded_hal::flash::partition::BlockingPartition;
 use embassy_stm32::flash::Flash;
 use embassy_stm32::gpio::{Level, Output, Pull, Speed};
 use embassy_stm32::pac;
+use embassy_stm32::pac::iwdg::vals::Key;
 use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::rcc::{LsConfig, MSIRange};
 use embassy_stm32::spi::{self, Spi};
@@ -37,17 +38,17 @@ const WATCHDOG_US: u32 = 20_000_000;
 
 /// The setting of the voltage detector for 2.8 V. The flash chip works from 2.7 V on.
 const SUPPLY_LEVEL: u8 = 5;
-/// The detector needs some microseconds after its start. At 32 MHz, this is 100 us.
-const DETECTOR_START_CYCLES: u32 = 3_200;
-/// Interval between two readings of the detector while the supply rises. At 32 MHz, this is 10 ms.
-const SUPPLY_POLL_CYCLES: u32 = 320_000;
+/// The detector needs some microseconds after its start. At 16 MHz, this is 100 us.
+const DETECTOR_START_CYCLES: u32 = 1_600;
+/// Interval between two readings of the detector while the supply rises. At 16 MHz, this is 10 ms.
+const SUPPLY_POLL_CYCLES: u32 = 160_000;
 /// Number of readings, after which a start continues with a low supply.
 const SUPPLY_POLLS: u32 = 100;
 
 /// Address of the application.
 const APPLICATION: u32 = STM32_FLASH + ACTIVE.start;
 
-/// Number of times that the status of a busy chip is read, some 10 us each: 1 s. The longest operation of the chip takes 0.4 s.
+/// Number of times that the status of a busy chip is read, some 20 us each: 2 s. The longest operation of the chip takes 0.4 s.
 const BUSY_POLLS: u32 = 100_000;
 
 /// True if the supply is sufficient for the flash chip.
@@ -93,10 +94,12 @@ impl<F: NorFlash> NorFlash for WatchedFlash<F> {
 
 #[entry]
 fn main() -> ! {
+    // With its shortest timeout, half a second, in case the clocks do not start.
+    pac::IWDG.kr().write(|w| w.set_key(Key::START));
     let mut clocks = embassy_stm32::Config::default();
-    // The internal oscillator needs no crystal. The application starts with the clocks as after a reset, except for the rate of
-    // this oscillator.
-    clocks.rcc.msi = Some(MSIRange::RANGE32M);
+    // The internal oscillator needs no crystal. `init` raises its rate before it sets the wait states of the flash, and the
+    // application begins without wait states. They are needed above 18 MHz (RM0434, "Read access latency").
+    clocks.rcc.msi = Some(MSIRange::RANGE16M);
     clocks.rcc.hsi48 = None;
     clocks.rcc.ls = LsConfig::off();
     let p = embassy_stm32::init(clocks);
@@ -104,7 +107,7 @@ fn main() -> ! {
     watchdog.unleash();
 
     let mut spi_config = spi::Config::default();
-    spi_config.frequency = Hertz(16_000_000);
+    spi_config.frequency = Hertz(8_000_000);
     // A missing chip reads 0, which means that it is not busy and that no swap is due.
     spi_config.miso_pull = Pull::Down;
     let bus = Spi::new_blocking(p.SPI2, p.PB13, p.PB15, p.PB14, spi_config);
