@@ -124,7 +124,7 @@ pub(crate) fn sum_region<R: Real, const COVERED: bool>(
     let candidate = candidate(frame.peak_code);
     let (force, area_change) = (ForceMoments::NONE, ContactArea::NONE);
     let mut sums = Sums { force, area_change, candidate, peak: Peak { kpa: R::ZERO, code: 0 } };
-    frame.saturated = false;
+    (frame.saturated, frame.is_count_changed) = (false, false);
     // The loop is unrolled. In a loop over single cells, a tenth of the instructions of this function would be those of the
     // loop itself.
     let (groups, last_cells) = cells.as_chunks_mut::<UNROLLED>();

@@ -349,8 +349,10 @@ pub struct RegionFrame<R> {
     pub peak_code: i32,
     /// A cell is saturated: the area is valid, the force is a lower bound.
     pub saturated: bool,
-    /// Area of all cells in contact, each with its whole area, and the maximum of this sum since the last heel strike, in units
-    /// of 1/16 mm2.
+    /// A cell came into contact or lost it in this frame.
+    pub is_count_changed: bool,
+    /// Area of all cells in contact, each with its whole area, and the maximum of this sum in the frames from the last heel strike
+    /// to the one before its last change, in units of 1/16 mm2.
     pub counted: (i32, i32),
 }
 
@@ -362,6 +364,7 @@ impl<R: Real> RegionFrame<R> {
         peak_kpa: R::ZERO,
         peak_code: 0,
         saturated: false,
+        is_count_changed: false,
         counted: (0, 0),
     };
 
@@ -379,19 +382,27 @@ impl<R: Real> RegionFrame<R> {
         let share = contact.update(code, zero, curve_kpa);
         self.area.change(cell, share);
         if contact.is_loaded() != was_loaded {
-            let (counted, most) = self.counted;
-            let counted = counted + if was_loaded { -i32::from(cell.area) } else { cell.area.into() };
-            self.counted = (counted, counted.max(most));
+            // Between two changes in the same frame, the sum is the area of no frame, so only the sum before the first one counts.
+            if !self.is_count_changed {
+                self.is_count_changed = true;
+                self.counted.1 = self.counted_peak();
+            }
+            self.counted.0 += if was_loaded { -i32::from(cell.area) } else { cell.area.into() };
         }
     }
 
-    /// Restarts the search for the largest counted area.
+    /// Restarts the search for the largest counted area with this frame.
     pub(crate) fn restart_count(&mut self) {
         self.counted.1 = self.counted.0;
     }
 
-    /// The largest area of all cells in contact, each with its whole area, since the last heel strike, mm2.
+    /// The largest area of all cells in contact, each with its whole area, since the last heel strike, in units of 1/16 mm2.
+    fn counted_peak(&self) -> i32 {
+        self.counted.0.max(self.counted.1)
+    }
+
+    /// The same in mm2.
     pub(crate) fn counted_peak_mm2(&self) -> R {
-        R::of_i32(self.counted.1) * R::of(f64::from(1.0 / PER_MM2))
+        R::of_i32(self.counted_peak()) * R::of(f64::from(1.0 / PER_MM2))
     }
 }

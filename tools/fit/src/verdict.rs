@@ -2,6 +2,7 @@
 
 use crate::RegionFit;
 use crate::interval::{FIVE, Interval};
+use crate::measures::{self, Quantity};
 
 /// Two parameters cannot be separated if the absolute correlation of their estimates is larger than this.
 const INSEPARABLE: f64 = 0.95;
@@ -99,6 +100,15 @@ pub(crate) fn warnings(fit: &RegionFit) -> Vec<String> {
             "C is {height:.1} times the thickness of the tissue, so the ellipsoid does not resemble a fat pad: A, B and C \
              are parameters of the model here, not anatomical dimensions"
         ));
+    }
+    if let Some(energy) = measures::find(&fit.measures, Quantity::DissipatedEnergy)
+        && energy.interval.is_some_and(|[_, high]| high < 0.0)
+    {
+        warnings.push(
+            "the energy dissipated per step is negative: tissue cannot return more energy than it received, so the damping is \
+             not that of the tissue"
+                .into(),
+        );
     }
     let is_correlated = |i: usize| (0..FIVE.len()).any(|j| j != i && uncertainty.correlation[i][j].abs() > INSEPARABLE);
     let correlated: Vec<_> = (0..FIVE.len()).filter(|&i| is_correlated(i)).map(|i| FIVE[i]).collect();

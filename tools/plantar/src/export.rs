@@ -1,7 +1,7 @@
 //! `plantar export`: writes recordings in the formats of other programs.
 
 use crate::paths::check_written;
-use crate::setup::InsoleArgs;
+use crate::setup::{InsoleArgs, note_unless_same_foot};
 use anyhow::Result;
 use clap::{Args, Subcommand};
 use export::motion_bids::Names;
@@ -99,6 +99,7 @@ impl Options {
         let rule = self.insole.rule(&parameters)?;
         let foot = |path: &PathBuf| {
             let recording = Recording::read(path)?;
+            note_unless_same_foot(&parameters, recording.side);
             let insole = self.insole.insole(&(&recording).into(), rule, path)?;
             anyhow::Ok(Foot::new(recording, &insole, &parameters.tissue(), &path.display().to_string())?)
         };

@@ -259,7 +259,10 @@ impl Fit {
             let range = numbers().min().zip(numbers().max());
             study.steps.retain(|step| self.is_used(step));
             if let (true, Some((least, most))) = (study.steps.is_empty(), range) {
-                bail!("--steps {first}-{last}: the recordings have steps {least} to {most}");
+                bail!(
+                    "--steps {first}-{last}: no step has these numbers; the recordings have steps from {least} to {most}, and load \
+                     bouts are numbered with them"
+                );
             }
         }
         let bar = progress(8, "regions");

@@ -200,7 +200,8 @@ fn from_stream(path: &Path) -> Result<Walk> {
     Ok(Walk { steps, others })
 }
 
-/// The load records that an insole would find in a recording. The times of the steps are on the clock of its time column.
+/// The load records that an insole would find in a recording. The times of the steps are on the clock of its time column, which
+/// two recordings have in common unless they are of insoles.
 fn from_recording(recording: &Recording) -> Result<Walk> {
     let virtual_insole = setup::insole(recording, ContactRule::COUNTED)?;
     let mut insole = Box::new(Insole::<f32, MAX_CELLS>::new());
@@ -219,7 +220,8 @@ fn from_recording(recording: &Recording) -> Result<Walk> {
         if let Some(step) = completed_step(toe_off, insole) {
             let start_us = time_us(step.start_us);
             let duration_us = time_us(step.start_us + u64::from(step.duration_us)).saturating_sub(start_us) as u32;
-            walk.steps.push((Step { duration_us, ..step }, Some(start_us)));
+            let common_us = (!recording.layout.is_of_insole()).then_some(start_us);
+            walk.steps.push((Step { start_us, duration_us, ..step }, common_us));
         }
         walk.others.extend(insole.take_bout().map(|bout| (bout.side, bout.number)));
     };

@@ -2,7 +2,7 @@
 
 use crate::carrier::{Connection, InsoleLink};
 use crate::insole::{restart, settings};
-use crate::setup::{note_unless_personal, rule_in_words};
+use crate::setup::{note_unless_personal, note_unless_same_foot, rule_in_words};
 use crate::summary;
 use anyhow::{Context, Result, bail, ensure};
 use clap::Subcommand;
@@ -106,13 +106,7 @@ pub fn send(insole: &mut InsoleLink, parameters: &Parameters) -> Result<()> {
     let tissue = parameters.tissue();
     let Some(identified) = &parameters.identified else { return Ok(insole.client().set_tissue(&tissue)?) };
     let on_insole = identified.on_insole()?;
-    let side = insole.client().hello().side.name();
-    if identified.side != side && identified.side != "both" {
-        eprintln!(
-            "note: these parameters were identified from the {} foot, but this insole is for the {side} foot",
-            identified.side
-        );
-    }
+    note_unless_same_foot(parameters, insole.client().hello().side);
     set_rule(insole, identified.contact)?;
     Ok(insole.client().set_identified_tissue(&tissue, on_insole)?)
 }

@@ -3,9 +3,9 @@
 use anyhow::{Context, Result};
 use clap::Args;
 use parameters::{Identified, InsoleSize, Parameters, TypicalRange};
-use plantar::Region;
 use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::{Step, StepRegion};
+use plantar::{Region, Side};
 use recording::{FrameSource, Recording, VirtualInsole, Zero};
 use std::path::{Path, PathBuf};
 use study::ContactOptions;
@@ -157,6 +157,19 @@ impl ContactArgs {
         ];
         let mut given = options.into_iter().filter_map(|(name, given, measured)| Some((name, given?, measured)));
         given.find(|(_, given, measured)| given != measured).map(|(name, given, _)| format!("{name} {given}"))
+    }
+}
+
+/// Prints a note on stderr if parameters were identified from the other foot only.
+pub fn note_unless_same_foot(parameters: &Parameters, side: Side) {
+    if let Some(Identified { side: identified, .. }) = &parameters.identified
+        && identified != side.name()
+        && identified != "both"
+    {
+        eprintln!(
+            "note: the parameters were identified from the {identified} foot, but this is the {} foot",
+            side.name()
+        );
     }
 }
 

@@ -131,6 +131,19 @@ fn times_of_recordings_are_those_of_their_frames() {
     assert!((mean(&gait, "step_time_s", "left") - (stance_s + swing_s - 0.4)).abs() < 1e-6, "{gait:#}");
 }
 
+/// Each of two insoles has a clock of its own.
+#[test]
+fn recordings_of_two_insoles_are_not_compared_in_time() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for side in [Side::Left, Side::Right] {
+        let mut recording = walk(&SyntheticWalk { side, steps: 10, ..SyntheticWalk::default() }).recording;
+        recording.layout.name = format!("insole 0x1a, {} cells", recording.cells());
+        recording.write(folder.path().join(format!("{}.parquet", side.name()))).expect("written");
+    }
+    let (gait, _) = measures(folder.path(), "left.parquet right.parquet");
+    assert!(mean(&gait, "stride_time_s", "left") > 0.0 && mean(&gait, "step_time_s", "left").is_nan(), "{gait:#}");
+}
+
 #[test]
 fn a_stream_without_a_common_clock_has_the_measures_of_each_foot() {
     let folder = tempfile::tempdir().expect("a folder");

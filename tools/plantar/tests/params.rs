@@ -180,7 +180,7 @@ fn parameters_and_their_contact_rule_are_set_together() {
     let output = params(path, &format!("push params.toml --tcp {address}"));
     let [stdout, stderr] = [output.stdout, output.stderr].map(|text| String::from_utf8(text).expect("text"));
     assert!(output.status.success() && stdout.contains("sqrt(p / 150 kPa)"), "{stdout} {stderr}");
-    assert!(stderr.contains("identified from the right foot, but this insole is for the left"), "{stderr}");
+    assert!(stderr.contains("identified from the right foot, but this is the left foot"), "{stderr}");
     {
         let session = session.lock().expect("no panic");
         assert_eq!(session.setup().map(|setup| setup.contact), Some(ContactRule::COVERED));

@@ -144,7 +144,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         let foot = Foot {
             side: stated.or(side),
             grid: Grid { row_mm: CELL_LENGTH_MM, column_mm: CELL_WIDTH_MM, toes: Toes::AlongMovement },
-            frames: frames.with_swing(path)?,
+            frames: frames.with_swing(path, &mut export.remarks)?,
             name: "footscan plate".to_owned(),
             source: format!(
                 "footscan measurement {}, {SWING_S} s without load added before and after, regions by template.",

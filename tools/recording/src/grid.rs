@@ -13,6 +13,9 @@ pub const MAX_LINES: usize = 4096;
 /// Largest plausible width and height of a cell, mm.
 pub const MAX_CELL_MM: f64 = 60.0;
 
+/// A plate's first and last frame carry less than this fraction of the largest load, unless a part of the contact is missing.
+const CUT_SHARE: f32 = 0.3;
+
 /// Unloaded time that [`Frames::with_swing`] adds before and after a step, s.
 pub const SWING_S: f64 = crate::jiku::SWING_S;
 /// Shortest plausible time between frames, s. No matrix sensor records faster, and with a shorter time the number of frames that
@@ -92,9 +95,11 @@ impl Frames {
     /// This method must be called before gaps are filled. If the recording is then cut at a long gap, there are no unloaded
     /// frames at the cut, so that the cut is not mistaken for a heel strike or toe off.
     ///
+    /// An export that may be cut off adds to `remarks`: the first or last frame carries more than [`CUT_SHARE`] of the load.
+    ///
     /// # Errors
     /// Fails if the time between frames is not plausible: see [`check_period`]. The message names `path`.
-    pub fn with_swing(mut self, path: &Path) -> Result<Self> {
+    pub fn with_swing(mut self, path: &Path, remarks: &mut Vec<String>) -> Result<Self> {
         let (Some(&first_s), Some(&last_s)) = (self.t_s.first(), self.t_s.last()) else { return Ok(self) };
         // A single frame has no rate. The check of the rate in `Foot::recording` reports this.
         let Some(median_s) = median_interval_s(&self.t_s) else { return Ok(self) };
@@ -103,6 +108,18 @@ impl Frames {
         // If the times are rounded, the mean interval is still exact; the median is not.
         let period_s = intervals_s.iter().sum::<f64>() / intervals_s.len() as f64;
         check_period(period_s, &|| path.display().to_string())?;
+        let mut sums = vec![0.0; self.t_s.len()];
+        self.loads.iter().for_each(|load| sums[load.frame] += load.kpa);
+        let most = sums.iter().copied().fold(0.0, f32::max);
+        for (name, sum) in [("first", sums.first()), ("last", sums.last())] {
+            if let Some(&sum) = sum.filter(|sum| **sum > CUT_SHARE * most) {
+                remarks.push(format!(
+                    "The {name} frame carries {:.0} % of the largest load: a part of the contact may be missing; export \
+                     all of it.",
+                    100.0 * sum / most
+                ));
+            }
+        }
         // The small addend includes a frame that would be left out only because of rounding.
         let added = ((SWING_S / period_s + 1e-6).floor() as usize).max(1);
         let mut t_s = Vec::with_capacity(self.t_s.len() + 2 * added);

@@ -60,6 +60,11 @@ impl Layout {
         [INSOLE, COMPUTED].iter().any(|beginning| self.name.starts_with(beginning))
     }
 
+    /// True if the recording is of an insole of this project, so its times are those of the insole's own clock.
+    pub fn is_of_insole(&self) -> bool {
+        self.name.starts_with(INSOLE)
+    }
+
     /// Force on all cells, N: the sum of pressure times area. `pressure_kpa` has one value for each cell.
     pub fn force_n(&self, pressure_kpa: &[f32]) -> f64 {
         // 1 kPa on 1 mm² is 1 mN.

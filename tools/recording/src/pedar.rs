@@ -201,12 +201,21 @@ struct Header {
     kpa_per_unit: f64,
     /// The numbers of the sensors of each foot in the export.
     feet: Vec<Vec<usize>>,
+    /// The foot of an export of one foot, if the mask definition states it.
+    side: Option<Side>,
 }
 
 impl Header {
     /// The columns of a foot, each with the number of its sensor. An export of one foot is assumed to be of `side`. `most` is
     /// the number of sensors in the geometry.
     fn sensors_of(&self, side: Side, most: usize, path: &Path, geometry_path: &Path) -> Result<Vec<(usize, usize)>> {
+        if let Some(stated) = self.side.filter(|stated| *stated != side) {
+            return Err(Error::content(
+                at_line(path, self.line),
+                format!("the mask definition states that these are sensors of the {} foot", stated.name()),
+                format!("import the export with --side {}", stated.name()),
+            ));
+        }
         let is_known = |sensor: &usize| (1..=most).contains(sensor);
         let (first_column, sensors) = match (&self.feet[..], side) {
             ([sensors], _) | ([sensors, _], Side::Left) => (1, sensors),
@@ -243,29 +252,49 @@ pub fn feet(asc_path: impl AsRef<Path>) -> Result<usize> {
     Ok(read_header(&mut (1..).zip(text.lines()), path)?.feet.len())
 }
 
+/// The rest of a line that begins with `name`, in capitals or not.
+fn after<'a>(row: &'a str, name: &str) -> Option<&'a str> {
+    let (start, rest) = row.split_at_checked(name.len())?;
+    start.eq_ignore_ascii_case(name).then_some(rest)
+}
+
 /// Consumes the lines up to the line that names the columns.
 fn read_header<'a>(lines: &mut impl Iterator<Item = (u64, &'a str)>, path: &Path) -> Result<Header> {
     let (mut unit, mut kpa_per_unit) = ("kPa", 1.0);
+    // The sensors of both feet by the mask definition.
+    let mut masks = [Vec::new(), Vec::new()];
     for (line, row) in lines {
         let place = || at_line(path, line);
-        if let Some(name) = row.strip_prefix("pressure values in") {
+        if let Some(name) = after(row, "pressure values in") {
             unit = name.trim();
             kpa_per_unit = units::kpa(unit, &place)?;
         }
+        for (mask, name) in masks.iter_mut().zip(["left insole:", "right insole:"]) {
+            if let Some(numbers) = after(row, name) {
+                *mask = numbers.split(',').filter_map(|number| number.trim().parse().ok()).collect();
+            }
+        }
         let Some(labels) = row.strip_prefix(TIME_COLUMN) else { continue };
-        let mut feet: Vec<Vec<usize>> = vec![Vec::new()];
+        let mut sensors = Vec::new();
         for label in labels.split_whitespace() {
             let Ok(sensor) = label.parse() else {
                 let problem = format!("`{label}` is not the number of a sensor");
                 return Err(Error::content(place(), problem, "export the pressures of the sensors"));
             };
-            // The sensor numbers of a foot increase, so a number that does not increase begins the second foot.
-            if feet.last().and_then(|foot| foot.last()).is_some_and(|&before| sensor <= before) {
-                feet.push(Vec::new());
-            }
-            feet.last_mut().expect("there is a first foot").push(sensor);
+            sensors.push(sensor);
         }
-        return Ok(Header { line, unit: unit.into(), kpa_per_unit, feet });
+        let (feet, side) = if masks.concat() == sensors {
+            let side = match &masks {
+                [_, right] if right.is_empty() => Some(Side::Left),
+                [left, _] if left.is_empty() => Some(Side::Right),
+                _ => None,
+            };
+            (masks.into_iter().filter(|foot| !foot.is_empty()).collect(), side)
+        } else {
+            // The sensor numbers of a foot increase, so a number that does not increase begins the second foot.
+            (sensors.chunk_by(|before, sensor| before < sensor).map(<[usize]>::to_vec).collect(), None)
+        };
+        return Ok(Header { line, unit: unit.into(), kpa_per_unit, feet, side });
     }
     Err(Error::content(
         path.display().to_string(),

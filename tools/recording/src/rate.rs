@@ -7,13 +7,16 @@ use crate::{Error, Recording, Result};
 /// Lowest plausible rate, Hz. At a lower rate a stance would have fewer than two frames, so the times must be in another unit,
 /// such as ms.
 const MIN_HZ: f64 = 2.0;
+/// Largest distance of a frame from its place at the mean rate: this share of all frames, and at least [`LINE_FRAMES`].
+const LINE_SHARE: f64 = 0.01;
+const LINE_FRAMES: f64 = 3.0;
 
 /// The mean frame rate, Hz, of frames at these times. `place` converts the part of the recording that violates a rule to text
 /// for the message.
 ///
 /// # Errors
 /// Fails if there are fewer than two times, the times do not increase, an interval differs by more than half from the median
-/// interval, or the times cannot be seconds.
+/// interval, the rate changes, or the times cannot be seconds.
 pub fn of(t_s: &[f64], place: &dyn Fn(At) -> String) -> Result<f64> {
     check::times(t_s, place)?;
     let Some(median_s) = median_interval_s(t_s) else {
@@ -31,6 +34,16 @@ pub fn of(t_s: &[f64], place: &dyn Fn(At) -> String) -> Result<f64> {
         return Err(Error::content(place(At::Whole), problem, "give times in seconds"));
     }
     check::rate(rate_hz, place)?;
+    // With one rate, the times are those of a straight line. With two, the mean rate would change the length of every step.
+    let most = (LINE_SHARE * t_s.len() as f64).max(LINE_FRAMES);
+    let off_line = |i: usize| ((t_s[i] - t_s[0]) * rate_hz - i as f64).abs();
+    if let Some(i) = (0..t_s.len()).find(|&i| off_line(i) > most) {
+        return Err(Error::content(
+            place(At::Frame(i)),
+            format!("the frame is {:.0} frames from its place at the mean rate of {rate_hz:.2} Hz", off_line(i)),
+            "the rate changes: split the recording where it does, or resample it to uniform time",
+        ));
+    }
     Ok(rate_hz)
 }
 

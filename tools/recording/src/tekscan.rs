@@ -36,6 +36,8 @@ struct Header<'a> {
     row_mm: Option<f64>,
     column_mm: Option<f64>,
     period_s: Option<f64>,
+    /// Number of the last frame.
+    last_frame: Option<u64>,
     /// The unit and its line.
     unit: Option<(&'a str, u64)>,
     /// Force on the sensor, N, and sum of its raw values, in the measurement that calibrated it.
@@ -81,7 +83,12 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     } else {
         units::kpa(unit, &|| at_line(path, unit_line))?
     };
-    let frames = read_frames(&mut lines, path, [rows, columns], period_s, kpa_per_unit)?;
+    let (frames, last_number) = read_frames(&mut lines, path, [rows, columns], period_s, kpa_per_unit)?;
+    if let Some(stated) = header.last_frame.filter(|stated| *stated > last_number) {
+        remarks.push(format!(
+            "The header states frames up to {stated}, but the last one is frame {last_number}: the export may be cut off."
+        ));
+    }
     let is_insole = header.sensor.to_uppercase().replace(['-', ' '], "").contains("FSCAN");
     let stated = [header.file_name, &file_name(path)].into_iter().find_map(side_of);
     if let (Some(side), Some(stated)) = (side, stated)
@@ -129,6 +136,7 @@ fn header<'a>(lines: &mut impl Iterator<Item = (u64, &'a str)>, path: &Path) -> 
                 check_period(period_s, &place)?;
                 header.period_s = Some(period_s);
             }
+            "END_FRAME" => header.last_frame = value.parse().ok(),
             "UNITS" => header.unit = Some((value, line)),
             "CALIBRATION_POINT_1" => header.calibration = calibration(value),
             "CALIBRATION_POINT_2" => header.has_second_point = calibration(value).is_some(),
@@ -196,14 +204,14 @@ fn side_of(name: &str) -> Option<Side> {
     words.into_iter().find(|(word, _)| is_word(word)).map(|(_, side)| side)
 }
 
-/// Reads the frames below the header.
+/// Reads the frames below the header. Returns the number of the last one, too.
 fn read_frames<'a>(
     lines: &mut impl Iterator<Item = (u64, &'a str)>,
     path: &Path,
     [rows, columns]: [usize; 2],
     period_s: f64,
     kpa_per_unit: f64,
-) -> Result<Frames> {
+) -> Result<(Frames, u64)> {
     let mut frames = Frames::default();
     let mut numbers: Vec<u64> = Vec::new();
     // The number of rows that were read of the current frame; `rows` before the first frame.
@@ -229,7 +237,8 @@ fn read_frames<'a>(
                 return Err(Error::content(place(), problem, "export the frames in order"));
             }
             numbers.push(number);
-            frames.begin((number - numbers[0]) as f64 * period_s);
+            // Frames are numbered from 1. The exports of both feet of a measurement can begin with different frames.
+            frames.begin((number - numbers[0].min(1)) as f64 * period_s);
             rows_read = 0;
             continue;
         }
@@ -247,12 +256,16 @@ fn read_frames<'a>(
         }
         for (column, field) in fields.enumerate().filter(|(_, field)| !field.eq_ignore_ascii_case("B")) {
             let value = number(field, &format!("the value in column {}", column + 1), &place)?;
+            if value < 0.0 {
+                let problem = format!("the value in column {} is negative: {value}", column + 1);
+                return Err(Error::content(place(), problem, "export the measurement again, and do not edit the file"));
+            }
             frames.add(rows_read, column, (value * kpa_per_unit) as f32);
         }
         rows_read += 1;
     }
     match rows_read == rows {
-        true => Ok(frames),
+        true => Ok((frames, numbers.last().copied().unwrap_or(0))),
         false => Err(cut_off(path.display().to_string(), rows_read)),
     }
 }

@@ -76,6 +76,13 @@ fn times_rounded_to_milliseconds_result_in_the_true_rate() {
 }
 
 #[test]
+fn a_change_of_the_rate_is_rejected_at_its_line() {
+    let times = (0..500).map(|i| if i < 250 { f64::from(i) * 0.01 } else { 2.5 + f64::from(i - 250) * 0.014 });
+    let frames: String = times.map(|t_s| format!("{t_s:.3},1,2\n")).collect();
+    assert_refused(LAYOUT, &format!("t_s,c0,c1\n{frames}"), &["frames.csv:", "the rate changes"]);
+}
+
+#[test]
 fn times_in_milliseconds_are_rejected() {
     assert_refused(LAYOUT, "t_s,c0,c1\n0,0,0\n10,0,0\n20,0,0\n", &["frames.csv", "every 10.000 s", "times in seconds"]);
 }

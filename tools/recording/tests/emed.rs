@@ -65,6 +65,16 @@ fn a_step_that_is_loaded_in_the_first_picture_begins_after_frames_without_load()
 }
 
 #[test]
+fn an_export_that_ends_within_the_contact_is_imported_with_a_remark() {
+    let whole = file(Side::Right, false);
+    let half: Vec<u8> = whole.split_inclusive(|&byte| byte == 0x0c).take(STANCE / 2).flatten().copied().collect();
+    for (bytes, has_remark) in [(whole, false), (half, true)] {
+        let remarks = parse(&bytes).unwrap().remarks;
+        assert_eq!(remarks.iter().any(|remark| remark.contains("last frame carries")), has_remark, "{remarks:?}");
+    }
+}
+
+#[test]
 fn a_step_is_imported_in_both_directions_of_walking_and_its_foot_is_recognised() {
     for side in [Side::Left, Side::Right] {
         for is_turned in [false, true] {

@@ -54,6 +54,25 @@ fn variants_of_the_export_yield_the_same_pressures() {
 }
 
 #[test]
+fn the_mask_definition_divides_the_sensors_between_the_feet() {
+    // The numbers continue to increase in the second foot.
+    let both = "left insole: 1\nright insole: 2\ntime[secs]\t1\t2\n0.01\t1\t2\n0.02\t3\t4\n0.03\t5\t6\n";
+    assert_eq!(import(both, GEOMETRY, Side::Left).unwrap().pressure_kpa, [1.0, 3.0, 5.0]);
+    assert_eq!(import(both, GEOMETRY, Side::Right).unwrap().pressure_kpa, [2.0, 4.0, 6.0]);
+    let right = both.replace("insole: 1\n", "insole:\n").replace("insole: 2\n", "insole: 1,2,\n");
+    assert_eq!(import(&right, GEOMETRY, Side::Right).unwrap().cells(), 2);
+    let error = import(&right, GEOMETRY, Side::Left).unwrap_err().to_string();
+    assert!(error.contains("walk.asc:3: ") && error.contains("--side right"), "{error}");
+}
+
+#[test]
+fn the_name_of_a_unit_may_have_capitals() {
+    let newtons = ASC.replace("pressure values in  kPa", "Pressure values in N/cm2");
+    let pressure_kpa = import(&newtons, GEOMETRY, Side::Left).unwrap().pressure_kpa;
+    assert_eq!(pressure_kpa, [10.0, 20.0, 50.0, 60.0, 90.0, 100.0]);
+}
+
+#[test]
 fn sensors_that_a_mask_excluded_are_missing_in_the_layout() {
     let masked = "time[secs]\t2\t1\t2\n0.01\t2\t3\t4\n0.02\t6\t7\t8\n0.03\t10\t11\t12\n";
     let left = import(masked, GEOMETRY, Side::Left).unwrap();

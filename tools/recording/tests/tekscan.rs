@@ -52,6 +52,26 @@ fn a_step_is_imported_from_all_units() {
     }
 }
 
+/// The exports of both feet of a measurement can begin with different frames.
+#[test]
+fn times_follow_from_the_numbers_of_the_frames() {
+    let whole = text(Side::Right, "KPa", 1.0, "10.16 mm");
+    let (header, frames) = whole.split_once("\r\nFrame 1\r\n").unwrap();
+    let part = format!("{header}\r\nFrame 11\r\n{}", frames.split_once("\r\nFrame 11\r\n").unwrap().1);
+    let times = [&whole, &part].map(|text| parse(text).unwrap().feet.remove(0).t_s);
+    assert!(times[0][0] == 0.0 && (times[1][0] - times[0][10]).abs() < 1e-9, "{}", times[1][0]);
+}
+
+#[test]
+fn an_export_that_ends_before_its_last_frame_is_imported_with_a_remark() {
+    let whole = text(Side::Right, "KPa", 1.0, "10.16 mm");
+    let last = STANCE + SWING;
+    for (stated, has_remark) in [(last, false), (last + 1, true)] {
+        let export = parse(&whole.replace("UNITS", &format!("END_FRAME {stated}\r\nUNITS"))).unwrap();
+        assert_eq!(export.remarks.iter().any(|remark| remark.contains("cut off")), has_remark, "{:?}", export.remarks);
+    }
+}
+
 #[test]
 fn raw_values_are_converted_with_the_calibration_or_refused() {
     // In the calibration of the file, the raw values under a mass of 50 kg have the sum 5000.

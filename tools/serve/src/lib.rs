@@ -29,6 +29,7 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use thiserror::Error;
+use web::Listening;
 
 /// Largest number of insoles: one per foot.
 pub const MAX_INSOLES: usize = 2;
@@ -90,6 +91,8 @@ pub fn serve(sources: Vec<Source>, options: &Options, ready: impl FnOnce(SocketA
     if !options.page.join("index.html").is_file() {
         return Err(Error::NoPage(options.page.clone()));
     }
+    // Before the recording is created: a port in use must not leave a file that the next attempt refuses to overwrite.
+    let server = Listening::at(options.listen)?;
     let recorder = match &options.record {
         Some(path) => Some(StreamFile::create(path).map_err(|e| Error::Record(path.clone(), e))?),
         None => None,
@@ -121,7 +124,7 @@ pub fn serve(sources: Vec<Source>, options: &Options, ready: impl FnOnce(SocketA
         // This thread runs until the program ends.
         std::thread::spawn(move || bridge::run(&hub, index, &name, insole));
     }
-    let served = web::run(hub.clone(), options, ready);
+    let served = server.run(hub.clone(), options, ready);
     hub.end();
     served
 }

@@ -14,6 +14,7 @@ use futures_util::FutureExt;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use tokio::net::{TcpListener, TcpSocket};
+use tokio::runtime::Runtime;
 use tower_http::services::ServeDir;
 use tower_http::set_header::SetResponseHeaderLayer;
 
@@ -31,18 +32,31 @@ struct Served {
     origins: Arc<[String]>,
 }
 
-/// Serves until a signal ends the program.
-pub(crate) fn run(hub: Arc<Hub>, options: &Options, ready: impl FnOnce(SocketAddr)) -> Result<(), Error> {
-    let router = router(hub, options);
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    runtime.block_on(async {
-        let listener = listen(options.listen).map_err(|e| Error::Listen(options.listen, e))?;
-        ready(listener.local_addr()?);
-        tokio::select! {
-            ended = axum::serve(listener, router) => Ok(ended?),
-            () = end_signal() => Ok(()),
-        }
-    })
+/// A server that listens.
+pub(crate) struct Listening {
+    runtime: Runtime,
+    listener: TcpListener,
+}
+
+impl Listening {
+    /// Listens at this address.
+    pub fn at(address: SocketAddr) -> Result<Self, Error> {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        let listener = runtime.block_on(async { listen(address) }).map_err(|e| Error::Listen(address, e))?;
+        Ok(Self { runtime, listener })
+    }
+
+    /// Serves until a signal ends the program.
+    pub fn run(self, hub: Arc<Hub>, options: &Options, ready: impl FnOnce(SocketAddr)) -> Result<(), Error> {
+        ready(self.listener.local_addr()?);
+        let router = router(hub, options);
+        self.runtime.block_on(async {
+            tokio::select! {
+                ended = axum::serve(self.listener, router) => Ok(ended?),
+                () = end_signal() => Ok(()),
+            }
+        })
+    }
 }
 
 fn listen(address: SocketAddr) -> std::io::Result<TcpListener> {

@@ -496,6 +496,24 @@ async fn pages_receive_a_repeated_step_with_its_number_of_boots_and_acknowledge_
     assert!(cable.acknowledged(0));
 }
 
+#[test]
+fn a_port_in_use_leaves_no_recording() {
+    let taken = std::net::TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).expect("a port");
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::write(folder.path().join("index.html"), "the page").expect("a page");
+    let record = folder.path().join("walk.plantar");
+    let options = Options {
+        listen: taken.local_addr().expect("an address"),
+        page: folder.path().into(),
+        origins: Vec::new(),
+        accepts_parameters: false,
+        record: Some(record.clone()),
+        lsl: None,
+    };
+    let error = serve::serve(vec![Cable::new(Side::Left).source()], &options, |_| {}).expect_err("the port is in use");
+    assert!(matches!(error, serve::Error::Listen(..)) && !record.exists(), "{error}");
+}
+
 /// If the recording cannot be written, a step is acknowledged to the insole once a page acknowledged it.
 #[tokio::test]
 #[cfg(target_os = "linux")]
