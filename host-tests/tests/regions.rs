@@ -273,7 +273,7 @@ fn mixed_layout(count: usize) -> Vec<SetupCell> {
 
 /// The sums of a frame, without the largest counted area of the last stance.
 fn without_peak(load: &RegionLoad<f32>) -> RegionFrame<f32> {
-    RegionFrame { counted: (load.frame.counted.0, 0), ..load.frame }
+    RegionFrame { counted: (load.frame.counted.0, 0), is_count_changed: false, ..load.frame }
 }
 
 #[test]

@@ -200,7 +200,7 @@ quantities! {
         /// Largest model force.
         #[serde(with = "le")]
         model_peak_dn: u16 = (region.model_peak_n * R::of(10.0)).round_u16()
-            => model_force_peak_n [10 per "N"],
+            => model_force_peak_n [10 per "N"] if model_peak_dn,
             "Eq. 13 with Eq. 14, on the contact area.";
         /// Force-time integral of the measured force.
         #[serde(with = "le")]
@@ -210,7 +210,7 @@ quantities! {
         /// Force-time integral of the model force.
         #[serde(with = "le")]
         model_integral_dns: u16 = (region.model_integral_n_s * R::of(10.0)).round_u16()
-            => model_force_integral_n_s [10 per "N s"],
+            => model_force_integral_n_s [10 per "N s"] if model_peak_dn,
             "Sum of the samples times the time between them.";
         /// Largest contact area; the effective area if the contact rule has covered shares.
         #[serde(with = "le")]
@@ -220,12 +220,12 @@ quantities! {
         /// Largest tissue deformation of the model (scaled by assumption, unless its scale was measured).
         #[serde(with = "le")]
         deformation_peak_um: u16 = (region.deformation_peak_m * R::of(1e6)).round_u16()
-            => deformation_peak_mm [1000 per "mm"],
+            => deformation_peak_mm [1000 per "mm"] if model_peak_dn,
             "Eq. 14, on the contact area.";
         /// Largest rate of the deformation (scaled by assumption as well) under increasing load.
         #[serde(with = "le")]
         deformation_rate_peak_dmm_s: u16 = (region.deformation_rate_peak_m_s * R::of(1e4)).round_u16()
-            => deformation_rate_peak_mm_s [10 per "mm/s"],
+            => deformation_rate_peak_mm_s [10 per "mm/s"] if model_peak_dn,
             "Difference of the deformation over 20 ms, instead of over one sample as in Eq. 16.";
         /// Time from the region's first sample in contact to the end of its last one; a sample lasts until the next one.
         #[serde(with = "le")]
@@ -265,7 +265,7 @@ quantities! {
         /// Root mean square of model minus measured force over the contact, relative to the largest measured force.
         #[serde(with = "le")]
         model_error_bp: u16 = (region.model_error * R::of(1e4)).round_u16()
-            => model_error_nrmse_percent [100 per "%"],
+            => model_error_nrmse_percent [100 per "%"] if model_peak_dn,
             "Eq. 20, against the unsmoothed measured force.";
         /// Number of masked cells at toe off; 255 for more.
         masked_cells: u8 = region.masked_cells
@@ -318,4 +318,12 @@ quantities! {
 
     /// Rounds a region to the integer units of the message.
     fn new<R: Real>(region: &RegionStep<R>);
+}
+
+impl StepRegion {
+    /// False if the region has no model force, and none of the other results of the model: the insole has no parameters, or the
+    /// region carries almost no load.
+    pub fn has_model(&self) -> bool {
+        self.model_peak_dn > 0
+    }
 }

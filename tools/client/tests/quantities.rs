@@ -24,8 +24,9 @@ In tables an alert has one row for each region, with `sustained` and `dose` of t
 alert these two keys have lists of the names of the regions to which they apply.
 
 A value is an integer on the wire, so it has a resolution and a largest value, which also stands for larger ones.
-Quantities of the contact ellipse are null without contact; the valley and the second peak of the total force are null in
-a step with one hump. Equations are those of [model.md](model.md).
+Quantities of the contact ellipse are null without contact; those of the model are null without a model force, as on an
+insole without parameters; the valley and the second peak of the total force are null in a step with one hump. Equations
+are those of [model.md](model.md).
 ";
 
 #[test]

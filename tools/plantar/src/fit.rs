@@ -260,8 +260,8 @@ impl Fit {
             study.steps.retain(|step| self.is_used(step));
             if let (true, Some((least, most))) = (study.steps.is_empty(), range) {
                 bail!(
-                    "--steps {first}-{last}: no step has these numbers; the recordings have steps from {least} to {most}, and load \
-                     bouts are numbered with them"
+                    "--steps {first}-{last}: the recordings have steps {least} to {most}, and the load bouts between them are \
+                     no steps"
                 );
             }
         }

@@ -29,13 +29,13 @@ pub fn print(steps: &[Step], scales: &[DeformationScale; 8]) {
             vec![step.step.to_string(), format!("{:.2}", step.start_s()), format!("{:.2}", step.duration_s())];
         row.extend(step.regions.iter().enumerate().map(|(i, r)| {
             let mark = |bits: u8, symbol| if bits >> i & 1 == 1 { symbol } else { "" };
+            let model = if r.has_model() { format!("{:.0}", r.model_force_peak_n()) } else { "-".into() };
             format!(
-                "{}{}{:.0} / {}{:.0}",
+                "{}{}{:.0} / {}{model}",
                 if r.masked_cells > 0 { "~" } else { "" },
                 mark(step.saturated, ">"),
                 r.measured_force_peak_n(),
                 mark(step.clamped, "*"),
-                r.model_force_peak_n()
             )
         }));
         table.add_row(row);
@@ -72,13 +72,15 @@ pub fn print(steps: &[Step], scales: &[DeformationScale; 8]) {
             table.add_row([region.name(), "-", "-", "-", "-", "-", "-", "-"]);
             continue;
         }
+        let has_model = loaded.iter().any(|r| r.has_model());
+        let model = |digits: usize, value| if has_model { format!("{:.digits$}", mean(value)) } else { "-".into() };
         table.add_row([
             region.name().to_string(),
             format!("{:.1}", mean(StepRegion::measured_force_peak_n)),
-            format!("{:.1}", mean(StepRegion::model_force_peak_n)),
+            model(1, StepRegion::model_force_peak_n),
             format!("{:.0}", mean(StepRegion::area_peak_mm2)),
             format!("{:.1} x {:.1}", mean(StepRegion::ellipse_r_a_mm), mean(StepRegion::ellipse_r_b_mm)),
-            format!("{:.2}", mean(StepRegion::deformation_peak_mm)),
+            model(2, StepRegion::deformation_peak_mm),
             format!("{:.2}", mean(StepRegion::contact_time_s)),
             model_error_percent(steps, i).map_or("-".into(), |percent| format!("{percent:.1}")),
         ]);
@@ -164,9 +166,9 @@ fn faults_to_lines(faults: &Faults, cells: usize) -> Vec<String> {
 }
 
 /// NRMSE of the model force against the measured force (Eq. 20 of the paper), %: mean over the steps in which the region with
-/// this index was loaded. `None` if the region was never loaded.
+/// this index was loaded and has a model force. `None` if there is none.
 pub fn model_error_percent(steps: &[Step], region: usize) -> Option<f64> {
-    let loaded: Vec<_> = steps.iter().map(|s| &s.regions[region]).filter(|r| r.contact_ms > 0).collect();
+    let loaded: Vec<_> = steps.iter().map(|s| &s.regions[region]).filter(|r| r.has_model()).collect();
     let sum: f64 = loaded.iter().map(|r| r.model_error_nrmse_percent()).sum();
     (!loaded.is_empty()).then(|| sum / loaded.len() as f64)
 }

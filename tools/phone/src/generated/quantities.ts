@@ -89,23 +89,23 @@ export interface StepRegion {
   /** Largest measured force. Unit: N. */
   measured_force_peak_n: number;
   /** Largest model force. Unit: N. */
-  model_force_peak_n: number;
+  model_force_peak_n: number | null;
   /** Force-time integral of the measured force. Unit: N s. */
   measured_force_integral_n_s: number;
   /** Force-time integral of the model force. Unit: N s. */
-  model_force_integral_n_s: number;
+  model_force_integral_n_s: number | null;
   /** Largest contact area; the effective area if the contact rule has covered shares. Unit: mm2. */
   area_peak_mm2: number;
   /** Largest tissue deformation of the model (scaled by assumption, unless its scale was measured). Unit: mm. */
-  deformation_peak_mm: number;
+  deformation_peak_mm: number | null;
   /** Largest rate of the deformation (scaled by assumption as well) under increasing load. Unit: mm/s. */
-  deformation_rate_peak_mm_s: number;
+  deformation_rate_peak_mm_s: number | null;
   /** Time from the region's first sample in contact to the end of its last one; a sample lasts until the next one. Unit: s. */
   contact_time_s: number;
   /** Time from the region's first sample in contact to its largest measured force. Unit: s. */
   time_to_peak_s: number;
   /** Root mean square of model minus measured force over the contact, relative to the largest measured force. Unit: %. */
-  model_error_nrmse_percent: number;
+  model_error_nrmse_percent: number | null;
   /** Change of K since the identification; 0 without tracking. Unit: %. */
   stiffness_change_percent: number;
   /** Largest pressure of a cell. Unit: kPa. */
