@@ -56,6 +56,13 @@ def test_errors_name_the_file_and_the_remedy(tmp_path: pathlib.Path, walk_file: 
         recording.replay(options=package.Options(contact_on_kpa=5, contact_off_kpa=6))
     with pytest.raises(ValueError, match='"projection" or "paper"'):
         package.fit(recording, options=package.Options(method="other"))  # type: ignore[arg-type]
+    for size, words in (("42", "size = '42'"), (42.5, "size = 42.5")):
+        with pytest.raises(TypeError, match=f"{words}: expected a whole number"):
+            recording.replay(options=package.Options(size=size))  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="contact_on_kpa = '5': expected a number or None"):
+        package.fit(recording, options=package.Options(contact_on_kpa="5"))  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="2 recordings, but fit_steps fits one"):
+        package.fit_steps([walk_file, walk_file])  # type: ignore[arg-type]
 
 
 @pytest.mark.filterwarnings("ignore:parameters .* are not personal")

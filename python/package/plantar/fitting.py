@@ -58,10 +58,12 @@ def fit_steps(recording: Recording | Path, *, options: Options = Options()) -> p
     """
     import pyarrow
 
-    [one] = _recordings(recording)
+    opened = _recordings(recording)
+    if len(opened) != 1:
+        raise ValueError(f"{len(opened)} recordings, but fit_steps fits one recording: call it for each of them")
     person = _core.Person(options)
     _warn(person.notes)
-    return pyarrow.Table.from_batches([person.rows(one._core)])
+    return pyarrow.Table.from_batches([person.rows(opened[0]._core)])
 
 
 def repeat(people: Recordings | dict[str, Recordings], *, options: Options = Options()) -> pd.DataFrame:
