@@ -39,6 +39,16 @@ def test_a_fit_is_that_of_the_command_line(walk_file: pathlib.Path, tmp_path: pa
     assert "<svg" in (tmp_path / "report.html").read_text()
 
 
+def test_all_results_are_those_of_the_command_line(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    plantar("fit", walk_file, "--out", tmp_path / "params.toml", "--json", tmp_path / "fit.json")
+    fit = package.fit(walk_file)
+    assert fit.results == json.loads((tmp_path / "fit.json").read_text())
+    fitted = fit.table().query("fitted")
+    # With counted cells, the error of the prediction is another one.
+    assert fitted["nrmse_predicted_counted_percent"].notna().all()
+    assert (fitted["nrmse_predicted_counted_percent"] != fitted["nrmse_predicted_percent"]).all()
+
+
 def test_the_curves_of_a_fit_have_its_error(walk_file: pathlib.Path) -> None:
     fit = package.fit(walk_file)
     steps = fit.curves.groupby(["region", "recording", "step"])

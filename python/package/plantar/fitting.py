@@ -95,7 +95,7 @@ class Fit:
 
     @cached_property
     def results(self) -> dict[str, Any]:
-        """All results, as in the JSON file of ``plantar fit``."""
+        """All results, as in the JSON file of ``plantar fit`` without ``--report``."""
         results: dict[str, Any] = json.loads(self._core.json())
         return results
 
