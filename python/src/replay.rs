@@ -57,6 +57,14 @@ pub fn replay(
             identified.contact.on_kpa, identified.contact.off_kpa, identified.contact.full_kpa
         ));
     }
+    let side = recording.inner.side.name();
+    if let Some(identified) = parameters.identified.as_ref().filter(|i| i.side != side && i.side != "both") {
+        notes.push(format!(
+            "the parameters were identified from the {} foot, but the recording is of the {side} foot: model force and \
+             deformation may not be valid",
+            identified.side
+        ));
+    }
     notes.extend(parameters.identified.as_ref().and_then(Identified::invalid_for_steps));
     let run = match precision {
         "f32" => run::<f32>,

@@ -4,6 +4,7 @@ import json
 import pathlib
 import sys
 import threading
+import warnings
 from typing import Literal
 
 import numpy as np
@@ -162,6 +163,18 @@ def test_parameters_for_another_filter_are_used_with_a_warning(walk_file: pathli
         package.fit(walk_file, options=package.Options(filter=name)).write(path)
         with pytest.warns(UserWarning, match=words):
             package.replay(walk_file, params=path)
+
+
+def test_parameters_of_the_other_foot_are_used_with_a_warning(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    left = walk(tmp_path / "left.parquet", "--side", "left", "--steps", 6, scale=1.05)
+    params = tmp_path / "params.toml"
+    package.fit(walk_file).write(params)
+    with pytest.warns(UserWarning, match="from the right foot, but the recording is of the left foot"):
+        package.replay(left, params=params)
+    package.fit([walk_file, left]).write(params)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        package.replay(left, params=params)
 
 
 def test_other_threads_continue_while_a_recording_is_fitted(walk_file: pathlib.Path) -> None:
