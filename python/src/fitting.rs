@@ -8,12 +8,15 @@ use anyhow::Context;
 use arrow_pyarrow::PyArrowType;
 use fit::interval::RESAMPLES;
 use fit::quality::Evaluated;
-use fit::{Study, results};
+use fit::sensitivity::predicted_nrmse;
+use fit::steps::isolate;
+use fit::{Method, Study, results};
 use parameters::InsoleSize;
 use plantar::Region;
+use plantar::pipeline::contact::ContactRule;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use recording::Zero;
+use recording::{VirtualInsole, Zero};
 use std::path::PathBuf;
 use std::sync::Arc;
 use study::table::{Row, Value};
@@ -36,31 +39,35 @@ pub fn identify(
 ) -> PyResult<(Fitted, Vec<String>)> {
     let recordings: Vec<(Arc<recording::Recording>, PathBuf)> =
         recordings.iter().map(|recording| (recording.inner.clone(), recording.path.clone())).collect();
-    for (i, (recording, path)) in recordings.iter().enumerate() {
-        // The cross-validation predicts a step from the other steps. With a copy of the step among them, the predicted error
-        // would be too small.
-        if let Some((_, same)) =
-            recordings[..i].iter().find(|(before, _)| before.pressure_kpa == recording.pressure_kpa)
-        {
-            let problem =
-                format!("{} has the same pressures as {}: give each recording once", path.display(), same.display());
-            return Err(PyValueError::new_err(problem));
-        }
-    }
     let (search, contact, size) = (options.search()?, options.contact(None)?, options.size()?);
     let identified = move || -> anyhow::Result<(Fitted, Vec<String>)> {
         let (tissue, notes) = search.tissue(&|path| std::fs::read(path))?;
         let mut study = Study::new(participant, contact, search.options(&tissue, RESAMPLES)?);
-        for (recording, path) in &recordings {
+        // With the method of the paper, a second search would take too long.
+        let is_counted = study.options.method == Method::Projection;
+        let counted = ContactRule { full_kpa: 0.0, ..contact };
+        let mut counted_steps = Vec::new();
+        for (index, (recording, path)) in recordings.iter().enumerate() {
             let name = path.display().to_string();
             let problem = || format!("{name}: the recording cannot be evaluated");
-            let mut insole = virtual_insole(&(&**recording).into(), contact).with_context(problem)?;
-            if let Some(zero) = &options.zero {
-                Zero::read(zero)?.apply_to(&mut insole, &zero.display().to_string())?;
+            let insole = |rule: ContactRule| -> anyhow::Result<VirtualInsole> {
+                let mut insole = virtual_insole(&(&**recording).into(), rule).with_context(problem)?;
+                if let Some(zero) = &options.zero {
+                    Zero::read(zero)?.apply_to(&mut insole, &zero.display().to_string())?;
+                }
+                Ok(insole)
+            };
+            study.add(name.clone(), recording, &insole(contact)?, &mut |_| ()).with_context(problem)?;
+            if is_counted {
+                let insole = insole(counted)?;
+                let scans = insole.scans(&**recording);
+                counted_steps.extend(isolate(&insole, scans, index, &mut |_| ()).with_context(problem)?.0);
             }
-            study.add(name.clone(), recording, &insole, &mut |_| ()).with_context(problem)?;
         }
         study.fit(&|_| ());
+        if is_counted {
+            study.counted_nrmse = predicted_nrmse(&counted_steps, &study.options);
+        }
         for (fit, measurements) in study.fits.iter_mut().zip(tissue.0) {
             if let Ok(fit) = fit {
                 fit.defects.extend(measurements.rejected.iter().map(ToString::to_string));

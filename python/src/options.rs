@@ -4,13 +4,13 @@ use crate::exception;
 use fit::{Filter, Method};
 use parameters::{InsoleSize, Parameters};
 use plantar::pipeline::contact::ContactRule;
-use pyo3::exceptions::PyValueError;
-use pyo3::{FromPyObject, PyResult};
+use pyo3::conversion::FromPyObjectOwned;
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
 use std::path::PathBuf;
 use study::{ContactOptions, Search};
 
 /// The attributes of the Python class `Options`, which describes them.
-#[derive(FromPyObject)]
 pub struct Options {
     size: i64,
     filter: Option<String>,
@@ -23,6 +23,39 @@ pub struct Options {
     contact_full_kpa: Option<f32>,
     /// The zero file.
     pub zero: Option<PathBuf>,
+}
+
+impl<'py> FromPyObject<'_, 'py> for Options {
+    type Error = PyErr;
+
+    fn extract(options: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        let (text, number, path) = ("a text", "a number or None", "a path or None");
+        Ok(Self {
+            size: attribute(options, "size", "a whole number")?,
+            filter: attribute(options, "filter", "a text or None")?,
+            method: attribute(options, "method", text)?,
+            bounds: attribute(options, "bounds", text)?,
+            tissue: attribute(options, "tissue", path)?,
+            compression: attribute(options, "compression", number)?,
+            contact_on_kpa: attribute(options, "contact_on_kpa", number)?,
+            contact_off_kpa: attribute(options, "contact_off_kpa", number)?,
+            contact_full_kpa: attribute(options, "contact_full_kpa", number)?,
+            zero: attribute(options, "zero", path)?,
+        })
+    }
+}
+
+/// The attribute `name` of the options. The exception for a value of another type than `expected` contains the value.
+fn attribute<'py, T: FromPyObjectOwned<'py>>(
+    options: Borrowed<'_, 'py, PyAny>,
+    name: &str,
+    expected: &str,
+) -> PyResult<T> {
+    let value = options.getattr(name)?;
+    match value.extract() {
+        Ok(value) => Ok(value),
+        Err(_) => Err(PyTypeError::new_err(format!("{name} = {}: expected {expected}", value.repr()?))),
+    }
 }
 
 /// The value in `all` with this name. The exception for an unknown name contains `option`, the name of the option.

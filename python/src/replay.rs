@@ -8,9 +8,11 @@ use anyhow::Context;
 use arrow_pyarrow::PyArrowType;
 use parameters::{Identified, Parameters};
 use plantar::insole::Insole;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::step::StepRecord;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::Step;
-use plantar::{Real, Region};
+use plantar::{Real, Region, Side};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use recording::{MAX_CELLS, Scan, VirtualInsole, Zero};
@@ -27,8 +29,8 @@ struct Replayed {
 }
 
 /// Computes the steps of a recording as an insole would and, if `with_frames` is true, the live values of every frame. `params`
-/// is a parameter file; without one, typical parameters are used. `precision` is `f32` or `f64`. Returns the table of the steps
-/// (`None` if there are none), the table of the frames, and notes for the user.
+/// is a parameter file; without one, typical parameters are used. `precision` is `f32` or `f64`. Returns the table of the steps,
+/// the table of the frames if it was requested, and notes for the user.
 #[pyfunction]
 pub fn replay(
     py: Python,
@@ -37,7 +39,7 @@ pub fn replay(
     params: Option<PathBuf>,
     precision: &str,
     with_frames: bool,
-) -> PyResult<(Option<Table>, Option<Table>, Vec<String>)> {
+) -> PyResult<(Table, Option<Table>, Vec<String>)> {
     let parameters = match &params {
         Some(path) => Parameters::read(path).map_err(exception)?,
         None => Parameters::typical(options.size()?),
@@ -55,6 +57,14 @@ pub fn replay(
             "the parameters were identified with another contact rule (contact_on_kpa {}, contact_off_kpa {}, \
              contact_full_kpa {}): model force and deformation are not valid",
             identified.contact.on_kpa, identified.contact.off_kpa, identified.contact.full_kpa
+        ));
+    }
+    let side = recording.inner.side.name();
+    if let Some(identified) = parameters.identified.as_ref().filter(|i| i.side != side && i.side != "both") {
+        notes.push(format!(
+            "the parameters were identified from the {} foot, but the recording is of the {side} foot: model force and \
+             deformation may not be valid",
+            identified.side
         ));
     }
     notes.extend(parameters.identified.as_ref().and_then(Identified::invalid_for_steps));
@@ -75,9 +85,25 @@ pub fn replay(
         let Replayed { steps, frames } =
             replayed().with_context(|| format!("{path}: the recording cannot be evaluated")).map_err(exception)?;
         let rows: Vec<_> = steps.iter().flat_map(|step| (0..Region::ALL.len()).map(|i| step_row(step, i))).collect();
-        let steps = rows.first().map(|row| table(row, &rows)).transpose()?.map(PyArrowType);
+        let steps = PyArrowType(table(&step_row(&placeholder(), 0), &rows)?);
         let frames = if with_frames { Some(PyArrowType(numbers(&frames::column_names(), frames)?)) } else { None };
         Ok((steps, frames, notes))
+    })
+}
+
+/// A step without values, for the names and types of the columns of a table that may have no rows.
+fn placeholder() -> Step {
+    Step::new(&StepRecord::<f32> {
+        side: Side::Left,
+        step: 0,
+        start_us: 0,
+        duration_us: 0,
+        sample_us: 0,
+        bridged_frames: 0,
+        saturated: 0,
+        contact_rule: ContactRule::COVERED,
+        foot: Default::default(),
+        regions: Default::default(),
     })
 }
 

@@ -173,6 +173,15 @@ def test_invalid_options_remove_no_rows(
         pd.testing.assert_frame_equal(table(tmp_path / "table"), expected)
 
 
+def test_a_zero_file_for_all_participants_is_refused(study_folder: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    options, out = plantar.Options(zero=tmp_path / "zero.toml"), tmp_path / "table"
+    with pytest.raises(ValueError, match="zero.toml' is for the recordings of one person: .* in participant.toml"):
+        cohort.run(study_folder, out, options=options)
+    with pytest.raises(ValueError, match="participant.toml"):
+        cohort.evaluate("ann", str(study_folder), str(out), options)
+    assert not out.exists()
+
+
 def test_rows_of_a_participant_without_a_folder_are_noted(
     study_folder: pathlib.Path, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -39,6 +39,16 @@ def test_a_fit_is_that_of_the_command_line(walk_file: pathlib.Path, tmp_path: pa
     assert "<svg" in (tmp_path / "report.html").read_text()
 
 
+def test_all_results_are_those_of_the_command_line(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    plantar("fit", walk_file, "--out", tmp_path / "params.toml", "--json", tmp_path / "fit.json")
+    fit = package.fit(walk_file)
+    assert fit.results == json.loads((tmp_path / "fit.json").read_text())
+    fitted = fit.table().query("fitted")
+    # With counted cells, the error of the prediction is another one.
+    assert fitted["nrmse_predicted_counted_percent"].notna().all()
+    assert (fitted["nrmse_predicted_counted_percent"] != fitted["nrmse_predicted_percent"]).all()
+
+
 def test_the_curves_of_a_fit_have_its_error(walk_file: pathlib.Path) -> None:
     fit = package.fit(walk_file)
     steps = fit.curves.groupby(["region", "recording", "step"])
@@ -54,9 +64,16 @@ def test_the_curves_of_a_fit_have_its_error(walk_file: pathlib.Path) -> None:
     np.testing.assert_allclose(means[table.index], table["nrmse_fitted_percent"].astype(float), rtol=1e-9)
 
 
-def test_a_recording_that_is_given_twice_and_an_empty_list_are_errors(walk_file: pathlib.Path) -> None:
+def test_a_recording_that_is_given_twice_and_an_empty_list_are_errors(
+    walk_file: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
     with pytest.raises(ValueError, match="walk.parquet has the same pressures as .*walk.parquet"):
         package.fit([walk_file, walk_file])
+    copy = tmp_path / "copy.parquet"
+    copy.write_bytes(walk_file.read_bytes())
+    for people in ([walk_file, copy], {"ann": [walk_file, copy]}, {"ann": [walk_file], "bob": [copy]}):
+        with pytest.raises(ValueError, match="copy.parquet has the same pressures as .*walk.parquet"):
+            package.repeat(people)
     with pytest.raises(ValueError, match="no recording"):
         package.fit([])
 
@@ -74,10 +91,40 @@ def test_repeatability_is_that_of_the_command_line(study_folder: pathlib.Path, t
             (folder / file.name).write_bytes(file.read_bytes())
     plantar("repeat", study_folder.parent / "people", "--csv", tmp_path / "repeat.csv")
     expected = pd.read_csv(tmp_path / "repeat.csv").set_index(["side", "variable", "region"])
-    found = package.repeat({name: list(files) for name, files in people.items()})
+    found = package.repeat(people)
     pd.testing.assert_frame_equal(found, expected, check_dtype=False, rtol=1e-12)
     with pytest.raises(ValueError, match="record another trial"):
         package.repeat(people["ann"][:1])
+
+
+def recordings_of(study_folder: pathlib.Path) -> dict[str, list[pathlib.Path]]:
+    """The recordings of each participant, sorted by name."""
+    return {folder.name: sorted(folder.glob("*.parquet")) for folder in sorted(study_folder.iterdir())}
+
+
+def test_repeatability_with_options_of_each_person_is_that_of_a_study(
+    study_folder: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
+    plantar("repeat", study_folder, "--csv", tmp_path / "repeat.csv")
+    expected = pd.read_csv(tmp_path / "repeat.csv").set_index(["side", "variable", "region"])
+    people = recordings_of(study_folder)
+    # The file participant.toml has this size.
+    options = {name: package.Options(size=37 if name == "ann" else 42) for name in people}
+    found = package.repeat(people, options=options)
+    pd.testing.assert_frame_equal(found, expected, check_dtype=False, rtol=1e-12)
+    assert not found.equals(package.repeat(people))
+    with pytest.raises(ValueError, match="options of ann, but recordings of ann, bob"):
+        package.repeat(people, options={"ann": package.Options()})
+    with pytest.raises(ValueError, match="may differ only in size, tissue and zero"):
+        package.repeat(people, options={**options, "cid": package.Options(contact_on_kpa=20)})
+
+
+def test_repeatability_is_that_of_the_first_trials_given(study_folder: pathlib.Path) -> None:
+    people = recordings_of(study_folder)
+    ann, cid, other = people["ann"], people["cid"], people["dan"][0]
+    expected = package.repeat({"ann": ann, "cid": cid})
+    pd.testing.assert_frame_equal(package.repeat({"ann": ann, "cid": [*cid, other]}), expected)
+    assert not package.repeat({"ann": ann, "cid": [other, *cid]}).equals(expected)
 
 
 def test_a_single_step_has_no_predicted_error(tmp_path: pathlib.Path) -> None:

@@ -4,10 +4,12 @@ import json
 import pathlib
 import sys
 import threading
+import warnings
 from typing import Literal
 
 import numpy as np
 import pandas as pd
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 from conftest import plantar, walk
@@ -56,6 +58,13 @@ def test_errors_name_the_file_and_the_remedy(tmp_path: pathlib.Path, walk_file: 
         recording.replay(options=package.Options(contact_on_kpa=5, contact_off_kpa=6))
     with pytest.raises(ValueError, match='"projection" or "paper"'):
         package.fit(recording, options=package.Options(method="other"))  # type: ignore[arg-type]
+    for size, words in (("42", "size = '42'"), (42.5, "size = 42.5")):
+        with pytest.raises(TypeError, match=f"{words}: expected a whole number"):
+            recording.replay(options=package.Options(size=size))  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="contact_on_kpa = '5': expected a number or None"):
+        package.fit(recording, options=package.Options(contact_on_kpa="5"))  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="2 recordings, but fit_steps fits one"):
+        package.fit_steps([walk_file, walk_file])  # type: ignore[arg-type]
 
 
 @pytest.mark.filterwarnings("ignore:parameters .* are not personal")
@@ -68,7 +77,8 @@ def test_replayed_steps_are_those_of_the_command_line(walk_file: pathlib.Path, t
     for step in steps:
         for region, expected in step["regions"].items():
             row = replay.steps.loc[(step["step"], region)]
-            assert row["start_s"] == step["start_s"] and row["duration_s"] == step["duration_s"]
+            assert row["start_s"] == pytest.approx(replay.recording.t_s[0] + step["start_s"], abs=1e-9)
+            assert row["duration_s"] == step["duration_s"]
             assert row["foot_force_peak_n"] == step["foot"]["foot_force_peak_n"]
             for name in ("measured_force_peak_n", "area_peak_mm2", "model_force_peak_n", "peak_pressure_kpa", "clamped"):
                 assert row[name] == expected[name], (step["step"], region, name)
@@ -114,6 +124,45 @@ def test_normalised_steps_are_interpolated_from_heel_strike_to_toe_off(
     assert replay.normalised("total_force_n", 11).shape == (6, 11)
     with pytest.raises(ValueError, match="heel_area_mm2"):
         replay.normalised("area", region="heel")
+    with pytest.raises(ValueError, match="no region foo: the regions are heel, .*, toes_35"):
+        replay.normalised("area_mm2", region="foo")
+
+
+@pytest.mark.filterwarnings("ignore:parameters .* are not personal")
+def test_normalised_values_exist_only_during_the_contact_of_a_region(walk_file: pathlib.Path) -> None:
+    replay = package.replay(walk_file)
+    curves = replay.normalised("cop_y_mm", region="heel")
+    is_common = np.asarray(np.isfinite(curves).all(axis=0))
+    # The heel is loaded in the first part of the stance.
+    assert is_common[5:30].all() and not is_common[90:].any()
+    area_mm2 = replay.normalised("area_mm2", region="heel")
+    assert not np.isnan(area_mm2).any() and (area_mm2[:, is_common] > 0).all()
+
+
+@pytest.mark.filterwarnings("ignore:parameters .* are not personal")
+def test_steps_have_the_time_axis_of_the_recording(tmp_path: pathlib.Path) -> None:
+    path = walk(tmp_path / "walk.parquet", "--rate", 300, "--steps", 20)
+    first = package.replay(path)
+    table = pq.read_table(path)
+    field = table.schema.field("t_s")
+    pq.write_table(table.set_column(0, field, pc.add(table["t_s"], 1000.0)), path)
+    later = package.replay(path)
+    for replay, start_s in ((first, 0.0), (later, 1000.0)):
+        starts_s = replay.steps["start_s"].groupby(level="step").first()
+        assert starts_s.between(start_s, start_s + 60).all() and starts_s.isin(replay.frames.index).all()
+        fitted = package.fit_steps(replay.recording).to_pandas().groupby("step")["start_s"].first()
+        assert starts_s.to_dict() == fitted.to_dict()
+        # In the frame of heel strike, unlike in the one before, the foot is loaded.
+        assert (replay.frames.loc[starts_s, "total_force_n"] > 10).all()
+    np.testing.assert_array_equal(later.normalised("total_force_n"), first.normalised("total_force_n"))
+
+
+@pytest.mark.filterwarnings("ignore:parameters .* are not personal")
+def test_regions_are_sorted_from_heel_to_toes(walk_file: pathlib.Path) -> None:
+    steps = package.replay(walk_file).steps
+    assert list(steps["peak_pressure_kpa"].unstack().columns) == list(package.REGIONS)
+    assert list(steps["peak_pressure_kpa"].groupby("region", observed=True).mean().index) == list(package.REGIONS)
+    assert steps.xs("hallux", level="region").shape[0] == 6
 
 
 @pytest.mark.filterwarnings("ignore:parameters .* are not personal")
@@ -130,8 +179,8 @@ def test_normalised_steps_do_not_drift_at_a_rate_whose_period_is_no_whole_micros
 @pytest.mark.parametrize("rate_hz", [128, 300])
 def test_the_frame_period_is_that_of_the_insole(tmp_path: pathlib.Path, rate_hz: int) -> None:
     replay = package.replay(walk(tmp_path / "walk.parquet", "--rate", rate_hz, "--steps", 20))
-    # The insole numbers its frames, so each of its times is a whole number of periods.
-    frames = replay.steps["start_s"].to_numpy() / replay._period_s
+    # The insole counts its frames, so each of its times is a whole number of periods.
+    frames = replay.steps["duration_s"].to_numpy() / replay._period_s
     assert np.abs(frames - frames.round()).max() < 1e-3
 
 
@@ -140,7 +189,8 @@ def test_a_recording_without_steps_has_tables_without_rows(walk_file: pathlib.Pa
     table = pq.read_table(walk_file)
     pq.write_table(table.slice(0, 20), tmp_path / "short.parquet")
     replay = package.replay(tmp_path / "short.parquet")
-    assert replay.steps.empty and replay.normalised("total_force_n").shape == (0, 101)
+    assert replay.normalised("total_force_n").shape == (0, 101)
+    pd.testing.assert_frame_equal(replay.steps, package.replay(walk_file).steps.iloc[:0])
     rows = package.fit_steps(tmp_path / "short.parquet")
     assert rows.num_rows == 0 and "secant_modulus_kpa" in rows.column_names
     with pytest.raises(ValueError, match="no region could be fitted"):
@@ -155,6 +205,18 @@ def test_parameters_for_another_filter_are_used_with_a_warning(walk_file: pathli
         package.fit(walk_file, options=package.Options(filter=name)).write(path)
         with pytest.warns(UserWarning, match=words):
             package.replay(walk_file, params=path)
+
+
+def test_parameters_of_the_other_foot_are_used_with_a_warning(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    left = walk(tmp_path / "left.parquet", "--side", "left", "--steps", 6, scale=1.05)
+    params = tmp_path / "params.toml"
+    package.fit(walk_file).write(params)
+    with pytest.warns(UserWarning, match="from the right foot, but the recording is of the left foot"):
+        package.replay(left, params=params)
+    package.fit([walk_file, left]).write(params)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        package.replay(left, params=params)
 
 
 def test_other_threads_continue_while_a_recording_is_fitted(walk_file: pathlib.Path) -> None:

@@ -108,7 +108,9 @@ def evaluate(participant: str, study: str, out: str, options: Options) -> Outcom
     """Fits each step of a participant, and writes the rows to the table, unless they are up to date there.
 
     This is the task that Dask or another engine runs: it needs nothing but its arguments, and can be repeated at any time.
+    Raises a ``ValueError`` if ``options`` has a zero file.
     """
+    _refuse_zero(options)
     files, root = fsspec.url_to_fs(study)
     table_files, target = _table_file(participant, out)
     try:
@@ -116,6 +118,15 @@ def evaluate(participant: str, study: str, out: str, options: Options) -> Outcom
     except (OSError, ValueError) as error:
         _remove_rows(table_files, target)
         return Outcome(participant, 0, False, (str(error),))
+
+
+def _refuse_zero(options: Options) -> None:
+    """Raises a ``ValueError`` if the options have a zero file, which is that of one person's insoles."""
+    if options.zero is not None:
+        raise ValueError(
+            f"zero = {os.fspath(options.zero)!r} is for the recordings of one person: name the zero file of each participant "
+            "in participant.toml"
+        )
 
 
 def _table_file(participant: str, out: str) -> tuple[Any, str]:
@@ -238,8 +249,9 @@ def run(
     """
     study, out = _address(study), _address(out)
     names = participants(study, out)
+    _refuse_zero(options)
     # Raises an exception if the options are invalid. `evaluate` would remove the rows of an earlier run of every participant.
-    _core.Person(dataclasses.replace(options, zero=None))
+    _core.Person(options)
     outcomes: dict[str, Outcome] = {}
     client = _client(scheduler)
     try:

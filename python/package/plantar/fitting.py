@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+import hashlib
 import json
 import os
 import pathlib
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +31,16 @@ def _recordings(recordings: Recordings) -> list[Recording]:
     return [recording if isinstance(recording, Recording) else read(recording) for recording in several]
 
 
+def _check_distinct(recordings: Iterable[Recording], known: dict[bytes, str]) -> None:
+    """Raises a ``ValueError`` if a recording has the same pressures as another one, or as one of those in ``known``, the paths
+    of previous recordings by checksum. Adds the recordings to ``known``."""
+    for recording in recordings:
+        checksum = hashlib.sha256(recording.pressure_kpa.data).digest()
+        if checksum in known:
+            raise ValueError(f"{recording.path} has the same pressures as {known[checksum]}: give each recording once")
+        known[checksum] = recording.path
+
+
 def _warn(notes: list[str]) -> None:
     """Issues each note as a warning at the place where the user called the function of the package."""
     for note in notes:
@@ -39,11 +51,14 @@ def fit(recordings: Recordings, *, participant: str | None = None, options: Opti
     """Identifies the tissue parameters of one person from recordings of walking, like ``plantar fit``.
 
     Several trials and both feet may be given. ``participant`` is the name of the person; the default is the name of the first
-    file without its extension.
+    file without its extension. Raises a ``ValueError`` if a recording is given twice.
     """
     opened = _recordings(recordings)
     if not opened:
         raise ValueError("no recording: give one or more recordings of a person")
+    # The cross-validation predicts a step from the other steps. With a copy of the step among them, the predicted error would be
+    # too small.
+    _check_distinct(opened, {})
     name = pathlib.Path(opened[0].path).stem if participant is None else participant
     core, notes = _core.identify([recording._core for recording in opened], name, options)
     _warn(notes)
@@ -58,29 +73,51 @@ def fit_steps(recording: Recording | Path, *, options: Options = Options()) -> p
     """
     import pyarrow
 
-    [one] = _recordings(recording)
+    opened = _recordings(recording)
+    if len(opened) != 1:
+        raise ValueError(f"{len(opened)} recordings, but fit_steps fits one recording: call it for each of them")
     person = _core.Person(options)
     _warn(person.notes)
-    return pyarrow.Table.from_batches([person.rows(one._core)])
+    return pyarrow.Table.from_batches([person.rows(opened[0]._core)])
 
 
-def repeat(people: Recordings | dict[str, Recordings], *, options: Options = Options()) -> pd.DataFrame:
+def repeat(
+    people: Recordings | Mapping[str, Recordings], *, options: Options | Mapping[str, Options] = Options()
+) -> pd.DataFrame:
     """Repeatability between trials, like ``plantar repeat``: ICC(2,1), standard error of measurement and minimal detectable
-    change.
+    change, both in the unit of the variable.
 
     ``people`` has the recordings of each person by the person's name. It can also be the recordings of one person; the
-    column of the ICC is then empty. The table has one row for each foot, variable and region.
+    column of the ICC is then empty. If people have different numbers of trials of a foot, the first trials of each, in the order
+    given, are compared. The table has one row for each foot, variable and region.
+
+    ``options`` are the options of everyone, or the options of each person by the person's name. People can differ in ``size``,
+    ``tissue`` and ``zero``, the values of ``participant.toml``.
+
+    Raises a ``ValueError`` if a recording is given twice, also for different people, and if there are too few trials to compare.
     """
-    person = _core.Person(options)
-    _warn(person.notes)
+    recordings_of = people if isinstance(people, Mapping) else {"the person": people}
+    options_of = options if isinstance(options, Mapping) else dict.fromkeys(recordings_of, options)
+    if set(options_of) != set(recordings_of):
+        names, expected = ", ".join(options_of), ", ".join(recordings_of)
+        raise ValueError(f"options of {names}, but recordings of {expected}: give the options of every person by name")
+    shared = {dataclasses.replace(each, size=Options.size, tissue=None, zero=None) for each in options_of.values()}
+    if len(shared) > 1:
+        raise ValueError("people may differ only in size, tissue and zero: values by other options are not comparable")
+    # People with equal options share an object, so that a note on their options is issued once.
+    persons = {each: _core.Person(each) for each in options_of.values()}
+    for person in persons.values():
+        _warn(person.notes)
+    # A copy would be a trial without any error of measurement.
+    known: dict[bytes, str] = {}
 
-    def trials(recordings: Recordings) -> list[_core.Trial]:
-        return [person.trial(recording._core) for recording in _recordings(recordings)]
+    def trials(name: str) -> list[_core.Trial]:
+        opened = _recordings(recordings_of[name])
+        _check_distinct(opened, known)
+        return [persons[options_of[name]].trial(recording._core) for recording in opened]
 
-    if isinstance(people, dict):
-        table = _core.repeatability([(name, trials(recordings)) for name, recordings in people.items()], least_people=2)
-    else:
-        table = _core.repeatability([("the person", trials(people))], least_people=1)
+    least_people = 2 if isinstance(people, Mapping) else 1
+    table = _core.repeatability([(name, trials(name)) for name in recordings_of], least_people)
     frame: pd.DataFrame = table.to_pandas()
     return frame.set_index(["side", "variable", "region"])
 
@@ -93,7 +130,7 @@ class Fit:
 
     @cached_property
     def results(self) -> dict[str, Any]:
-        """All results, as in the JSON file of ``plantar fit``."""
+        """All results, as in the JSON file of ``plantar fit`` without ``--report``."""
         results: dict[str, Any] = json.loads(self._core.json())
         return results
 

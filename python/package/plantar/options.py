@@ -34,4 +34,5 @@ class Options:
     """A cell in contact counts with the fraction sqrt(p / this pressure) of its area, at most 1, where p is its pressure; 0:
     always with its whole area, as in the paper; default: the value in the parameter file, or 150 kPa."""
     zero: str | os.PathLike[str] | None = None
-    """The zero file written by ``plantar zero``. In a study, ``participant.toml`` names the file of each participant instead."""
+    """The zero file written by ``plantar zero``. In a study, ``participant.toml`` names the file of each participant instead, and
+    ``plantar.cohort`` refuses this option."""

@@ -69,7 +69,8 @@ def step(replay: Replay, number: int | None = None) -> Figure:
         raise ValueError(f"there is no step {number}: the steps are {numbers[0]} to {numbers[-1]}")
     # Start and duration are the same in the rows of all regions of a step.
     row = replay.steps.xs(number, level="step").iloc[0]
-    first, length = (round(row[name] / replay._period_s) for name in ("start_s", "duration_s"))
+    first = int(replay.recording.t_s.searchsorted(row["start_s"]))
+    length = round(row["duration_s"] / replay._period_s)
     frames = replay.frames.iloc[first : first + length + 1]
     t_s = frames.index.to_numpy() - frames.index[0]
     figure, panels = _panels("time since heel strike, s")

@@ -155,19 +155,24 @@ class Replay:
     ) -> None:
         self.recording = recording
         self._arguments = (options, params, precision)
-        steps, _, notes = _core.replay(recording._core, *self._arguments, False)
+        records, _, notes = _core.replay(recording._core, *self._arguments, False)
         for note in notes:
             # At the place where the user called the function or the method `replay`, which creates this object.
             warnings.warn(note, stacklevel=3)
-        index = pd.MultiIndex.from_arrays([[], []], names=["step", "region"])
-        self.steps: pd.DataFrame = (
-            pd.DataFrame(index=index) if steps is None else steps.to_pandas().set_index(["step", "region"])
-        )
-        """One row for each region of each step, indexed by ``step`` and ``region``. docs/quantities.md describes the columns."""
+        steps = records.to_pandas()
+        # An insole counts its frames from its first scan. The table has the time of this frame in the recording.
+        steps["start_s"] = recording.t_s[(steps["start_s"] / self._period_s).round().astype(int)]
+        # With categories, pandas sorts the regions from heel to toes instead of by their names.
+        steps["region"] = pd.Categorical(steps["region"], REGIONS, ordered=True)
+        self.steps: pd.DataFrame = steps.set_index(["step", "region"])
+        """One row for each region of each step, indexed by ``step`` and ``region``, an ordered category from heel to toes.
+        docs/quantities.md describes the columns. ``start_s`` is on the time axis of the recording, as ``frames`` and
+        ``fit_steps`` are, and not the time since the first scan. Without a step, the table has all columns and no row."""
 
     @cached_property
     def frames(self) -> pd.DataFrame:
-        """The live values of every frame, indexed by ``t_s``: columns such as ``heel_area_mm2`` and ``total_force_n``."""
+        """The live values of every frame, indexed by the ``t_s`` of the recording, s: columns such as ``heel_area_mm2`` and
+        ``total_force_n``. A value that does not exist is NaN, such as the centre of pressure of a region without contact."""
         _, frames, _ = _core.replay(self.recording._core, *self._arguments, True)
         assert frames is not None
         table: pd.DataFrame = frames.to_pandas()
@@ -179,8 +184,15 @@ class Replay:
         """A column of ``frames`` over the stance of each step, by linear interpolation from heel strike to toe off.
 
         The result has one row for each step, in the order of ``steps``, and ``points`` columns: the form that spm1d expects. With
-        a region, ``quantity`` is the name without the prefix, such as ``area_mm2``.
+        a region, ``quantity`` is the name without the prefix, such as ``area_mm2``. The unit is that of the column.
+
+        Centre of pressure and ellipse exist only during the contact of a region, so their curves are NaN in the rest of the
+        stance. spm1d needs numbers: select the points at which all curves of all compared groups have a value, for each group
+        ``np.isfinite(curves).all(axis=0)``. Raises a ``ValueError`` if there is no such region or quantity, or if ``points`` is
+        less than 2.
         """
+        if region is not None and region not in REGIONS:
+            raise ValueError(f"there is no region {region}: the regions are {', '.join(REGIONS)}")
         column = quantity if region is None else f"{region}_{quantity}"
         if column not in self.frames:
             known = [name for name in map(str, self.frames) if region is None or name.startswith(f"{region}_")]
@@ -191,15 +203,16 @@ class Replay:
             return np.empty((0, points))
         values = self.frames[column].to_numpy(float)
         steps = self.steps.groupby(level="step", sort=False)[["start_s", "duration_s"]].first()
-        start, length = (steps[name].to_numpy() / self._period_s for name in ("start_s", "duration_s"))
+        start = self.recording.t_s.searchsorted(steps["start_s"])
+        length = steps["duration_s"].to_numpy() / self._period_s
         frames = start[:, None] + length[:, None] * np.linspace(0.0, 1.0, points)
         curves: npt.NDArray[np.float64] = np.interp(frames, np.arange(len(values)), values)
         return curves
 
     @property
     def _period_s(self) -> float:
-        """The frame period of the insole, s. It is rounded to whole microseconds, so the times of steps drift from those of a
-        recording whose period is not a whole number of microseconds."""
+        """The frame period of the insole, s. It is rounded to whole microseconds, so the times of an insole drift from those of
+        a recording whose period is not a whole number of microseconds."""
         # As the insole, and unlike `round`, half a microsecond is rounded up.
         return math.floor(1e6 / self.recording.rate_hz + 0.5) / 1e6
 
