@@ -154,6 +154,21 @@ fn old_region(region: StepRegion, masked_cells: u8) -> StepRegion {
     }
 }
 
+/// In recovery mode, the owner's phone must connect, and nothing else of the chip may be used.
+#[test]
+fn a_store_for_recovery_returns_the_bonds_only() {
+    let mut chip = chip();
+    let bonds = Bonds([1, 2, 3].into_iter().collect());
+    let mut store = open(&mut chip);
+    assert_eq!(block_on(store.put(0, &bonds)), Ok(()));
+    assert_eq!(block_on(store.put(0, &BootCounters::default())), Ok(()));
+    let mut store = Store::new(Some(&mut chip));
+    store.use_bonds();
+    assert_eq!(block_on(store.get(0)), Ok(Some(bonds)));
+    assert_eq!(block_on(store.get::<BootCounters>(0)), Err(StorageError::Chip));
+    assert_eq!(block_on(store.put(0, &Bonds([4].into_iter().collect()))), Err(StorageError::Chip));
+}
+
 /// `flash-2.bin` was written by firmware that did not store the change of the stiffness K in a step. It contains the first sector
 /// of the records and the first two of the log.
 #[test]

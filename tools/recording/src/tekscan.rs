@@ -256,10 +256,6 @@ fn read_frames<'a>(
         }
         for (column, field) in fields.enumerate().filter(|(_, field)| !field.eq_ignore_ascii_case("B")) {
             let value = number(field, &format!("the value in column {}", column + 1), &place)?;
-            if value < 0.0 {
-                let problem = format!("the value in column {} is negative: {value}", column + 1);
-                return Err(Error::content(place(), problem, "export the measurement again, and do not edit the file"));
-            }
             frames.add(rows_read, column, (value * kpa_per_unit) as f32);
         }
         rows_read += 1;

@@ -5,7 +5,7 @@ use crate::build::build_example;
 use crate::command::{built, root, run, run_command};
 use crate::setup;
 use crate::test::recordings;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -71,12 +71,26 @@ fn figures() -> Result<Figures> {
     Ok(figures)
 }
 
+/// Checks that the page's example recording is the one that this build computes.
+fn check_included_walk() -> Result<()> {
+    let (included, computed) = (root().join(FOLDER).join("public/walk.plantar"), built("included-walk.plantar"));
+    run_command(Command::new(built("release/examples/computed_walk")).arg(&computed))?;
+    ensure!(
+        std::fs::read(&included)? == std::fs::read(&computed)?,
+        "{} is out of date: replace it by {}",
+        included.display(),
+        computed.display()
+    );
+    Ok(())
+}
+
 /// Prepares the inputs of the page's tests, and returns the command that runs the tests.
 fn tests(plantar: &Path) -> Result<Command> {
     setup::chromium()?;
     let walk = std::path::absolute(built("walk.plantar"))?;
     build_example("serve", "computed_walk")?;
     run_command(Command::new(built("release/examples/computed_walk")).arg(&walk).arg(WALK_STEPS))?;
+    check_included_walk()?;
     let figures = figures_folder();
     if figures.exists() {
         std::fs::remove_dir_all(&figures)?;
