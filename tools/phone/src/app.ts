@@ -263,11 +263,10 @@ export class App {
       return [["span", { class: side }, `${side === "left" ? "L" : "R"} ${text}`]];
     }));
     const note = (text: string): Node => ["p", { class: "note" }, text];
-    const remark = (text: string): Node => ["p", { class: "note remark" }, text];
     const error = this.problem ? [this.problem] : [];
     fill("notes", [
       ...[...error, ...problems(insoles, live_view, this.wire.facts)].map(note),
-      ...remarks(insoles).map(remark),
+      ...remarks(insoles, this.alerts.pauseText()),
     ]);
   }
 

@@ -33,7 +33,7 @@ export class WebSocketTransport implements Transport {
       if (insole !== undefined) this.events.message(insole, bytes.subarray(1));
     };
     socket.onclose = () => {
-      INSOLES.forEach((insole) => this.events.closed(insole, "plantar serve does not answer"));
+      INSOLES.forEach((insole) => this.events.closed(insole, "plantar serve does not answer; start it again if it has ended"));
       this.reconnect.later();
     };
   }
