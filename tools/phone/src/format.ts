@@ -114,3 +114,6 @@ export function forceText(force_n: number, settings: Settings, space = " "): [st
 /** A number with this number of decimal digits and this unit, or a dash for `null`. */
 export const numberText = (value: number | null, digits: number, unit = "") =>
   value === null ? "–" : `${value.toFixed(digits)}${unit && " "}${unit}`;
+
+/** A number with this number of decimal digits, but without the sign of a number that is rounded to zero. */
+export const signedText = (value: number, digits: number) => value.toFixed(digits).replace(/^-(0(\.0*)?)$/, "$1");

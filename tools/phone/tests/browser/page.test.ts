@@ -275,6 +275,39 @@ test("an insole of another major version is reported, and its values are not sho
   await context.close();
 });
 
+test.each([195, 320, 390])("on a screen of %i px, everything is within reach, and only tables scroll sideways", async (width) => {
+  const page = await open(served.browser, replay, { viewport: { width, height: 844 } });
+  await waitForSteps(page, 3);
+  for (const view of ["steps", "settings", "live"]) {
+    await show(page, view);
+    // The table of days has long numbers after a day.
+    const widest = await page.evaluate(() => {
+      document.querySelectorAll("#days td").forEach((cell) => (cell.textContent = "123456.7"));
+      const elements = [...document.querySelectorAll("nav button, main :is(button, input, select, p, dl, table)")];
+      const fixed = elements.filter((element) => !element.closest(".wide"));
+      return Math.max(document.documentElement.scrollWidth, ...fixed.map((element) => element.getBoundingClientRect().right));
+    });
+    expect(widest, view).toBeLessThanOrEqual(width);
+    await page.screenshot({ path: phonePath(`tests/screenshots/narrow-${width}-${view}.png`), fullPage: true });
+  }
+  await page.close();
+});
+
+test("an element that has the focus is not behind the bar at the bottom", async () => {
+  const page = await open(served.browser, replay, { viewport: { width: 390, height: 500 } });
+  await show(page, "settings");
+  const bar = (await page.locator("nav").boundingBox())!;
+  for (let i = 0; i < 12; i += 1) {
+    await page.keyboard.press("Tab");
+    const bottom = await page.evaluate(() => {
+      const focused = document.activeElement!;
+      return focused.closest("nav") || focused === document.body ? 0 : focused.getBoundingClientRect().bottom;
+    });
+    expect(bottom).toBeLessThanOrEqual(bar.y);
+  }
+  await page.close();
+});
+
 describe("without insoles", () => {
   test("in a browser without Bluetooth, the page recommends another browser, and plays the computed walk", async () => {
     const context = await served.browser.newContext({ viewport: PHONE });
