@@ -59,8 +59,6 @@ export class IdentifyController {
       if (!(target instanceof HTMLSelectElement)) return;
       settings.shoe_size = Number(target.value);
       saveSettings(() => localStorage, settings);
-      // The content around a select that has the focus is not replaced.
-      target.blur();
     };
   }
 
