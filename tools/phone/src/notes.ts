@@ -69,7 +69,7 @@ export function sessionProblems({ hello, state, reason }: Session, facts: Facts)
 /** Remarks that require no action. `pause` states the pause of the alerts, see `Alerts.pauseText`. */
 export function remarks(insoles: Insoles, pause: string | undefined): Node[] {
   const { transport, sessions } = insoles;
-  if (transport?.is_replay) return [remark("This is a recording.")];
+  if (transport?.is_replay) return [remark("This is a recording. ", ["button", { "data-action": "leave-recording" }, "Leave the recording"])];
   // Screen readers announce each change of these notes. Numbers that change often are not announced.
   const counting = (text: string): Node => ["span", { "aria-hidden": "true" }, text];
   const without_parameters = SIDES.filter((side) => insoles.of(side)?.hello?.has_parameters === false);
