@@ -222,7 +222,8 @@ export class Alerts {
         const compared = this.compared.get(session);
         if (compared && compared.daily === daily) continue;
         this.compared.set(session, { daily });
-        if (!compared || (daily?.snoozed_s ?? 0) < rest_s - PAUSE_TOLERANCE_S) session.send(this.wire.snoozeAlerts(rest_s));
+        const is_paused = (daily?.snoozed_s ?? 0) >= rest_s - PAUSE_TOLERANCE_S;
+        if (!compared || !is_paused) session.send(this.wire.snoozeAlerts(rest_s));
       }
     }
   }
@@ -280,8 +281,11 @@ export class Alerts {
     const alerts = byId("alerts-on", HTMLInputElement);
     const is_known = sessions.length > 0 && sessions.every(({ has_alerts }) => has_alerts !== undefined);
     alerts.disabled = !is_known;
-    if (this.insoles.transport?.is_replay) fill("alerts-note", ["This is a recording. Connect your insoles to change this."]);
-    else if (sessions.length === 0) fill("alerts-note", ["No insole is connected. Connect your insoles to change this."]);
+    const is_replay = this.insoles.transport?.is_replay ?? false;
+    if (is_replay || sessions.length === 0) {
+      const reason = is_replay ? "This is a recording." : "No insole is connected.";
+      fill("alerts-note", [`${reason} Connect your insoles to change this.`]);
+    }
     // Without an insole, the last known state remains.
     if (is_known && this.answer_timer === undefined) {
       const with_alerts = sessions.filter(({ has_alerts }) => has_alerts);

@@ -146,7 +146,7 @@ export class App {
       this.use(transport);
     } catch (error) {
       if (is_replaced()) return;
-      const reason = error instanceof Error ? error.message : "The recording cannot be played. Reload the page and try again.";
+      const reason = error instanceof Error ? error.message : "The recording cannot be played. Reload the page.";
       this.problem = url === COMPUTED_WALK ? NO_WALK : reason;
       // In a temporary storage, the steps of insoles that are connected next would be acknowledged and then lost.
       await this.loadStored();
@@ -278,9 +278,9 @@ export class App {
       return [["span", { class: side }, `${side === "left" ? "L" : "R"} ${text}`]];
     }));
     const note = (text: string): Node => ["p", { class: "note" }, text];
-    const error: Node = ["div", { class: "note" }, this.problem, ["button", { "data-action": "close-error" }, "Close this message"]];
+    const close: Node = ["button", { "data-action": "close-error" }, "Close this message"];
     fill("notes", [
-      ...(this.problem ? [error] : []),
+      ...(this.problem ? [["div", { class: "note" }, this.problem, close] as Node] : []),
       ...problems(insoles, live_view, this.wire.facts).map(note),
       ...remarks(insoles, this.alerts.pauseText()),
     ]);

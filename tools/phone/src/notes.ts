@@ -69,7 +69,8 @@ export function sessionProblems({ hello, state, reason }: Session, facts: Facts)
 /** Remarks that require no action. `pause` states the pause of the alerts, see `Alerts.pauseText`. */
 export function remarks(insoles: Insoles, pause: string | undefined): Node[] {
   const { transport, sessions } = insoles;
-  if (transport?.is_replay) return [remark("This is a recording. ", ["button", { "data-action": "leave-recording" }, "Leave the recording"])];
+  const leave: Node = ["button", { "data-action": "leave-recording" }, "Leave the recording"];
+  if (transport?.is_replay) return [remark("This is a recording.", leave)];
   // Screen readers announce each change of these notes. Numbers that change often are not announced.
   const counting = (text: string): Node => ["span", { "aria-hidden": "true" }, text];
   const without_parameters = SIDES.filter((side) => insoles.of(side)?.hello?.has_parameters === false);
@@ -77,19 +78,18 @@ export function remarks(insoles: Insoles, pause: string | undefined): Node[] {
   const changed = SIDES.filter((side) => insoles.of(side)?.state === "live" && insoles.of(side)?.needs_refit);
   const is_waiting = transport && sessions.every(({ state }) => state === "closed" || state === "waiting");
   const reason = sessions.find((session) => session.state === "closed" && session.reason)?.reason;
+  const bare = without_parameters.join(" and ");
   return [
     ...(pause ? [remark("The alerts are paused.", counting(` ${pause}.`))] : []),
-    ...(without_parameters.length > 0
-      ? [remark(`Your personal parameters are not on the ${without_parameters.join(" and ")} insole, so no model values are shown.`)]
-      : []),
+    ...(bare ? [remark(`Your personal parameters are not on the ${bare} insole, so no model values are shown.`)] : []),
     ...(waiting >= MANY_RECORDS
       ? [remark("Stored steps are arriving.", counting(` ${waiting} steps, load bouts and alerts are still to come.`))]
       : []),
     ...(changed.length > 0
       ? [
           remark(
-            `The ${changed.join(" and ")} foot or its shoe has changed since your parameters were identified. Check that the insole ` +
-              "lies flat in the shoe. If this message remains, choose \"Identify my tissue\" in the settings.",
+            `The ${changed.join(" and ")} foot or its shoe has changed since your parameters were identified. ` +
+              "Check that the insole lies flat in the shoe. If this message remains, choose \"Identify my tissue\" in the settings.",
           ),
         ]
       : []),

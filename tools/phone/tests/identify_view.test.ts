@@ -27,7 +27,7 @@ test("no error on new steps is shown for a region that was fitted to one step", 
   expect(one_step).not.toContain(" %");
 });
 
-/** The view of a session in this phase, as JSON. `has_stored` and `needs_reload` are those of the view's state and of the session. */
+/** The view of a session in this phase, as JSON. `has_stored` is that of the view's state, and `needs_reload` of the session. */
 function view(phase: Phase, feet: Partial<Foot>[] = [], has_stored = false, needs_reload = false): string {
   const result = { fitted: 1, steps: [], regions: {} } as unknown as FootResult;
   const all = feet.map((foot) => ({ refusal: "", unstored: "", checked: new Map(), result, ...foot }));

@@ -450,7 +450,7 @@ describe("an insole of another major version", () => {
   });
 });
 
-test("an insole rests while it measures twice a second, also if some of its frames are lost, but not if most of them are lost", () => {
+test("an insole rests while it measures twice a second, but not if most of its frames are lost", () => {
   let next: ToHost = hello(wire.facts.major);
   const { session } = start(() => next);
   session.opened(0);

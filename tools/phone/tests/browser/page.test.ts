@@ -337,7 +337,7 @@ describe("without insoles", () => {
     await page.close();
   });
 
-  test("an example walk that cannot be loaded is reported in plain words, until it is loaded or the wearer closes the note", async () => {
+  test("an example walk that cannot be loaded is reported until it is loaded or the wearer closes the note", async () => {
     const context = await served.browser.newContext({ viewport: PHONE });
     const page = await context.newPage();
     let is_offline = true;
