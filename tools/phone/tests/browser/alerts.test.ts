@@ -60,6 +60,12 @@ test("an alert is shown in plain words, signalled, stored, acknowledged and snoo
   await page.locator("#quantity").scrollIntoViewIfNeeded();
   expect(await page.evaluate(() => scrollY)).toBeGreaterThan(0);
   expect((await banner.boundingBox())!.y).toBeGreaterThanOrEqual(0);
+  // With large text, its buttons remain in view, too.
+  await page.setViewportSize({ width: 195, height: 422 });
+  const bar = (await page.locator("nav").boundingBox())!;
+  const { y, height } = (await page.locator("#alert-snooze").boundingBox())!;
+  expect(y + height).toBeLessThanOrEqual(bar.y);
+  await page.setViewportSize(PHONE);
   expect(await page.evaluate(() => (window as unknown as { counts: object }).counts)).toEqual({ vibrations: 1, tones: 2 });
   await expect.poll(() => insoles.acknowledged.map(([, bytes]) => bytes[0])).toContain(NUMBER);
   await page.screenshot({ path: phonePath("tests/screenshots/alert.png") });
