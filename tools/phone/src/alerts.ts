@@ -279,15 +279,18 @@ export class Alerts {
   update(): void {
     const sessions = this.connected();
     const alerts = byId("alerts-on", HTMLInputElement);
-    const is_known = sessions.length > 0 && sessions.every(({ has_alerts }) => has_alerts !== undefined);
-    alerts.disabled = !is_known;
     const is_replay = this.insoles.transport?.is_replay ?? false;
-    if (is_replay || sessions.length === 0) {
-      const reason = is_replay ? "This is a recording." : "No insole is connected.";
-      fill("alerts-note", [`${reason} Connect your insoles to change this.`]);
-    }
-    // Without an insole, the last known state remains.
-    if (is_known && this.answer_timer === undefined) {
+    const are_reported = sessions.length > 0 && sessions.every(({ has_alerts }) => has_alerts !== undefined);
+    const is_known = are_reported && !is_replay;
+    alerts.disabled = !is_known;
+    if (!is_known) {
+      // The switch remains in its last known state.
+      fill("alerts-note", [
+        is_replay ? "This is a recording. Connect your insoles to change this."
+        : sessions.length === 0 ? "No insole is connected. Connect your insoles to change this."
+        : "The insole has not reported yet whether its alerts are on.",
+      ]);
+    } else if (this.answer_timer === undefined) {
       const with_alerts = sessions.filter(({ has_alerts }) => has_alerts);
       alerts.checked = with_alerts.length > 0 && with_alerts.length === sessions.length;
       // The alerts of an insole that was connected later, or that refused the change, may differ: the wearer must know.

@@ -276,6 +276,15 @@ test("without an insole, the switch has its last known state, and the page state
   all.alerts.update();
   expect([box.disabled, box.checked]).toEqual([true, true]);
   expect(note.content).toContain("No insole is connected.");
+  all.left.receive({ ...hello(wire.facts.major), side: "left" } as ToHost);
+  all.alerts.update();
+  expect([box.disabled, box.checked]).toEqual([true, true]);
+  expect(note.content).toContain("not reported yet");
+  all.left.receive(rules(true));
+  Object.assign(all.alerts["insoles"], { transport: { is_replay: true } });
+  all.alerts.update();
+  expect(box.disabled).toBe(true);
+  expect(note.content).toContain("This is a recording.");
   // A page that has never known the state shows neither "on" nor "off".
   all.alerts.listen();
   all.alerts.update();
