@@ -3,7 +3,7 @@
 import { store, stored } from "./browser_storage";
 import { PhoneCues } from "./cues";
 import { type Node, byId, fill } from "./dom";
-import { regionTitle } from "./format";
+import { regionTitle, timeText } from "./format";
 import type { Alert, DailyLoad, DailyRegion, Side } from "./generated/quantities";
 import type { Insoles } from "./insoles";
 import type { InsoleAnswer, Session } from "./session";
@@ -28,6 +28,9 @@ const VIBRATION_MS = [400, 200, 400, 200, 400];
 /** The key under which the browser stores when the wearer last closed alerts. */
 const CLOSED_KEY = "plantar.alerts_closed_unix_s";
 
+/** The key under which the browser stores the end of the pause of a foot, as a time of `Date.now()`. */
+const pauseKey = (side: Side) => `plantar.alerts_paused_until_ms.${side}`;
+
 /** The key under which the browser stores all starts of the day that this page has sent to insoles, separated by commas. */
 const DAY_STARTS_KEY = "plantar.day_starts_min";
 
@@ -49,11 +52,17 @@ function ageOf_s(alert: Alert, start_unix_s: number | null, t_s: number | undefi
   return t_s === undefined ? 0 : t_s - alert.start_s;
 }
 
+/** An alert that is shown, and the time of `Date.now()` at which it was raised. */
+interface ShownAlert {
+  alert: Alert;
+  raised_ms: number;
+}
+
 /** Shows alerts until the wearer closes them. */
 export class Alerts {
   private readonly cues = new PhoneCues();
   /** The alerts that the wearer has not closed, oldest first. */
-  private shown: Alert[] = [];
+  private shown: ShownAlert[] = [];
   /**
    * The last change of the switch by the wearer: its new state, and the sessions whose insoles were asked for it. `update`
    * removes the connected sessions whose insoles have accepted it.
@@ -63,10 +72,10 @@ export class Alerts {
   private answer_timer: ReturnType<typeof setTimeout> | undefined;
   /** Why an insole refused this change, as a phrase; empty if none did. */
   private refusal = "";
-  /** The ends of pauses, as times of `Date.now()`, that the insole of the foot has not confirmed. */
-  private readonly unsent_pauses = new Map<Side, number>();
-  /** For each foot with such a pause that was sent, the load of the day that was known then. The next one may confirm it. */
-  private readonly known_at_pause = new Map<Side, DailyLoad | undefined>();
+  /** The ends of the pauses that the wearer has requested for each foot, as times of `Date.now()`. */
+  private readonly pauses = new Map<Side, number>();
+  /** The load of the day by which it was last decided whether a session must be sent the pause of its foot. */
+  private compared = new WeakMap<Session, { daily: DailyLoad | undefined }>();
   /** The last start of the day, minutes from midnight UTC, that was sent to the insole of a session by itself. */
   private readonly asked_day_start = new WeakMap<Session, number>();
   /** True once the alerts of the last visit were shown. */
@@ -76,21 +85,34 @@ export class Alerts {
     private readonly wire: Wire,
     private readonly insoles: Insoles,
     private readonly settings: Settings,
-  ) {}
+  ) {
+    this.loadPauses();
+  }
+
+  /** Loads the pauses that this page or another tab has stored. */
+  private loadPauses(): void {
+    for (const side of SIDES) {
+      const end_ms = Number(stored(() => localStorage, pauseKey(side)) ?? 0);
+      if (end_ms > Date.now()) this.pauses.set(side, end_ms);
+    }
+  }
 
   /** Connects the buttons. */
   listen(): void {
     byId("alert-close").onclick = () => this.close();
     byId("alert-snooze").onclick = () => {
-      // Both feet: a wearer who has no time to unload one foot has none for the other.
-      for (const side of SIDES) {
-        if (this.insoles.of(side)) this.unsent_pauses.set(side, Date.now() + SNOOZE_MIN * 60_000);
-        this.known_at_pause.delete(side);
-      }
-      this.sendPauses();
+      // The alert of a recording must not pause the insoles of the wearer.
+      if (!this.insoles.transport?.is_replay) this.pause();
       this.close();
     };
+    // The wearer has closed or paused the alerts in another tab.
+    addEventListener("storage", ({ key }) => {
+      this.loadPauses();
+      if (key === CLOSED_KEY) this.hide();
+    });
     const alerts = byId("alerts-on", HTMLInputElement);
+    // Neither on nor off, until the insoles have reported which of both applies.
+    alerts.indeterminate = true;
     alerts.onchange = () => {
       const sessions = this.connected();
       this.change = { is_on: alerts.checked, sessions };
@@ -132,9 +154,11 @@ export class Alerts {
    * {@link ageOf_s}.
    */
   raise(alert: Alert, start_unix_s: number | null, t_s: number | undefined): void {
-    if (ageOf_s(alert, start_unix_s, t_s) > FRESH_S) return;
+    const age_s = ageOf_s(alert, start_unix_s, t_s);
+    if (age_s > FRESH_S) return;
     // A dose is reported once a day, so a later alert does not replace it.
-    this.shown = [...this.shown.filter(({ side, dose }) => side !== alert.side || dose.length > 0), alert];
+    const remaining = this.shown.filter(({ alert: { side, dose } }) => side !== alert.side || dose.length > 0);
+    this.shown = [...remaining, { alert, raised_ms: Date.now() - 1000 * age_s }];
     this.signal();
     this.draw();
   }
@@ -155,39 +179,65 @@ export class Alerts {
   }
 
   private close(): void {
-    this.shown = [];
     // A browser that stores nothing for this site shows an alert of the last minutes again at the next visit.
     store(() => localStorage, CLOSED_KEY, String(Date.now() / 1000));
+    this.hide();
+  }
+
+  private hide(): void {
+    this.shown = [];
     this.draw();
   }
 
   private draw(): void {
     byId("alert").hidden = this.shown.length === 0;
-    fill("alert-text", this.shown.map(({ advice }): Node => ["p", {}, advice]));
+    fill("alert-text", this.shown.map(({ alert, raised_ms }): Node => {
+      return ["p", {}, alert.advice, " ", ["small", {}, `Raised at ${timeText(raised_ms / 1000)}.`]];
+    }));
+  }
+
+  /** Pauses the alerts of both feet: a wearer who has no time to unload one foot has none for the other. */
+  private pause(): void {
+    const end_ms = Date.now() + SNOOZE_MIN * 60_000;
+    for (const side of SIDES) {
+      this.pauses.set(side, end_ms);
+      store(() => localStorage, pauseKey(side), String(end_ms));
+    }
+    this.compared = new WeakMap();
+    this.sendPauses();
   }
 
   /**
-   * Sends the pauses to the insoles that are connected now. A second insole for a foot may be another person's, and receives
+   * Sends the pauses to the insoles that are connected now, and again to one that reports a shorter pause: it has not received
+   * the request, or has begun the shorter one with an alert. A second insole for a foot may be another person's, and receives
    * none. To be called a few times a second, also while the page is hidden.
    */
   sendPauses(): void {
-    for (const [side, end_ms] of this.unsent_pauses) {
+    for (const [side, end_ms] of this.pauses) {
       const rest_s = Math.ceil((end_ms - Date.now()) / 1000);
-      if (rest_s > 0) {
-        const session = this.insoles.of(side);
-        if (session?.state !== "live") continue;
-        const is_sent = this.known_at_pause.has(side);
-        if (is_sent && session.daily === this.known_at_pause.get(side)) continue;
-        // An alert begins a shorter pause by itself.
-        if (!is_sent || (session.daily?.snoozed_s ?? 0) < rest_s - PAUSE_TOLERANCE_S) {
-          session.send(this.wire.snoozeAlerts(rest_s));
-          this.known_at_pause.set(side, session.daily);
-          continue;
-        }
+      const session = this.insoles.of(side);
+      if (rest_s <= 0) this.pauses.delete(side);
+      else if (session?.state === "live") {
+        const { daily } = session;
+        const compared = this.compared.get(session);
+        if (compared && compared.daily === daily) continue;
+        this.compared.set(session, { daily });
+        const is_paused = (daily?.snoozed_s ?? 0) >= rest_s - PAUSE_TOLERANCE_S;
+        if (!compared || !is_paused) session.send(this.wire.snoozeAlerts(rest_s));
       }
-      this.unsent_pauses.delete(side);
-      this.known_at_pause.delete(side);
     }
+  }
+
+  /** The time until a foot can have an alert again, as a phrase; `undefined` without a pause. */
+  pauseText(): string | undefined {
+    const rests_s = SIDES.map((side) => {
+      const session = this.insoles.of(side);
+      // What an insole reported before its connection was lost may not be true any more.
+      const reported_s = (session?.state === "live" && session.daily?.snoozed_s) || 0;
+      return Math.max(reported_s, ((this.pauses.get(side) ?? 0) - Date.now()) / 1000);
+    });
+    const rest_min = Math.ceil(Math.max(...rests_s) / 60);
+    return rest_min > 0 ? `No alert for another ${rest_min} ${rest_min === 1 ? "minute" : "minutes"}` : undefined;
   }
 
   /**
@@ -229,9 +279,18 @@ export class Alerts {
   update(): void {
     const sessions = this.connected();
     const alerts = byId("alerts-on", HTMLInputElement);
-    const is_known = sessions.every(({ has_alerts }) => has_alerts !== undefined);
-    alerts.disabled = sessions.length === 0 || !is_known;
-    if (is_known && this.answer_timer === undefined) {
+    const is_replay = this.insoles.transport?.is_replay ?? false;
+    const are_reported = sessions.length > 0 && sessions.every(({ has_alerts }) => has_alerts !== undefined);
+    const is_known = are_reported && !is_replay;
+    alerts.disabled = !is_known;
+    if (!is_known) {
+      // The switch remains in its last known state.
+      fill("alerts-note", [
+        is_replay ? "This is a recording. Connect your insoles to change this."
+        : sessions.length === 0 ? "No insole is connected. Connect your insoles to change this."
+        : "The insole has not reported yet whether its alerts are on.",
+      ]);
+    } else if (this.answer_timer === undefined) {
       const with_alerts = sessions.filter(({ has_alerts }) => has_alerts);
       alerts.checked = with_alerts.length > 0 && with_alerts.length === sessions.length;
       // The alerts of an insole that was connected later, or that refused the change, may differ: the wearer must know.
@@ -265,11 +324,9 @@ export class Alerts {
       const title: Node = ["th", { scope: "row" }, regionTitle(name), ...(is_sustained ? [" ●"] : [])];
       return ["tr", {}, title, ...cell(minutes, name), ...cell(dose, name)];
     }));
-    const snoozed_s = Math.max(0, ...present.map((load) => load?.snoozed_s ?? 0));
     const raised = daily.reduce((sum, load) => sum + (load?.alerts ?? 0), 0);
-    const snoozed_min = Math.ceil(snoozed_s / 60);
-    const pause = ` No alert for another ${snoozed_min} ${snoozed_min === 1 ? "minute" : "minutes"}.`;
-    fill("today-note", [`Alerts today: ${raised}.` + (snoozed_s > 0 ? pause : "")]);
+    const pause = this.pauseText();
+    fill("today-note", [`Alerts today: ${raised}.` + (pause ? ` ${pause}.` : "")]);
   }
 }
 
@@ -277,8 +334,7 @@ export class Alerts {
 export function drawAlerts(alerts: readonly StoredAlert[]): void {
   byId("alert-list").hidden = alerts.length === 0;
   fill(byId("alert-list").querySelector("tbody"), alerts.slice(-ROWS).reverse().map(({ alert, start_unix_s }): Node => {
-    const format: Intl.DateTimeFormatOptions = { weekday: "short", hour: "2-digit", minute: "2-digit" };
-    const time = start_unix_s === null ? "–" : new Date(start_unix_s * 1000).toLocaleString([], format);
+    const time = start_unix_s === null ? "–" : timeText(start_unix_s);
     const regions = [...new Set([...alert.sustained, ...alert.dose])].map(regionTitle);
     return ["tr", {}, ["td", { class: alert.side }, sideTitle(alert.side)], ["td", {}, time], ["td", {}, regions.join(", ")]];
   }));

@@ -30,6 +30,7 @@ const UPDATE_MS = 100;
 const STORE_RETRY_MS = 5000;
 /** The example: a recording of a computed walk. */
 const COMPUTED_WALK = "./walk.plantar";
+const NO_WALK = "The example walk could not be loaded. Connect this device to the internet, then try again.";
 const CANNOT_STORE =
   "This browser cannot store steps, because its storage is full or not allowed, or because a newer version of this page " +
   "is open in another tab. Free some storage, allow it for this site, or reload this page. Until then, the insole stores " +
@@ -135,6 +136,7 @@ export class App {
     const { transport: before } = this.insoles;
     // The wearer may connect insoles while the recording is loaded.
     const is_replaced = () => this.insoles.transport !== before;
+    this.problem = "";
     try {
       await this.loaded;
       const transport = await ReplayTransport.load(url, this.insoles.transportEvents);
@@ -144,7 +146,8 @@ export class App {
       this.use(transport);
     } catch (error) {
       if (is_replaced()) return;
-      this.problem = error instanceof Error ? error.message : "The recording cannot be played. Reload the page and try again.";
+      const reason = error instanceof Error ? error.message : "The recording cannot be played. Reload the page.";
+      this.problem = url === COMPUTED_WALK ? NO_WALK : reason;
       // In a temporary storage, the steps of insoles that are connected next would be acknowledged and then lost.
       await this.loadStored();
       byId("start").hidden = false;
@@ -167,10 +170,17 @@ export class App {
       await this.loaded;
       await transport.connect(device);
     } catch (error) {
-      this.problem = explain(error) ?? "";
       if (this.insoles.transport === transport) byId("start").hidden = this.insoles.sessions.some(({ hello }) => hello);
+      this.fail(explain(error) ?? "");
     }
     this.tick();
+  }
+
+  /** Shows an error after an action of the wearer, who may not see the top of the page. */
+  private fail(problem: string): void {
+    this.problem = problem;
+    this.tick();
+    if (problem) byId("notes").focus();
   }
 
   /** Replaces the transport of the insoles. */
@@ -253,21 +263,26 @@ export class App {
     const { insoles, live_view } = this;
     live_view.update(insoles, this.settings);
     updateSettingsView(insoles, this.recorder, now_ms);
-    byId("clear", HTMLButtonElement).disabled = this.store.days.size === 0 && !this.identify.has_stored;
+    const is_replay = insoles.transport?.is_replay ?? false;
+    byId("clear", HTMLButtonElement).disabled = is_replay || (this.store.days.size === 0 && !this.identify.has_stored);
+    byId("clear-note").hidden = !is_replay;
+    const linked = insoles.sessions.filter(({ state }) => state !== "closed");
+    byId("connect-other").hidden = !(insoles.transport instanceof BluetoothTransport) || linked.length !== 1;
     this.alerts.update();
     fill("chips", SIDES.flatMap((side) => {
       const session = insoles.of(side);
       if (!session) return [];
       const { state } = session;
-      const text = state === "live" ? `${session.rate_hz(now_ms).toFixed(0)} Hz` : state === "lost" ? "lost" : "…";
+      const rate = session.is_resting ? "rests" : `${session.rate_hz(now_ms).toFixed(0)} Hz`;
+      const text = state === "live" ? rate : state === "lost" ? "lost" : "…";
       return [["span", { class: side }, `${side === "left" ? "L" : "R"} ${text}`]];
     }));
     const note = (text: string): Node => ["p", { class: "note" }, text];
-    const remark = (text: string): Node => ["p", { class: "note remark" }, text];
-    const error = this.problem ? [this.problem] : [];
+    const close: Node = ["button", { "data-action": "close-error" }, "Close this message"];
     fill("notes", [
-      ...[...error, ...problems(insoles, live_view, this.wire.facts)].map(note),
-      ...remarks(insoles).map(remark),
+      ...(this.problem ? [["div", { class: "note" }, this.problem, close] as Node] : []),
+      ...problems(insoles, live_view, this.wire.facts).map(note),
+      ...remarks(insoles, this.alerts.pauseText()),
     ]);
   }
 
@@ -283,13 +298,26 @@ export class App {
       };
     }
     const is_supported = BluetoothTransport.isSupported();
-    byId("unsupported").hidden = is_supported;
-    for (const id of ["connect", "add"]) {
+    const unsupported = byId("unsupported");
+    unsupported.hidden = is_supported;
+    if (!is_supported) byId("add-note").append(...[...unsupported.childNodes].map((node) => node.cloneNode(true)));
+    for (const id of ["connect", "connect-other", "add"]) {
       const button = byId(id, HTMLButtonElement);
       button.disabled = !is_supported;
       button.onclick = () => void this.bluetooth();
     }
     byId("walk").onclick = () => void this.replay(COMPUTED_WALK);
+    byId("notes").onclick = ({ target }) => {
+      const action = target instanceof HTMLElement ? target.dataset["action"] : undefined;
+      if (action === "close-error") {
+        this.problem = "";
+        this.tick();
+      } else if (action === "leave-recording") {
+        const url = new URL(location.href);
+        url.searchParams.delete("replay");
+        location.assign(url);
+      }
+    };
     byId("quantity").addEventListener("change", () => this.tick());
     document.addEventListener("visibilitychange", () => this.tick());
     this.alerts.listen();
@@ -298,7 +326,7 @@ export class App {
       this.stepsChanged();
     });
     followSettings(this.settings, () => this.stepsChanged());
-    const failed = (problem: string) => (this.problem = problem);
+    const failed = (problem: string) => this.fail(problem);
     listenToExport(this.wire, this.recorder, this.insoles, () => this.store, () => this.clear(), failed);
     // Until here, a tap on one of the buttons would have been lost.
     document.querySelector("nav")?.removeAttribute("inert");

@@ -12,36 +12,82 @@ export function byId<T extends HTMLElement = HTMLElement>(id: string, type?: new
 
 const SVG = "http://www.w3.org/2000/svg";
 
-/** Creates the element or text of a node, to be appended to `parent`. */
+/** The key of a button or another control among the children of an element; empty for other nodes. */
+const keyOf = (node: Node) => (typeof node === "string" ? "" : (node[1]["id"] ?? node[1]["data-action"] ?? ""));
+
+/** True if a child of the document can become the element or text of a node by changes of its attributes and its content. */
+function fits(child: ChildNode, node: Node): boolean {
+  if (typeof node === "string") return child.nodeType === document.TEXT_NODE;
+  if (!(child instanceof Element) || child.localName !== node[0]) return false;
+  return (child.id || child.getAttribute("data-action") || "") === keyOf(node);
+}
+
+/** Creates the element or text of a node, to be inserted into `parent`. */
 function build(node: Node, parent: Element): globalThis.Node {
   if (typeof node === "string") return document.createTextNode(node);
-  const [name, attributes, ...children] = node;
-  const is_svg = name === "svg" || parent.namespaceURI === SVG;
-  const element = is_svg ? document.createElementNS(SVG, name) : document.createElement(name);
-  for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
-  element.append(...children.map((child) => build(child, element)));
+  const is_svg = node[0] === "svg" || parent.namespaceURI === SVG;
+  const element = is_svg ? document.createElementNS(SVG, node[0]) : document.createElement(node[0]);
+  update(element, node);
   return element;
+}
+
+/** Gives an element or text that {@link fits} a node the attributes and the content of the node. */
+function update(child: globalThis.Node, node: Node): void {
+  if (typeof node === "string") {
+    if (child.nodeValue !== node) child.nodeValue = node;
+    return;
+  }
+  const [, attributes, ...children] = node;
+  const element = child as Element;
+  for (const name of element.getAttributeNames()) {
+    // The wearer opens and closes the details.
+    if (!(name in attributes) && name !== "open") element.removeAttribute(name);
+  }
+  for (const [name, value] of Object.entries(attributes)) {
+    if (element.getAttribute(name) !== value) element.setAttribute(name, value);
+  }
+  updateChildren(element, children);
+}
+
+/** Gives an element this content. Its children that fit remain: a button that is pressed must still exist when it is released. */
+function updateChildren(parent: Element, nodes: readonly Node[]): void {
+  let next = parent.firstChild;
+  for (const node of nodes) {
+    let match = next;
+    // A control remains although other content before it has gone.
+    if (keyOf(node)) while (match && !fits(match, node)) match = match.nextSibling;
+    if (!match || !fits(match, node)) {
+      parent.insertBefore(build(node, parent), next);
+      continue;
+    }
+    while (next && next !== match) {
+      const gone: ChildNode = next;
+      next = gone.nextSibling;
+      gone.remove();
+    }
+    update(match, node);
+    next = match.nextSibling;
+  }
+  while (next) {
+    const gone: ChildNode = next;
+    next = gone.nextSibling;
+    gone.remove();
+  }
 }
 
 /** The content that {@link fill} wrote to each element last, as JSON. */
 const filled = new WeakMap<Element, string>();
 
 /**
- * Replaces the content of an element, given by itself or by its id, unless it is unchanged since the last call. The keyboard
- * focus remains on the element with the same id or the same `data-action`.
+ * Replaces the content of an element, given by itself or by its id, unless it is unchanged since the last call. Controls with the
+ * same id or the same `data-action` remain, with the keyboard focus.
  */
 export function fill(into: string | Element | null, nodes: readonly Node[]): void {
   const element = typeof into === "string" ? byId(into) : into;
   const content = JSON.stringify(nodes);
   if (!element || filled.get(element) === content) return;
-  const focused = element.contains(document.activeElement) ? document.activeElement : null;
-  // Replacing a select would close its list, so the content remains until a later call.
-  if (focused instanceof HTMLSelectElement) return;
-  const action = focused?.getAttribute("data-action");
-  const same = focused?.id ? `#${focused.id}` : action && `[data-action="${action}"]`;
   filled.set(element, content);
-  element.replaceChildren(...nodes.map((node) => build(node, element)));
-  if (same) element.querySelector<HTMLElement>(same)?.focus({ preventScroll: true });
+  updateChildren(element, nodes);
 }
 
 /** Saves a file as a download. */

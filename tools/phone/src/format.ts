@@ -1,5 +1,6 @@
 /** Numbers and names as the wearer reads them. */
 
+import { dayOf } from "./days";
 import type { Hello } from "./generated/messages";
 import type { LiveRegion } from "./generated/quantities";
 import { type Settings, percentOfWeight } from "./settings";
@@ -18,6 +19,14 @@ const TITLES: Record<string, string> = {
 };
 
 export const regionTitle = (name: string) => TITLES[name] ?? name;
+
+/** A time as the wearer reads it. Its date is omitted if it is the present day. */
+export function timeText(unix_s: number): string {
+  const time: Intl.DateTimeFormatOptions = { hour: "2-digit", minute: "2-digit" };
+  const is_today = dayOf(unix_s) === dayOf(Date.now() / 1000);
+  const date: Intl.DateTimeFormatOptions = is_today ? {} : { weekday: "short", day: "numeric", month: "short" };
+  return new Date(unix_s * 1000).toLocaleString([], { ...date, ...time });
+}
 
 /** The quantities that the table of regions can show. */
 export const QUANTITIES = ["measured", "model", "deformation", "area"] as const;
@@ -105,3 +114,6 @@ export function forceText(force_n: number, settings: Settings, space = " "): [st
 /** A number with this number of decimal digits and this unit, or a dash for `null`. */
 export const numberText = (value: number | null, digits: number, unit = "") =>
   value === null ? "–" : `${value.toFixed(digits)}${unit && " "}${unit}`;
+
+/** A number with this number of decimal digits, but without the sign of a number that is rounded to zero. */
+export const signedText = (value: number, digits: number) => value.toFixed(digits).replace(/^-(0(\.0*)?)$/, "$1");

@@ -59,8 +59,6 @@ export class IdentifyController {
       if (!(target instanceof HTMLSelectElement)) return;
       settings.shoe_size = Number(target.value);
       saveSettings(() => localStorage, settings);
-      // The content around a select that has the focus is not replaced.
-      target.blur();
     };
   }
 
@@ -109,10 +107,10 @@ export class IdentifyController {
         if (data.kind === "failed") this.endWorker();
         this.session.answer(data, performance.now());
       };
-      const reason = "The computation could not start. Reload the page and continue the session.";
+      const reason = "The computation could not start.";
       this.worker.onerror = () => {
         this.endWorker();
-        this.session.answer({ kind: "failed", reason }, performance.now());
+        this.session.answer({ kind: "failed", reason, needs_reload: true }, performance.now());
       };
     }
     this.worker.postMessage(request);
@@ -169,7 +167,11 @@ export class IdentifyController {
         break;
       case "connect":
         document.querySelector<HTMLButtonElement>("nav [data-to=settings]")?.click();
+        byId("add").scrollIntoView({ block: "center" });
+        byId("add").focus();
         break;
+      case "reload":
+        return location.reload();
       case "export":
         download("identification.plantar", "application/octet-stream", session.file());
         break;

@@ -106,6 +106,8 @@ export class IdentifySession {
   readonly remarks = new Set<string>();
   /** The reason of a failure, as a sentence for the wearer. */
   failure = "";
+  /** True after a failure of the computation itself: the wearer can continue the session after the page was reloaded. */
+  needs_reload = false;
   /** Number of the {@link regions} whose fit has ended, also without a result. */
   regions_done = 0;
   /** The messages that were passed on to the worker and to the storage: parts of a stream file. */
@@ -299,6 +301,7 @@ export class IdentifySession {
         if (this.phase === "closed") return;
         this.phase = "failed";
         this.failure = answer.reason;
+        this.needs_reload = answer.needs_reload;
     }
   }
 

@@ -74,7 +74,15 @@ function content(session: IdentifySession, state: IdentifyState): Node[] {
     case "done":
       return done(session);
     case "failed":
-      return [note(session.failure), button("close", "Start again", "primary"), ...exports(session)];
+      return session.needs_reload
+        ? [
+            note(`${session.failure} Reload the page, then continue the session.`),
+            ...session.comments().map(remark),
+            button("reload", "Reload the page", "primary"),
+            ...exports(session),
+            button("close", "Delete the session"),
+          ]
+        : [note(session.failure), button("close", "Start again", "primary"), ...exports(session)];
   }
 }
 
@@ -88,7 +96,8 @@ export function startProblems({ insoles, now_ms }: Pick<IdentifyState, "insoles"
     const rates = `${rate_hz.toFixed(0)} of ${expected_hz.toFixed(0)}`;
     const { battery_percent } = session;
     return [
-      ...(rate_hz < LEAST_RATE * expected_hz
+      ...(session.is_resting ? [`The ${side} insole rests, because it is not loaded. Stand on it.`]
+        : rate_hz < LEAST_RATE * expected_hz
         ? [`Only ${rates} frames per second arrive from the ${side} insole. Hold the phone closer.`]
         : []),
       ...(battery_percent !== undefined && battery_percent < LOW_BATTERY_PERCENT

@@ -21,11 +21,12 @@ export type Answer =
   | { kind: "fitted"; region: number }
   | { kind: "result"; insole: Insole; result: FootResult }
   /** A request failed. `reason` is a sentence for the wearer. */
-  | { kind: "failed"; reason: string };
+  | { kind: "failed"; reason: string; needs_reload: boolean };
 
 const scope = self as unknown as { postMessage(answer: Answer): void; onmessage: (event: MessageEvent<Request>) => void };
+const cannot_load = new Error("The computation could not be loaded.");
 const core = IdentifyCore.load(fetch(wasm), (region) => scope.postMessage({ kind: "fitted", region })).catch(() => {
-  throw new Error("The computation could not be loaded. Reload the page and continue the session.");
+  throw cannot_load;
 });
 
 async function execute(request: Request): Promise<void> {
@@ -49,7 +50,7 @@ scope.onmessage = ({ data }) => {
   execute(data).catch((error: unknown) => {
     // The errors of the WebAssembly module are sentences for the wearer; the messages of its traps are not.
     const isSentence = error instanceof Error && !(error instanceof WebAssembly.RuntimeError);
-    const reason = isSentence ? error.message : "The computation failed. Reload the page and continue.";
-    scope.postMessage({ kind: "failed", reason });
+    const reason = isSentence ? error.message : "The computation failed.";
+    scope.postMessage({ kind: "failed", reason, needs_reload: !isSentence || error === cannot_load });
   });
 };

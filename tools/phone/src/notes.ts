@@ -1,5 +1,6 @@
 /** Notes to the wearer: problems, and remarks that require no action. */
 
+import type { Node } from "./dom";
 import type { Facts } from "./generated/messages";
 import type { Insoles } from "./insoles";
 import type { LiveView } from "./live_view";
@@ -8,6 +9,8 @@ import { SIDES } from "./side";
 
 /** From this number of stored records on, their arrival takes so long that a remark states it. */
 const MANY_RECORDS = 100;
+
+const remark = (...content: Node[]): Node => ["p", { class: "note remark" }, ...content];
 
 /** Problems that affect the measurement. */
 export function problems(insoles: Insoles, live_view: LiveView, facts: Facts): string[] {
@@ -22,16 +25,20 @@ export function problems(insoles: Insoles, live_view: LiveView, facts: Facts): s
   return notes;
 }
 
+const capitalised = (text: string) => text.charAt(0).toUpperCase() + text.slice(1);
+
 /** The problems of one session. */
 export function sessionProblems({ hello, state, reason }: Session, facts: Facts): string[] {
   if (!hello) return [];
   const insole = `The ${hello.side} insole`;
   switch (state) {
-    case "other-version":
-      return [
-        `${insole} (firmware ${hello.firmware}) uses protocol ${hello.major}.${hello.minor}, but this page uses ` +
-          `${facts.major}.${facts.minor}. Update the older of the two.`,
-      ];
+    case "other-version": {
+      const firmware = `the firmware ${hello.firmware} of the ${hello.side} insole`;
+      const protocols = `(protocols ${facts.major}.${facts.minor} and ${hello.major}.${hello.minor})`;
+      return hello.major > facts.major
+        ? [`This page is older than ${firmware} ${protocols}. Connect to the internet, and reload the page.`]
+        : [`${capitalised(firmware)} is older than this page ${protocols}. Ask the supplier of the insole for an update.`];
+    }
     case "same-foot":
       return [`Both insoles are for the ${hello.side} foot. Reload the page, and connect one for each foot.`];
     case "lost":
@@ -59,25 +66,33 @@ export function sessionProblems({ hello, state, reason }: Session, facts: Facts)
   }
 }
 
-/** Remarks that require no action. */
-export function remarks(insoles: Insoles): string[] {
+/** Remarks that require no action. `pause` states the pause of the alerts, see `Alerts.pauseText`. */
+export function remarks(insoles: Insoles, pause: string | undefined): Node[] {
   const { transport, sessions } = insoles;
-  if (transport?.is_replay) return ["This is a recording."];
+  const leave: Node = ["button", { "data-action": "leave-recording" }, "Leave the recording"];
+  if (transport?.is_replay) return [remark("This is a recording.", leave)];
+  // Screen readers announce each change of these notes. Numbers that change often are not announced.
+  const counting = (text: string): Node => ["span", { "aria-hidden": "true" }, text];
   const without_parameters = SIDES.filter((side) => insoles.of(side)?.hello?.has_parameters === false);
-  if (without_parameters.length > 0) {
-    return [`Your personal parameters are not on the ${without_parameters.join(" and ")} insole, so no model values are shown.`];
-  }
   const waiting = sessions.reduce((sum, session) => sum + session.records_waiting, 0);
-  if (waiting >= MANY_RECORDS) {
-    return [`Stored steps are arriving: ${waiting} steps, load bouts and alerts are still to come.`];
-  }
   const changed = SIDES.filter((side) => insoles.of(side)?.state === "live" && insoles.of(side)?.needs_refit);
-  if (changed.length > 0) {
-    return [
-      `The ${changed.join(" and ")} foot or its shoe has changed since your parameters were identified. ` +
-        "Check that the insole lies flat in the shoe. If this message remains, choose \"Identify my tissue\" in the settings.",
-    ];
-  }
-  const is_waiting = sessions.every(({ state }) => state === "closed" || state === "waiting");
-  return transport && is_waiting ? [`Waiting for an insole ${transport.location}.`] : [];
+  const is_waiting = transport && sessions.every(({ state }) => state === "closed" || state === "waiting");
+  const reason = sessions.find((session) => session.state === "closed" && session.reason)?.reason;
+  const bare = without_parameters.join(" and ");
+  return [
+    ...(pause ? [remark("The alerts are paused.", counting(` ${pause}.`))] : []),
+    ...(bare ? [remark(`Your personal parameters are not on the ${bare} insole, so no model values are shown.`)] : []),
+    ...(waiting >= MANY_RECORDS
+      ? [remark("Stored steps are arriving.", counting(` ${waiting} steps, load bouts and alerts are still to come.`))]
+      : []),
+    ...(changed.length > 0
+      ? [
+          remark(
+            `The ${changed.join(" and ")} foot or its shoe has changed since your parameters were identified. ` +
+              "Check that the insole lies flat in the shoe. If this message remains, choose \"Identify my tissue\" in the settings.",
+          ),
+        ]
+      : []),
+    ...(is_waiting ? [remark(`Waiting for an insole ${transport.location}${reason ? `: ${reason}` : ""}.`)] : []),
+  ];
 }

@@ -8,6 +8,8 @@ export class Recorder {
   private chunks: Uint8Array<ArrayBuffer>[] = [];
   /** Start of the running recording; `undefined` if no recording is running. */
   private start_ms: number | undefined;
+  /** True if the recording contains messages that were not exported. */
+  is_unsaved = false;
   /** Time of the last recorded message. */
   private end_ms = 0;
 
@@ -35,6 +37,7 @@ export class Recorder {
   add(insole: Insole, message: Uint8Array, now_ms: number): void {
     if (this.start_ms === undefined) return;
     this.end_ms = now_ms;
+    this.is_unsaved = true;
     this.chunks.push(entry({ t_ms: Math.round(now_ms - this.start_ms), insole, message }) as Uint8Array<ArrayBuffer>);
   }
 

@@ -20,6 +20,8 @@ const RECORDS_WAIT_MS = 1000;
 const ELLIPSES_HZ = 25;
 /** Number of unanswered requests after which an insole counts as silent. */
 const UNANSWERED_REQUESTS = 4;
+/** An insole rests if the time between two measurements is longer than that of this number of frames. */
+const RESTING_FRAMES = 10;
 /** Duration over which the rate of live frames is averaged. */
 const RATE_MS = 2000;
 
@@ -96,6 +98,8 @@ export class Session {
   /** The reason why the connection was lost, as a phrase for the wearer. */
   reason = "";
   battery_percent: number | undefined;
+  /** True while the insole rests: an insole that was not loaded for a minute measures only twice a second. */
+  is_resting = false;
   /** Number of damaged or unknown messages. */
   damaged = 0;
   /** Converts times of the insole's clock. */
@@ -295,6 +299,7 @@ export class Session {
     this.arrivals_ms.length = 0;
     // If the insole has restarted, the last frame has a time of another clock.
     this.live = undefined;
+    this.is_resting = false;
     this.ellipses = [];
     this.cells = [];
     // The insole may be that of the other foot.
@@ -346,6 +351,10 @@ export class Session {
     if (this.state === "other-version" || this.state === "same-foot" || !this.hello) return;
     if (this.state === "lost") this.state = "live";
     this.counter.frame(live.sequence);
+    // The time between two consecutive frames is that between two measurements, also if frames were lost before.
+    if (this.live && live.sequence === this.live.sequence + 1) {
+      this.is_resting = live.t_s - this.live.t_s > RESTING_FRAMES / this.hello.rate_hz;
+    }
     this.live = live;
     this.arrivals_ms.push(now_ms);
     // A page in the background does not call `rate_hz`, and would collect the times of hours.

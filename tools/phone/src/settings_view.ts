@@ -37,7 +37,13 @@ export function listenToSettings(settings: Settings, changed: () => void): void 
   force_unit.value = settings.force_unit;
   stride.value = settings.stride_cm === null ? "" : settings.stride_cm.toFixed(0);
   show();
+  const showForceNote = () => {
+    const is_missing = settings.force_unit === "%BW" && settings.body_mass_kg === null;
+    fill("force-unit-note", is_missing ? ["Enter your body mass. Until then, forces are shown in newtons."] : []);
+  };
+  showForceNote();
   const save = () => {
+    showForceNote();
     saveSettings(() => localStorage, settings);
     changed();
   };
@@ -76,16 +82,24 @@ export function listenToExport(
   const record = byId("record", HTMLButtonElement);
   record.onclick = () => {
     if (recorder.isRecording) recorder.stop();
-    else recorder.start(performance.now(), insoles.hellos);
+    else if (!recorder.is_unsaved || confirm("The last recording was not exported. Replace it by a new one?")) {
+      recorder.start(performance.now(), insoles.hellos);
+    }
     updateRecording(recorder, insoles);
   };
-  byId("export-live").onclick = () => download("plantar_live.csv", "text/csv", liveCsv(recorder.entries(), wire));
-  byId("export-stream").onclick = () => download("walk.plantar", "application/octet-stream", recorder.file());
-  const exportRecords = (name: string, csv: (records: Records) => string[]) => {
+  const exportRecording = (name: string, type: string, parts: BlobPart[]) => {
+    recorder.is_unsaved = false;
+    download(name, type, parts);
+  };
+  byId("export-live").onclick = () => exportRecording("plantar_live.csv", "text/csv", liveCsv(recorder.entries(), wire));
+  byId("export-stream").onclick = () => exportRecording("walk.plantar", "application/octet-stream", recorder.file());
+  const exportRecords = (what: string, csv: (records: Records) => string[]) => {
+    // The steps of a recording must not be mistaken for those of the wearer.
+    const name = insoles.transport?.is_replay ? `recording_${what}.csv` : `plantar_${what}.csv`;
     exportCsv(store(), name, csv).catch(() => failed("The browser cannot read the stored steps. Reload the page and try again."));
   };
-  byId("export-bouts").onclick = () => exportRecords("plantar_load_bouts.csv", ({ bouts }) => boutsCsv(bouts));
-  byId("export-steps").onclick = () => exportRecords("plantar_steps.csv", ({ steps }) => stepsCsv(steps));
+  byId("export-bouts").onclick = () => exportRecords("load_bouts", ({ bouts }) => boutsCsv(bouts));
+  byId("export-steps").onclick = () => exportRecords("steps", ({ steps }) => stepsCsv(steps));
   byId("clear").onclick = () => {
     const what = "all steps and loads that are stored on this device, and those of an interrupted identification";
     if (!confirm(`Delete ${what}? Export the steps first if you need them.`)) return;
@@ -112,7 +126,8 @@ function insoleDetails(session: Session, now_ms: number): Node[] {
   const { hello, counter, status, damaged, battery_percent } = session;
   if (!hello) return [];
   const details = [
-    `${session.rate_hz(now_ms).toFixed(0)} of ${hello.rate_hz.toFixed(0)} frames per second`,
+    session.is_resting ? "Rests until it is loaded"
+      : `${session.rate_hz(now_ms).toFixed(0)} of ${hello.rate_hz.toFixed(0)} frames per second`,
     `${counter.received} frames received, ${counter.lost} lost, ${damaged} damaged`,
     `Firmware ${hello.firmware}, ${hello.board} board, ${hello.cells} cells`,
   ];

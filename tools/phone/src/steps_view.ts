@@ -1,8 +1,8 @@
 /** The steps view: measures of the walk, the trend of the peak force, and the table of steps. */
 
-import { type DayTotals, boutIntegral_n_s } from "./days";
+import { type DayTotals, boutIntegral_n_s, dayOf } from "./days";
 import { type Node, byId, fill } from "./dom";
-import { forceText, numberText, unitOf } from "./format";
+import { forceText, numberText, signedText, timeText, unitOf } from "./format";
 import type { Estimate, Gait, GaitMeasure, Step } from "./generated/quantities";
 import { type Settings, percentOfWeight } from "./settings";
 import { SIDES, sideTitle } from "./side";
@@ -24,8 +24,11 @@ const OMITTED = ["swing_percent", "first_double_support_s", "single_support_perc
 export function drawSteps(steps: readonly StoredStep[], counts: readonly number[], gait: Gait, settings: Settings): void {
   const is_empty = steps.length === 0;
   byId("no-steps").hidden = !is_empty;
-  for (const id of ["measures", "both-feet-title", "both-feet", "both-feet-note", "trend", "table"]) byId(id).hidden = is_empty;
+  for (const id of ["measures-of-steps", "table"]) byId(id).hidden = is_empty;
   if (is_empty) return;
+  const newest_unix_s = Math.max(...steps.map(({ start_unix_s }) => start_unix_s ?? -Infinity));
+  const is_old = Number.isFinite(newest_unix_s) && dayOf(newest_unix_s) !== dayOf(Date.now() / 1000);
+  fill("steps-date", is_old ? [`These values are of ${timeText(newest_unix_s)} and before.`] : []);
   const speed = gait.speed_m_s === null ? [] : [card("Walking speed", numberText(gait.speed_m_s, 2), "m/s, from your stride length")];
   const [left = 0, right = 0] = counts;
   fill("measures", [
@@ -36,14 +39,15 @@ export function drawSteps(steps: readonly StoredStep[], counts: readonly number[
   drawGait(gait, settings);
   fill("trend", trend(steps, settings));
 
-  const head = ["Foot", "Step", "Contact, s", "Peak, N", "Peak, %BW", "Force × time, N s"];
+  const head = ["Foot", "Step", "Time", "Contact, s", "Peak, N", "Peak, %BW", "Force × time, N s"];
   fill(byId("table").querySelector("thead"), [["tr", {}, ...head.map((name): Node => ["th", { scope: "col" }, name])]]);
   const rows = steps.slice(-ROWS).reverse();
-  fill(byId("table").querySelector("tbody"), rows.map(({ step }): Node => [
+  fill(byId("table").querySelector("tbody"), rows.map(({ step, start_unix_s }): Node => [
     "tr",
     {},
     ["td", { class: step.side }, sideTitle(step.side)],
     ["td", {}, String(step.step)],
+    ["td", {}, start_unix_s === null ? "–" : timeText(start_unix_s)],
     ["td", {}, step.duration_s.toFixed(2)],
     ["td", {}, `${hasMaskedCells(step) ? "~ " : ""}${step.foot.foot_force_peak_n.toFixed(0)}`],
     ["td", {}, numberText(percentOfWeight(step.foot.foot_force_peak_n, settings), 0)],
@@ -82,7 +86,7 @@ const BOUT_ROWS = 50;
 export function drawBouts(bouts: readonly StoredBout[]): void {
   byId("bouts").hidden = bouts.length === 0;
   fill(byId("bouts").querySelector("tbody"), bouts.slice(-BOUT_ROWS).reverse().map(({ bout, start_unix_s }): Node => {
-    const start = start_unix_s === null ? "–" : new Date(start_unix_s * 1000).toLocaleTimeString([], { hour: "2-digit", minute: "2-digit" });
+    const start = start_unix_s === null ? "–" : timeText(start_unix_s);
     return [
       "tr",
       {},
@@ -99,7 +103,7 @@ export function drawBouts(bouts: readonly StoredBout[]): void {
 function drawGait(gait: Gait, settings: Settings): void {
   const value = (estimate: Estimate | null, digits: number, scale: number): Node => {
     if (!estimate) return ["td", {}, "–"];
-    const text = (value: number | null) => (value === null ? "–" : (scale * value).toFixed(digits));
+    const text = (value: number | null) => (value === null ? "–" : signedText(scale * value, digits));
     const interval = estimate.low === null ? "" : `${text(estimate.low)} to ${text(estimate.high)}`;
     return ["td", {}, text(estimate.mean), ["small", {}, interval]];
   };

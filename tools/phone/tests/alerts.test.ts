@@ -15,9 +15,16 @@ const wire = await loadWire();
 /** Replaces the document of the page. */
 const page = Object.assign(new EventTarget(), { hidden: false });
 const vibrate = vi.fn();
+/** The texts that the browser stores, and the page's handler of changes of them by other tabs. */
+const items = new Map<string, string>();
+let storageChanged: (event: { key: string }) => void;
 
 beforeEach(() => {
   vi.useFakeTimers();
+  items.clear();
+  const setItem = (key: string, value: string) => void items.set(key, value);
+  vi.stubGlobal("localStorage", { getItem: (key: string) => items.get(key) ?? null, setItem });
+  vi.stubGlobal("addEventListener", (_: string, handler: typeof storageChanged) => void (storageChanged = handler));
   vi.stubGlobal("document", page);
   vi.stubGlobal("HTMLInputElement", Object);
   vi.stubGlobal("navigator", { vibrate });
@@ -150,9 +157,6 @@ test("a signal in a hidden page is repeated when the page becomes visible, unles
 });
 
 test("an alert that the wearer has not closed is shown after the page was ended, and a dose is not replaced by a later alert", () => {
-  const items = new Map<string, string>();
-  const setItem = (key: string, value: string) => void items.set(key, value);
-  vi.stubGlobal("localStorage", { getItem: (key: string) => items.get(key) ?? null, setItem });
   const alert = (advice: string, dose: string[]) => ({ side: "left", starts_ago: 0, start_s: 0, sustained: [], dose, advice }) as unknown as Alert;
   const stored = (age_s: number, advice: string, dose: string[] = []) => ({ alert: alert(advice, dose), start_unix_s: Date.now() / 1000 - age_s });
   const shown = () => JSON.parse(element("alert-text").content).map((node: string[]) => node[2]);
@@ -167,9 +171,6 @@ test("an alert that the wearer has not closed is shown after the page was ended,
 });
 
 test("an insole with a day from midnight UTC, or as this page has set it before, is asked once to follow the time zone", () => {
-  const items = new Map<string, string>();
-  const setItem = (key: string, value: string) => void items.set(key, value);
-  vi.stubGlobal("localStorage", { getItem: (key: string) => items.get(key) ?? null, setItem });
   const offset_min = vi.spyOn(Date.prototype, "getTimezoneOffset").mockReturnValue(420);
   const { alerts, left, right } = start();
   const counts = () => {
@@ -206,8 +207,12 @@ test("a pause that the insole has not received is sent again", () => {
   expect([resent(), resent()]).toEqual([2, 2]);
   load(1799);
   expect(resent()).toBe(2);
+  // The insole has restarted.
   load(0);
-  expect(resent()).toBe(2);
+  expect(resent()).toBe(3);
+  vi.advanceTimersByTime(30 * 60_000);
+  load(0);
+  expect(resent()).toBe(3);
 });
 
 test("a pause is sent to an insole that is connected later, with the rest of its duration", () => {
@@ -223,4 +228,65 @@ test("a pause is sent to an insole that is connected later, with the rest of its
   alerts.sendPauses();
   alerts.sendPauses();
   expect([pauses(left), pauses(right)]).toEqual([[rest], [whole]]);
+});
+
+test("a pause applies after a reload of the page, to the insole of each foot, and also in another tab", () => {
+  const pauses = ({ sent }: ReturnType<typeof connect>) => sent.filter(([kind]) => kind === wire.snoozeAlerts(0)[0]);
+  const first = start();
+  first.left.session.closed("out of reach");
+  element("alert-snooze").onclick();
+  // The alerts of the right foot were paused by another tab, too, and that pause has ended.
+  items.set("plantar.alerts_paused_until_ms.right", String(Date.now()));
+  vi.advanceTimersByTime(60_000);
+  const { alerts, left, right } = start();
+  const text = "No alert for another 29 minutes";
+  expect(alerts.pauseText()).toBe(text);
+  alerts.sendPauses();
+  expect([pauses(left), pauses(right)]).toEqual([[wire.snoozeAlerts(29 * 60)], []]);
+  items.set("plantar.alerts_paused_until_ms.right", String(Date.now() + 60_000));
+  storageChanged({ key: "plantar.alerts_paused_until_ms.right" });
+  alerts.sendPauses();
+  expect([pauses(left).length, pauses(right)]).toEqual([1, [wire.snoozeAlerts(60)]]);
+});
+
+test("an alert of a recording pauses no insole of the wearer", () => {
+  const { alerts } = start();
+  Object.assign(alerts["insoles"], { transport: { is_replay: true } });
+  element("alert-snooze").onclick();
+  expect(alerts.pauseText()).toBeUndefined();
+});
+
+test("an alert states its time, and is closed when the wearer closes it in another tab", () => {
+  vi.setSystemTime(new Date(2026, 0, 1, 10, 42));
+  const { alerts } = start();
+  const alert = { side: "left", starts_ago: 0, start_s: 0, dose: [], advice: "Unload your left foot." } as unknown as Alert;
+  alerts.raise(alert, Date.now() / 1000 - 60, undefined);
+  expect(element("alert-text").content).toMatch(/Raised at 10:41/);
+  storageChanged({ key: "plantar.settings" });
+  expect(element("alert").hidden).toBe(false);
+  storageChanged({ key: "plantar.alerts_closed_unix_s" });
+  expect(element("alert").hidden).toBe(true);
+});
+
+test("without an insole, the switch has its last known state, and the page states why it cannot be changed", () => {
+  const all = start();
+  for (const { receive } of [all.left, all.right]) receive(rules(true));
+  all.alerts.update();
+  for (const { session } of [all.left, all.right]) session.closed("out of reach");
+  all.alerts.update();
+  expect([box.disabled, box.checked]).toEqual([true, true]);
+  expect(note.content).toContain("No insole is connected.");
+  all.left.receive({ ...hello(wire.facts.major), side: "left" } as ToHost);
+  all.alerts.update();
+  expect([box.disabled, box.checked]).toEqual([true, true]);
+  expect(note.content).toContain("not reported yet");
+  all.left.receive(rules(true));
+  Object.assign(all.alerts["insoles"], { transport: { is_replay: true } });
+  all.alerts.update();
+  expect(box.disabled).toBe(true);
+  expect(note.content).toContain("This is a recording.");
+  // A page that has never known the state shows neither "on" nor "off".
+  all.alerts.listen();
+  all.alerts.update();
+  expect(box.indeterminate).toBe(true);
 });

@@ -1,79 +1,89 @@
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
 import { type Node, fill } from "../src/dom";
 
-/** Replaces the browser's elements and texts, as far as `fill` needs them. */
-class FakeElement {
-  private children: FakeElement[] = [];
+const TEXT_NODE = 3;
+
+/** Replaces the elements and texts of the browser, as far as `fill` needs them. */
+class FakeNode {
+  parent: FakeNode | null = null;
+  children: FakeNode[] = [];
   private readonly attributes = new Map<string, string>();
-  constructor(readonly name: string) {}
+  constructor(
+    readonly localName: string,
+    readonly nodeType = 1,
+    public nodeValue = "",
+  ) {}
   get id(): string {
     return this.getAttribute("id") ?? "";
   }
-  getAttribute = (key: string) => this.attributes.get(key) ?? null;
-  setAttribute = (key: string, value: string) => void this.attributes.set(key, value);
-  append = (...children: FakeElement[]) => void this.children.push(...children);
-  focus = () => void (page.activeElement = this);
-  contains(other: FakeElement | null): boolean {
-    return other === this || this.children.some((child) => child.contains(other));
+  get firstChild(): FakeNode | null {
+    return this.children[0] ?? null;
   }
-  replaceChildren(...children: FakeElement[]): void {
-    if (this.contains(page.activeElement)) page.activeElement = null;
-    this.children = children;
+  get nextSibling(): FakeNode | null {
+    const siblings = this.parent!.children;
+    return siblings[siblings.indexOf(this) + 1] ?? null;
   }
-  /** The first element with this `#id` or `[data-action="..."]`. */
-  querySelector(selector: string): FakeElement | null {
-    if ([`#${this.id}`, `[data-action="${this.getAttribute("data-action")}"]`].includes(selector)) return this;
-    return this.children.map((child) => child.querySelector(selector)).find((found) => found !== null) ?? null;
+  getAttribute = (name: string) => this.attributes.get(name) ?? null;
+  getAttributeNames = () => [...this.attributes.keys()];
+  setAttribute = (name: string, value: string) => void this.attributes.set(name, value);
+  removeAttribute = (name: string) => void this.attributes.delete(name);
+  insertBefore(child: FakeNode, next: FakeNode | null): void {
+    child.parent = this;
+    this.children.splice(next ? this.children.indexOf(next) : this.children.length, 0, child);
   }
-  text = (): string => this.name + this.children.map((child) => child.text()).join("");
+  remove = () => void (this.parent!.children = this.parent!.children.filter((child) => child !== this));
+  text = (): string => this.localName + this.nodeValue + this.children.map((child) => child.text()).join("");
 }
-class FakeSelect extends FakeElement {}
-
-const create = (name: string) => (name === "select" ? new FakeSelect(name) : new FakeElement(name));
-/** Replaces the document of the page. */
-const page = { activeElement: null as FakeElement | null, createElement: create, createTextNode: create };
 
 beforeEach(() => {
-  vi.stubGlobal("document", page);
-  vi.stubGlobal("HTMLSelectElement", FakeSelect);
+  vi.stubGlobal("Element", FakeNode);
+  const createTextNode = (text: string) => new FakeNode("", TEXT_NODE, text);
+  vi.stubGlobal("document", { TEXT_NODE, createElement: (name: string) => new FakeNode(name), createTextNode });
 });
 afterEach(() => void vi.unstubAllGlobals());
 
 /** An element with this content, and a function that fills in another content. */
 function filled(content: Node[]) {
-  const element = new FakeElement("");
+  const element = new FakeNode("");
   const refill = (nodes: Node[]) => fill(element as unknown as Element, nodes);
   refill(content);
   return { element, refill };
 }
 
-const identified: Record<string, string>[] = [{ id: "a" }, { "data-action": "a" }];
-test.each(identified)("a button with %o has the focus again", (attributes) => {
-  const { element, refill } = filled([["button", attributes, "1"]]);
-  const button = () => element.querySelector("id" in attributes ? "#a" : '[data-action="a"]')!;
-  const before = button();
-  before.focus();
-  refill([["p", {}, "2"], ["button", attributes, "3"]]);
-  expect(element.text()).toBe("p2button3");
-  expect(page.activeElement).toBe(button());
-  expect(button()).not.toBe(before);
+test.each<Record<string, string>>([{ id: "a" }, { "data-action": "a" }])("a button with %o remains when other content changes", (key) => {
+  const { element, refill } = filled([["p", {}, "1"], ["p", {}, "2"], ["button", { ...key, class: "primary" }, "3"]]);
+  const button = element.children[2];
+  refill([["b", {}, "4"], ["button", key, "5"], ["button", { id: "c" }, "6"]]);
+  expect(element.text()).toBe("b4button5button6");
+  expect(element.children[1]).toBe(button);
+  expect(button!.getAttributeNames()).toEqual(Object.keys(key));
+  refill([["p", {}, "7"], ["p", {}, "8"], ["p", {}, "9"], ["button", key, "5"]]);
+  expect(element.text()).toBe("p7p8p9button5");
+  expect(element.children[3]).toBe(button);
 });
 
-test("the focus does not move to an element that did not have it", () => {
-  const { element, refill } = filled([["button", { "data-action": "a" }, "1"], ["button", { "data-action": "b" }, "1"]]);
-  element.querySelector('[data-action="b"]')!.focus();
-  refill([["button", { "data-action": "a" }, "1"]]);
-  expect(page.activeElement).toBeNull();
+test("a button does not become the button of another action", () => {
+  const { element, refill } = filled([["button", { "data-action": "a" }, "1"], ["button", { "data-action": "b" }, "2"]]);
+  const [, second] = element.children;
+  refill([["button", { "data-action": "b" }, "2"], ["button", { "data-action": "a" }, "1"]]);
+  expect(element.text()).toBe("button2button1");
+  expect(element.children[0]).toBe(second);
 });
 
-test("the content around a select that has the focus remains until the focus has left it", () => {
-  const { element, refill } = filled([["select", { id: "size" }], "1"]);
-  const select = element.querySelector("#size")!;
-  select.focus();
-  const changed: Node[] = [["select", { id: "size" }], "2"];
-  refill(changed);
-  expect(element.querySelector("#size")).toBe(select);
-  page.activeElement = null;
-  refill(changed);
-  expect(element.text()).toBe("select2");
+test("the content around a select changes, but not the select", () => {
+  const select = (size: string): Node => ["select", { id: "size" }, ["option", {}, size]];
+  const { element, refill } = filled([select("42"), "1"]);
+  const before = element.firstChild!;
+  const option = before.firstChild;
+  refill([["p", {}, "2"], select("42"), "3"]);
+  expect(element.text()).toBe("p2selectoption423");
+  expect([element.children[1], before.firstChild]).toEqual([before, option]);
+});
+
+test("details that the wearer has opened remain open", () => {
+  const details = (text: string): Node => ["details", {}, ["summary", {}, text]];
+  const { element, refill } = filled([details("1")]);
+  element.firstChild!.setAttribute("open", "");
+  refill([details("2")]);
+  expect(element.firstChild!.getAttribute("open")).toBe("");
 });

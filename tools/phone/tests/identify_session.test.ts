@@ -301,14 +301,14 @@ test("a wearer who has to stand is not asked to walk when the link returns", () 
 test("a failure of the worker ends the session with its reason", () => {
   const all = start();
   walk(all);
-  all.answer({ kind: "failed", reason: "Start again." });
-  expect([all.session.phase, all.session.failure]).toEqual(["failed", "Start again."]);
+  all.answer({ kind: "failed", reason: "Start again.", needs_reload: true });
+  expect([all.session.phase, all.session.failure, all.session.needs_reload]).toEqual(["failed", "Start again.", true]);
 });
 
 test("a failure of the worker after the wearer has cancelled the session is not shown", () => {
   const { session, answer } = start();
   session.close();
-  answer({ kind: "failed", reason: "Start again." });
+  answer({ kind: "failed", reason: "Start again.", needs_reload: false });
   expect([session.phase, session.failure]).toEqual(["closed", ""]);
 });
 

@@ -1,7 +1,7 @@
 import { beforeEach, expect, test, vi } from "vitest";
 import type { FootResult, RegionResult } from "../src/identify_core";
 import type { Foot, IdentifySession, Phase } from "../src/identify_session";
-import { drawIdentify, regionRow } from "../src/identify_view";
+import { drawIdentify, regionRow, startProblems } from "../src/identify_view";
 import type { Insoles } from "../src/insoles";
 import { element } from "./elements";
 
@@ -27,11 +27,11 @@ test("no error on new steps is shown for a region that was fitted to one step", 
   expect(one_step).not.toContain(" %");
 });
 
-/** The view of a session in this phase, as JSON. `has_stored` is that of the view's state. */
-function view(phase: Phase, feet: Partial<Foot>[] = [], has_stored = false): string {
+/** The view of a session in this phase, as JSON. `has_stored` is that of the view's state, and `needs_reload` of the session. */
+function view(phase: Phase, feet: Partial<Foot>[] = [], has_stored = false, needs_reload = false): string {
   const result = { fitted: 1, steps: [], regions: {} } as unknown as FootResult;
   const all = feet.map((foot) => ({ refusal: "", unstored: "", checked: new Map(), result, ...foot }));
-  const session = { phase, feet: all, problems: () => [], comments: () => [], pushable: () => all };
+  const session = { phase, feet: all, needs_reload, problems: () => [], comments: () => [], pushable: () => all };
   const insoles = { of: () => undefined };
   const state = { insoles: insoles as unknown as Insoles, shoe_size: 42, has_stored, now_ms: 0 };
   drawIdentify(session as unknown as IdentifySession, state);
@@ -55,4 +55,20 @@ test.each(["result", "verify", "done"] as const)("parameters that an insole did 
 test("an interrupted session can be deleted without an insole", () => {
   expect(view("closed", [], true)).toContain('"data-action":"discard"');
   expect(view("closed")).not.toContain('"data-action":"discard"');
+});
+
+test("after a failure of the computation, the main action reloads the page, and the session is not deleted", () => {
+  const primary = (text: string) => [...text.matchAll(/"data-action":"(\w+)","class":"primary"/g)].map(([, action]) => action);
+  expect(primary(view("failed", [], false, true))).toEqual(["reload"]);
+  expect(primary(view("failed"))).toEqual(["close"]);
+});
+
+test("an insole that rests is not reported as one that is out of reach", () => {
+  const problems = (is_resting: boolean) => {
+    const session = { state: "live", hello: { rate_hz: 100 }, rate_hz: () => 2, is_resting };
+    const of = (side: string) => (side === "left" ? session : undefined);
+    return startProblems({ insoles: { of } as unknown as Insoles, now_ms: 0 }).join();
+  };
+  expect(problems(false)).toMatch(/2 of 100 frames/);
+  expect(problems(true)).toBe("The left insole rests, because it is not loaded. Stand on it.");
 });

@@ -449,3 +449,19 @@ describe("an insole of another major version", () => {
     expect(sent).toEqual([wire.connect()]);
   });
 });
+
+test("an insole rests while it measures twice a second, but not if most of its frames are lost", () => {
+  let next: ToHost = hello(wire.facts.major);
+  const { session } = start(() => next);
+  session.opened(0);
+  session.receive(new Uint8Array(1), 0);
+  const rests = (sequence: number, t_s: number) => {
+    next = live({ sequence, t_s });
+    session.receive(new Uint8Array(1), 0);
+    return session.is_resting;
+  };
+  expect([rests(0, 1), rests(1, 1.01), rests(51, 1.51), rests(52, 1.52)]).toEqual([false, false, false, false]);
+  expect([rests(53, 2.02), rests(60, 5.52), rests(61, 6.02)]).toEqual([true, true, true]);
+  // The wearer stands on the insole.
+  expect([rests(62, 6.32), rests(63, 6.33)]).toEqual([true, false]);
+});

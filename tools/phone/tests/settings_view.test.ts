@@ -1,7 +1,8 @@
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
 import { Insoles } from "../src/insoles";
 import { Recorder } from "../src/recorder";
-import { updateSettingsView } from "../src/settings_view";
+import { listenToExport, updateSettingsView } from "../src/settings_view";
+import { StepStore } from "../src/step_store";
 import { element } from "./elements";
 import { loadWire, messagesOf } from "./wire";
 
@@ -31,4 +32,23 @@ test("the details of an insole state how many records it lost, and both possible
     "7 steps, load bouts and alerts were lost, because the insole's memory was full or its battery was too low " +
       "to store them.",
   );
+});
+
+test("a recording that was not exported is replaced only if the wearer agrees", () => {
+  let is_confirmed = false;
+  const confirm = vi.fn(() => is_confirmed);
+  vi.stubGlobal("confirm", confirm);
+  const recorder = new Recorder();
+  const insoles = { hellos: new Map([[0, new Uint8Array(1)]]), transport: undefined } as unknown as Insoles;
+  listenToExport(wire, recorder, insoles, () => StepStore.ofRecording(wire), () => Promise.resolve(), () => undefined);
+  const press = () => {
+    element("record").onclick();
+    return recorder.isRecording;
+  };
+  expect([press(), press(), confirm.mock.calls.length]).toEqual([true, false, 0]);
+  expect([press(), confirm.mock.calls.length]).toEqual([false, 1]);
+  is_confirmed = true;
+  expect([press(), press(), confirm.mock.calls.length]).toEqual([true, false, 2]);
+  element("export-stream").onclick();
+  expect([press(), press(), confirm.mock.calls.length]).toEqual([true, false, 2]);
 });

@@ -82,8 +82,12 @@ test("messages on the socket begin with the index of the insole, and a broken so
 test("the page waits for an insole of plantar serve, which can run on another computer", () => {
   vi.stubGlobal("WebSocket", Socket);
   const transport = new WebSocketTransport("ws://192.168.0.2/insoles", logEvents().events);
-  const insoles = { transport, sessions: [{ state: "waiting", records_waiting: 0 }], of: () => undefined };
-  expect(remarks(insoles as unknown as Insoles)).toEqual(["Waiting for an insole of plantar serve."]);
+  const text = (state: string, reason = "") => {
+    const insoles = { transport, sessions: [{ state, reason, records_waiting: 0 }], of: () => undefined };
+    return JSON.stringify(remarks(insoles as unknown as Insoles, undefined));
+  };
+  expect(text("waiting")).toContain("Waiting for an insole of plantar serve.");
+  expect(text("closed", "plantar serve does not answer")).toContain("plantar serve: plantar serve does not answer.");
   transport.close();
   vi.unstubAllGlobals();
 });

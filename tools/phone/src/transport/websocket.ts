@@ -33,7 +33,8 @@ export class WebSocketTransport implements Transport {
       if (insole !== undefined) this.events.message(insole, bytes.subarray(1));
     };
     socket.onclose = () => {
-      INSOLES.forEach((insole) => this.events.closed(insole, "plantar serve does not answer"));
+      const reason = "plantar serve does not answer; start it again if it has ended";
+      INSOLES.forEach((insole) => this.events.closed(insole, reason));
       this.reconnect.later();
     };
   }

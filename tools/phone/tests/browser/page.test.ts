@@ -213,6 +213,7 @@ test("live values are recorded and exported, and steps are exported", async () =
     ["export-steps", "start_unix_s,side,step,start_s"],
   ] as const) {
     const [download] = await Promise.all([page.waitForEvent("download"), page.locator(`#${button}`).click()]);
+    expect(download.suggestedFilename()).toBe(button === "export-live" ? "plantar_live.csv" : "recording_steps.csv");
     const rows = readFileSync(await download.path(), "utf8").trimEnd().split("\n");
     expect(rows[0]).toMatch(new RegExp(`^${first}`));
     expect(rows.length).toBeGreaterThan(button === "export-live" ? 100 : 8);
@@ -269,10 +270,43 @@ test("an insole of another major version is reported, and its values are not sho
   await context.route("**/other.plantar", (route) => route.fulfill({ body: bytes }));
   const page = await context.newPage();
   await page.goto(`${served.url}?replay=other.plantar`);
-  await page.getByText("The left insole (firmware 0.2.0) uses protocol 99.").waitFor();
+  await page.getByText("This page is older than the firmware 0.2.0 of the left insole").waitFor();
   await page.waitForFunction(() => parseFloat(document.querySelectorAll("#totals dd")[1]?.textContent ?? "") > 100);
   expect(await page.locator("#totals dd").first().innerText()).toBe("–");
   await context.close();
+});
+
+test.each([195, 320, 390])("on a screen of %i px, everything is within reach, and only tables scroll sideways", async (width) => {
+  const page = await open(served.browser, replay, { viewport: { width, height: 844 } });
+  await waitForSteps(page, 3);
+  for (const view of ["steps", "settings", "live"]) {
+    await show(page, view);
+    // The table of days has long numbers after a day.
+    const widest = await page.evaluate(() => {
+      document.querySelectorAll("#days td").forEach((cell) => (cell.textContent = "123456.7"));
+      const elements = [...document.querySelectorAll("nav button, main :is(button, input, select, p, dl, table)")];
+      const fixed = elements.filter((element) => !element.closest(".wide"));
+      return Math.max(document.documentElement.scrollWidth, ...fixed.map((element) => element.getBoundingClientRect().right));
+    });
+    expect(widest, view).toBeLessThanOrEqual(width);
+    await page.screenshot({ path: phonePath(`tests/screenshots/narrow-${width}-${view}.png`), fullPage: true });
+  }
+  await page.close();
+});
+
+test("an element that has the focus is not behind the bar at the bottom", async () => {
+  const page = await open(served.browser, replay, { viewport: { width: 390, height: 500 } });
+  await show(page, "settings");
+  const bar = (await page.locator("nav").boundingBox())!;
+  for (let i = 0; i < 12; i += 1) {
+    await page.keyboard.press("Tab");
+    const bottom = await page.evaluate(() => {
+      const focused = document.activeElement!;
+      return focused.closest("nav") || focused === document.body ? 0 : focused.getBoundingClientRect().bottom;
+    });
+    expect(bottom).toBeLessThanOrEqual(bar.y);
+  }
+  await page.close();
 });
 
 describe("without insoles", () => {
@@ -285,7 +319,74 @@ describe("without insoles", () => {
     expect(await page.locator("#connect").isDisabled()).toBe(true);
     await page.locator("#walk").click();
     await firstLoad_ms(page);
+    await show(page, "settings");
+    expect(await page.locator("#add-note").textContent()).toBe(await page.locator("#unsupported").textContent());
     await context.close();
+  });
+
+  test("the wearer leaves the example walk, during which nothing can be deleted", async () => {
+    const page = await open(served.browser, `${served.url}?bluetooth`, { viewport: PHONE });
+    await page.locator("#walk").click();
+    await waitForSteps(page, 1);
+    await show(page, "settings");
+    expect(await page.locator("#clear").isDisabled()).toBe(true);
+    await page.locator("#clear-note").waitFor();
+    expect(await page.locator("#alerts-note").textContent()).toContain("This is a recording.");
+    await page.getByRole("button", { name: "Leave the recording" }).click();
+    await page.locator("#start h2").waitFor();
+    await page.close();
+  });
+
+  test("an example walk that cannot be loaded is reported until it is loaded or the wearer closes the note", async () => {
+    const context = await served.browser.newContext({ viewport: PHONE });
+    const page = await context.newPage();
+    let is_offline = true;
+    await context.route("**/walk.plantar", (route) => (is_offline ? route.abort() : route.continue()));
+    await page.goto(`${served.url}?bluetooth`);
+    const note = page.getByText("The example walk could not be loaded.");
+    await page.locator("#walk").click();
+    await note.waitFor();
+    await page.getByRole("button", { name: "Close this message" }).click();
+    expect(await note.count()).toBe(0);
+    await page.locator("#walk").click();
+    await note.waitFor();
+    is_offline = false;
+    await page.locator("#walk").click();
+    await firstLoad_ms(page);
+    expect(await note.count()).toBe(0);
+    await context.close();
+  });
+
+  test("without a body mass, the page asks for it to show forces in % of body weight", async () => {
+    const page = await open(served.browser, `${served.url}?bluetooth`, { viewport: PHONE });
+    await show(page, "settings");
+    await page.locator("#force-unit").selectOption("%BW");
+    await page.locator("#force-unit-note", { hasText: "Enter your body mass." }).waitFor();
+    await page.locator("#mass").fill("80");
+    expect(await page.locator("#force-unit-note").textContent()).toBe("");
+    await page.close();
+  });
+
+  test("the guided session leads to the button that connects the insoles, and its errors come into view", async () => {
+    const page = await open(served.browser, `${served.url}?bluetooth`, { viewport: PHONE });
+    await page.evaluate(() => {
+      const bluetooth = { requestDevice: () => Promise.reject(new DOMException("", "NotAllowedError")) };
+      Object.defineProperty(navigator, "bluetooth", { value: bluetooth });
+    });
+    await show(page, "settings");
+    await page.locator("#identify-open").click();
+    await page.locator("[data-action=connect]").click();
+    const add = page.locator("#add");
+    const isVisible = (selector: string) =>
+      page.locator(selector).evaluate((element) => {
+        const { top, bottom } = element.getBoundingClientRect();
+        return top >= 0 && bottom <= document.querySelector("nav")!.getBoundingClientRect().top;
+      });
+    expect([await isVisible("#add"), await add.evaluate((element) => element === document.activeElement)]).toEqual([true, true]);
+    await add.click();
+    await page.getByText("Bluetooth is not allowed").waitFor();
+    expect(await isVisible("#notes")).toBe(true);
+    await page.close();
   });
 
   test("the page explains how to allow Bluetooth if it is denied, and shows no note if the wearer chooses no insole", async () => {

@@ -1,0 +1,23 @@
+import { expect, test } from "vitest";
+import type { Facts } from "../src/generated/messages";
+import type { Insoles } from "../src/insoles";
+import { remarks, sessionProblems } from "../src/notes";
+import type { Session } from "../src/session";
+
+test("all remarks that apply are shown", () => {
+  const session = { state: "live", hello: { has_parameters: false }, records_waiting: 200, needs_refit: true };
+  const insoles = { transport: {}, sessions: [session], of: (side: string) => (side === "left" ? session : undefined) };
+  const all = remarks(insoles as unknown as Insoles, "No alert for another 5 minutes").map((remark) => JSON.stringify(remark));
+  const parts = ["No alert for another 5 minutes.", "Your personal parameters are not on the left insole", "200 steps", "The left foot or its shoe"];
+  expect(all).toHaveLength(parts.length);
+  parts.forEach((part, i) => expect(all[i]).toContain(part));
+});
+
+test("a difference of the protocols is reported with the older side and the remedy", () => {
+  const text = (major: number) => {
+    const hello = { side: "left", firmware: "1.2", major, minor: 0 };
+    return sessionProblems({ hello, state: "other-version", reason: "" } as unknown as Session, { major: 2, minor: 1 } as Facts)[0];
+  };
+  expect(text(3)).toMatch(/this page is older than the firmware 1.2 of the left insole.*reload/i);
+  expect(text(1)).toMatch(/the firmware 1.2 of the left insole is older than this page.*supplier/i);
+});
