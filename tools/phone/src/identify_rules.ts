@@ -53,9 +53,10 @@ export function check(result: FootResult, steps: readonly Step[]): Check | undef
     if (!fit.fitted || fit.nrmse_percent.predicted === null) continue;
     const all = steps.flatMap((step) => step.regions[name] ?? []);
     const regions = all.filter((region) => region.measured_force_peak_n >= LOADED_N && !region.saturated);
-    if (regions.length === 0) continue;
+    const errors_percent = regions.flatMap((region) => region.model_error_nrmse_percent ?? []);
+    if (errors_percent.length === 0) continue;
     predicted_percent.push(fit.nrmse_percent.predicted);
-    measured_percent.push(mean(regions.map((region) => region.model_error_nrmse_percent)));
+    measured_percent.push(mean(errors_percent));
   }
   if (predicted_percent.length === 0) return undefined;
   const errors = { predicted_percent: mean(predicted_percent), measured_percent: mean(measured_percent) };

@@ -218,7 +218,13 @@ mod tests {
             clamped: 0,
             contact_rule: ContactRule::COUNTED,
             foot: StepFoot::default(),
-            regions: [StepRegion { measured_peak_dn, contact_ms: 500, model_error_bp, ..StepRegion::default() }; 8],
+            regions: [StepRegion {
+                measured_peak_dn,
+                model_peak_dn: measured_peak_dn,
+                contact_ms: 500,
+                model_error_bp,
+                ..StepRegion::default()
+            }; 8],
             boots_since: 0,
             start_unix_us: None,
             refit: 0,
