@@ -93,7 +93,9 @@ fn reading<R>(cell: &InsoleCell<R>, code: u16) -> i16 {
 fn review_swing<R>(cell: &mut InsoleCell<R>, code: u16, neighbours: Option<&Neighbourhood>, is_exceeded: bool) {
     let (reading, reading_before) = (reading(cell, code), cell.marks.swing_reading);
     let (size, size_before) = (reading.unsigned_abs(), reading_before.unsigned_abs());
-    let is_far_below = reading < 0 && size > MAX_SLOW;
+    // The baseline follows a smaller shift.
+    let lowered = u16::from(cell.marks.lowered) + cell.baseline.zero.saturating_sub(code) / NOISE;
+    let is_far_below = reading < 0 && size > MAX_SLOW && lowered > MAX_LOWERED.into();
     let is_full = is_saturated(code.into());
     cell.marks.count_if(Count::OffScale, is_far_below || is_full);
     if cell.contact.is_loaded() && !is_full {

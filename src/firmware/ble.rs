@@ -61,7 +61,7 @@ pub trait GattServer {
 }
 
 /// Longest time between two parts of a request of a management tool. A part that arrives later begins a new request.
-const LONGEST_PAUSE: Duration = Duration::from_secs(1);
+const LONGEST_PAUSE: Duration = Duration::from_secs(2);
 
 /// The insole as a GATT server.
 pub struct GattSession<'a, B> {

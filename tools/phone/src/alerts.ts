@@ -52,6 +52,9 @@ function ageOf_s(alert: Alert, start_unix_s: number | null, t_s: number | undefi
   return t_s === undefined ? 0 : t_s - alert.start_s;
 }
 
+/** True if the alerts of an insole with this load of the day are paused for another `rest_s` seconds or more. */
+const isPaused = (daily: DailyLoad | undefined, rest_s: number) => (daily?.snoozed_s ?? 0) >= rest_s - PAUSE_TOLERANCE_S;
+
 /** An alert that is shown, and the time of `Date.now()` at which it was raised. */
 interface ShownAlert {
   alert: Alert;
@@ -72,10 +75,10 @@ export class Alerts {
   private answer_timer: ReturnType<typeof setTimeout> | undefined;
   /** Why an insole refused this change, as a phrase; empty if none did. */
   private refusal = "";
-  /** The ends of the pauses that the wearer has requested for each foot, as times of `Date.now()`. */
+  /** The ends of the pauses that the insole of the foot has not confirmed yet, as times of `Date.now()`. */
   private readonly pauses = new Map<Side, number>();
-  /** The load of the day by which it was last decided whether a session must be sent the pause of its foot. */
-  private compared = new WeakMap<Session, { daily: DailyLoad | undefined }>();
+  /** The load of the day that a session had when it was last sent a pause. The next one may confirm it. */
+  private readonly known_at_pause = new WeakMap<Session, { daily: DailyLoad | undefined }>();
   /** The last start of the day, minutes from midnight UTC, that was sent to the insole of a session by itself. */
   private readonly asked_day_start = new WeakMap<Session, number>();
   /** True once the alerts of the last visit were shown. */
@@ -93,8 +96,21 @@ export class Alerts {
   private loadPauses(): void {
     for (const side of SIDES) {
       const end_ms = Number(stored(() => localStorage, pauseKey(side)) ?? 0);
-      if (end_ms > Date.now()) this.pauses.set(side, end_ms);
+      if (end_ms > 0) this.pauses.set(side, end_ms);
+      else this.pauses.delete(side);
     }
+  }
+
+  /** Forgets the pause of a foot: the insole has confirmed it, or it has ended. */
+  private forgetPause(side: Side): void {
+    this.pauses.delete(side);
+    store(() => localStorage, pauseKey(side), "");
+  }
+
+  /** Forgets pauses and alerts that are shown, which are those of the wearer whose data are deleted. */
+  forget(): void {
+    SIDES.forEach((side) => this.forgetPause(side));
+    this.hide();
   }
 
   /** Connects the buttons. */
@@ -179,8 +195,9 @@ export class Alerts {
   }
 
   private close(): void {
-    // A browser that stores nothing for this site shows an alert of the last minutes again at the next visit.
-    store(() => localStorage, CLOSED_KEY, String(Date.now() / 1000));
+    // A browser that stores nothing for this site shows an alert of the last minutes again at the next visit. The alert of a
+    // recording must not close one of the wearer in another tab.
+    if (!this.insoles.transport?.is_replay) store(() => localStorage, CLOSED_KEY, String(Date.now() / 1000));
     this.hide();
   }
 
@@ -202,42 +219,52 @@ export class Alerts {
     for (const side of SIDES) {
       this.pauses.set(side, end_ms);
       store(() => localStorage, pauseKey(side), String(end_ms));
+      const session = this.insoles.of(side);
+      if (session?.state === "live") this.sendPause(session, SNOOZE_MIN * 60);
     }
-    this.compared = new WeakMap();
-    this.sendPauses();
+  }
+
+  /** Sends a pause, unless the insole has paused its alerts for this time already, as after an alert. */
+  private sendPause(session: Session, rest_s: number): void {
+    this.known_at_pause.set(session, { daily: session.daily });
+    if (!isPaused(session.daily, rest_s)) session.send(this.wire.snoozeAlerts(rest_s));
   }
 
   /**
-   * Sends the pauses to the insoles that are connected now, and again to one that reports a shorter pause: it has not received
-   * the request, or has begun the shorter one with an alert. A second insole for a foot may be another person's, and receives
-   * none. To be called a few times a second, also while the page is hidden.
+   * Sends the pauses to the insoles that are connected now, and again to one that has not received the request: it reports a
+   * shorter pause, or none. A second insole for a foot may be another person's, and receives none. To be called a few times a
+   * second, also while the page is hidden.
    */
   sendPauses(): void {
     for (const [side, end_ms] of this.pauses) {
       const rest_s = Math.ceil((end_ms - Date.now()) / 1000);
       const session = this.insoles.of(side);
-      if (rest_s <= 0) this.pauses.delete(side);
-      else if (session?.state === "live") {
-        const { daily } = session;
-        const compared = this.compared.get(session);
-        if (compared && compared.daily === daily) continue;
-        this.compared.set(session, { daily });
-        const is_paused = (daily?.snoozed_s ?? 0) >= rest_s - PAUSE_TOLERANCE_S;
-        if (!compared || !is_paused) session.send(this.wire.snoozeAlerts(rest_s));
+      // A pause with a later end was requested before the clock of this device was set back.
+      if (rest_s <= 0 || rest_s > SNOOZE_MIN * 60) this.forgetPause(side);
+      else if (session?.state === "live" && session.daily) {
+        const known = this.known_at_pause.get(session);
+        if (known && known.daily === session.daily) continue;
+        if (known && isPaused(session.daily, rest_s)) this.forgetPause(side);
+        else this.sendPause(session, rest_s);
       }
     }
   }
 
-  /** The time until a foot can have an alert again, as a phrase; `undefined` without a pause. */
-  pauseText(): string | undefined {
-    const rests_s = SIDES.map((side) => {
+  /** The feet without alerts, and the time until one of them can have an alert again, as sentences; `undefined` without a pause. */
+  pauseText(): { feet: string; rest: string } | undefined {
+    const rest_s = (side: Side) => {
       const session = this.insoles.of(side);
       // What an insole reported before its connection was lost may not be true any more.
       const reported_s = (session?.state === "live" && session.daily?.snoozed_s) || 0;
       return Math.max(reported_s, ((this.pauses.get(side) ?? 0) - Date.now()) / 1000);
-    });
-    const rest_min = Math.ceil(Math.max(...rests_s) / 60);
-    return rest_min > 0 ? `No alert for another ${rest_min} ${rest_min === 1 ? "minute" : "minutes"}` : undefined;
+    };
+    const paused = SIDES.filter((side) => rest_s(side) > 0);
+    if (paused.length === 0) return undefined;
+    const min = Math.ceil(Math.min(...paused.map(rest_s)) / 60);
+    return {
+      feet: paused.length === 1 ? `The alerts of the ${paused[0]} foot are paused.` : "The alerts are paused.",
+      rest: `No alert for another ${min} ${min === 1 ? "minute" : "minutes"}.`,
+    };
   }
 
   /**
@@ -325,8 +352,8 @@ export class Alerts {
       return ["tr", {}, title, ...cell(minutes, name), ...cell(dose, name)];
     }));
     const raised = daily.reduce((sum, load) => sum + (load?.alerts ?? 0), 0);
-    const pause = this.pauseText();
-    fill("today-note", [`Alerts today: ${raised}.` + (pause ? ` ${pause}.` : "")]);
+    const pause = is_replay ? undefined : this.pauseText();
+    fill("today-note", [`Alerts today: ${raised}.` + (pause ? ` ${pause.feet} ${pause.rest}` : "")]);
   }
 }
 

@@ -245,6 +245,7 @@ export class App {
 
   /** Deletes the stored records, and the messages of an interrupted guided session. */
   private async clear(): Promise<void> {
+    this.alerts.forget();
     await Promise.all([this.store.clear(), this.identify.deleteStored()]).finally(() => this.stepsChanged());
   }
 
@@ -278,9 +279,11 @@ export class App {
       return [["span", { class: side }, `${side === "left" ? "L" : "R"} ${text}`]];
     }));
     const note = (text: string): Node => ["p", { class: "note" }, text];
+    // Without these two texts, the wearer would not know why the page stores nothing.
+    const is_lasting = [OTHER_TAB, CANNOT_STORE].includes(this.problem);
     const close: Node = ["button", { "data-action": "close-error" }, "Close this message"];
     fill("notes", [
-      ...(this.problem ? [["div", { class: "note" }, this.problem, close] as Node] : []),
+      ...(this.problem ? [["div", { class: "note" }, this.problem, ...(is_lasting ? [] : [close])] as Node] : []),
       ...problems(insoles, live_view, this.wire.facts).map(note),
       ...remarks(insoles, this.alerts.pauseText()),
     ]);
@@ -320,6 +323,10 @@ export class App {
     };
     byId("quantity").addEventListener("change", () => this.tick());
     document.addEventListener("visibilitychange", () => this.tick());
+    // The browser asks before it discards a recording.
+    addEventListener("beforeunload", (event) => {
+      if (this.recorder.is_unsaved) event.preventDefault();
+    });
     this.alerts.listen();
     listenToSettings(this.settings, () => {
       this.tick();

@@ -67,10 +67,10 @@ export function sessionProblems({ hello, state, reason }: Session, facts: Facts)
 }
 
 /** Remarks that require no action. `pause` states the pause of the alerts, see `Alerts.pauseText`. */
-export function remarks(insoles: Insoles, pause: string | undefined): Node[] {
+export function remarks(insoles: Insoles, pause: { feet: string; rest: string } | undefined): Node[] {
   const { transport, sessions } = insoles;
   const leave: Node = ["button", { "data-action": "leave-recording" }, "Leave the recording"];
-  if (transport?.is_replay) return [remark("This is a recording.", leave)];
+  if (transport?.is_replay) return [["p", { id: "recording-note", class: "note remark" }, "This is a recording.", leave]];
   // Screen readers announce each change of these notes. Numbers that change often are not announced.
   const counting = (text: string): Node => ["span", { "aria-hidden": "true" }, text];
   const without_parameters = SIDES.filter((side) => insoles.of(side)?.hello?.has_parameters === false);
@@ -80,7 +80,7 @@ export function remarks(insoles: Insoles, pause: string | undefined): Node[] {
   const reason = sessions.find((session) => session.state === "closed" && session.reason)?.reason;
   const bare = without_parameters.join(" and ");
   return [
-    ...(pause ? [remark("The alerts are paused.", counting(` ${pause}.`))] : []),
+    ...(pause ? [remark(pause.feet, counting(` ${pause.rest}`))] : []),
     ...(bare ? [remark(`Your personal parameters are not on the ${bare} insole, so no model values are shown.`)] : []),
     ...(waiting >= MANY_RECORDS
       ? [remark("Stored steps are arriving.", counting(` ${waiting} steps, load bouts and alerts are still to come.`))]

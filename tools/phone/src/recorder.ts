@@ -24,6 +24,7 @@ export class Recorder {
   /** Starts a new recording with the hello messages of the insoles, which identify the feet of the following frames. */
   start(now_ms: number, hellos: Iterable<[Insole, Uint8Array]>): void {
     this.chunks = [];
+    this.is_unsaved = false;
     this.start_ms = now_ms;
     this.end_ms = now_ms;
     for (const [insole, message] of hellos) this.add(insole, message, now_ms);

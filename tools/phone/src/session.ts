@@ -20,8 +20,8 @@ const RECORDS_WAIT_MS = 1000;
 const ELLIPSES_HZ = 25;
 /** Number of unanswered requests after which an insole counts as silent. */
 const UNANSWERED_REQUESTS = 4;
-/** An insole rests if the time between two measurements is longer than that of this number of frames. */
-const RESTING_FRAMES = 10;
+/** An insole rests if the time between two measurements is longer, s: it then measures twice a second, and else at 20 Hz or more. */
+const RESTING_S = 0.4;
 /** Duration over which the rate of live frames is averaged. */
 const RATE_MS = 2000;
 
@@ -353,7 +353,7 @@ export class Session {
     this.counter.frame(live.sequence);
     // The time between two consecutive frames is that between two measurements, also if frames were lost before.
     if (this.live && live.sequence === this.live.sequence + 1) {
-      this.is_resting = live.t_s - this.live.t_s > RESTING_FRAMES / this.hello.rate_hz;
+      this.is_resting = live.t_s - this.live.t_s > RESTING_S;
     }
     this.live = live;
     this.arrivals_ms.push(now_ms);

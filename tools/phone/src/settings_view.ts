@@ -126,7 +126,7 @@ function insoleDetails(session: Session, now_ms: number): Node[] {
   const { hello, counter, status, damaged, battery_percent } = session;
   if (!hello) return [];
   const details = [
-    session.is_resting ? "Rests until it is loaded"
+    session.is_resting && session.state === "live" ? "Rests until it is loaded"
       : `${session.rate_hz(now_ms).toFixed(0)} of ${hello.rate_hz.toFixed(0)} frames per second`,
     `${counter.received} frames received, ${counter.lost} lost, ${damaged} damaged`,
     `Firmware ${hello.firmware}, ${hello.board} board, ${hello.cells} cells`,

@@ -83,7 +83,8 @@ impl GaitCommand {
         };
         let gait = Gait::new([steps_of(Side::Left), steps_of(Side::Right)], has_common_clock);
         let length = self.stride_length.map(Length::Stride).or(self.distance.map(Length::Walk));
-        if !has_common_clock {
+        let has_both = [Side::Left, Side::Right].iter().all(|side| steps.iter().any(|(step, _)| step.side == *side));
+        if has_both && !has_common_clock {
             eprintln!("note: the steps have no common clock, so the feet are not compared");
         }
         print(&gait, length);

@@ -72,8 +72,11 @@ pub fn print(steps: &[Step], scales: &[DeformationScale; 8]) {
             table.add_row([region.name(), "-", "-", "-", "-", "-", "-", "-"]);
             continue;
         }
-        let has_model = loaded.iter().any(|r| r.has_model());
-        let model = |digits: usize, value| if has_model { format!("{:.digits$}", mean(value)) } else { "-".into() };
+        let modelled: Vec<_> = loaded.iter().filter(|r| r.has_model()).collect();
+        let model = |digits: usize, value: fn(&StepRegion) -> f64| match modelled.len() {
+            0 => "-".into(),
+            count => format!("{:.digits$}", modelled.iter().map(|r| value(r)).sum::<f64>() / count as f64),
+        };
         table.add_row([
             region.name().to_string(),
             format!("{:.1}", mean(StepRegion::measured_force_peak_n)),

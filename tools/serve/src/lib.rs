@@ -82,8 +82,8 @@ pub enum Error {
     Io(#[from] io::Error),
 }
 
-/// Connects to the insoles and serves until a signal ends the program. `ready` is called with the address once the server
-/// listens.
+/// Connects to the insoles and serves until a signal ends the program. The server listens from the beginning on; `ready` is called
+/// with its address once it also answers.
 ///
 /// # Errors
 /// See [`enum@Error`].

@@ -105,6 +105,8 @@ fn main() -> ! {
     let p = embassy_stm32::init(clocks);
     let mut watchdog = IndependentWatchdog::new(p.IWDG, WATCHDOG_US);
     watchdog.unleash();
+    // The new timeout is in force from the next feed on.
+    watchdog.pet();
 
     let mut spi_config = spi::Config::default();
     spi_config.frequency = Hertz(8_000_000);
