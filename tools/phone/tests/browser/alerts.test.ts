@@ -90,7 +90,7 @@ test("an alert is shown in plain words, signalled, stored, acknowledged and snoo
   await page.locator("#today").waitFor();
   const heel = await page.locator("#today tbody tr").first().locator("th, td").allTextContents();
   expect(heel).toEqual(["Heel ●", "20", "–", "500", "–"]);
-  expect(await page.locator("#today-note").textContent()).toMatch(/^Alerts today: 2\. No alert for another \d+ minutes\.$/);
+  expect(await page.locator("#today-note").textContent()).toMatch(/^Alerts today: 2\. The alerts are paused\. No alert for another \d+ minutes\.$/);
   await page.locator("nav [data-to=live]").click();
   await page.getByText("The alerts are paused. No alert for another").waitFor();
   await page.locator("nav [data-to=steps]").click();
