@@ -92,7 +92,7 @@ test("an alert is shown in plain words, signalled, stored, acknowledged and snoo
   expect(heel).toEqual(["Heel ●", "20", "–", "500", "–"]);
   expect(await page.locator("#today-note").textContent()).toMatch(/^Alerts today: 2\. The alerts are paused\. No alert for another \d+ minutes\.$/);
   await page.locator("nav [data-to=live]").click();
-  await page.getByText("The alerts are paused. No alert for another").waitFor();
+  await page.locator("#notes").getByText("The alerts are paused. No alert for another").waitFor();
   await page.locator("nav [data-to=steps]").click();
   await page.locator("#today").scrollIntoViewIfNeeded();
   await page.screenshot({ path: phonePath("tests/screenshots/daily-load.png") });
