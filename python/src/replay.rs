@@ -59,12 +59,13 @@ pub fn replay(
             identified.contact.on_kpa, identified.contact.off_kpa, identified.contact.full_kpa
         ));
     }
-    let side = recording.inner.side.name();
-    if let Some(identified) = parameters.identified.as_ref().filter(|i| i.side != side && i.side != "both") {
+    let side = recording.inner.side;
+    if let Some(identified) = parameters.identified.as_ref().filter(|identified| identified.is_of_other_foot(side)) {
         notes.push(format!(
-            "the parameters were identified from the {} foot, but the recording is of the {side} foot: model force and \
+            "the parameters were identified from the {} foot, but the recording is of the {} foot: model force and \
              deformation may not be valid",
-            identified.side
+            identified.side,
+            side.name()
         ));
     }
     notes.extend(parameters.identified.as_ref().and_then(Identified::invalid_for_steps));

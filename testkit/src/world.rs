@@ -204,8 +204,9 @@ impl World {
                 insole.chip.0.borrow_mut().unreadable = SMALL_LOG;
                 self.schedule(now_us() + for_us, index, InsoleEvent::LogReadable);
             }
-            InsoleEvent::LogReadable if is_still_unreadable => {}
-            InsoleEvent::LogReadable => insole.chip.0.borrow_mut().unreadable = 0..0,
+            InsoleEvent::LogReadable => {
+                insole.chip.0.borrow_mut().unreadable = if is_still_unreadable { SMALL_LOG } else { 0..0 };
+            }
         }
     }
 }

@@ -101,6 +101,11 @@ impl Identified {
         Ok(tissue::Identified { contact: self.contact, filter, side, steps: self.steps })
     }
 
+    /// True if the parameters were identified from the other foot only.
+    pub fn is_of_other_foot(&self, side: Side) -> bool {
+        self.side != side.name() && self.side != "both"
+    }
+
     /// Why the parameters are not valid for step records; `None` if they were identified with the filter of step records.
     pub fn invalid_for_steps(&self) -> Option<String> {
         match self.filter.as_str() {

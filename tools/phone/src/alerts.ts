@@ -78,7 +78,7 @@ export class Alerts {
   /** The ends of the pauses that the insole of the foot has not confirmed yet, as times of `Date.now()`. */
   private readonly pauses = new Map<Side, number>();
   /** The load of the day that a session had when it was last sent a pause. The next one may confirm it. */
-  private readonly known_at_pause = new WeakMap<Session, { daily: DailyLoad | undefined }>();
+  private readonly known_at_pause = new WeakMap<Session, DailyLoad | undefined>();
   /** The last start of the day, minutes from midnight UTC, that was sent to the insole of a session by itself. */
   private readonly asked_day_start = new WeakMap<Session, number>();
   /** True once the alerts of the last visit were shown. */
@@ -107,7 +107,7 @@ export class Alerts {
     store(() => localStorage, pauseKey(side), "");
   }
 
-  /** Forgets pauses and alerts that are shown, which are those of the wearer whose data are deleted. */
+  /** Forgets the pauses and the alerts that are shown: the data of their wearer are deleted. */
   forget(): void {
     SIDES.forEach((side) => this.forgetPause(side));
     this.hide();
@@ -226,7 +226,7 @@ export class Alerts {
 
   /** Sends a pause, unless the insole has paused its alerts for this time already, as after an alert. */
   private sendPause(session: Session, rest_s: number): void {
-    this.known_at_pause.set(session, { daily: session.daily });
+    this.known_at_pause.set(session, session.daily);
     if (!isPaused(session.daily, rest_s)) session.send(this.wire.snoozeAlerts(rest_s));
   }
 
@@ -242,9 +242,9 @@ export class Alerts {
       // A pause with a later end was requested before the clock of this device was set back.
       if (rest_s <= 0 || rest_s > SNOOZE_MIN * 60) this.forgetPause(side);
       else if (session?.state === "live" && session.daily) {
-        const known = this.known_at_pause.get(session);
-        if (known && known.daily === session.daily) continue;
-        if (known && isPaused(session.daily, rest_s)) this.forgetPause(side);
+        const is_sent = this.known_at_pause.has(session);
+        if (is_sent && this.known_at_pause.get(session) === session.daily) continue;
+        if (is_sent && isPaused(session.daily, rest_s)) this.forgetPause(side);
         else this.sendPause(session, rest_s);
       }
     }

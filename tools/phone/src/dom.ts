@@ -60,17 +60,18 @@ function updateChildren(parent: Element, nodes: readonly Node[]): void {
       parent.insertBefore(build(node, parent), next);
       continue;
     }
-    while (next && next !== match) {
-      const gone: ChildNode = next;
-      next = gone.nextSibling;
-      gone.remove();
-    }
+    removeSiblings(next, match);
     update(match, node);
     next = match.nextSibling;
   }
-  while (next) {
-    const gone: ChildNode = next;
-    next = gone.nextSibling;
+  removeSiblings(next, null);
+}
+
+/** Removes a child and its following siblings up to `end`, which remains; all of them if `end` is `null`. */
+function removeSiblings(first: ChildNode | null, end: ChildNode | null): void {
+  while (first && first !== end) {
+    const gone = first;
+    first = gone.nextSibling;
     gone.remove();
   }
 }

@@ -62,7 +62,6 @@ impl GaitCommand {
         let Walk { mut steps, mut others } = Walk::default();
         for path in &self.walk {
             let added = read(path).with_context(|| path.display().to_string())?;
-            let has_steps = |steps: &[(Step, Option<u64>)], side: Side| steps.iter().any(|(step, _)| step.side == side);
             let is_in_both = |side: &Side| has_steps(&steps, *side) && has_steps(&added.steps, *side);
             if let Some(side) = [Side::Left, Side::Right].into_iter().find(is_in_both) {
                 bail!("both files contain steps of the {} foot: give one file for each foot", side.name());
@@ -83,8 +82,7 @@ impl GaitCommand {
         };
         let gait = Gait::new([steps_of(Side::Left), steps_of(Side::Right)], has_common_clock);
         let length = self.stride_length.map(Length::Stride).or(self.distance.map(Length::Walk));
-        let has_both = [Side::Left, Side::Right].iter().all(|side| steps.iter().any(|(step, _)| step.side == *side));
-        if has_both && !has_common_clock {
+        if has_steps(&steps, Side::Left) && has_steps(&steps, Side::Right) && !has_common_clock {
             eprintln!("note: the steps have no common clock, so the feet are not compared");
         }
         print(&gait, length);
@@ -93,6 +91,10 @@ impl GaitCommand {
             None => Ok(()),
         }
     }
+}
+
+fn has_steps(steps: &[(Step, Option<u64>)], side: Side) -> bool {
+    steps.iter().any(|(step, _)| step.side == side)
 }
 
 /// Removes the steps of each foot that cannot be compared in time with its other steps, with a note on stderr: those without a

@@ -162,12 +162,10 @@ impl ContactArgs {
 
 /// Prints a note on stderr if parameters were identified from the other foot only.
 pub fn note_unless_same_foot(parameters: &Parameters, side: Side) {
-    if let Some(Identified { side: identified, .. }) = &parameters.identified
-        && identified != side.name()
-        && identified != "both"
-    {
+    if let Some(identified) = parameters.identified.as_ref().filter(|identified| identified.is_of_other_foot(side)) {
         eprintln!(
-            "note: the parameters were identified from the {identified} foot, but this is the {} foot",
+            "note: the parameters were identified from the {} foot, but this is the {} foot",
+            identified.side,
             side.name()
         );
     }

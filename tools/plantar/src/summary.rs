@@ -67,24 +67,24 @@ pub fn print(steps: &[Step], scales: &[DeformationScale; 8]) {
     ]);
     for (i, region) in Region::ALL.iter().enumerate() {
         let loaded: Vec<_> = steps.iter().map(|s| &s.regions[i]).filter(|r| r.contact_ms > 0).collect();
-        let mean = |value: fn(&StepRegion) -> f64| loaded.iter().map(|r| value(r)).sum::<f64>() / loaded.len() as f64;
         if loaded.is_empty() {
             table.add_row([region.name(), "-", "-", "-", "-", "-", "-", "-"]);
             continue;
         }
-        let modelled: Vec<_> = loaded.iter().filter(|r| r.has_model()).collect();
-        let model = |digits: usize, value: fn(&StepRegion) -> f64| match modelled.len() {
+        let modelled: Vec<_> = loaded.iter().copied().filter(|r| r.has_model()).collect();
+        let mean = |of: &[&StepRegion], digits: usize, value: fn(&StepRegion) -> f64| match of.len() {
             0 => "-".into(),
-            count => format!("{:.digits$}", modelled.iter().map(|r| value(r)).sum::<f64>() / count as f64),
+            count => format!("{:.digits$}", of.iter().map(|r| value(r)).sum::<f64>() / count as f64),
         };
+        let radii = [StepRegion::ellipse_r_a_mm, StepRegion::ellipse_r_b_mm].map(|radius| mean(&loaded, 1, radius));
         table.add_row([
             region.name().to_string(),
-            format!("{:.1}", mean(StepRegion::measured_force_peak_n)),
-            model(1, StepRegion::model_force_peak_n),
-            format!("{:.0}", mean(StepRegion::area_peak_mm2)),
-            format!("{:.1} x {:.1}", mean(StepRegion::ellipse_r_a_mm), mean(StepRegion::ellipse_r_b_mm)),
-            model(2, StepRegion::deformation_peak_mm),
-            format!("{:.2}", mean(StepRegion::contact_time_s)),
+            mean(&loaded, 1, StepRegion::measured_force_peak_n),
+            mean(&modelled, 1, StepRegion::model_force_peak_n),
+            mean(&loaded, 0, StepRegion::area_peak_mm2),
+            radii.join(" x "),
+            mean(&modelled, 2, StepRegion::deformation_peak_mm),
+            mean(&loaded, 2, StepRegion::contact_time_s),
             model_error_percent(steps, i).map_or("-".into(), |percent| format!("{percent:.1}")),
         ]);
     }

@@ -95,7 +95,7 @@ impl Frames {
     /// This method must be called before gaps are filled. If the recording is then cut at a long gap, there are no unloaded
     /// frames at the cut, so that the cut is not mistaken for a heel strike or toe off.
     ///
-    /// An export that may be cut off adds to `remarks`: the first or last frame carries more than [`CUT_SHARE`] of the load.
+    /// Adds to `remarks` if the export may be cut off within the contact.
     ///
     /// # Errors
     /// Fails if the time between frames is not plausible: see [`check_period`]. The message names `path`.
@@ -108,6 +108,20 @@ impl Frames {
         // If the times are rounded, the mean interval is still exact; the median is not.
         let period_s = intervals_s.iter().sum::<f64>() / intervals_s.len() as f64;
         check_period(period_s, &|| path.display().to_string())?;
+        self.note_cut(remarks);
+        // The small addend includes a frame that would be left out only because of rounding.
+        let added = ((SWING_S / period_s + 1e-6).floor() as usize).max(1);
+        let mut t_s = Vec::with_capacity(self.t_s.len() + 2 * added);
+        t_s.extend((1..=added).rev().map(|i| first_s + SWING_S - i as f64 * period_s));
+        t_s.extend(self.t_s.iter().map(|now_s| now_s + SWING_S));
+        t_s.extend((1..=added).map(|i| last_s + SWING_S + i as f64 * period_s));
+        self.t_s = t_s;
+        self.loads.iter_mut().for_each(|load| load.frame += added);
+        Ok(self)
+    }
+
+    /// Adds to `remarks` if the first or last frame carries more than [`CUT_SHARE`] of the largest load.
+    fn note_cut(&self, remarks: &mut Vec<String>) {
         let mut sums = vec![0.0; self.t_s.len()];
         self.loads.iter().for_each(|load| sums[load.frame] += load.kpa);
         let most = sums.iter().copied().fold(0.0, f32::max);
@@ -120,15 +134,6 @@ impl Frames {
                 ));
             }
         }
-        // The small addend includes a frame that would be left out only because of rounding.
-        let added = ((SWING_S / period_s + 1e-6).floor() as usize).max(1);
-        let mut t_s = Vec::with_capacity(self.t_s.len() + 2 * added);
-        t_s.extend((1..=added).rev().map(|i| first_s + SWING_S - i as f64 * period_s));
-        t_s.extend(self.t_s.iter().map(|now_s| now_s + SWING_S));
-        t_s.extend((1..=added).map(|i| last_s + SWING_S + i as f64 * period_s));
-        self.t_s = t_s;
-        self.loads.iter_mut().for_each(|load| load.frame += added);
-        Ok(self)
     }
 }
 
