@@ -14,7 +14,7 @@ use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::{CellStream, Resolution, ToDevice, ToHost};
 use recording::{Recording, StreamedCells, VirtualInsole, jiku};
 use std::path::Path;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Number of walkers.
 const WALKERS: usize = 3;
@@ -25,7 +25,7 @@ const CELLS: usize = 240;
 /// The device's usual number of frames per second.
 const RATE_HZ: f64 = 100.0;
 const CONTACT: ContactRule = ContactRule::COVERED;
-/// Time within which the insole must answer.
+/// Time within which the insole must answer, and after which a silent insole has sent everything.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(20);
 
 /// The data that an insole sent during a walk.
@@ -98,10 +98,18 @@ fn play(firmware: &Path, walk: &Recording) -> Result<Sent> {
     client.stream()?;
     let (mut streamed, mut live) = (StreamedCells::new(setup, cells, stream.every), LiveSteps::new());
     board.play();
+    let mut last_message = Instant::now();
     loop {
-        match client.receive()? {
+        let message = client.receive()?;
+        if message.is_some() {
+            last_message = Instant::now();
+        }
+        match message {
             Some(ToHost::Cells(frame)) if receiver.frame(&frame) && streamed.is_continued_by(frame.scan) => {
                 streamed.push(frame.scan, receiver.codes());
+                if frame.scan + 1 == scans {
+                    client.send(ToDevice::GetStatus)?;
+                }
             }
             Some(ToHost::Live(frame)) => live.frame(&frame),
             Some(ToHost::Step(step)) => {
@@ -109,9 +117,11 @@ fn play(firmware: &Path, walk: &Recording) -> Result<Sent> {
                 live.step(&step);
             }
             Some(ToHost::Bout(bout)) => client.send(ToDevice::Acknowledge { number: bout.number })?,
+            // Requested after the last scan. The insole sends it after all messages that were due before.
+            Some(ToHost::Status(_)) => break,
             Some(_) => {}
-            // The insole is silent once it has sent everything.
-            None if board.plant().scans() >= scans => break,
+            // The last scan was lost. A short silence has no meaning, because a busy computer can pause the emulator.
+            None if last_message.elapsed() > ANSWER_TIMEOUT => break,
             None => {}
         }
     }
