@@ -7,7 +7,7 @@ use crate::common;
 use crate::common::{connect, connect_within, firmware, replay, replay_faulty, replay_with, synthetic_walk, tissue};
 use client::{Client, Framed};
 use emulation::{EmulatorConfig, FLASH_BYTES};
-use emulator::{Board, Faulty, Hardware, Link, Recorded, Scan, Time, Walk};
+use emulator::{Board, Faulty, Hardware, Joined, Link, Looped, Recorded, Scan, Time, Walk};
 use fit::quality::Evaluated;
 use fit::{Filter, Options, Study};
 use parameters::{InsoleSize, Parameters};
@@ -29,7 +29,8 @@ use recording::synthetic::SyntheticWalk;
 use recording::{Recording, VirtualInsole, jiku, pedar};
 use rstest::rstest;
 use std::io::Write;
-use std::time::Duration;
+use std::sync::{Arc, OnceLock};
+use std::time::{Duration, Instant};
 use testkit::activity::{self, Activity};
 use testkit::faults::one_of_each;
 use testkit::nor_flash::{NorFlashChip, block_on};
@@ -210,6 +211,40 @@ fn assert_device_equals_host(recording: &Recording, contact: ContactRule, min_st
         (session.scans, session.scans, 0, 0)
     );
     assert_eq!((received.status.frames_missed, received.status.frames_overrun), (0, 0));
+}
+
+/// A walk of 1,000 scans, in each of which every cell has the number of the scan as its code.
+struct Numbered;
+
+impl Walk for Numbered {
+    fn scans(&self) -> u32 {
+        1000
+    }
+
+    fn scan(&mut self, seq: u32, codes: &mut [u16]) -> Scan {
+        codes.fill(seq as u16);
+        Scan::Whole
+    }
+}
+
+#[test]
+fn a_board_that_starts_later_joins_the_walk_where_it_is() {
+    // Long enough that the time between the following lines is rounded away.
+    let period = Duration::from_secs(100);
+    let scans = |walk: &mut Joined<_>, seqs: [u32; 3]| {
+        seqs.map(|seq| {
+            let mut codes = [0];
+            walk.scan(seq, &mut codes);
+            codes[0]
+        })
+    };
+    let start = Arc::new(OnceLock::new());
+    let mut first = Joined::new(Looped(Numbered), period, start.clone());
+    assert_eq!(scans(&mut first, [0, 1, 1002]), [0, 1, 2]);
+    assert!(start.get().is_some(), "the first scan begins the walk");
+    let began = Instant::now().checked_sub(7 * period).expect("a time");
+    let mut late = Joined::new(Looped(Numbered), period, Arc::new(began.into()));
+    assert_eq!(scans(&mut late, [0, 1, 998]), [7, 8, 5]);
 }
 
 #[test]

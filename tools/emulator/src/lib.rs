@@ -16,7 +16,7 @@ pub use link::Link;
 #[cfg(feature = "log")]
 pub use log::{LogEntry, LogError};
 pub use plant::{Plant, Scan, Walk};
-pub use recorded::{Looped, Recorded};
+pub use recorded::{Joined, Looped, Recorded};
 
 use emulation::{
     ACTIVE_IMAGE, EmulatorConfig, FLASH_BYTES, FLASH_FILE, MATRIX_FILE, SETUP_FILE, SWAPPED, SWAPPED_FILE,

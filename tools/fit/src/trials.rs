@@ -24,6 +24,12 @@ impl Trial {
         let values = |fit: &RegionFit| Variable::all().map(|variable| variable.of(fit)).collect();
         Self { name, side, regions: fits.each_ref().map(|fit| fit.as_ref().ok().map(values)) }
     }
+
+    /// True if both trials have the same values: noise makes the values of two measurements different, so one of the recordings
+    /// is a copy of the other one.
+    pub fn is_copy_of(&self, other: &Self) -> bool {
+        self.side == other.side && self.regions == other.regions && self.regions.iter().any(Option::is_some)
+    }
 }
 
 /// The mean of each variable over the trials that have a value of it; `None` without trials.

@@ -76,10 +76,11 @@ impl Repeat {
             read.extend(people::files(folder, &people::names(folder, None)?));
         }
         check_written(&read, &[self.json.as_deref(), self.csv.as_deref()])?;
-        let all = match study {
+        let mut all = match study {
             Some(folder) => self.participants(folder)?,
             None => vec![self.one_person()?],
         };
+        leave_out_copies(&mut all);
         let mut left_out: Vec<String> = all.iter().flat_map(|person| person.left_out.clone()).collect();
         let people: Vec<(&str, &[Trial])> =
             all.iter().map(|person| (person.name.as_str(), &person.trials[..])).collect();
@@ -178,6 +179,28 @@ fn trials_of(name: &str, person: &Person, recordings: &[PathBuf]) -> Trials {
         }
     }
     of_person
+}
+
+/// Leaves out the trials that are copies of an earlier one, also of another person: a copy would be a trial without any error of
+/// measurement.
+fn leave_out_copies(all: &mut [Trials]) {
+    let mut known: Vec<(String, Trial)> = Vec::new();
+    for person in all {
+        let Trials { name: person, trials, left_out } = person;
+        trials.retain(|trial| {
+            if let Some((other, earlier)) = known.iter().find(|(_, earlier)| trial.is_copy_of(earlier)) {
+                left_out.push(copy_reason(person, trial, other, earlier) + ": give each recording once");
+                return false;
+            }
+            known.push((person.clone(), trial.clone()));
+            true
+        });
+    }
+}
+
+/// Names a copy, and the earlier trial of which it is a copy.
+pub fn copy_reason(person: &str, trial: &Trial, other: &str, earlier: &Trial) -> String {
+    format!("{person}, {}: the same recording as {other}, {}", trial.name, earlier.name)
 }
 
 /// The reason why a person's only trial of a foot is left out, with the remedy.

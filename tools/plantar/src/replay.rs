@@ -17,7 +17,7 @@ use plantar::pipeline::alert::AlertRules;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::{Alert, Bout, Step};
 use recording::{FrameSource, MAX_CELLS, RecordingReader, Scan, VirtualInsole};
-use serde_json::json;
+use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -36,7 +36,8 @@ pub struct Replay {
     #[arg(long, value_enum, default_value_t = Precision::F32)]
     precision: Precision,
     /// Write the steps to this JSON file, one object per step: side, number, start, duration, and every quantity of the foot and
-    /// of each region. The names of the quantities end with their units.
+    /// of each region. The names of the quantities end with their units. Starts are on the recording's clock, here and in the
+    /// files of --bouts and --load.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
     /// Write the load bouts (all load outside steps) to this JSON file, one object per bout. The last bout ends with the
@@ -76,20 +77,13 @@ impl Replay {
             Precision::F64 => self.replay::<f64>(source, &insole, &tissue)?,
         };
         let seconds = start.elapsed().as_secs_f64();
-        if let Some(path) = &self.json {
-            write_json(path, &records.steps.iter().map(step_to_json).collect::<Vec<_>>())?;
-        }
-        if let Some(path) = &self.bouts {
-            write_json(path, &records.bouts.iter().map(bout_to_json).collect::<Vec<_>>())?;
-        }
         records.print(&parameters.deformation);
         setup::note_unless_applicable(&parameters, self.insole.wearer.size, &records.steps);
         eprintln!("{frames} frames of {cells} cells in {seconds:.2} s");
         Ok(())
     }
 
-    /// Computes the steps, the load bouts and, with --load, the alerts in the arithmetic `R`, and writes the files of --load,
-    /// --frames and --picture.
+    /// Computes the steps, the load bouts and, with --load, the alerts in the arithmetic `R`, and writes the files.
     fn replay<R: Real>(&self, source: FrameSource, virtual_insole: &VirtualInsole, tissue: &Tissue) -> Result<Records> {
         let mut insole = Box::new(Insole::<R, MAX_CELLS>::new());
         let accepted = insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied());
@@ -105,9 +99,14 @@ impl Replay {
         let head = source.head().clone();
         let mut scans = virtual_insole.scans(source);
         let mut records = Records::default();
+        let mut times = FrameTimes { period_us: virtual_insole.setup.period_us, t_s: Vec::new() };
+        let has_starts = [&self.json, &self.bouts, &self.load].into_iter().any(Option::is_some);
         // The repetitions of the last frame, which have no time, are not evaluated: their load was not recorded.
         while let Some(Scan { index: i, t_s: Some(t_s), codes }) = scans.next_scan()? {
             let toe_off = insole.frame(i as u32, codes);
+            if has_starts {
+                times.t_s.push(t_s);
+            }
             if let Some(frames) = &mut frames {
                 frames.push(t_s, &insole)?;
             }
@@ -130,8 +129,17 @@ impl Replay {
         records.steps.extend(step);
         records.bouts.extend(std::iter::from_fn(|| insole.end_bout()).map(|bout| Bout::new(&bout)));
         bar.finish_and_clear();
+        if let Some(path) = &self.json {
+            let steps = records.steps.iter().map(|step| times.with_start(step_to_json(step), step.start_us));
+            write_json(path, &steps.collect::<Vec<_>>())?;
+        }
+        if let Some(path) = &self.bouts {
+            let bouts = records.bouts.iter().map(|bout| times.with_start(bout_to_json(bout), bout.start_us));
+            write_json(path, &bouts.collect::<Vec<_>>())?;
+        }
         if let Some(path) = &self.load {
-            let alerts: Vec<_> = records.alerts.iter().map(alert_to_json).collect();
+            let alerts = records.alerts.iter().map(|alert| times.with_start(alert_to_json(alert), alert.start_us));
+            let alerts: Vec<_> = alerts.collect();
             let load = json!({ "load": daily_load_to_json(&insole.daily_load()), "alerts": alerts });
             write_text(path, &serde_json::to_string_pretty(&load)?)?;
         }
@@ -143,6 +151,27 @@ impl Replay {
             picture.write(path, &head, virtual_insole)?;
         }
         Ok(records)
+    }
+}
+
+/// The times of the frames of a recording. An insole assumes a constant period in whole microseconds instead, from which its
+/// clock deviates from that of the recording, for example by 90 ms in an hour at 75 Hz.
+struct FrameTimes {
+    /// The insole's period, us.
+    period_us: u32,
+    /// The time of each frame, s.
+    t_s: Vec<f64>,
+}
+
+impl FrameTimes {
+    /// The record with its start at the time of its frame, s, to the microsecond. `start_us` is its start on the insole's clock.
+    fn with_start(&self, mut record: Value, start_us: u64) -> Value {
+        let frame = (start_us / u64::from(self.period_us)) as usize;
+        // An alert starts at the end of a second, which can be that of the last frame.
+        if let Some(t_s) = self.t_s.get(frame).or(self.t_s.last()) {
+            record["start_s"] = json!((t_s * 1e6).round() / 1e6);
+        }
+        record
     }
 }
 

@@ -7,10 +7,12 @@ use anyhow::{Context, Result, bail};
 use clap::Args;
 use client::{Carrier, Framed, READ_TIMEOUT};
 use emulation::EmulatorConfig;
-use emulator::{Board, Looped, Recorded, Time};
+use emulator::{Board, Joined, Looped, Recorded, Time};
 use serve::{MAX_INSOLES, Options, Source};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
+use std::sync::{Arc, OnceLock};
+use std::time::Duration;
 
 /// Shows one or two insoles in a browser: live loads, steps, trends, and export.
 ///
@@ -20,7 +22,7 @@ use std::path::PathBuf;
 pub struct Serve {
     #[command(flatten)]
     ports: Ports,
-    /// Play this recording into an emulated insole, repeatedly and without end.
+    /// Play this recording into an emulated insole, repeatedly and without end. The recordings of two feet are played together.
     #[arg(long, value_name = "RECORDING")]
     emulate: Vec<PathBuf>,
     #[command(flatten)]
@@ -83,12 +85,15 @@ impl Serve {
         }
         // An emulated board runs until it is dropped, so the boards are held until the program ends.
         let mut boards = Vec::new();
+        // Two feet of one walk must be in step.
+        let start = Arc::new(OnceLock::new());
         for path in &self.emulate {
             let parameters = self.insole.wearer.parameters()?;
             let EmulatedInsole { recording, insole } = EmulatedInsole::new(path, &parameters, &self.insole)?;
             let config = EmulatorConfig::new(insole.setup);
             let cells = insole.cells.clone();
-            let walk = Looped(Recorded::new(recording, insole));
+            let period = Duration::from_micros(insole.setup.period_us.into());
+            let walk = Joined::new(Looped(Recorded::new(recording, insole)), period, start.clone());
             let board = Board::start(&self.firmware, &config, &cells, Time::Real, walk)?;
             let link = board.link()?;
             let mut source = source(path.display().to_string(), move || {

@@ -121,6 +121,25 @@ fn single_trials_are_left_out_with_the_remedy_and_extra_trials_are_not_used() {
     assert_eq!(csv_rows(&path.join("before.csv")), csv_rows(&path.join("after.csv")), "{before}");
 }
 
+/// A copy would be a trial without an error of measurement.
+#[test]
+fn copies_of_recordings_are_left_out_and_named() {
+    let (_folder, path) = study();
+    plantar(&path, "repeat people --csv before.csv");
+    fs::copy(path.join("people/ann/a.parquet"), path.join("people/ann/z.parquet")).expect("copied");
+    fs::copy(path.join("people/ann/a.parquet"), path.join("people/bob/z.parquet")).expect("copied");
+    let (status, text) = plantar(&path, "repeat people --csv after.csv");
+    assert_eq!(status, Some(3), "{text}");
+    for person in ["ann", "bob"] {
+        let words = format!("left out: {person}, z: the same recording as ann, a: give each recording once");
+        assert!(text.contains(&words), "{words}: {text}");
+    }
+    assert_eq!(csv_rows(&path.join("before.csv")), csv_rows(&path.join("after.csv")));
+    let (status, text) = plantar(&path, "cohort people --out table");
+    assert_eq!(status, Some(0), "{text}");
+    assert!(text.contains("note: bob, z.parquet: the same recording as ann, a.parquet"), "{text}");
+}
+
 /// The folder of a study may also contain the tables of earlier runs.
 #[test]
 fn folders_of_results_are_not_participants() {
