@@ -83,7 +83,7 @@ fn read(
         layout,
         rate_hz,
         source: format!(
-            "pedar measurement {}, {} insole, geometry {}, regions by template.{}",
+            "pedar measurement {}, {} insole, geometry {}, regions by template.{}{}",
             file_name(asc_path),
             side.name(),
             file_name(geometry_path),
@@ -91,7 +91,8 @@ fn read(
                 0 => String::new(),
                 1 => " 1 sensor is not in the export.".to_owned(),
                 masked => format!(" {masked} sensors are not in the export."),
-            }
+            },
+            if header.unit.is_some() { "" } else { " The export states no unit: kPa is assumed." }
         ),
         t_s: frames.t_s,
         pressure_kpa: frames.pressure_kpa,
@@ -196,8 +197,8 @@ struct Frames {
 struct Header {
     /// Number of the line that names the columns.
     line: u64,
-    /// The unit of the pressures.
-    unit: String,
+    /// The unit of the pressures, if the export states it.
+    unit: Option<String>,
     kpa_per_unit: f64,
     /// The numbers of the sensors of each foot in the export.
     feet: Vec<Vec<usize>>,
@@ -260,14 +261,14 @@ fn after<'a>(row: &'a str, name: &str) -> Option<&'a str> {
 
 /// Consumes the lines up to the line that names the columns.
 fn read_header<'a>(lines: &mut impl Iterator<Item = (u64, &'a str)>, path: &Path) -> Result<Header> {
-    let (mut unit, mut kpa_per_unit) = ("kPa", 1.0);
+    let (mut unit, mut kpa_per_unit) = (None, 1.0);
     // The sensors of both feet by the mask definition.
     let mut masks = [Vec::new(), Vec::new()];
     for (line, row) in lines {
         let place = || at_line(path, line);
         if let Some(name) = after(row, "pressure values in") {
-            unit = name.trim();
-            kpa_per_unit = units::kpa(unit, &place)?;
+            kpa_per_unit = units::kpa(name.trim(), &place)?;
+            unit = Some(name.trim().into());
         }
         for (mask, name) in masks.iter_mut().zip(["left insole:", "right insole:"]) {
             if let Some(numbers) = after(row, name) {
@@ -294,7 +295,7 @@ fn read_header<'a>(lines: &mut impl Iterator<Item = (u64, &'a str)>, path: &Path
             // The sensor numbers of a foot increase, so a number that does not increase begins the second foot.
             (sensors.chunk_by(|before, sensor| before < sensor).map(<[usize]>::to_vec).collect(), None)
         };
-        return Ok(Header { line, unit: unit.into(), kpa_per_unit, feet, side });
+        return Ok(Header { line, unit, kpa_per_unit, feet, side });
     }
     Err(Error::content(
         path.display().to_string(),
@@ -331,7 +332,7 @@ fn read_frames<'a>(
         frames.lines.push(line);
         for &(column, sensor) in sensors {
             let name = format!("{} {sensor}", side.name());
-            let value = pressure(fields[column], &name, &header.unit, &place)?;
+            let value = pressure(fields[column], &name, header.unit.as_deref().unwrap_or("kPa"), &place)?;
             frames.pressure_kpa.push(header.kpa_per_unit as f32 * value);
         }
         if frames.lines.len().is_multiple_of(LINES_PER_REPORT) {

@@ -68,8 +68,9 @@ fn the_mask_definition_divides_the_sensors_between_the_feet() {
 #[test]
 fn the_name_of_a_unit_may_have_capitals() {
     let newtons = ASC.replace("pressure values in  kPa", "Pressure values in N/cm2");
-    let pressure_kpa = import(&newtons, GEOMETRY, Side::Left).unwrap().pressure_kpa;
-    assert_eq!(pressure_kpa, [10.0, 20.0, 50.0, 60.0, 90.0, 100.0]);
+    let recording = import(&newtons, GEOMETRY, Side::Left).unwrap();
+    assert_eq!(recording.pressure_kpa, [10.0, 20.0, 50.0, 60.0, 90.0, 100.0]);
+    assert!(!recording.source.contains("no unit"), "{}", recording.source);
 }
 
 #[test]
@@ -78,7 +79,7 @@ fn sensors_that_a_mask_excluded_are_missing_in_the_layout() {
     let left = import(masked, GEOMETRY, Side::Left).unwrap();
     assert_eq!(left.pressure_kpa, [2.0, 6.0, 10.0]);
     assert_eq!((left.layout.cells[0].x_mm, left.layout.cells[0].y_mm), (15.0, 5.0));
-    assert!(left.source.contains("1 sensor is not in the export"));
+    assert!(left.source.contains("1 sensor is not in the export") && left.source.contains("no unit: kPa is assumed"));
     assert_eq!(import(masked, GEOMETRY, Side::Right).unwrap().pressure_kpa, [3.0, 4.0, 7.0, 8.0, 11.0, 12.0]);
 }
 
