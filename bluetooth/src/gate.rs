@@ -72,14 +72,45 @@ const BONDABLE_TIMEOUT: Duration = Duration::from_secs(1);
 const IGNORED: &[u8] = &[0, 0, 0, 0];
 /// An undefined pairing command: the host responds that pairing failed, and does not remove a bond.
 const REFUSED: &[u8] = &[2, 0, PAIRING_CHANNEL as u8, 0, 0, 0];
+/// Code of the request Read By Group Type.
+const READ_BY_GROUP_TYPE: u8 = 0x10;
+/// Length of this request with a UUID of 128 bits, bytes. The table has no such group, and the host would panic.
+const LONG_GROUP_TYPE: u16 = 21;
+/// The same request with a group type of an invalid length: the host responds that it does not support the request.
+const INVALID_GROUP_TYPE: &[u8] = &[6, 0, ATT_CHANNEL as u8, 0, READ_BY_GROUP_TYPE, 0, 0, 0, 0, 0];
+
+/// Length of the shortest content with this code on the channel of attributes, bytes (Core Specification 5.4, volume 3, part F,
+/// section 3.4). The host reads so many bytes without a check of the length, and a shorter content would make it panic. `None` for
+/// the odd codes, which are those of a server's messages: the insole is no client, so the host would store them and never remove
+/// them.
+const fn shortest_content(code: u8) -> Option<u16> {
+    Some(match code {
+        // Exchange MTU, Read, Write Request, Write Command.
+        0x02 | 0x0a | 0x12 | 0x52 => 3,
+        // Find Information, Read Blob, Read Multiple (the host reads the first handle; there are two at least), Prepare Write.
+        0x04 | 0x0c | 0x0e | 0x16 => 5,
+        // Find By Type Value, Read By Type, Read By Group Type.
+        0x06 | 0x08 | READ_BY_GROUP_TYPE => 7,
+        // Execute Write.
+        0x18 => 2,
+        // The host responds to unknown requests with an error.
+        _ if code.is_multiple_of(2) => 1,
+        _ => return None,
+    })
+}
 
 impl<C> Gate<'_, C> {
     /// Filters the first fragment of a packet: replaces pairing requests while bonding is not allowed, fragments without a whole
-    /// L2CAP header and, on the channels of attributes and of pairing, fragments without the first byte of the content.
+    /// L2CAP header, on the channels of attributes and of pairing fragments without the first byte of the content, and malformed
+    /// content of attributes.
     fn admit<'p>(&self, data: &'p [u8]) -> &'p [u8] {
-        let &[_, _, low, high, ref body @ ..] = data else { return IGNORED };
+        let &[length_low, length_high, low, high, ref body @ ..] = data else { return IGNORED };
+        // The length of the whole packet. The host refuses more bytes, and waits for the other fragments if there are fewer.
+        let length = u16::from_le_bytes([length_low, length_high]);
         match (u16::from_le_bytes([low, high]), body.first()) {
             (ATT_CHANNEL | PAIRING_CHANNEL, None) => IGNORED,
+            (ATT_CHANNEL, Some(&READ_BY_GROUP_TYPE)) if length == LONG_GROUP_TYPE => INVALID_GROUP_TYPE,
+            (ATT_CHANNEL, Some(&code)) if shortest_content(code).is_none_or(|shortest| length < shortest) => IGNORED,
             _ if is_pairing_request(data) && !self.insole.allows_bonding() => REFUSED,
             _ => data,
         }

@@ -447,6 +447,38 @@ fn malformed_values_are_refused_and_the_session_continues() {
     stream_steps(&mut world, &mut phone, 1);
 }
 
+/// Whatever a stranger sends, with every code and every length of the attribute protocol, of signalling and of pairing, the
+/// insole does not restart.
+#[test]
+#[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
+fn no_packet_of_a_stranger_restarts_the_insole() {
+    let mut world = World::start(WALK(1));
+    let mut owner = world.bonded_phone(247);
+    let before = owner.status(&mut world.radio);
+    owner.disconnect(&mut world.radio);
+    let mut stranger = world.new_phone(2);
+    for filler in [0x01, 0xff] {
+        // The insole disconnects a stranger for some packets of pairing, so each of its commands has a connection of its own.
+        for (channel, codes, connection_codes) in [(4, 256, 64), (5, 256, 64), (6, 16, 1)] {
+            for first in (0..codes).step_by(connection_codes) {
+                let contents = (first..first + connection_codes)
+                    .flat_map(|code| (0..=23).map(move |len| [vec![code as u8], vec![filler; len]].concat()));
+                stranger.connect_without_discovery(&mut world.radio, 247);
+                stranger.packets(&mut world.radio, channel, &contents.collect::<Vec<_>>());
+                stranger.cut(&mut world.radio);
+            }
+        }
+    }
+    // The requests of 128-bit UUIDs are answered, one by one, so that none can be missing in a full queue.
+    stranger.connect_without_discovery(&mut world.radio, 247);
+    stranger.packets(&mut world.radio, 4, &[[&[0x10, 1, 0, 0xff, 0xff][..], &[0; 16]].concat()]);
+    stranger.cut(&mut world.radio);
+    owner.reopen(&mut world.radio, 247);
+    let after = owner.status(&mut world.radio);
+    assert!(!after.is_after_restart(&before), "{before:?}, {after:?}");
+    stream_steps(&mut world, &mut owner, 1);
+}
+
 /// Plays the walk to its end, and waits for this number of steps.
 fn stream_steps(world: &mut World, phone: &mut Phone, steps: usize) {
     world.insole.play(u32::MAX);

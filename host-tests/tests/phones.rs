@@ -328,7 +328,8 @@ impl Phone {
         radio.request(json!({"do": "discover", "phone": self.name}))["table"].clone()
     }
 
-    fn connect_without_discovery(&mut self, radio: &mut RadioSimulation, mtu: u16) {
+    /// As [`Self::connect`], without its last step.
+    pub fn connect_without_discovery(&mut self, radio: &mut RadioSimulation, mtu: u16) {
         let found = radio.request(json!({"do": "scan", "phone": self.name, "name": self.insole}));
         radio.request(json!({"do": "connect", "phone": self.name, "address": found["address"]}));
         self.joiners.clear();
@@ -396,6 +397,12 @@ impl Phone {
     pub fn command_and_read(&self, radio: &mut RadioSimulation, characteristic: &str, value: &[u8]) -> Vec<u8> {
         let command = json!({"do": "command", "phone": self.name, "of": characteristic, "value": hex(value)});
         unhex(&radio.request(command)["value"])
+    }
+
+    /// Sends content on a channel of L2CAP, whether it is valid or not.
+    pub fn packets(&self, radio: &mut RadioSimulation, channel: u16, contents: &[Vec<u8>]) {
+        let contents: Vec<_> = contents.iter().map(|content| hex(content)).collect();
+        radio.request(json!({"do": "packets", "phone": self.name, "channel": channel, "contents": contents}));
     }
 
     /// Sends a message in fragments.

@@ -7,9 +7,10 @@
 use crate::common::{TIMEOUT, connect};
 use crate::updates::{BOARD, Insole, OLD, development, firmware_with, signed};
 use client::{Client, Error, Framed};
-use emulation::ACTIVE_IMAGE;
+use emulation::{ACTIVE_IMAGE, InjectedFault, PlannedFault};
 use emulator::{Board, Link};
 use firmware_image::{Image, SigningKey};
+use plantar::firmware::start::MAX_FAILED_STARTS;
 use plantar::protocol::update::{CHUNK, Header, Progress, Refusal, Request};
 use plantar::protocol::{self, ToDevice};
 use plantar::storage::flash_map::{HEADER, MAX_IMAGE, SECTOR};
@@ -113,6 +114,32 @@ fn a_signed_image_that_crashes_is_swapped_back() {
     assert!(!insole.wait(board), "the image must crash, and not be swapped");
     let board = insole.start(None, false, None);
     assert!(insole.wait(board), "the bootloader must swap back");
+    let board = insole.start(None, true, None);
+    assert_eq!(connect(&board).hello().firmware, OLD);
+}
+
+/// An image that begins to crash after it was confirmed. It processes frames between its crashes, so that only the start after
+/// the last crash can swap the previous image back.
+#[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
+fn a_confirmed_image_that_crashes_again_and_again_is_swapped_back() {
+    let mut insole = Insole::new();
+    insole.accept(&firmware_with(NEW, &development()));
+    let board = insole.start(None, false, None);
+    assert!(insole.wait(board));
+    let board = insole.start(None, true, None);
+    let mut session = connect(&board);
+    assert_eq!(session.hello().firmware, NEW);
+    board.play();
+    while refusal(session.update(Request::Confirm)) == Some(Refusal::OnTrial) {}
+    insole.switch_off(board);
+
+    insole.fault = Some(PlannedFault { kind: InjectedFault::Panic, after_ms: 1000, is_repeated: true });
+    let board = insole.start(None, false, None);
+    // Each start plays the walk again.
+    (0..=MAX_FAILED_STARTS).for_each(|_| board.play());
+    assert!(insole.wait(board), "the bootloader must swap back");
+    insole.fault = None;
     let board = insole.start(None, true, None);
     assert_eq!(connect(&board).hello().firmware, OLD);
 }

@@ -1,7 +1,7 @@
 //! Shared parts of the tests of updates in QEMU: signed images, and an insole that is switched on and off.
 
 use crate::common::{connect, firmware, synthetic_walk};
-use emulation::EmulatorConfig;
+use emulation::{EmulatorConfig, PlannedFault};
 use emulator::{Board, Hardware, Looped, Recorded, Time};
 use firmware_image::{Image, SigningKey, development_key, flash_image};
 use plantar::pipeline::contact::ContactRule;
@@ -38,12 +38,14 @@ pub fn firmware_with(version: &str, secret: &SigningKey) -> Image {
 pub struct Insole {
     /// The content of the flash chip while the insole is off; `None` for a new chip.
     pub flash: Option<Vec<u8>>,
+    /// A fault of the firmware.
+    pub fault: Option<PlannedFault>,
 }
 
 impl Insole {
     /// An insole with a new chip.
     pub fn new() -> Self {
-        Self { flash: None }
+        Self { flash: None, fault: None }
     }
 
     /// Switches the insole on. With `power_cut`, power fails in the write or erase operation of the chip with this number,
@@ -52,7 +54,7 @@ impl Insole {
     pub fn start(&self, power_cut: Option<u32>, swapped: bool, hci: Option<u64>) -> Board {
         let walk = synthetic_walk(2, 100.0);
         let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
-        let config = EmulatorConfig { power_cut, ..EmulatorConfig::new(virtual_insole.setup) };
+        let config = EmulatorConfig { power_cut, fault: self.fault, ..EmulatorConfig::new(virtual_insole.setup) };
         let cells = virtual_insole.cells.clone();
         let hci = hci.map(|port| ([127, 0, 0, 1], port as u16).into());
         let hardware = Hardware { flash: self.flash.clone(), swapped, hci };

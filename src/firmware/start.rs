@@ -134,6 +134,9 @@ const OTHER_RULE: &str = "the parameters belong to another contact rule and are 
 /// had replaced that image and the new one has not run for an hour yet. Otherwise the insole starts in recovery mode: it scans
 /// and communicates, stores nothing, and accepts updates.
 ///
+/// To be awaited in a task of an Embassy executor: the start limits times, and the timers of `embassy-time` panic if another
+/// executor, such as `embassy_futures::block_on`, has to wait for one.
+///
 /// # Panics
 /// When called twice with the same memory.
 pub fn start<F: MultiwriteNorFlash, const FRAMES: usize>(

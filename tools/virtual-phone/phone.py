@@ -361,6 +361,14 @@ class World:
             characteristic = phone.characteristics[command['of']]
             await phone.peer.gatt_client.write_value(characteristic, bytes.fromhex(command['value']), False)
             return {'value': bytes(await phone.peer.gatt_client.read_value(characteristic)).hex()}
+        if do == 'packets':
+            # Content of the channel, without a check by bumble, until the insole disconnects.
+            for content in command['contents']:
+                if phone.connection is None:
+                    break
+                phone.connection.send_l2cap_pdu(command['channel'], bytes.fromhex(content))
+                await asyncio.sleep(0)
+            return {}
         if do == 'subscribe':
             await phone.subscribe(command['to'])
             return {}

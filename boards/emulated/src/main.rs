@@ -20,11 +20,10 @@ use core::sync::atomic::{AtomicU32, Ordering};
 use cortex_m::peripheral::{NVIC, SYST};
 use defmt_semihosting as _;
 use embassy_executor::{InterruptExecutor, Spawner};
-use embassy_futures::block_on;
 use embassy_futures::join::join;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::{Receiver, Sender};
-use embassy_time::{Duration, Instant};
+use embassy_time::{Duration, Instant, Timer};
 use emulation::{EmulatorConfig, FlashFile, InjectedFault};
 use injected_fault::{MayStall, inject};
 use plant::{Clock, FRAME_EVALUATED, PlantMatrix};
@@ -154,7 +153,11 @@ async fn run(boot: BootReport, image: &'static Header) {
         from_host.as_ref().map_or_else(|| EmulatorConfig::new(layout::setup(Side::Left)), |(config, _)| *config);
     injected_fault::plan(config.fault.filter(|planned| planned.is_repeated || boot.reset == Reset::Power));
     inject(&[InjectedFault::Panic]);
-    let chip = async { Some(FlashFile::open(config.power_cut)) };
+    let chip = async {
+        // The chips of real boards need time until they answer, so their start is suspended here, too.
+        Timer::after_millis(1).await;
+        Some(FlashFile::open(config.power_cut))
+    };
     let (received, built_in, fault) = match from_host {
         Some((_, cells)) => (Some(cells), None, None),
         None => {
@@ -169,13 +172,11 @@ async fn run(boot: BootReport, image: &'static Header) {
     // One iterator for both cases: with two types of iterator, the function `start` would be compiled twice, and the stack would
     // have room for both versions.
     let cells = received.into_iter().flatten().chain(built_in.into_iter().flatten());
-    // No other task runs yet, so the start may block. The state of the start is then on the stack and not in the static memory
-    // of this task.
     let restart = cortex_m::peripheral::SCB::sys_reset;
     let setup = config.setup;
     let configuration = Configuration { setup, cells, serial_bytes_per_s: SERIAL_BYTES_PER_S, fault, restart };
     let gauges = Gauges { stack_bytes: cortex_m_platform::stack_bytes, supply_mv: || None };
-    let started = block_on(start(&MEMORY, chip, &boot, image, &configuration, &SCAN_COUNTERS, gauges));
+    let started = start(&MEMORY, chip, &boot, image, &configuration, &SCAN_COUNTERS, gauges).await;
     let Started { insole, store, shared, to_process, scanned, period_us } = started;
     let matrix = PlantMatrix::open(&PLANT, insole.cells());
     let clock = if config.is_paced {

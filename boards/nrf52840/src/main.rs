@@ -29,7 +29,6 @@ use cortex_m::register::fpscr::{self, Fpscr};
 use cortex_m_platform::CycleCounter;
 use defmt_rtt as _;
 use embassy_executor::{InterruptExecutor, Spawner};
-use embassy_futures::block_on;
 use embassy_nrf::buffered_uarte::{self, BufferedUarte};
 use embassy_nrf::config::{Config, Debug, LfclkSource};
 use embassy_nrf::gpio::{AnyPin, Input, Level, Output, OutputDrive, Pull};
@@ -230,17 +229,15 @@ async fn run(boot: BootReport, image: &'static Header, p: Peripherals, has_cryst
         restart: SCB::sys_reset,
     };
     // Without a measurement, the charge would read 0 % and the start could store nothing, so a failed measurement is repeated.
-    // No other task runs yet, so the measurement and the start below may block. The future of the start is then on the stack and
-    // not in the static memory of this task.
     for _ in 0..BATTERY_ATTEMPTS {
-        block_on(matrix.measure_battery());
+        matrix.measure_battery().await;
         if matrix::supply_mv().is_some() {
             break;
         }
     }
     let chip = flash::open(p.QSPI);
     let gauges = Gauges { stack_bytes: cortex_m_platform::stack_bytes, supply_mv: matrix::supply_mv };
-    let started = block_on(start(&MEMORY, chip, &boot, image, &configuration, &SCAN_COUNTERS, gauges));
+    let started = start(&MEMORY, chip, &boot, image, &configuration, &SCAN_COUNTERS, gauges).await;
     let Started { insole, store, shared, to_process, scanned, period_us } = started;
     let mut link = uarte::Config::default();
     link.baudrate = LINK_RATE;

@@ -13,7 +13,6 @@ use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m_platform::CycleCounter;
 use defmt_rtt as _;
 use embassy_executor::{InterruptExecutor, Spawner};
-use embassy_futures::block_on;
 use embassy_stm32::adc::AdcChannel;
 use embassy_stm32::gpio::{AnyPin, Input, Level, Output, Pull, Speed};
 use embassy_stm32::interrupt::{InterruptExt, Priority};
@@ -236,9 +235,7 @@ async fn main(spawner: Spawner) {
         restart: cortex_m::peripheral::SCB::sys_reset,
     };
     let gauges = Gauges { stack_bytes: cortex_m_platform::stack_bytes, supply_mv: matrix::supply_mv };
-    // No other task runs yet, so the start may block. The state of the start is then on the stack and not in the static memory
-    // of this task.
-    let started = block_on(start(&MEMORY, chip, &boot, image, &configuration, &SCAN_COUNTERS, gauges));
+    let started = start(&MEMORY, chip, &boot, image, &configuration, &SCAN_COUNTERS, gauges).await;
     let Started { insole, store, shared, to_process, scanned, period_us } = started;
     let mut link = usart::Config::default();
     link.baudrate = LINK_BIT_HZ;

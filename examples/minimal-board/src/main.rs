@@ -9,7 +9,6 @@ use core::hint::black_box;
 use core::task::Waker;
 use defmt_rtt as _;
 use embassy_executor::{InterruptExecutor, Spawner};
-use embassy_futures::block_on;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::{Receiver, Sender};
 use embedded_io_async::{Read, Write};
@@ -165,8 +164,7 @@ async fn main(spawner: Spawner) {
         restart: cortex_m::peripheral::SCB::sys_reset,
     };
     let gauges = Gauges { stack_bytes: cortex_m_platform::stack_bytes, supply_mv: || None };
-    let started =
-        block_on(start(&MEMORY, async { Some(NoChip) }, &boot, image, &configuration, &SCAN_COUNTERS, gauges));
+    let started = start(&MEMORY, async { Some(NoChip) }, &boot, image, &configuration, &SCAN_COUNTERS, gauges).await;
     let Started { insole, store, shared, to_process, scanned, period_us } = started;
     // Each task has static memory of its own and is spawned once, so spawning cannot fail.
     SCAN_EXECUTOR.start(SpareInterrupt).spawn(run_scan(Ticker::new(period_us), to_process).unwrap());
