@@ -550,6 +550,17 @@ fn no_single_bit_error_produces_another_message() {
     }
 }
 
+/// An insole may be anything that advertises its name, and hosts print these texts.
+#[test]
+fn texts_of_a_hello_do_not_control_a_terminal() {
+    let sent =
+        Hello { firmware: text("1\u{1b}[2J"), board: text("b\u{9b}\u{7}"), fault: Some(text("a\r\nb é")), ..hello() };
+    let mut message = [0; MAX_MESSAGE];
+    let decoded = decode::<ToHost>(encode(&ToHost::Hello(sent.clone()), &mut message).expect("it fits"));
+    let expected = Hello { firmware: text("1?[2J"), board: text("b??"), fault: Some(text("a??b é")), ..sent };
+    assert_eq!(decoded, Some(ToHost::Hello(expected)));
+}
+
 #[test]
 fn longest_messages_fit_their_limits() {
     let max_text = "x".repeat(96);

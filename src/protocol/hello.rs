@@ -3,7 +3,7 @@
 use crate::pipeline::contact::ContactRule;
 use crate::pipeline::region::Side;
 use heapless::String;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 
 /// Longest text of [`Hello::fault`], bytes.
 pub const MAX_FAULT_TEXT: usize = 96;
@@ -17,8 +17,10 @@ pub struct Hello {
     /// Minor protocol version of the insole.
     pub minor: u8,
     /// Firmware version.
+    #[serde(deserialize_with = "printable")]
     pub firmware: String<16>,
     /// Board name.
+    #[serde(deserialize_with = "printable")]
     pub board: String<16>,
     /// Foot.
     pub side: Side,
@@ -39,7 +41,29 @@ pub struct Hello {
     /// "recovery"; the insole then ignores the stored data, except the bonds in the first such start. Without such a failure:
     /// a fault of this start, such as a chip that does not answer, or stored parameters of another contact rule. If the set-up
     /// of the board was refused, [`Hello::cells`] is 0, and the insole does not measure.
+    #[serde(deserialize_with = "printable_option")]
     pub fault: Option<String<MAX_FAULT_TEXT>>,
+}
+
+/// Decodes a text. Control characters, which would have an effect on the terminal of a host that prints the text, become question
+/// marks.
+fn printable<'de, const N: usize, D: Deserializer<'de>>(deserializer: D) -> Result<String<N>, D::Error> {
+    String::deserialize(deserializer).map(|text| without_control_characters(&text))
+}
+
+/// As [`printable`], for an optional text.
+fn printable_option<'de, const N: usize, D: Deserializer<'de>>(deserializer: D) -> Result<Option<String<N>>, D::Error> {
+    let text: Option<String<N>> = Option::deserialize(deserializer)?;
+    Ok(text.map(|text| without_control_characters(&text)))
+}
+
+fn without_control_characters<const N: usize>(text: &String<N>) -> String<N> {
+    let mut printable = String::new();
+    for character in text.chars() {
+        // A question mark is not longer than the character that it replaces, so all of them fit.
+        let _ = printable.push(if character.is_control() { '?' } else { character });
+    }
+    printable
 }
 
 /// Why an insole started.

@@ -7,7 +7,7 @@ use plantar::faults::Faults;
 use plantar::pipeline::alert::{AlertRules, DailyLoad};
 use plantar::pipeline::baseline::{ZERO_S, ZeroResult};
 use plantar::pipeline::calibrate::CellCalibration;
-use plantar::pipeline::setup::{Setup, SetupCell};
+use plantar::pipeline::setup::{DEVICE_CELLS, Setup, SetupCell};
 use plantar::pipeline::tissue::{Identified, Tissue};
 use plantar::protocol::{
     BLOCK_CELLS, CalibrationId, CellStream, Hello, Identity, SETUP_CELLS, Serial, Settings, Status, ToDevice, ToHost,
@@ -255,7 +255,8 @@ impl<C: Carrier> Client<C> {
             })?;
             let is_last = cells.len() < SETUP_CELLS;
             all.extend(cells);
-            if is_last {
+            // Whatever an insole sends, it has no more cells.
+            if is_last || all.len() >= DEVICE_CELLS {
                 return Ok(all);
             }
         }

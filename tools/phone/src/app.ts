@@ -125,6 +125,11 @@ export class App {
 
   /** Connects to the insoles of `plantar serve`. */
   private serve(): void {
+    // In a frame of another page, this page has a store of its own, and steps that it acknowledges would be lost for the wearer.
+    if (window.top !== window) {
+      this.problem = "This page does not connect within another page. Open it in a tab of its own.";
+      return;
+    }
     const url = new URL("insoles", location.href);
     url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
     url.search = "";

@@ -142,11 +142,14 @@ impl Metadata<'static> {
 
     /// The recording without its frames.
     pub fn head(self) -> Recording {
+        // A file may come from anywhere. Control characters would have an effect on the terminal on which a text is printed.
+        let printable = |text: String| text.replace(char::is_control, " ");
+        let Layout { name, cells } = self.layout.into_owned();
         Recording {
             side: self.side,
-            layout: self.layout.into_owned(),
+            layout: Layout { name: printable(name), cells },
             rate_hz: self.rate_hz,
-            source: self.source.into_owned(),
+            source: printable(self.source.into_owned()),
             t_s: Vec::new(),
             pressure_kpa: Vec::new(),
         }

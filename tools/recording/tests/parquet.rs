@@ -114,6 +114,18 @@ fn a_written_recording_is_read_back_unchanged() {
     assert!(written == Recording::read(&path).unwrap());
 }
 
+/// A file may come from anywhere, and its texts are printed.
+#[test]
+fn texts_of_a_file_do_not_control_a_terminal() {
+    let (_folder, path) = in_folder();
+    let mut written = synthetic::walk(&SyntheticWalk { steps: 1, ..SyntheticWalk::default() }).recording;
+    written.source = "a\u{1b}[2Jb".into();
+    written.layout.name = "a\u{9b}2Jb\u{7}".into();
+    written.write(&path).unwrap();
+    let read = Recording::read(&path).unwrap();
+    assert_eq!((read.source.as_str(), read.layout.name.as_str()), ("a [2Jb", "a 2Jb "));
+}
+
 #[test]
 fn a_failed_write_leaves_an_existing_recording_as_it_is() {
     let (_folder, path) = in_folder();

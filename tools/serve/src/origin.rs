@@ -7,8 +7,8 @@ use std::net::IpAddr;
 /// For the served page both contain the same host. An attacker can let a name of their own resolve to this computer (DNS
 /// rebinding), so the host must be an address or `localhost`. `others` are further origins that may connect. Programs other than
 /// browsers send no origin, and may connect.
-pub(crate) fn is_allowed(origin: Option<&str>, host: Option<&str>, others: &[String]) -> bool {
-    let Some(origin) = origin else { return true };
+pub(crate) fn is_allowed(origins: &[&str], host: Option<&str>, others: &[String]) -> bool {
+    let &[origin] = origins else { return origins.is_empty() };
     if others.iter().any(|other| other.trim_end_matches('/') == origin) {
         return true;
     }
@@ -33,10 +33,10 @@ mod tests {
     fn the_served_page_and_allowed_origins_may_connect() {
         let others = ["https://insoles.example".to_string()];
         for host in ["127.0.0.1:7340", "localhost:7340", "[::1]:7340", "192.168.1.20:7340"] {
-            assert!(is_allowed(Some(&format!("http://{host}")), Some(host), &others), "{host}");
+            assert!(is_allowed(&[&format!("http://{host}")], Some(host), &others), "{host}");
         }
-        assert!(is_allowed(Some("https://insoles.example"), Some("127.0.0.1:7340"), &others));
-        assert!(is_allowed(None, Some("127.0.0.1:7340"), &others));
+        assert!(is_allowed(&["https://insoles.example"], Some("127.0.0.1:7340"), &others));
+        assert!(is_allowed(&[], Some("127.0.0.1:7340"), &others));
     }
 
     #[test]
@@ -47,8 +47,11 @@ mod tests {
             // A name that resolves to this computer.
             ("http://evil.example:7340", "evil.example:7340"),
             ("null", "127.0.0.1:7340"),
+            // What is no text.
+            ("", "127.0.0.1:7340"),
         ] {
-            assert!(!is_allowed(Some(origin), Some(host), &[]), "{origin}");
+            assert!(!is_allowed(&[origin], Some(host), &[]), "{origin}");
         }
+        assert!(!is_allowed(&["http://localhost:7340"; 2], Some("localhost:7340"), &[]), "a browser sends one origin");
     }
 }

@@ -6,7 +6,7 @@ use crate::{Error, Options};
 use axum::Router;
 use axum::extract::State;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
-use axum::http::header::{CACHE_CONTROL, HOST, HeaderName, ORIGIN};
+use axum::http::header::{CACHE_CONTROL, CONTENT_SECURITY_POLICY, HOST, HeaderName, ORIGIN, X_FRAME_OPTIONS};
 use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 use axum::routing::any;
@@ -78,11 +78,16 @@ fn router(hub: Arc<Hub>, options: &Options) -> Router {
         .fallback_service(ServeDir::new(&options.page))
         // Makes the browser check for a newer build at each visit.
         .layer(header(CACHE_CONTROL, "no-cache"))
+        // In a frame of a foreign page, the browser gives the page a store of its own. Steps that this page acknowledges would be
+        // lost for the wearer.
+        .layer(header(CONTENT_SECURITY_POLICY, "frame-ancestors 'none'"))
+        .layer(header(X_FRAME_OPTIONS, "DENY"))
 }
 
 async fn insoles(State(served): State<Served>, headers: HeaderMap, upgrade: WebSocketUpgrade) -> Response {
-    let header = |name: HeaderName| headers.get(name).and_then(|value| value.to_str().ok());
-    if !is_allowed(header(ORIGIN), header(HOST), &served.origins) {
+    let texts = |name: HeaderName| headers.get_all(name).iter().map(|value| value.to_str().unwrap_or_default());
+    let origins: Vec<&str> = texts(ORIGIN).collect();
+    if !is_allowed(&origins, texts(HOST).next(), &served.origins) {
         return (StatusCode::FORBIDDEN, "pages from other origins may not connect").into_response();
     }
     let page = served.hub.join();

@@ -15,7 +15,7 @@ use plantar::protocol::{
 use serve::{Options, Source};
 use std::collections::VecDeque;
 use std::io::{self, Read, Write};
-use std::net::{Ipv4Addr, SocketAddr};
+use std::net::{Ipv4Addr, SocketAddr, TcpStream};
 use std::path::Path;
 use std::sync::mpsc::channel;
 use std::sync::{Arc, Condvar, Mutex};
@@ -663,6 +663,17 @@ async fn a_page_receives_the_counters_of_the_insole() {
             break;
         }
     }
+}
+
+/// In a frame of a foreign page, the browser would give the page another store, and the wearer's steps would be lost.
+#[test]
+fn the_page_may_not_be_shown_in_a_frame() {
+    let mut stream = TcpStream::connect(serve(&[&Cable::new(Side::Left)], None)).expect("a connection");
+    stream.write_all(b"GET / HTTP/1.0\r\n\r\n").expect("sent");
+    let mut response = String::new();
+    stream.read_to_string(&mut response).expect("text");
+    assert!(response.contains("content-security-policy: frame-ancestors 'none'\r\n"), "{response}");
+    assert!(response.contains("x-frame-options: DENY\r\n"), "{response}");
 }
 
 #[tokio::test]
