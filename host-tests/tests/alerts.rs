@@ -304,3 +304,31 @@ fn the_day_begins_at_the_set_minute() {
     assert_eq!(rules.day(midnight_us), rules.day(midnight_us + 329 * minute_us));
     assert_eq!(rules.day(midnight_us) + 1, rules.day(midnight_us + 330 * minute_us));
 }
+
+/// At 31.25 Hz, 31 frames are counted as a second, but last 0.992 s. The recording ends within a second.
+#[test]
+fn the_load_of_a_recording_has_its_time_at_a_rate_that_is_no_integer() {
+    let walk = common::synthetic_walk(20, 100.0).at_rate(31.25).expect("a walk");
+    let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
+    let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
+    insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("the set-up is valid");
+    let mut codes = vec![0; virtual_insole.cells.len()];
+    for i in 0..walk.frames() {
+        virtual_insole.codes_of(&walk, i, &mut codes);
+        insole.frame(i as u32, &codes);
+    }
+    insole.end_load();
+    let cells = &walk.layout.cells;
+    for region in [Region::Heel, Region::Metatarsals12, Region::Hallux] {
+        let squared_kpa2_s: f64 = walk
+            .pressure_kpa
+            .chunks(cells.len())
+            .map(|frame| {
+                let of_region = frame.iter().zip(cells).filter(|(_, cell)| cell.region == region);
+                of_region.map(|(kpa, _)| f64::from(*kpa).powi(2)).fold(0.0, f64::max) / 31.25
+            })
+            .sum();
+        let total = f64::from(insole.daily_load().totals.regions[region as usize].squared_kpa2_s);
+        assert!((total - squared_kpa2_s).abs() < 0.003 * squared_kpa2_s, "{region:?}: {total}, {squared_kpa2_s}");
+    }
+}

@@ -28,7 +28,7 @@ def areas(pressure_kpa):
 def loading_rate(force_n):
     """Slope of the force between 20 and 80 % of its first peak, N/s. The first peak is the first sample that is at least half of
     the largest force and is not exceeded in the next 50 ms. The region is unloaded in the sample before heel strike."""
-    window = round(0.05 * rate_hz)
+    window = int(0.05 * rate_hz + 1e-9)
     peak = next(
         i for i, f in enumerate(force_n) if f >= 0.5 * force_n.max() and f >= force_n[i : i + window + 1].max()
     )

@@ -15,6 +15,14 @@ impl<R: Real, const N: usize> Insole<R, N> {
         }
     }
 
+    /// Adds the load of the last frames, which are no whole second, to the load of the day. Used by hosts, at the end of a
+    /// recording.
+    pub fn end_load(&mut self) {
+        if self.cumulative.finish(&self.alert_rules.limits) {
+            self.end_second();
+        }
+    }
+
     #[cold]
     fn end_second(&mut self) {
         self.alerts.end_second(

@@ -118,8 +118,10 @@ type Window = [u16; WINDOW_PARTS as usize + 1];
 /// The cumulative load of an insole.
 #[derive(Debug)]
 pub(crate) struct CumulativeLoad<R> {
-    /// Number of frames in a second.
+    /// Number of frames in a second, rounded.
     second_frames: u32,
+    /// Time between frames, s.
+    frame_s: R,
     /// Number of frames in the present second.
     frames: u32,
     sums: [Sums<R>; 8],
@@ -141,6 +143,7 @@ impl<R: Real> CumulativeLoad<R> {
     pub(crate) const fn new() -> Self {
         Self {
             second_frames: 0,
+            frame_s: R::ZERO,
             frames: 0,
             sums: [Sums::NONE; 8],
             windows: [[0; WINDOW_PARTS as usize + 1]; 8],
@@ -155,7 +158,8 @@ impl<R: Real> CumulativeLoad<R> {
 
     /// Discards all load. `period_us` is the time between two frames, us.
     pub(crate) fn set_up(&mut self, period_us: u32) {
-        *self = Self { second_frames: (1_000_000 + period_us / 2) / period_us.max(1), ..Self::new() };
+        let second_frames = (1_000_000 + period_us / 2) / period_us.max(1);
+        *self = Self { second_frames, frame_s: R::of_u32(period_us) * R::of(1e-6), ..Self::new() };
     }
 
     /// Begins a window without load, because the limits have changed.
@@ -195,10 +199,21 @@ impl<R: Real> CumulativeLoad<R> {
         is_second
     }
 
+    /// Ends the present second now, if it has begun: no further frames follow.
+    pub(crate) fn finish(&mut self, limits: &LoadLimits) -> bool {
+        let has_begun = self.frames > 0;
+        if has_begun {
+            self.frames = self.second_frames;
+            self.end_second(limits);
+        }
+        has_begun
+    }
+
     /// Adds the present second to the totals and the windows.
     #[cold]
     fn end_second(&mut self, limits: &LoadLimits) {
-        let frame_s = R::ONE / R::of_u32(self.second_frames);
+        // At a rate that is no integer, the frames of a second last up to 1.5 % longer or shorter than a second.
+        let frame_s = self.frame_s;
         let part_length_s = limits.window_s / WINDOW_PARTS;
         self.part_s += 1;
         let oldest = (usize::from(self.part) + 1) % (WINDOW_PARTS as usize + 1);

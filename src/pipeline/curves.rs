@@ -196,7 +196,16 @@ impl<R: Real> Curves<R> {
 
 /// Number of samples that is nearest to the time `us`, if `sample_s` is the time between samples, s.
 pub(super) fn whole_samples<R: Real>(us: u32, sample_s: R) -> usize {
-    // Whole microseconds, so that single and double precision have the same number. A time between samples is positive.
-    let sample_us = (sample_s * R::of(1e6) + R::of(0.5)).to_u32().max(1);
+    let sample_us = whole_us(sample_s);
     ((us + sample_us / 2) / sample_us) as usize
+}
+
+/// Number of samples within the time `us` after a sample, if `sample_s` is the time between samples, s.
+pub(super) fn samples_within<R: Real>(us: u32, sample_s: R) -> usize {
+    (us / whole_us(sample_s)) as usize
+}
+
+/// The time between samples in whole microseconds, so that single and double precision have the same number. It is positive.
+fn whole_us<R: Real>(sample_s: R) -> u32 {
+    (sample_s * R::of(1e6) + R::of(0.5)).to_u32().max(1)
 }

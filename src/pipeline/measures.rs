@@ -1,6 +1,6 @@
 //! The standard measures of a step, of each region and of the foot. docs/measures.md has their definitions and sources.
 
-use super::curves::{Curves, whole_samples};
+use super::curves::{Curves, samples_within};
 use crate::num::Real;
 
 /// The measures of one region in a step.
@@ -12,7 +12,8 @@ pub struct RegionMeasures<R> {
     pub peak_pressure_s: R,
     /// Sum of the largest cell pressures of all samples, times the time between samples, kPa s.
     pub pressure_integral_kpa_s: R,
-    /// Force divided by contact area in the sample with the largest force, kPa.
+    /// Force divided by contact area in the sample with the largest force, kPa. With covered shares the area is an effective one,
+    /// which is smaller than that of the loaded cells, so this value can exceed [`Self::peak_pressure_kpa`].
     pub mean_pressure_kpa: R,
     /// Slope of the force between 20 and 80 % of its first peak, N/s.
     pub loading_rate_n_s: R,
@@ -23,7 +24,7 @@ pub struct RegionMeasures<R> {
     pub residual_n: R,
 }
 
-/// A peak is the first one if the force does not rise above it for this time, us.
+/// A peak is the first one if no sample within this time exceeds it, us.
 const PEAK_WINDOW_US: u32 = 50_000;
 /// The first peak has at least this share of the largest force.
 const LEAST_PEAK: f64 = 0.5;
@@ -79,7 +80,7 @@ fn largest<R: Real>(values: &[R]) -> usize {
 
 /// Slope of the force between the times at which it passes 20 and 80 % of its first peak, N/s.
 fn loading_rate_n_s<R: Real>(force_n: &[R], largest_n: R, sample_s: R) -> R {
-    let window = whole_samples(PEAK_WINDOW_US, sample_s);
+    let window = samples_within(PEAK_WINDOW_US, sample_s);
     let is_first_peak = |&i: &usize| {
         let later = &force_n[i..(i + window + 1).min(force_n.len())];
         force_n[i] >= largest_n * R::of(LEAST_PEAK) && later.iter().all(|later_n| *later_n <= force_n[i])

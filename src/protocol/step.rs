@@ -294,7 +294,7 @@ quantities! {
         #[serde(with = "le")]
         mean_pressure_dkpa: u16 = (region.measures.mean_pressure_kpa * R::of(10.0)).round_u16()
             => mean_pressure_kpa [10 per "kPa"],
-            "Force divided by contact area.";
+            "Force divided by contact area; with covered shares, by the effective area.";
         /// Loading rate.
         #[serde(with = "le")]
         loading_rate_n_s: u16 = region.measures.loading_rate_n_s.round_u16()

@@ -128,6 +128,8 @@ impl Replay {
         }
         records.steps.extend(step);
         records.bouts.extend(std::iter::from_fn(|| insole.end_bout()).map(|bout| Bout::new(&bout)));
+        insole.end_load();
+        records.alerts.extend(insole.take_alert().as_ref().map(Alert::new));
         bar.finish_and_clear();
         if let Some(path) = &self.json {
             let steps = records.steps.iter().map(|step| times.with_start(step_to_json(step), step.start_us));
