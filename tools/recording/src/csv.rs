@@ -82,7 +82,7 @@ fn read(
 
 fn read_layout(from: impl Read, path: &Path) -> Result<Layout> {
     let mut reader = table::open(from);
-    let header = reader.headers().map_err(|e| unreadable(path, e))?.clone();
+    let header = table::header(&mut reader, path)?;
     let columns = layout_columns(&header, path)?;
     // (cell number, line, cell), sorted by number below.
     let mut rows: Vec<(usize, u64, Cell)> = Vec::new();
@@ -274,7 +274,7 @@ fn read_frames(
     progress: &mut dyn FnMut(u64),
 ) -> Result<Frames> {
     let mut reader = table::open(from);
-    let header = reader.headers().map_err(|e| unreadable(path, e))?.clone();
+    let header = table::header(&mut reader, path)?;
     check_frames_header(&header, path, layout_path, cells)?;
     let mut frames = Frames { t_s: Vec::new(), lines: Vec::new(), pressure_kpa: Vec::new() };
     let (lines, mut record) = (Lines::after_header(&reader), ByteRecord::new());

@@ -21,6 +21,8 @@ const LEAST_ASYMMETRY: f64 = 0.05;
 /// Least extent of the centres of the cells under a whole foot, mm. That of the largest foot in cm, or of any foot in inches, is
 /// smaller.
 const LEAST_EXTENT_MM: f64 = 80.0;
+/// Least total area of the cells under a whole foot, mm2. That of an insole in cm2 is smaller.
+const LEAST_AREA_MM2: f64 = 250.0;
 /// Largest asymmetry that rounding may cause, as a fraction of the width of the forefoot.
 const NO_ASYMMETRY: f64 = 1e-3;
 
@@ -145,10 +147,11 @@ pub fn warnings(recording: &Recording) -> Vec<String> {
     let is_upside_down = steps_mm.peek().is_some() && steps_mm.all(|y_mm| y_mm < 0.0);
     let [medial_mm, lateral_mm] = footprint.extent_mm(|c| c.x_mm);
     let (width_mm, length_mm) = (lateral_mm - medial_mm, front_mm - back_mm);
-    if width_mm.max(length_mm) < LEAST_EXTENT_MM {
+    let area_mm2: f64 = cells.iter().map(|cell| cell.area_mm2).sum();
+    if width_mm.max(length_mm) < LEAST_EXTENT_MM || area_mm2 < LEAST_AREA_MM2 {
         warnings.push(format!(
-            "The cells of the {} foot extend over {:.1} mm only. If the layout is that of a whole foot, its lengths are in \
-             another unit, and the forces are wrong: state x_mm and y_mm in mm, and area_mm2 in mm2.",
+            "The cells of the {} foot extend over {:.1} mm, and have {area_mm2:.0} mm2 in total. If the layout is that of a \
+             whole foot, it is in another unit, and the forces are wrong: state x_mm and y_mm in mm, and area_mm2 in mm2.",
             recording.side.name(),
             width_mm.max(length_mm)
         ));

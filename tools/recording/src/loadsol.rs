@@ -172,7 +172,10 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
 /// `place`.
 fn insole(names: &[&str], units: &[String], side: Side, place: &str) -> Result<Option<Insole>> {
     let refused = |problem: String, remedy: &str| Err(Error::content(place, problem, remedy));
-    let (mut zones, mut others): (Vec<(usize, usize)>, Vec<(usize, Vec<String>)>) = Default::default();
+    let mut zones: Vec<(usize, usize)> = Vec::new();
+    // Forces that are not those of a zone: the column, and the words of its name.
+    let mut others: Vec<(usize, Vec<String>)> = Vec::new();
+    // The words of the insole's name: those of the name of its first zone without the word of the zone.
     let mut insole_words: Option<Vec<String>> = None;
     for (column, (name, unit)) in names.iter().zip(units).enumerate() {
         let is_force = unit == "n";

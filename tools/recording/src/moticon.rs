@@ -88,7 +88,14 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     }
     let rows: Vec<(u64, Vec<&str>)> = lines
         .filter(|(_, line)| !line.trim().is_empty() && !line.starts_with('#'))
-        .map(|(line, row)| (line, row.split('\t').map(str::trim).collect()))
+        .map(|(line, row)| {
+            let mut fields: Vec<&str> = row.split('\t').map(str::trim).collect();
+            // A program that edits the file may add a tab at the end of each line.
+            while fields.len() > names.len() && fields.last().is_some_and(|last| last.is_empty()) {
+                fields.pop();
+            }
+            (line, fields)
+        })
         .collect();
     for (line, row) in &rows {
         if row.len() != names.len() {

@@ -107,7 +107,7 @@ fn read(
 /// The cells of one insole in foot coordinates, in the order of the sensor numbers.
 fn read_geometry(text: &[u8], path: &Path, side: Side) -> Result<Vec<Cell>> {
     let mut reader = table::open(text);
-    let header = reader.headers().map_err(|e| unreadable(path, e))?.clone();
+    let header = table::header(&mut reader, path)?;
     if !header.iter().eq(GEOMETRY_HEADER) {
         return Err(Error::content(
             at_line(path, 1),

@@ -2,7 +2,7 @@
 
 use crate::text::shortened;
 use crate::{Error, Result};
-use csv::{ErrorKind, Position, Reader, ReaderBuilder, Trim};
+use csv::{ErrorKind, Position, Reader, ReaderBuilder, StringRecord, Trim};
 use std::io::Read;
 use std::path::Path;
 
@@ -10,6 +10,18 @@ use std::path::Path;
 /// message.
 pub fn open<R: Read>(from: R) -> Reader<R> {
     ReaderBuilder::new().trim(Trim::All).flexible(true).from_reader(from)
+}
+
+/// The header of a CSV file, its first line.
+///
+/// # Errors
+/// Fails if the file cannot be read or is empty.
+pub fn header<R: Read>(reader: &mut Reader<R>, file: &Path) -> Result<StringRecord> {
+    let header = reader.headers().map_err(|error| unreadable(file, error))?.clone();
+    match header.is_empty() {
+        false => Ok(header),
+        true => Err(Error::content(at_line(file, 1), "the file is empty", "export or write it again")),
+    }
 }
 
 /// Determines the lines of records.

@@ -122,4 +122,6 @@ fn another_unit_of_the_total_force_is_refused_and_ascii_names_of_units_are_read(
     let text = text(&[]);
     assert_message(parse(&text.replace("total force[N]", "total force[lbf]")), "walk.txt:3: ", &["[lbf]", "in N"]);
     assert_eq!(parse(&text.replace("N/cm²", "N/cm2")).unwrap().feet, parse(&text).unwrap().feet);
+    let with_tabs = text.lines().map(|line| format!("{line}{}\n", if line.starts_with('#') { "" } else { "\t" }));
+    assert_eq!(parse(&with_tabs.collect::<String>()).unwrap().feet, parse(&text).unwrap().feet);
 }

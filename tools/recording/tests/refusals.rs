@@ -251,6 +251,10 @@ fn compressed_files_and_a_geometry_of_the_other_foot_are_named_as_such() {
         let error = Format::recognise(bytes, "a.asf".as_ref()).unwrap_err().to_string();
         assert!(error.contains(word) && error.contains("unpack"), "{error}");
     }
+    for empty in ["", "\n"] {
+        let error = recording::csv::parse(empty.as_bytes(), &b"t_s,c0\n"[..], Side::Left).unwrap_err().to_string();
+        assert_eq!(error, "layout.csv:1: the file is empty; export or write it again");
+    }
     let right_only: String = GEOMETRY.lines().take(3).map(|line| format!("{line}\n")).collect();
     let asc = "time[secs]\t1\t2\n0.01\t1\t2\n0.02\t3\t4\n";
     let error = pedar::parse(asc.as_bytes(), right_only.as_bytes(), Side::Left).unwrap_err().to_string();

@@ -37,6 +37,9 @@ fn standing_does_not_hide_that_a_foot_is_upside_down() {
 fn layouts_in_cm_and_with_exchanged_axes_lead_to_a_warning() {
     let in_cm = contacts(25.0, &[8.0]);
     assert!(footprint::warnings(&in_cm)[0].contains("in mm2"), "{:?}", footprint::warnings(&in_cm));
+    let mut in_cm2 = contacts(250.0, &[8.0]);
+    in_cm2.layout.cells.iter_mut().for_each(|cell| cell.area_mm2 = 1.0);
+    assert!(footprint::warnings(&in_cm2)[0].contains("10 mm2 in total"), "{:?}", footprint::warnings(&in_cm2));
     let mut exchanged = contacts(250.0, &[8.0]);
     for cell in &mut exchanged.layout.cells {
         (cell.x_mm, cell.y_mm) = (cell.y_mm, cell.x_mm);
