@@ -28,6 +28,8 @@ const ZONES: [(&str, [f64; 2], Region); 3] = [
     ("lateral", [65.0, 165.0], Region::Metatarsals35),
 ];
 
+/// The remedy for forces with unknown names.
+const ENGLISH_NAMES: &str = "export the zones heel, medial and lateral with their English names";
 /// Words in the name of a total besides those of the insole.
 const TOTAL: [&str; 4] = ["total", "sum", "force", "gesamt"];
 
@@ -209,6 +211,11 @@ fn insole(names: &[&str], units: &[String], side: Side, place: &str) -> Result<O
         insole_words.get_or_insert(words);
         zones.push((column, zone));
     }
+    if let (Some((column, _)), true) = (others.first(), zones.is_empty()) {
+        let problem =
+            format!("the column `{}` has a force of the {} foot, but no zone", shortened(names[*column]), side.name());
+        return refused(problem, ENGLISH_NAMES);
+    }
     let mut total = None;
     for (column, words) in others {
         // The name of the total is that of the insole, without a zone.
@@ -218,8 +225,7 @@ fn insole(names: &[&str], units: &[String], side: Side, place: &str) -> Result<O
         if !is_total {
             let problem =
                 format!("the force in the column `{}` is neither of a zone nor the total", shortened(names[column]));
-            let remedy = "export the zones heel, medial and lateral with their English names";
-            return refused(problem, remedy);
+            return refused(problem, ENGLISH_NAMES);
         }
         total = Some(column);
     }

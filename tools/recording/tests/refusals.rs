@@ -147,6 +147,9 @@ fn forces_of_a_foot_that_are_no_zone_are_refused_and_the_total_is_compared() {
     for name in ["S1-L:Ferse", "Ferse-L", "S1-L:heel medial"] {
         assert_message(import(&[name, "S1-L:medial", "S1-L:lateral", "S1-L"]), "a.txt:2: ", &[name, "zone"]);
     }
+    // Without this error, the left foot would be missing in the import of the right one.
+    let no_left_zone = import(&["S1-L:Ferse", "S1-R:heel", "S1-R:medial", "S1-R:lateral"]);
+    assert_message(no_left_zone, "a.txt:2: ", &["S1-L:Ferse", "left foot", "zone"]);
     let two_heels = import(&["S1-L:heel", "S1-L:medial", "S1-L:lateral", "S2-L:heel"]);
     assert_message(two_heels, "a.txt:2: ", &["S2-L:heel", "second heel"]);
 }
