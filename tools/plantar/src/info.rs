@@ -33,6 +33,8 @@ pub fn print(recording: &Recording) {
     for region in Region::ALL {
         let areas: Vec<f64> =
             recording.layout.cells.iter().filter(|c| c.region == region).map(|c| c.area_mm2).collect();
-        println!("          {:<18} {:>4} cells {:>6.0} mm2", region.name(), areas.len(), areas.iter().sum::<f64>());
+        // The sum of no numbers is -0 in Rust.
+        let sum_mm2 = areas.iter().sum::<f64>() + 0.0;
+        println!("          {:<18} {:>4} cells {sum_mm2:>6.0} mm2", region.name(), areas.len());
     }
 }

@@ -6,6 +6,7 @@
 
 use crate::check::{self, At};
 use crate::table::{self, Lines, at_line, check_later, check_width, file_name, number, unreadable};
+use crate::text::shortened;
 use crate::{Cell, Error, Layout, Recording, Result, names, rate, template};
 use ::csv::{ByteRecord, StringRecord};
 use plantar::{Region, Side};
@@ -81,7 +82,7 @@ fn read(
 
 fn read_layout(from: impl Read, path: &Path) -> Result<Layout> {
     let mut reader = table::open(from);
-    let header = reader.headers().map_err(|e| unreadable(path, e))?.clone();
+    let header = table::header(&mut reader, path)?;
     let columns = layout_columns(&header, path)?;
     // (cell number, line, cell), sorted by number below.
     let mut rows: Vec<(usize, u64, Cell)> = Vec::new();
@@ -146,7 +147,7 @@ fn layout_columns(header: &StringRecord, path: &Path) -> Result<LayoutColumns> {
     let remedy = "the header is cell,x_mm,y_mm,area_mm2 and optionally region";
     for (i, name) in header.iter().enumerate() {
         let problem = if !KNOWN.contains(&name) {
-            format!("unknown column `{name}`")
+            format!("unknown column `{}`", shortened(name))
         } else if header.iter().take(i).any(|earlier| earlier == name) {
             format!("column `{name}` appears twice")
         } else {
@@ -273,7 +274,7 @@ fn read_frames(
     progress: &mut dyn FnMut(u64),
 ) -> Result<Frames> {
     let mut reader = table::open(from);
-    let header = reader.headers().map_err(|e| unreadable(path, e))?.clone();
+    let header = table::header(&mut reader, path)?;
     check_frames_header(&header, path, layout_path, cells)?;
     let mut frames = Frames { t_s: Vec::new(), lines: Vec::new(), pressure_kpa: Vec::new() };
     let (lines, mut record) = (Lines::after_header(&reader), ByteRecord::new());
@@ -307,7 +308,7 @@ fn check_frames_header(header: &StringRecord, path: &Path, layout_path: &Path, c
         };
         if name != expected {
             return problem(
-                format!("column {} is `{name}`, expected `{expected}`", i + 1),
+                format!("column {} is `{}`, expected `{expected}`", i + 1, shortened(name)),
                 "the header is t_s,c0,c1,... with one column for each cell",
             );
         }

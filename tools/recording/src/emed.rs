@@ -6,6 +6,7 @@
 //! Rows are numbered from the top, as seen from above.
 
 use crate::grid::{Foot, Frames, Grid, MAX_CELL_MM, MAX_LINES, SWING_S, Toes, check_period};
+use crate::separators::Separators;
 use crate::table::{at_line, file_name};
 use crate::text::{decode, first_number, number, shortened};
 use crate::{Error, Export, Result, units};
@@ -13,6 +14,8 @@ use plantar::Side;
 use std::collections::BTreeSet;
 use std::path::Path;
 
+/// Name of the number of a picture, which begins its page.
+const PICTURE: &str = "Pict-No";
 /// Name of the column and of the line with forces.
 const FORCE: &str = "Force";
 /// Largest accepted difference between the force that the cells carry and the force in the file, as a fraction of the latter.
@@ -23,7 +26,7 @@ const CUT_OFF: &str = "the export is cut off or damaged: export or copy it again
 /// True for the text of an emed export.
 pub fn recognise(text: &str) -> bool {
     let has = |word: &str| text.lines().take(60).any(|line| line.contains(word));
-    has("Pict-No") && (has("Sensor size") || has("Sensor area"))
+    has(PICTURE) && (has("Sensor size") || has("Sensor area"))
 }
 
 /// Imports a step. `side` states the foot; without it, the shape of the footprint decides.
@@ -38,6 +41,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         period_s: None,
         pictures: None,
         frames: Frames::default(),
+        separators: Separators::default(),
         summaries: 0,
         differences: Vec::new(),
     };
@@ -46,6 +50,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         pages.page(page, first_line)?;
         first_line += page.matches('\n').count() as u64;
     }
+    pages.separators.check(path)?;
     let Pages { size_mm: Some([width_mm, height_mm]), frames, summaries, differences, .. } = pages else {
         return Err(Error::content(
             path.display().to_string(),
@@ -89,6 +94,7 @@ struct Pages<'a> {
     /// Numbers of the first and of the last picture.
     pictures: Option<(f64, f64)>,
     frames: Frames,
+    separators: Separators,
     /// Number of pages without a frame.
     summaries: usize,
     /// For each frame with a stated force of more than 1 N: the relative difference between its force and the stated one.
@@ -130,7 +136,7 @@ impl Pages<'_> {
                 let unit_s = unit_in(value, [("ms", 1e-3), ("s", 1.0), ("", 1.0)], &place)?;
                 period_s = first_number(value).map(|time| time * unit_s);
             }
-            if let Some(value) = value_of("Pict-No") {
+            if let Some(value) = value_of(PICTURE) {
                 is_frame = true;
                 picture = first_number(value);
             }
@@ -181,7 +187,12 @@ impl Pages<'_> {
     }
 
     /// Reads the table of the frame at this time. `columns` is the number and the text of the line with the columns' numbers.
-    fn table<'a>(&mut self, columns: (u64, &str), lines: impl Iterator<Item = (u64, &'a str)>, t_s: f64) -> Result<()> {
+    fn table<'a>(
+        &mut self,
+        columns: (u64, &str),
+        mut lines: impl Iterator<Item = (u64, &'a str)>,
+        t_s: f64,
+    ) -> Result<()> {
         let place = || at_line(self.path, columns.0);
         let names: Vec<&str> = columns.1.split('\t').map(str::trim).filter(|name| !name.is_empty()).collect();
         let has_force = names.last() == Some(&FORCE);
@@ -198,8 +209,11 @@ impl Pages<'_> {
         let cell_mm2 = self.size_mm.map_or(0.0, |[width_mm, height_mm]| width_mm * height_mm);
         self.frames.begin(t_s);
         let (mut force_n, mut stated) = (0.0, None);
-        for (line, row) in lines {
+        for (line, row) in lines.by_ref() {
             let place = || at_line(self.path, line);
+            if row.contains(PICTURE) {
+                return Err(second_picture(place()));
+            }
             let fields: Vec<&str> = row.trim_end().split('\t').map(str::trim).collect();
             if fields.iter().all(|field| field.is_empty()) {
                 continue;
@@ -217,6 +231,7 @@ impl Pages<'_> {
                 return Err(Error::content(place(), problem, CUT_OFF));
             }
             let mut row_n = 0.0;
+            fields[1..].iter().take(numbers.len()).for_each(|field| self.separators.add(field, line));
             for (field, &column) in fields[1..].iter().zip(&numbers) {
                 let kpa = number(field, &format!("the pressure in column {column}"), &place)?;
                 self.frames.add(row_number, column, kpa as f32);
@@ -226,6 +241,9 @@ impl Pages<'_> {
                 check_force(row_n, number(fields[fields.len() - 1], "the force of the row", &place)?, &place)?;
             }
             force_n += row_n;
+        }
+        if let Some((line, _)) = lines.find(|(_, row)| row.contains(PICTURE)) {
+            return Err(second_picture(at_line(self.path, line)));
         }
         // In known exports, the tables of all pictures have the same rows, so even that of a picture without load has some.
         if rows.is_empty() {
@@ -242,6 +260,12 @@ impl Pages<'_> {
         self.differences.extend((stated_n > 1.0).then(|| (force_n / stated_n - 1.0).abs()));
         Ok(())
     }
+}
+
+/// The error for a page with two pictures. `place` is the line of the second one.
+fn second_picture(place: String) -> Error {
+    let problem = "a second picture on this page: the form feeds between the pages are missing";
+    Error::content(place, problem, "export the measurement again, and do not edit the file")
 }
 
 /// Checks the force on cells, N, against the force that the file states for them, N.

@@ -1,6 +1,6 @@
 //! The exports of vendors' programs: their formats, and how a file's format is recognised from its content.
 
-use crate::text::decode;
+use crate::text::{decode, strip_name};
 use crate::{Error, Recording, Result, emed, footscan, gaitpdb, loadsol, moticon, pliance, tekscan, xsensor};
 use plantar::Side;
 use std::fs;
@@ -94,7 +94,7 @@ impl Format {
             return Ok(format);
         }
         let first_line = text.lines().next().unwrap_or_default();
-        if text.lines().take(40).any(|line| line.starts_with("time[secs]")) {
+        if text.lines().take(40).any(|line| strip_name(line, "time[secs]").is_some()) {
             return refuse("a pedar export", "use plantar import pedar with --geometry, the geometry of its insole");
         }
         if first_line.starts_with("t_s,") || first_line.starts_with("cell,") {

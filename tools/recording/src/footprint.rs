@@ -18,6 +18,11 @@ const MIDFOOT: [f64; 2] = [0.32, 0.52];
 const TOES: [f64; 2] = [0.84, 1.0];
 /// Least asymmetry towards the wrong side that indicates a mirrored layout, as a fraction of the width of the forefoot.
 const LEAST_ASYMMETRY: f64 = 0.05;
+/// Least extent of the centres of the cells under a whole foot, mm. That of the largest foot in cm, or of any foot in inches, is
+/// smaller.
+const LEAST_EXTENT_MM: f64 = 80.0;
+/// Least total area of the cells under a whole foot, mm2. That of an insole in cm2 is smaller.
+const LEAST_AREA_MM2: f64 = 250.0;
 /// Largest asymmetry that rounding may cause, as a fraction of the width of the forefoot.
 const NO_ASYMMETRY: f64 = 1e-3;
 
@@ -137,8 +142,26 @@ pub fn warnings(recording: &Recording) -> Vec<String> {
     let [back_mm, front_mm] = footprint.extent_mm(|c| c.y_mm);
     let movements_mm = footprint.movements_mm();
     let least_mm = LEAST_MOVEMENT * (front_mm - back_mm);
-    let backwards = movements_mm.iter().filter(|m| m[1] < -least_mm).count();
-    if backwards > 0 && backwards == movements_mm.len() {
+    // While a person stands, the centre of pressure does not move from end to end.
+    let mut steps_mm = movements_mm.iter().map(|m| m[1]).filter(|y_mm| y_mm.abs() > least_mm).peekable();
+    let is_upside_down = steps_mm.peek().is_some() && steps_mm.all(|y_mm| y_mm < 0.0);
+    let [medial_mm, lateral_mm] = footprint.extent_mm(|c| c.x_mm);
+    let (width_mm, length_mm) = (lateral_mm - medial_mm, front_mm - back_mm);
+    let area_mm2: f64 = cells.iter().map(|cell| cell.area_mm2).sum();
+    if width_mm.max(length_mm) < LEAST_EXTENT_MM || area_mm2 < LEAST_AREA_MM2 {
+        warnings.push(format!(
+            "The cells of the {} foot extend over {:.1} mm, and have {area_mm2:.0} mm2 in total. If the layout is that of a \
+             whole foot, it is in another unit, and the forces are wrong: state x_mm and y_mm in mm, and area_mm2 in mm2.",
+            recording.side.name(),
+            width_mm.max(length_mm)
+        ));
+    } else if width_mm > length_mm {
+        warnings.push(format!(
+            "The layout of the {} foot is wider ({width_mm:.0} mm) than long ({length_mm:.0} mm): the axes may be exchanged. \
+             In a layout file, x_mm increases from the medial to the lateral edge, and y_mm from the heel to the toes.",
+            recording.side.name()
+        ));
+    } else if is_upside_down {
         warnings.push(format!(
             "The {} foot looks upside down: the forefoot is loaded before the heel in every step. \
              If the person did not walk backwards, turn the layout by 180 degrees in the vendor's program, or correct \

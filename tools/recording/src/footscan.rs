@@ -7,7 +7,7 @@
 use crate::grid::{Foot, Frames, Grid, MAX_LINES, SWING_S, Toes};
 use crate::table::{at_line, file_name};
 use crate::text::{decode, first_number, number, shortened};
-use crate::{Error, Export, Result, xls};
+use crate::{Error, Export, Result, units, xls};
 use plantar::Side;
 use std::path::Path;
 
@@ -63,6 +63,13 @@ impl ReadFoot {
     }
 }
 
+/// Checks that a line of the header states no unit of pressure: the export is read as forces.
+fn check_no_pressure_unit(fields: &[String], place: &dyn Fn() -> String) -> Result<()> {
+    let Some(unit) = units::stated(&fields.join(" "), place)? else { return Ok(()) };
+    let problem = format!("the header states pressures in {}, expected forces in N", unit.name);
+    Err(Error::content(place(), problem, "export the dynamic roll off with the force on each cell, in N"))
+}
+
 /// Imports the feet of an export. `side` restricts the import to one foot, or states the foot if the export does not.
 ///
 /// # Errors
@@ -115,8 +122,14 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
             continue;
         }
         // Before the first frame of a foot, lines describe the measurement.
-        let Some(ReadFoot { frames, rows: foot_rows, columns, .. }) = feet.last_mut() else { continue };
-        let Some((_, rows_read)) = foot_rows.last_mut() else { continue };
+        let Some(ReadFoot { frames, rows: foot_rows, columns, .. }) = feet.last_mut() else {
+            check_no_pressure_unit(fields, &place)?;
+            continue;
+        };
+        let Some((_, rows_read)) = foot_rows.last_mut() else {
+            check_no_pressure_unit(fields, &place)?;
+            continue;
+        };
         let expected = *columns.get_or_insert(filled);
         if expected != filled || *rows_read >= MAX_LINES || filled > MAX_LINES {
             if expected != filled {

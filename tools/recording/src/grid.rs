@@ -3,9 +3,10 @@
 use crate::assembly::UncheckedRecording;
 use crate::footprint::Footprint;
 use crate::gaps::{GAP_INTERVALS, median_interval_s};
+use crate::text::seconds;
 use crate::{Cell, Error, MAX_CELLS, Recording, Result, check, template};
 use plantar::{Region, Side};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 /// Largest number of rows and of columns. The largest plates have a few hundred of each.
@@ -31,8 +32,10 @@ pub fn check_period(period_s: f64, place: &dyn Fn() -> String) -> Result<()> {
     if (SHORTEST_PERIOD_S * (1.0 - ROUNDING)..=LONGEST_PERIOD_S * (1.0 + ROUNDING)).contains(&period_s) {
         return Ok(());
     }
-    let problem =
-        format!("a frame every {period_s:e} s, expected one every {SHORTEST_PERIOD_S:e} to {LONGEST_PERIOD_S} s");
+    let problem = format!(
+        "a frame every {} s, expected one every {SHORTEST_PERIOD_S:e} to {LONGEST_PERIOD_S} s",
+        seconds(period_s)
+    );
     Err(Error::content(place(), problem, "export a measurement over time, with its times"))
 }
 
@@ -120,8 +123,16 @@ impl Frames {
         Ok(self)
     }
 
+    /// The numbers of frames and of cells with a pressure of at least `kpa` in some frame.
+    pub fn reaching(&self, kpa: f32) -> [usize; 2] {
+        let reaching = || self.loads.iter().filter(|load| load.kpa >= kpa);
+        let frames: BTreeSet<_> = reaching().map(|load| load.frame).collect();
+        let cells: BTreeSet<_> = reaching().map(|load| load.cell).collect();
+        [frames.len(), cells.len()]
+    }
+
     /// Adds to `remarks` if the first or last frame carries more than [`CUT_SHARE`] of the largest load.
-    fn note_cut(&self, remarks: &mut Vec<String>) {
+    pub fn note_cut(&self, remarks: &mut Vec<String>) {
         let mut sums = vec![0.0; self.t_s.len()];
         self.loads.iter().for_each(|load| sums[load.frame] += load.kpa);
         let most = sums.iter().copied().fold(0.0, f32::max);

@@ -43,6 +43,7 @@ mod rate;
 mod reader;
 mod recording;
 mod scans;
+mod separators;
 mod source;
 mod standing;
 mod streamed;

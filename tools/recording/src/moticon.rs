@@ -11,14 +11,16 @@
 use crate::assembly::UncheckedRecording;
 use crate::footprint::capitalised;
 use crate::least_squares;
-use crate::table::{at_line, check_later, file_name};
-use crate::text::{decode, number};
-use crate::{Cell, Error, Export, Result, template};
+use crate::table::{another_measurement, at_line, check_later, file_name};
+use crate::text::{decode, number, shortened};
+use crate::{Cell, Error, Export, Result, template, units};
 use plantar::{Region, Side};
 use std::path::Path;
 
 /// Number of cells of an insole.
 const CELLS: usize = 16;
+/// The unit of the pressures, N/cm², in kPa.
+const KPA_PER_UNIT: f64 = 10.0;
 /// Centres of the cells, in the order of their numbers, relative to the middle of the insole: the distance towards the toes
 /// as a fraction of the insole's length, and the distance towards the medial side as a fraction of its width.
 const CENTRES: [[f64; 2]; CELLS] = [
@@ -77,9 +79,23 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         return Err(Error::content(path.display().to_string(), problem, "export the measurement as text"));
     };
     let names: Vec<&str> = header.split('\t').map(str::trim).collect();
+    if names.len() == 1 {
+        let problem = "tabs do not separate the names of the columns";
+        return Err(Error::content(at_line(path, header_line), problem, "export the measurement as text, with tabs"));
+    }
+    if let Some((line, _)) = lines.clone().find(|(_, row)| row.starts_with("# time")) {
+        return Err(another_measurement(at_line(path, line)));
+    }
     let rows: Vec<(u64, Vec<&str>)> = lines
         .filter(|(_, line)| !line.trim().is_empty() && !line.starts_with('#'))
-        .map(|(line, row)| (line, row.split('\t').map(str::trim).collect()))
+        .map(|(line, row)| {
+            let mut fields: Vec<&str> = row.split('\t').map(str::trim).collect();
+            // A program that edits the file may add a tab at the end of each line.
+            while fields.len() > names.len() && fields.last().is_some_and(|last| last.is_empty()) {
+                fields.pop();
+            }
+            (line, fields)
+        })
         .collect();
     for (line, row) in &rows {
         if row.len() != names.len() {
@@ -119,10 +135,16 @@ fn columns(names: &[&str], side: Side, place: &str) -> Result<Option<Columns>> {
     if pressures.is_empty() {
         return Ok(None);
     }
-    if pressures.iter().any(|&column| !names[column].ends_with("[N/cm²]")) {
+    let unit = |column: usize| names[column].rsplit_once('[').map_or("", |(_, unit)| unit.trim_end_matches(']'));
+    if pressures.iter().any(|&column| units::kpa_of(unit(column)) != Some(KPA_PER_UNIT)) {
         return Err(Error::content(place, "pressures in another unit than N/cm²", "export the measurement in N/cm²"));
     }
     match find("total force") {
+        Some(total) if units::newtons_of(unit(total)) != Some(1.0) => Err(Error::content(
+            place,
+            format!("the total force of the {} foot has the unit [{}]", side.name(), shortened(unit(total))),
+            "export the total force in N",
+        )),
         Some(total) if pressures.len() == CELLS => Ok(Some(Columns { pressures, total })),
         _ => Err(Error::content(
             place,
@@ -146,7 +168,7 @@ fn read_foot(side: Side, columns: &Columns, rows: &[(u64, Vec<&str>)], path: &Pa
         totals_n.push(number(row[columns.total], "the total force", &place)?);
         for (cell, &column) in columns.pressures.iter().enumerate() {
             let n_cm2 = number(row[column], &format!("{} pressure {}", side.name(), cell + 1), &place)?;
-            pressure_kpa.push((10.0 * n_cm2) as f32);
+            pressure_kpa.push((KPA_PER_UNIT * n_cm2) as f32);
         }
     }
     if t_s.is_empty() {

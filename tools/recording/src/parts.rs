@@ -3,6 +3,7 @@
 use crate::check::At;
 use crate::columns::ColumnFile;
 use crate::{Error, Recording, Result};
+use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 
 /// True for the name of a Parquet file that is read from a folder. Hidden files are not read: for example, macOS may write
@@ -30,12 +31,20 @@ pub fn files(path: &Path) -> Result<Vec<PathBuf>> {
     Ok(parts)
 }
 
-/// Opens the parts in a folder, and returns them with the description of the joined recording.
+/// Opens the parts in a folder, in the order of their first times, and returns them with the description of the joined recording.
 ///
 /// # Errors
 /// Fails if the folder cannot be read, or in the cases of [`join`].
 pub fn open(folder: &Path) -> Result<(Recording, Vec<ColumnFile>)> {
-    join(folder, files(folder)?.iter().map(|part| ColumnFile::open(part)))
+    let mut parts = Vec::new();
+    for path in files(folder)? {
+        let part = ColumnFile::open(&path)?;
+        // A part without frames has no times: it is sorted before the others.
+        parts.push((part.1.first_s()?, part));
+    }
+    // The names of ten or more numbered parts are not in the order of time.
+    parts.sort_by(|(a, _), (b, _)| a.partial_cmp(b).unwrap_or(Ordering::Equal));
+    join(folder, parts.into_iter().map(|(_, part)| Ok(part)))
 }
 
 /// Joins the parts of a recording, which are in the order of time, and returns them with the description of the joined

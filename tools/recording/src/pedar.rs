@@ -8,8 +8,13 @@
 //! side by side and are seen from above, with the heels at small y and the right insole at larger x.
 
 use crate::check::{self, At};
-use crate::table::{self, Lines, at_line, check_later, check_width, file_name, number, pressure, unreadable};
-use crate::text::decode;
+use crate::separators::Separators;
+use crate::table::unreadable;
+use crate::table::{
+    self, Lines, another_measurement, at_line, check_blanks, check_later, check_width, file_name, number, pressure,
+};
+use crate::text::{decode, parse_number, shortened, strip_name};
+use crate::units::StatedUnit;
 use crate::{Cell, Error, Layout, Recording, Result, rate, template, units};
 use csv::StringRecord;
 use plantar::{Region, Side};
@@ -102,7 +107,7 @@ fn read(
 /// The cells of one insole in foot coordinates, in the order of the sensor numbers.
 fn read_geometry(text: &[u8], path: &Path, side: Side) -> Result<Vec<Cell>> {
     let mut reader = table::open(text);
-    let header = reader.headers().map_err(|e| unreadable(path, e))?.clone();
+    let header = table::header(&mut reader, path)?;
     if !header.iter().eq(GEOMETRY_HEADER) {
         return Err(Error::content(
             at_line(path, 1),
@@ -159,6 +164,11 @@ fn read_geometry(text: &[u8], path: &Path, side: Side) -> Result<Vec<Cell>> {
             region: Region::Heel,
         });
     }
+    if cells.is_empty() {
+        let problem = format!("no sensor of the {} foot", side.name());
+        let remedy = format!("add the sensors of the {} insole, or state the other foot with --side", side.name());
+        return Err(Error::content(path.display().to_string(), problem, remedy));
+    }
     check::cell_count(cells.len(), &path.display().to_string())?;
     let least = |axis: usize| corners.iter().map(|c| c[axis]).fold(f64::INFINITY, f64::min);
     let (medial_mm, back_mm) = (least(0), least(1));
@@ -198,8 +208,7 @@ struct Header {
     /// Number of the line that names the columns.
     line: u64,
     /// The unit of the pressures, if the export states it.
-    unit: Option<String>,
-    kpa_per_unit: f64,
+    unit: Option<StatedUnit>,
     /// The numbers of the sensors of each foot in the export.
     feet: Vec<Vec<usize>>,
     /// The foot of an export of one foot, if the mask definition states it.
@@ -253,33 +262,25 @@ pub fn feet(asc_path: impl AsRef<Path>) -> Result<usize> {
     Ok(read_header(&mut (1..).zip(text.lines()), path)?.feet.len())
 }
 
-/// The rest of a line that begins with `name`, in capitals or not.
-fn after<'a>(row: &'a str, name: &str) -> Option<&'a str> {
-    let (start, rest) = row.split_at_checked(name.len())?;
-    start.eq_ignore_ascii_case(name).then_some(rest)
-}
-
 /// Consumes the lines up to the line that names the columns.
 fn read_header<'a>(lines: &mut impl Iterator<Item = (u64, &'a str)>, path: &Path) -> Result<Header> {
-    let (mut unit, mut kpa_per_unit) = (None, 1.0);
+    let mut unit = None;
     // The sensors of both feet by the mask definition.
     let mut masks = [Vec::new(), Vec::new()];
     for (line, row) in lines {
         let place = || at_line(path, line);
-        if let Some(name) = after(row, "pressure values in") {
-            kpa_per_unit = units::kpa(name.trim(), &place)?;
-            unit = Some(name.trim().into());
-        }
+        units::update_stated(&mut unit, row, &place)?;
         for (mask, name) in masks.iter_mut().zip(["left insole:", "right insole:"]) {
-            if let Some(numbers) = after(row, name) {
+            if let Some(numbers) = strip_name(row, name) {
                 *mask = numbers.split(',').filter_map(|number| number.trim().parse().ok()).collect();
             }
         }
-        let Some(labels) = row.strip_prefix(TIME_COLUMN) else { continue };
+        let Some(labels) = strip_name(row, TIME_COLUMN) else { continue };
+        check_blanks(labels, &place)?;
         let mut sensors = Vec::new();
         for label in labels.split_whitespace() {
             let Ok(sensor) = label.parse() else {
-                let problem = format!("`{label}` is not the number of a sensor");
+                let problem = format!("`{}` is not the number of a sensor", shortened(label));
                 return Err(Error::content(place(), problem, "export the pressures of the sensors"));
             };
             sensors.push(sensor);
@@ -295,7 +296,7 @@ fn read_header<'a>(lines: &mut impl Iterator<Item = (u64, &'a str)>, path: &Path
             // The sensor numbers of a foot increase, so a number that does not increase begins the second foot.
             (sensors.chunk_by(|before, sensor| before < sensor).map(<[usize]>::to_vec).collect(), None)
         };
-        return Ok(Header { line, unit, kpa_per_unit, feet, side });
+        return Ok(Header { line, unit, feet, side });
     }
     Err(Error::content(
         path.display().to_string(),
@@ -307,7 +308,7 @@ fn read_header<'a>(lines: &mut impl Iterator<Item = (u64, &'a str)>, path: &Path
 /// Reads the lines below the header. `sensors` are the columns of the foot, each with the number of its sensor.
 fn read_frames<'a>(
     text: &str,
-    lines: impl Iterator<Item = (u64, &'a str)>,
+    mut lines: impl Iterator<Item = (u64, &'a str)> + Clone,
     path: &Path,
     header: &Header,
     sensors: &[(usize, usize)],
@@ -316,7 +317,9 @@ fn read_frames<'a>(
 ) -> Result<Frames> {
     let total_bytes = text.len() as u64;
     let mut frames = Frames { t_s: Vec::new(), lines: Vec::new(), pressure_kpa: Vec::new() };
-    for (line, row) in lines {
+    let mut separators = Separators::default();
+    let (unit, kpa_per_unit) = header.unit.as_ref().map_or(("kPa", 1.0), |unit| (unit.name.as_str(), unit.kpa));
+    while let Some((line, row)) = lines.next() {
         // Some programs write decimal commas.
         let row_with_points = row.replace(',', ".");
         let fields: Vec<&str> = row_with_points.split_whitespace().collect();
@@ -325,21 +328,29 @@ fn read_frames<'a>(
             continue;
         }
         let place = || at_line(path, line);
+        if parse_number(fields[0]).is_none() {
+            let mut rest = std::iter::once((line, row)).chain(lines.clone());
+            if let Some((line, _)) = rest.find(|(_, row)| strip_name(row, TIME_COLUMN).is_some()) {
+                return Err(another_measurement(at_line(path, line)));
+            }
+        }
         check_width(fields.len(), header.width(), &place)?;
+        row.split_whitespace().skip(1).for_each(|field| separators.add(field, line));
         let now_s = number(fields[0], TIME_COLUMN, &place)?;
         check_later(now_s, frames.t_s.last().copied(), &place)?;
         frames.t_s.push(now_s);
         frames.lines.push(line);
         for &(column, sensor) in sensors {
             let name = format!("{} {sensor}", side.name());
-            let value = pressure(fields[column], &name, header.unit.as_deref().unwrap_or("kPa"), &place)?;
-            frames.pressure_kpa.push(header.kpa_per_unit as f32 * value);
+            let value = pressure(fields[column], &name, unit, &place)?;
+            frames.pressure_kpa.push(kpa_per_unit as f32 * value);
         }
         if frames.lines.len().is_multiple_of(LINES_PER_REPORT) {
             let done_bytes = row.as_ptr() as usize - text.as_ptr() as usize;
             progress(done_bytes as u64, total_bytes);
         }
     }
+    separators.check(path)?;
     progress(total_bytes, total_bytes);
     Ok(frames)
 }

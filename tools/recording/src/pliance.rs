@@ -6,8 +6,9 @@
 //! as seen from above. The sensors of a mat for feet are equal rectangles in rows and columns.
 
 use crate::grid::{Foot, Frames, Grid, MAX_LINES, Toes};
-use crate::table::{at_line, check_later, check_width, file_name, pressure};
-use crate::text::{decode, number, parse_number};
+use crate::separators::Separators;
+use crate::table::{another_measurement, at_line, check_blanks, check_later, check_width, file_name, pressure};
+use crate::text::{decode, number, parse_number, strip_name};
 use crate::{Error, Export, Result, units};
 use plantar::Side;
 use std::collections::BTreeSet;
@@ -22,8 +23,8 @@ const CORNERS: [&str; 8] = ["x[1]", "y[1]", "x[2]", "y[2]", "x[3]", "y[3]", "x[4
 pub fn recognise(text: &str) -> bool {
     // Only the first 40 lines are searched for the table, because its header is short, and the text of another format may be
     // long. The corners are below the table, at any line.
-    text.lines().take(40).any(|line| line.starts_with(TIME_COLUMN))
-        && text.lines().any(|line| line.starts_with(CORNERS[0]))
+    text.lines().take(40).any(|line| strip_name(line, TIME_COLUMN).is_some())
+        && text.lines().any(|line| strip_name(line, CORNERS[0]).is_some())
 }
 
 /// Imports a step. `side` states the foot; without it, the shape of the footprint decides.
@@ -34,22 +35,21 @@ pub fn recognise(text: &str) -> bool {
 pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     let text = decode(bytes, path)?;
     let mut lines = (1..).zip(text.lines());
-    let (mut unit, mut kpa_per_unit) = ("kPa", 1.0);
+    let mut stated_unit = None;
     let sensors = loop {
         let Some((line, row)) = lines.next() else {
             let problem = format!("no line begins with {TIME_COLUMN}");
             return Err(Error::content(path.display().to_string(), problem, "export the measurement as ASCII (.asc)"));
         };
-        if let Some(name) = row.strip_prefix("pressure values in") {
-            unit = name.trim();
-            kpa_per_unit = units::kpa(unit, &|| at_line(path, line))?;
-        }
-        if let Some(names) = row.strip_prefix(TIME_COLUMN) {
+        units::update_stated(&mut stated_unit, row, &|| at_line(path, line))?;
+        if let Some(names) = strip_name(row, TIME_COLUMN) {
+            check_blanks(names, &|| at_line(path, line))?;
             break names.split_whitespace().count();
         }
     };
+    let (unit, kpa_per_unit) = stated_unit.as_ref().map_or(("kPa", 1.0), |unit| (unit.name.as_str(), unit.kpa));
     let places = places(&text, sensors, path)?;
-    let mut frames = Frames::default();
+    let (mut frames, mut separators) = (Frames::default(), Separators::default());
     while let Some((line, row)) = lines.next() {
         // Some programs write decimal commas.
         let row_with_points = row.replace(',', ".");
@@ -74,6 +74,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         let now_s = number(first, TIME_COLUMN, &place)?;
         check_width(fields.len(), 1 + sensors, &place)?;
         check_later(now_s, frames.t_s.last().copied(), &place)?;
+        row.split_whitespace().skip(1).for_each(|field| separators.add(field, line));
         frames.begin(now_s);
         for (i, (field, (row, column))) in fields[1..].iter().zip(&places.cells).enumerate() {
             let value = pressure(field, &format!("{}", i + 2), unit, &place)?;
@@ -81,18 +82,23 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         }
     }
     let is_table =
-        |row: &str| row.strip_prefix(TIME_COLUMN).is_some_and(|names| names.split_whitespace().count() == sensors);
+        |row: &str| strip_name(row, TIME_COLUMN).is_some_and(|names| names.split_whitespace().count() == sensors);
     if let Some((line, _)) = lines.find(|(_, row)| is_table(row)) {
-        let remedy = "export each measurement to a file of its own";
-        return Err(Error::content(at_line(path, line), "another measurement begins here", remedy));
+        return Err(another_measurement(at_line(path, line)));
     }
+    separators.check(path)?;
     let mut remarks = Vec::new();
+    frames.note_cut(&mut remarks);
     let foot = Foot {
         side,
         grid: Grid { row_mm: places.row_mm, column_mm: places.column_mm, toes: Toes::AlongMovement },
         frames,
         name: format!("pliance mat, {sensors} sensors"),
-        source: format!("pliance measurement {}, regions by template.", file_name(path)),
+        source: format!(
+            "pliance measurement {}, regions by template.{}",
+            file_name(path),
+            if stated_unit.is_some() { "" } else { " The export states no unit: kPa is assumed." }
+        ),
     };
     Ok(Export { feet: vec![foot.recording(path, &mut remarks)?], remarks })
 }
@@ -125,9 +131,8 @@ struct Places {
 /// The places of the sensors from their corners.
 fn places(text: &str, sensors: usize, path: &Path) -> Result<Places> {
     let corners = CORNERS.map(|name| {
-        let line = (1..).zip(text.lines()).find(|(_, row)| row.starts_with(name));
-        let values =
-            line.map(|(_, row)| row[name.len()..].split_whitespace().filter_map(parse_number).collect::<Vec<f64>>());
+        let line = text.lines().find_map(|row| strip_name(row, name));
+        let values = line.map(|row| row.split_whitespace().filter_map(parse_number).collect::<Vec<f64>>());
         let values = values.filter(|values| values.len() == sensors && sensors > 0);
         values.ok_or_else(|| {
             let problem = format!("no line `{name}` with the coordinates of all {sensors} sensors");

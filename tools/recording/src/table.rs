@@ -1,7 +1,8 @@
 //! Parsing of text tables, with errors that name file and line.
 
+use crate::text::shortened;
 use crate::{Error, Result};
-use csv::{ErrorKind, Position, Reader, ReaderBuilder, Trim};
+use csv::{ErrorKind, Position, Reader, ReaderBuilder, StringRecord, Trim};
 use std::io::Read;
 use std::path::Path;
 
@@ -9,6 +10,18 @@ use std::path::Path;
 /// message.
 pub fn open<R: Read>(from: R) -> Reader<R> {
     ReaderBuilder::new().trim(Trim::All).flexible(true).from_reader(from)
+}
+
+/// The header of a CSV file, its first line.
+///
+/// # Errors
+/// Fails if the file cannot be read or is empty.
+pub fn header<R: Read>(reader: &mut Reader<R>, file: &Path) -> Result<StringRecord> {
+    let header = reader.headers().map_err(|error| unreadable(file, error))?.clone();
+    match header.is_empty() {
+        false => Ok(header),
+        true => Err(Error::content(at_line(file, 1), "the file is empty", "export or write it again")),
+    }
 }
 
 /// Determines the lines of records.
@@ -61,7 +74,7 @@ pub fn number(field: &str, column: &str, place: &dyn Fn() -> String) -> Result<f
         Ok(value) if value.is_finite() => Ok(value),
         _ => Err(Error::content(
             place(),
-            format!("`{field}` in column {column} is not a finite number"),
+            format!("`{}` in column {} is not a finite number", shortened(field), shortened(column)),
             "write a number with a decimal point",
         )),
     }
@@ -80,6 +93,11 @@ pub fn pressure(field: &str, column: &str, unit: &str, place: &dyn Fn() -> Strin
     ))
 }
 
+/// The error for a second measurement in a file. Messages begin with `place`, the line where it begins.
+pub fn another_measurement(place: String) -> Error {
+    Error::content(place, "another measurement begins here", "export each measurement to a file of its own")
+}
+
 /// Checks that the time of a line is later than that of the previous line.
 pub fn check_later(now_s: f64, before_s: Option<f64>, place: &dyn Fn() -> String) -> Result<()> {
     let problem = match before_s {
@@ -89,7 +107,18 @@ pub fn check_later(now_s: f64, before_s: Option<f64>, place: &dyn Fn() -> String
         }
         _ => return Ok(()),
     };
-    Err(Error::content(place(), problem, "sort the frames by time and remove duplicates"))
+    Err(Error::content(
+        place(),
+        problem,
+        "sort the frames by time and remove duplicates; if another measurement begins here, move it to a file of its own",
+    ))
+}
+
+/// Checks that blanks or tabs separate the fields of a line, and neither semicolons nor commas.
+pub fn check_blanks(row: &str, place: &dyn Fn() -> String) -> Result<()> {
+    let Some(separator) = row.chars().find(|c| [';', ','].contains(c)) else { return Ok(()) };
+    let problem = format!("`{separator}` separates the fields, expected blanks or tabs");
+    Err(Error::content(place(), problem, "export the measurement as ASCII, and do not convert the file"))
 }
 
 /// Checks that a line has as many fields as the header.
@@ -100,6 +129,6 @@ pub fn check_width(found: usize, expected: usize, place: &dyn Fn() -> String) ->
     Err(Error::content(
         place(),
         format!("{found} columns, the header has {expected}"),
-        "give every line as many fields as the header",
+        "give every line as many fields as the header, with the same separator",
     ))
 }

@@ -6,7 +6,8 @@
 //! exported with the toes in the first row, as seen from above.
 
 use crate::grid::{Foot, Frames, Grid, MAX_CELL_MM, MAX_LINES, Toes, check_period};
-use crate::table::{at_line, file_name};
+use crate::separators::Separators;
+use crate::table::{another_measurement, at_line, file_name};
 use crate::text::{decode, first_number, number, parse_number, shortened};
 use crate::{Error, Export, Result, units};
 use plantar::Side;
@@ -25,6 +26,10 @@ fn property(line: &str) -> Option<(&str, &str)> {
     (!name.is_empty()).then(|| (name, value.trim_matches([' ', ',', '\t', ':', '"'])))
 }
 
+/// Largest rounding error of SATURATION_PRESSURE and of a pressure, as a fraction.
+const SATURATION_ROUNDING: f64 = 1e-3;
+/// Lines with which only a header begins.
+const HEADER: [&str; 4] = ["DATA_TYPE", "FILENAME", "SENSOR_TYPE", "ROWS"];
 /// The remedy for raw values that cannot be converted.
 const CALIBRATE: &str = "calibrate the measurement in the vendor's program, and export it in kPa";
 
@@ -44,6 +49,8 @@ struct Header<'a> {
     calibration: Option<(f64, f64)>,
     /// True if the sensor was calibrated with a second load, by a law that the export does not state.
     has_second_point: bool,
+    /// The pressure at which a cell is saturated, kPa.
+    saturation_kpa: Option<f64>,
     file_name: &'a str,
     sensor: &'a str,
 }
@@ -89,8 +96,30 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
             "The header states frames up to {stated}, but the last one is frame {last_number}: the export may be cut off."
         ));
     }
+    if let Some(saturation_kpa) = header.saturation_kpa {
+        // The header rounds the pressure.
+        let [frames, cells] = frames.reaching((saturation_kpa * (1.0 - SATURATION_ROUNDING)) as f32);
+        if cells > 0 {
+            remarks.push(format!(
+                "Cells that reach SATURATION_PRESSURE, {saturation_kpa:.0} kPa: {cells}, in {frames} frames. Their true \
+                 pressures may be higher."
+            ));
+        }
+    }
     let is_insole = header.sensor.to_uppercase().replace(['-', ' '], "").contains("FSCAN");
-    let stated = [header.file_name, &file_name(path)].into_iter().find_map(side_of);
+    let names = [header.file_name, &file_name(path)];
+    let [in_header, of_file] = names.map(side_of);
+    if side.is_none() && in_header.zip(of_file).is_some_and(|(in_header, of_file)| in_header != of_file) {
+        let [in_header, of_file] = names.map(|name| shortened(name.rsplit(['\\', '/']).next().unwrap_or(name)));
+        return Err(Error::content(
+            path.display().to_string(),
+            format!(
+                "FILENAME in the header is `{in_header}`, but the file is named `{of_file}`: they state different feet"
+            ),
+            "state the foot with --side",
+        ));
+    }
+    let stated = in_header.or(of_file);
     if let (Some(side), Some(stated)) = (side, stated)
         && side != stated
     {
@@ -140,6 +169,13 @@ fn header<'a>(lines: &mut impl Iterator<Item = (u64, &'a str)>, path: &Path) -> 
             "UNITS" => header.unit = Some((value, line)),
             "CALIBRATION_POINT_1" => header.calibration = calibration(value),
             "CALIBRATION_POINT_2" => header.has_second_point = calibration(value).is_some(),
+            "SATURATION_PRESSURE" => {
+                let unit = value.trim_start_matches(|c: char| c.is_ascii_digit() || ".,+ \t".contains(c));
+                header.saturation_kpa = first_number(value)
+                    .zip(units::kpa_of(unit))
+                    .map(|(value, kpa)| value * kpa)
+                    .filter(|kpa| *kpa > 0.0);
+            }
             "FILENAME" => header.file_name = value,
             "SENSOR_TYPE" => header.sensor = value,
             _ => {}
@@ -212,7 +248,7 @@ fn read_frames<'a>(
     period_s: f64,
     kpa_per_unit: f64,
 ) -> Result<(Frames, u64)> {
-    let mut frames = Frames::default();
+    let (mut frames, mut separators) = (Frames::default(), Separators::default());
     let mut numbers: Vec<u64> = Vec::new();
     // The number of rows that were read of the current frame; `rows` before the first frame.
     let mut rows_read = rows;
@@ -222,7 +258,7 @@ fn read_frames<'a>(
     };
     for (line, row) in lines {
         let place = || at_line(path, line);
-        let row = row.trim().trim_end_matches(',');
+        let row = row.trim().trim_end_matches([',', ';', '\t', ' ']);
         if row.is_empty() || row.starts_with("@@") {
             continue;
         }
@@ -243,23 +279,33 @@ fn read_frames<'a>(
             continue;
         }
         // With other separators, a comma is a decimal comma.
-        let separators: &[char] = if row.contains([';', '\t']) { &[';', '\t'] } else { &[','] };
-        let fields = row.split(separators).map(str::trim);
+        let delimiters: &[char] = if row.contains([';', '\t']) { &[';', '\t'] } else { &[','] };
+        let fields = row.split(delimiters).map(str::trim);
         if rows_read == rows {
+            if property(row).is_some_and(|(name, _)| HEADER.contains(&name)) {
+                return Err(another_measurement(place()));
+            }
             let problem = format!("`{}`, expected the beginning of a frame", shortened(row));
             return Err(Error::content(place(), problem, "export the measurement again, and do not edit the file"));
         }
         let width = fields.clone().count();
+        if width == 1 && columns > 1 {
+            let problem = format!("`{}`, expected {columns} values, as COLS states", shortened(row));
+            let remedy = "export the values with commas, semicolons or tabs between them";
+            return Err(Error::content(place(), problem, remedy));
+        }
         if width != columns {
             let problem = format!("{width} values, expected {columns}, as COLS states");
             return Err(Error::content(place(), problem, "the export is cut off or damaged: export or copy it again"));
         }
         for (column, field) in fields.enumerate().filter(|(_, field)| !field.eq_ignore_ascii_case("B")) {
             let value = number(field, &format!("the value in column {}", column + 1), &place)?;
+            separators.add(field, line);
             frames.add(rows_read, column, (value * kpa_per_unit) as f32);
         }
         rows_read += 1;
     }
+    separators.check(path)?;
     match rows_read == rows {
         true => Ok((frames, numbers.last().copied().unwrap_or(0))),
         false => Err(cut_off(path.display().to_string(), rows_read)),

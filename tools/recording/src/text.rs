@@ -14,6 +14,18 @@ pub fn decode(bytes: &[u8], path: &Path) -> Result<String> {
         let units = rest.as_chunks().0.iter().map(|&pair| unit(pair));
         char::decode_utf16(units).map(|c| c.unwrap_or(char::REPLACEMENT_CHARACTER)).collect()
     };
+    let compressed = match bytes {
+        [0x1f, 0x8b, ..] => Some("compressed by gzip"),
+        [b'P', b'K', 3, 4, ..] => Some("a zip archive or a workbook (.xlsx)"),
+        _ => None,
+    };
+    if let Some(problem) = compressed {
+        return Err(Error::content(
+            path.display().to_string(),
+            problem,
+            "unpack it, and name the text file in it; of a workbook, export the text",
+        ));
+    }
     let text: String = match bytes {
         [0xff, 0xfe, rest @ ..] => utf16(rest, u16::from_le_bytes),
         [0xfe, 0xff, rest @ ..] => utf16(rest, u16::from_be_bytes),
@@ -45,6 +57,12 @@ pub fn decode(bytes: &[u8], path: &Path) -> Result<String> {
     Ok(text)
 }
 
+/// The rest of a line that begins with `name`. Blanks before the name and capitals do not matter.
+pub fn strip_name<'a>(row: &'a str, name: &str) -> Option<&'a str> {
+    let (start, rest) = row.trim_start().split_at_checked(name.len())?;
+    start.eq_ignore_ascii_case(name).then_some(rest)
+}
+
 /// Parses a finite number with a decimal point or a decimal comma.
 pub fn parse_number(field: &str) -> Option<f64> {
     let field = field.trim();
@@ -72,6 +90,14 @@ pub fn shortened(text: &str) -> String {
     match text.char_indices().nth(LONGEST) {
         Some((end, _)) => format!("{}...", &text[..end]),
         None => text.to_owned(),
+    }
+}
+
+/// A time for a message, s, rounded to 0.1 ms; very short and very long ones in scientific notation.
+pub fn seconds(value_s: f64) -> String {
+    match (1e-3..1e6).contains(&value_s) {
+        true => ((value_s * 1e4).round() / 1e4).to_string(),
+        false => format!("{value_s:e}"),
     }
 }
 

@@ -1,5 +1,6 @@
 //! Units of vendors' exports.
 
+use crate::text::{shortened, strip_name};
 use crate::{Error, Result};
 
 /// The value of one unit of pressure in kPa; `None` for an unknown unit. Upper and lower case are not distinguished.
@@ -27,10 +28,48 @@ pub fn kpa(unit: &str, place: &dyn Fn() -> String) -> Result<f64> {
     kpa_of(unit).ok_or_else(|| {
         Error::content(
             place(),
-            format!("unknown unit of pressure `{unit}`"),
+            format!("unknown unit of pressure `{}`", shortened(unit)),
             "export the measurement in kPa, PSI, mmHg or N/cm2",
         )
     })
+}
+
+/// A unit of pressure that a header states.
+#[derive(Clone, PartialEq)]
+pub struct StatedUnit {
+    pub name: String,
+    pub kpa: f64,
+}
+
+/// The unit of pressure that a line of a header states: after `pressure values in`, or, in another wording such as `Druckwerte in
+/// N/cm2`, as the last word, in brackets or after `in`. `None` if the line states none.
+///
+/// # Errors
+/// Fails for an unknown unit after `pressure values in`.
+pub fn stated(row: &str, place: &dyn Fn() -> String) -> Result<Option<StatedUnit>> {
+    if let Some(name) = strip_name(row, "pressure values in") {
+        let name = name.trim_matches([' ', '\t', ':']);
+        return Ok(Some(StatedUnit { name: name.to_owned(), kpa: kpa(name, place)? }));
+    }
+    let mut words = row.split_whitespace().rev();
+    let (last, before) = (words.next().unwrap_or_default(), words.next().unwrap_or_default());
+    let unit = last.trim_end_matches([':', '.', ',', ';']);
+    let of_pressure = ["pressure", "druck", "unit", "einheit"].iter().any(|word| row.to_lowercase().contains(word));
+    let is_stated =
+        before.eq_ignore_ascii_case("in") || unit.starts_with(['[', '(']) || (before.ends_with(':') && of_pressure);
+    let kpa = kpa_of(unit).filter(|_| is_stated);
+    Ok(kpa.map(|kpa| StatedUnit { name: unit.trim_matches(['[', ']', '(', ')']).to_owned(), kpa }))
+}
+
+/// Reads a line of a header as [`stated`] into `unit`. Two lines must not state different units.
+pub fn update_stated(unit: &mut Option<StatedUnit>, row: &str, place: &dyn Fn() -> String) -> Result<()> {
+    let Some(stated) = stated(row, place)? else { return Ok(()) };
+    if let Some(before) = unit.as_ref().filter(|before| before.kpa != stated.kpa) {
+        let problem = format!("the unit {} contradicts {}, which a line above states", stated.name, before.name);
+        return Err(Error::content(place(), problem, "export the measurement in one unit, and do not edit the file"));
+    }
+    *unit = Some(stated);
+    Ok(())
 }
 
 /// The value of one unit of length in mm.

@@ -9,6 +9,7 @@
 
 mod insole;
 
+use crate::separators::Separators;
 use crate::table::{at_line, unreadable};
 use crate::text::{decode, first_number, number, parse_number, shortened};
 use crate::{Error, Export, Result, clock, units};
@@ -31,8 +32,15 @@ pub fn recognise(text: &str) -> bool {
 /// Fails if a line violates the format. The message names file, line and remedy.
 pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     let text = decode(bytes, path)?;
-    let mut reader =
-        Reader { path, line: 0, kpa_per_unit: None, state: State::Header, frames: Vec::new(), insoles: [None, None] };
+    let mut reader = Reader {
+        path,
+        line: 0,
+        kpa_per_unit: None,
+        separators: Separators::default(),
+        state: State::Header,
+        frames: Vec::new(),
+        insoles: [None, None],
+    };
     let mut rows = ReaderBuilder::new()
         .trim(Trim::All)
         .flexible(true)
@@ -47,6 +55,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         reader.row(&row)?;
     }
     reader.check_no_open_table("the end of the file")?;
+    reader.separators.check(path)?;
     reader.export(side)
 }
 
@@ -93,6 +102,7 @@ struct Reader<'a> {
     /// Number of the current line.
     line: u64,
     kpa_per_unit: Option<f64>,
+    separators: Separators,
     state: State,
     frames: Vec<Frame>,
     /// Left and right.
@@ -269,6 +279,10 @@ impl Reader<'_> {
                 "export the measurement again, and do not edit the file",
             ));
         }
+        for field in row.iter().take(columns) {
+            self.separators.add(field, self.line);
+        }
+        let insole = self.insole(side);
         for (column, field) in row.iter().take(columns).enumerate() {
             let is_outside =
                 field.is_empty() || matches!(field.to_uppercase().as_str(), "B" | "-" | "NAN" | "N/A" | "*");

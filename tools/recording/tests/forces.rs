@@ -101,7 +101,7 @@ fn damaged_files_are_refused_with_the_line_and_a_remedy() {
     assert_message(parse(Format::Gaitpdb, &text.replacen("\n0.01\t", "\n0.00\t", 1)), "walk.txt:2: ", &["repeated"]);
     assert_message(parse(Format::Gaitpdb, &text.replacen("\n0.01\t", "\nNaN\t", 1)), "walk.txt:2: ", &["the time"]);
     let text = loadsol_file();
-    assert_message(parse(Format::Loadsol, &text.replace("[N]", "[lb]")), "walk.txt: ", &["[N]"]);
+    assert_message(parse(Format::Loadsol, &text.replace("[N]", "[lb]")), "walk.txt:3: ", &["[lb]", "in N"]);
     assert_message(parse(Format::Loadsol, &text.replace("A1-", "A1")), "walk.txt: ", &["L or R"]);
     assert_message(parse(Format::Loadsol, &text.replacen("\n0.010\t", "\n0,0,1\t", 1)), "walk.txt:6: ", &["the time"]);
 }

@@ -116,3 +116,12 @@ fn damaged_files_are_refused_with_the_line_and_a_remedy() {
     assert_message(parse(&text[..text.len() - 40]), "walk.txt:153: ", &["columns", "cut off"]);
     assert_message(parse(text.lines().take(3).collect::<Vec<_>>().join("\n").as_str()), "walk.txt: ", &["no frame"]);
 }
+
+#[test]
+fn another_unit_of_the_total_force_is_refused_and_ascii_names_of_units_are_read() {
+    let text = text(&[]);
+    assert_message(parse(&text.replace("total force[N]", "total force[lbf]")), "walk.txt:3: ", &["[lbf]", "in N"]);
+    assert_eq!(parse(&text.replace("N/cm²", "N/cm2")).unwrap().feet, parse(&text).unwrap().feet);
+    let with_tabs = text.lines().map(|line| format!("{line}{}\n", if line.starts_with('#') { "" } else { "\t" }));
+    assert_eq!(parse(&with_tabs.collect::<String>()).unwrap().feet, parse(&text).unwrap().feet);
+}

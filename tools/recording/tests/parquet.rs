@@ -210,6 +210,19 @@ fn a_gap_after_a_part_without_frames_is_refused() {
     assert!(error.contains("part-2.parquet") && error.contains("gap in time"), "{error}");
 }
 
+/// `part-10` is before `part-2` in the order of names.
+#[test]
+fn parts_are_joined_in_the_order_of_their_times() {
+    let folder = TempDir::new().unwrap();
+    for i in 0..12 {
+        let path = folder.path().join(format!("part-{}.parquet", i + 1));
+        let kpa: &[f32] = &[i as f32];
+        write(&path, Some(TWO_CELLS), ["t_s", "c0_kpa", "c1_kpa"], &[0.01 * f64::from(i)], [kpa, kpa]);
+    }
+    let recording = Recording::read(folder.path()).unwrap();
+    assert!(recording.pressure_kpa.chunks_exact(2).enumerate().all(|(i, frame)| frame[0] == i as f32));
+}
+
 #[test]
 fn a_gap_between_parts_with_row_groups_without_rows_is_refused() {
     let folder = TempDir::new().unwrap();

@@ -1,0 +1,49 @@
+//! Warnings about the layout of a recording.
+
+use plantar::{Region, Side};
+use recording::{Cell, Layout, Recording, footprint};
+
+/// A foot of ten cells in one row of the length `length_mm`. In each contact, the load moves by `moves` cells.
+fn contacts(length_mm: f64, moves: &[f64]) -> Recording {
+    let cell = |i: usize| Cell { x_mm: 20.0, y_mm: length_mm * i as f64 / 9.0, area_mm2: 100.0, region: Region::Heel };
+    let mut pressure_kpa: Vec<f32> = Vec::new();
+    for by in moves {
+        for frame in 0..30 {
+            let loaded = 4.5 + by * (f64::from(frame) / 29.0 - 0.5);
+            pressure_kpa.extend((0..10).map(|i| (100.0 * (1.0 - (f64::from(i) - loaded).abs() / 3.0)).max(0.0) as f32));
+        }
+        pressure_kpa.extend([0.0; 10 * 20]);
+    }
+    Recording {
+        side: Side::Left,
+        layout: Layout { name: "row".into(), cells: (0..10).map(cell).collect() },
+        rate_hz: 100.0,
+        source: String::new(),
+        t_s: (0..pressure_kpa.len() / 10).map(|frame| frame as f64 * 0.01).collect(),
+        pressure_kpa,
+    }
+}
+
+#[test]
+fn standing_does_not_hide_that_a_foot_is_upside_down() {
+    let warns = |moves: &[f64]| footprint::warnings(&contacts(250.0, moves)).iter().any(|w| w.contains("upside down"));
+    assert!(warns(&[-8.0, -8.0]));
+    assert!(warns(&[0.0, -8.0, -8.0]));
+    assert!(!warns(&[8.0, -8.0]));
+    assert!(!warns(&[0.0, 0.0]));
+}
+
+#[test]
+fn layouts_in_cm_and_with_exchanged_axes_lead_to_a_warning() {
+    let in_cm = contacts(25.0, &[8.0]);
+    assert!(footprint::warnings(&in_cm)[0].contains("in mm2"), "{:?}", footprint::warnings(&in_cm));
+    let mut in_cm2 = contacts(250.0, &[8.0]);
+    in_cm2.layout.cells.iter_mut().for_each(|cell| cell.area_mm2 = 1.0);
+    assert!(footprint::warnings(&in_cm2)[0].contains("10 mm2 in total"), "{:?}", footprint::warnings(&in_cm2));
+    let mut exchanged = contacts(250.0, &[8.0]);
+    for cell in &mut exchanged.layout.cells {
+        (cell.x_mm, cell.y_mm) = (cell.y_mm, cell.x_mm);
+    }
+    assert!(footprint::warnings(&exchanged)[0].contains("exchanged"), "{:?}", footprint::warnings(&exchanged));
+    assert!(footprint::warnings(&contacts(250.0, &[8.0])).is_empty());
+}
