@@ -119,7 +119,7 @@ pub(crate) fn fit_region(steps: &[Step], region: usize, options: &Options) -> Re
     let change = group.change(&best, region, options);
     let (fixed, contradiction) = best.fixed_parameters(curves, region, options);
 
-    let resampled = resample(curves, &best, region, options);
+    let resampled = resample(curves, &best, options);
     let covariance = best.covariance();
     let mut uncertainty = best.uncertainty(covariance.as_ref());
     if let Some(uncertainty) = &mut uncertainty {
@@ -152,16 +152,21 @@ const GROUPS: usize = 20;
 /// The fits to resampled steps: as many steps as there are, drawn with replacement. The same steps always result in the same
 /// fits. Empty for fewer than [`interval::RESAMPLED_STEPS`] steps, and for the paper's method, whose results have no
 /// intervals.
-fn resample(curves: &[&RegionCurves], fit_to_all: &SearchResult, region: usize, options: &Options) -> Vec<Resample> {
-    if curves.len() < interval::RESAMPLED_STEPS || fit_to_all.identified.is_none() {
+fn resample(curves: &[&RegionCurves], fit_to_all: &SearchResult, options: &Options) -> Vec<Resample> {
+    let Some(identified) = &fit_to_all.identified else { return Vec::new() };
+    if curves.len() < interval::RESAMPLED_STEPS {
         return Vec::new();
     }
     let peaks = fit_to_all.peaks();
     parallel::map(options.resamples as usize, |seed| {
         let drawn = interval::drawn(seed as u64, curves.len());
+        // A step that is drawn several times is evaluated once: about a third of the draws are repetitions.
+        let mut times = vec![0u32; curves.len()];
+        drawn.clone().for_each(|i| times[i] += 1);
+        let steps = curves.iter().zip(times).filter(|(_, times)| *times > 0).map(|(curves, times)| (*curves, times));
         Resample {
-            reference: Peaks::median(drawn.clone().map(|i| peaks[i])),
-            law: refit(drawn.map(|i| curves[i]), fit_to_all, region, options),
+            reference: Peaks::median(drawn.map(|i| peaks[i])),
+            law: refit_samples(&Samples::repeated(steps, options.filter), fit_to_all, identified, options),
         }
     })
 }
@@ -250,11 +255,20 @@ pub(crate) fn refit<'c>(
     options: &Options,
 ) -> ForceLaw<f64> {
     let Some(identified) = &fit_to_all.identified else { return search(curves, region, options).law };
-    let samples = Samples::new(curves, options.filter);
+    refit_samples(&Samples::new(curves, options.filter), fit_to_all, identified, options)
+}
+
+/// The force law fitted to these samples. `identified` are the parameters of `fit_to_all`.
+fn refit_samples(
+    samples: &Samples,
+    fit_to_all: &SearchResult,
+    identified: &Identified,
+    options: &Options,
+) -> ForceLaw<f64> {
     let start = identified.rebased(fit_to_all.samples.area_max_m2, samples.area_max_m2);
     let found = match &fit_to_all.prior {
-        Some(prior) => prior.refine(&samples, &start, fit_to_all.noise.variance),
-        None => refine(&samples, &options.bounds, &start),
+        Some(prior) => prior.refine(samples, &start, fit_to_all.noise.variance),
+        None => refine(samples, &options.bounds, &start),
     };
     found.law(samples.area_max_m2, ANY_C_M)
 }
