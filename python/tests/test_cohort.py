@@ -217,6 +217,37 @@ def test_hidden_files_are_not_recordings(study_folder: pathlib.Path, tmp_path: p
     assert (outcome.steps, outcome.left_out) == (4, ())
 
 
+def test_files_that_are_not_directly_in_a_participants_folder_are_left_out_and_named(
+    study_folder: pathlib.Path, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study = tmp_path / "study"
+    shutil.copytree(study_folder, study)
+    ann = study / "ann"
+    (ann / "day2" / "shod").mkdir(parents=True)
+    (ann / "results" / "participant=ann").mkdir(parents=True)
+    for copy in ("day2/shod/a.parquet", "day2/B.PARQUET", "X.PARQUET", "results/participant=ann/steps.parquet"):
+        shutil.copy(ann / "0.parquet", ann / copy)
+    shutil.copy(ann / "0.parquet", study / "lost.parquet")
+    expected = [
+        ("study/ann/X.PARQUET: ", "in lower case"),
+        ("study/ann/day2: ", "are not used (2)"),
+        ("study/lost.parquet: ", "not in the folder of a participant"),
+    ]
+    # The second run finds the participants up to date.
+    for cached in (0, 4):
+        assert cohort.main([str(study), "--out", str(tmp_path / "table")]) == 3
+        captured = capsys.readouterr()
+        assert f"{cached} participants were already up to date" in captured.out
+        left_out = [line for line in captured.err.splitlines() if line.startswith("left out: ")]
+        assert len(left_out) == len(expected), captured.err
+        for line, (name, reason) in zip(left_out, expected, strict=True):
+            assert name in line and reason in line
+    # `plantar cohort` leaves out the same files.
+    text = plantar_program("cohort", study, "--out", tmp_path / "rust", status=3)
+    for name, reason in expected:
+        assert any(name in line and reason in line for line in text.splitlines()), text
+
+
 def test_a_recording_in_parts_has_the_rows_of_the_command_line(tmp_path: pathlib.Path) -> None:
     study, parts = tmp_path / "study", tmp_path / "study" / "ann" / "walk.parquet"
     parts.mkdir(parents=True)

@@ -48,7 +48,7 @@ class Outcome:
     is_cached: bool
     """True if the rows in the table were already up to date."""
     left_out: tuple[str, ...] = ()
-    """The reasons why recordings or the participant could not be used."""
+    """The reasons why recordings or the participant could not be used, also files in sub-folders of the participant."""
     notes: tuple[str, ...] = ()
     """A note on each value of the tissue measurements that is out of range and therefore not used."""
 
@@ -69,6 +69,41 @@ def _parquet_entries(files: Any, folder: str) -> list[dict[str, Any]]:
 
     files.invalidate_cache(folder)
     return sorted(filter(is_recording, files.ls(folder, detail=True)), key=lambda entry: entry["name"])
+
+
+def _unused(files: Any, folder: str, table: str | None, opened: set[str]) -> list[str]:
+    """The reasons why files in a participant's folder that may be recordings are not used: files with an ending that differs from
+    ``.parquet`` in case, and files in sub-folders. A sub-folder with the ending ``.parquet`` is a recording in parts. Hidden
+    files, the files in ``opened``, which the settings name, and tables are omitted. ``table`` is the folder of the table."""
+    reasons: dict[str, str] = {}
+    counts: dict[str, int] = {}
+    for path in sorted(files.find(folder)):
+        names = path[len(folder) :].strip("/").split("/")
+        first = f"{folder}/{names[0]}"
+        is_in_table = any(name.startswith("participant=") for name in names) or (table and path.startswith(f"{table}/"))
+        if any(name.startswith(".") for name in names) or is_in_table or path in opened:
+            continue
+        if not names[-1].lower().endswith(".parquet") or names[0].endswith(".parquet"):
+            continue
+        if names[0].lower().endswith(".parquet"):
+            reasons[first] = f"{first}: the name of a recording must end in .parquet, in lower case: rename it"
+        else:
+            counts[first] = counts.get(first, 0) + 1
+            reasons[first] = (
+                f"{first}: Parquet files in a sub-folder of a participant are not used ({counts[first]}): move recordings to "
+                f"{folder}; the name of a folder with the parts of one recording must end in .parquet"
+            )
+    return list(reasons.values())
+
+
+def outside(study: str | os.PathLike[str]) -> list[str]:
+    """The reasons why files at the top level of a study that may be recordings are not used: they belong to no participant."""
+    files, root = fsspec.url_to_fs(_address(study))
+    files.invalidate_cache(root)
+    paths = sorted(entry["name"] for entry in files.ls(root, detail=True) if not _is_folder(files, entry))
+    names = ((path, path.rsplit("/", 1)[-1]) for path in paths)
+    found = (path for path, name in names if name.lower().endswith(".parquet") and not name.startswith("."))
+    return [f"{path}: not in the folder of a participant: move it there" for path in found]
 
 
 def participants(study: str, out: str) -> list[str]:
@@ -114,7 +149,8 @@ def evaluate(participant: str, study: str, out: str, options: Options) -> Outcom
     files, root = fsspec.url_to_fs(study)
     table_files, target = _table_file(participant, out)
     try:
-        return _evaluate(participant, files, f"{root}/{participant}", table_files, target, options)
+        table = fsspec.url_to_fs(out)[1].rstrip("/") if files == table_files else None
+        return _evaluate(participant, files, f"{root}/{participant}", table_files, target, options, table)
     except (OSError, ValueError) as error:
         _remove_rows(table_files, target)
         return Outcome(participant, 0, False, (str(error),))
@@ -141,12 +177,16 @@ def _remove_rows(files: Any, target: str) -> None:
         files.rm_file(target)
 
 
-def _evaluate(participant: str, files: Any, folder: str, table_files: Any, target: str, options: Options) -> Outcome:
+def _evaluate(
+    participant: str, files: Any, folder: str, table_files: Any, target: str, options: Options, table: str | None
+) -> Outcome:
     """Evaluates the recordings in ``folder``, and writes the rows to the file ``target``. ``files`` and ``table_files`` are the
-    file systems of these two."""
+    file systems of these two. ``table`` is the folder of the table, if it is in the file system of the study."""
+    opened: set[str] = set()
     tissue = None if options.tissue is None else os.fspath(options.tissue)
 
     def read(path: str) -> bytes:
+        opened.add(path)
         # The file of `options.tissue` is on this worker, all others are in the study.
         return pathlib.Path(path).read_bytes() if path == tissue else bytes(files.cat_file(path))
 
@@ -156,11 +196,12 @@ def _evaluate(participant: str, files: Any, folder: str, table_files: Any, targe
     for entry in _parquet_entries(files, folder):
         path = entry["name"].rstrip("/")
         recordings[path] = _parquet_entries(files, path) if _is_folder(files, entry) else [entry]
+    unused = _unused(files, folder, table, opened)
     entries = [entry for parts in recordings.values() for entry in parts]
     stamps = [f"\n{entry['name']} {[(key, entry[key]) for key in _STAMPS if key in entry]}" for entry in entries]
     made_from = f"{_core.version} python {person.description}{''.join(stamps)}".encode()
     if (rows := _up_to_date_rows(table_files, target, made_from)) is not None:
-        return Outcome(participant, rows // len(REGIONS), True, (), tuple(person.notes))
+        return Outcome(participant, rows // len(REGIONS), True, tuple(unused), tuple(person.notes))
     batches, left_out = [], []
     for path, parts in recordings.items():
         try:
@@ -175,12 +216,12 @@ def _evaluate(participant: str, files: Any, folder: str, table_files: Any, targe
     if steps == 0:
         found = "no complete step in its recordings" if recordings else "no recording (*.parquet)"
         problem = f"{folder}: {found}: record a walk of several steps"
-        raise ValueError("; ".join([*left_out, problem]))
+        raise ValueError("; ".join([*left_out, *unused, problem]))
     # Without a description of its inputs the file is out of date, so the next run tries the unusable recordings again.
     metadata = {_MADE_FROM: b"" if left_out else made_from}
     rows_table = pyarrow.Table.from_batches(batches).replace_schema_metadata(metadata)
     _write(table_files, target, rows_table)
-    return Outcome(participant, steps, False, tuple(left_out), tuple(person.notes))
+    return Outcome(participant, steps, False, (*left_out, *unused), tuple(person.notes))
 
 
 def _up_to_date_rows(files: Any, path: str, made_from: bytes) -> int | None:
@@ -350,7 +391,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (OSError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
-    left_out = [reason for outcome in outcomes for reason in outcome.left_out]
+    left_out = [reason for outcome in outcomes for reason in outcome.left_out] + outside(study)
     for note in (note for outcome in outcomes for note in outcome.notes):
         print(f"note: {note}", file=sys.stderr)
     for reason in left_out:

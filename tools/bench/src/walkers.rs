@@ -128,7 +128,7 @@ fn shares(studies: &[Study], figures: &mut Figures) {
     figures.add(
         "fit_determined",
         round(determined as f64 / measures.len() as f64),
-        "at least 0.8: share of the mechanical quantities whose 95 % interval is within 30 % of the value",
+        "at least 0.75: share of the mechanical quantities whose 95 % interval is within 30 % of the value",
     );
 }
 

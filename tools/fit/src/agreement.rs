@@ -279,7 +279,7 @@ def squares(*design):
     return np.sum((x.ravel() - a @ np.linalg.lstsq(a, x.ravel(), rcond=None)[0]) ** 2)
 none, both = squares(), squares(person, trial)
 r, c, e = (squares(trial) - both) / (n - 1), (squares(person) - both) / (k - 1), both / ((n - 1) * (k - 1))
-print((r - e) / (r + (k - 1) * e + k / n * (c - e)), np.sqrt(e + max(c - e, 0) / n))
+print((r - e) / (r + (k - 1) * e + k / n * (c - e)), np.sqrt(e + (c - e) / n))
 ";
 
     #[test]

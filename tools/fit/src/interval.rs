@@ -43,6 +43,12 @@ pub const RESAMPLED_STEPS: usize = 10;
 /// Number of resamples that suffices for 95 % intervals.
 pub const RESAMPLES: u64 = 200;
 
+/// The indices of as many steps as there are, `count`, drawn with replacement. Equal seeds result in equal steps.
+pub(crate) fn drawn(seed: u64, count: usize) -> impl Iterator<Item = usize> + Clone {
+    let mut random = fastrand::Rng::with_seed(seed);
+    (0..count).map(move |_| random.usize(..count))
+}
+
 /// The five parameters of a fit to samples with this largest area, in the order of [`FIVE`].
 pub fn five(identified: &Identified, area_max_m2: f64) -> [f64; 5] {
     let Identified { shape, stiffness_pa, damping_pa_s, .. } = *identified;

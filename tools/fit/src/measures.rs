@@ -9,7 +9,7 @@ use crate::fixed::FixedParameters;
 use crate::interval::{self, Noise};
 use crate::prior::{self, Coordinates};
 use crate::trials::Moments;
-use crate::{Filter, RegionCurves, Samples};
+use crate::{Filter, RegionCurves, Samples, steps};
 use nalgebra::{Matrix5, Vector5};
 use plantar::pipeline::model::ForceLaw;
 use statrs::distribution::{ContinuousCDF, StudentsT};
@@ -108,8 +108,9 @@ pub struct Measure {
     pub quantity: Quantity,
     /// The value, in the unit of the quantity.
     pub value: f64,
-    /// The 95 % interval. `None` for an energy of a single step; `None` for another quantity if the fit had no prior, as with
-    /// the paper's method, or if the interval is not finite.
+    /// The 95 % interval. `None` for an energy of a single step, and for a force or an area that is relative to the largest area
+    /// or the peak force of a single step, because the variation between steps is then unknown; `None` for another quantity
+    /// than an energy if the fit had no prior, as with the paper's method, or if the interval is not finite.
     pub interval: Option<[f64; 2]>,
 }
 
@@ -155,21 +156,65 @@ pub fn find(measures: &[Measure], quantity: Quantity) -> Option<&Measure> {
     measures.iter().find(|measure| measure.quantity == quantity)
 }
 
+/// Largest area and peak force of a step. The references of the quantities are the medians of both over the steps.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Peaks {
+    /// Largest area, m2.
+    pub area_m2: f64,
+    /// Peak force, N.
+    pub force_n: f64,
+}
+
+impl Peaks {
+    /// The medians over steps.
+    pub fn median(steps: impl IntoIterator<Item = Self> + Clone) -> Self {
+        Self {
+            area_m2: steps::median(steps.clone().into_iter().map(|step| step.area_m2)),
+            force_n: steps::median(steps.into_iter().map(|step| step.force_n)),
+        }
+    }
+
+    /// The standard errors of the logarithms of the medians over `steps`: the standard deviations over resamples of the steps,
+    /// with the factor sqrt(n / (n - 1)), because a resample of n steps varies less than n new steps. Infinite for a single
+    /// step, because its difference from other steps is unknown.
+    pub fn relative_errors_of_median(steps: &[Self]) -> Self {
+        let count = steps.len();
+        if count < 2 {
+            return Self { area_m2: f64::INFINITY, force_n: f64::INFINITY };
+        }
+        let resampled = |seed| Self::median(interval::drawn(seed, count).map(|i| steps[i]));
+        let medians: Vec<Self> = (0..interval::RESAMPLES).map(resampled).collect();
+        let error = |value: fn(&Self) -> f64| {
+            let deviation = Moments::of(medians.iter().map(|median| value(median).ln())).and_then(|m| m.deviation);
+            deviation.unwrap_or(f64::INFINITY) * (count as f64 / (count as f64 - 1.0)).sqrt()
+        };
+        Self { area_m2: error(|median| median.area_m2), force_n: error(|median| median.force_n) }
+    }
+}
+
+/// The fit to a resample of the steps.
+pub(crate) struct Resample {
+    /// The force law.
+    pub law: ForceLaw<f64>,
+    /// The references of the resample.
+    pub reference: Peaks,
+}
+
 /// The data from which the quantities of a region follow.
 pub(crate) struct Basis<'b> {
     /// Largest area of the fitted steps, m2.
     pub area_max_m2: f64,
-    /// Largest area of a step: the median over the steps, m2.
-    pub step_area_m2: f64,
-    /// Peak force: the median over the steps, N.
-    pub peak_n: f64,
+    /// Largest area and peak force of each step.
+    pub steps: &'b [Peaks],
+    /// The medians of `steps`.
+    pub reference: Peaks,
     pub fixed: &'b FixedParameters,
 }
 
 impl Basis<'_> {
-    /// A quantity of a force law, whose C is replaced by the fixed one. `None` for the energies, for a force or strain that the
-    /// law does not reach, and for a fixed force above the peak force.
-    fn of_law(&self, law: &ForceLaw<f64>, quantity: Quantity) -> Option<f64> {
+    /// A quantity of a force law, whose C is replaced by the fixed one, at these references. `None` for the energies, for a force
+    /// or strain that the law does not reach, and for a fixed force above the peak force.
+    fn of_law_at(&self, law: &ForceLaw<f64>, reference: Peaks, quantity: Quantity) -> Option<f64> {
         let c_m = self.fixed.c_m(law, self.area_max_m2);
         let elastic = |g: f64| law.force_n(g, 0.0);
         let area_m2 = |g: f64| PI * law.ab_m2 * g * (2.0 - g);
@@ -180,10 +225,11 @@ impl Basis<'_> {
         let stress = |g: f64| elastic(g) / area_m2(g);
         match quantity {
             Quantity::ForceAtArea => {
-                Some(elastic(law.area_ratio(REFERENCE_AREA * self.step_area_m2).normalised_deformation()))
+                Some(elastic(law.area_ratio(REFERENCE_AREA * reference.area_m2).normalised_deformation()))
             }
-            Quantity::AreaAtForce(share) => inverse(&elastic, share * self.peak_n).map(|g| area_m2(g) * 1e6),
-            Quantity::AreaAtFixedForce(force_n) if force_n <= self.peak_n => {
+            Quantity::AreaAtForce(share) => inverse(&elastic, share * reference.force_n).map(|g| area_m2(g) * 1e6),
+            // Whether the region carries a fixed force is decided for all steps, not for each resample.
+            Quantity::AreaAtFixedForce(force_n) if force_n <= self.reference.force_n => {
                 inverse(&elastic, force_n).map(|g| area_m2(g) * 1e6)
             }
             Quantity::AreaAtFixedForce(_) => None,
@@ -201,15 +247,24 @@ impl Basis<'_> {
         }
     }
 
+    /// See [`Self::of_law_at`], at the references of all steps.
+    fn of_law(&self, law: &ForceLaw<f64>, quantity: Quantity) -> Option<f64> {
+        self.of_law_at(law, self.reference, quantity)
+    }
+
     /// The quantities at the most probable parameters `at`. The interval is the wider of two: that from the covariance matrix
-    /// of the parameters, and that of the force laws fitted to resampled steps.
+    /// of the parameters and the standard errors of the references, and that of the fits to resampled steps, each with the
+    /// references of its resample.
     pub fn measures(
         &self,
         at: &Coordinates,
         covariance: &Matrix5<f64>,
         noise: &Noise,
-        resampled: &[ForceLaw<f64>],
+        resampled: &[Resample],
     ) -> Vec<Measure> {
+        let errors = Peaks::relative_errors_of_median(self.steps);
+        // The errors of the references are estimated from the steps, and the covariance from the samples.
+        let of_steps = Noise { variance: 1.0, degrees_of_freedom: (self.steps.len() as f64 - 1.0).max(1.0) };
         let law_at = |at: &Coordinates| prior::parameters(at, 0.0, 0).law(self.area_max_m2, 1.0);
         let measure = |quantity: Quantity| {
             let value = self.of_law(&law_at(at), quantity)?;
@@ -222,9 +277,11 @@ impl Basis<'_> {
             let gradient = Vector5::from_fn(|i, _| (ln_at(i, STEP) - ln_at(i, -STEP)) / (2.0 * STEP));
             let variance = (gradient.transpose() * covariance * gradient)[0];
             // A variance of NaN, if the law reaches the quantity on one side only, must not become 0 as by `f64::max`.
-            let half = noise.quantile() * if variance < 0.0 { 0.0 } else { variance.sqrt() };
+            let half_of_law = noise.quantile() * if variance < 0.0 { 0.0 } else { variance.sqrt() };
+            let half_of_references = of_steps.quantile() * self.relative_error(&law_at(at), errors, quantity);
+            let half = half_of_law.hypot(half_of_references);
             let from_covariance = [value * (-half).exp(), value * half.exp()];
-            let values = resampled.iter().filter_map(|law| self.of_law(law, quantity));
+            let values = resampled.iter().filter_map(|fit| self.of_law_at(&fit.law, fit.reference, quantity));
             let interval = match interval::middle(values) {
                 Some([low, high]) if high - low > from_covariance[1] - from_covariance[0] => [low, high],
                 _ => from_covariance,
@@ -232,6 +289,20 @@ impl Basis<'_> {
             Some(Measure { quantity, value, interval: half.is_finite().then_some(interval) })
         };
         Quantity::all().filter_map(measure).collect()
+    }
+
+    /// The standard error of the logarithm of a quantity that is due to the relative `errors` of the references.
+    fn relative_error(&self, law: &ForceLaw<f64>, errors: Peaks, quantity: Quantity) -> f64 {
+        let Peaks { area_m2, force_n } = self.reference;
+        let ln_at = |area_factor: f64, force_factor: f64| {
+            let reference = Peaks { area_m2: area_m2 * area_factor, force_n: force_n * force_factor };
+            self.of_law_at(law, reference, quantity).map_or(f64::NAN, f64::ln)
+        };
+        let by_area = (ln_at(1.0 + STEP, 1.0) - ln_at(1.0 - STEP, 1.0)) / (2.0 * STEP);
+        let by_force = (ln_at(1.0, 1.0 + STEP) - ln_at(1.0, 1.0 - STEP)) / (2.0 * STEP);
+        // The error of a reference may be infinite although the quantity does not depend on this reference.
+        let term = |slope: f64, error: f64| if slope == 0.0 { 0.0 } else { slope * error };
+        term(by_area, errors.area_m2).hypot(term(by_force, errors.force_n))
     }
 
     /// See [`ScaleEffect`].
@@ -336,8 +407,8 @@ mod tests {
         let at = Coordinates::new(0.5, -0.5, 0.0, 13.0, 9.0);
         let area_max_m2 = 2e-3;
         let law = prior::parameters(&at, 0.0, 0).law(area_max_m2, 1.0);
-        let peak_n = law.force_n(1.0, 0.0) * (1.0 - 1e-6) / 0.75;
-        let basis = Basis { area_max_m2, step_area_m2: area_max_m2, peak_n, fixed: &fixed };
+        let peaks = Peaks { area_m2: area_max_m2, force_n: law.force_n(1.0, 0.0) * (1.0 - 1e-6) / 0.75 };
+        let basis = Basis { area_max_m2, steps: &[peaks; 2], reference: peaks, fixed: &fixed };
         let noise = Noise { variance: 1.0, degrees_of_freedom: 100.0 };
         let measures = basis.measures(&at, &(Matrix5::identity() * 1e-4), &noise, &[]);
         let interval = |share| find(&measures, Quantity::AreaAtForce(share)).expect("reached").interval;

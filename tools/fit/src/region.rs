@@ -5,7 +5,7 @@ use crate::compare::{Change, Group};
 use crate::fixed::{FixedParameters, Scale};
 use crate::identify::{Bounds, Identified, identify as identify_by_projection, refine};
 use crate::interval::{self, Noise, Uncertainty};
-use crate::measures::{self, Basis, Measure, Quantity, ScaleEffect};
+use crate::measures::{self, Basis, Measure, Peaks, Quantity, Resample, ScaleEffect};
 #[cfg(feature = "paper")]
 use crate::paper;
 use crate::prior::{self, Prior};
@@ -17,6 +17,7 @@ use crate::{Method, Options, RegionCurves, Samples, Step, parallel, steps, verdi
 use nalgebra::Matrix5;
 use plantar::pipeline::model::{Ellipsoid, ForceLaw, LENGTH_M, is_within};
 use std::collections::BTreeSet;
+use std::ops::Range;
 
 /// The result of one region.
 #[derive(Clone, Debug, PartialEq)]
@@ -118,11 +119,11 @@ pub(crate) fn fit_region(steps: &[Step], region: usize, options: &Options) -> Re
     let change = group.change(&best, region, options);
     let (fixed, contradiction) = best.fixed_parameters(curves, region, options);
 
-    let resampled = resample(curves, &best, region, options);
+    let resampled = resample(curves, &best, options);
     let covariance = best.covariance();
     let mut uncertainty = best.uncertainty(covariance.as_ref());
     if let Some(uncertainty) = &mut uncertainty {
-        let five = |law: &ForceLaw<f64>| [law.ab_m2, law.stiffness_pa, law.damping_pa_s, law.n, law.m];
+        let five = |Resample { law, .. }: &Resample| [law.ab_m2, law.stiffness_pa, law.damping_pa_s, law.n, law.m];
         interval::add_bootstrap(uncertainty, &resampled.iter().map(five).collect::<Vec<_>>());
     }
     let measures = best.measures(curves, &fixed, covariance.as_ref(), &resampled, options);
@@ -148,22 +149,25 @@ const LEFT_OUT_ALONE: usize = 60;
 /// With more steps, cross-validation divides them into this number of groups and leaves out one group at a time.
 const GROUPS: usize = 20;
 
-/// The force laws that fit resampled steps: as many steps as there are, drawn with replacement. The same steps always result in
-/// the same laws. Empty for fewer than [`interval::RESAMPLED_STEPS`] steps, and for the paper's method, whose results have no
+/// The fits to resampled steps: as many steps as there are, drawn with replacement. The same steps always result in the same
+/// fits. Empty for fewer than [`interval::RESAMPLED_STEPS`] steps, and for the paper's method, whose results have no
 /// intervals.
-fn resample(
-    curves: &[&RegionCurves],
-    fit_to_all: &SearchResult,
-    region: usize,
-    options: &Options,
-) -> Vec<ForceLaw<f64>> {
-    if curves.len() < interval::RESAMPLED_STEPS || fit_to_all.identified.is_none() {
+fn resample(curves: &[&RegionCurves], fit_to_all: &SearchResult, options: &Options) -> Vec<Resample> {
+    let Some(identified) = &fit_to_all.identified else { return Vec::new() };
+    if curves.len() < interval::RESAMPLED_STEPS {
         return Vec::new();
     }
+    let peaks = fit_to_all.peaks();
     parallel::map(options.resamples as usize, |seed| {
-        let mut random = fastrand::Rng::with_seed(seed as u64);
-        let drawn = (0..curves.len()).map(|_| curves[random.usize(..curves.len())]);
-        refit(drawn, fit_to_all, region, options)
+        let drawn = interval::drawn(seed as u64, curves.len());
+        // A step that is drawn several times is evaluated once: about a third of the draws are repetitions.
+        let mut times = vec![0u32; curves.len()];
+        drawn.clone().for_each(|i| times[i] += 1);
+        let steps = curves.iter().zip(times).filter(|(_, times)| *times > 0).map(|(curves, times)| (*curves, times));
+        Resample {
+            reference: Peaks::median(drawn.map(|i| peaks[i])),
+            law: refit_samples(&Samples::repeated(steps, options.filter), fit_to_all, identified, options),
+        }
     })
 }
 
@@ -251,11 +255,20 @@ pub(crate) fn refit<'c>(
     options: &Options,
 ) -> ForceLaw<f64> {
     let Some(identified) = &fit_to_all.identified else { return search(curves, region, options).law };
-    let samples = Samples::new(curves, options.filter);
+    refit_samples(&Samples::new(curves, options.filter), fit_to_all, identified, options)
+}
+
+/// The force law fitted to these samples. `identified` are the parameters of `fit_to_all`.
+fn refit_samples(
+    samples: &Samples,
+    fit_to_all: &SearchResult,
+    identified: &Identified,
+    options: &Options,
+) -> ForceLaw<f64> {
     let start = identified.rebased(fit_to_all.samples.area_max_m2, samples.area_max_m2);
     let found = match &fit_to_all.prior {
-        Some(prior) => prior.refine(&samples, &start, fit_to_all.noise.variance),
-        None => refine(&samples, &options.bounds, &start),
+        Some(prior) => prior.refine(samples, &start, fit_to_all.noise.variance),
+        None => refine(samples, &options.bounds, &start),
     };
     found.law(samples.area_max_m2, ANY_C_M)
 }
@@ -278,15 +291,20 @@ impl SearchResult {
         })
     }
 
-    /// The data from which the mechanical quantities follow.
-    fn basis<'b>(&self, fixed: &'b FixedParameters) -> Basis<'b> {
-        let median_of = |all: &[f64]| steps::median(self.samples.steps.iter().map(|step| largest(&all[step.clone()])));
-        Basis {
-            area_max_m2: self.samples.area_max_m2,
-            step_area_m2: median_of(&self.samples.raw_area_m2),
-            peak_n: median_of(&self.samples.force_n),
-            fixed,
-        }
+    /// The largest area and the peak force of each step.
+    fn peaks(&self) -> Vec<Peaks> {
+        let samples = &self.samples;
+        let of_step = |step: &Range<usize>| Peaks {
+            area_m2: largest(&samples.raw_area_m2[step.clone()]),
+            force_n: largest(&samples.force_n[step.clone()]),
+        };
+        samples.steps.iter().map(of_step).collect()
+    }
+
+    /// The data from which the mechanical quantities follow. `steps` is the result of [`Self::peaks`].
+    fn basis<'b>(&self, steps: &'b [Peaks], fixed: &'b FixedParameters) -> Basis<'b> {
+        let reference = Peaks::median(steps.iter().copied());
+        Basis { area_max_m2: self.samples.area_max_m2, steps, reference, fixed }
     }
 
     /// The mechanical quantities of the result. `covariance` is that of [`Self::covariance`], and `resampled` are fits to
@@ -296,10 +314,11 @@ impl SearchResult {
         curves: &[&RegionCurves],
         fixed: &FixedParameters,
         covariance: Option<&Matrix5<f64>>,
-        resampled: &[ForceLaw<f64>],
+        resampled: &[Resample],
         options: &Options,
     ) -> Vec<Measure> {
-        let basis = self.basis(fixed);
+        let steps = self.peaks();
+        let basis = self.basis(&steps, fixed);
         let mut measures = match (&self.identified, covariance) {
             (Some(identified), Some(covariance)) => {
                 basis.measures(&prior::coordinates(identified), covariance, &self.noise, resampled)
@@ -354,7 +373,7 @@ impl SearchResult {
         quality: Quality,
     ) -> Result<RegionFit, NotFitted> {
         let law = self.law_with_c(&fixed);
-        let scale_effect = self.identified.is_some().then(|| self.basis(&fixed).scale_effect(&law));
+        let scale_effect = self.identified.is_some().then(|| self.basis(&self.peaks(), &fixed).scale_effect(&law));
         let ellipsoid = self.ellipsoid.unwrap_or_else(|| fixed.ellipsoid(&law));
         let lengths = [ellipsoid.a_m, ellipsoid.b_m, ellipsoid.c_m, ellipsoid.d0_m];
         if !law.is_valid() || !lengths.iter().all(|&length| is_within(length, &LENGTH_M)) {

@@ -1,6 +1,7 @@
 //! Repeatability of a quantity between recordings of the same people.
 //!
-//! "Shrout and Fleiss" is Psychol. Bull. 86 (1979) 420-428; "Weir" is J. Strength Cond. Res. 19 (2005) 231-240.
+//! "Shrout and Fleiss" is Psychol. Bull. 86 (1979) 420-428; "McGraw and Wong" is Psychol. Methods 1 (1996) 30-46; "Weir" is J.
+//! Strength Cond. Res. 19 (2005) 231-240.
 
 /// Repeatability of a quantity.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -9,7 +10,9 @@ pub struct Repeatability {
     /// Fleiss). 1 if the recordings of each person agree; 0, or below, if they differ as much as people do.
     pub icc: f64,
     /// Standard error of measurement, in the unit of the quantity: the standard deviation of a recording about the mean of the
-    /// person (Weir).
+    /// person (Weir). Its square is the variance of the recordings plus that of the error, the same estimates as in the
+    /// denominator of the ICC (McGraw and Wong), so that ICC = P / (P + SEM^2), where P is the variance between people. The
+    /// estimate of the variance of the recordings may be negative; the sum is not.
     pub sem: f64,
     /// Minimal detectable change with 95 % confidence, in the unit of the quantity: two recordings that differ by less may be of
     /// an unchanged person (Weir).
@@ -38,8 +41,9 @@ impl Repeatability {
         if all <= 0.0 || denominator <= 0.0 {
             return None;
         }
-        // The error of absolute agreement includes the differences between recordings that all people share.
-        let sem = (residual + ((recordings_square - residual) / rows).max(0.0)).sqrt();
+        // The error of absolute agreement includes the differences between recordings that all people share. This is the mean
+        // square within people.
+        let sem = (((rows - 1.0) * residual + recordings_square) / rows).sqrt();
         Some(Self { icc: (people_square - residual) / denominator, sem, mdc: mdc(sem) })
     }
 }
@@ -77,6 +81,22 @@ mod tests {
         // Their table 3: the mean square of judges is 32.49 and the residual one is 1.02, so SEM^2 = 1.02 + (32.49 - 1.02) / 6.
         assert!((repeatability.sem.powi(2) - (1.0194 + (32.4861 - 1.0194) / 6.0)).abs() < 1e-3, "{repeatability:?}");
         assert!((repeatability.mdc / repeatability.sem - 2.772).abs() < 1e-3);
+    }
+
+    /// The mean square of recordings is 0, which is less than that of the residuals, so that the estimated variance of the
+    /// recordings is negative. The expected values were computed by hand.
+    #[test]
+    fn a_negative_variance_of_the_recordings_counts_in_icc_and_sem_alike() {
+        // Mean squares: people 8 (means 2, 4 and 6, two recordings), recordings 0 (both means are 4), residuals 1.5. The
+        // variances are those of McGraw and Wong: people (8 - 1.5) / 2 = 3.25, recordings (0 - 1.5) / 3 = -0.5, error 1.5.
+        let rows = [vec![1.5, 2.5], vec![3.5, 4.5], vec![7.0, 5.0]];
+        let found = Repeatability::of(&rows).expect("a table");
+        assert!((found.sem.powi(2) - (1.5 - 0.5)).abs() < 1e-12, "{found:?}");
+        assert!((found.icc - 3.25 / (3.25 - 0.5 + 1.5)).abs() < 1e-12, "{found:?}");
+        assert!((found.mdc - 1.96 * 2f64.sqrt()).abs() < 1e-12, "{found:?}");
+        // The standard deviations of the three people about their means have the squares 0.5, 0.5 and 2, with the mean 1.
+        let (sem, _) = within_person(&rows).expect("people");
+        assert!((found.sem - sem).abs() < 1e-12, "{sem}");
     }
 
     #[test]

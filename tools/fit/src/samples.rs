@@ -27,6 +27,7 @@ pub struct Samples {
     pub force_n: Vec<f64>,
     /// Weight of the residual of a sample, 1/N: 1 / (peak force of the step, N, times the square root of its number of
     /// samples). For one step, the weighted sum of squares is Eq. 18 up to a constant factor.
+    /// A step that counts several times has the square root of this number as a factor ([`Samples::repeated`]).
     pub(crate) weight: Vec<f64>,
     /// Measured force times weight; without a unit.
     pub(crate) target: Vec<f64>,
@@ -39,6 +40,13 @@ pub struct Samples {
 impl Samples {
     /// The samples of the `curves` of one region, with the area filtered by `filter`. Steps without contact add no samples.
     pub fn new<'c>(curves: impl IntoIterator<Item = &'c RegionCurves>, filter: Filter) -> Self {
+        Self::repeated(curves.into_iter().map(|curve| (curve, 1)), filter)
+    }
+
+    /// As [`Samples::new`], with the number of times that each step counts. A step that counts more than once has the samples of
+    /// one step with the square root of this number as a factor of their weight, so that the sum of squares is that of its
+    /// repetitions.
+    pub(crate) fn repeated<'c>(curves: impl IntoIterator<Item = (&'c RegionCurves, u32)>, filter: Filter) -> Self {
         let mut samples = Self {
             area_max_m2: 0.0,
             share: Vec::new(),
@@ -50,8 +58,8 @@ impl Samples {
             raw_area_m2: Vec::new(),
             steps: Vec::new(),
         };
-        for curve in curves {
-            samples.push(curve, filter);
+        for (curve, count) in curves {
+            samples.push(curve, count, filter);
         }
         let areas = samples.share.iter().chain(&samples.raw_area_m2);
         samples.area_max_m2 = areas.fold(0.0, |most, &area| area.max(most));
@@ -71,8 +79,8 @@ impl Samples {
     }
 
     /// Adds the contact phase of one step. Until all steps are added, `share` is in m2 and [`UNLOADED`] stands for the index of
-    /// the unloaded tissue.
-    fn push(&mut self, curve: &RegionCurves, filter: Filter) {
+    /// the unloaded tissue. The step counts `times` times.
+    fn push(&mut self, curve: &RegionCurves, times: u32, filter: Filter) {
         let loaded = |&area: &f64| area > 0.0;
         let (area_mm2, force_n, sample_s) = curve.of(filter);
         let (Some(first), Some(last)) = (area_mm2.iter().position(loaded), area_mm2.iter().rposition(loaded)) else {
@@ -116,7 +124,7 @@ impl Samples {
         self.raw_area_m2.extend(area_mm2[first..=last].iter().map(|area| area * 1e-6));
         self.force_n.extend(&force_n[first..=last]);
         let peak_n = force_n[first..=last].iter().copied().fold(0.0, f64::max);
-        let weight = if peak_n > 0.0 { 1.0 / (peak_n * (count as f64).sqrt()) } else { 0.0 };
+        let weight = if peak_n > 0.0 { f64::from(times).sqrt() / (peak_n * (count as f64).sqrt()) } else { 0.0 };
         self.target.extend(force_n[first..=last].iter().map(|force| force * weight));
         self.weight.extend(std::iter::repeat_n(weight, count));
         self.steps.push(start..end);
@@ -172,5 +180,29 @@ impl Samples {
             squares += residuals.iter().map(|r| r * r).sum::<f64>();
         }
         if squares > 0.0 { products / squares } else { 0.0 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bounded::Residuals;
+    use crate::identify::NonNegativeForce;
+    use crate::synthetic::{Noise, curves};
+
+    #[test]
+    fn a_step_that_counts_three_times_has_the_sum_of_squares_of_three_equal_steps() {
+        let mut noise = Noise::new(1);
+        let [a, b] = [0.9, 1.0].map(|size| curves(0, 100.0, Filter::Direct, size, 0.05, &mut noise));
+        let squares = |samples: &Samples| {
+            let mut law = NonNegativeForce::new(samples);
+            law.set(&[0.7, 1.0, 0.5, 4e5, 1e4]);
+            let slopes: Vec<f64> = (0..5).map(|i| law.derivative(i).dot(&law.residuals())).collect();
+            (law.residuals().norm_squared(), slopes)
+        };
+        let (all, all_slopes) = squares(&Samples::new([&a, &b, &a, &a], Filter::Direct));
+        let (few, few_slopes) = squares(&Samples::repeated([(&a, 3), (&b, 1)], Filter::Direct));
+        assert!(all > 0.0 && (few / all - 1.0).abs() < 1e-12, "{few} {all}");
+        assert!(few_slopes.iter().zip(&all_slopes).all(|(few, all)| (few / all - 1.0).abs() < 1e-9), "{few_slopes:?}");
     }
 }

@@ -6,6 +6,7 @@ mod prior;
 mod rank;
 mod reasons;
 mod recorded;
+mod references;
 mod sensitivity;
 mod smooth;
 mod truth;

@@ -120,7 +120,8 @@ impl Cohort {
         bar.finish_and_clear();
 
         self.note_files_without_participant(&names)?;
-        let left_out = left_out.concat();
+        let mut left_out = left_out.concat();
+        left_out.extend(people::unused(&self.participants, &names, Some(&self.out)));
         left_out.iter().for_each(|reason| eprintln!("left out: {reason}"));
         let done: Vec<Processed> = done.into_iter().flatten().collect();
         if done.is_empty() {

@@ -25,7 +25,7 @@ use std::path::{Path, PathBuf};
 #[derive(Args)]
 pub struct GaitCommand {
     /// The file of a stream, or a recording or a folder of `plantar record` for each foot. The time columns of two recordings
-    /// must be on one clock.
+    /// must be on one clock, and their rates must be equal.
     #[arg(required = true, num_args = 1..=2, value_name = "FILE")]
     walk: Vec<PathBuf>,
     /// Mean length of a stride, m. The walking speed is computed from it.
@@ -54,12 +54,65 @@ struct Walk {
     steps: Vec<(Step, Option<u64>)>,
     /// The load bouts and alerts, which are numbered together with the steps: the foot and the number of each.
     others: Vec<(Side, u32)>,
+    /// The recording that was replayed; `None` if the steps are those of an insole.
+    origin: Option<Origin>,
+}
+
+/// Where a recording comes from.
+struct Origin {
+    /// Frames per second.
+    rate_hz: f64,
+    /// Provenance, in sentences.
+    source: String,
+    /// True for a recording of the cells of an insole.
+    is_of_insole: bool,
+}
+
+/// Largest relative difference of the rates of two recordings that count as equal: a stated rate may be rounded. `plantar export`
+/// has the same limit.
+const RATE_TOLERANCE: f64 = 0.01;
+
+impl Origin {
+    /// Refuses two recordings with different rates, and prints a note on stderr if they are not of one measurement.
+    fn check_pair([first, second]: [&Self; 2]) -> Result<()> {
+        if (first.rate_hz / second.rate_hz - 1.0).abs() > RATE_TOLERANCE {
+            bail!(
+                "the recordings have different rates ({:.2} and {:.2} Hz), so that times, peak forces and loading of the feet \
+                 cannot be compared: give recordings of one walk, imported with the same --rate, such as --rate 100",
+                first.rate_hz,
+                second.rate_hz
+            );
+        }
+        // The texts of insoles have their serial numbers, which differ between the feet.
+        if !first.is_of_insole && !second.is_of_insole && !is_of_same_measurement(&first.source, &second.source) {
+            eprintln!(
+                "note: the recordings have different origins ({:?} and {:?}): measures of both feet, such as double support and \
+                 symmetry, are valid only if both feet were recorded in the same walk, on one clock",
+                first.source, second.source
+            );
+        }
+        Ok(())
+    }
+}
+
+/// True if the texts on the origins of two recordings name the same system and the same file. An import writes them first, up to
+/// a comma. The files of the two feet may differ in the words left and right, and in the letters L and R: `FrasP01L_m.asf` and
+/// `FrasP01R_m.asf` are of the same measurement.
+fn is_of_same_measurement(first: &str, second: &str) -> bool {
+    let [first, second] = [first, second].map(|source| {
+        let named = source.split(',').next().unwrap_or_default().to_lowercase();
+        named.replace("left", "l").replace("right", "r")
+    });
+    let is_foot = |letter| letter == 'l' || letter == 'r';
+    first.chars().count() == second.chars().count()
+        && first.chars().zip(second.chars()).all(|(a, b)| a == b || is_foot(a) && is_foot(b))
 }
 
 impl GaitCommand {
     pub fn run(&self) -> Result<()> {
         check_written(&self.walk, &[self.json.as_deref()])?;
-        let Walk { mut steps, mut others } = Walk::default();
+        let Walk { mut steps, mut others, .. } = Walk::default();
+        let mut origins = Vec::new();
         for path in &self.walk {
             let added = read(path).with_context(|| path.display().to_string())?;
             let is_in_both = |side: &Side| has_steps(&steps, *side) && has_steps(&added.steps, *side);
@@ -68,6 +121,10 @@ impl GaitCommand {
             }
             steps.extend(added.steps);
             others.extend(added.others);
+            origins.extend(added.origin);
+        }
+        if let [first, second] = &origins[..] {
+            Origin::check_pair([first, second])?;
         }
         if steps.is_empty() {
             let files: Vec<_> = self.walk.iter().map(|path| path.display().to_string()).collect();
@@ -129,7 +186,7 @@ fn read(path: &Path) -> Result<Walk> {
     if path.join("steps").is_dir() {
         let steps = session::timed_steps(path)?.into_iter();
         let steps = steps.map(|(step, start_s)| (step, start_s.map(|s| (s * 1e6).round() as u64))).collect();
-        return Ok(Walk { steps, others: session::other_records(path)? });
+        return Ok(Walk { steps, others: session::other_records(path)?, origin: None });
     }
     if live::is_stream(path) { from_stream(path) } else { from_recording(&Recording::read(path)?) }
 }
@@ -146,7 +203,7 @@ fn from_stream(path: &Path) -> Result<Walk> {
     // A host receives stored steps before the first time of the insole. Their times follow once the clocks are compared: their
     // indices in `steps`, and the number of times since the hello.
     let mut untimed: [(Vec<usize>, u32); STREAM_INSOLES] = [const { (Vec::new(), 0) }; STREAM_INSOLES];
-    let Walk { mut steps, mut others } = Walk::default();
+    let Walk { mut steps, mut others, .. } = Walk::default();
     let set_times = |steps: &mut [(Step, Option<u64>)], untimed: &mut Vec<usize>, mapping: &ClockMapping| {
         for index in untimed.drain(..) {
             let (step, start_us) = &mut steps[index];
@@ -200,7 +257,7 @@ fn from_stream(path: &Path) -> Result<Walk> {
         set_times(&mut steps, untimed, mapping);
     }
     messages.note_unused(&path.display().to_string());
-    Ok(Walk { steps, others })
+    Ok(Walk { steps, others, origin: None })
 }
 
 /// The load records that an insole would find in a recording. The times of the steps are on the clock of its time column, which
@@ -213,7 +270,12 @@ fn from_recording(recording: &Recording) -> Result<Walk> {
     if start_s < 0.0 {
         bail!("the time column begins at {start_s} s: shift it, so that it begins at 0 or later");
     }
-    let mut walk = Walk::default();
+    let origin = Origin {
+        rate_hz: recording.rate_hz,
+        source: recording.source.clone(),
+        is_of_insole: recording.layout.is_of_insole(),
+    };
+    let mut walk = Walk { origin: Some(origin), ..Walk::default() };
     // The insole assumes a constant period, in whole microseconds.
     let time_us = |insole_us: u64| {
         let frame = (insole_us / u64::from(virtual_insole.setup.period_us)) as usize;
@@ -283,4 +345,32 @@ fn to_text(estimate: &Estimate, digits: usize) -> String {
     let interval =
         estimate.interval.map_or(String::new(), |[low, high]| format!(" ({low:.digits$} to {high:.digits$})"));
     format!("{:.digits$}{sd}{interval}", estimate.mean)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_of_same_measurement;
+
+    #[test]
+    fn files_of_one_measurement_differ_in_the_foot_only() {
+        for (left, right, is_same) in [
+            ("pedar measurement a.asc, left insole, geometry g.", "pedar measurement a.asc, right insole.", true),
+            ("Tekscan measurement P01L_m.asf, by template.", "Tekscan measurement P01R_m.asf, by template.", true),
+            (
+                "CSV import of left.csv with the layout left.json.",
+                "CSV import of right.csv with the layout right.json.",
+                true,
+            ),
+            (
+                "Walk Ga1_01 of PhysioNet's database gaitpdb, left foot",
+                "Walk Ga1_02 of PhysioNet's database gaitpdb, right foot",
+                false,
+            ),
+            ("pedar measurement ann.asc, left insole.", "pedar measurement bob.asc, right insole.", false),
+            ("Tekscan measurement walk.asf, by template.", "pedar measurement walk.asc, right insole.", false),
+            ("", "", true),
+        ] {
+            assert_eq!(is_of_same_measurement(left, right), is_same, "{left} {right}");
+        }
+    }
 }

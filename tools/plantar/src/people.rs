@@ -47,9 +47,13 @@ fn has_only_results(folder: &Path, out: Option<&Path>) -> bool {
     if has_person(&entries) {
         return false;
     }
-    let in_table = |path: &Path| path.file_name().is_some_and(|n| n.to_string_lossy().starts_with(&partition("")));
-    let holds_results = |path: &PathBuf| in_table(path) || path.is_dir() && has_only_results(path, None);
+    let holds_results = |path: &PathBuf| is_partition(path) || path.is_dir() && has_only_results(path, None);
     out.is_some_and(|out| out.starts_with(&resolved)) || entries.iter().any(holds_results)
+}
+
+/// True for the folder of a participant in a table.
+fn is_partition(path: &Path) -> bool {
+    path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(&partition("")))
 }
 
 /// True if the entries of a folder contain recordings or settings of a participant.
@@ -69,12 +73,83 @@ pub fn files(study: &Path, names: &[String]) -> Vec<PathBuf> {
         let folder = study.join(name);
         let mut files = entries(&folder);
         files.retain(|path| path.extension().is_some_and(|ending| ending == "parquet" || ending == "toml"));
-        let path = folder.join(SETTINGS_FILE);
-        let settings = fs::read_to_string(&path).ok().and_then(|text| Participant::parse(&text, &path).ok());
-        files.extend(settings.into_iter().flat_map(|settings| [settings.zero, settings.thickness]).flatten());
+        files.extend(named_by_settings(&folder));
         files
     };
     names.iter().flat_map(of_participant).collect()
+}
+
+/// The files that the settings in a participant's folder name; none if the settings cannot be read.
+fn named_by_settings(folder: &Path) -> Vec<PathBuf> {
+    let path = folder.join(SETTINGS_FILE);
+    let settings = fs::read_to_string(&path).ok().and_then(|text| Participant::parse(&text, &path).ok());
+    settings.into_iter().flat_map(|settings| [settings.zero, settings.thickness]).flatten().collect()
+}
+
+/// The reasons why files that may be recordings are not used: files outside of the participants' folders, files with an ending
+/// that differs from `.parquet` in case, and files in sub-folders of a participant. A sub-folder with the ending `.parquet` is a
+/// recording in parts. Hidden files, files that the settings name, and folders of results are omitted. `out` is the folder of the
+/// output.
+pub fn unused(study: &Path, names: &[String], out: Option<&Path>) -> Vec<String> {
+    let out = out.map(resolved);
+    let mut reasons: Vec<String> = sorted_entries(study)
+        .iter()
+        .filter(|path| may_be_recording(path) && !path.is_dir())
+        .map(|path| format!("{}: not in the folder of a participant: move it there", path.display()))
+        .collect();
+    for name in names {
+        let folder = study.join(name);
+        let named: Vec<PathBuf> = named_by_settings(&folder).iter().map(|path| resolved(path)).collect();
+        for path in sorted_entries(&folder) {
+            if recording::is_parquet(&path) || named.contains(&resolved(&path)) {
+                continue;
+            }
+            if may_be_recording(&path) {
+                reasons.push(format!(
+                    "{}: the name of a recording must end in .parquet, in lower case: rename it",
+                    path.display()
+                ));
+                continue;
+            }
+            let count = recordings_below(&path, out.as_deref(), &named);
+            if count > 0 {
+                reasons.push(format!(
+                    "{}: Parquet files in a sub-folder of a participant are not used ({count}): move recordings to {}; the \
+                     name of a folder with the parts of one recording must end in .parquet",
+                    path.display(),
+                    folder.display()
+                ));
+            }
+        }
+    }
+    reasons
+}
+
+/// Number of files in a folder, at any depth, that may be recordings; 0 for a file, and for a hidden folder or one of results.
+/// `named` are files that the settings name.
+fn recordings_below(folder: &Path, out: Option<&Path>, named: &[PathBuf]) -> usize {
+    let is_hidden = folder.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
+    if !folder.is_dir() || is_hidden || is_partition(folder) || has_only_results(folder, out) {
+        return 0;
+    }
+    let count = |path: &PathBuf| match path.is_dir() {
+        true => recordings_below(path, out, named),
+        false => usize::from(may_be_recording(path) && !named.contains(&resolved(path))),
+    };
+    entries(folder).iter().map(count).sum()
+}
+
+/// True for a name that ends in `.parquet`, in upper or lower case, and is not hidden.
+fn may_be_recording(path: &Path) -> bool {
+    recording::is_parquet(&path.with_extension("parquet"))
+        && path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("parquet"))
+}
+
+/// The entries of a folder, sorted; none if it cannot be read.
+fn sorted_entries(folder: &Path) -> Vec<PathBuf> {
+    let mut entries = entries(folder);
+    entries.sort();
+    entries
 }
 
 /// The participant in a folder, and the paths of the recordings there, sorted by name.

@@ -72,8 +72,11 @@ impl Repeat {
         let study = self.study_folder();
         let options = self.search.tissue.iter().chain(&self.zero);
         let mut read: Vec<PathBuf> = self.inputs.iter().chain(options).cloned().collect();
+        let mut left_out = Vec::new();
         if let Some(folder) = study {
-            read.extend(people::files(folder, &people::names(folder, None)?));
+            let names = people::names(folder, None)?;
+            read.extend(people::files(folder, &names));
+            left_out = people::unused(folder, &names, None);
         }
         check_written(&read, &[self.json.as_deref(), self.csv.as_deref()])?;
         let mut all = match study {
@@ -81,7 +84,7 @@ impl Repeat {
             None => vec![self.one_person()?],
         };
         leave_out_copies(&mut all);
-        let mut left_out: Vec<String> = all.iter().flat_map(|person| person.left_out.clone()).collect();
+        left_out.extend(all.iter().flat_map(|person| person.left_out.clone()));
         let people: Vec<(&str, &[Trial])> =
             all.iter().map(|person| (person.name.as_str(), &person.trials[..])).collect();
         let least_people = if study.is_some() { 2 } else { 1 };

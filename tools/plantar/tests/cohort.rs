@@ -412,3 +412,42 @@ fn the_report_has_table_1_charts_and_repeatability() {
     }
     assert_eq!(html.matches("<svg class=\"drawing\"").count(), html.matches("role=\"img\" aria-label=\"").count());
 }
+
+/// Files that may be recordings, but that the program does not read, are named; the exit status is 3.
+#[test]
+fn files_that_are_not_directly_in_a_participants_folder_are_left_out_and_named() {
+    let (_folder, path) = people();
+    let ann = path.join("people/ann");
+    // A recording in parts, a hidden file, a folder of notes and tables of results are no reason for a report.
+    fs::create_dir_all(ann.join("parts.parquet")).expect("made");
+    fs::rename(ann.join("c.parquet"), ann.join("parts.parquet/0.parquet")).expect("moved");
+    fs::create_dir_all(ann.join("notes")).expect("made");
+    fs::write(ann.join("notes/plan.txt"), "walk").expect("written");
+    fs::write(path.join("people/._a.parquet"), "hidden").expect("written");
+    fs::create_dir_all(ann.join("results/participant=ann")).expect("made");
+    fs::copy(ann.join("a.parquet"), ann.join("results/participant=ann/steps.parquet")).expect("copied");
+    let (status, text) = outcome(&cohort(&path, ""));
+    assert_eq!(status, Some(0), "{text}");
+
+    fs::create_dir_all(ann.join("day2/shod")).expect("made");
+    fs::copy(ann.join("a.parquet"), ann.join("day2/shod/a.parquet")).expect("copied");
+    fs::copy(ann.join("a.parquet"), ann.join("day2/B.PARQUET")).expect("copied");
+    fs::copy(ann.join("a.parquet"), ann.join("X.PARQUET")).expect("copied");
+    fs::copy(ann.join("a.parquet"), path.join("people/lost.parquet")).expect("copied");
+    // The second run finds the participants up to date.
+    for _ in 0..2 {
+        let (status, text) = outcome(&cohort(&path, ""));
+        assert_eq!(status, Some(3), "{text}");
+        assert!(text.contains("2 participants were already up to date"), "{text}");
+        let left_out: Vec<&str> = text.lines().filter(|line| line.starts_with("left out:")).collect();
+        let expected = [
+            ("people/lost.parquet", "not in the folder of a participant"),
+            ("people/ann/X.PARQUET", "in lower case"),
+            ("people/ann/day2", "are not used (2)"),
+        ];
+        assert_eq!(left_out.len(), expected.len(), "{text}");
+        for (line, (name, reason)) in left_out.iter().zip(expected) {
+            assert!(line.contains(&format!("{name}: ")) && line.contains(reason), "{line}");
+        }
+    }
+}

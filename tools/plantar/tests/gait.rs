@@ -131,6 +131,29 @@ fn times_of_recordings_are_those_of_their_frames() {
     assert!((mean(&gait, "step_time_s", "left") - (stance_s + swing_s - 0.4)).abs() < 1e-6, "{gait:#}");
 }
 
+/// A walk of each foot, with the rate and the origin of each. Returns the text on stderr, and whether the command succeeded.
+fn feet(rates_hz: [f64; 2], sources: [&str; 2]) -> (String, bool) {
+    let folder = tempfile::tempdir().expect("a folder");
+    for ((side, rate_hz), source) in [Side::Left, Side::Right].into_iter().zip(rates_hz).zip(sources) {
+        let mut recording = walk(&SyntheticWalk { side, steps: 6, rate_hz, ..SyntheticWalk::default() }).recording;
+        recording.source = source.into();
+        recording.write(folder.path().join(format!("{}.parquet", side.name()))).expect("written");
+    }
+    let output = gait(folder.path(), "left.parquet right.parquet");
+    (String::from_utf8_lossy(&output.stderr).into_owned(), output.status.success())
+}
+
+#[test]
+fn feet_with_different_rates_are_refused_and_feet_of_different_measurements_are_noted() {
+    let one = ["pedar measurement ann.asc, left insole.", "pedar measurement ann.asc, right insole."];
+    let (text, succeeds) = feet([50.0, 100.0], one);
+    assert!(!succeeds && text.contains("50.00 and 100.00 Hz") && text.contains("--rate"), "{text}");
+    let (text, succeeds) = feet([100.0, 100.0], one);
+    assert!(succeeds && text.is_empty(), "{text}");
+    let (text, succeeds) = feet([100.0, 100.0], ["Tekscan measurement bob.asf, regions by template.", one[1]]);
+    assert!(succeeds && text.contains("note:") && text.contains("bob.asf") && text.contains("ann.asc"), "{text}");
+}
+
 /// Each of two insoles has a clock of its own.
 #[test]
 fn recordings_of_two_insoles_are_not_compared_in_time() {

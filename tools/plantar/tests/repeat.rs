@@ -140,6 +140,21 @@ fn copies_of_recordings_are_left_out_and_named() {
     assert!(text.contains("note: bob, z.parquet: the same recording as ann, a.parquet"), "{text}");
 }
 
+/// Files that may be recordings, but that the program does not read, are named; the exit status is 3.
+#[test]
+fn files_that_are_not_directly_in_a_participants_folder_are_left_out_and_named() {
+    let (_folder, path) = study();
+    walk(&path.join("people/ann/day2/walk.parquet"), Side::Left, 90, 700.0);
+    walk(&path.join("people/lost.parquet"), Side::Left, 91, 700.0);
+    let (status, text) = plantar(&path, "repeat people --json repeat.json");
+    assert_eq!(status, Some(3), "{text}");
+    let left_out = json(&path.join("repeat.json"))["left_out"].to_string();
+    for text in [text, left_out] {
+        assert!(text.contains("lost.parquet: not in the folder of a participant"), "{text}");
+        assert!(text.contains("day2: Parquet files in a sub-folder of a participant are not used (1)"), "{text}");
+    }
+}
+
 /// The folder of a study may also contain the tables of earlier runs.
 #[test]
 fn folders_of_results_are_not_participants() {

@@ -42,7 +42,7 @@ const LIMITS: [(&str, f64, f64); 52] = [
     // The error of parameters from four steps, relative to those from all steps.
     ("nrmse.mean.four_steps", 0.0, 1.15),
     ("fit_at_bound", 0.0, 0.05),
-    ("fit_determined", 0.8, 1.0),
+    ("fit_determined", 0.75, 1.0),
     ("repeat.icc.force_at_area", 0.9, 1.0),
     ("repeat.icc.area_at_force", 0.85, 1.0),
     ("repeat.icc.stiffness", 0.8, 1.0),
