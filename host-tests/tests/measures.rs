@@ -42,7 +42,8 @@ fn of_foot(foot: &FootMeasures<f64>) -> Vec<f64> {
     values.push(foot.integral_n_s);
     values.extend(foot.gait_line_mm.iter().flat_map(|(x_mm, y_mm)| [x_mm, y_mm]));
     values.extend([foot.gait_length_mm, foot.gait_width_mm, foot.gait_velocity_mm_s]);
-    values.extend([foot.excursion_index, foot.arch_index]);
+    // The script prints 0 without an index.
+    values.extend([foot.excursion_index.unwrap_or(0.0), foot.arch_index]);
     values
 }
 

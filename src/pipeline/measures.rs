@@ -139,7 +139,8 @@ pub struct FootMeasures<R> {
     pub gait_velocity_mm_s: R,
     /// Centre of pressure excursion index: distance of the path, where it crosses two thirds of the length of the [`Extent`],
     /// from the line between its ends, divided by the width of the forefoot. It is positive if the path is lateral of that line.
-    pub excursion_index: R,
+    /// `None` if the path does not cross this length, as in a step of which the forefoot carries little load.
+    pub excursion_index: Option<R>,
     /// Arch index: sum of the largest contact areas of the two midfoot regions, divided by the sum of those of all regions but
     /// the toes.
     pub arch_index: R,
@@ -256,7 +257,7 @@ impl<R: Real> FootMeasures<R> {
             let line_mm = start_mm.0 + dx * (forefoot_mm - start_mm.1) / dy;
             // The distance is perpendicular to the line.
             let distance_mm = (x_mm - line_mm) * dy / (dx * dx + dy * dy).sqrt();
-            self.excursion_index = distance_mm / R::of_f32(extent.forefoot_width_mm);
+            self.excursion_index = Some(distance_mm / R::of_f32(extent.forefoot_width_mm));
         }
     }
 }

@@ -172,10 +172,14 @@ quantities! {
         gait_velocity_mm_s: u16 = foot.gait_velocity_mm_s.round_u16()
             => gait_velocity_mm_s as "gait_line.velocity_mm_s" [1 per "mm/s"],
             "Length divided by time.";
-        /// Centre of pressure excursion index; positive if the path is lateral of the line between its ends.
+        /// Centre of pressure excursion index; positive if the path is lateral of the line between its ends. 0 on the wire without
+        /// one; an index that would be rounded to 0 is 0.1 %.
         #[serde(with = "le")]
-        excursion_index_dpercent: i16 = (foot.excursion_index * R::of(1e3)).round_i16()
-            => cop_excursion_index_percent [10 per "%"],
+        excursion_index_dpercent: i16 = foot.excursion_index.map_or(0, |index| match (index * R::of(1e3)).round_i16() {
+            0 => 1,
+            index => index,
+        })
+            => cop_excursion_index_percent [10 per "%"] if excursion_index_dpercent,
             "Distance from that line at two thirds of the foot, divided by the width of the forefoot.";
         /// Arch index.
         #[serde(with = "le")]

@@ -39,7 +39,7 @@ export function step(values: Partial<Step> = {}): Step {
   const second = { foot_second_peak_n: null, foot_second_peak_time_s: null, foot_force_integral_n_s: 0 };
   const points = { x_10_mm: 0, y_10_mm: 0, x_30_mm: 0, y_30_mm: 0, x_50_mm: 0, y_50_mm: 0, x_70_mm: 0, y_70_mm: 0 };
   const gait_line = { ...points, x_90_mm: 0, y_90_mm: 0, length_mm: 0, width_mm: 0, velocity_mm_s: 0 };
-  const indices = { cop_excursion_index_percent: 0, arch_index_percent: 0 };
+  const indices = { cop_excursion_index_percent: 0.1, arch_index_percent: 0 };
   const foot = { foot_force_peak_n: 0, ...first, ...second, gait_line, ...indices };
   return { side: "left", step: 0, ...times, bridged_frames: 0, contact_rule, foot, regions: {}, ...values };
 }
