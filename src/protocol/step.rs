@@ -172,8 +172,8 @@ quantities! {
         gait_velocity_mm_s: u16 = foot.gait_velocity_mm_s.round_u16()
             => gait_velocity_mm_s as "gait_line.velocity_mm_s" [1 per "mm/s"],
             "Length divided by time.";
-        /// Centre of pressure excursion index; positive if the path is lateral of the line between its ends. 0 on the wire without
-        /// one; an index that would be rounded to 0 is 0.1 %.
+        // On the wire, 0 stands for no index, and an index that would be rounded to 0 is 0.1 %.
+        /// Centre of pressure excursion index; positive if the path is lateral of the line between its ends.
         #[serde(with = "le")]
         excursion_index_dpercent: i16 = foot.excursion_index.map_or(0, |index| match (index * R::of(1e3)).round_i16() {
             0 => 1,

@@ -46,7 +46,7 @@ export interface StepFoot {
   foot_second_peak_time_s: number | null;
   /** Force-time integral of the total force. Unit: N s. */
   foot_force_integral_n_s: number;
-  /** Centre of pressure excursion index; positive if the path is lateral of the line between its ends. 0 on the wire without Unit: %. */
+  /** Centre of pressure excursion index; positive if the path is lateral of the line between its ends. Unit: %. */
   cop_excursion_index_percent: number | null;
   /** Arch index. Unit: %. */
   arch_index_percent: number;
