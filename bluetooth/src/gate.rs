@@ -80,9 +80,8 @@ const LONG_GROUP_TYPE: u16 = 21;
 const INVALID_GROUP_TYPE: &[u8] = &[6, 0, ATT_CHANNEL as u8, 0, READ_BY_GROUP_TYPE, 0, 0, 0, 0, 0];
 
 /// Length of the shortest content with this code on the channel of attributes, bytes (Core Specification 5.4, volume 3, part F,
-/// section 3.4). The host reads so many bytes without a check of the length, and a shorter content would make it panic. `None` for
-/// the odd codes, which are those of a server's messages: the insole is no client, so the host would store them and never remove
-/// them.
+/// section 3.4). The host reads as many bytes without checking the length, so a shorter content would make it panic. `None` for the
+/// odd codes, which are those of a server's messages: the insole is no client, so the host would store them and never remove them.
 const fn shortest_content(code: u8) -> Option<u16> {
     Some(match code {
         // Exchange MTU, Read, Write Request, Write Command.

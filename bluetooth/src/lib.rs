@@ -306,7 +306,7 @@ async fn answer(connection: &Connected<'_, '_>, table: &Table, stack: &Host<'_>,
                 event.into_payload();
                 continue;
             }
-            // The host does not implement Read Multiple, and would panic on a request without handles.
+            // The host does not implement Read Multiple, and would respond that the attribute is missing.
             GattEvent::Other(event)
                 if matches!(event.payload().incoming(), AttClient::Request(AttReq::ReadMultiple { .. })) =>
             {

@@ -203,6 +203,7 @@ impl<R: Real> CumulativeLoad<R> {
     pub(crate) fn finish(&mut self, limits: &LoadLimits) -> bool {
         let has_begun = self.frames > 0;
         if has_begun {
+            // The second counts as complete.
             self.frames = self.second_frames;
             self.end_second(limits);
         }

@@ -45,8 +45,7 @@ impl<W: Walk> Walk for Looped<W> {
 /// A walk without end in real time that several boards play together, although they start one after the other: it begins with
 /// the first scan of any of them, and the other boards join it where it is.
 pub struct Joined<W> {
-    /// A walk without end.
-    walk: W,
+    walk: Looped<W>,
     period: Duration,
     /// The time of the first scan of any board.
     start: Arc<OnceLock<Instant>>,
@@ -54,7 +53,7 @@ pub struct Joined<W> {
     missed: Option<u32>,
 }
 
-impl<W> Joined<Looped<W>> {
+impl<W> Joined<W> {
     /// `walk` with a scan in each `period`. `start` is common to the boards.
     pub fn new(walk: Looped<W>, period: Duration, start: Arc<OnceLock<Instant>>) -> Self {
         Self { walk, period, start, missed: None }

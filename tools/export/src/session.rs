@@ -84,7 +84,6 @@ impl Foot {
             let remedy = "identify the parameters again with `plantar fit`, or use typical ones";
             content("tissue parameters", format!("the insole refuses them ({error})"), remedy)
         })?;
-        let period_us = u64::from(virtual_insole.setup.period_us);
         let last = recording.frames() - 1;
         let frame_s = |i: usize| recording.t_s[i.min(last)] + i.saturating_sub(last) as f64 / recording.rate_hz;
         let (mut frames, mut steps) = (Vec::<Frame>::with_capacity(recording.frames()), Vec::new());
@@ -94,15 +93,11 @@ impl Foot {
                 && let Some(step) = insole.whole_step()
             {
                 let step = Step::new(&step);
-                let start = step.start_us / period_us;
-                let end = start + u64::from(step.duration_us) / period_us;
+                let start = virtual_insole.frame_at(step.start_us);
+                let end = start + virtual_insole.frame_at(step.duration_us.into());
                 // The insole confirms a toe off some frames later.
-                frames.iter_mut().skip(end as usize).for_each(|frame| frame.cop_mm = None);
-                steps.push(TimedStep {
-                    heel_strike_s: frame_s(start as usize),
-                    toe_off_s: frame_s(end as usize),
-                    step,
-                });
+                frames.iter_mut().skip(end).for_each(|frame| frame.cop_mm = None);
+                steps.push(TimedStep { heel_strike_s: frame_s(start), toe_off_s: frame_s(end), step });
             }
             // As on the insole, steps and load bouts are numbered in one sequence. Taking a bout advances the number of the
             // next step.
@@ -245,7 +240,7 @@ impl Session {
         for foot in &feet {
             let apart_s = t_s.iter().zip(&foot.t_s).map(|(t_s, other_s)| (t_s - other_s).abs()).fold(0.0, f64::max);
             // Frames that are nearest in time are at most half a frame period apart, but for rounding errors.
-            if apart_s * rate_hz > 0.51 || (foot.rate_hz / rate_hz - 1.0).abs() > 0.01 {
+            if apart_s * rate_hz > 0.51 || !recording::is_same_rate(foot.rate_hz, rate_hz) {
                 let problem = format!("the feet differ in frame times or rates ({} and {rate_hz} Hz)", foot.rate_hz);
                 return Err(content(&foot.file, problem, "import both feet with the same --rate, such as --rate 100"));
             }

@@ -6,13 +6,12 @@ mod table;
 use crate::fit::{Search, write};
 use crate::paths::check_written;
 use crate::people;
-use crate::repeat::{copy_reason, output};
+use crate::repeat::{copies, output};
 use crate::replay::progress;
 use crate::setup::{ContactArgs, rule_in_words};
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use fit::agreement::repeatability;
-use fit::trials::Trial;
 use fit::{NotFitted, cohort};
 use plantar::Region;
 use rayon::prelude::*;
@@ -208,7 +207,9 @@ impl Cohort {
         summary::print_participants(&people);
         summary::print(&people);
         let trials: Vec<_> = people.iter().map(|person| (person.name.as_str(), &person.trials[..])).collect();
-        note_copies(&trials);
+        for copy in copies(&trials) {
+            eprintln!("note: {}, so its steps count twice: remove one of them", copy.words);
+        }
         let (feet, _) = repeatability(&trials, 2);
         if !feet.is_empty() {
             println!("The values of a recording are the means of the fits of its steps.");
@@ -242,20 +243,6 @@ impl Cohort {
             start.elapsed().as_secs_f64()
         );
         Ok(())
-    }
-}
-
-/// Prints a note on stderr for each trial that is a copy of an earlier one, also of another person.
-fn note_copies(people: &[(&str, &[Trial])]) {
-    let mut known: Vec<(&str, &Trial)> = Vec::new();
-    for (person, trial) in people.iter().flat_map(|(person, trials)| trials.iter().map(move |trial| (*person, trial))) {
-        match known.iter().find(|(_, earlier)| trial.is_copy_of(earlier)) {
-            Some((other, earlier)) => eprintln!(
-                "note: {}, so its steps count twice: remove one of them",
-                copy_reason(person, trial, other, earlier)
-            ),
-            None => known.push((person, trial)),
-        }
     }
 }
 

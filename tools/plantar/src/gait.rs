@@ -68,14 +68,10 @@ struct Origin {
     is_of_insole: bool,
 }
 
-/// Largest relative difference of the rates of two recordings that count as equal: a stated rate may be rounded. `plantar export`
-/// has the same limit.
-const RATE_TOLERANCE: f64 = 0.01;
-
 impl Origin {
     /// Refuses two recordings with different rates, and prints a note on stderr if they are not of one measurement.
     fn check_pair([first, second]: [&Self; 2]) -> Result<()> {
-        if (first.rate_hz / second.rate_hz - 1.0).abs() > RATE_TOLERANCE {
+        if !recording::is_same_rate(first.rate_hz, second.rate_hz) {
             bail!(
                 "the recordings have different rates ({:.2} and {:.2} Hz), so that times, peak forces and loading of the feet \
                  cannot be compared: give recordings of one walk, imported with the same --rate, such as --rate 100",
@@ -276,10 +272,12 @@ fn from_recording(recording: &Recording) -> Result<Walk> {
         is_of_insole: recording.layout.is_of_insole(),
     };
     let mut walk = Walk { origin: Some(origin), ..Walk::default() };
-    // The insole assumes a constant period, in whole microseconds.
     let time_us = |insole_us: u64| {
-        let frame = (insole_us / u64::from(virtual_insole.setup.period_us)) as usize;
-        recording.t_s.get(frame).or(recording.t_s.last()).map_or(0, |t_s| (t_s * 1e6).round() as u64)
+        recording
+            .t_s
+            .get(virtual_insole.frame_at(insole_us))
+            .or(recording.t_s.last())
+            .map_or(0, |t_s| (t_s * 1e6).round() as u64)
     };
     let mut add_records = |toe_off: bool, insole: &mut Insole<f32, MAX_CELLS>| {
         if let Some(step) = completed_step(toe_off, insole) {

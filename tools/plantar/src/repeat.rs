@@ -64,6 +64,13 @@ struct Trials {
     left_out: Vec<String>,
 }
 
+impl Trials {
+    /// The name of the person, and the trials.
+    fn named(&self) -> (&str, &[Trial]) {
+        (&self.name, &self.trials)
+    }
+}
+
 impl Repeat {
     /// Runs the command. Returns true if all participants and recordings can be used.
     pub fn run(&self) -> Result<bool> {
@@ -83,10 +90,14 @@ impl Repeat {
             Some(folder) => self.participants(folder)?,
             None => vec![self.one_person()?],
         };
-        leave_out_copies(&mut all);
+        // A copy would be a trial without any error of measurement.
+        let people: Vec<(&str, &[Trial])> = all.iter().map(Trials::named).collect();
+        for CopiedTrial { person, trial, words } in copies(&people).into_iter().rev() {
+            all[person].trials.remove(trial);
+            all[person].left_out.push(words + ": give each recording once");
+        }
         left_out.extend(all.iter().flat_map(|person| person.left_out.clone()));
-        let people: Vec<(&str, &[Trial])> =
-            all.iter().map(|person| (person.name.as_str(), &person.trials[..])).collect();
+        let people: Vec<(&str, &[Trial])> = all.iter().map(Trials::named).collect();
         let least_people = if study.is_some() { 2 } else { 1 };
         let (feet, single) = repeatability(&people, least_people);
         left_out.extend(single.iter().map(single_trial_reason));
@@ -184,26 +195,31 @@ fn trials_of(name: &str, person: &Person, recordings: &[PathBuf]) -> Trials {
     of_person
 }
 
-/// Leaves out the trials that are copies of an earlier one, also of another person: a copy would be a trial without any error of
-/// measurement.
-fn leave_out_copies(all: &mut [Trials]) {
-    let mut known: Vec<(String, Trial)> = Vec::new();
-    for person in all {
-        let Trials { name: person, trials, left_out } = person;
-        trials.retain(|trial| {
-            if let Some((other, earlier)) = known.iter().find(|(_, earlier)| trial.is_copy_of(earlier)) {
-                left_out.push(copy_reason(person, trial, other, earlier) + ": give each recording once");
-                return false;
-            }
-            known.push((person.clone(), trial.clone()));
-            true
-        });
-    }
+/// A trial that is a copy of an earlier one, also of another person.
+pub struct CopiedTrial {
+    /// Index of the person.
+    person: usize,
+    /// Index of the trial among those of the person.
+    trial: usize,
+    /// Names both recordings.
+    pub words: String,
 }
 
-/// Names a copy, and the earlier trial of which it is a copy.
-pub fn copy_reason(person: &str, trial: &Trial, other: &str, earlier: &Trial) -> String {
-    format!("{person}, {}: the same recording as {other}, {}", trial.name, earlier.name)
+/// The copies among the trials of people, in their order.
+pub fn copies(people: &[(&str, &[Trial])]) -> Vec<CopiedTrial> {
+    let (mut originals, mut copies) = (Vec::<(&str, &Trial)>::new(), Vec::new());
+    for (person, &(name, trials)) in people.iter().enumerate() {
+        for (index, trial) in trials.iter().enumerate() {
+            match originals.iter().find(|(_, earlier)| trial.is_copy_of(earlier)) {
+                Some((other, earlier)) => {
+                    let words = format!("{name}, {}: the same recording as {other}, {}", trial.name, earlier.name);
+                    copies.push(CopiedTrial { person, trial: index, words });
+                }
+                None => originals.push((name, trial)),
+            }
+        }
+    }
+    copies
 }
 
 /// The reason why a person's only trial of a foot is left out, with the remedy.

@@ -99,13 +99,14 @@ impl Replay {
         let head = source.head().clone();
         let mut scans = virtual_insole.scans(source);
         let mut records = Records::default();
-        let mut times = FrameTimes { period_us: virtual_insole.setup.period_us, t_s: Vec::new() };
+        // The times of the frames, for the starts of the records in the files.
+        let mut times_s = Vec::new();
         let has_starts = [&self.json, &self.bouts, &self.load].into_iter().any(Option::is_some);
         // The repetitions of the last frame, which have no time, are not evaluated: their load was not recorded.
         while let Some(Scan { index: i, t_s: Some(t_s), codes }) = scans.next_scan()? {
             let toe_off = insole.frame(i as u32, codes);
             if has_starts {
-                times.t_s.push(t_s);
+                times_s.push(t_s);
             }
             if let Some(frames) = &mut frames {
                 frames.push(t_s, &insole)?;
@@ -131,16 +132,24 @@ impl Replay {
         insole.end_load();
         records.alerts.extend(insole.take_alert().as_ref().map(Alert::new));
         bar.finish_and_clear();
+        // The record with its start at the time of its frame, s, to the microsecond. `start_us` is on the insole's clock.
+        let with_start = |mut record: Value, start_us: u64| {
+            // An alert starts at the end of a second, which can be that of the last frame.
+            if let Some(t_s) = times_s.get(virtual_insole.frame_at(start_us)).or(times_s.last()) {
+                record["start_s"] = json!((t_s * 1e6).round() / 1e6);
+            }
+            record
+        };
         if let Some(path) = &self.json {
-            let steps = records.steps.iter().map(|step| times.with_start(step_to_json(step), step.start_us));
+            let steps = records.steps.iter().map(|step| with_start(step_to_json(step), step.start_us));
             write_json(path, &steps.collect::<Vec<_>>())?;
         }
         if let Some(path) = &self.bouts {
-            let bouts = records.bouts.iter().map(|bout| times.with_start(bout_to_json(bout), bout.start_us));
+            let bouts = records.bouts.iter().map(|bout| with_start(bout_to_json(bout), bout.start_us));
             write_json(path, &bouts.collect::<Vec<_>>())?;
         }
         if let Some(path) = &self.load {
-            let alerts = records.alerts.iter().map(|alert| times.with_start(alert_to_json(alert), alert.start_us));
+            let alerts = records.alerts.iter().map(|alert| with_start(alert_to_json(alert), alert.start_us));
             let alerts: Vec<_> = alerts.collect();
             let load = json!({ "load": daily_load_to_json(&insole.daily_load()), "alerts": alerts });
             write_text(path, &serde_json::to_string_pretty(&load)?)?;
@@ -153,27 +162,6 @@ impl Replay {
             picture.write(path, &head, virtual_insole)?;
         }
         Ok(records)
-    }
-}
-
-/// The times of the frames of a recording. An insole assumes a constant period in whole microseconds instead, from which its
-/// clock deviates from that of the recording, for example by 90 ms in an hour at 75 Hz.
-struct FrameTimes {
-    /// The insole's period, us.
-    period_us: u32,
-    /// The time of each frame, s.
-    t_s: Vec<f64>,
-}
-
-impl FrameTimes {
-    /// The record with its start at the time of its frame, s, to the microsecond. `start_us` is its start on the insole's clock.
-    fn with_start(&self, mut record: Value, start_us: u64) -> Value {
-        let frame = (start_us / u64::from(self.period_us)) as usize;
-        // An alert starts at the end of a second, which can be that of the last frame.
-        if let Some(t_s) = self.t_s.get(frame).or(self.t_s.last()) {
-            record["start_s"] = json!((t_s * 1e6).round() / 1e6);
-        }
-        record
     }
 }
 

@@ -122,11 +122,8 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
             continue;
         }
         // Before the first frame of a foot, lines describe the measurement.
-        let Some(ReadFoot { frames, rows: foot_rows, columns, .. }) = feet.last_mut() else {
-            check_no_pressure_unit(fields, &place)?;
-            continue;
-        };
-        let Some((_, rows_read)) = foot_rows.last_mut() else {
+        let begun = feet.last_mut().and_then(|foot| Some((&mut foot.frames, foot.rows.last_mut()?, &mut foot.columns)));
+        let Some((frames, (_, rows_read), columns)) = begun else {
             check_no_pressure_unit(fields, &place)?;
             continue;
         };

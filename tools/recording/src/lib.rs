@@ -60,6 +60,7 @@ pub use insole::VirtualInsole;
 pub use layout::{Cell, Layout, MAX_CELLS};
 pub use names::area_title;
 pub use parts::{files, is_parquet};
+pub use rate::is_same_rate;
 pub use reader::RecordingReader;
 pub use recording::Recording;
 pub use scans::{FrameSource, Scan, Scans};

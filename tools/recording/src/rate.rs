@@ -11,6 +11,14 @@ const MIN_HZ: f64 = 2.0;
 const LINE_SHARE: f64 = 0.01;
 const LINE_FRAMES: f64 = 3.0;
 
+/// Largest relative difference of two rates that count as equal: a stated rate may be rounded.
+const EQUAL_SHARE: f64 = 0.01;
+
+/// True if two recordings with these rates, Hz, can be compared frame by frame.
+pub fn is_same_rate(first_hz: f64, second_hz: f64) -> bool {
+    (first_hz / second_hz - 1.0).abs() <= EQUAL_SHARE
+}
+
 /// The mean frame rate, Hz, of frames at these times. `place` converts the part of the recording that violates a rule to text
 /// for the message.
 ///
