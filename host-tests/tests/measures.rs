@@ -138,3 +138,37 @@ fn measures_of_recorded_steps_equal_those_of_numpy() {
     let walk = walk.at_rate(100.0).and_then(|walk| walk.binned(DEVICE_CELLS));
     compare(&walk.expect("a walk can be binned"));
 }
+
+#[test]
+#[ignore = "needs the data set SpeedPP2DS: cargo xtask test"]
+fn no_peak_between_the_samples_of_a_long_stance_is_missed() {
+    let walk = jiku::import(common::jiku(), 2, 0..10, &mut |_, _| ()).expect("the data set can be read");
+    let walk = walk.binned(DEVICE_CELLS).expect("a walk can be binned");
+    assert!(walk.rate_hz > 300.0);
+    let (virtual_insole, steps) = steps(&walk);
+    let (mut decimated, mut between) = (0, 0);
+    for (step, pressures) in &steps {
+        decimated += u32::from(step.sample_us > virtual_insole.setup.period_us);
+        for (region, found) in step.regions.iter().enumerate().filter(|(_, found)| found.contact_s > 0.0) {
+            let cells: Vec<_> =
+                walk.layout.cells.iter().enumerate().filter(|(_, cell)| cell.region as usize == region).collect();
+            let region_n =
+                |kpa: &[f32]| -> f64 { cells.iter().map(|(i, cell)| f64::from(kpa[*i]) * cell.area_mm2 * 1e-3).sum() };
+            let force_n = pressures.iter().map(|kpa| region_n(kpa)).fold(0.0, f64::max);
+            let all_kpa = pressures.iter().flat_map(|kpa| cells.iter().map(|(i, _)| f64::from(kpa[*i])));
+            let (kpa, found_kpa) = (all_kpa.fold(0.0, f64::max), found.measures.peak_pressure_kpa);
+            let name = plantar::Region::ALL[region];
+            assert!((found_kpa - kpa).abs() < 0.06, "{name:?}: {found_kpa} not {kpa}");
+            assert!(
+                (found.measured_peak_n - force_n).abs() < 1e-3,
+                "{name:?}: {} not {force_n}",
+                found.measured_peak_n
+            );
+            // Two frames can have the largest force, except for rounding.
+            let at = ((found.measures.contact_start_s + found.time_to_peak_s) * walk.rate_hz).round() as usize;
+            assert!((region_n(&pressures[at]) - force_n).abs() < 1e-3, "{name:?}: not in frame {at}");
+            between += u32::from(at as u32 * virtual_insole.setup.period_us % step.sample_us != 0);
+        }
+    }
+    assert!(steps.len() > 3 && decimated > 3 && between > 10, "{decimated} steps, {between} peaks between samples");
+}

@@ -532,8 +532,11 @@ fn frame_rate_does_not_change_the_step() {
 /// The ellipse of a region is that of its cells in contact. Both contact rules are tested.
 #[test]
 fn the_ellipse_of_a_step_is_that_of_the_frame_with_the_largest_force() {
-    let recording = synthetic::walk(&SyntheticWalk { steps: 3, ..SyntheticWalk::default() }).recording;
-    for contact in [ContactRule::COUNTED, ContactRule::COVERED] {
+    // At 500 Hz, only every second frame is a sample of the curves.
+    for (contact, rate_hz) in
+        [(ContactRule::COUNTED, 100.0), (ContactRule::COVERED, 100.0), (ContactRule::COVERED, 500.0)]
+    {
+        let recording = synthetic::walk(&SyntheticWalk { steps: 3, rate_hz, ..SyntheticWalk::default() }).recording;
         let virtual_insole = VirtualInsole::new(&recording, contact, StanceRule::ADAPTIVE);
         let mut insole = Box::new(Insole::<f64, DEVICE_CELLS>::new());
         insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("the insole is valid");
@@ -554,11 +557,13 @@ fn the_ellipse_of_a_step_is_that_of_the_frame_with_the_largest_force() {
             }
             if is_toe_off {
                 let step = insole.whole_step().expect("a step has ended");
+                assert_eq!(step.sample_us > virtual_insole.setup.period_us, rate_hz > 100.0);
                 assert_eq!(step.regions.map(|region| region.ellipse_at_peak), at_peak.map(|(_, ellipse)| ellipse));
+                assert_eq!(step.regions.map(|region| region.measured_peak_n), at_peak.map(|(peak_n, _)| peak_n));
                 steps += 1;
             }
         }
-        assert!(steps >= 2 && at_peak.iter().all(|(_, ellipse)| ellipse.is_some()), "{contact:?}: {steps} steps");
+        assert!(steps >= 2 && at_peak.iter().all(|(_, ellipse)| ellipse.is_some()), "{rate_hz} Hz: {steps} steps");
     }
 }
 

@@ -41,7 +41,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             false => AreaMoments::NONE,
         };
         let step = RegionStep::new(&self.force_laws[region], area_mm2, force_n, sample_s, &at_peak);
-        RegionStep {
+        let mut step = RegionStep {
             ellipse_at_peak: step.ellipse_at_peak.map(|ellipse| self.to_foot_coordinates(region, ellipse)),
             counted_peak_mm2: match self.setup.contact.full_kpa > 0.0 {
                 true => self.loads[region].frame.counted_peak_mm2(),
@@ -53,7 +53,11 @@ impl<R: Real, const N: usize> Insole<R, N> {
                 ..RegionMeasures::new(self.stance.curves(), region, sample_s)
             },
             ..step
+        };
+        if let Some(between) = self.stance.curves().between(region) {
+            step.include(between.force_n, R::of_u32(between.force_frame) / self.frame_rate_hz);
         }
+        step
     }
 
     /// Assembles the step of the stance that ended with the last frame from its eight regions, and increments the record

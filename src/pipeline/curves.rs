@@ -24,6 +24,32 @@ impl<R: Real> Sample<R> {
     }
 }
 
+/// The largest values of one region in the frames of a long stance that are not samples, each with the number of its frame since
+/// heel strike. So a short peak between two samples, such as that of a barefoot heel strike at 400 Hz, is not missed. A frame
+/// counts if the foot is on the ground in it, or in a later frame before it is removed from the samples.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Between<R> {
+    /// Largest measured force, N.
+    pub force_n: R,
+    pub force_frame: u32,
+    /// Largest cell pressure, in 0.1 kPa.
+    pub pressure_dkpa: u16,
+    pub pressure_frame: u32,
+}
+
+impl<R: Real> Between<R> {
+    const NONE: Self = Self { force_n: R::ZERO, force_frame: 0, pressure_dkpa: 0, pressure_frame: 0 };
+
+    fn include(&mut self, frame: u32, force_n: R, pressure_dkpa: u16) {
+        if force_n > self.force_n {
+            (self.force_n, self.force_frame) = (force_n, frame);
+        }
+        if pressure_dkpa > self.pressure_dkpa {
+            (self.pressure_dkpa, self.pressure_frame) = (pressure_dkpa, frame);
+        }
+    }
+}
+
 /// The curves of one stance.
 #[derive(Debug)]
 pub struct Curves<R> {
@@ -39,6 +65,8 @@ pub struct Curves<R> {
     pressure_dkpa: [[u16; STANCE_SAMPLES]; 8],
     /// Centre of pressure of the foot, foot coordinates, in units of 1/[`PER_MM`] mm, limited to 512 mm along each axis.
     centre: [(i16, i16); STANCE_SAMPLES],
+    /// The frames between the samples; not valid if every frame is a sample.
+    between: [Between<R>; 8],
     /// The last frame.
     last: [Sample<R>; 8],
     last_centre_mm: (R, R),
@@ -54,6 +82,7 @@ impl<R: Real> Curves<R> {
         force_n: [[R::ZERO; STANCE_SAMPLES]; 8],
         pressure_dkpa: [[0; STANCE_SAMPLES]; 8],
         centre: [(0, 0); STANCE_SAMPLES],
+        between: [Between::NONE; 8],
         last: [Sample::NONE; 8],
         last_centre_mm: (R::ZERO, R::ZERO),
     };
@@ -63,10 +92,11 @@ impl<R: Real> Curves<R> {
         (self.frames, self.stride, self.len) = (0, 1, 0);
     }
 
-    /// Adds linearly interpolated frames for the `missing` frames between the last one and this one.
+    /// Adds linearly interpolated frames for the `missing` frames between the last one and this one. `loaded` is that of
+    /// [`Curves::push`].
     #[cold]
     #[inline(never)]
-    pub(super) fn bridge(&mut self, missing: u32, regions: &[&RegionFrame<R>; 8], centre_mm: (R, R)) {
+    pub(super) fn bridge(&mut self, missing: u32, regions: &[&RegionFrame<R>; 8], centre_mm: (R, R), loaded: u32) {
         let (from, from_mm) = (self.last, self.last_centre_mm);
         for i in 1..=missing {
             let part = R::of_u32(i) / R::of_u32(missing + 1);
@@ -74,28 +104,21 @@ impl<R: Real> Curves<R> {
             self.store(
                 |region| from[region].towards(&Sample::of(regions[region]), part),
                 (between(from_mm.0, centre_mm.0), between(from_mm.1, centre_mm.1)),
+                loaded,
             );
         }
     }
 
-    /// Adds a measured frame. True if it is stored as a sample.
-    pub(super) fn push(&mut self, regions: &[&RegionFrame<R>; 8], centre_mm: (R, R)) -> bool {
-        self.store(|region| Sample::of(regions[region]), centre_mm)
+    /// Adds a measured frame. `loaded` is the number of frames up to the last one with the foot on the ground, including this
+    /// one.
+    pub(super) fn push(&mut self, regions: &[&RegionFrame<R>; 8], centre_mm: (R, R), loaded: u32) {
+        self.store(|region| Sample::of(regions[region]), centre_mm, loaded);
     }
 
-    /// Stores a frame, unless the stride skips it. True if it is stored.
-    fn store(&mut self, sample: impl Fn(usize) -> Sample<R>, centre_mm: (R, R)) -> bool {
+    /// Stores a frame as a sample, unless the stride skips it.
+    fn store(&mut self, sample: impl Fn(usize) -> Sample<R>, centre_mm: (R, R), loaded: u32) {
         if self.len == STANCE_SAMPLES {
-            for i in 0..STANCE_SAMPLES / 2 {
-                for region in 0..8 {
-                    self.area_mm2[region][i] = self.area_mm2[region][2 * i];
-                    self.force_n[region][i] = self.force_n[region][2 * i];
-                    self.pressure_dkpa[region][i] = self.pressure_dkpa[region][2 * i];
-                }
-                self.centre[i] = self.centre[2 * i];
-            }
-            self.len = STANCE_SAMPLES / 2;
-            self.stride *= 2;
+            self.halve(loaded);
         }
         // The comparison with the length is always true. It is made here once, so that the accesses below need no bounds
         // checks.
@@ -107,7 +130,9 @@ impl<R: Real> Curves<R> {
             if is_stored {
                 self.area_mm2[region][place] = sample.0;
                 self.force_n[region][place] = sample.1;
-                self.pressure_dkpa[region][place] = (sample.2 * R::of(10.0)).round_u16();
+                self.pressure_dkpa[region][place] = dkpa(sample.2);
+            } else if self.frames < loaded {
+                self.between[region].include(self.frames, sample.1, dkpa(sample.2));
             }
         }
         self.last_centre_mm = centre_mm;
@@ -117,7 +142,31 @@ impl<R: Real> Curves<R> {
             self.len = place + 1;
         }
         self.frames += 1;
-        is_stored
+    }
+
+    /// Removes every second sample, because there is no place for another one.
+    #[cold]
+    #[inline(never)]
+    fn halve(&mut self, loaded: u32) {
+        if self.stride == 1 {
+            self.between = [Between::NONE; 8];
+        }
+        for i in 0..STANCE_SAMPLES / 2 {
+            let (kept, removed) = (2 * i, 2 * i + 1);
+            for region in 0..8 {
+                let (force_n, pressure_dkpa) = (&mut self.force_n[region], &mut self.pressure_dkpa[region]);
+                let frame = removed as u32 * self.stride;
+                if frame < loaded {
+                    self.between[region].include(frame, force_n[removed], pressure_dkpa[removed]);
+                }
+                self.area_mm2[region][i] = self.area_mm2[region][kept];
+                force_n[i] = force_n[kept];
+                pressure_dkpa[i] = pressure_dkpa[kept];
+            }
+            self.centre[i] = self.centre[kept];
+        }
+        self.len = STANCE_SAMPLES / 2;
+        self.stride *= 2;
     }
 
     /// Number of samples in the first `frames` frames.
@@ -185,6 +234,11 @@ impl<R: Real> Curves<R> {
         (mm(x), mm(y))
     }
 
+    /// The largest values of a region between the samples; `None` if every frame is a sample.
+    pub(crate) fn between(&self, region: usize) -> Option<&Between<R>> {
+        (self.stride > 1).then(|| &self.between[region])
+    }
+
     /// Total force in a sample, N.
     ///
     /// # Panics
@@ -192,6 +246,11 @@ impl<R: Real> Curves<R> {
     pub fn total_n(&self, sample: usize) -> R {
         self.force_n.iter().map(|force_n| force_n[sample]).sum()
     }
+}
+
+/// A pressure in 0.1 kPa.
+fn dkpa<R: Real>(kpa: R) -> u16 {
+    (kpa * R::of(10.0)).round_u16()
 }
 
 /// Number of samples that is nearest to the time `us`, if `sample_s` is the time between samples, s.

@@ -6,7 +6,7 @@ use crate::num::Real;
 /// The measures of one region in a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RegionMeasures<R> {
-    /// Largest pressure of a cell, kPa.
+    /// Largest pressure of a cell in the frames of the stance, kPa.
     pub peak_pressure_kpa: R,
     /// Time from heel strike to this pressure, s.
     pub peak_pressure_s: R,
@@ -45,6 +45,13 @@ impl<R: Real> RegionMeasures<R> {
                 (peak_dkpa, peak_sample) = (dkpa, sample);
             }
         }
+        let mut peak_pressure_s = time_s(peak_sample);
+        if let Some(between) = curves.between(region)
+            && between.pressure_dkpa > peak_dkpa
+        {
+            peak_dkpa = between.pressure_dkpa;
+            peak_pressure_s = R::of_u32(between.pressure_frame) * (sample_s / R::of_u32(curves.stride()));
+        }
         let kpa_per_dkpa = R::of(0.1);
         let pressure_integral_kpa_s = R::of_u32(sum_dkpa) * kpa_per_dkpa * sample_s;
         let Some(start) = area_mm2.iter().position(|area_mm2| *area_mm2 > R::ZERO) else {
@@ -53,7 +60,7 @@ impl<R: Real> RegionMeasures<R> {
         let largest = largest(force_n);
         Self {
             peak_pressure_kpa: R::of_u32(peak_dkpa.into()) * kpa_per_dkpa,
-            peak_pressure_s: time_s(peak_sample),
+            peak_pressure_s,
             pressure_integral_kpa_s,
             mean_pressure_kpa: match area_mm2[largest] > R::ZERO {
                 // 1 N on 1 mm2 is 1000 kPa.

@@ -80,7 +80,7 @@ pub struct Stance<R> {
     bouts: Bouts<R>,
     /// Largest measured force of each region, N.
     region_peaks_n: [R; 8],
-    /// Bit i: the last frame was stored, and has the largest measured force of region i so far.
+    /// Bit i: the last frame has the largest measured force of region i so far, and the foot was on the ground.
     at_peak: u8,
     /// Bit i: a cell of region i was saturated since heel strike.
     saturated: u8,
@@ -191,7 +191,6 @@ impl<R: Real> Stance<R> {
                     self.begin(seq);
                     self.store(regions, centre_mm);
                     self.peak_n = total_n;
-                    self.loaded = 1;
                     return false;
                 }
                 false
@@ -213,14 +212,14 @@ impl<R: Real> Stance<R> {
             }
             Phase::Stance => {
                 if missing > 0 {
-                    self.curves.bridge(missing, regions, centre_mm);
+                    self.curves.bridge(missing, regions, centre_mm, self.loaded);
                     self.bridged_so_far += missing;
+                }
+                if total_n >= release_n {
+                    (self.loaded, self.bridged) = (self.curves.frames() + 1, self.bridged_so_far);
                 }
                 self.store(regions, centre_mm);
                 self.peak_n = self.peak_n.max(total_n);
-                if total_n >= release_n {
-                    (self.loaded, self.bridged) = (self.curves.frames(), self.bridged_so_far);
-                }
                 if self.loaded > limits.max_stance_frames {
                     self.rejected.long += 1;
                     self.bouts.contact(&self.curves, self.start_seq);
@@ -316,7 +315,7 @@ impl<R: Real> Stance<R> {
         self.phase = Phase::Stance;
         self.is_unloaded = false;
         self.start_seq = seq;
-        (self.loaded, self.bridged_so_far, self.bridged) = (0, 0, 0);
+        (self.loaded, self.bridged_so_far, self.bridged) = (1, 0, 0);
         self.curves.clear();
         self.region_peaks_n = [R::ZERO; 8];
         self.saturated = 0;
@@ -329,12 +328,14 @@ impl<R: Real> Stance<R> {
         (self.ignored, self.loaded) = (0, 0);
     }
 
-    /// Adds a measured frame to the curves, and updates the largest forces and the saturated regions.
+    /// Adds a measured frame to the curves, and updates the largest forces and the saturated regions. A frame after toe off has
+    /// no largest force; `loaded` is 1 as long as the force has not reached the threshold of toe off.
     fn store(&mut self, regions: &[&RegionFrame<R>; 8], centre_mm: (R, R)) {
-        let is_stored = self.curves.push(regions, centre_mm);
+        let is_after_toe_off = self.loaded > 1 && self.curves.frames() >= self.loaded;
+        self.curves.push(regions, centre_mm, self.loaded);
         let (mut at_peak, mut saturated) = (0, 0);
         for (i, (region, peak_n)) in regions.iter().zip(&mut self.region_peaks_n).enumerate() {
-            if is_stored && region.force.force_n > *peak_n {
+            if region.force.force_n > *peak_n && !is_after_toe_off {
                 *peak_n = region.force.force_n;
                 at_peak |= 1 << i;
             }
@@ -354,12 +355,12 @@ impl<R: Real> Stance<R> {
         &self.curves
     }
 
-    /// Bit i: the last frame is the stored frame with the largest measured force of region i since heel strike.
+    /// Bit i: the last frame has the largest measured force of region i since heel strike.
     pub fn at_peak(&self) -> u8 {
         self.at_peak
     }
 
-    /// Largest measured force of a region in the stored frames since heel strike, N.
+    /// Largest measured force of a region since heel strike, N.
     ///
     /// # Panics
     /// If `region` is not an index of [`crate::Region::ALL`].

@@ -31,8 +31,8 @@ use crate::num::Real;
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RegionStep<R> {
-    /// Largest measured force from the first to the last sample in contact, N. A sample is a frame, in a long stance one of
-    /// several frames; see [`StepRecord::sample_us`].
+    /// Largest measured force from the first to the last sample in contact, N. In a long stance this includes the frames
+    /// between the samples, of which [`RegionStep::new`] does not know.
     pub measured_peak_n: R,
     /// Largest model force, N.
     pub model_peak_n: R,
@@ -53,7 +53,7 @@ pub struct RegionStep<R> {
     pub contact_s: R,
     /// Time from the first sample in contact to the largest measured force, s.
     pub time_to_peak_s: R,
-    /// Contact ellipse in the sample of the largest measured force; `None` without contact. [`RegionStep::new`] returns its
+    /// Contact ellipse in the frame of the largest measured force; `None` without contact. [`RegionStep::new`] returns its
     /// centre relative to the reference point of the region; [`Insole::step_region`](crate::insole::Insole::step_region) returns
     /// it in foot coordinates.
     pub ellipse_at_peak: Option<Ellipse<R>>,
@@ -221,6 +221,16 @@ impl<R: Real> RegionStep<R> {
         }
         step.ellipse_at_peak = Ellipse::from_moments(at_peak);
         step
+    }
+
+    /// Takes the largest force of the frames between the samples into account, N, and its time from heel strike, s.
+    #[cold]
+    pub(crate) fn include(&mut self, force_n: R, t_s: R) {
+        if self.measured_peak_n > R::ZERO && force_n > self.measured_peak_n {
+            self.model_error = self.model_error * self.measured_peak_n / force_n;
+            self.measured_peak_n = force_n;
+            self.time_to_peak_s = (t_s - self.measures.contact_start_s).max(R::ZERO);
+        }
     }
 }
 
