@@ -1,10 +1,12 @@
 //! A filter between radio and Bluetooth host: it replaces packets to which the host would respond incorrectly.
 
 use bt_hci::ControllerToHostPacket;
+use bt_hci::cmd::controller_baseband::SetEventMaskPage2;
 use bt_hci::cmd::le::LeSetAddrResolutionEnable;
 use bt_hci::cmd::{self, AsyncCmd, Cmd, Opcode, SyncCmd};
 use bt_hci::controller::{Controller as Hci, ControllerCmdAsync, ControllerCmdSync};
 use bt_hci::data::{AclBroadcastFlag, AclPacket, AclPacketBoundary, IsoPacket, SyncPacket};
+use bt_hci::param::Error as HciError;
 use core::cell::Cell;
 use core::future::Future;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
@@ -177,7 +179,14 @@ impl<C: ControllerCmdSync<Q>, Q: SyncCmd> ControllerCmdSync<Q> for Gate<'_, C> {
         if completed.is_ok() {
             self.progress.completed(Q::OPCODE);
         }
-        completed
+        match completed {
+            // Without this command, the radio reports a change of encryption by the first version of the event. The host accepts
+            // the refusal only with this code; ST's wireless firmware has used others.
+            Err(cmd::Error::Hci(_)) if Q::OPCODE == SetEventMaskPage2::OPCODE => {
+                Err(cmd::Error::Hci(HciError::UNKNOWN_CMD))
+            }
+            completed => completed,
+        }
     }
 }
 

@@ -4,8 +4,9 @@ use super::manage::IS_MANAGED;
 use super::shared::{Carrier, Shared};
 use super::supervise::Part;
 use crate::protocol::{Decoder, MAX_FRAME, MAX_MESSAGE, decode, frame};
+use core::pin::pin;
 use embassy_futures::join::join;
-use embassy_futures::select::select;
+use embassy_futures::select::{Either, select};
 use embassy_time::{Duration, Timer};
 use embedded_io_async::{Read, Write};
 use mcumgr::line::{self, END};
@@ -15,6 +16,13 @@ pub const READ_BYTES: usize = 64;
 
 /// Longest time between two heartbeats of an idle link.
 const IDLE: Duration = Duration::from_millis(200);
+
+/// Longest part of a frame that is written at once, bytes. Some drivers, such as `BufferedUartTx` of `embassy-stm32` 0.6, refuse
+/// a write that is longer than their transmit buffer, which must have at least this length. Most live frames are one part.
+pub const WRITE_BYTES: usize = 96;
+
+/// Interval at which a write that waits is polled. The same driver does not wake a write that waits for space in its buffer.
+const WRITE_POLL: Duration = Duration::from_millis(1);
 
 /// Exchanges messages with a host over a byte carrier. Never returns. Both directions run concurrently, so that a carrier that
 /// is too slow for the live stream still delivers requests.
@@ -62,11 +70,25 @@ async fn send(mut tx: impl Write, shared: &Shared) -> ! {
             } else {
                 break;
             };
-            if tx.write_all(&framed[..len]).await.is_err() {
+            if write(&mut tx, &framed[..len]).await.is_err() {
                 shared.close(Carrier::Serial);
                 break;
             }
             shared.scan.heartbeats.progressed(Part::Link);
         }
     }
+}
+
+/// Writes all bytes, part by part.
+async fn write<W: Write>(tx: &mut W, bytes: &[u8]) -> Result<(), W::Error> {
+    for part in bytes.chunks(WRITE_BYTES) {
+        let mut written = pin!(tx.write_all(part));
+        // A write is never dropped before it is complete, because with some drivers its bytes would be lost.
+        loop {
+            if let Either::First(result) = select(written.as_mut(), Timer::after(WRITE_POLL)).await {
+                break result?;
+            }
+        }
+    }
+    Ok(())
 }

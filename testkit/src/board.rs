@@ -6,7 +6,7 @@ use crate::nor_flash::{NorFlashChip, OperationFailed};
 use crate::virtual_time::now_us;
 use crate::walk::Wearer;
 use embassy_time::Timer;
-use embedded_io_async::ErrorType;
+use embedded_io_async::{ErrorKind, ErrorType};
 use embedded_storage_async::nor_flash::{self, MultiwriteNorFlash, NorFlash, ReadNorFlash};
 use plantar::firmware::ble::GattServer;
 use plantar::firmware::board::{BluetoothBoard, Matrix, MatrixTimeout, Stopwatch};
@@ -181,6 +181,8 @@ pub struct Cable {
     pub is_cut: bool,
     /// Duration of the transfer of one byte to the host, us; 0 for an unlimited rate.
     pub byte_us: f64,
+    /// Time at which the transmit buffer of the insole's port will be empty, us.
+    sent_us: f64,
     /// Mean number of bytes to the host from one damaged byte to the next; 0 for no damage. The distances are random: a constant
     /// one can be the length of a retransmission, and the same byte would then be damaged in all retransmissions.
     pub damaged_every: u32,
@@ -195,6 +197,7 @@ impl Default for Cable {
             reader: None,
             is_cut: false,
             byte_us: 0.0,
+            sent_us: 0.0,
             damaged_every: 0,
             random: fastrand::Rng::with_seed(0),
         }
@@ -210,6 +213,17 @@ impl Cable {
         }
     }
 
+    /// Reserves space in the transmit buffer of the insole's port for this number of bytes. False if there is not enough.
+    fn reserve(&mut self, bytes: usize) -> bool {
+        let now_us = now_us() as f64;
+        let sent_us = self.sent_us.max(now_us) + bytes as f64 * self.byte_us;
+        let has_space = sent_us - now_us <= PORT_BYTES as f64 * self.byte_us;
+        if has_space {
+            self.sent_us = sent_us;
+        }
+        has_space
+    }
+
     /// Transfers bytes from the insole to the host.
     fn write_to_host(&mut self, bytes: &[u8]) {
         for byte in bytes {
@@ -221,12 +235,16 @@ impl Cable {
     }
 }
 
-/// The insole's end of a cable.
+/// Size of the transmit buffer of the insole's port, bytes.
+const PORT_BYTES: usize = 192;
+
+/// The insole's end of a cable. It writes as `BufferedUartTx` of `embassy-stm32` 0.6 does: a write that is longer than the transmit
+/// buffer is refused, and nothing wakes a write that waits for space. The host receives bytes when the buffer accepts them.
 #[derive(Clone)]
 pub struct CableEnd(pub Rc<RefCell<Cable>>);
 
 impl ErrorType for CableEnd {
-    type Error = std::convert::Infallible;
+    type Error = ErrorKind;
 }
 
 impl embedded_io_async::Read for CableEnd {
@@ -247,8 +265,10 @@ impl embedded_io_async::Read for CableEnd {
 
 impl embedded_io_async::Write for CableEnd {
     async fn write(&mut self, bytes: &[u8]) -> Result<usize, Self::Error> {
-        let time_us = self.0.borrow().byte_us * bytes.len() as f64;
-        Timer::after_micros(time_us as u64).await;
+        if bytes.len() > PORT_BYTES {
+            return Err(ErrorKind::OutOfMemory);
+        }
+        poll_fn(|_| if self.0.borrow_mut().reserve(bytes.len()) { Poll::Ready(()) } else { Poll::Pending }).await;
         self.0.borrow_mut().write_to_host(bytes);
         Ok(bytes.len())
     }

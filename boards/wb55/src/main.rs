@@ -9,6 +9,7 @@ mod radio;
 
 use bluetooth::HciPipe;
 use core::hint::black_box;
+use cortex_m::peripheral::MPU;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m_platform::CycleCounter;
 use defmt_rtt as _;
@@ -172,6 +173,25 @@ fn take_reset_reason() -> Reset {
     }
 }
 
+/// Denies access to the 16 KiB below RAM, which the stack reaches if it overflows: they are in the region of the system memory,
+/// and the documents do not state that a write to the addresses that are not used there causes a fault.
+fn guard_stack(mpu: &mut MPU) {
+    const VALID: u32 = 1 << 4;
+    const NEVER_EXECUTE: u32 = 1 << 28;
+    const SIZE_16_KIB: u32 = 13 << 1;
+    const ENABLE: u32 = 1;
+    /// Outside of the regions, the memory map remains the default one.
+    const DEFAULT_MAP: u32 = 1 << 2;
+    // SAFETY: no object of the program is in the region; the drivers read calibration values of the system memory below it.
+    unsafe {
+        mpu.rbar.write(0x1fff_c000 | VALID);
+        mpu.rasr.write(NEVER_EXECUTE | SIZE_16_KIB | ENABLE);
+        mpu.ctrl.write(DEFAULT_MAP | ENABLE);
+    }
+    cortex_m::asm::dsb();
+    cortex_m::asm::isb();
+}
+
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     // First of all, so that the board is reset if anything below hangs.
@@ -180,11 +200,16 @@ async fn main(spawner: Spawner) {
     // The compiler must not assume the content of the header, because a tool may have patched it in the image.
     let image = black_box(&IMAGE);
     let mut config = embassy_stm32::Config::default();
+    // With these clocks, a debugger stays connected while the core sleeps, but the core uses several times the current.
+    config.enable_debug_during_sleep = cfg!(feature = "development-key");
     let has_crystal = start_crystal();
     config.rcc = clocks(has_crystal);
     let p = embassy_stm32::init(config);
+    // The bootloader's oscillator, which `init` leaves on.
+    pac::RCC.cr().modify(|w| w.set_msion(false));
     // SAFETY: `main` runs once and other code of this program only reads the cycle counter and requests a reset.
     let mut core = unsafe { cortex_m::Peripherals::steal() };
+    guard_stack(&mut core.MPU);
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
     core.SYST.set_clock_source(SystClkSource::Core);

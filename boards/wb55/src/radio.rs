@@ -93,6 +93,16 @@ fn bytes(packet: u32) -> &'static [u8] {
     }
 }
 
+/// Length of the reply to a system command: H4 byte, code, length, number of commands, opcode (2 bytes), status.
+const REPLY: usize = 7;
+
+/// The reply to a system command, which the radio's core writes to the buffer of the command. Unlike all other packets, it has
+/// no node before its H4 byte: `shci_send` in ST's shci_tl.c reads it from the start of the buffer.
+fn reply(command: u32) -> [u8; REPLY] {
+    let [low, high] = [read(command), read(command + 4)].map(u32::to_le_bytes);
+    core::array::from_fn(|i| if i < 4 { low[i] } else { high[i - 4] })
+}
+
 /// Copies a packet to a buffer that belongs to this core.
 fn fill(buffer: u32, packet: &[u8]) {
     // SAFETY: every buffer has room for the longest packet of its kind.
@@ -180,12 +190,14 @@ pub async fn run(ipcc: Peri<'static, IPCC>, from_radio: &HciPipe, to_radio: &Hci
     .await;
     // The radio's core empties the channel when the command is complete.
     channels::emptied(channels::SYSTEM).await;
-    match reply_status(bytes(at!(system_command)), BLE_INIT_OPCODE) {
+    match reply_status(&reply(at!(system_command)), BLE_INIT_OPCODE) {
         Some(0) => {}
-        status => {
-            defmt::error!("radio: Bluetooth does not start, status {}", status);
+        Some(status) => {
+            defmt::error!("radio: Bluetooth does not start, status {=u8}", status);
             pending::<()>().await;
         }
+        // The set-up of the host fails if the radio did not start, and is tried again.
+        None => defmt::warn!("radio: no reply to the Bluetooth parameters"),
     }
     join(receive(from_radio), send(to_radio)).await.0
 }

@@ -102,6 +102,7 @@ fn main() -> ! {
     clocks.rcc.msi = Some(MSIRange::RANGE16M);
     clocks.rcc.hsi48 = None;
     clocks.rcc.ls = LsConfig::off();
+    clocks.enable_debug_during_sleep = false;
     let p = embassy_stm32::init(clocks);
     let mut watchdog = IndependentWatchdog::new(p.IWDG, WATCHDOG_US);
     watchdog.unleash();
@@ -143,11 +144,30 @@ fn main() -> ! {
             SCB::sys_reset()
         }
     }
-    // SAFETY: an image is at this address, and the drivers used here leave no interrupt enabled.
+    empty_flash_caches();
+    // SAFETY: an image is at this address, and no interrupt can occur: `init` enables those of the DMA channels, which no driver
+    // used here requests.
     unsafe {
         (*SCB::PTR).vtor.write(APPLICATION);
         cortex_m::asm::bootload(APPLICATION as *const u32)
     }
+}
+
+/// Empties the caches of the controller's flash, which otherwise may contain what a swap has replaced: neither the driver nor the
+/// controller empties them after an erase. They can be emptied only while they are off.
+fn empty_flash_caches() {
+    let set = |is_on: bool, is_reset: bool| {
+        pac::FLASH.acr().modify(|w| {
+            w.set_icen(is_on);
+            w.set_dcen(is_on);
+            w.set_icrst(is_reset);
+            w.set_dcrst(is_reset);
+        });
+    };
+    set(false, false);
+    set(false, true);
+    set(false, false);
+    set(true, false);
 }
 
 #[panic_handler]
