@@ -154,6 +154,11 @@ fn main() -> ! {
     let has_crystal = clock::has_crystal();
     let p = embassy_nrf::init(config(has_crystal));
     watchdog::feed();
+    // Without its cache, the flash delays the core. No driver of this program enables it.
+    pac::NVMC.icachecnf().write(|w| w.set_cacheen(true));
+    // Erratum 246: otherwise the controller may draw additional current in sleep.
+    // SAFETY: the erratum prescribes address and value, and nothing else uses this register.
+    unsafe { (0x4007_ac84 as *mut u32).write_volatile(2) };
     // SAFETY: `main` runs once and other code of this program only reads the cycle counter and requests a reset.
     let mut core = unsafe { cortex_m::Peripherals::steal() };
     core.DCB.enable_trace();

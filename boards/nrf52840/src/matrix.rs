@@ -4,13 +4,16 @@
 //! has eleven pins only. The front end, the switches included, has no supply between two frames.
 
 use crate::clock::Microseconds;
+use core::future::poll_fn;
+use core::pin::pin;
 use core::sync::atomic::{AtomicU8, AtomicU16, Ordering};
+use core::task::Poll;
 use embassy_nrf::gpio::Output;
 use embassy_nrf::saadc::{
     AnyInput, ChannelConfig, Config, Gain, InterruptHandler, Oversample, Reference, Resolution, Saadc, Time, VddInput,
 };
 use embassy_nrf::{Peri, bind_interrupts, peripherals};
-use embassy_time::{Duration, Instant, with_timeout};
+use embassy_time::{Duration, Instant, Timer, with_timeout};
 use nrf52840_drivers::battery;
 use plantar::firmware::board::{Matrix, MatrixTimeout};
 use plantar::firmware::front_end::{CLIPPED_CODE, SETTLE_US, START_US};
@@ -84,15 +87,22 @@ const CONNECT: u8 = 1 << 4;
 const CHANNEL_SHIFT: usize = 5;
 
 impl ShiftRegister {
-    /// Outputs these bits. A level lasts for at least 60 ns, because each write to a pin takes that long; the register needs
-    /// 20 ns.
+    /// Outputs these bits.
     fn output(&mut self, bits: u8) {
+        /// Each level lasts for at least this number of cycles, 94 ns: with a supply of 3.3 V, the register needs some 45 ns from
+        /// the data to the edge of the clock, and some 30 ns for a pulse (between the values for 2 V and 4.5 V in its data sheet).
+        const LEVEL_CYCLES: u32 = 6;
+        let hold = || cortex_m::asm::delay(LEVEL_CYCLES);
         for bit in (0..u8::BITS).rev() {
             self.data.set_level((bits >> bit & 1 == 1).into());
+            hold();
             self.clock.set_high();
+            hold();
             self.clock.set_low();
         }
+        hold();
         self.latch.set_high();
+        hold();
         self.latch.set_low();
     }
 }
@@ -182,6 +192,25 @@ impl ResistiveMatrix {
     }
 }
 
+/// The output of `operation`; `None` after the timeout. Unlike `with_timeout`, it polls its timer only at first and after the
+/// timeout: the converter wakes the scan in each group of columns, and each poll of a timer costs more than the wake.
+async fn within<T>(timeout: Duration, operation: impl Future<Output = T>) -> Option<T> {
+    let end = Instant::now() + timeout;
+    let (mut operation, mut timer) = (pin!(operation), pin!(Timer::at(end)));
+    let mut is_armed = false;
+    poll_fn(|context| {
+        if let Poll::Ready(output) = operation.as_mut().poll(context) {
+            return Poll::Ready(Some(output));
+        }
+        if !is_armed || Instant::now() >= end {
+            is_armed = true;
+            return timer.as_mut().poll(context).map(|()| None);
+        }
+        Poll::Pending
+    })
+    .await
+}
+
 impl Matrix for ResistiveMatrix {
     fn rows(&self) -> usize {
         ROWS
@@ -194,11 +223,11 @@ impl Matrix for ResistiveMatrix {
             }
             self.switch_on().await;
         }
-        let converted = with_timeout(ROW_TIMEOUT, self.read_columns(row)).await;
-        if row + 1 == ROWS || converted.is_err() {
+        let converted = within(ROW_TIMEOUT, self.read_columns(row)).await;
+        if row + 1 == ROWS || converted.is_none() {
             self.switch_off();
         }
-        for (&cell, code) in WIRING.get(row).into_iter().flatten().zip(converted.map_err(|_| MatrixTimeout)?) {
+        for (&cell, code) in WIRING.get(row).into_iter().flatten().zip(converted.ok_or(MatrixTimeout)?) {
             if let Some(cell) = cell {
                 codes[usize::from(cell)] = if code < CLIPPED_CODE { code } else { FULL_CODE };
             }

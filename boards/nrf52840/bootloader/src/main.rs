@@ -1,7 +1,7 @@
 //! The bootloader of the nRF52840: swaps the images if a swap is due, and starts the active image.
 //!
 //! The watchdog starts first, and no wait is longer than its timeout. If the flash chip does not answer, or if the state in it is
-//! not readable, the active image starts without a swap.
+//! not readable, the active image starts without a swap. The flash chip is changed only while its supply suffices.
 //!
 //! Only the bootloader writes the controller's own flash; the radio does not run yet.
 #![no_std]
@@ -15,15 +15,28 @@ use embassy_sync::mutex::Mutex;
 use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use nrf52840_drivers::flash::Chip;
 use nrf52840_drivers::qspi::{Qspi, Wait};
-use nrf52840_drivers::{CHIP_BYTES, watchdog};
+use nrf52840_drivers::{CHIP_BYTES, supply, watchdog};
+use plantar::protocol::SUFFICIENT_SUPPLY_MV;
 use plantar::storage::boot::{poll_at_most, swap_if_due};
 use plantar::storage::flash_map::{ACTIVE, MAX_IMAGE, NRF52_FLASH};
+use plantar::storage::supplied::Supplied;
 
 /// Address of the application.
 const APPLICATION: u32 = NRF52_FLASH + ACTIVE.start;
 
 /// The core's clock, kHz.
 const CORE_KHZ: u32 = 64_000;
+
+/// Interval between two measurements of the supply while it rises, ms.
+const SUPPLY_POLL_MS: u32 = 10;
+/// Number of measurements, after which a start continues with a low supply.
+const SUPPLY_POLLS: u32 = 100;
+
+/// True if the supply is sufficient for the flash chip, which works from 2.3 V on; the controller works from 1.7 V on. A converter
+/// that does not respond must not prevent the start.
+fn is_supplied() -> bool {
+    supply::millivolts().is_none_or(|supply_mv| supply_mv >= SUFFICIENT_SUPPLY_MV)
+}
 
 /// Waits in loops. Each wait for the chip is limited, so each may feed the watchdog.
 struct Busy;
@@ -98,9 +111,21 @@ fn main() -> ! {
     let p = unsafe { Peripherals::steal() };
     // A wait of `Busy` never yields, so one poll completes the operation.
     if let Some(Some(chip)) = poll_at_most(1, Chip::<_, CHIP_BYTES>::open(Qspi::new(p.QSPI, Busy))) {
-        let chip = Mutex::new(chip);
+        // While the supply rises, the chip may read wrong, and a swap that was interrupted would be taken for a completed one.
+        for _ in 0..SUPPLY_POLLS {
+            watchdog::feed();
+            if is_supplied() {
+                break;
+            }
+            cortex_m::asm::delay(SUPPLY_POLL_MS * CORE_KHZ);
+        }
+        let chip = Mutex::new(Supplied::new(chip, CHIP_BYTES, is_supplied));
         if swap_if_due(&chip, Active(Nvmc::new(p.NVMC))).is_err() {
-            // The swap may have failed half-way, and then no image would run. It continues after the reset.
+            // The swap may have failed half-way, and then no image would run. It continues after the reset. With a low supply,
+            // each start would erase the same page of the controller's own flash again, so the loop waits for the supply.
+            while !is_supplied() {
+                watchdog::feed();
+            }
             SCB::sys_reset()
         }
     }

@@ -1,11 +1,13 @@
-//! The parts of the nRF52840 board that its firmware and its bootloader share: the flash chip and the watchdog; and the charge of
-//! the battery, which is here because a host can test it.
+//! The parts of the nRF52840 board that its firmware and its bootloader share: the flash chip, the supply and the watchdog; and the
+//! charge of the battery, which is here because a host can test it.
 #![no_std]
 
 pub mod battery;
 pub mod flash;
 #[cfg(target_os = "none")]
 pub mod qspi;
+#[cfg(target_os = "none")]
+pub mod supply;
 #[cfg(target_os = "none")]
 pub mod watchdog;
 
