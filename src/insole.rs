@@ -159,8 +159,8 @@ impl<R: Real, const N: usize> Insole<R, N> {
         if seq == self.stance.start_seq() {
             self.loads.iter_mut().for_each(|load| load.frame.restart_count());
         }
-        if self.stance.has_settled(&self.limits) && is_unloaded(&self.cells, codes, self.most_residual) {
-            is_toe_off |= self.stance.lift(&self.limits);
+        if self.stance.has_settled(&self.limits) {
+            is_toe_off |= self.settle(codes);
         }
         if self.stance.is_lifted() {
             self.review_cells(seq, codes);
@@ -168,6 +168,14 @@ impl<R: Real, const N: usize> Insole<R, N> {
             self.sum_residuals();
         }
         is_toe_off
+    }
+
+    /// Examines whether the constant force is that of a lifted foot. True if this confirms toe off.
+    #[cold]
+    #[inline(never)]
+    fn settle(&mut self, codes: &[u16]) -> bool {
+        is_unloaded(&self.cells, codes, self.most_residual, &self.curve, self.stance.standing_n())
+            && self.stance.lift(&self.limits)
     }
 
     /// Stores the shares in contact of the regions with a bit in `at_peak`.

@@ -13,7 +13,7 @@ use plantar::firmware::front_end::NOISE_CODES;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::update::{CHUNK, Header, Progress, Request};
-use plantar::protocol::{Live, MAJOR, MINOR, Refusal, Step, ToDevice, ToHost, decode};
+use plantar::protocol::{Live, MAJOR, MINOR, Radio, Refusal, Step, ToDevice, ToHost, decode};
 use plantar::storage::Bonds;
 use plantar::storage::flash_map::HEADER;
 use plantar::{Region, Side};
@@ -397,7 +397,7 @@ fn break_links(seed: u32) {
     println!("{cuts} cuts, {} steps", stored.0.len());
     assert_eq!(stored.0, steps);
     let status = phone.status(&mut world.radio);
-    assert_eq!((status.steps, status.records_dropped), (STEPS as u32, 0));
+    assert_eq!((status.steps, status.records_dropped, status.radio), (STEPS as u32, 0, Radio::Answers));
 }
 
 // Two tests with different seeds instead of one with twice the steps: each takes a minute, and they can run in parallel.

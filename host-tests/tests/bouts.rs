@@ -93,3 +93,38 @@ fn the_message_of_a_load_bout_has_the_nearest_integers() {
         assert_eq!(integers, (1_235, 567, 1_235));
     }
 }
+
+/// Slow steps that last longer than a stance may: each is a contact of 2.6 s, of which only every fourth frame is stored.
+#[test]
+fn slow_contacts_at_400_hz_have_their_load_and_their_peaks_and_are_no_bout_of_sitting() {
+    const RATE_HZ: f64 = 400.0;
+    let layout = recording::synthetic::insole(144);
+    let (cells, mut pressure_kpa) = (layout.cells.len(), Vec::new());
+    let frames = 40 * 400;
+    for frame in 0..frames {
+        // 3 s on the ground and 1 s in swing.
+        let in_stride = frame % 1600;
+        let kpa = if in_stride < 1200 { 35.0 + 5.0 * (in_stride as f32 / 30.0).sin() } else { 1.0 };
+        pressure_kpa.extend((0..cells).map(|_| kpa));
+        if in_stride == 101 {
+            *pressure_kpa.last_mut().expect("the insole has cells") = 250.0;
+        }
+    }
+    let recording = recording::Recording {
+        side: Side::Left,
+        layout,
+        rate_hz: RATE_HZ,
+        source: "computed slow steps".into(),
+        t_s: (0..frames).map(|frame| frame as f64 / RATE_HZ).collect(),
+        pressure_kpa,
+    };
+    let found = find(&recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
+    assert!(found.steps.is_empty() && found.unassigned(RATE_HZ) < 0.001, "{}", found.unassigned(RATE_HZ));
+    let total_n_s =
+        |bout: &BoutRecord<f32>| bout.regions.iter().map(|region| f64::from(region.integral_n_s)).sum::<f64>();
+    let light = found.bouts.iter().filter(|bout| matches!(bout.kind, BoutKind::Sitting | BoutKind::Unclassified));
+    let (light_n_s, all_n_s): (f64, f64) = (light.map(total_n_s).sum(), found.bouts.iter().map(total_n_s).sum());
+    assert!(light_n_s < 0.05 * all_n_s, "{light_n_s} of {all_n_s} N s");
+    let peaks = found.bouts.iter().flat_map(|bout| &bout.regions).map(|region| region.peak_pressure_kpa);
+    assert!((peaks.fold(0.0, f32::max) - 250.0).abs() < 0.5);
+}

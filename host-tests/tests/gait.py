@@ -14,7 +14,13 @@ from scipy import stats
 
 data = json.load(sys.stdin)
 # Longest stride, as in docs/measures.md.
-LONGEST_STRIDE_S = 2.5
+times_s = [
+    after[1] - before[1]
+    for steps in (data["left"], data["right"])
+    for before, after in zip(steps, steps[1:])
+    if after[0] == before[0] + 1
+]
+LONGEST_STRIDE_S = max(2.5, 2 * sorted(times_s)[len(times_s) // 2]) if times_s else 2.5
 SYMMETRIC = ["step_time_s", "stance_time_s", "swing_time_s", "peak_force_n", "force_integral_n_s"]
 
 

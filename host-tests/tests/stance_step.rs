@@ -629,3 +629,66 @@ fn the_counted_area_of_a_step_does_not_depend_on_the_contact_rule(#[case] altern
         }
     }
 }
+
+#[test]
+fn a_foot_that_touches_the_ground_in_swing_makes_no_step() {
+    let swing = Frames(18, 0.0);
+    let stride = |scuff_frames, scuff_n| [Frames(64, 700.0), swing, Frames(scuff_frames, scuff_n), swing];
+    let count = |frames, force_n| {
+        let sequence: Vec<_> =
+            [OFF].into_iter().chain((0..10).flat_map(|_| stride(frames, force_n))).chain([OFF]).collect();
+        let (found, stance) = steps_by(&StanceRule::ADAPTIVE, &sequence, 0);
+        (found.len(), stance.rejected().short)
+    };
+    // 12 to 25 % of the force of a step, for 0.15 to 0.2 s.
+    for (frames, force_n) in [(20, 84.0), (20, 105.0), (20, 175.0), (15, 140.0)] {
+        assert_eq!(count(frames, force_n), (10, 10), "{force_n} N in {frames} frames");
+    }
+    // A step of a person who unloads the foot is weak, but not brief; one of a person who hurries is brief, but not weak.
+    assert_eq!(count(40, 105.0), (20, 0));
+    assert_eq!(count(15, 400.0), (20, 0));
+}
+
+/// The recording of a prosthetic foot, which loads a few cells of the heel and of the forefoot only, with `force_n` in ten stances of
+/// 1.1 s.
+fn prosthesis(force_n: f64) -> recording::Recording {
+    let layout = synthetic::insole(144);
+    let spots: Vec<_> = [plantar::Region::Heel, plantar::Region::Metatarsals12]
+        .into_iter()
+        .flat_map(|region| {
+            let cells = layout.cells.iter().enumerate().filter(move |(_, cell)| cell.region == region);
+            cells.take(8).map(|(index, _)| index).collect::<Vec<_>>()
+        })
+        .collect();
+    let area_mm2: f64 = spots.iter().map(|&index| layout.cells[index].area_mm2).sum();
+    let (mut t_s, mut pressure_kpa) = (Vec::new(), Vec::new());
+    for frame in 0..1900 {
+        // 1.1 s of stance, of which 0.9 s with a constant force, in 1.8 s.
+        let in_stance = (frame % 180) as f64 - 50.0;
+        let share = (in_stance / 10.0).min((110.0 - in_stance) / 10.0).clamp(0.0, 1.0);
+        let mut kpa = vec![0.0; layout.cells.len()];
+        spots.iter().for_each(|&index| kpa[index] = (share * force_n * 1e3 / area_mm2) as f32);
+        t_s.push(frame as f64 / 100.0);
+        pressure_kpa.extend(kpa);
+    }
+    let source = "computed prosthesis".into();
+    recording::Recording { side: plantar::Side::Left, layout, rate_hz: 100.0, source, t_s, pressure_kpa }
+}
+
+#[test]
+fn a_foot_that_stands_on_few_cells_is_not_taken_for_a_lifted_one() {
+    let recording = prosthesis(700.0);
+    let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
+    let mut insole = Box::new(Insole::<f64, DEVICE_CELLS>::new());
+    insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("the insole is valid");
+    let mut codes = vec![0; recording.cells()];
+    let mut durations_s = Vec::new();
+    for frame in 0..virtual_insole.frames(&recording) {
+        virtual_insole.codes_of(&recording, frame, &mut codes);
+        if insole.frame(frame as u32, &codes) {
+            durations_s.push(f64::from(insole.whole_step().expect("a step has ended").duration_us) * 1e-6);
+        }
+    }
+    assert_eq!(durations_s.len(), 10, "{durations_s:?}");
+    assert!(durations_s.iter().all(|duration_s| (1.05..=1.1).contains(duration_s)), "{durations_s:?}");
+}

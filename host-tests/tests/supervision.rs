@@ -6,13 +6,18 @@ use addr2line::Loader;
 use client::{Carrier, Framed};
 use emulation::{EmulatorConfig, InjectedFault, PlannedFault};
 use emulator::{Board, Link, Looped, Recorded, Scan, Time, Walk};
+use plantar::firmware::board::Gauges;
+use plantar::firmware::scan::ScanCounters;
+use plantar::firmware::shared::{Carrier as SharedCarrier, Exchange, Shared};
 use plantar::firmware::supervise::{
     CHECK_PERIOD_MS, HEALTHY_CHECKS, Heartbeats, MOST_CHECKS, Part, STALLED_CHECKS, START_CHECKS, Watchdog,
 };
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
-use plantar::protocol::{Hello, MAJOR, MINOR, Reset, Status, ToDevice, ToHost};
+use plantar::protocol::session::Session;
+use plantar::protocol::{Hello, MAJOR, MAX_MESSAGE, MINOR, Radio, Reset, Status, ToDevice, ToHost, decode};
 use recording::VirtualInsole;
+use std::cell::RefCell;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -344,4 +349,33 @@ fn an_idle_part_is_not_stalled() {
         watchdog.check(&heartbeats) != 0
     });
     assert_eq!(found, Some(u32::from(STALLED_CHECKS)));
+}
+
+#[test]
+fn the_status_reports_why_the_radio_does_not_start() {
+    /// A change of the counters, and the state of the radio that the status then reports.
+    type Change = (fn(&ScanCounters), Radio);
+    let changes: [Change; 5] = [
+        (|_| (), Radio::Silent),
+        (|counters| counters.heartbeats.progressed(Part::Radio), Radio::Answers),
+        (|counters| counters.radio_has_no_firmware(), Radio::NoFirmware),
+        (|counters| counters.radio_failed(0), Radio::Failed(0)),
+        (|counters| counters.radio_failed(255), Radio::Failed(255)),
+    ];
+    for (change, expected) in changes {
+        let counters: &'static ScanCounters = Box::leak(Box::new(ScanCounters::new()));
+        let exchange = Box::leak(Box::new(RefCell::new(Exchange::Idle)));
+        let session = Box::leak(Box::new(RefCell::new(Session::new())));
+        let gauges = Gauges { stack_bytes: || 0, supply_mv: || None };
+        let shared = Shared::new(testkit::fixtures::hello(), 1000, counters, gauges, exchange, session);
+        change(counters);
+        let mut buffer = [0; MAX_MESSAGE];
+        shared.receive(SharedCarrier::Serial, Some(ToDevice::Connect { major: MAJOR, minor: MINOR }));
+        shared.next(SharedCarrier::Serial, &mut buffer);
+        shared.receive(SharedCarrier::Serial, Some(ToDevice::GetStatus));
+        let Some(ToHost::Status(status)) = shared.next(SharedCarrier::Serial, &mut buffer).and_then(decode) else {
+            panic!("the insole answers with its status");
+        };
+        assert_eq!(status.radio, expected);
+    }
 }

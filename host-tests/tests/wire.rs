@@ -18,8 +18,8 @@ use plantar::protocol::update::{self, Chunk, Header, Offer, Progress, Request, S
 use plantar::protocol::{Alert, BLOCK_CELLS, Bout, BoutRegion, CalibrationBlock, Contents};
 use plantar::protocol::{
     CellCoder, CellFrame, CellStream, ContactEllipse, Decoder, Ellipses, Hello, Identity, Live, LiveRegion, MAJOR,
-    MAX_FRAME, MAX_LIVE, MAX_MESSAGE, MINOR, Refusal, Reset, Resolution, Serial, Settings, Status, Step, StepFoot,
-    StepRegion, ToDevice, ToHost, decode, encode, frame,
+    MAX_FRAME, MAX_LIVE, MAX_MESSAGE, MINOR, Radio, Refusal, Reset, Resolution, Serial, Settings, Status, Step,
+    StepFoot, StepRegion, ToDevice, ToHost, decode, encode, frame,
 };
 use plantar::{Region, Side};
 use proptest::prelude::*;
@@ -163,6 +163,7 @@ fn any_status() -> impl Strategy<Value = Status> {
         scanning_ms: v[24],
         processing_ms: v[25],
         supply_mv: (v[3] % 2 == 1).then_some(v[4] as u16),
+        radio: [Radio::Silent, Radio::Answers, Radio::NoFirmware, Radio::Failed(v[5] as u8)][v[6] as usize % 4],
     })
 }
 
@@ -642,6 +643,7 @@ fn longest_messages_fit_their_limits() {
         scanning_ms: u32::MAX,
         processing_ms: u32::MAX,
         supply_mv: Some(u16::MAX),
+        radio: Radio::Failed(u8::MAX),
     });
     let longest_fault = Fault { kind: FaultKind::Crosstalk, place: Place::Cell(u16::MAX), found_ms: u32::MAX };
     let longest_faults = ToHost::Faults(Faults {
@@ -910,7 +912,7 @@ const SNOOZE: &str = "0819d804e3ca3aa200";
 const ALERT_RULES_REFUSED: &str = "07050c91aa183500";
 const BOUT: &str = "10112a0102c0a8a504b097991d40e2010204020106210340e2010204020106210340e2010204020106210340e2010204020106210340e2010204020106210340e2010204020106210340e2010204020106210340e201020402010321030e018080f9c0c1c482037b37f30a00";
 const STATUS: &str =
-    "330380f882ad16d8040102ac02ab020c0304050607c0b80290bf05801008090a0b0c0d0e0f1001110112131401e419530dfb6e00";
+    "350380f882ad16d8040102ac02ab020c0304050607c0b80290bf05801008090a0b0c0d0e0f1001110112131401e419031506b90ee800";
 const CONNECT: &str = "0102010553e85ae600";
 const STREAM_CELLS: &str = "090f01010210f5f08f00";
 const STREAM_OF_CELLS: &str = "080b0101024762920100";

@@ -1,8 +1,9 @@
 //! Scans the matrix frame by frame.
 
 use super::board::{FrameClock, Matrix, MatrixTimeout};
-use super::supervise::Heartbeats;
+use super::supervise::{Heartbeats, Part};
 use crate::pipeline::setup::DEVICE_CELLS;
+use crate::protocol::Radio;
 #[cfg(not(shuttle))]
 use core::sync::atomic::{AtomicU32, Ordering};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -38,7 +39,14 @@ pub struct ScanCounters {
     pub(super) began_us: AtomicU32,
     /// The heartbeats of all parts.
     pub heartbeats: Heartbeats,
+    /// Why the radio does not start: 0 if nothing is known, [`NO_RADIO_FIRMWARE`], or [`RADIO_FAILED`] plus a code.
+    radio_failure: AtomicU32,
 }
+
+/// See [`ScanCounters::radio_failure`].
+const NO_RADIO_FIRMWARE: u32 = 1;
+/// See [`ScanCounters::radio_failure`].
+const RADIO_FAILED: u32 = 1 << 8;
 
 impl ScanCounters {
     /// The state before the first scan: every frame is scanned.
@@ -51,6 +59,27 @@ impl ScanCounters {
             scanning_ms: AtomicU32::new(0),
             began_us: AtomicU32::new(0),
             heartbeats: Heartbeats::new(),
+            radio_failure: AtomicU32::new(0),
+        }
+    }
+
+    /// Records that the radio has no firmware. The status reports it.
+    pub fn radio_has_no_firmware(&self) {
+        self.radio_failure.store(NO_RADIO_FIRMWARE, Ordering::Relaxed);
+    }
+
+    /// Records that the radio does not start, with the vendor's code, 0 without one. The status reports it.
+    pub fn radio_failed(&self, code: u8) {
+        self.radio_failure.store(RADIO_FAILED + u32::from(code), Ordering::Relaxed);
+    }
+
+    /// The state of the radio.
+    pub(super) fn radio(&self) -> Radio {
+        match self.radio_failure.load(Ordering::Relaxed) {
+            0 if self.heartbeats.count(Part::Radio) > 0 => Radio::Answers,
+            0 => Radio::Silent,
+            NO_RADIO_FIRMWARE => Radio::NoFirmware,
+            failure => Radio::Failed(failure as u8),
         }
     }
 

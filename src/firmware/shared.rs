@@ -341,6 +341,7 @@ impl Shared {
             scanning_ms: self.scan.scanning_ms.load(Ordering::Relaxed),
             processing_ms: counters.processing_ms,
             supply_mv: (self.gauges.supply_mv)(),
+            radio: self.scan.radio(),
             ..Status::default()
         }
     }

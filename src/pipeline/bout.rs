@@ -8,8 +8,9 @@
 use super::curves::Curves;
 use super::region::{RegionFrame, Side};
 use super::stance_rule::StanceLimits;
+pub use super::window::BoutKind;
+use super::window::{LIGHT, Load, STANDING, Window};
 use crate::num::Real;
-use serde::{Deserialize, Serialize};
 
 /// Time outside steps after which a window ends, ms.
 const WINDOW_MS: u32 = 2_000;
@@ -22,46 +23,8 @@ const LONGEST_S: u32 = 60;
 /// The duration that replaces [`LONGEST_S`] for a bout with a mean force below [`LIGHT`], s.
 const LONGEST_LIGHT_S: u32 = 3_600;
 
-/// Smallest range of the total force in a window of shuffling, relative to the usual peak of the wearer's steps
-/// ([`StanceLimits::usual_peak_n`]): more than the sway of a person who stands, less than the transfer of half of the weight to
-/// the other foot.
-const MOVING: f64 = 0.25;
-/// Smallest mean force of standing, relative to the same peak: each foot of a person who stands carries about half of the weight,
-/// and each foot of a person who sits less than a tenth.
-const STANDING: f64 = 0.15;
-/// Smallest mean force of sitting, relative to the same peak; that of a foot in the air is smaller.
-const LIGHT: f64 = 0.01;
 /// A bout has at least this force-time integral, N s. A smaller one is added to the next bout.
 const LEAST_N_S: f64 = 1.0;
-
-/// The kind of a load bout.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub enum BoutKind {
-    /// None of the others: the force between the steps of a walk, short contacts, and the force of a foot in the air.
-    #[default]
-    Unclassified,
-    /// The foot carries a nearly constant load.
-    Standing,
-    /// The load changes as in walking, but the foot does not leave the ground between the steps.
-    Shuffling,
-    /// The foot carries a small, nearly constant load.
-    Sitting,
-}
-
-impl BoutKind {
-    /// All kinds.
-    pub const ALL: [Self; 4] = [Self::Unclassified, Self::Standing, Self::Shuffling, Self::Sitting];
-
-    /// Name in files and output.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Unclassified => "unclassified",
-            Self::Standing => "standing",
-            Self::Shuffling => "shuffling",
-            Self::Sitting => "sitting",
-        }
-    }
-}
 
 /// The load of one region in a bout.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -92,44 +55,6 @@ pub struct BoutRecord<R> {
     pub regions: [BoutRegion<R>; 8],
 }
 
-/// The load of some frames.
-#[derive(Clone, Copy, Debug)]
-struct Load<R> {
-    /// Number of the first frame.
-    start_seq: u32,
-    /// Number of frames outside steps.
-    frames: u32,
-    /// Sum of the forces of each region, N.
-    force_n: [R; 8],
-    /// Sum over the frames of the largest cell pressure of each region, kPa.
-    pressure_kpa: [R; 8],
-    /// Largest pressure of a cell of each region, kPa.
-    peak_kpa: [R; 8],
-}
-
-impl<R: Real> Load<R> {
-    const NONE: Self =
-        Self { start_seq: 0, frames: 0, force_n: [R::ZERO; 8], pressure_kpa: [R::ZERO; 8], peak_kpa: [R::ZERO; 8] };
-
-    /// Adds later frames.
-    fn append(&mut self, later: &Self) {
-        if self.frames == 0 {
-            self.start_seq = later.start_seq;
-        }
-        self.frames += later.frames;
-        for region in 0..8 {
-            self.force_n[region] += later.force_n[region];
-            self.pressure_kpa[region] += later.pressure_kpa[region];
-            self.peak_kpa[region] = self.peak_kpa[region].max(later.peak_kpa[region]);
-        }
-    }
-
-    /// Sum of the total force, N.
-    fn total_n(&self) -> R {
-        self.force_n.iter().copied().sum()
-    }
-}
-
 /// A bout, or a window that may become part of the next bout: its load and its kind.
 #[derive(Clone, Copy, Debug)]
 struct Part<R> {
@@ -147,59 +72,6 @@ impl<R: Real> Part<R> {
 
     fn take(&mut self) -> Self {
         core::mem::replace(self, Self::NONE)
-    }
-}
-
-/// The frames of a window, for which one kind is determined.
-#[derive(Clone, Copy, Debug)]
-struct Window<R> {
-    load: Load<R>,
-    /// Smallest and largest total force, N.
-    range_n: (R, R),
-    /// The foot is on the ground.
-    is_on_ground: bool,
-    /// The load is that between steps, or of a short contact.
-    is_between_steps: bool,
-}
-
-impl<R: Real> Window<R> {
-    const NEW: Self =
-        Self { load: Load::NONE, range_n: (R::ZERO, R::ZERO), is_on_ground: false, is_between_steps: false };
-
-    /// Adds `frames` equal frames. `region` returns the force, N, and the largest cell pressure, kPa, of a region by its index.
-    fn add(&mut self, seq: u32, frames: u32, region: impl Fn(usize) -> (R, R)) {
-        let mut total_n = R::ZERO;
-        let is_first = self.load.frames == 0;
-        if is_first {
-            self.load.start_seq = seq;
-        }
-        self.load.frames += frames;
-        for i in 0..8 {
-            let (force_n, peak_kpa) = region(i);
-            total_n += force_n;
-            self.load.force_n[i] += force_n * R::of_u32(frames);
-            self.load.pressure_kpa[i] += peak_kpa * R::of_u32(frames);
-            self.load.peak_kpa[i] = self.load.peak_kpa[i].max(peak_kpa);
-        }
-        let (least_n, most_n) = self.range_n;
-        self.range_n = if is_first { (total_n, total_n) } else { (least_n.min(total_n), most_n.max(total_n)) };
-    }
-
-    /// The kind, for a wearer whose steps usually have this peak, N.
-    fn kind(&self, peak_n: R) -> BoutKind {
-        let mean_n = self.load.total_n() / R::of_u32(self.load.frames.max(1));
-        let (least_n, most_n) = self.range_n;
-        if self.is_between_steps {
-            BoutKind::Unclassified
-        } else if most_n - least_n >= peak_n * R::of(MOVING) {
-            BoutKind::Shuffling
-        } else if mean_n >= peak_n * R::of(STANDING) {
-            BoutKind::Standing
-        } else if mean_n >= peak_n * R::of(LIGHT) {
-            BoutKind::Sitting
-        } else {
-            BoutKind::Unclassified
-        }
     }
 }
 
@@ -278,6 +150,12 @@ impl<R: Real> Bouts<R> {
             self.end_window();
         }
         self.add(curves, start_seq, 0);
+        for region in 0..8 {
+            if let Some(between) = curves.between(region) {
+                let peak_kpa = &mut self.window.load.peak_kpa[region];
+                *peak_kpa = peak_kpa.max(R::of_u32(between.pressure_dkpa.into()) * R::of(0.1));
+            }
+        }
         if has_kind {
             self.end_window();
             self.window.is_on_ground = true;
@@ -290,7 +168,9 @@ impl<R: Real> Bouts<R> {
     fn add(&mut self, curves: &Curves<R>, start_seq: u32, first: usize) {
         for sample in first..curves.samples() {
             let seq = start_seq.wrapping_add(sample as u32 * curves.stride());
-            self.window.add(seq, curves.stride(), |region| {
+            // The frames up to the next sample or, after the last one, up to the end.
+            let frames = (curves.frames() - sample as u32 * curves.stride()).min(curves.stride());
+            self.window.add(seq, frames, |region| {
                 let peak_kpa = R::of_u32(curves.pressure_dkpa(region)[sample].into()) * R::of(0.1);
                 (curves.force_n(region)[sample], peak_kpa)
             });
@@ -328,6 +208,11 @@ impl<R: Real> Bouts<R> {
             // A single window of another kind is part of the bout.
             let single = self.next.take();
             self.bout.load.append(&single.load);
+            let is_light_kind = matches!(self.bout.kind, BoutKind::Sitting | BoutKind::Unclassified);
+            if !single.is_none() && is_light_kind && self.bout.load.has_mean(STANDING, peak_n) {
+                // Slow steps are windows of load between those of swing, which are no bout of sitting.
+                self.bout.kind = single.kind;
+            }
             if self.bout.is_none() {
                 self.bout.kind = part.kind;
             }
@@ -337,7 +222,7 @@ impl<R: Real> Bouts<R> {
                 self.next = part;
             }
         }
-        let is_light = self.bout.load.total_n() < peak_n * R::of(LIGHT) * R::of_u32(self.bout.load.frames);
+        let is_light = !self.bout.load.has_mean(LIGHT, peak_n);
         let longest_ms = if is_light { LONGEST_LIGHT_S } else { LONGEST_S } * 1000;
         let end_seq = if self.next.is_none() { self.last_seq.wrapping_add(1) } else { self.next.load.start_seq };
         if end_seq.wrapping_sub(self.bout.load.start_seq) >= self.frames_in(longest_ms) {

@@ -33,6 +33,14 @@ impl<R: Real> InsoleCell<R> {
         }
     }
 
+    /// Force of the cell at a code, N, above its zero and not above its baseline; 0 for a masked cell.
+    pub(crate) fn force_n(&self, code: u16, curve: &Curve) -> R {
+        if self.marks.is_masked() {
+            return R::ZERO;
+        }
+        self.region.force_n(curve.pressure_kpa(code.saturating_sub(self.baseline.zero).into()))
+    }
+
     /// Processes a code for which [`ContactCell::is_unchanged`] is false. True if the cell has pressure.
     #[inline(always)]
     fn change(&mut self, code: u32, curve: &Curve, frame: &mut RegionFrame<R>) -> bool {

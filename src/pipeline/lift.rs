@@ -1,9 +1,10 @@
 //! Lift: recognises a lifted foot by a constant total force, at any residual pressure of the shoe up to the limit of a baseline.
 //!
 //! The force of a foot on the ground is hardly ever constant to within [`TOLERANCE_N`] for [`super::stance_rule::SETTLE_MS`]
-//! while most cells have at most the pressure that a baseline can have: a foot that carries load has cells with far more, and a
-//! foot that is dragged has a force that changes. Exceptions: docs/baseline.md, Limits.
+//! while most cells have at most the pressure that a baseline can have, and the others carry little: a foot that carries load has
+//! cells with far more, and a foot that is dragged has a force that changes. Exceptions: docs/baseline.md, Limits.
 
+use super::calibrate::{Curve, is_saturated};
 use super::cell::InsoleCell;
 use crate::num::Real;
 
@@ -49,9 +50,17 @@ impl<R: Real> Constancy<R> {
     }
 }
 
-/// True if at most one in [`EXCEEDED_PART`] cells reads more than `most` codes above its zero.
-pub(crate) fn is_unloaded<R>(cells: &[InsoleCell<R>], codes: &[u16], most: u16) -> bool {
-    let exceeded =
-        cells.iter().zip(codes).filter(|(cell, code)| code.saturating_sub(cell.baseline.zero) > most).count();
-    EXCEEDED_PART * exceeded <= cells.len()
+/// True if at most one in [`EXCEEDED_PART`] cells reads more than `most` codes above its zero, and these cells together carry
+/// less than `most_n`, N: a foot can stand on few cells. A saturated cell does not count as load, because it may be shorted.
+pub(crate) fn is_unloaded<R: Real>(
+    cells: &[InsoleCell<R>],
+    codes: &[u16],
+    most: u16,
+    curve: &Curve,
+    most_n: R,
+) -> bool {
+    let exceeded = || cells.iter().zip(codes).filter(|(cell, code)| code.saturating_sub(cell.baseline.zero) > most);
+    let loaded = exceeded().filter(|(_, code)| !is_saturated(u32::from(**code)));
+    let force_n: R = loaded.map(|(cell, &code)| cell.force_n(code, curve)).sum();
+    EXCEEDED_PART * exceeded().count() <= cells.len() && force_n < most_n
 }

@@ -15,7 +15,7 @@
 //! | model | [`model`], [`live`] | tissue deformation and model force of a frame |
 //! | lift | `lift` | whether the foot is lifted |
 //! | curves | [`curves`] | stored curves of a stance |
-//! | bouts | [`bout`] | load outside steps |
+//! | bouts | `window`, [`bout`] | load outside steps |
 //! | cumulative load | [`cumulative`] | dose, squared pressure and sustained load of a day |
 //! | alerts | [`alert`] | requests to unload a region |
 //! | stance | [`stance`] | heel strike and toe off |
@@ -39,6 +39,7 @@ pub mod live;
 pub(crate) mod lift;
 pub mod curves;
 pub mod stance_rule;
+mod window;
 pub mod bout;
 pub mod cumulative;
 pub mod alert;

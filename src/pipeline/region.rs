@@ -142,6 +142,11 @@ impl<R: Real> RegionCell<R> {
         }
     }
 
+    /// Force of the cell, N, at a pressure on the sensor curve that all cells share, kPa.
+    pub(crate) fn force_n(&self, kpa: R) -> R {
+        self.n_per_kpa * kpa
+    }
+
     /// Area of the whole cell, in units of 1/[`SHARES_PER_MM2`] mm2.
     pub(crate) fn whole(&self) -> i32 {
         i32::from(self.area) * i32::from(WHOLE)

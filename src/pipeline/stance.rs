@@ -8,7 +8,8 @@ use super::bout::{BoutRecord, Bouts};
 use super::curves::Curves;
 use super::lift::Constancy;
 use super::region::{RegionFrame, Side};
-use super::stance_rule::{StanceLimits, StepPeaks};
+use super::stance_rule::{StanceLimits, UsualSteps};
+use super::window::STANDING;
 use crate::num::Real;
 use serde::{Deserialize, Serialize};
 
@@ -19,7 +20,7 @@ pub const BRIDGED_FRAMES: u32 = 5;
 /// Number of contacts that did not become steps, by reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Rejected {
-    /// Shorter than [`super::stance_rule::StanceRule::min_stance_ms`].
+    /// Shorter than [`super::stance_rule::StanceRule::min_stance_ms`], or a scuff: the weak, brief contact of a foot in swing.
     pub short: u32,
     /// Longer than [`super::stance_rule::StanceRule::max_stance_ms`].
     pub long: u32,
@@ -87,8 +88,8 @@ pub struct Stance<R> {
     rejected: Rejected,
     /// Largest total force since heel strike, N.
     peak_n: R,
-    /// The peaks of the steps.
-    step_peaks: StepPeaks<R>,
+    /// Peak and duration of the wearer's usual steps.
+    usual_steps: UsualSteps<R>,
     /// Force of the lifted foot, N.
     lifted_n: R,
     constancy: Constancy<R>,
@@ -97,7 +98,7 @@ pub struct Stance<R> {
     is_lifted: bool,
     /// The total force has changed since the first frame.
     has_moved: bool,
-    /// A step of walking has ended; see [`StepPeaks::add`]. The review of the lifted foot resets it.
+    /// A step of walking has ended; see [`UsualSteps::add`]. The review of the lifted foot resets it.
     pub(crate) has_walked: bool,
 }
 
@@ -119,7 +120,7 @@ impl<R: Real> Stance<R> {
             saturated: 0,
             rejected: Rejected { short: 0, long: 0, broken: 0 },
             peak_n: R::ZERO,
-            step_peaks: StepPeaks::NONE,
+            usual_steps: UsualSteps::NONE,
             lifted_n: R::ZERO,
             constancy: Constancy::NEW,
             is_unloaded: false,
@@ -136,7 +137,7 @@ impl<R: Real> Stance<R> {
         self.curves.clear();
         self.bouts.set_up(period_us);
         self.rejected = Rejected::default();
-        self.step_peaks = StepPeaks::NONE;
+        self.usual_steps = UsualSteps::NONE;
         self.lifted_n = R::ZERO;
         self.constancy = Constancy::NEW;
         (self.is_lifted, self.is_unloaded) = (false, false);
@@ -157,7 +158,7 @@ impl<R: Real> Stance<R> {
         let total_n: R = regions.iter().map(|region| region.force.force_n).sum();
         let missing = if self.phase == Phase::Unknown { 0 } else { seq.wrapping_sub(self.last_seq).wrapping_sub(1) };
         self.last_seq = seq;
-        let scale = limits.scale(self.step_peaks.recent_n);
+        let scale = limits.scale(self.usual_steps.recent_n);
         self.constancy.push(total_n, scale);
         let has_changed = self.constancy.frames() == 0;
         self.has_moved |= has_changed && self.phase != Phase::Unknown;
@@ -254,12 +255,17 @@ impl<R: Real> Stance<R> {
             Phase::Unknown | Phase::Ignored => self.phase = Phase::Swing,
             Phase::Stance => {
                 // The shoe presses more than before this stance, so the end of the stance was not recognised.
-                let release_n = self.lifted_n + limits.release_n * limits.scale(self.step_peaks.recent_n);
+                let release_n = self.lifted_n + limits.release_n * limits.scale(self.usual_steps.recent_n);
                 self.loaded = self.curves.frames_above(release_n);
                 return self.end(limits);
             }
         }
         false
+    }
+
+    /// Smallest force of a standing foot, N.
+    pub(crate) fn standing_n(&self) -> R {
+        StanceLimits::usual_peak_n(self.usual_steps.recent_n) * R::of(STANDING)
     }
 
     /// True while the foot is lifted and the total force is constant.
@@ -275,16 +281,16 @@ impl<R: Real> Stance<R> {
 
     /// Ends the stance. True if the stance is a step.
     fn end(&mut self, limits: &StanceLimits<R>) -> bool {
-        if self.loaded < limits.min_stance_frames {
+        let peak_n = self.peak_n - self.lifted_n;
+        if self.loaded < limits.min_stance_frames || self.usual_steps.is_scuff(peak_n, self.loaded) {
             self.rejected.short += 1;
             self.bouts.contact(&self.curves, self.start_seq);
             self.phase = Phase::Swing;
             return false;
         }
-        let peak_n = self.peak_n - self.lifted_n;
-        self.has_walked |= self.step_peaks.add(peak_n);
+        self.has_walked |= self.usual_steps.add(peak_n, self.loaded);
         let samples = self.curves.samples_in(self.loaded);
-        self.bouts.after_step(&self.curves, self.start_seq, samples, self.step_peaks.recent_n);
+        self.bouts.after_step(&self.curves, self.start_seq, samples, self.usual_steps.recent_n);
         self.curves.end_after(samples);
         self.phase = Phase::Ended;
         true

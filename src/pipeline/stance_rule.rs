@@ -13,6 +13,8 @@ const WALKING: f64 = 0.5;
 /// A step with less than this peak, relative to the usual one, may be a press of a seated foot. The steps of a runner who walks
 /// now have more.
 const WEAK: f64 = 0.3;
+/// A contact with less than this stance time, relative to the usual one, is brief.
+const BRIEF: f64 = 1.0 / 3.0;
 /// Weight of a step in the usual peak.
 const WEIGHT: f64 = 0.5;
 /// Weight of a weak step after the first step of walking. It is small, because some presses of a seated foot must not become the
@@ -126,27 +128,40 @@ impl<R: Real> StanceLimits<R> {
     }
 }
 
-/// The peaks of the total force in the wearer's steps.
+/// Peak of the total force and duration of the wearer's recent steps.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct StepPeaks<R> {
+pub(super) struct UsualSteps<R> {
     /// Running mean of the recent peaks, N; 0 before the first step.
     pub(super) recent_n: R,
+    /// Running mean of the stance times of the steps of walking, frames; 0 before the first one.
+    stance_frames: R,
     /// A step of walking has ended. Until then, the mean may be far above the steps of a light wearer.
     has_walked: bool,
 }
 
-impl<R: Real> StepPeaks<R> {
+impl<R: Real> UsualSteps<R> {
     /// Before the first step.
-    pub(super) const NONE: Self = Self { recent_n: R::ZERO, has_walked: false };
+    pub(super) const NONE: Self = Self { recent_n: R::ZERO, stance_frames: R::ZERO, has_walked: false };
 
-    /// Adds a step with `peak_n`, N. True if it is a step of walking, and not a contact of a seated foot.
-    pub(super) fn add(&mut self, peak_n: R) -> bool {
+    /// True for a contact of a foot that touches the ground in swing: it is weak, with this peak, N, and brief, with this number of
+    /// frames. The steps of a person who unloads an injured foot are weak, but not brief.
+    pub(super) fn is_scuff(&self, peak_n: R, frames: u32) -> bool {
+        peak_n < self.recent_n * R::of(WEAK) && R::of_u32(frames) < self.stance_frames * R::of(BRIEF)
+    }
+
+    /// Adds a step with `peak_n`, N, and this number of frames. True if it is a step of walking, and not a contact of a seated foot.
+    pub(super) fn add(&mut self, peak_n: R, frames: u32) -> bool {
         let before_n = StanceLimits::usual_peak_n(self.recent_n);
         let is_walking = peak_n >= before_n * R::of(WALKING);
         self.has_walked |= is_walking;
         let is_weak = self.has_walked && peak_n < before_n * R::of(WEAK);
         let weight = R::of(if is_weak { WEAK_WEIGHT } else { WEIGHT });
         self.recent_n = before_n + (peak_n - before_n) * weight;
+        if is_walking {
+            let frames = R::of_u32(frames);
+            let before = if self.stance_frames > R::ZERO { self.stance_frames } else { frames };
+            self.stance_frames = before + (frames - before) * R::of(WEIGHT);
+        }
         is_walking
     }
 }

@@ -48,5 +48,5 @@ pub use messages::{MAJOR, MINOR, SETUP_CELLS, ToDevice, ToHost};
 pub use quantities::{COUNT, Flag, Quantity};
 pub use refusal::Refusal;
 pub use settings::{SCALE, SETTABLE_PERIOD_US, Settings};
-pub use status::{Contents, SUFFICIENT_SUPPLY_MV, Status};
+pub use status::{Contents, Radio, SUFFICIENT_SUPPLY_MV, Status};
 pub use step::{Step, StepFoot, StepRegion};

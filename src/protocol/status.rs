@@ -59,6 +59,22 @@ pub struct Status {
     pub processing_ms: u32,
     /// Supply of the controller, mV; `None` if the board does not measure it. See [`SUFFICIENT_SUPPLY_MV`].
     pub supply_mv: Option<u16>,
+    /// State of the Bluetooth radio.
+    pub radio: Radio,
+}
+
+/// State of the Bluetooth radio.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Radio {
+    /// It has executed no command since the start: in the first seconds, and on a board without Bluetooth.
+    #[default]
+    Silent,
+    /// It executes commands.
+    Answers,
+    /// The firmware of the radio is missing.
+    NoFirmware,
+    /// It does not start. The number is the vendor's code, 0 without one.
+    Failed(u8),
 }
 
 impl Status {

@@ -13,8 +13,8 @@ use plantar::pipeline::stance::Rejected;
 use plantar::pipeline::stance_rule::StanceRule;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::{
-    self, Alert, Bout, BoutRegion, Contents, Decoder, Hello, Live, LiveRegion, MAX_FRAME, MAX_MESSAGE, Reset, Status,
-    Step, StepFoot, StepRegion,
+    self, Alert, Bout, BoutRegion, Contents, Decoder, Hello, Live, LiveRegion, MAX_FRAME, MAX_MESSAGE, Radio, Reset,
+    Status, Step, StepFoot, StepRegion,
 };
 use plantar::{Region, Side};
 use serde::Serialize;
@@ -258,6 +258,7 @@ pub fn status() -> Status {
         scanning_ms: 19,
         processing_ms: 20,
         supply_mv: Some(3300),
+        radio: Radio::Failed(21),
     }
 }
 

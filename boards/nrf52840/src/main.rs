@@ -278,7 +278,9 @@ async fn run(boot: BootReport, image: &'static Header, p: Peripherals, has_cryst
     let clock = Ticker::new(period_us);
     // Each task has static memory of its own and is spawned once, so spawning cannot fail.
     SCAN_EXECUTOR.start(interrupt::EGU1_SWI1).spawn(run_scan(clock, matrix, to_process).unwrap());
-    RADIO_EXECUTOR.start(interrupt::EGU2_SWI2).spawn(radio::run(parts, &FROM_RADIO, &TO_RADIO).unwrap());
+    RADIO_EXECUTOR
+        .start(interrupt::EGU2_SWI2)
+        .spawn(radio::run(parts, &FROM_RADIO, &TO_RADIO, &SCAN_COUNTERS).unwrap());
     // The radio's task has a higher priority, so it has requested the crystal by now.
     clock::wait_for_fast_crystal();
     spawner.spawn(run_process(insole, scanned, shared).unwrap());

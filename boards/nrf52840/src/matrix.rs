@@ -4,6 +4,7 @@
 //! has eleven pins only. The front end, the switches included, has no supply between two frames.
 
 use crate::clock::Microseconds;
+use core::cell::Cell;
 use core::future::poll_fn;
 use core::pin::pin;
 use core::sync::atomic::{AtomicU8, AtomicU16, Ordering};
@@ -158,8 +159,8 @@ impl ResistiveMatrix {
         self.supply.set_low();
     }
 
-    /// Reads the columns of a row.
-    async fn read_columns(&mut self, row: usize) -> [u16; COLUMNS] {
+    /// Reads the columns of a row, and increments `progress` after each wait.
+    async fn read_columns(&mut self, row: usize, progress: &Cell<u32>) -> [u16; COLUMNS] {
         let mut config = Config::default();
         config.resolution = Resolution::_14bit;
         config.oversample = Oversample::Over4x;
@@ -177,12 +178,14 @@ impl ResistiveMatrix {
             self.register.output(row as u8 | CONNECT | (channel as u8) << CHANNEL_SHIFT);
             if channel == 0 {
                 self.timer.wait(SETTLE_US).await;
+                progress.set(progress.get() + 1);
             } else {
                 // Waiting for an interrupt would take longer.
                 cortex_m::asm::delay(SWITCH_US * CORE_MHZ);
             }
             let mut converted = [0; INPUTS];
             adc.sample(&mut converted).await;
+            progress.set(progress.get() + 1);
             for (input, code) in converted.into_iter().enumerate() {
                 // Offsets can make a code negative; the largest one is 16,383.
                 codes[input * CHANNELS + channel] = code.max(0).unsigned_abs() * CODES_PER_STEP;
@@ -192,17 +195,19 @@ impl ResistiveMatrix {
     }
 }
 
-/// The output of `operation`; `None` after the timeout. Unlike `with_timeout`, it polls its timer only at first and after the
-/// timeout: the converter wakes the scan in each group of columns, and each poll of a timer costs more than the wake.
-async fn within<T>(timeout: Duration, operation: impl Future<Output = T>) -> Option<T> {
-    let end = Instant::now() + timeout;
-    let (mut operation, mut timer) = (pin!(operation), pin!(Timer::at(end)));
+/// The output of `operation`; `None` after the timeout. Unlike `with_timeout`, it polls its timer only at first and after a wake
+/// without progress: the converter wakes the scan in each group of columns, and each poll of a timer costs more than the wake.
+/// `operation` counts its progress. A wake without progress may be the one that the timer of an earlier row has requested,
+/// because a task has one request at a time, the earliest.
+async fn within<T>(timeout: Duration, progress: &Cell<u32>, operation: impl Future<Output = T>) -> Option<T> {
+    let (mut operation, mut timer) = (pin!(operation), pin!(Timer::after(timeout)));
     let mut is_armed = false;
     poll_fn(|context| {
+        let before = progress.get();
         if let Poll::Ready(output) = operation.as_mut().poll(context) {
             return Poll::Ready(Some(output));
         }
-        if !is_armed || Instant::now() >= end {
+        if !is_armed || progress.get() == before {
             is_armed = true;
             return timer.as_mut().poll(context).map(|()| None);
         }
@@ -223,7 +228,8 @@ impl Matrix for ResistiveMatrix {
             }
             self.switch_on().await;
         }
-        let converted = within(ROW_TIMEOUT, self.read_columns(row)).await;
+        let progress = Cell::new(0);
+        let converted = within(ROW_TIMEOUT, &progress, self.read_columns(row, &progress)).await;
         if row + 1 == ROWS || converted.is_none() {
             self.switch_off();
         }

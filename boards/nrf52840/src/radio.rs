@@ -37,6 +37,7 @@ use nrf_sdc::mpsl::{
 };
 use nrf_sdc::{Builder, Error, Mem, Peripherals as ControllerPeripherals, SoftdeviceController, raw as controller};
 use plantar::firmware::board::BluetoothBoard;
+use plantar::firmware::scan::ScanCounters;
 use static_cell::StaticCell;
 
 use crate::matrix;
@@ -94,15 +95,21 @@ pub struct Parts {
 }
 
 /// Starts the radio, then passes packets in both directions. Never returns. If the radio does not start, the board runs without
-/// Bluetooth, and the log has the reason.
+/// Bluetooth; the status reports it, and the log has the reason.
 #[embassy_executor::task]
-pub async fn run(parts: Parts, from_radio: &'static HciPipe, to_radio: &'static HciPipe) -> ! {
+pub async fn run(
+    parts: Parts,
+    from_radio: &'static HciPipe,
+    to_radio: &'static HciPipe,
+    counters: &'static ScanCounters,
+) -> ! {
     static SCHEDULER: StaticCell<MultiprotocolServiceLayer> = StaticCell::new();
     let clock = low_frequency_clock(parts.has_crystal);
     let layer = match MultiprotocolServiceLayer::new(parts.scheduler, Irqs, clock) {
         Ok(layer) => SCHEDULER.init(layer),
         Err(error) => {
             defmt::error!("radio: the scheduler does not start: {}", error);
+            counters.radio_failed(0);
             pending().await
         }
     };
@@ -112,6 +119,7 @@ pub async fn run(parts: Parts, from_radio: &'static HciPipe, to_radio: &'static 
         Ok(radio) => radio,
         Err(error) => {
             defmt::error!("radio: the Bluetooth controller does not start: {}", error);
+            counters.radio_failed(0);
             pending().await
         }
     };

@@ -312,7 +312,7 @@ async fn run_persist(store: &'static mut Store<Chip>, shared: &'static Shared, i
 
 #[embassy_executor::task]
 async fn run_radio(ipcc: Peri<'static, IPCC>) {
-    radio::run(ipcc, &FROM_RADIO, &TO_RADIO).await;
+    radio::run(ipcc, &FROM_RADIO, &TO_RADIO, &SCAN_COUNTERS).await;
 }
 
 /// The interrupt of a peripheral that is not used otherwise. It runs the scan executor.

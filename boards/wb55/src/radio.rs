@@ -16,6 +16,7 @@ use embassy_time::Instant;
 use embedded_io_async::Read;
 use heapless::Vec;
 use plantar::firmware::board::BluetoothBoard;
+use plantar::firmware::scan::ScanCounters;
 use wb55_mailbox::system::{SystemEvent, reply_status};
 use wb55_mailbox::{
     BLE_INIT_OPCODE, Ble, BleInit, COMMAND, EVENT, H4_COMMAND, H4_DATA, H4_EVENT, H4_SYSTEM_COMMAND, Memory, Node,
@@ -170,14 +171,15 @@ fn log_system_events(packets: &Packets) -> bool {
 }
 
 /// Starts the radio's core, then passes packets in both directions. Never returns. If the radio's core has no firmware, or
-/// refuses its parameters, the board runs without Bluetooth, and the log has the reason.
-pub async fn run(ipcc: Peri<'static, IPCC>, from_radio: &HciPipe, to_radio: &HciPipe) -> ! {
+/// refuses its parameters, the board runs without Bluetooth, and log and status have the reason.
+pub async fn run(ipcc: Peri<'static, IPCC>, from_radio: &HciPipe, to_radio: &HciPipe, counters: &ScanCounters) -> ! {
     init_tables();
     channels::start(ipcc);
     // The first event reports that the radio's core runs. Its packet is not returned, because the remaining packets of the pool
     // suffice.
     let started = channels::receive(channels::SYSTEM, || drain(at!(system_events))).await;
     if !log_system_events(&started) {
+        counters.radio_has_no_firmware();
         pending::<()>().await;
     }
     channels::send(channels::SYSTEM, || {
@@ -194,6 +196,7 @@ pub async fn run(ipcc: Peri<'static, IPCC>, from_radio: &HciPipe, to_radio: &Hci
         Some(0) => {}
         Some(status) => {
             defmt::error!("radio: Bluetooth does not start, status {=u8}", status);
+            counters.radio_failed(status);
             pending::<()>().await;
         }
         // The set-up of the host fails if the radio did not start, and is tried again.

@@ -89,9 +89,21 @@ pub const MEASURES: [Measure; COUNT] = [
     measure("force_integral_n_s", "Force-time integral", "N s", 1, true),
 ];
 
-/// Longest stride time, s. A longer time between two steps of a foot contains a pause. The longest strides in the walks of the
-/// package `moticon-opengo` (docs/baseline.md) take 2.2 s.
+/// Longest stride time, s, of a person who does not walk slowly: a longer time between two steps of a foot contains a pause. The
+/// longest strides in the walks of the package `moticon-opengo` (docs/baseline.md) take 2.2 s.
 pub const LONGEST_STRIDE_S: f64 = 2.5;
+/// A stride takes at most this multiple of the median stride time of the walk. This limit replaces a shorter
+/// [`LONGEST_STRIDE_S`], so that the strides of a slow walker are not cut off at that time, which would shorten their mean.
+const LONGEST_OF_MEDIAN: f64 = 2.0;
+
+/// The longest stride time of a walk, s. `steps` contains the steps of both feet, each in the order of time.
+fn longest_stride_s(steps: &[Vec<FootStep>; 2]) -> f64 {
+    let pairs = steps.iter().flat_map(|steps| steps.windows(2));
+    let successive = pairs.filter(|pair| pair[1].number == pair[0].number.wrapping_add(1));
+    let mut times_s: Vec<f64> = successive.map(|pair| pair[1].start_s - pair[0].start_s).collect();
+    times_s.sort_by(f64::total_cmp);
+    times_s.get(times_s.len() / 2).map_or(0.0, |median_s| LONGEST_OF_MEDIAN * median_s).max(LONGEST_STRIDE_S)
+}
 
 /// A stride: from a heel strike to the next heel strike of the same foot.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -150,12 +162,13 @@ impl Gait {
     pub fn new(mut steps: [Vec<FootStep>; 2], has_common_clock: bool) -> Self {
         steps.iter_mut().for_each(|steps| steps.sort_by(|a, b| a.start_s.total_cmp(&b.start_s)));
         let has_both_feet = has_common_clock && steps.iter().all(|steps| !steps.is_empty());
+        let longest_s = longest_stride_s(&steps);
         let [left, right] = &steps;
-        let feet =
-            [(left, right), (right, left)].map(|(own, other)| FootGait::new(own, has_both_feet.then_some(other)));
+        let feet = [(left, right), (right, left)]
+            .map(|(own, other)| FootGait::new(own, has_both_feet.then_some(other), longest_s));
         let symmetry_percent = if has_both_feet { symmetry_percent(&feet) } else { [None; COUNT] };
-        let cadence_per_min = cadence_per_min(&feet, has_both_feet);
-        let walking_s = walking_s(&steps, has_both_feet);
+        let cadence_per_min = cadence_per_min(&feet, has_both_feet, longest_s);
+        let walking_s = walking_s(&steps, has_both_feet, longest_s);
         Self { feet, has_both_feet, cadence_per_min, symmetry_percent, walking_s }
     }
 
@@ -197,14 +210,15 @@ impl Gait {
 }
 
 impl FootGait {
-    /// The strides of the steps `own` in the order of time; `other` has the steps of the other foot.
-    fn new(own: &[FootStep], other: Option<&Vec<FootStep>>) -> Self {
+    /// The strides of the steps `own` in the order of time; `other` has the steps of the other foot. A stride takes at most
+    /// `longest_s`.
+    fn new(own: &[FootStep], other: Option<&Vec<FootStep>>, longest_s: f64) -> Self {
         let mut foot = Self { strides: Vec::new(), gaps: 0, unpaired: 0, measures: [None; COUNT] };
         let mut end_s = None;
         for pair in own.windows(2) {
             let (step, next) = (&pair[0], &pair[1]);
             let stride_s = next.start_s - step.start_s;
-            if !follows(next, step) || step.duration_s >= stride_s {
+            if !follows(next, step, longest_s) || step.duration_s >= stride_s {
                 foot.gaps += 1;
                 continue;
             }
@@ -218,7 +232,15 @@ impl FootGait {
                         continue;
                     }
                     let before = first.checked_sub(1).map(|before| &other[before]);
-                    (Some(other[first].start_s), values_of_both(step, next, &other[first], before))
+                    (
+                        Some(other[first].start_s),
+                        values_of_both(
+                            step,
+                            next,
+                            &other[first],
+                            before.filter(|before| follows(&other[first], before, longest_s)),
+                        ),
+                    )
                 }
             };
             let is_consecutive = end_s == Some(step.start_s);
@@ -237,9 +259,9 @@ impl FootGait {
     }
 }
 
-/// True if `next` is the step of the same foot after `step`, without a pause between them.
-fn follows(next: &FootStep, step: &FootStep) -> bool {
-    next.number == step.number.wrapping_add(1) && next.start_s - step.start_s <= LONGEST_STRIDE_S
+/// True if `next` is the step of the same foot after `step`, without a pause between them: at most `longest_s` later.
+fn follows(next: &FootStep, step: &FootStep, longest_s: f64) -> bool {
+    next.number == step.number.wrapping_add(1) && next.start_s - step.start_s <= longest_s
 }
 
 /// The measures of a stride that need only the steps of its own foot, in the order of [`MEASURES`].
@@ -264,7 +286,7 @@ fn values_of(step: &FootStep, stride_s: f64) -> [Option<f64>; COUNT] {
 }
 
 /// The measures of a stride from `step` to `next`, during which the other foot takes the step `other`; `before` is the step of
-/// the other foot before that one.
+/// the other foot directly before that one.
 fn values_of_both(
     step: &FootStep,
     next: &FootStep,
@@ -275,7 +297,7 @@ fn values_of_both(
     let mut values = values_of(step, stride_s);
     // The step time.
     values[1] = Some(next.start_s - other.start_s);
-    if let Some(before) = before.filter(|before| follows(other, before)) {
+    if let Some(before) = before {
         let first_s = (before.end_s() - step.start_s).max(0.0);
         let second_s = (step.end_s() - other.start_s).max(0.0);
         let (double_s, single_s) = (first_s + second_s, step.duration_s - first_s - second_s);
@@ -306,7 +328,7 @@ fn symmetry_percent([left, right]: &[FootGait; 2]) -> [Option<Estimate>; COUNT] 
 
 /// The cadence from the strides of both feet; without a common clock, from the strides of the foot that has more of them.
 /// Strides of the two feet overlap, which makes successive values similar.
-fn cadence_per_min([left, right]: &[FootGait; 2], has_both_feet: bool) -> Option<Estimate> {
+fn cadence_per_min([left, right]: &[FootGait; 2], has_both_feet: bool, longest_s: f64) -> Option<Estimate> {
     let mut strides: Vec<&Stride> = match (has_both_feet, left.strides.len() >= right.strides.len()) {
         (true, _) => left.strides.iter().chain(&right.strides).collect(),
         (false, true) => left.strides.iter().collect(),
@@ -314,15 +336,15 @@ fn cadence_per_min([left, right]: &[FootGait; 2], has_both_feet: bool) -> Option
     };
     strides.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
     let values = strides.iter().enumerate().filter_map(|(i, stride)| {
-        let is_consecutive = i > 0 && stride.start_s - strides[i - 1].start_s <= LONGEST_STRIDE_S;
+        let is_consecutive = i > 0 && stride.start_s - strides[i - 1].start_s <= longest_s;
         Some((120.0 / stride.values[0]?, is_consecutive))
     });
     Estimate::new(&values.collect::<Vec<_>>())
 }
 
 /// See [`Gait::walking_s`].
-fn walking_s(steps: &[Vec<FootStep>; 2], has_both_feet: bool) -> Option<f64> {
-    let is_walk = |steps: &&Vec<FootStep>| steps.windows(2).all(|pair| follows(&pair[1], &pair[0]));
+fn walking_s(steps: &[Vec<FootStep>; 2], has_both_feet: bool, longest_s: f64) -> Option<f64> {
+    let is_walk = |steps: &&Vec<FootStep>| steps.windows(2).all(|pair| follows(&pair[1], &pair[0], longest_s));
     if !has_both_feet || !steps.iter().all(|steps| is_walk(&steps)) {
         return None;
     }

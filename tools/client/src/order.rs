@@ -46,6 +46,10 @@ pub struct RecordOrder {
     /// When a retransmission that has not begun yet was requested, by the carrier's clock, us.
     requested_us: Option<u64>,
     retransmissions: Option<Retransmissions>,
+    /// Number of damaged frames before the present session was requested. A later one may have contained its first record.
+    damaged_before: u32,
+    /// Number of retransmissions that were requested because the first record of a session may have been damaged.
+    unknown_first: u8,
 }
 
 impl Default for RecordOrder {
@@ -56,12 +60,18 @@ impl Default for RecordOrder {
 
 impl RecordOrder {
     /// Before the first record.
-    pub const NEW: Self = Self { expected: None, requested_us: None, retransmissions: None };
+    pub const NEW: Self =
+        Self { expected: None, requested_us: None, retransmissions: None, damaged_before: 0, unknown_first: 0 };
 
     /// Decides how to treat a record that was not delivered before. `damaged` is the number of damaged frames that have arrived.
     pub fn arrive(&mut self, number: u32, damaged: u32) -> Arrival {
         if self.requested_us.is_some() {
             return Arrival::Awaited;
+        }
+        // The number of the first record is not known, so a gap before this one would not be noticed.
+        if self.expected.is_none() && damaged != self.damaged_before && self.unknown_first < ALL_RETRANSMISSIONS {
+            self.unknown_first += 1;
+            return Arrival::Gap;
         }
         if let Some(missing) = self.expected.filter(|&expected| is_after(number, expected)) {
             let counts = match self.retransmissions.take().filter(|counts| counts.missing == missing) {
@@ -78,6 +88,7 @@ impl RecordOrder {
                 return Arrival::Gap;
             }
         }
+        self.unknown_first = 0;
         self.expected = Some(number.wrapping_add(1));
         Arrival::InOrder
     }
@@ -92,7 +103,7 @@ impl RecordOrder {
 
     /// Called when a retransmission was requested, at `now_us` of the carrier's clock, after this number of damaged frames.
     pub fn request(&mut self, now_us: u64, damaged: u32) {
-        self.requested_us = Some(now_us);
+        (self.requested_us, self.damaged_before) = (Some(now_us), damaged);
         if let Some(counts) = &mut self.retransmissions {
             counts.damaged_before = damaged;
         }
@@ -106,7 +117,7 @@ impl RecordOrder {
 
     /// Called when another host receives the records. The next one that arrives here can have any number.
     pub fn interrupt(&mut self) {
-        *self = Self::NEW;
+        *self = Self { damaged_before: self.damaged_before, ..Self::NEW };
     }
 
     /// When a retransmission that has not begun yet was requested, us.
@@ -171,6 +182,33 @@ mod tests {
         order.interrupt();
         [3, 4, 5].into_iter().for_each(|step| order.repeat(step));
         assert_eq!([6, 8].map(|step| order.arrive(step, 0)), [Arrival::InOrder, Arrival::Gap]);
+    }
+
+    #[test]
+    fn the_first_record_of_a_session_is_requested_again_if_it_may_have_been_damaged() {
+        let mut order = RecordOrder::default();
+        // Record 4 arrives after a damaged frame, which was record 3. The retransmission is damaged, too.
+        for damaged in [1, 2] {
+            assert_eq!(order.arrive(4, damaged), Arrival::Gap);
+            order.request(5, damaged);
+            assert_eq!(order.arrive(5, damaged), Arrival::Awaited);
+            assert!(order.begin());
+        }
+        assert_eq!([3, 4, 5].map(|step| order.arrive(step, 2)), [Arrival::InOrder; 3]);
+        // The same applies to the first record after another host.
+        order.interrupt();
+        assert_eq!(order.arrive(9, 3), Arrival::Gap);
+        // A record that this program does not know is damaged every time.
+        let mut order = RecordOrder::default();
+        let is_accepted = (1..=u32::MAX).take(100).position(|damaged| {
+            let arrival = order.arrive(4, damaged);
+            if arrival == Arrival::Gap {
+                order.request(5, damaged);
+                order.begin();
+            }
+            arrival == Arrival::InOrder
+        });
+        assert_eq!(is_accepted, Some(ALL_RETRANSMISSIONS.into()));
     }
 
     #[test]

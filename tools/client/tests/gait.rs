@@ -143,3 +143,21 @@ fn a_run_has_no_double_support() {
     assert_means(&gait, "double_support_s", [0.0; 2]);
     assert_means(&gait, "single_support_s", [0.25; 2]);
 }
+
+/// The strides of a slow walker are not cut off at the limit for others, which would shorten their mean.
+#[test]
+fn a_slow_walk_has_the_mean_of_all_its_strides() {
+    const MEAN_S: f64 = 2.6;
+    // The stride times alternate between 2.4 and 2.8 s.
+    let start_s = |i: u32| MEAN_S * f64::from(i) + if i % 2 == 1 { -0.2 } else { 0.0 };
+    let step = |i: u32, lag_s: f64| FootStep {
+        number: i,
+        start_s: start_s(i) + lag_s,
+        duration_s: 1.6,
+        peak_n: 700.0,
+        integral_n_s: 800.0,
+    };
+    let gait = Gait::new([0.0, 1.3].map(|lag_s| (0..21).map(|i| step(i, lag_s)).collect()), true);
+    assert!(gait.feet.iter().all(|foot| (foot.strides.len(), foot.gaps) == (20, 0)));
+    assert_means(&gait, "stride_time_s", [MEAN_S; 2]);
+}

@@ -8,7 +8,7 @@ use client::ReconnectPolicy;
 use plantar::Side;
 use plantar::pipeline::baseline::MAX_RESIDUAL_KPA;
 use plantar::pipeline::calibrate::CellCalibration;
-use plantar::protocol::{Identity, Serial, Status};
+use plantar::protocol::{Identity, Radio, Serial, Status};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
@@ -224,6 +224,16 @@ fn show(connection: &Connection) -> Result<()> {
     ];
     for (_, warning) in warnings.iter().filter(|(applies, _)| *applies) {
         println!("warning: {warning}");
+    }
+    match status.radio {
+        Radio::Silent | Radio::Answers => {}
+        Radio::NoFirmware => println!(
+            "warning: no Bluetooth, because the firmware of the insole's radio is missing: install it as docs/hardware.md states"
+        ),
+        Radio::Failed(code) => println!(
+            "warning: no Bluetooth, because the insole's radio does not start (code {code}): switch the insole off and on; the \
+             log of a debug probe has more"
+        ),
     }
     Ok(())
 }

@@ -100,9 +100,11 @@ impl Hub {
         }
     }
 
-    /// Called when the program ends: lost links are not reported afterwards, and nothing is published.
+    /// Called when the program ends: lost links are not reported afterwards, nothing is published, and the recording is complete.
     pub fn end(&self) {
         self.has_ended.store(true, Ordering::Relaxed);
+        // Without its end here, the last messages would remain in the buffer of the file, because other threads still run.
+        *self.recorder.lock().unwrap_or_else(PoisonError::into_inner) = None;
         (0..self.insoles.len()).for_each(|index| self.insole(index).outlets = None);
     }
 
@@ -304,7 +306,7 @@ impl Hub {
         let mut insole = self.insole(index);
         let session = insole.session;
         if insole.acknowledged.iter().any(|acknowledged| acknowledged.is_same(&record)) {
-            insole.to_acknowledge = Some(record.number());
+            insole.acknowledge(record.number());
             return;
         }
         if let Some(pending) = insole.pending.iter_mut().find(|pending| pending.record.is_same(&record)) {
@@ -313,7 +315,7 @@ impl Hub {
             pending.session = session;
             // If the record is in the recording, the insole has not received its acknowledgement.
             if pending.is_recorded {
-                insole.to_acknowledge = Some(record.number());
+                insole.acknowledge(record.number());
             }
             insole.update_pages();
             return;
@@ -324,7 +326,7 @@ impl Hub {
             link.push_record(record);
         }
         if is_recorded {
-            insole.to_acknowledge = Some(record.number());
+            insole.acknowledge(record.number());
         }
         drop(insole);
         self.changed.send_replace(());
@@ -573,6 +575,13 @@ impl Insole {
         command.filter(|_| self.waiting.is_none()).map(|command| (waiting, command))
     }
 
+    /// Acknowledges the record with this number to the insole, unless a later one waits to be acknowledged, which covers it.
+    fn acknowledge(&mut self, number: u32) {
+        if self.to_acknowledge.is_none_or(|waiting| sequence::is_after(number, waiting)) {
+            self.to_acknowledge = Some(number);
+        }
+    }
+
     /// Removes the record with this number and all earlier ones from the pending records, because an acknowledgement covers
     /// them, too, and acknowledges them to the insole.
     fn acknowledged_by_page(&mut self, number: u32) {
@@ -580,7 +589,7 @@ impl Insole {
         let Some(position) = self.pending.iter().position(is_acknowledged) else { return };
         // In a later session the insole may use this number for another record.
         if self.pending[position].session == self.session {
-            self.to_acknowledge = Some(number);
+            self.acknowledge(number);
         }
         let mut index = 0;
         self.pending.retain(|Pending { record, .. }| {
