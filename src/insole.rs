@@ -20,8 +20,8 @@ use crate::pipeline::live::{LiveModel, RegionLoad};
 use crate::pipeline::measures::Extent;
 use crate::pipeline::model::ForceLaw;
 use crate::pipeline::setup::{Division, Setup};
-use crate::pipeline::stance::{BRIDGED_FRAMES, Rejected, Stance};
-use crate::pipeline::stance_rule::StanceLimits;
+use crate::pipeline::stance::{BRIDGED_FRAMES, Stance};
+use crate::pipeline::stance_rule::{Rejected, StanceLimits};
 use crate::pipeline::track::Tracker;
 use heapless::Vec;
 

@@ -12,7 +12,7 @@ use plantar::pipeline::cumulative::{RegionTotal, Totals};
 use plantar::pipeline::model::ForceLaw;
 use plantar::pipeline::region::{ForceMoments, RegionFrame};
 use plantar::pipeline::setup::Setup;
-use plantar::pipeline::stance::Rejected;
+use plantar::pipeline::stance_rule::Rejected;
 use plantar::pipeline::tissue::{AreaFilter, Identified, Tissue};
 use plantar::protocol::update::{self, Chunk, Header, Offer, Progress, Request, Signature};
 use plantar::protocol::{Alert, BLOCK_CELLS, Bout, BoutRegion, CalibrationBlock, Contents};

@@ -4,7 +4,7 @@ use super::board::Gauges;
 use super::scan::ScanCounters;
 use crate::log;
 use crate::pipeline::cadence::Cadence;
-use crate::pipeline::stance::Rejected;
+use crate::pipeline::stance_rule::Rejected;
 use crate::protocol::session::Session;
 use crate::protocol::{
     CellStream, Contents, Hello, Identity, LoadRecord, Refusal, Status, ToDevice, ToHost, encode, gatt,

@@ -55,7 +55,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             ..step
         };
         if let Some(between) = self.stance.curves().between(region) {
-            step.include(between.force_n, R::of_u32(between.force_frame) / self.frame_rate_hz);
+            step.include(between.force_n, R::of_u32(between.force_frame.into()) / self.frame_rate_hz);
         }
         step
     }

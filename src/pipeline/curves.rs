@@ -25,22 +25,23 @@ impl<R: Real> Sample<R> {
 }
 
 /// The largest values of one region in the frames of a long stance that are not samples, each with the number of its frame since
-/// heel strike. So a short peak between two samples, such as that of a barefoot heel strike at 400 Hz, is not missed. A frame
+/// heel strike, at most 65,535. So a short peak between two samples, such as that of a barefoot heel strike at 400 Hz, is not missed. A frame
 /// counts if the foot is on the ground in it, or in a later frame before it is removed from the samples.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Between<R> {
     /// Largest measured force, N.
     pub force_n: R,
-    pub force_frame: u32,
+    pub force_frame: u16,
     /// Largest cell pressure, in 0.1 kPa.
     pub pressure_dkpa: u16,
-    pub pressure_frame: u32,
+    pub pressure_frame: u16,
 }
 
 impl<R: Real> Between<R> {
     const NONE: Self = Self { force_n: R::ZERO, force_frame: 0, pressure_dkpa: 0, pressure_frame: 0 };
 
     fn include(&mut self, frame: u32, force_n: R, pressure_dkpa: u16) {
+        let frame = frame.min(u16::MAX.into()) as u16;
         if force_n > self.force_n {
             (self.force_n, self.force_frame) = (force_n, frame);
         }

@@ -50,7 +50,7 @@ impl<R: Real> RegionMeasures<R> {
             && between.pressure_dkpa > peak_dkpa
         {
             peak_dkpa = between.pressure_dkpa;
-            peak_pressure_s = R::of_u32(between.pressure_frame) * (sample_s / R::of_u32(curves.stride()));
+            peak_pressure_s = R::of_u32(between.pressure_frame.into()) * (sample_s / R::of_u32(curves.stride()));
         }
         let kpa_per_dkpa = R::of(0.1);
         let pressure_integral_kpa_s = R::of_u32(sum_dkpa) * kpa_per_dkpa * sample_s;

@@ -29,6 +29,7 @@
 pub mod calibrate;
 pub mod baseline;
 pub mod contact;
+mod side;
 pub mod region;
 pub mod template;
 pub mod outline;

@@ -2,6 +2,7 @@
 //! which are computed for the ellipses that need them.
 
 use super::contact::{ContactCell, WHOLE};
+pub use super::side::Side;
 use crate::num::Real;
 use serde::{Deserialize, Serialize};
 
@@ -56,25 +57,6 @@ impl Region {
     /// The region with this [`Region::name`]; `None` for other names.
     pub fn from_name(name: &str) -> Option<Region> {
         Region::ALL.into_iter().find(|region| region.name() == name)
-    }
-}
-
-/// Which foot an insole is worn on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub enum Side {
-    /// The left foot.
-    Left,
-    /// The right foot.
-    Right,
-}
-
-impl Side {
-    /// Name in files and output: `left` or `right`.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Left => "left",
-            Self::Right => "right",
-        }
     }
 }
 

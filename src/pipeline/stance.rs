@@ -8,25 +8,13 @@ use super::bout::{BoutRecord, Bouts};
 use super::curves::Curves;
 use super::lift::Constancy;
 use super::region::{RegionFrame, Side};
-use super::stance_rule::{StanceLimits, UsualSteps};
+use super::stance_rule::{Rejected, StanceLimits, UsualSteps};
 use super::window::STANDING;
 use crate::num::Real;
-use serde::{Deserialize, Serialize};
 
 /// Largest number of successive frames that may be missing within a stance. They are bridged by linear interpolation. With more
 /// missing frames the contact does not become a step.
 pub const BRIDGED_FRAMES: u32 = 5;
-
-/// Number of contacts that did not become steps, by reason.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Rejected {
-    /// Shorter than [`super::stance_rule::StanceRule::min_stance_ms`], or a scuff: the weak, brief contact of a foot in swing.
-    pub short: u32,
-    /// Longer than [`super::stance_rule::StanceRule::max_stance_ms`].
-    pub long: u32,
-    /// Interrupted by more than [`BRIDGED_FRAMES`] missing frames, or begun while they were missing.
-    pub broken: u32,
-}
 
 /// The phase of gait.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -73,6 +73,17 @@ impl StanceRule {
     }
 }
 
+/// Number of contacts that did not become steps, by reason.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Rejected {
+    /// Shorter than [`StanceRule::min_stance_ms`], or a scuff: the weak, brief contact of a foot in swing.
+    pub short: u32,
+    /// Longer than [`StanceRule::max_stance_ms`].
+    pub long: u32,
+    /// Interrupted by more than [`super::stance::BRIDGED_FRAMES`] missing frames, or begun while they were missing.
+    pub broken: u32,
+}
+
 /// A [`StanceRule`] with durations in frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StanceLimits<R> {

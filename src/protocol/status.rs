@@ -1,6 +1,6 @@
 //! Counters and state of an insole.
 
-use crate::pipeline::stance::Rejected;
+use crate::pipeline::stance_rule::Rejected;
 use serde::{Deserialize, Serialize};
 
 /// Smallest supply with which an insole writes to its flash chip, mV; with less, it stores nothing. The flash chips of all

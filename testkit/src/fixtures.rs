@@ -9,7 +9,7 @@ use plantar::pipeline::cumulative::{RegionTotal, Totals};
 use plantar::pipeline::model::ForceLaw;
 use plantar::pipeline::region::{AreaMoments, Cell, RegionCell};
 use plantar::pipeline::setup::{Setup, SetupCell};
-use plantar::pipeline::stance::Rejected;
+use plantar::pipeline::stance_rule::Rejected;
 use plantar::pipeline::stance_rule::StanceRule;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::{

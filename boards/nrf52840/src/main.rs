@@ -94,7 +94,7 @@ static SCAN_COUNTERS: ScanCounters = ScanCounters::new();
 /// the highest rate of this board), longer than the evaluation of a step takes.
 static MEMORY: Memory<Chip, 3> = Memory::new();
 /// The transmit buffer of the link.
-static TO_SEND: ConstStaticCell<[u8; 192]> = ConstStaticCell::new([0; 192]);
+static TO_SEND: ConstStaticCell<[u8; 160]> = ConstStaticCell::new([0; 160]);
 /// The receive buffer of the link, which is longer than the longest message to the insole.
 static RECEIVED: ConstStaticCell<[u8; 288]> = ConstStaticCell::new([0; 288]);
 

@@ -5,7 +5,7 @@ use crate::steps::{ExcludedContact, ExclusionReason, FootEllipse, FrameLoads, ex
 use crate::{RegionCurves, Step};
 use plantar::insole::Insole;
 use plantar::pipeline::setup::SetupError;
-use plantar::pipeline::stance::Rejected;
+use plantar::pipeline::stance_rule::Rejected;
 use recording::{MAX_CELLS, Scans, VirtualInsole};
 
 /// The steps of a recording and its excluded contacts. `insole` is the virtual insole of the recording, and `scans` are its

@@ -15,6 +15,7 @@ use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::session::RECORD_QUEUE;
 use plantar::protocol::{Alert, Bout, Hello, LoadRecord, MAJOR, Step, ToHost};
 use recording::{MAX_CELLS, Recording, Scan};
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 /// Computes the measures of both feet: stride, step, stance and swing time, double and single support, cadence and symmetry.
@@ -200,6 +201,7 @@ fn from_stream(path: &Path) -> Result<Walk> {
     // indices in `steps`, and the number of times since the hello.
     let mut untimed: [(Vec<usize>, u32); STREAM_INSOLES] = [const { (Vec::new(), 0) }; STREAM_INSOLES];
     let Walk { mut steps, mut others, .. } = Walk::default();
+    let mut known_others = HashSet::new();
     let set_times = |steps: &mut [(Step, Option<u64>)], untimed: &mut Vec<usize>, mapping: &ClockMapping| {
         for index in untimed.drain(..) {
             let (step, start_us) = &mut steps[index];
@@ -242,7 +244,7 @@ fn from_stream(path: &Path) -> Result<Walk> {
                 }
             }
             Some(ToHost::Bout(Bout { side, number, .. }) | ToHost::Alert(Alert { side, number, .. }))
-                if !others.contains(&(side, number)) =>
+                if known_others.insert((side.name(), number)) =>
             {
                 others.push((side, number));
             }

@@ -1,13 +1,15 @@
 //! The steps, load bouts and alerts of a session.
 
-use crate::replay::write_text;
 use crate::summary;
 use anyhow::Result;
 use comfy_table::CellAlignment;
 use parameters::DeformationScale;
 use plantar::pipeline::bout::BoutKind;
 use plantar::protocol::{Alert, Bout, LoadRecord, Step};
+use recording::output;
+use serde::Serializer;
 use serde_json::Value;
+use std::io::Write;
 use std::path::Path;
 
 /// Steps, load bouts and alerts, each in the order of their numbers.
@@ -60,9 +62,12 @@ impl Records {
     }
 }
 
-/// Writes a JSON array.
-pub fn write_json(path: &Path, objects: &[Value]) -> Result<()> {
-    write_text(path, &serde_json::to_string_pretty(objects)?)
+/// Writes a JSON array, object by object: those of a day together would need gigabytes of memory.
+pub fn write_json(path: &Path, objects: impl Iterator<Item = Value>) -> Result<()> {
+    Ok(output::file(path, |file| {
+        serde_json::Serializer::pretty(&mut *file).collect_seq(objects)?;
+        file.write_all(b"\n")
+    })?)
 }
 
 /// Force-time integral of the foot in a bout, N s.

@@ -44,7 +44,7 @@ pub struct Replay {
     /// recording.
     #[arg(long, value_name = "FILE")]
     bouts: Option<PathBuf>,
-    /// Write the load of the recording, as if it were a day, and the alerts by the recommended rules to this JSON file.
+    /// Write the load of the recording, as if it were a day (of a longer one, that of its last day), and the alerts by the recommended rules to this JSON file.
     #[arg(long, value_name = "FILE")]
     load: Option<PathBuf>,
     /// Write the live values of every frame to this file. Its extension, .csv or .parquet, selects the format.
@@ -54,6 +54,9 @@ pub struct Replay {
     #[arg(long, value_name = "FILE")]
     picture: Option<PathBuf>,
 }
+
+/// Duration of a day on an insole whose clock is not set, s.
+const DAY_S: f64 = 86_400.0;
 
 #[derive(Clone, Copy, ValueEnum)]
 enum Precision {
@@ -142,15 +145,18 @@ impl Replay {
         };
         if let Some(path) = &self.json {
             let steps = records.steps.iter().map(|step| with_start(step_to_json(step), step.start_us));
-            write_json(path, &steps.collect::<Vec<_>>())?;
+            write_json(path, steps)?;
         }
         if let Some(path) = &self.bouts {
             let bouts = records.bouts.iter().map(|bout| with_start(bout_to_json(bout), bout.start_us));
-            write_json(path, &bouts.collect::<Vec<_>>())?;
+            write_json(path, bouts)?;
         }
         if let Some(path) = &self.load {
             let alerts = records.alerts.iter().map(|alert| with_start(alert_to_json(alert), alert.start_us));
             let alerts: Vec<_> = alerts.collect();
+            if times_s.last().zip(times_s.first()).is_some_and(|(last, first)| last - first > DAY_S) {
+                eprintln!("note: the recording is longer than a day: {} has the load of its last day", path.display());
+            }
             let load = json!({ "load": daily_load_to_json(&insole.daily_load()), "alerts": alerts });
             write_text(path, &serde_json::to_string_pretty(&load)?)?;
         }

@@ -147,6 +147,12 @@ fn errors_for_recordings_name_the_file_the_line_and_the_remedy() {
     }
     fail(&path, "info nowhere.parquet", &["nowhere.parquet"]);
     fail(&path, "replay layout.csv", &["layout.csv"]);
+    // Before the input is read, which does not exist either.
+    fail(
+        &path,
+        "fit nowhere.parquet --out absent/parameters.toml",
+        &["absent/parameters.toml", "does not exist", "create it"],
+    );
 }
 
 #[test]
