@@ -167,7 +167,7 @@ fn no_peak_between_the_samples_of_a_long_stance_is_missed() {
             // Two frames can have the largest force, except for rounding.
             let at = ((found.measures.contact_start_s + found.time_to_peak_s) * walk.rate_hz).round() as usize;
             assert!((region_n(&pressures[at]) - force_n).abs() < 1e-3, "{name:?}: not in frame {at}");
-            between += u32::from(at as u32 * virtual_insole.setup.period_us % step.sample_us != 0);
+            between += u32::from(!(at as u32 * virtual_insole.setup.period_us).is_multiple_of(step.sample_us));
         }
     }
     assert!(steps.len() > 3 && decimated > 3 && between > 10, "{decimated} steps, {between} peaks between samples");
