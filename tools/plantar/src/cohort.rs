@@ -4,7 +4,7 @@ mod summary;
 mod table;
 
 use crate::fit::{Search, write};
-use crate::paths::check_written;
+use crate::paths::{check_folders, check_written};
 use crate::people;
 use crate::repeat::{copies, output};
 use crate::replay::progress;
@@ -103,6 +103,8 @@ impl Cohort {
         ];
         check_written(&read, &written)?;
         fs::create_dir_all(&self.out).with_context(|| format!("cannot write {}", self.out.display()))?;
+        // Some of the files may be in the folder that was just created.
+        check_folders(&written)?;
         let bar = progress(names.len() as u64, "participants");
         let results = names.par_iter().with_max_len(1).map(|name| {
             let mut left_out = Vec::new();

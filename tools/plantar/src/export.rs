@@ -1,6 +1,6 @@
 //! `plantar export`: writes recordings in the formats of other programs.
 
-use crate::paths::check_written;
+use crate::paths::{check_folders, check_written};
 use crate::setup::{InsoleArgs, note_unless_same_foot};
 use anyhow::Result;
 use clap::{Args, Subcommand};
@@ -74,6 +74,7 @@ impl Export {
         | Self::Mcap(options)) = self;
         let out = &options.out;
         check_written(&options.insole.inputs(&options.recordings), &[Some(out)])?;
+        check_folders(&[Some(out)])?;
         let session = options.session()?;
         match self {
             Self::C3d(_) => export::c3d::write(&session, out)?,

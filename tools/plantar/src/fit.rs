@@ -4,7 +4,7 @@ pub mod live;
 mod results;
 mod sensitivity;
 
-use crate::paths::check_written;
+use crate::paths::{check_folders, check_written};
 use crate::replay::{progress, write_text};
 use crate::setup::{self, ContactArgs, ZeroArgs};
 use anyhow::{Context, Result, bail};
@@ -225,6 +225,7 @@ impl Fit {
             self.png.as_deref(),
         ];
         check_written(&read.cloned().collect::<Vec<_>>(), &written)?;
+        check_folders(&written)?;
         let (mut study, recordings) = self.fitted()?;
         if self.report.is_some() {
             study.sensitivity = Some(self.sensitivity(&study, &recordings));

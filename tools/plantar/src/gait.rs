@@ -1,7 +1,7 @@
 //! `plantar gait`: the measures of both feet.
 
 use crate::fit::live::{self, session};
-use crate::paths::check_written;
+use crate::paths::{check_folders, check_written};
 use crate::replay::{completed_step, write_text};
 use crate::setup;
 use crate::summary::{align, table};
@@ -108,6 +108,7 @@ fn is_of_same_measurement(first: &str, second: &str) -> bool {
 impl GaitCommand {
     pub fn run(&self) -> Result<()> {
         check_written(&self.walk, &[self.json.as_deref()])?;
+        check_folders(&[self.json.as_deref()])?;
         let Walk { mut steps, mut others, .. } = Walk::default();
         let mut origins = Vec::new();
         for path in &self.walk {

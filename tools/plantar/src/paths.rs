@@ -24,22 +24,31 @@ fn is_part(path: &Path, read: &[PathBuf]) -> bool {
     read.contains(&folder) && entries.any(|entry| is_parquet(&entry.path()))
 }
 
-/// Checks that none of the files in `written` is also one of those in `read`, or is named twice, and that their folders exist. If `read` contains a folder,
+/// Checks that the folders of these files exist. Otherwise the command would fail after all its work.
+///
+/// # Errors
+/// If a folder does not exist. The message names the file.
+pub fn check_folders(written: &[Option<&Path>]) -> Result<()> {
+    for path in written.iter().flatten() {
+        ensure!(
+            folder_of(path).is_some(),
+            "cannot write {}: its folder does not exist: check the path, or create the folder",
+            path.display()
+        );
+    }
+    Ok(())
+}
+
+/// Checks that none of the files in `written` is also one of those in `read`, or is named twice. If `read` contains a folder,
 /// such as a recording in parts, none of the files may be among the Parquet files in it.
 ///
 /// # Errors
-/// If a file in `written` is also in `read` or in such a folder, is named twice, or has no folder. The message names the file, and
-/// asks for another name.
+/// If a file in `written` is also in `read` or in such a folder, or is named twice. The message names the file, and asks for
+/// another name.
 pub fn check_written(read: &[PathBuf], written: &[Option<&Path>]) -> Result<()> {
     let read: Vec<_> = read.iter().map(|path| resolved(path)).collect();
     let mut files = read.clone();
     for path in written.iter().flatten() {
-        // Otherwise the command would fail after all its work.
-        ensure!(
-            folder_of(path).is_some(),
-            "the folder of {} does not exist: create it, or name another file",
-            path.display()
-        );
         let file = resolved(path);
         // If the path is a link, both the link and its target may be among the Parquet files.
         ensure!(

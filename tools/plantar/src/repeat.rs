@@ -3,7 +3,7 @@
 pub mod output;
 
 use crate::fit::{Search, print_notes, write};
-use crate::paths::check_written;
+use crate::paths::{check_folders, check_written};
 use crate::people;
 use crate::replay::progress;
 use crate::setup::{ContactArgs, rule_in_words};
@@ -86,6 +86,7 @@ impl Repeat {
             left_out = people::unused(folder, &names, None);
         }
         check_written(&read, &[self.json.as_deref(), self.csv.as_deref()])?;
+        check_folders(&[self.json.as_deref(), self.csv.as_deref()])?;
         let mut all = match study {
             Some(folder) => self.participants(folder)?,
             None => vec![self.one_person()?],

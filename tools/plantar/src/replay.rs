@@ -2,7 +2,7 @@
 
 use crate::fit::write;
 use crate::frames::FrameWriter;
-use crate::paths::check_written;
+use crate::paths::{check_folders, check_written};
 use crate::picture::Picture;
 use crate::records::{Records, write_json};
 use crate::setup::{self, InsoleArgs};
@@ -68,6 +68,7 @@ impl Replay {
     pub fn run(&self) -> Result<()> {
         let written = [&self.json, &self.bouts, &self.load, &self.frames, &self.picture].map(Option::as_deref);
         check_written(&self.insole.inputs(std::slice::from_ref(&self.recording)), &written)?;
+        check_folders(&written)?;
         let source = FrameSource::from(RecordingReader::open(&self.recording)?);
         let (frames, cells) = (source.frames(), source.head().cells());
         let parameters = self.insole.wearer.parameters()?;

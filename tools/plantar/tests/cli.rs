@@ -151,7 +151,7 @@ fn errors_for_recordings_name_the_file_the_line_and_the_remedy() {
     fail(
         &path,
         "fit nowhere.parquet --out absent/parameters.toml",
-        &["absent/parameters.toml", "does not exist", "create it"],
+        &["absent/parameters.toml", "does not exist", "check the path"],
     );
 }
 
