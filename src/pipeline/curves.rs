@@ -153,18 +153,18 @@ impl<R: Real> Curves<R> {
             self.between = [Between::NONE; 8];
         }
         for i in 0..STANCE_SAMPLES / 2 {
-            let (kept, removed) = (2 * i, 2 * i + 1);
+            let (remaining, removed) = (2 * i, 2 * i + 1);
             for region in 0..8 {
                 let (force_n, pressure_dkpa) = (&mut self.force_n[region], &mut self.pressure_dkpa[region]);
                 let frame = removed as u32 * self.stride;
                 if frame < loaded {
                     self.between[region].include(frame, force_n[removed], pressure_dkpa[removed]);
                 }
-                self.area_mm2[region][i] = self.area_mm2[region][kept];
-                force_n[i] = force_n[kept];
-                pressure_dkpa[i] = pressure_dkpa[kept];
+                self.area_mm2[region][i] = self.area_mm2[region][remaining];
+                force_n[i] = force_n[remaining];
+                pressure_dkpa[i] = pressure_dkpa[remaining];
             }
-            self.centre[i] = self.centre[kept];
+            self.centre[i] = self.centre[remaining];
         }
         self.len = STANCE_SAMPLES / 2;
         self.stride *= 2;

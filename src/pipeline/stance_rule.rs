@@ -1,4 +1,4 @@
-//! The rule that determines stance: its parameters, and how its thresholds adapt to the wearer.
+//! The rule that determines stance: its parameters, how its thresholds adapt to the wearer, and the contacts that it rejects.
 
 use crate::num::Real;
 use serde::{Deserialize, Serialize};

@@ -245,7 +245,7 @@ fn from_stream(path: &Path) -> Result<Walk> {
                 }
             }
             Some(ToHost::Bout(Bout { side, number, .. }) | ToHost::Alert(Alert { side, number, .. }))
-                if known_others.insert((side.name(), number)) =>
+                if known_others.insert((side, number)) =>
             {
                 others.push((side, number));
             }

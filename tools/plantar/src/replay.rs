@@ -55,7 +55,7 @@ pub struct Replay {
     picture: Option<PathBuf>,
 }
 
-/// Duration of a day on an insole whose clock is not set, s.
+/// Duration of a day of the cumulative load while the clock of the insole is not set, s.
 const DAY_S: f64 = 86_400.0;
 
 #[derive(Clone, Copy, ValueEnum)]
