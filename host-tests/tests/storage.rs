@@ -50,6 +50,12 @@ fn numbers(store: &mut ChipStore) -> Vec<u32> {
     steps(store).iter().map(|step| step.step).collect()
 }
 
+/// Removes all steps up to and including this number.
+fn acknowledge(store: &mut ChipStore, number: u32) -> Result<(), StorageError> {
+    while block_on(store.acknowledge(number))? {}
+    Ok(())
+}
+
 /// The scripts, random sequences of actions on the store, are short. One begins with a new chip, the other one with a chip that
 /// was used until its sectors were reused. `cargo xtask soak` runs longer scripts.
 #[test]
@@ -219,7 +225,7 @@ fn data_stored_by_older_firmware_is_read() {
     assert_eq!(steps(&mut store), expected.collect::<Vec<_>>());
     // Numbering continues, and old and new steps are acknowledged together.
     assert_eq!(block_on(store.push_record(step(20))), Ok(0));
-    assert_eq!(block_on(store.acknowledge(18)), Ok(()));
+    assert_eq!(block_on(store.acknowledge(18)), Ok(false));
     assert_eq!(numbers(&mut store), [19, 20]);
 }
 
@@ -230,16 +236,16 @@ fn step_numbers_continue_after_all_steps_were_acknowledged() {
     for number in [u32::MAX - 1, u32::MAX, 0, 1] {
         assert_eq!(block_on(store.push_record(step(number))), Ok(0));
     }
-    assert_eq!(block_on(store.acknowledge(u32::MAX)), Ok(()));
+    assert_eq!(block_on(store.acknowledge(u32::MAX)), Ok(false));
     assert_eq!(numbers(&mut store), [0, 1]);
-    assert_eq!(block_on(store.acknowledge(1)), Ok(()));
+    assert_eq!(block_on(store.acknowledge(1)), Ok(false));
     assert!(numbers(&mut store).is_empty());
     for _ in 0..3 {
         let mut store = open(&mut chip);
         assert_eq!(store.contents().next_record, 2);
         assert!(numbers(&mut store).is_empty());
         // A host repeats its acknowledgement if it does not know whether the first one arrived.
-        assert_eq!(block_on(store.acknowledge(1)), Ok(()));
+        assert_eq!(block_on(store.acknowledge(1)), Ok(false));
     }
 }
 
@@ -251,7 +257,7 @@ fn step_numbers_continue_after_a_step_that_could_not_be_stored() {
     for number in 0..3 {
         assert_eq!(block_on(store.push_record(step(number))), Ok(0));
     }
-    assert_eq!(block_on(store.acknowledge(3)), Ok(()));
+    assert_eq!(block_on(store.acknowledge(3)), Ok(false));
     assert!(numbers(&mut store).is_empty());
     let store = open(&mut chip);
     assert_eq!((store.contents().next_record, store.contents().erased), (4, 0));
@@ -339,7 +345,7 @@ fn numbers_continue_after_many_entries_of_newer_firmware() {
     assert_eq!((store.contents().next_record, store.contents().newer_records), (60, 40));
     assert_eq!(numbers(&mut store), (0..20).collect::<Vec<_>>());
     // The number remains although no entry that this firmware reads does.
-    assert_eq!(block_on(store.acknowledge(19)), Ok(()));
+    assert_eq!(block_on(store.acknowledge(19)), Ok(false));
     let mut store = open(&mut chip);
     assert_eq!(store.contents().next_record, 60);
     assert_eq!(block_on(store.push_record(step(60))), Ok(0));
@@ -359,7 +365,7 @@ fn a_repair_preserves_the_order_of_the_log() {
     for number in 0..60 {
         assert_eq!(block_on(store.push_record(step(number))), Ok(0));
     }
-    assert_eq!(block_on(store.acknowledge(57)), Ok(()));
+    assert_eq!(block_on(store.acknowledge(57)), Ok(false));
     for value in 0..40 {
         assert_eq!(block_on(store.put(0, &Bonds([value; 150].into_iter().collect()))), Ok(()));
     }
@@ -404,7 +410,7 @@ fn a_chip_of_16_mib_holds_27000_steps_and_starts_without_reading_them() {
     assert_eq!(numbers(&mut store), expected);
     // A phone receives and acknowledges the stored steps in parts.
     while !expected.is_empty() {
-        let part: Vec<_> = expected.drain(..expected.len().min(97)).collect();
+        let part: Vec<_> = expected.drain(..expected.len().min(61)).collect();
         let mut received = Vec::new();
         let is_wanted = |record: LoadRecord| {
             let is_wanted = received.len() < part.len();
@@ -413,7 +419,7 @@ fn a_chip_of_16_mib_holds_27000_steps_and_starts_without_reading_them() {
         };
         assert_eq!(block_on(store.records(None, is_wanted)), Ok(!expected.is_empty()));
         assert_eq!(received, part);
-        assert_eq!(block_on(store.acknowledge(part[part.len() - 1])), Ok(()));
+        assert_eq!(block_on(store.acknowledge(part[part.len() - 1])), Ok(false));
     }
     let mut chip = start_quickly(&chip);
     assert_eq!(open(&mut chip).contents().next_record, FIRST.wrapping_add(STEPS));
@@ -448,7 +454,7 @@ fn records_of_newer_firmware_are_reported_and_not_changed() {
     for number in 0..50 {
         assert_eq!(block_on(store.push_record(step(number))), Ok(0));
     }
-    assert_eq!(block_on(store.acknowledge(49)), Ok(()));
+    assert_eq!(block_on(store.acknowledge(49)), Ok(false));
     assert!(numbers(&mut store).is_empty());
     assert!(chip.erasures[0] > 1, "sectors of records must be reused");
     block_on(async {
@@ -700,13 +706,46 @@ fn numbers_continue_after_an_interrupted_erasure() {
         // The oldest steps were erased, and the newest ones are left, without a gap.
         let left = numbers(&mut store);
         assert!(left.iter().copied().eq(3000 - left.len() as u32..3000), "operation {operation}: {left:?}");
-        assert_eq!(block_on(store.acknowledge(2999)), Ok(()), "operation {operation}");
+        assert_eq!(acknowledge(&mut store, 2999), Ok(()), "operation {operation}");
         assert_eq!(open(&mut chip).contents().erased, 0, "operation {operation}");
         let mut store = open(&mut chip);
         assert_eq!(block_on(store.push_record(step(3000))), Ok(0), "operation {operation}");
         let mut store = open(&mut chip);
         assert_eq!((store.contents().next_record, numbers(&mut store)), (3001, vec![3000]), "operation {operation}");
     }
+}
+
+/// The insole stores new steps, and its storage shows that it is alive, between the parts of a long deletion.
+#[test]
+fn a_long_deletion_is_done_in_parts() {
+    let mut chip = chip();
+    let mut store = open(&mut chip);
+    for number in 0..1500 {
+        block_on(store.push_record(step(number))).expect("the chip works");
+    }
+    let (mut next, mut parts) = (1500, 0);
+    let mut remaining = numbers(&mut store).len();
+    loop {
+        let flash = store.flash().expect("there is a chip");
+        let operations = flash.operations;
+        let some_remain = block_on(store.acknowledge(1400)).expect("the chip works");
+        let operations = store.flash().expect("there is a chip").operations - operations;
+        assert!(operations < 100, "{operations} operations");
+        let left = numbers(&mut store);
+        assert!(left.len() < remaining && left.iter().copied().eq(next - left.len() as u32..next), "{left:?}");
+        assert_eq!(some_remain, left[0] <= 1400);
+        parts += 1;
+        if !some_remain {
+            break;
+        }
+        assert_eq!(block_on(store.push_record(step(next))), Ok(0));
+        next += 1;
+        remaining = left.len() + 1;
+    }
+    assert!(parts > 10, "{parts} parts");
+    let stored: Vec<_> = (1401..next).collect();
+    assert_eq!(numbers(&mut store), stored);
+    assert_eq!(numbers(&mut open(&mut chip)), stored);
 }
 
 /// Power fails in each operation of an acknowledgement that deletes several sectors, and the supply is too low for any change
@@ -731,17 +770,17 @@ fn an_interrupted_deletion_is_repaired_once_the_supply_is_sufficient() {
         let mut whole = used.clone();
         let mut store = restart(&mut whole);
         let before = store.flash().expect("there is a chip").operations;
-        assert_eq!(block_on(store.acknowledge(68)), Ok(()));
+        assert_eq!(acknowledge(&mut store, 68), Ok(()));
         for operation in before..whole.operations {
             let mut chip = used.clone();
             chip.cut = Some((operation, Torn::Within));
-            assert!(block_on(restart(&mut chip).acknowledge(68)).is_err());
+            assert!(acknowledge(&mut restart(&mut chip), 68).is_err());
             let mut chip = chip.restarted();
             let mut store = open_with_low_supply(&mut chip);
             let place = format!("operation {operation}: {:?}", store.contents());
             assert_eq!(store.contents().next_record, 70, "{place}");
             assert_eq!(block_on(store.push_record(step(70))), Ok(0), "{place}");
-            assert_eq!(block_on(store.acknowledge(69)), Ok(()), "{place}");
+            assert_eq!(acknowledge(&mut store, 69), Ok(()), "{place}");
             assert_eq!(numbers(&mut store), [70], "{place}");
             let mut store = open(&mut chip);
             assert_eq!((store.contents().next_record, numbers(&mut store)), (71, vec![70]), "{place}");
@@ -817,7 +856,7 @@ fn load_bouts_and_alerts_are_stored_between_steps() {
         Alert { boots_since: 1, ..alert(4) }.into(),
     ];
     assert_eq!((more, stored), (Ok(false), expected.to_vec()));
-    assert_eq!(block_on(store.acknowledge(2)), Ok(()));
+    assert_eq!(block_on(store.acknowledge(2)), Ok(false));
     let mut store = open(&mut chip);
     let mut numbers = Vec::new();
     assert_eq!(
@@ -860,7 +899,7 @@ fn steps_are_read_and_acknowledged_while_others_are_recorded() {
             }
             _ if read > oldest => {
                 oldest += random.u32(1..=read - oldest);
-                assert_eq!(block_on(store.acknowledge(oldest - 1)), Ok(()));
+                assert_eq!(block_on(store.acknowledge(oldest - 1)), Ok(false));
             }
             _ => {}
         }

@@ -249,7 +249,7 @@ fn a_log_contains_exactly_the_records_that_were_not_acknowledged() {
                 }
             };
             if let Some(number) = acknowledged {
-                assert_eq!(block_on(store.acknowledge(number)), Ok(()));
+                assert_eq!(block_on(store.acknowledge(number)), Ok(false));
                 stored.retain(|stored| *stored > number);
                 next = next.max(number + 1);
             }

@@ -47,6 +47,8 @@ struct Persist<'a> {
     /// Number of the last record that a host has acknowledged since the start. The log still contains this record if it could
     /// not be deleted.
     acknowledged: Option<u32>,
+    /// Some of the acknowledged records are still to be deleted.
+    is_deleting: bool,
     update: Update,
     /// Time of the restart after a request or an accepted update; [`Instant::MAX`] if none is due.
     restart_at: Instant,
@@ -90,6 +92,7 @@ pub async fn persist(
         has_more_in_log: true,
         is_log_readable: None,
         acknowledged: None,
+        is_deleting: false,
         update: Update::new(),
         restart_at: Instant::MAX,
         daily_load_at: Instant::now() + DAILY_LOAD_PERIOD,

@@ -46,13 +46,23 @@ impl Persist<'_> {
         }
     }
 
-    /// Stores the newest acknowledgement of a host.
+    /// Stores the newest acknowledgement of a host: deletes a part of the acknowledged records, so that new records are stored,
+    /// and the heartbeat of this task goes on, between this part and the next.
     pub(super) async fn store_acknowledgement(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
         let acknowledged = self.shared.session.borrow_mut().take_acknowledged();
-        if let Some(number) = acknowledged {
-            self.acknowledged = acknowledged;
-            if store.acknowledge(number).await.is_err() {
-                self.shared.count_not_stored();
+        if acknowledged.is_some() {
+            (self.acknowledged, self.is_deleting) = (acknowledged, true);
+        }
+        if let Some(number) = self.acknowledged.filter(|_| self.is_deleting) {
+            match store.acknowledge(number).await {
+                Ok(some_remain) => self.is_deleting = some_remain,
+                Err(_) => {
+                    self.is_deleting = false;
+                    self.shared.count_not_stored();
+                }
+            }
+            if self.is_deleting {
+                self.shared.to_persist.signal(());
             }
         }
     }

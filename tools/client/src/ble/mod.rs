@@ -13,16 +13,18 @@ use btleplug::api::{
     Central as _, Characteristic, Manager as _, Peripheral as _, ScanFilter, ValueNotification, WriteType,
 };
 use btleplug::platform::{Adapter, Manager, Peripheral};
-use futures_util::{Stream, StreamExt, stream};
+use futures_util::{Stream, StreamExt};
 use plantar::protocol::fragment::{Joiner, Splitter};
 use plantar::protocol::gatt::{self, GattChannel};
 use plantar::protocol::{ToDevice, ToHost, decode, encode};
 use std::fs::File;
 use std::io;
 use std::pin::Pin;
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::time::Duration;
 use thiserror::Error;
 use tokio::runtime::{Builder, Runtime};
+use tokio::task::JoinHandle;
 use tokio::time::{sleep, timeout};
 use uuid::Uuid;
 
@@ -81,10 +83,13 @@ pub enum Error {
 
 /// A connected insole.
 pub struct BleCarrier {
-    /// Drives the Bluetooth tasks. They make progress only while a method of this type waits.
+    /// Drives the Bluetooth tasks on a thread of its own.
     runtime: Runtime,
     peripheral: Peripheral,
-    notifications: Notifications,
+    /// The notifications in the order of their arrival.
+    values: Receiver<ValueNotification>,
+    /// Fetches the notifications while the caller is busy: macOS and Windows hold at most 16 of them, and discard the others.
+    fetching: JoinHandle<()>,
     channels: Vec<Channel>,
     damaged: u32,
     /// Excludes other programs of this computer. The last field, so that it is dropped after the connection.
@@ -106,12 +111,12 @@ impl BleCarrier {
     /// # Errors
     /// See [`enum@Error`].
     pub fn connect(selector: &Selector) -> Result<Self, Error> {
-        let runtime = Builder::new_current_thread().enable_all().build()?;
+        let runtime = Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
         let peripheral = runtime.block_on(find(selector))?;
         let id = peripheral.id().to_string();
         let reserved = exclusive::reserve(&id).map_err(|exclusive::InUse| Error::InUse(selector.clone()))?;
         let subscribed = runtime.block_on(async { timeout(CONNECT_TIMEOUT, subscribe(&peripheral)).await });
-        let (notifications, channels) = match subscribed.unwrap_or(Err(BleError::TimedOut(CONNECT_TIMEOUT))) {
+        let (mut notifications, channels) = match subscribed.unwrap_or(Err(BleError::TimedOut(CONNECT_TIMEOUT))) {
             Ok(subscribed) => subscribed,
             Err(error) => {
                 // While the peripheral is connected, no other central can connect.
@@ -119,7 +124,14 @@ impl BleCarrier {
                 return Err(Error::NotConnected { selector: selector.clone(), error });
             }
         };
-        Ok(Self { runtime, peripheral, notifications, channels, damaged: 0, _reserved: reserved })
+        let (sender, values) = mpsc::channel();
+        let fetching = runtime.spawn(async move {
+            while let Some(value) = notifications.next().await {
+                // This fails once the carrier is dropped.
+                let Ok(()) = sender.send(value) else { return };
+            }
+        });
+        Ok(Self { runtime, peripheral, values, fetching, channels, damaged: 0, _reserved: reserved })
     }
 }
 
@@ -187,11 +199,14 @@ impl Carrier for BleCarrier {
     }
 
     fn receive(&mut self) -> io::Result<Option<ToHost>> {
-        let Ok(value) = self.runtime.block_on(async { timeout(READ_TIMEOUT, self.notifications.next()).await }) else {
-            let is_connected = self.runtime.block_on(self.peripheral.is_connected());
-            return if is_connected.is_ok_and(|c| c) { Ok(None) } else { Err(io::ErrorKind::NotConnected.into()) };
+        let value = match self.values.recv_timeout(READ_TIMEOUT) {
+            Ok(value) => value,
+            Err(RecvTimeoutError::Timeout) => {
+                let is_connected = self.runtime.block_on(self.peripheral.is_connected());
+                return if is_connected.is_ok_and(|c| c) { Ok(None) } else { Err(io::ErrorKind::NotConnected.into()) };
+            }
+            Err(RecvTimeoutError::Disconnected) => return Err(io::ErrorKind::UnexpectedEof.into()),
         };
-        let Some(value) = value else { return Err(io::ErrorKind::UnexpectedEof.into()) };
         let Some(channel) = self.channels.iter_mut().find(|c| c.characteristic.uuid == value.uuid) else {
             return Ok(None);
         };
@@ -213,8 +228,8 @@ impl Drop for BleCarrier {
     fn drop(&mut self) {
         // Without this, the insole would detect the loss of its central only after a timeout.
         let _ = self.runtime.block_on(self.peripheral.disconnect());
-        // On Linux, dropping the stream starts asynchronous work, which needs the runtime.
-        let _runtime = self.runtime.enter();
-        self.notifications = Box::pin(stream::empty());
+        // On Linux, dropping the stream of notifications starts asynchronous work, which needs the runtime.
+        self.fetching.abort();
+        let _ = self.runtime.block_on(&mut self.fetching);
     }
 }
