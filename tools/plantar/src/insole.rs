@@ -1,7 +1,7 @@
 //! `plantar insole`: identity, settings, alerts and calibration of an insole.
 
 use crate::carrier::{AnyClient, Connection, InsoleLink};
-use crate::summary::REGION_LABELS;
+use crate::summary::{REGION_LABELS, rejected_line};
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Subcommand, ValueEnum};
 use client::ReconnectPolicy;
@@ -185,6 +185,9 @@ fn show(connection: &Connection) -> Result<()> {
         hello.reset.name(),
         contents.next_record
     );
+    if let Some(line) = rejected_line(&status.rejected) {
+        println!("since the last start, {line}");
+    }
     print_power(&status);
     if let Some(fault) = &hello.fault {
         println!("note: the insole reports a failure: {fault}");

@@ -44,7 +44,8 @@ pub struct Replay {
     /// recording.
     #[arg(long, value_name = "FILE")]
     bouts: Option<PathBuf>,
-    /// Write the load of the recording, as if it were a day (of a longer one, that of its last day), and the alerts by the recommended rules to this JSON file.
+    /// Write the load of the recording, as if it were a day (of a longer one, that of its last day), and the alerts by the
+    /// recommended rules to this JSON file.
     #[arg(long, value_name = "FILE")]
     load: Option<PathBuf>,
     /// Write the live values of every frame to this file. Its extension, .csv or .parquet, selects the format.
@@ -163,6 +164,9 @@ impl Replay {
         }
         if let Some(frames) = frames {
             frames.finish()?;
+        }
+        if let Some(line) = summary::rejected_line(&insole.rejected()) {
+            println!("{line}");
         }
         summary::print_faults(insole.faults(), head.cells());
         if let (Some(picture), Some(path)) = (picture, &self.picture) {

@@ -7,6 +7,7 @@ use fit::MIN_FORCE_N;
 use parameters::{AssumedShare, DeformationScale, deformation_title};
 use plantar::Region;
 use plantar::faults::{Fault, Faults};
+use plantar::pipeline::stance_rule::Rejected;
 use plantar::protocol::{Step, StepRegion};
 
 /// Short names of the regions for narrow columns, in the order of [`Region::ALL`].
@@ -134,6 +135,18 @@ pub fn print_faults_of<C: Carrier>(client: &mut Client<C>) {
 /// Prints the faults of a sensor; `cells` is the number of its cells.
 pub fn print_faults(faults: &Faults, cells: usize) {
     faults_to_lines(faults, cells).iter().for_each(|line| println!("{line}"));
+}
+
+/// A line with the number of contacts that are no steps, by reason; `None` if there are none.
+pub fn rejected_line(rejected: &Rejected) -> Option<String> {
+    let reasons = [
+        (rejected.short, "too short or too weak"),
+        (rejected.long, "too long: standing"),
+        (rejected.broken, "with missing frames"),
+    ];
+    let reasons = reasons.iter().filter(|(contacts, _)| *contacts > 0);
+    let reasons: Vec<_> = reasons.map(|(contacts, reason)| format!("{contacts} {reason}")).collect();
+    (!reasons.is_empty()).then(|| format!("contacts that are no steps: {}", reasons.join(", ")))
 }
 
 /// One line for each fault, then lines with the number of masked cells, of cells with their former baseline, and of
