@@ -137,6 +137,13 @@ pub fn identify(samples: &Samples, bounds: &Bounds) -> Identified {
     Identified::from(&minimum, evaluations + 1)
 }
 
+/// Performs only the third stage, the search over all five parameters, from parameters that are close to the minimum.
+pub(crate) fn converge(samples: &Samples, bounds: &Bounds, near: &Identified) -> Identified {
+    let [least, most] = limits(bounds);
+    let minimum = bounded::minimise(&mut NonNegativeForce::new(samples), &near.x(), &least, &most, FIT_TOLERANCE);
+    Identified::from(&minimum, 0)
+}
+
 /// Performs only the third stage, the search over all five parameters, from one point. It is for comparison with [`identify`],
 /// and may end in a local minimum. `start` contains numbers between 0, the lower bound, and 1, the upper bound, in the order
 /// `max_ratio`, n, m, K, G. The scale of K is logarithmic.

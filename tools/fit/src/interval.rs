@@ -96,12 +96,7 @@ pub fn covariance(samples: &Samples, prior: &Prior, identified: &Identified, var
     law.set(&identified.x());
     let columns = prior::derivatives(&law, &prior::coordinates(identified));
     let gram = Matrix5::from_fn(|i, j| columns[i].dot(&columns[j]));
-    let precision = gram + prior.precision() * variance;
-    // The rows and columns are scaled, because G may have almost no influence while K determines the force.
-    let scale = Vector5::from_fn(|i, _| precision[(i, i)].sqrt().recip());
-    let scaled = Matrix5::from_fn(|i, j| precision[(i, j)] * scale[i] * scale[j]);
-    let inverse = scaled.pseudo_inverse(1e-13).unwrap_or(Matrix5::identity() * f64::INFINITY);
-    Matrix5::from_fn(|i, j| inverse[(i, j)] * scale[i] * scale[j] * variance)
+    prior::inverse(&(gram + prior.precision() * variance)) * variance
 }
 
 /// A coordinate whose standard deviation is more than this fraction of that among people is not determined by the force.

@@ -39,6 +39,7 @@ pub mod variable;
 mod bounded;
 #[cfg(feature = "recordings")]
 mod isolate;
+mod many;
 mod parallel;
 mod region;
 mod samples;

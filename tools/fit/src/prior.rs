@@ -82,6 +82,15 @@ pub fn parameters(at: &Coordinates, squares: f64, evaluations: usize) -> Identif
     }
 }
 
+/// The inverse of the matrix of second derivatives with respect to the coordinates. Rows and columns are scaled, because G may
+/// have almost no influence while K determines the force.
+pub(crate) fn inverse(curvature: &Matrix5<f64>) -> Matrix5<f64> {
+    let scale = Vector5::from_fn(|i, _| curvature[(i, i)].sqrt().recip());
+    let scaled = Matrix5::from_fn(|i, j| curvature[(i, j)] * scale[i] * scale[j]);
+    let inverse = scaled.pseudo_inverse(1e-13).unwrap_or(Matrix5::identity() * f64::INFINITY);
+    Matrix5::from_fn(|i, j| inverse[(i, j)] * scale[i] * scale[j])
+}
+
 /// The variances of the shape coordinates, from the covariance matrix of the coordinates.
 pub(crate) fn shape_variances(covariance: &Matrix5<f64>) -> ShapeCoordinates {
     let ln_g_over_k = covariance[(3, 3)] + covariance[(4, 4)] - 2.0 * covariance[(3, 4)];
@@ -135,6 +144,12 @@ impl Prior {
         Matrix5::from_fn(|i, j| columns[i].iter().zip(columns[j]).map(|(a, b)| a * b).sum())
     }
 
+    /// Half of the derivative of the sum of the squared rows with respect to the coordinates.
+    pub(crate) fn slope(&self, at: &Coordinates) -> Vector5<f64> {
+        let rows = self.rows(at);
+        Vector5::from_fn(|i, _| rows.iter().zip(self.derivative(i)).map(|(row, by)| row * by).sum())
+    }
+
     /// The coordinates of the mean shape, with the K that fits the samples best.
     fn mean_at(&self, samples: &Samples) -> Coordinates {
         let [logit, ln_n, ln_m, ln_tau] = self.mean;
@@ -161,7 +176,16 @@ impl Prior {
 
     /// The most probable parameters close to `near`. `noise` is the variance of an independent residual.
     pub fn refine(&self, samples: &Samples, near: &Identified, noise: f64) -> Identified {
-        let end = self.search(samples, start(near), noise, REFINE_TOLERANCE);
+        self.search_near(samples, near, noise, REFINE_TOLERANCE)
+    }
+
+    /// As [`Prior::refine`], with the accuracy of [`Prior::identify`].
+    pub(crate) fn converge(&self, samples: &Samples, near: &Identified, noise: f64) -> Identified {
+        self.search_near(samples, near, noise, FIT_TOLERANCE)
+    }
+
+    fn search_near(&self, samples: &Samples, near: &Identified, noise: f64, tolerance: f64) -> Identified {
+        let end = self.search(samples, start(near), noise, tolerance);
         parameters(&end.at, end.squares, end.evaluations)
     }
 

@@ -3,8 +3,9 @@
 
 use crate::compare::{Change, Group};
 use crate::fixed::{FixedParameters, Scale};
-use crate::identify::{Bounds, Identified, identify as identify_by_projection, refine};
+use crate::identify::{Bounds, Identified, converge, identify as identify_by_projection, refine};
 use crate::interval::{self, Noise, Uncertainty};
+use crate::many::{Linearised, MANY, spread};
 use crate::measures::{self, Basis, Measure, Peaks, Quantity, Resample, ScaleEffect};
 #[cfg(feature = "paper")]
 use crate::paper;
@@ -41,7 +42,7 @@ pub struct RegionFit {
     /// The errors of the model force with these parameters, against the measured force.
     pub quality: Quality,
     /// NRMSE of each step, as a fraction, with parameters that were fitted to other steps: to all others or, with more than 60
-    /// steps, to those of the other groups. Empty if there is only one step.
+    /// steps, to those of the other 19 groups (4 groups with more than 200 steps). Empty if there is only one step.
     pub predicted_nrmse: Vec<f64>,
     /// Area of the contact ellipse divided by the contact area, minus 1. In each step, it is the mean over the stance weighted
     /// by force or, for a live stream, the value at the peak force. 0 if the contact is an ellipse. `None` without contact
@@ -129,7 +130,8 @@ pub(crate) fn fit_region(steps: &[Step], region: usize, options: &Options) -> Re
     let measures = best.measures(curves, &fixed, covariance.as_ref(), &resampled, options);
     let evaluate = |curves: &RegionCurves, law: &ForceLaw<f64>| Evaluated::new(curves, options.filter, law);
     let fitted: Vec<_> = curves.iter().filter_map(|c| evaluate(c, &best.law)).collect();
-    let own = parallel::map(curves.len(), |i| evaluate(curves[i], &search([curves[i]], region, options).law));
+    let some = spread(curves);
+    let own = parallel::map(some.len(), |i| evaluate(some[i], &search([some[i]], region, options).law));
     let own: Vec<_> = own.into_iter().flatten().collect();
     let predicted_nrmse = cross_validate(curves, &best, region, options);
     let quality = Quality::new(&fitted, &own, &predicted_nrmse);
@@ -148,9 +150,11 @@ pub(crate) fn fit_region(steps: &[Step], region: usize, options: &Options) -> Re
 const LEFT_OUT_ALONE: usize = 60;
 /// With more steps, cross-validation divides them into this number of groups and leaves out one group at a time.
 const GROUPS: usize = 20;
+/// As [`GROUPS`], with more than [`MANY`] steps.
+const GROUPS_OF_MANY: usize = 5;
 
-/// The fits to resampled steps: as many steps as there are, drawn with replacement. The same steps always result in the same
-/// fits. Empty for fewer than [`interval::RESAMPLED_STEPS`] steps, and for the paper's method, whose results have no
+/// The fits to resampled steps: as many steps as there are, drawn with replacement. With more than [`MANY`] steps and a prior, they
+/// are computed by [`Linearised`]. The same steps always result in the same fits. Empty for fewer than [`interval::RESAMPLED_STEPS`] steps, and for the paper's method, whose results have no
 /// intervals.
 fn resample(curves: &[&RegionCurves], fit_to_all: &SearchResult, options: &Options) -> Vec<Resample> {
     let Some(identified) = &fit_to_all.identified else { return Vec::new() };
@@ -158,16 +162,23 @@ fn resample(curves: &[&RegionCurves], fit_to_all: &SearchResult, options: &Optio
         return Vec::new();
     }
     let peaks = fit_to_all.peaks();
+    let samples = &fit_to_all.samples;
+    let linearised = fit_to_all.prior.as_ref().filter(|_| curves.len() > MANY);
+    let linearised = linearised.map(|prior| Linearised::new(samples, prior, identified, fit_to_all.noise.variance));
     parallel::map(options.resamples as usize, |seed| {
         let drawn = interval::drawn(seed as u64, curves.len());
         // A step that is drawn several times is evaluated once: about a third of the draws are repetitions.
         let mut times = vec![0u32; curves.len()];
         drawn.clone().for_each(|i| times[i] += 1);
-        let steps = curves.iter().zip(times).filter(|(_, times)| *times > 0).map(|(curves, times)| (*curves, times));
-        Resample {
-            reference: Peaks::median(drawn.map(|i| peaks[i])),
-            law: refit_samples(&Samples::repeated(steps, options.filter), fit_to_all, identified, options),
-        }
+        let law = match &linearised {
+            Some(linearised) => linearised.fitted(&times).law(samples.area_max_m2, ANY_C_M),
+            None => {
+                let drawn = curves.iter().zip(times).filter(|(_, times)| *times > 0);
+                let samples = Samples::repeated(drawn.map(|(curves, times)| (*curves, times)), options.filter);
+                refit_samples(&samples, fit_to_all, identified, options)
+            }
+        };
+        Resample { reference: Peaks::median(drawn.map(|i| peaks[i])), law }
     })
 }
 
@@ -181,7 +192,8 @@ pub(crate) fn cross_validate(
     let groups = match curves.len() {
         0 | 1 => return Vec::new(),
         count if count <= LEFT_OUT_ALONE => count,
-        _ => GROUPS,
+        count if count <= MANY => GROUPS,
+        _ => GROUPS_OF_MANY,
     };
     let force_laws = parallel::map(groups, |group| {
         let others = curves.iter().enumerate().filter(|(i, _)| i % groups != group).map(|(_, c)| *c);
@@ -209,21 +221,57 @@ pub(crate) struct SearchResult {
 /// Placeholder for the C, m, of a force law before C is determined. Any value will do, because the force does not depend on C.
 const ANY_C_M: f64 = 0.01;
 
-/// Searches the parameters of a region with the method of the options.
+/// The parameters that were found for some samples.
+struct Found {
+    /// The least-squares fit.
+    unconstrained: Identified,
+    noise: Noise,
+    /// The most probable parameters or, without a prior, those of the least-squares fit.
+    identified: Identified,
+}
+
+impl Found {
+    /// Searches the whole range of the parameters.
+    fn new(samples: &Samples, prior: Option<&Prior>, bounds: &Bounds) -> Self {
+        let unconstrained = identify_by_projection(samples, bounds);
+        let noise = interval::noise(samples, &unconstrained);
+        let identified = prior.map_or(unconstrained, |prior| prior.identify(samples, &unconstrained, noise.variance));
+        Self { unconstrained, noise, identified }
+    }
+
+    /// Finds the parameters for all samples from those for `few` of them, which are close.
+    fn of_many(samples: &Samples, few: &Samples, prior: Option<&Prior>, bounds: &Bounds) -> Self {
+        let near = Self::new(few, prior, bounds);
+        let rebased = |identified: &Identified| identified.rebased(few.area_max_m2, samples.area_max_m2);
+        let unconstrained = converge(samples, bounds, &rebased(&near.unconstrained));
+        let noise = interval::noise(samples, &unconstrained);
+        let identified = prior.map_or(unconstrained, |prior| {
+            let found = prior.converge(samples, &rebased(&near.identified), noise.variance);
+            Identified { evaluations: unconstrained.evaluations + found.evaluations, ..found }
+        });
+        Self { unconstrained, noise, identified }
+    }
+}
+
+/// Searches the parameters of a region with the method of the options. With more than [`MANY`] steps, the whole range of the
+/// parameters is searched for some of the steps only.
 pub(crate) fn search<'c>(
     curves: impl IntoIterator<Item = &'c RegionCurves>,
     region: usize,
     options: &Options,
 ) -> SearchResult {
-    let samples = Samples::new(curves, options.filter);
+    let curves: Vec<&RegionCurves> = curves.into_iter().collect();
+    let samples = Samples::new(curves.iter().copied(), options.filter);
     let prior = options.prior.map(|regions| regions[region]);
     let bounds = options.bounds;
     match options.method {
         Method::Projection => {
-            let unconstrained = identify_by_projection(&samples, &bounds);
-            let noise = interval::noise(&samples, &unconstrained);
-            let identified =
-                prior.map_or(unconstrained, |prior| prior.identify(&samples, &unconstrained, noise.variance));
+            let Found { noise, identified, .. } = if curves.len() > MANY {
+                let few = Samples::new(spread(&curves), options.filter);
+                Found::of_many(&samples, &few, prior.as_ref(), &bounds)
+            } else {
+                Found::new(&samples, prior.as_ref(), &bounds)
+            };
             let law = identified.law(samples.area_max_m2, ANY_C_M);
             let evaluations = identified.evaluations;
             let identified = Some(identified);
