@@ -35,7 +35,7 @@ pub struct Insole<R, const N: usize> {
     cells: Vec<InsoleCell<R>, N>,
     division: Division,
     rows: MatrixRows,
-    /// Code above the zero at [`MAX_RESIDUAL_KPA`], the largest pressure of a baseline.
+    /// Largest code of a baseline, above the zero: that of [`MAX_RESIDUAL_KPA`].
     most_residual: u16,
     frame_rate_hz: R,
     limits: StanceLimits<R>,
@@ -60,7 +60,8 @@ pub struct Insole<R, const N: usize> {
     zero_s: u8,
     /// The load that was stored before this start.
     earlier: DailyLoad,
-    /// Beginning of the day by which `earlier` has its number; see [`AlertRules::day_start_min`].
+    /// Start of the day, minutes after midnight UTC, with which the number of the day of `earlier` was computed: that of the
+    /// alert rules ([`AlertRules::day_start_min`]) in the boot that stored it.
     earlier_start_min: u16,
     /// The last frame completed a second of the cumulative load.
     has_ended_second: bool,
@@ -160,25 +161,26 @@ impl<R: Real, const N: usize> Insole<R, N> {
             self.loads.iter_mut().for_each(|load| load.frame.restart_count());
         }
         if self.stance.has_settled(&self.limits) {
-            is_toe_off |= self.settle(codes);
+            is_toe_off |= self.confirm_lift(codes);
         }
         if self.stance.is_lifted() {
             self.review_cells(seq, codes);
-        } else if self.detector.pause(self.stance.carries_load()) {
+        } else if self.detector.interrupt_review(self.stance.carries_load()) {
             self.sum_residuals();
         }
         is_toe_off
     }
 
-    /// Examines whether the constant force is that of a lifted foot. True if this confirms toe off.
+    /// To be called when the total force has been constant for the settling time. Checks whether the foot is lifted. True if this
+    /// confirms toe off.
     #[cold]
     #[inline(never)]
-    fn settle(&mut self, codes: &[u16]) -> bool {
+    fn confirm_lift(&mut self, codes: &[u16]) -> bool {
         is_unloaded(&self.cells, codes, self.most_residual, &self.curve, self.stance.standing_n())
             && self.stance.lift(&self.limits)
     }
 
-    /// Stores the shares in contact of the regions with a bit in `at_peak`.
+    /// Stores the covered share of each cell in the regions with a bit in `at_peak`.
     #[inline(never)]
     fn store_shares(&mut self, at_peak: u8) {
         for region in (0..8).filter(|region| at_peak >> region & 1 != 0) {
@@ -187,8 +189,8 @@ impl<R: Real, const N: usize> Insole<R, N> {
     }
 
     /// Number of frames that the first frame after missing ones represents in the cumulative load: under load, itself and at most
-    /// as many missing frames as a stance bridges; without load, at most the frames of a second, which is more than the time
-    /// between two scans of an insole that is not worn.
+    /// as many missing frames as a stance bridges; without load, at most a second of frames, which is longer than the time between
+    /// two scans of an insole that is not worn.
     #[cold]
     fn represented_frames(&self, elapsed_frames: u32) -> u32 {
         elapsed_frames.min(if self.is_loaded() { 1 + BRIDGED_FRAMES } else { self.cumulative.second_frames() })

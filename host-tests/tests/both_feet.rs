@@ -95,8 +95,8 @@ impl Foot {
         arrival.duration_since(scanned[scan as usize]).as_secs_f64() * 1e3
     }
 
-    /// True offset of the insole's time from the time since `start`, us. Each scan takes place at its time or a little later, and
-    /// so the offset is the largest difference.
+    /// True offset of the insole's time from the time since `start`, us. Each scan takes place at its nominal time or later, so
+    /// that the offset is the largest difference.
     fn true_offset_us(&self, start: Instant) -> i64 {
         let scanned = self.scanned.lock().unwrap_or_else(PoisonError::into_inner);
         let offset_us = |(scan, &at): (usize, &Instant)| {
@@ -159,7 +159,7 @@ fn both_feet_stream_a_minute_in_real_time() {
         assert_eq!(foot.live.len() as u32, status.live_sent, "every frame that was sent must arrive");
         assert!(foot.live.windows(2).all(|pair| pair[0].1.sequence < pair[1].1.sequence));
         let last = foot.live.last().map(|(_, live)| live.sequence);
-        assert!(last < Some(status.live_due), "every lost frame must be counted as due: {last:?}, {status:?}");
+        assert!(last < Some(status.live_due), "the last frame must be counted as due: {last:?}, {status:?}");
         let records = foot.numbers.len() as u32;
         assert!(foot.numbers.iter().copied().eq(0..records), "every record must arrive once, in order");
         assert_eq!(foot.steps.len() as u32, status.steps, "every step must arrive");

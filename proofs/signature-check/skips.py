@@ -1,5 +1,8 @@
 """Makes the emulated core skip instructions while it checks a wrong signature.
 
+Two checks are attacked: that of the firmware, which verifies the signature twice, and for comparison that of embassy-boot,
+which verifies it once.
+
 This is a script for GDB. It reads from its environment:
 
 PLANTAR_PROGRAM: the program `signature-check`
@@ -62,14 +65,14 @@ class Core:
         self.check = address("signature_check::check")
         self.end = address("signature_check::end")
         self.mark = address("signature_check::MARK")
-        self.is_single = address("signature_check::IS_SINGLE")
+        self.verifies_once = address("signature_check::VERIFIES_ONCE")
         for at in [self.check, self.end, address("HardFault")]:
             gdb.execute(f"hbreak *{at:#x}", to_string=True)
 
     def start(self):
         gdb.execute(f"target remote | {self.emulator}", to_string=True)
 
-    def begin(self, is_single):
+    def begin(self, verifies_once):
         """Runs to the beginning of the next check."""
         try:
             # A skip can leave the stack pointer outside of the RAM, where the next access ends the emulator.
@@ -87,17 +90,17 @@ class Core:
             at = proceed()
         if at != self.check:
             raise SystemExit(f"the program stopped at {program_counter():#x} instead of the check")
-        gdb.selected_inferior().write_memory(self.is_single, bytes([is_single]))
+        gdb.selected_inferior().write_memory(self.verifies_once, bytes([verifies_once]))
 
     def is_accepted(self):
         """Returns whether the image is marked for the bootloader."""
         return bytes(gdb.selected_inferior().read_memory(self.mark, len(MARK))) == MARK
 
-    def attempt(self, is_single, at, skip):
+    def attempt(self, verifies_once, at, skip):
         """Skips bytes at this address; returns whether the image was accepted, or None if the check does not reach it."""
-        self.begin(is_single)
+        self.begin(verifies_once)
         if at != self.check:
-            # GDB would move a breakpoint of its own out of a block of conditional instructions.
+            # GDB would move a breakpoint of its own out of an IT block (conditional instructions).
             gdb.execute(f"maintenance packet Z1,{at:x},2", to_string=True)
             stop = proceed()
             gdb.execute(f"maintenance packet z1,{at:x},2", to_string=True)
@@ -113,20 +116,20 @@ def instructions(log):
         return sorted({int(found[1], 16) for line in lines if (found := re.match(r"(0x[0-9a-f]{8}):\s+[0-9a-f]{4}", line))})
 
 
-def check(core, is_single):
+def check(core, verifies_once):
     """Checks the wrong signature without an attack."""
-    core.begin(is_single)
+    core.begin(verifies_once)
     proceed()
     if core.is_accepted():
         raise SystemExit("the wrong signature is accepted without any attack")
 
 
-def attack(core, addresses, name, is_single):
+def attack(core, addresses, name, verifies_once):
     """Skips bytes at each of these addresses; returns the numbers of attempts and of accepted images."""
     attempts, accepted = 0, 0
     for number, at in enumerate(addresses):
         for skip in SKIPS:
-            outcome = core.attempt(is_single, at, skip)
+            outcome = core.attempt(verifies_once, at, skip)
             if outcome is None:
                 break
             attempts += 1
@@ -144,11 +147,11 @@ def main():
     with tempfile.NamedTemporaryFile() as log:
         core = Core(os.environ["PLANTAR_PROGRAM"], log.name)
         checks = {"one check": True, "both checks": False}
-        for is_single in checks.values():
-            check(core, is_single)
+        for verifies_once in checks.values():
+            check(core, verifies_once)
         # An attack makes the core execute data too, so only the instructions that ran before the first attack count.
         addresses = instructions(log.name)[::every]
-        results = {name: attack(core, addresses, name, is_single) for name, is_single in checks.items()}
+        results = {name: attack(core, addresses, name, verifies_once) for name, verifies_once in checks.items()}
         gdb.execute("kill", to_string=True)
     with open(os.environ["PLANTAR_SKIPS"], "w") as file:
         json.dump(results, file)

@@ -129,7 +129,7 @@ impl FaultDetector {
     /// Processes a frame in which the foot is not lifted, or not for long enough. `is_down` states whether the foot is on the
     /// ground. True if the frame interrupts a review that has changed baselines.
     #[inline(always)]
-    pub(crate) fn pause(&mut self, is_down: bool) -> bool {
+    pub(crate) fn interrupt_review(&mut self, is_down: bool) -> bool {
         let is_changed = is_down && self.next_cell.is_some() && self.review.rezeroed > 0;
         if is_down {
             // A review that this stance interrupts is abandoned.

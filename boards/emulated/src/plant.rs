@@ -56,7 +56,7 @@ pub struct PlantMatrix {
 }
 
 impl PlantMatrix {
-    /// Opens the file of codes; without it the matrix never answers.
+    /// Opens the file of codes; without it, each read fails.
     pub fn open(port: &'static Port, cells: usize) -> Self {
         Self { port, file: File::open(MATRIX_FILE).ok(), cells, rows_ready: 0 }
     }
@@ -89,7 +89,7 @@ impl Matrix for PlantMatrix {
             return Ok(());
         }
         with_timeout(ANSWER_TIMEOUT, self.row_ready(seq, row)).await.map_err(|_| MatrixTimeout)?;
-        // Reads all rows that are ready, because each access to the file stops the emulator.
+        // Reads all rows that are ready, because each access to the file halts the emulated core.
         let mut bytes = [0; 2 * DEVICE_CELLS];
         let end = (self.rows_ready * COLUMNS).min(self.cells).min(DEVICE_CELLS);
         let start = (row * COLUMNS).min(end);
@@ -104,8 +104,8 @@ impl Matrix for PlantMatrix {
     }
 }
 
-/// Signalled after processing has evaluated a frame, if fewer frames are pending than the queue can hold. The evaluated frame is
-/// still pending at that moment, until its step, load bout and alert are complete.
+/// Signals that the queue has room: processing has evaluated a frame, and fewer frames are pending than the queue can hold. The
+/// evaluated frame counts as pending until its step, load bout and alert are complete.
 pub static FRAME_EVALUATED: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 
 /// The frame clock of the emulated board.

@@ -84,13 +84,13 @@ const STATUS_BYTES: u8 = 4;
 
 /// The peripherals that the radio uses.
 pub struct Parts {
-    /// For the scheduler of the radio.
+    /// For the scheduler of the radio, Nordic's Multiprotocol Service Layer (MPSL).
     pub scheduler: SchedulerPeripherals<'static>,
     /// For the Bluetooth controller.
     pub controller: ControllerPeripherals<'static>,
     /// For the keys of bonds, by way of the command LE Rand.
     pub rng: Peri<'static, peripherals::RNG>,
-    /// The low-frequency crystal oscillates.
+    /// True if the 32.768 kHz crystal has started; otherwise the radio uses the RC oscillator.
     pub has_crystal: bool,
 }
 
@@ -108,7 +108,7 @@ pub async fn run(
     let layer = match MultiprotocolServiceLayer::new(parts.scheduler, Irqs, clock) {
         Ok(layer) => SCHEDULER.init(layer),
         Err(error) => {
-            defmt::error!("radio: the scheduler does not start: {}", error);
+            defmt::error!("radio: the scheduler (MPSL) does not start: {}", error);
             counters.radio_failed(0);
             pending().await
         }

@@ -26,7 +26,7 @@ const OFFER: Offer = Offer { header: RUNNING, chunks: (SECTOR as usize / CHUNK) 
 
 /// The check that is attacked: true for that of `embassy-boot` alone, false for that of the firmware, which verifies the
 /// signature twice. The script sets it.
-static IS_SINGLE: AtomicBool = AtomicBool::new(false);
+static VERIFIES_ONCE: AtomicBool = AtomicBool::new(false);
 
 type Sector = [AtomicU8; SECTOR as usize];
 /// The sector that will contain the image. It must be erased first.
@@ -110,7 +110,7 @@ fn main() -> ! {
 #[inline(never)]
 fn check(update: &mut Update) {
     // Without the black box, the compiler would conclude that the flag is never true, because only the debugger sets it.
-    if black_box(&IS_SINGLE).load(Ordering::Relaxed) {
+    if black_box(&VERIFIES_ONCE).load(Ordering::Relaxed) {
         let (chip, mut word) = (Mutex::new(Chip), [0; STATE_WORD]);
         let config =
             FirmwareUpdaterConfig { dfu: Partition::<_, CHUNK>::new(&chip, OTHER), state: state_partition(&chip) };

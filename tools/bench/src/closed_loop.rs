@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 
 /// Number of walkers.
 const WALKERS: usize = 3;
-/// Number of steps of each walker.
+/// Number of trials of each walker. In this data set, each trial is one step.
 const TRIALS: usize = 30;
 /// The device's usual number of cells.
 const CELLS: usize = 240;

@@ -255,7 +255,7 @@ impl<C: Carrier> Client<C> {
             })?;
             let is_last = cells.len() < SETUP_CELLS;
             all.extend(cells);
-            // Whatever an insole sends, it has no more cells.
+            // No insole has more cells, so that the loop ends whatever the insole sends.
             if is_last || all.len() >= DEVICE_CELLS {
                 return Ok(all);
             }

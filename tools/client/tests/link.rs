@@ -161,10 +161,9 @@ fn a_message_that_cannot_be_sent_ends_the_session() {
     assert!(matches!(link.next_event(), Ok(Event::Lost(Error::Carrier(_)))));
 }
 
-/// A request without an answer ends the session. Callers send their requests at the start of each session, so they send this one
-/// again.
+/// Callers send their requests at the start of each session, so they send a request that was not answered again.
 #[test]
-fn a_request_without_an_answer_is_repeated_in_another_session() {
+fn a_request_without_an_answer_ends_the_session_and_a_refused_one_does_not() {
     let insole = Insole::new();
     let mut link = insole.connect().expect("an insole");
     link.start().expect("the insole streams");
@@ -406,9 +405,9 @@ fn a_status_that_is_lost_in_a_restart_is_soon_requested_again() {
     assert!(elapsed_us < 1_000_000, "{elapsed_us} us");
 }
 
-/// The insole may have installed the image and restarted, and would then not know the request.
+/// The insole may have installed the image and restarted, and would then not know the request. Its answer is awaited for 30 s.
 #[test]
-fn the_end_of_an_update_that_is_not_answered_is_not_repeated() {
+fn a_request_to_finish_an_update_that_is_not_answered_is_not_repeated() {
     let insole = Restarting { session: Session::new(), boots: 1, is_restart_due: false };
     let mut client = Client::connect(insole, Duration::from_secs(5)).expect("an insole");
     let start_us = NOW_US.get();

@@ -185,7 +185,7 @@ impl Circuit<'_> {
                 let supply_a = if on { LOAD_SWITCH_SUPPLY_A.value } else { 0.0 };
                 self.line(format_args!("R_{name} {input} {} {ohm:e}", end("VOUT")));
                 self.line(format_args!("I_{name} {} {} {supply_a:e}", end("VIN"), end("GND")));
-                // A node with capacitors alone has no steady state.
+                // A node without a path for direct current has no operating point.
                 self.line(format_args!("R_{name}_rise {} 0 1e9", end("CT")));
                 // A resistor pulls the pin ON up to the supply, unless the controller pulls it down.
                 if !on {

@@ -140,8 +140,8 @@ pub const DIRECT: &str = "direct";
 pub const LIVE: &str = "live";
 /// [`Identified::filter`] for the paper's smoothing of the area.
 pub const SMOOTHED: &str = "smoothed";
-/// The name of [`SMOOTHED`] in files that Plantar 0.2 wrote.
-const SMOOTHED_IN_0_2: &str = "step";
+/// The former name of [`SMOOTHED`], in files that were written when insoles smoothed as in the paper.
+const FORMERLY_SMOOTHED: &str = "step";
 /// [`Identified::side`] of both feet.
 const BOTH: &str = "both";
 
@@ -234,7 +234,7 @@ impl Parameters {
         // The loop returns an error unless it fills every slot.
         let regions = regions.map(|region| region.expect("the loop fills every slot"));
         let identified = file.identified.map(|i| Identified {
-            filter: if i.filter == SMOOTHED_IN_0_2 { SMOOTHED.into() } else { i.filter },
+            filter: if i.filter == FORMERLY_SMOOTHED { SMOOTHED.into() } else { i.filter },
             contact: ContactRule { on_kpa: i.contact_on_kpa, off_kpa: i.contact_off_kpa, full_kpa: i.contact_full_kpa },
             side: i.side,
             steps: i.steps,
@@ -298,8 +298,8 @@ impl Parameters {
             "# Plantar tissue parameters: one viscoelastic ellipsoid for each region of the foot.\n\
              # a_mm, b_mm, c_mm  radii: medial-lateral, heel-toe, vertical\n\
              # d0_mm             thickness of the unloaded tissue\n\
-             # k_n_m3, n         stiffness k (d/d0)^n, N/m3\n\
-             # c_n_s_m3, m       damping c (d/d0)^m, N s/m3\n\
+             # k_n_m3, n         stiffness k (delta/d0)^n, N/m3; delta is the deformation\n\
+             # c_n_s_m3, m       damping c (delta/d0)^m, N s/m3\n\
              # A force trace determines a_mm * b_mm but not a_mm / b_mm, and neither c_mm nor d0_mm: see docs/model.md.\n\n",
         );
         // Writing to a String does not fail.
@@ -335,12 +335,14 @@ impl Parameters {
                 let _ = writeln!(text, "{name} = {value:?}{comment}");
             }
             if scale != DeformationScale::Assumed {
-                let percent = scale.assumed_percent();
-                let _ = writeln!(
-                    text,
-                    "deformation_scale = {:?} # share of assumption: {percent} % of thickness and compression",
-                    scale.name()
-                );
+                let source = match scale {
+                    DeformationScale::Measured => "thickness and compression are measured",
+                    DeformationScale::AssumedThickness => "the thickness is assumed, the compression measured",
+                    DeformationScale::AssumedCompression => "the compression is assumed, the thickness measured",
+                    DeformationScale::Assumed => "thickness and compression are assumed",
+                };
+                let _ =
+                    writeln!(text, "deformation_scale = {:?} # C = thickness * compression: {source}", scale.name());
             }
         }
         text

@@ -40,7 +40,8 @@ interface Interval {
   jacobian: [number | null, number | null];
   /** The value is at a bound of the search. */
   at_bound: boolean;
-  /** The measured forces sufficed to determine this parameter. False, for example, for `m` if the damping is 0. */
+  /** The parameter is identifiable: the measured forces determine it. False for `m` if the damping is 0, and for a parameter that
+   * remains nearly as uncertain as it is among people. */
   told: boolean;
 }
 

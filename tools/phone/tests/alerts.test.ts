@@ -15,8 +15,9 @@ const wire = await loadWire();
 /** Replaces the document of the page. */
 const page = Object.assign(new EventTarget(), { hidden: false });
 const vibrate = vi.fn();
-/** The texts that the browser stores, and the page's handler of changes of them by other tabs. */
+/** The contents of `localStorage`. */
 const items = new Map<string, string>();
+/** The page's handler of changes of `localStorage` by other tabs. */
 let storageChanged: (event: { key: string }) => void;
 
 beforeEach(() => {
@@ -119,7 +120,7 @@ test("the reason of a refusal is that of an insole that was asked", () => {
   expect(note.content).toContain("The reason: busy.");
 });
 
-test("rules that an insole could not store, but that are in force, are shown as in force", () => {
+test("rules that are in force although the insole refused the request are shown as in force", () => {
   const all = start();
   turnOn(all);
   all.right.receive(rules(true));
@@ -156,7 +157,7 @@ test("a signal in a hidden page is repeated when the page becomes visible, unles
   expect(vibrate).toHaveBeenCalledTimes(2);
 });
 
-test("an alert that the wearer has not closed is shown after the page was ended, and a dose is not replaced by a later alert", () => {
+test("an alert that the wearer has not closed is shown after the page was ended, and an alert about a dose is not replaced by a later alert", () => {
   const alert = (advice: string, dose: string[]) => ({ side: "left", starts_ago: 0, start_s: 0, sustained: [], dose, advice }) as unknown as Alert;
   const stored = (age_s: number, advice: string, dose: string[] = []) => ({ alert: alert(advice, dose), start_unix_s: Date.now() / 1000 - age_s });
   const shown = () => JSON.parse(element("alert-text").content).map((node: string[]) => node[2]);

@@ -168,8 +168,8 @@ fn parameters_and_their_contact_rule_are_set_together() {
     parameters.personal = true;
     parameters.identified =
         Some(Identified { filter: DIRECT.into(), contact: ContactRule::COVERED, side: "right".into(), steps: 31 });
-    // In files that Plantar 0.2 wrote, the filter "step" is the smoothing of the paper, which the insoles of Plantar 0.2 applied.
-    // Present insoles do not apply it, so such parameters must be identified again.
+    // In former files, the filter "step" is the smoothing of the paper. Insoles applied it then, but do not any more, so such
+    // parameters must be identified again.
     std::fs::write(path.join("params.toml"), parameters.to_toml()).expect("written");
     let text = std::fs::read_to_string(path.join("params.toml")).expect("a file");
     std::fs::write(path.join("old.toml"), text.replace("\"direct\"", "\"step\"")).expect("written");

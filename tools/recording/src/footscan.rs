@@ -2,7 +2,7 @@
 //! (`.xls`) or its text, in which tabs or semicolons separate the fields.
 //!
 //! `Left foot data` or `Right foot data` begins a foot. Each frame begins with `Frame`, its number and its time in ms, and
-//! contains the force on each cell in N. The first row is at the lower edge of the plate, as seen from above.
+//! contains the force on each cell in N. The first row is at the lower edge of the picture of the plate in plan view.
 
 use crate::grid::{Foot, Frames, Grid, MAX_LINES, SWING_S, Toes};
 use crate::table::{at_line, file_name};

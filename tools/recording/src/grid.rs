@@ -228,6 +228,7 @@ impl Foot {
             cells.iter_mut().for_each(|cell| cell.x_mm = -cell.x_mm);
         }
         place_at_origin(&mut cells, &under_foot, half_mm);
+        note_partial_foot(&cells, &under_foot, half_mm, remarks);
         template::assign_within(&mut cells, &under_foot);
         let unchecked = UncheckedRecording { side, cells, t_s: frames.t_s, pressure_kpa, name, source };
         let recording = unchecked.recording(path, remarks)?;
@@ -294,6 +295,25 @@ fn turn_toes_to_top(cells: &mut [Cell], under_foot: &[bool], pressure_kpa: &[f32
         (cell.x_mm, cell.y_mm) = (y * cell.x_mm - x * cell.y_mm, x * cell.x_mm + y * cell.y_mm);
     }
     x != 0.0
+}
+
+/// Adds to `remarks` if the loaded cells do not extend over a whole foot, to which the template is fitted. `half_mm` is half the
+/// size of a cell along x and y; the edges of the cells under the foot touch both axes.
+fn note_partial_foot(cells: &[Cell], under_foot: &[bool], half_mm: [f64; 2], remarks: &mut Vec<String>) {
+    /// Smallest plausible ratio of length to width. That of a footprint of an adult is about 2.5, that of a small child above 2.
+    const LEAST_RATIO: f64 = 2.0;
+    let most = |along: fn(&Cell) -> f64| {
+        let foot = cells.iter().zip(under_foot).filter(|(_, is_under)| **is_under);
+        foot.map(|(cell, _)| along(cell)).fold(0.0, f64::max)
+    };
+    let (width_mm, length_mm) = (most(|c| c.x_mm) + half_mm[0], most(|c| c.y_mm) + half_mm[1]);
+    if length_mm < LEAST_RATIO * width_mm {
+        remarks.push(format!(
+            "The loaded cells are {length_mm:.0} mm long and {width_mm:.0} mm wide, so a part of the foot, such as the heel or the \
+             toes, seems to carry no load in any frame. The regions are those of a whole foot of this length, and wrong for this \
+             one: import by `csv`, with a layout that states the regions, or include frames in which the whole foot is loaded."
+        ));
+    }
 }
 
 /// Moves the cells, so that the edges of the cells under the foot touch both axes. `half_mm` is half the size of a cell along x

@@ -45,7 +45,9 @@ pub fn of(t_s: &[f64], place: &dyn Fn(At) -> String) -> Result<f64> {
     // With one rate, the times are those of a straight line. With two, the mean rate would change the length of every step.
     let most = (LINE_SHARE * t_s.len() as f64).max(LINE_FRAMES);
     let off_line = |i: usize| ((t_s[i] - t_s[0]) * rate_hz - i as f64).abs();
-    if let Some(i) = (0..t_s.len()).find(|&i| off_line(i) > most) {
+    // Where the rate changes, the distance from the line is largest.
+    let farthest = (0..t_s.len()).max_by(|&a, &b| off_line(a).total_cmp(&off_line(b)));
+    if let Some(i) = farthest.filter(|&i| off_line(i) > most) {
         return Err(Error::content(
             place(At::Frame(i)),
             format!("the frame is {:.0} frames from its place at the mean rate of {rate_hz:.2} Hz", off_line(i)),

@@ -79,7 +79,7 @@ fn times_rounded_to_milliseconds_result_in_the_true_rate() {
 fn a_change_of_the_rate_is_rejected_at_its_line() {
     let times = (0..500).map(|i| if i < 250 { f64::from(i) * 0.01 } else { 2.5 + f64::from(i - 250) * 0.014 });
     let frames: String = times.map(|t_s| format!("{t_s:.3},1,2\n")).collect();
-    assert_refused(LAYOUT, &format!("t_s,c0,c1\n{frames}"), &["frames.csv:", "the rate changes"]);
+    assert_refused(LAYOUT, &format!("t_s,c0,c1\n{frames}"), &["frames.csv:252:", "the rate changes"]);
 }
 
 #[test]

@@ -212,6 +212,19 @@ fn saturated_cells_lead_to_a_remark() {
     assert!(!import(&tekscan(&["490,7,9", "0,0,3"])).contains("SATURATION"));
 }
 
+/// The cells are 5 mm long and wide.
+#[test]
+fn a_foot_of_which_the_heel_is_never_loaded_leads_to_a_remark() {
+    let remarks = |rows: usize| {
+        let row = ["100"; 18].join(",");
+        let text = tekscan(&vec![row.as_str(); rows]);
+        parse(Format::Tekscan, "walk.asf", text.as_bytes(), None).unwrap().remarks.join(" ")
+    };
+    let forefoot = remarks(24);
+    assert!(forefoot.contains("regions are those of a whole foot"), "{forefoot}");
+    assert!(!remarks(48).contains("whole foot"));
+}
+
 #[test]
 fn values_without_a_known_separator_are_refused_with_the_reason_and_one_at_the_end_is_ignored() {
     let text = tekscan(&["200,7,9", "0,0,1"]);
