@@ -36,6 +36,9 @@ pub struct BootReport {
     pub fault: Option<String<MAX_FAULT_TEXT>>,
     /// Number of successive starts that failed before this one.
     pub failed_starts: u32,
+    /// A person who has the insole in hand has started it: it was switched on after its RAM had lost its contents, or reset by its
+    /// pin. A short interruption of the supply, as by a battery contact that bounces, does not count.
+    pub is_started_by_user: bool,
 }
 
 impl BootReport {

@@ -247,7 +247,12 @@ impl HostInsole {
         let resources = BootResources {
             chip: self.chip.clone(),
             is_chip_silent: self.is_chip_silent,
-            report: BootReport { reset: reason, fault: cause.and_then(crash_text), failed_starts: self.failed_starts },
+            report: BootReport {
+                reset: reason,
+                fault: cause.and_then(crash_text),
+                failed_starts: self.failed_starts,
+                is_started_by_user: matches!(reason, Reset::Power | Reset::Pin),
+            },
             image: Box::leak(Box::new(header)),
             content: content.leak(),
             matrix: HostMatrix { wearer: self.wearer.clone(), reference },

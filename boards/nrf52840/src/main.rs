@@ -98,6 +98,9 @@ static TO_SEND: ConstStaticCell<[u8; 160]> = ConstStaticCell::new([0; 160]);
 /// The receive buffer of the link, which is longer than the longest message to the insole.
 static RECEIVED: ConstStaticCell<[u8; 288]> = ConstStaticCell::new([0; 288]);
 
+/// Number of cycles before the strap is read: 50 us.
+const STRAP_CYCLES: u32 = 3_200;
+
 /// Determines why the board started, and clears the flags. Power-on and a brown-out set no flag.
 fn take_reset_reason() -> Reset {
     let flags = pac::POWER.resetreas().read();
@@ -113,7 +116,8 @@ fn take_reset_reason() -> Reset {
         Reset::Panic
     } else if flags.sreq() {
         Reset::Software
-    } else if flags == Resetreas(0) {
+    } else if flags == Resetreas(0) || flags.vbus() {
+        // The second one ends the state in which the board is off, because its battery was empty.
         Reset::Power
     } else {
         Reset::Unknown
@@ -209,6 +213,8 @@ async fn run(boot: BootReport, image: &'static Header, p: Peripherals, has_cryst
     core::mem::forget(Output::new(p.P0_14, Level::Low, OutputDrive::Standard));
     // The strap is connected to ground on a right insole.
     let strap = Input::new(p.P0_05, Pull::Up);
+    // The pull-up charges the line, with its protection, in some microseconds.
+    cortex_m::asm::delay(STRAP_CYCLES);
     let mut matrix = ResistiveMatrix {
         adc: p.SAADC,
         inputs: [p.P0_02.degrade_saadc(), p.P0_03.degrade_saadc(), p.P0_28.degrade_saadc(), p.P0_29.degrade_saadc()],
@@ -221,9 +227,10 @@ async fn run(boot: BootReport, image: &'static Header, p: Peripherals, has_cryst
         supply: line(p.P0_04.into()),
         timer: Microseconds::new(p.TIMER2),
         measured_at: Instant::now(),
+        empty_readings: 0,
     };
     let side = if strap.is_low() { Side::Right } else { Side::Left };
-    let is_started_by_user = matches!(boot.reset, Reset::Power | Reset::Pin);
+    let is_started_by_user = boot.is_started_by_user;
     let configuration = Configuration {
         setup: layout::setup(side),
         cells: layout::cells(),

@@ -6,6 +6,7 @@
 use crate::clock::Microseconds;
 use core::cell::Cell;
 use core::future::poll_fn;
+use core::ops::Range;
 use core::pin::pin;
 use core::sync::atomic::{AtomicU8, AtomicU16, Ordering};
 use core::task::Poll;
@@ -13,7 +14,7 @@ use embassy_nrf::gpio::Output;
 use embassy_nrf::saadc::{
     AnyInput, ChannelConfig, Config, Gain, InterruptHandler, Oversample, Reference, Resolution, Saadc, Time, VddInput,
 };
-use embassy_nrf::{Peri, bind_interrupts, peripherals};
+use embassy_nrf::{Peri, bind_interrupts, pac, peripherals};
 use embassy_time::{Duration, Instant, Timer, with_timeout};
 use nrf52840_drivers::battery;
 use plantar::firmware::board::{Matrix, MatrixTimeout};
@@ -45,6 +46,12 @@ const ROW_TIMEOUT: Duration = Duration::from_millis(5);
 const BATTERY_TIMEOUT: Duration = Duration::from_millis(5);
 /// Time between two measurements of the battery.
 const BATTERY_PERIOD: Duration = Duration::from_secs(10);
+
+/// Range of the voltage of an empty lithium-polymer cell, mV: a further discharge would damage it, and a damaged one must not be
+/// charged. With a lower voltage there is no cell, and the board has another supply.
+const EMPTY_MV: Range<u32> = 1_000..3_000;
+/// Number of successive measurements of an empty cell after which the board switches itself off.
+const EMPTY_READINGS: u8 = 3;
 
 /// Factor from the converter's 14 bits to a code, which has the scale of a sum of 16 conversions of 12 bits.
 const CODES_PER_STEP: u16 = 4;
@@ -124,6 +131,8 @@ pub struct ResistiveMatrix {
     pub timer: Microseconds,
     /// When the battery was last measured.
     pub measured_at: Instant,
+    /// Number of successive measurements of an empty cell.
+    pub empty_readings: u8,
 }
 
 impl ResistiveMatrix {
@@ -140,10 +149,23 @@ impl ResistiveMatrix {
         let channels = [battery, ChannelConfig::single_ended(VddInput)];
         let mut adc = Saadc::new(self.adc.reborrow(), Irqs, Config::default(), channels);
         let mut codes = [0; 2];
-        if with_timeout(BATTERY_TIMEOUT, adc.sample(&mut codes)).await.is_ok() {
-            let percent = battery::percent(battery::millivolts(codes[0]));
-            BATTERY_PERCENT.store(percent, Ordering::Relaxed);
-            SUPPLY_MV.store(battery::supply_millivolts(codes[1]), Ordering::Relaxed);
+        let is_measured = with_timeout(BATTERY_TIMEOUT, adc.sample(&mut codes)).await.is_ok();
+        drop(adc);
+        if !is_measured {
+            // The flash chip is not changed while its supply is unknown.
+            return SUPPLY_MV.store(0, Ordering::Relaxed);
+        }
+        let battery_mv = battery::millivolts(codes[0]);
+        BATTERY_PERCENT.store(battery::percent(battery_mv), Ordering::Relaxed);
+        SUPPLY_MV.store(battery::supply_millivolts(codes[1]), Ordering::Relaxed);
+        let is_charging = pac::POWER.usbregstatus().read().vbusdetect();
+        self.empty_readings = if EMPTY_MV.contains(&battery_mv) && !is_charging { self.empty_readings + 1 } else { 0 };
+        if self.empty_readings >= EMPTY_READINGS {
+            self.switch_off();
+            defmt::error!("the battery is empty: the board switches itself off until it is charged");
+            pac::POWER.systemoff().write(|w| w.set_systemoff(true));
+            // With a debug probe, the controller does not switch off, and continues here.
+            self.empty_readings = 0;
         }
     }
 

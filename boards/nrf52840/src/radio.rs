@@ -352,7 +352,7 @@ async fn execute(radio: &SoftdeviceController<'_>, parameters: &[u8], reply: &mu
 
 /// The Bluetooth configuration of this board.
 pub struct Nrf52840 {
-    /// The start was caused by power-on or the reset pin, and therefore by a person who has the insole in hand.
+    /// See `BootReport::is_started_by_user`.
     pub is_started_by_user: bool,
 }
 

@@ -52,6 +52,9 @@ fn is_supplied() -> bool {
     !pac::PWR.sr2().read().pvdo()
 }
 
+/// Time in which a chip leaves its power-down mode, us. A W25Q needs 3 us, and chips of other manufacturers up to 30 us.
+const WAKE_US: u64 = 30;
+
 /// Opens the chip once its supply is high enough and it is ready; the caller limits the time. Returns `None` if the chip does not
 /// return the same valid identity each time: a missing chip reads 0, and so does one that does not work yet.
 pub async fn open(
@@ -72,6 +75,9 @@ pub async fn open(
     // `Debug`: the first error lacks it, and the texts of the second would take kilobytes.
     let device = ExclusiveDevice::new(spi, select, Delay).unwrap_or_else(|_| unreachable!());
     let mut chip = W25::new_no_pins(device, LARGEST_CHIP).await.unwrap_or_else(|_| unreachable!());
+    // Other firmware may have left the chip in power-down mode, in which it ignores all other commands. As above, this cannot fail.
+    let _ = chip.disable_power_down_mode().await;
+    Timer::after_micros(WAKE_US).await;
     let mut first = None;
     for _ in 0..IDENTITY_READS {
         let identity = chip.jedec_id().await.ok().filter(|id| id.manufacturer() == JedecId::MANUFACTURER)?;

@@ -60,7 +60,7 @@ const WATCHDOG_MS: u16 = 1_000;
 const CRYSTAL_CHECKS: u32 = 1_000;
 const CRYSTAL_CHECK_CYCLES: u32 = 1_600;
 
-/// The trim of the crystal's load capacitance, 0 to 63, from `PLANTAR_HSE_TUNE`; without it, the value after a reset remains.
+/// The trim of the crystal's load capacitance, 0 to 63, from `PLANTAR_HSE_TUNE`; without it, that of [`programmed_trim`] applies.
 const CRYSTAL_TRIM: Option<u8> = match option_env!("PLANTAR_HSE_TUNE") {
     None => None,
     Some(text) => match u8::from_str_radix(text, 10) {
@@ -68,6 +68,12 @@ const CRYSTAL_TRIM: Option<u8> = match option_env!("PLANTAR_HSE_TUNE") {
         _ => panic!("PLANTAR_HSE_TUNE must be a number from 0 to 63"),
     },
 };
+/// The one-time programmable memory: records of eight bytes, the last of which is the identifier of the record.
+const ONE_TIME_RECORDS: *const [u8; 8] = 0x1fff_7000 as _;
+/// Number of these records.
+const ONE_TIME_COUNT: usize = 128;
+/// The identifier of a record of which byte 6 is the trim, and the byte's index.
+const TRIM_RECORD: (u8, usize) = (0, 6);
 /// Allows the next write to the register with the trim.
 const UNLOCK_TRIM: u32 = 0xcafe_cafe;
 
@@ -108,9 +114,20 @@ fn start_watchdog() {
     pac::IWDG.kr().write(|w| w.set_key(Key::START));
 }
 
+/// The trim that the manufacturer of a module has stored in the controller's one-time programmable memory, as ST's examples read it
+/// (`Config_HSE` in STM32CubeWB): in the last record of its kind.
+fn programmed_trim() -> Option<u8> {
+    let (kind, trim) = TRIM_RECORD;
+    let records = (0..ONE_TIME_COUNT).rev().map(|i| {
+        // SAFETY: the memory has this number of records, and reading it has no effect.
+        unsafe { ONE_TIME_RECORDS.add(i).read_volatile() }
+    });
+    records.into_iter().find(|record| record[7] == kind).map(|record| record[trim]).filter(|&trim| trim < 64)
+}
+
 /// Starts the crystal's oscillator. Switches it off and returns false if the crystal does not oscillate.
 fn start_crystal() -> bool {
-    if let Some(trim) = CRYSTAL_TRIM {
+    if let Some(trim) = CRYSTAL_TRIM.or_else(programmed_trim) {
         pac::RCC.hsecr().write_value(Hsecr(UNLOCK_TRIM));
         pac::RCC.hsecr().modify(|w| w.set_hsetune(trim));
     }
@@ -249,7 +266,7 @@ async fn main(spawner: Spawner) {
     let mut matrix = ResistiveMatrix::new(p.ADC1, p.DMA1_CH1, columns, address, rows_off, front_end);
     let side = if strap.is_low() { Side::Right } else { Side::Left };
     let select = Output::new(p.PB12, Level::High, Speed::Medium);
-    let is_started_by_user = matches!(boot.reset, Reset::Power | Reset::Pin);
+    let is_started_by_user = boot.is_started_by_user;
     let chip = flash::open(p.SPI2, p.PB13, p.PB15, p.PB14, p.DMA1_CH2, p.DMA1_CH3, select);
     let configuration = Configuration {
         setup: layout::setup(side),

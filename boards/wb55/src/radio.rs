@@ -17,6 +17,7 @@ use embedded_io_async::Read;
 use heapless::Vec;
 use plantar::firmware::board::BluetoothBoard;
 use plantar::firmware::scan::ScanCounters;
+use wb55_mailbox::connected::with_peer_address;
 use wb55_mailbox::system::{SystemEvent, reply_status};
 use wb55_mailbox::{
     BLE_INIT_OPCODE, Ble, BleInit, COMMAND, EVENT, H4_COMMAND, H4_DATA, H4_EVENT, H4_SYSTEM_COMMAND, Memory, Node,
@@ -57,16 +58,19 @@ const PREVIOUS: u32 = 4;
 /// Offset of the H4 byte in a packet, after its node.
 const H4: u32 = size_of::<Node>() as u32;
 
-/// Empties a queue that belongs to this core, and returns its packets; `None` if it was empty.
+/// Takes the packets from a queue that belongs to this core; `None` if it was empty. More packets than expected remain in the queue.
 fn drain(queue: u32) -> Option<Packets> {
     let mut packets = Packets::new();
     let mut packet = read(queue + NEXT);
     while packet != queue && packets.push(packet).is_ok() {
         packet = read(packet + NEXT);
     }
-    // The queue is empty from now on.
-    write(queue + NEXT, queue);
-    write(queue + PREVIOUS, queue);
+    if packet == queue {
+        write(queue + PREVIOUS, queue);
+    } else {
+        write(packet + PREVIOUS, queue);
+    }
+    write(queue + NEXT, packet);
     Some(packets).filter(|packets| !packets.is_empty())
 }
 
@@ -217,7 +221,10 @@ async fn receive(host: &HciPipe) -> ! {
             let h4 = bytes(packet);
             // System events are not for the host.
             if matches!(h4[0], H4_EVENT | H4_DATA) {
-                host.write_all(h4).await;
+                match with_peer_address(h4) {
+                    Some(corrected) => host.write_all(&corrected).await,
+                    None => host.write_all(h4).await,
+                }
             }
             // Answers have buffers of their own, which are not returned.
             if ![at!(ble_command), at!(ble_status)].contains(&packet) {
@@ -251,7 +258,7 @@ async fn send(mut host: &HciPipe) -> ! {
 
 /// The Bluetooth configuration of this board.
 pub struct Wb55 {
-    /// The start was caused by power-on or the reset pin, and therefore by a person who has the insole in hand.
+    /// See `BootReport::is_started_by_user`.
     pub is_started_by_user: bool,
 }
 

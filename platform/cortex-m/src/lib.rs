@@ -193,7 +193,8 @@ pub fn boot_report(controller_reset: Option<Reset>) -> BootReport {
         _ if reset == Reset::Panic => text.push("fault in a fault handler"),
         _ => &mut text,
     };
-    BootReport { reset, fault: Some(text.0).filter(|text| !text.is_empty()), failed_starts }
+    let is_started_by_user = reset == Reset::Pin || reset == Reset::Power && before.is_none();
+    BootReport { reset, fault: Some(text.0).filter(|text| !text.is_empty()), failed_starts, is_started_by_user }
 }
 
 /// A text that is composed without `core::fmt`.

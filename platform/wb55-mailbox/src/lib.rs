@@ -7,6 +7,7 @@
 #![allow(missing_docs, reason = "the fields are those of ST's headers, in the same order")]
 
 pub mod channels;
+pub mod connected;
 pub mod system;
 
 /// Length of the longest command, bytes. Like every packet, it begins with its H4 byte, which states the kind of the packet.

@@ -13,8 +13,9 @@ pub enum Error {
     Open(Box<dyn std::error::Error + Send + Sync>),
     /// No answer within this time; and the number of damaged frames that have arrived so far, also before the request.
     #[error(
-        "no insole answered within {0:?} ({1} damaged frames): another program may be connected to it, which must be closed \
-         first; otherwise check the port, the wiring (docs/hardware.md) and the bit rate"
+        "no insole answered within {0:?} ({1} damaged or unknown frames): another program may be connected to it, which must be \
+         closed first; if frames were damaged or unknown, its firmware may be older or newer than this program, or the bit rate is \
+         another one; otherwise check the port and the wiring (docs/hardware.md)"
     )]
     NoAnswer(Duration, u32),
     /// The insole was expected to restart. It answers, but did not restart within the time of the

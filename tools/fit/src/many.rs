@@ -7,8 +7,9 @@ use crate::identify::{Identified, NonNegativeForce};
 use crate::prior::{self, Coordinates, Prior};
 use nalgebra::{Matrix5, Vector5};
 
-/// With more steps than this number, the methods of this module are used.
-pub(crate) const MANY: usize = 200;
+/// With more steps than this number, the methods of this module are used. A page has at most 60 steps of each foot, and so does not
+/// contain them.
+pub(crate) const MANY: usize = if cfg!(feature = "parallel") { 200 } else { usize::MAX };
 
 /// At most [`MANY`] of these elements, evenly spaced, in their order.
 pub(crate) fn spread<T: Copy>(all: &[T]) -> Vec<T> {

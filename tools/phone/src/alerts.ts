@@ -2,8 +2,9 @@
 
 import { store, stored } from "./browser_storage";
 import { PhoneCues } from "./cues";
+import { dayOf } from "./days";
 import { type Node, byId, fill } from "./dom";
-import { regionTitle, timeText } from "./format";
+import { regionTitle, timeOfDayText, timeText } from "./format";
 import type { Alert, DailyLoad, DailyRegion, Side } from "./generated/quantities";
 import type { Insoles } from "./insoles";
 import type { InsoleAnswer, Session } from "./session";
@@ -143,9 +144,8 @@ export class Alerts {
         this.unchanged().forEach((session) => session.send(this.wire.getAlertRules()));
       }, ANSWER_MS);
     };
-    for (const key of ["alert_sound", "alert_vibration"] as const) {
-      const box = byId(key.replace("_", "-"), HTMLInputElement);
-      box.checked = this.settings[key];
+    this.showSettings();
+    for (const [key, box] of this.boxes()) {
       box.onchange = () => {
         this.settings[key] = box.checked;
         saveSettings(() => localStorage, this.settings);
@@ -157,6 +157,16 @@ export class Alerts {
     document.addEventListener("visibilitychange", () => {
       if (!document.hidden && this.shown.length > 0) this.signal();
     });
+  }
+
+  /** The boxes of the settings that concern alerts. */
+  private boxes(): ["alert_sound" | "alert_vibration", HTMLInputElement][] {
+    return [["alert_sound", byId("alert-sound", HTMLInputElement)], ["alert_vibration", byId("alert-vibration", HTMLInputElement)]];
+  }
+
+  /** Shows the settings, which may have been changed in another tab. */
+  showSettings(): void {
+    for (const [key, box] of this.boxes()) box.checked = this.settings[key];
   }
 
   /** The insole of a session answered a request. */
@@ -209,8 +219,18 @@ export class Alerts {
   private draw(): void {
     byId("alert").hidden = this.shown.length === 0;
     fill("alert-text", this.shown.map(({ alert, raised_ms }): Node => {
-      return ["p", {}, alert.advice, " ", ["small", {}, `Raised at ${timeText(raised_ms / 1000)}.`]];
+      // No further alert can come for some time, so a region that is under sustained load now is added to this one.
+      const later = this.present(alert.side)?.sustained.filter((name) => ![...alert.sustained, ...alert.dose].includes(name)) ?? [];
+      const regions = later.map((name) => regionTitle(name).toLowerCase()).join("; ");
+      const added = regions ? [` Now also here: ${regions}.`] : [];
+      return ["p", {}, alert.advice, ...added, " ", ["small", {}, `Raised at ${timeText(raised_ms / 1000)}.`]];
     }));
+  }
+
+  /** The load of the day of a foot, unless its insole is not connected: what it reported before may not be true any more. */
+  private present(side: Side): DailyLoad | undefined {
+    const session = this.insoles.of(side);
+    return session?.state === "live" ? session.daily : undefined;
   }
 
   /** Pauses the alerts of both feet: a wearer who has no time to unload one foot has none for the other. */
@@ -253,17 +273,15 @@ export class Alerts {
   /** The feet without alerts, and the time until one of them can have an alert again, as sentences; `undefined` without a pause. */
   pauseText(): { feet: string; rest: string } | undefined {
     const rest_s = (side: Side) => {
-      const session = this.insoles.of(side);
-      // What an insole reported before its connection was lost may not be true any more.
-      const reported_s = (session?.state === "live" && session.daily?.snoozed_s) || 0;
+      const reported_s = this.present(side)?.snoozed_s ?? 0;
       return Math.max(reported_s, ((this.pauses.get(side) ?? 0) - Date.now()) / 1000);
     };
     const paused = SIDES.filter((side) => rest_s(side) > 0);
     if (paused.length === 0) return undefined;
     const min = Math.ceil(Math.min(...paused.map(rest_s)) / 60);
     return {
-      feet: paused.length === 1 ? `The alerts of the ${paused[0]} foot are paused.` : "The alerts are paused.",
-      rest: `No alert for another ${min} ${min === 1 ? "minute" : "minutes"}.`,
+      feet: paused.length === 1 ? `No alert of the ${paused[0]} foot can come now.` : "No alert can come now.",
+      rest: `The next one can come in ${min} ${min === 1 ? "minute" : "minutes"}: alerts pause after each alert, and when you ask for it.`,
     };
   }
 
@@ -290,6 +308,22 @@ export class Alerts {
     const day_starts = new Set([...ownDayStarts(), String(dayStartMinutes())]);
     store(() => localStorage, DAY_STARTS_KEY, [...day_starts].join(","));
     session.send(this.wire.setAlerts(alert_rules, is_on, dayStartMinutes()));
+  }
+
+  /** Sentences on loads of the day that are not of the whole day of this device, or not of the present. */
+  private dayNotes(): string[] {
+    if (this.insoles.transport?.is_replay) return [];
+    return SIDES.flatMap((side) => {
+      const session = this.insoles.of(side);
+      if (!session?.daily) return [];
+      const { day_start_min, daily_unix_s } = session;
+      const is_other = day_start_min !== undefined && day_start_min !== dayStartMinutes();
+      const start = (day_start_min ?? 0) - dayStartMinutes();
+      return [
+        ...(is_other ? [`The day of the ${side} insole begins at ${timeOfDayText(start)}.`] : []),
+        ...(session.state === "live" ? [] : [`The values of the ${side} foot are those of ${timeText(daily_unix_s)}.`]),
+      ];
+    });
   }
 
   private connected(): Session[] {
@@ -334,26 +368,31 @@ export class Alerts {
       const why = refused.length > 0 && this.refusal ? [`The reason: ${this.refusal}.`] : [];
       fill("alerts-note", [[...partly, ...refused, ...why].join(" ")]);
     }
+    // An alert that is shown can concern further regions now.
+    if (this.shown.length > 0) this.draw();
     const feet = SIDES.map((side) => this.insoles.of(side));
-    const daily = feet.map((session) => session?.daily);
-    // What an insole reported before its connection was lost may not be true any more.
-    const present = feet.map((session) => (session?.state === "live" ? session.daily : undefined));
+    const today = dayOf(Date.now() / 1000);
+    // A load that arrived before midnight is not that of today.
+    const isOfToday = (session: Session | undefined) => session && dayOf(session.daily_unix_s) === today;
+    const daily = feet.map((session) => (isOfToday(session) ? session?.daily : undefined));
+    const present = SIDES.map((side) => this.present(side));
     byId("today").hidden = daily.every((load) => !load);
-    const cell = (value: (region: DailyRegion) => string, name: string) =>
-      daily.map((load): Node => {
+    const cell = (value: (region: DailyRegion) => string, name: string, mark: readonly string[] = []) =>
+      daily.map((load, foot): Node => {
         const region = load?.regions[name];
-        return ["td", {}, region ? value(region) : "–"];
+        return ["td", {}, region ? value(region) + (mark[foot] ?? "") : "–"];
       });
     const minutes = ({ sustained_s }: DailyRegion) => (sustained_s / 60).toFixed(0);
     const dose = ({ dose_kpa_s }: DailyRegion) => dose_kpa_s.toFixed(0);
-    fill(byId("today").querySelector("tbody"), this.wire.facts.regions.map(({ name }): Node => {
-      const is_sustained = present.some((load) => load?.sustained.includes(name));
-      const title: Node = ["th", { scope: "row" }, regionTitle(name), ...(is_sustained ? [" ●"] : [])];
-      return ["tr", {}, title, ...cell(minutes, name), ...cell(dose, name)];
+    // From the toes to the heel, as in the live view.
+    const names = this.wire.facts.regions.map(({ name }) => name).reverse();
+    fill(byId("today").querySelector("tbody"), names.map((name): Node => {
+      const mark = present.map((load) => (load?.sustained.includes(name) ? " ●" : ""));
+      return ["tr", {}, ["th", { scope: "row" }, regionTitle(name)], ...cell(minutes, name, mark), ...cell(dose, name)];
     }));
     const raised = daily.reduce((sum, load) => sum + (load?.alerts ?? 0), 0);
     const pause = is_replay ? undefined : this.pauseText();
-    fill("today-note", [`Alerts today: ${raised}.` + (pause ? ` ${pause.feet} ${pause.rest}` : "")]);
+    fill("today-note", [[`Alerts today: ${raised}.`, ...(pause ? [pause.feet, pause.rest] : []), ...this.dayNotes()].join(" ")]);
   }
 }
 

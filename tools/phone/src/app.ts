@@ -1,6 +1,8 @@
 /** The page: passes the messages of the insoles to the storage of the steps and to the views. */
 
 import { Alerts, drawAlerts } from "./alerts";
+import { store } from "./browser_storage";
+import { dayOf } from "./days";
 import { type Node, byId, fill } from "./dom";
 import type { Live, Side } from "./generated/quantities";
 import { IdentifyController } from "./identify_controller";
@@ -26,6 +28,12 @@ import type { Wire } from "./wire";
 const isAddress = (host: string) => host === "localhost" || /^[\d.]+$|^\[/.test(host);
 /** Time between two updates of the sessions and of the texts on the page. */
 const UPDATE_MS = 100;
+/** Least time between two updates of the steps view, which take up to 0.1 s on a slow phone. */
+const STEPS_MS = 1000;
+/** The key under which the browser stores when the data of the wearer were last deleted, so that other tabs show it. */
+const CLEARED_KEY = "plantar.cleared_ms";
+/** Before this time, 2020, a clock was not set, s since 1970. */
+const SET_CLOCK_UNIX_S = 1_577_836_800;
 /** Interval of the attempts to store the records that could not be stored. */
 const STORE_RETRY_MS = 5000;
 /** The example: a recording of a computed walk. */
@@ -52,6 +60,13 @@ export class App {
   /** The last error, as a sentence for the wearer; empty without an error. */
   private problem = "";
   private store_retried_ms = 0;
+  /** When the recording was loaded that is played. */
+  private loaded_unix_s = 0;
+  /** The steps view does not show the present records. */
+  private is_outdated = false;
+  private steps_drawn_ms = -Infinity;
+  /** The day on which the steps view was updated last. */
+  private drawn_day = "";
 
   constructor(private readonly wire: Wire) {
     this.live_view = new LiveView(wire.facts);
@@ -146,6 +161,7 @@ export class App {
       await this.loaded;
       const transport = await ReplayTransport.load(url, this.insoles.transportEvents);
       if (is_replaced()) return transport.close();
+      this.loaded_unix_s = Date.now() / 1000;
       this.show(StepStore.ofRecording(this.wire));
       this.identify.useRecording();
       this.use(transport);
@@ -202,7 +218,10 @@ export class App {
   private readonly onRecord = (message: RecordMessage, bytes: Uint8Array, session: Session): void => {
     if (message.kind === "step") this.identify.step(message.step.side, message.step, message.key);
     const { record, number } = recordOf(message);
-    const start_unix_s = (record.starts_ago === 0 ? session.clock_mapping.unix_s(record.start_s) : null) ?? record.start_unix_s;
+    const mapped_unix_s = (record.starts_ago === 0 ? session.clock_mapping.unix_s(record.start_s) : null) ?? record.start_unix_s;
+    // The clock of a computed recording begins in 1970. The recording is shown as if it began when it was loaded.
+    const is_computed = mapped_unix_s !== null && mapped_unix_s < SET_CLOCK_UNIX_S;
+    const start_unix_s = is_computed ? this.loaded_unix_s + mapped_unix_s : mapped_unix_s;
     // An alert that the page has already stored is a repetition, because its acknowledgement was lost.
     if (message.kind === "alert" && !this.store.has(message)) this.alerts.raise(message.alert, start_unix_s, session.live?.t_s);
     this.store.add(message, bytes, start_unix_s).then(
@@ -216,7 +235,7 @@ export class App {
         this.problem = CANNOT_STORE;
       },
     );
-    this.stepsChanged();
+    this.is_outdated = true;
   };
 
   /**
@@ -237,10 +256,14 @@ export class App {
     );
   }
 
-  /** Shows the stored records and their measures. To be called after each change of the records or of the settings. */
+  /** Shows the stored records and their measures. To be called after each change of the records, of the settings or of the day. */
   private stepsChanged(): void {
     const { latest, days } = this.store;
-    drawSteps(latest.steps, SIDES.map((side) => this.store.count("steps", [side])), gaitOf(this.wire, latest, this.settings), this.settings);
+    this.is_outdated = false;
+    this.steps_drawn_ms = performance.now();
+    this.drawn_day = dayOf(Date.now() / 1000);
+    const today = SIDES.map((side) => days.get(this.drawn_day)?.[side].steps ?? 0);
+    drawSteps(latest.steps, today, this.store.count("steps"), gaitOf(this.wire, latest, this.settings), this.settings);
     drawDays([...days.values()], this.settings);
     drawBouts(latest.bouts);
     drawAlerts(latest.alerts);
@@ -252,6 +275,7 @@ export class App {
   private async clear(): Promise<void> {
     this.alerts.forget();
     await Promise.all([this.store.clear(), this.identify.deleteStored()]).finally(() => this.stepsChanged());
+    store(() => localStorage, CLEARED_KEY, String(Date.now()));
   }
 
   private tick(): void {
@@ -268,6 +292,10 @@ export class App {
   private update(now_ms: number): void {
     const { insoles, live_view } = this;
     live_view.update(insoles, this.settings);
+    // New records are shown where they can be seen, so that the live view remains fluent.
+    const is_visible = byId("steps").offsetParent !== null;
+    const is_due = this.is_outdated && is_visible && now_ms - this.steps_drawn_ms >= STEPS_MS;
+    if (is_due || dayOf(Date.now() / 1000) !== this.drawn_day) this.stepsChanged();
     updateSettingsView(insoles, this.recorder, now_ms);
     const is_replay = insoles.transport?.is_replay ?? false;
     byId("clear", HTMLButtonElement).disabled = is_replay || (this.store.days.size === 0 && !this.identify.has_stored);
@@ -302,6 +330,7 @@ export class App {
         document.body.dataset["view"] = button.dataset["to"] ?? "live";
         buttons.forEach((other) => other.removeAttribute("aria-current"));
         button.setAttribute("aria-current", "page");
+        if (this.is_outdated) this.stepsChanged();
         scrollTo(0, 0);
       };
     }
@@ -333,11 +362,18 @@ export class App {
       if (this.recorder.is_unsaved) event.preventDefault();
     });
     this.alerts.listen();
-    listenToSettings(this.settings, () => {
+    const showSettings = listenToSettings(this.settings, () => {
       this.tick();
       this.stepsChanged();
     });
-    followSettings(this.settings, () => this.stepsChanged());
+    followSettings(this.settings, () => {
+      showSettings();
+      this.alerts.showSettings();
+      this.stepsChanged();
+    });
+    addEventListener("storage", ({ key }) => {
+      if (key === CLEARED_KEY && !this.insoles.transport?.is_replay) void this.loadStored();
+    });
     const failed = (problem: string) => this.fail(problem);
     listenToExport(this.wire, this.recorder, this.insoles, () => this.store, () => this.clear(), failed);
     // Until here, a tap on one of the buttons would have been lost.

@@ -20,12 +20,32 @@ const TITLES: Record<string, string> = {
 
 export const regionTitle = (name: string) => TITLES[name] ?? name;
 
+/** The English of the reader, if the browser knows it: the page is in English, but the order of dates and the hours differ. */
+const LOCALE = globalThis.navigator?.languages?.find((language) => language.startsWith("en-")) ?? "en-GB";
+const TIME: Intl.DateTimeFormatOptions = { hour: "2-digit", minute: "2-digit" };
+
+/** The options of a date as the wearer reads it. Its year is omitted if it is the present one. */
+function dateOptions(date: Date): Intl.DateTimeFormatOptions {
+  const is_this_year = date.getFullYear() === new Date().getFullYear();
+  return { weekday: "short", day: "numeric", month: "short", ...(is_this_year ? {} : { year: "numeric" }) };
+}
+
 /** A time as the wearer reads it. Its date is omitted if it is the present day. */
 export function timeText(unix_s: number): string {
-  const time: Intl.DateTimeFormatOptions = { hour: "2-digit", minute: "2-digit" };
+  const date = new Date(unix_s * 1000);
   const is_today = dayOf(unix_s) === dayOf(Date.now() / 1000);
-  const date: Intl.DateTimeFormatOptions = is_today ? {} : { weekday: "short", day: "numeric", month: "short" };
-  return new Date(unix_s * 1000).toLocaleString([], { ...date, ...time });
+  return date.toLocaleString(LOCALE, { ...(is_today ? {} : dateOptions(date)), ...TIME });
+}
+
+/** A time of the day as the wearer reads it, from minutes after midnight of this device. */
+export function timeOfDayText(minutes: number): string {
+  return new Date(2000, 0, 1, 0, (minutes + 1440) % 1440).toLocaleTimeString(LOCALE, TIME);
+}
+
+/** A date, YYYY-MM-DD, as the wearer reads it. */
+export function dateText(day: string): string {
+  const date = new Date(`${day}T12:00`);
+  return date.toLocaleDateString(LOCALE, dateOptions(date));
 }
 
 /** The quantities that the table of regions can show. */

@@ -1,7 +1,7 @@
 /** Connects the guided session with the insoles, the worker, the storage and the buttons of its view. */
 
 import { PhoneCues, ScreenLock } from "./cues";
-import { byId, download } from "./dom";
+import { byId, download, fill } from "./dom";
 import type { Live, Side, Step } from "./generated/quantities";
 import { IdentifySession, type IdentifyStorage } from "./identify_session";
 import { DatabaseIdentifyStorage } from "./identify_storage";
@@ -97,6 +97,12 @@ export class IdentifyController {
     document.querySelectorAll("nav button").forEach((button) => button.removeAttribute("aria-current"));
     scrollTo(0, 0);
     this.draw();
+    this.focusHeading();
+  }
+
+  /** Moves the focus to the heading: the button that had it is not visible any more. */
+  private focusHeading(): void {
+    byId("identify").querySelector("h2")?.focus();
   }
 
   /** Passes a request to the worker, which is started if it does not run. */
@@ -179,6 +185,7 @@ export class IdentifyController {
         this.exportParameters(action);
     }
     this.draw();
+    if (document.activeElement === document.body) this.focusHeading();
   }
 
   private exportParameters(action: string): void {
@@ -213,6 +220,7 @@ export class IdentifyController {
     const needs_screen = this.session.isCollecting || this.session.phase === "verify";
     if (needs_screen) this.screen.hold();
     else this.screen.release();
+    fill("identify-open", [this.session.phase === "closed" ? "Identify my tissue" : "Continue the identification"]);
     if (!document.hidden && document.body.dataset["view"] === "identify") this.draw();
   }
 

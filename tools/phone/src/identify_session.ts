@@ -80,6 +80,8 @@ export interface Foot {
   sent: "no" | "waiting" | "confirmed" | "failed";
   /** The reason for which the insole refused the parameters, as a phrase; empty if it did not. */
   refusal: string;
+  /** True if the insole would refuse the parameters again. */
+  is_refusal_final: boolean;
   /** The reason for which the insole could not store the parameters, which it uses until it restarts; empty if it did. */
   unstored: string;
   /** True if the link is lost. */
@@ -175,7 +177,7 @@ export class IdentifySession {
 
   private reset(sides: Side[]): void {
     this.feet = SIDES.filter((side) => sides.includes(side)).map((side) => ({
-      side, collected: undefined, result: undefined, sent: "no", refusal: "", unstored: "", is_lost: false,
+      side, collected: undefined, result: undefined, sent: "no", refusal: "", is_refusal_final: false, unstored: "", is_lost: false,
       first_frame_s: Infinity, checked: new Map(), check: undefined,
     }));
     this.remarks.clear();
@@ -409,7 +411,10 @@ export class IdentifySession {
     if (is_in_use) {
       [foot.sent, foot.first_frame_s] = ["confirmed", Infinity];
       foot.unstored = is_unstored ? answer.reason : "";
-    } else if (answer.kind === "refused") [foot.sent, foot.refusal] = [withoutConfirmation(foot), answer.reason];
+    } else if (answer.kind === "refused") {
+      [foot.sent, foot.refusal] = [withoutConfirmation(foot), answer.reason];
+      foot.is_refusal_final = answer.is_final;
+    }
     this.continueIfSent(now_ms);
     return is_in_use;
   }

@@ -15,6 +15,9 @@ const LOW_BATTERY_PERCENT = 15;
 /** An error of the model below the first value, %, is called good, and below the second one fair. */
 const [GOOD_PERCENT, FAIR_PERCENT] = [10, 20];
 
+/** The usual reason why an insole accepts no change, as a phrase. */
+const REFUSED = "plantar serve was started without the option --accept-parameters";
+
 /** The data that the view shows besides the session. */
 export interface IdentifyState {
   insoles: Insoles;
@@ -41,7 +44,7 @@ function content(session: IdentifySession, state: IdentifyState): Node[] {
       return start(state);
     case "stand":
       return [
-        ["p", { class: "command" }, "Stand still on both feet"],
+        ["p", { class: "command", role: "status" }, "Stand still on both feet"],
         soft("After three seconds, the phone says when to walk. It speaks and vibrates, so you need not look at it."),
         ...session.problems().map(note),
         ...session.comments().map(remark),
@@ -51,7 +54,7 @@ function content(session: IdentifySession, state: IdentifyState): Node[] {
       return walk(session);
     case "fit":
       return [
-        ["p", { class: "command" }, "You can stop"],
+        ["p", { class: "command", role: "status" }, "You can stop"],
         ["progress", { max: String(session.regions), value: String(session.regions_done), "aria-label": "Regions computed" }],
         soft(`Computing the parameters of your tissue: ${session.regions_done} of ${session.regions} regions.`),
       ];
@@ -60,7 +63,7 @@ function content(session: IdentifySession, state: IdentifyState): Node[] {
       return result(session, state.insoles.transport?.is_replay ?? false);
     case "verify":
       return [
-        ["p", { class: "command" }, `Walk ${CHECK_STEPS} more steps`],
+        ["p", { class: "command", role: "status" }, `Walk ${CHECK_STEPS} more steps`],
         rings(
           session.feet.filter(({ sent }) => sent === "confirmed"),
           ({ checked }) => Math.min(CHECK_STEPS, checked.size),
@@ -99,6 +102,9 @@ export function startProblems({ insoles, now_ms }: Pick<IdentifyState, "insoles"
       ...(session.is_resting ? [`The ${side} insole rests, because it is not loaded. Stand on it.`]
         : rate_hz < LEAST_RATE * expected_hz
         ? [`Only ${rates} frames per second arrive from the ${side} insole. Hold the phone closer.`]
+        : []),
+      ...(session.refuses_changes
+        ? [`The ${side} insole will not accept the result: ${REFUSED}. You can save the result as a file, and send it later.`]
         : []),
       ...(battery_percent !== undefined && battery_percent < LOW_BATTERY_PERCENT
         ? [`The battery of the ${side} insole is at ${battery_percent} %. Charge it first.`]
@@ -162,7 +168,7 @@ function rings(feet: Foot[], count: (foot: Foot) => number, goal: number): Node 
 function walk(session: IdentifySession): Node[] {
   const is_sparse = session.feet.some(({ collected }) => (collected?.good ?? 0) < RELIABLE_STEPS);
   return [
-    ["p", { class: "command" }, "Walk"],
+    ["p", { class: "command", role: "status" }, "Walk"],
     rings(session.feet, ({ collected }) => collected?.good ?? 0, TARGET_STEPS),
     ...session.problems().map(note),
     ...session.comments().map(remark),
@@ -181,7 +187,8 @@ export function regionRow(name: string, region: RegionResult): Node {
   const { predicted } = region.nrmse_percent;
   const rating = (percent: number) => (percent < GOOD_PERCENT ? "good" : percent < FAIR_PERCENT ? "fair" : "rough");
   // A fit to a single step predicts no error.
-  const [error, words] = predicted === null ? ["–", "from one step"] : [`${predicted.toFixed(0)} %`, rating(predicted)];
+  const [error, rated] = predicted === null ? ["–", "from one step"] : [`${predicted.toFixed(0)} %`, rating(predicted)];
+  const words = region.warnings.length > 0 ? `${rated}, see details` : rated;
   const range = at_bound ? "at the limit of the search" : `${kPa(jacobian[0])} to ${kPa(jacobian[1])}`;
   return ["tr", {}, title,
     ["td", {}, kPa(region.identified.stiffness_pa), ["small", {}, range]],
@@ -214,8 +221,11 @@ function failedTransfers({ feet }: IdentifySession): Node[] {
     unstored ? `The ${side} insole will lose your parameters when it restarts: ${unstored}.`
     : refusal ? `The ${side} insole did not accept the parameters: ${refusal}.`
     : `The ${side} insole did not answer, so it may not have your parameters. Hold the phone closer to it.`;
-  const notes = feet.filter(({ sent, unstored }) => sent === "failed" || unstored).map((foot) => note(words(foot)));
-  return notes.length > 0 ? [...notes, button("push", "Send again", "primary")] : [];
+  const failed = feet.filter(({ sent, unstored }) => sent === "failed" || unstored);
+  const notes = failed.map((foot) => note(words(foot)));
+  // Where the same refusal would follow, the parameters can only be saved.
+  const is_final = failed.every(({ is_refusal_final }) => is_refusal_final);
+  return is_final ? notes : [...notes, button("push", "Send again", "primary")];
 }
 
 const exports = (session: IdentifySession): Node[] => [
@@ -247,7 +257,7 @@ function result(session: IdentifySession, is_replay: boolean): Node[] {
 
 function done(session: IdentifySession): Node[] {
   return [
-    ["p", { class: "command" }, "Finished"],
+    ["p", { class: "command", role: "status" }, "Finished"],
     ...session.feet.flatMap(({ side, check, checked, sent }): Node[] => {
       if (sent !== "confirmed") return [];
       if (!check) {

@@ -85,6 +85,8 @@ export class Session {
   status: Status | undefined;
   /** The load of the day, as far as it is known. */
   daily: DailyLoad | undefined;
+  /** Time of this device at which it arrived, s since 1970. */
+  daily_unix_s = 0;
   /** The message with the rules of alerts; `undefined` until the insole has answered. */
   alert_rules: Uint8Array | undefined;
   /** True if the insole raises alerts; `undefined` until it has answered. */
@@ -100,6 +102,8 @@ export class Session {
   battery_percent: number | undefined;
   /** True while the insole rests: an insole that was not loaded for a minute measures only twice a second. */
   is_resting = false;
+  /** True if a change of the insole was refused, and would be refused again. */
+  refuses_changes = false;
   /** Number of damaged or unknown messages. */
   damaged = 0;
   /** Converts times of the insole's clock. */
@@ -204,6 +208,7 @@ export class Session {
         return;
       case "daily_load":
         this.daily = message.load;
+        this.daily_unix_s = Date.now() / 1000;
         return;
       case "alert_rules":
         this.has_alerts = message.is_on;
@@ -220,6 +225,7 @@ export class Session {
           this.order.interrupt();
           return;
         }
+        this.refuses_changes ||= message.is_final;
         return this.onAnswer(message, this);
       case "tissue":
         // The object is changed and not replaced: if `hello` is another object after a message, `Insoles` stores this message as
@@ -291,6 +297,7 @@ export class Session {
     this.hello = hello;
     this.hello_received_ms = now_ms;
     this.untimed = [];
+    this.refuses_changes = false;
     this.last_record = undefined;
     // The insole sends its unacknowledged records again.
     this.unstored = undefined;

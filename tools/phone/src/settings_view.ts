@@ -12,9 +12,10 @@ import type { Wire } from "./wire";
 
 /**
  * The number that the wearer has entered for a setting. `factor` converts it to the unit of the setting: `KG_PER_LB` for pounds.
- * Returns `null` if there is no number or if it is out of range, which the note below the field then says.
+ * Returns `null` if the field is empty, and `undefined` if its content is no number or out of range, which the note below the field
+ * then says.
  */
-function enteredNumber(field: HTMLInputElement, key: keyof typeof LIMITS, factor: number, unit: string): number | null {
+function enteredNumber(field: HTMLInputElement, key: keyof typeof LIMITS, factor: number, unit: string): number | null | undefined {
   const value = field.valueAsNumber * factor;
   const is_valid = isWithinLimits(key, value);
   const { min, max } = LIMITS[key];
@@ -22,49 +23,63 @@ function enteredNumber(field: HTMLInputElement, key: keyof typeof LIMITS, factor
   const is_empty = field.value === "" && !field.validity.badInput;
   const limits = `Enter ${Math.ceil(min / factor)} to ${Math.floor(max / factor)} ${unit}. Other values are not used.`;
   fill(`${field.id}-note`, is_valid || is_empty ? [] : [limits]);
-  return is_valid ? value : null;
+  field.setAttribute("aria-invalid", String(!is_valid && !is_empty));
+  return is_valid ? value : is_empty ? null : undefined;
 }
 
-/** Shows the wearer's settings in the form, and stores each change of the form. `changed` is called after each change. */
-export function listenToSettings(settings: Settings, changed: () => void): void {
+/**
+ * Shows the wearer's settings in the form, and stores each change of the form. `changed` is called after each change. Returns a
+ * function that shows the settings after a change in another tab.
+ */
+export function listenToSettings(settings: Settings, changed: () => void): () => void {
   const mass = byId("mass", HTMLInputElement);
   const stride = byId("stride", HTMLInputElement);
   const mass_unit = byId("mass-unit", HTMLSelectElement);
   const force_unit = byId("force-unit", HTMLSelectElement);
   const kg_factor = () => (settings.mass_unit === "lb" ? KG_PER_LB : 1);
-  const show = () => (mass.value = settings.body_mass_kg === null ? "" : (settings.body_mass_kg / kg_factor()).toFixed(1));
-  mass_unit.value = settings.mass_unit;
-  force_unit.value = settings.force_unit;
-  stride.value = settings.stride_cm === null ? "" : settings.stride_cm.toFixed(0);
-  show();
+  const showMass = () => (mass.value = settings.body_mass_kg === null ? "" : (settings.body_mass_kg / kg_factor()).toFixed(1));
   const showForceNote = () => {
     const is_missing = settings.force_unit === "%BW" && settings.body_mass_kg === null;
     fill("force-unit-note", is_missing ? ["Enter your body mass. Until then, forces are shown in newtons."] : []);
   };
-  showForceNote();
+  const show = () => {
+    mass_unit.value = settings.mass_unit;
+    force_unit.value = settings.force_unit;
+    stride.value = settings.stride_cm === null ? "" : settings.stride_cm.toFixed(0);
+    showMass();
+    showForceNote();
+  };
+  show();
   const save = () => {
     showForceNote();
     saveSettings(() => localStorage, settings);
     changed();
   };
+  // A typing error does not delete the last valid value.
   mass.oninput = () => {
-    settings.body_mass_kg = enteredNumber(mass, "body_mass_kg", kg_factor(), settings.mass_unit);
+    const entered = enteredNumber(mass, "body_mass_kg", kg_factor(), settings.mass_unit);
+    if (entered === undefined) return;
+    settings.body_mass_kg = entered;
     save();
   };
   stride.oninput = () => {
-    settings.stride_cm = enteredNumber(stride, "stride_cm", 1, "cm");
+    const entered = enteredNumber(stride, "stride_cm", 1, "cm");
+    if (entered === undefined) return;
+    settings.stride_cm = entered;
     save();
   };
   mass_unit.onchange = () => {
     settings.mass_unit = mass_unit.value === "lb" ? "lb" : "kg";
-    show();
+    showMass();
     fill("mass-note", []);
+    mass.setAttribute("aria-invalid", "false");
     save();
   };
   force_unit.onchange = () => {
     settings.force_unit = force_unit.value === "%BW" ? "%BW" : "N";
     save();
   };
+  return show;
 }
 
 /**
@@ -93,13 +108,24 @@ export function listenToExport(
   };
   byId("export-live").onclick = () => exportRecording("plantar_live.csv", "text/csv", liveCsv(recorder.entries(), wire));
   byId("export-stream").onclick = () => exportRecording("walk.plantar", "application/octet-stream", recorder.file());
-  const exportRecords = (what: string, csv: (records: Records) => string[]) => {
+  const exportRecords = (id: string, what: string, csv: (records: Records) => string[]) => {
+    const button = byId(id, HTMLButtonElement);
+    // One file at a time: the button shows the progress of the present one.
+    if (button.getAttribute("aria-busy") === "true") return;
+    const title = button.textContent;
+    const progress = (records: number) => fill(button, [`Preparing the file: ${records} records`]);
+    button.setAttribute("aria-busy", "true");
     // The steps of a recording must not be mistaken for those of the wearer.
     const name = insoles.transport?.is_replay ? `recording_${what}.csv` : `plantar_${what}.csv`;
-    exportCsv(store(), name, csv).catch(() => failed("The browser cannot read the stored steps. Reload the page and try again."));
+    exportCsv(store(), name, csv, progress)
+      .catch(() => failed("The browser cannot read the stored steps. Reload the page and try again."))
+      .finally(() => {
+        button.setAttribute("aria-busy", "false");
+        fill(button, [title]);
+      });
   };
-  byId("export-bouts").onclick = () => exportRecords("load_bouts", ({ bouts }) => boutsCsv(bouts));
-  byId("export-steps").onclick = () => exportRecords("steps", ({ steps }) => stepsCsv(steps));
+  byId("export-bouts").onclick = () => exportRecords("export-bouts", "load_bouts", ({ bouts }) => boutsCsv(bouts));
+  byId("export-steps").onclick = () => exportRecords("export-steps", "steps", ({ steps }) => stepsCsv(steps));
   byId("clear").onclick = () => {
     const what = "all steps and loads that are stored on this device, and those of an interrupted identification";
     if (!confirm(`Delete ${what}? Export the steps first if you need them.`)) return;
@@ -107,11 +133,24 @@ export function listenToExport(
   };
 }
 
-/** Saves all records as a CSV file. `csv` returns the header line and the lines of a part of the records. */
-async function exportCsv(store: StepStore, name: string, csv: (records: Records) => string[]): Promise<void> {
+/**
+ * Saves all records as a CSV file. `csv` returns the header line and the lines of a part of the records. `progress` is called with
+ * the number of records of all kinds that were read.
+ */
+async function exportCsv(
+  store: StepStore,
+  name: string,
+  csv: (records: Records) => string[],
+  progress: (records: number) => void,
+): Promise<void> {
   const blobs: Blob[] = [];
+  let read = 0;
   // Each part is a blob of its own, because a browser can hold blobs on the disk instead of in memory.
-  for await (const records of store.parts()) blobs.push(new Blob(csv(records).slice(blobs.length === 0 ? 0 : 1)));
+  for await (const records of store.parts()) {
+    blobs.push(new Blob(csv(records).slice(blobs.length === 0 ? 0 : 1)));
+    read += records.steps.length + records.bouts.length + records.alerts.length;
+    progress(read);
+  }
   download(name, "text/csv", blobs);
 }
 

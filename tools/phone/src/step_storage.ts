@@ -72,8 +72,8 @@ const RECORDS = "records";
 const DAYS = "days";
 /** The records of version 1 of the database, which had no keys and no totals. */
 const RECORDS_1 = "steps";
-/** Number of records that are read at once. */
-const PART_RECORDS = 2000;
+/** Number of records that are read at once. The page does not respond while they are decoded, which takes less than 0.1 s. */
+const PART_RECORDS = 200;
 
 /** Stores records in the browser's database. */
 export class DatabaseStorage implements StepStorage {
@@ -88,11 +88,12 @@ export class DatabaseStorage implements StepStorage {
     blocked: (is_blocked: boolean) => void,
   ): Promise<DatabaseStorage> {
     const create = ({ result: database, transaction }: IDBOpenDBRequest) => {
+      if (transaction && database.objectStoreNames.contains(RECORDS)) return shortenKeys(transaction, keyed);
       database.createObjectStore(RECORDS, { autoIncrement: true }).createIndex("key", "key", { unique: true });
       database.createObjectStore(DAYS, { keyPath: "day" });
       if (transaction && database.objectStoreNames.contains(RECORDS_1)) upgrade(database, transaction, keyed);
     };
-    return new DatabaseStorage(await openDatabase(DATABASE, 2, create, blocked));
+    return new DatabaseStorage(await openDatabase(DATABASE, 3, create, blocked));
   }
 
   async latest(count: number): Promise<StepRecord[]> {
@@ -150,7 +151,20 @@ function store(transaction: IDBTransaction, { key, message, start_unix_s }: NewR
   transaction.objectStore(RECORDS).add({ key, message, start_unix_s });
 }
 
-/** Moves the records of version 1 of the database to version 2. */
+/** Gives the records of version 2 of the database, which had the whole message in hexadecimal digits as their keys, their present keys. */
+function shortenKeys(transaction: IDBTransaction, keyed: (record: StepRecord) => NewRecord | undefined): void {
+  const request = transaction.objectStore(RECORDS).openCursor();
+  request.onsuccess = () => {
+    const cursor = request.result;
+    if (!cursor) return;
+    const record = cursor.value as StepRecord;
+    const key = keyed(record)?.key;
+    if (key !== undefined) cursor.update({ ...record, key });
+    cursor.continue();
+  };
+}
+
+/** Moves the records of version 1 of the database to the present version. */
 function upgrade(database: IDBDatabase, transaction: IDBTransaction, keyed: (record: StepRecord) => NewRecord | undefined): void {
   const keys = new Set<string>();
   const days = new Map<string, DayTotals>();

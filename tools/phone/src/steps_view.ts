@@ -2,7 +2,7 @@
 
 import { type DayTotals, boutIntegral_n_s, dayOf } from "./days";
 import { type Node, byId, fill } from "./dom";
-import { forceText, numberText, signedText, timeText, unitOf } from "./format";
+import { dateText, forceText, numberText, signedText, timeText, unitOf } from "./format";
 import type { Estimate, Gait, GaitMeasure, Step } from "./generated/quantities";
 import { type Settings, percentOfWeight } from "./settings";
 import { SIDES, sideTitle } from "./side";
@@ -18,10 +18,16 @@ const ROWS = 200;
 const OMITTED = ["swing_percent", "first_double_support_s", "single_support_percent"];
 
 /**
- * Shows the last steps, and how many steps the left and the right foot have made in all (`counts`). To be called after each
- * change of the steps or of the settings.
+ * Shows the last steps. `today` contains the numbers of steps of the left and of the right foot today, and `count` is the number of
+ * all stored steps. To be called after each change of the steps or of the settings, and of the day.
  */
-export function drawSteps(steps: readonly StoredStep[], counts: readonly number[], gait: Gait, settings: Settings): void {
+export function drawSteps(
+  steps: readonly StoredStep[],
+  today: readonly number[],
+  count: number,
+  gait: Gait,
+  settings: Settings,
+): void {
   const is_empty = steps.length === 0;
   byId("no-steps").hidden = !is_empty;
   for (const id of ["measures-of-steps", "table"]) byId(id).hidden = is_empty;
@@ -30,23 +36,22 @@ export function drawSteps(steps: readonly StoredStep[], counts: readonly number[
   const is_old = Number.isFinite(newest_unix_s) && dayOf(newest_unix_s) !== dayOf(Date.now() / 1000);
   fill("steps-date", is_old ? [`These values are of ${timeText(newest_unix_s)} and before.`] : []);
   const speed = gait.speed_m_s === null ? [] : [card("Walking speed", numberText(gait.speed_m_s, 2), "m/s, from your stride length")];
-  const [left = 0, right = 0] = counts;
+  const [left = 0, right = 0] = today;
   fill("measures", [
     card("Cadence", numberText(gait.cadence_per_min?.mean ?? null, 0), "steps per minute"),
-    card("Steps", String(left + right), `left ${left}, right ${right}`),
+    card("Steps today", String(left + right), `left ${left}, right ${right}; ${count} stored in all`),
     ...speed,
   ]);
   drawGait(gait, settings);
   fill("trend", trend(steps, settings));
 
-  const head = ["Foot", "Step", "Time", "Contact, s", "Peak, N", "Peak, %BW", "Force × time, N s"];
+  const head = ["Foot", "Time", "Contact, s", "Peak, N", "Peak, %BW", "Force × time, N s"];
   fill(byId("table").querySelector("thead"), [["tr", {}, ...head.map((name): Node => ["th", { scope: "col" }, name])]]);
   const rows = steps.slice(-ROWS).reverse();
   fill(byId("table").querySelector("tbody"), rows.map(({ step, start_unix_s }): Node => [
     "tr",
     {},
     ["td", { class: step.side }, sideTitle(step.side)],
-    ["td", {}, String(step.step)],
     ["td", {}, start_unix_s === null ? "–" : timeText(start_unix_s)],
     ["td", {}, step.duration_s.toFixed(2)],
     ["td", {}, `${hasMaskedCells(step) ? "~ " : ""}${step.foot.foot_force_peak_n.toFixed(0)}`],
@@ -66,12 +71,11 @@ export function drawDays(days: readonly DayTotals[], settings: Settings): void {
   // The days are sorted, because a stored step can arrive after a step of a later day.
   const latest = [...days].sort((a, b) => b.day.localeCompare(a.day)).slice(0, DAY_ROWS);
   fill(byId("days").querySelector("tbody"), latest.map((totals): Node => {
-    const date = new Date(`${totals.day}T12:00`).toLocaleDateString([], { weekday: "short", day: "numeric", month: "short" });
     const cells = (text: (foot: DayTotals["left"]) => string) => SIDES.map((side): Node => ["td", {}, text(totals[side])]);
     return [
       "tr",
       {},
-      ["th", { scope: "row" }, date],
+      ["th", { scope: "row" }, dateText(totals.day)],
       ...cells(({ steps }) => String(steps)),
       ...cells(({ integral_n_s }) => (integral_n_s / 1000).toFixed(1)),
       ...cells(({ peak_n }) => forceText(peak_n, settings, "")[0] ?? ""),
@@ -92,7 +96,7 @@ export function drawBouts(bouts: readonly StoredBout[]): void {
       {},
       ["td", { class: bout.side }, sideTitle(bout.side)],
       ["td", {}, start],
-      ["td", {}, bout.kind],
+      ["td", {}, bout.kind === "unclassified" ? "other" : bout.kind],
       ["td", {}, bout.duration_s.toFixed(0)],
       ["td", {}, boutIntegral_n_s(bout).toFixed(0)],
     ];

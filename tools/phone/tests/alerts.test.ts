@@ -78,7 +78,7 @@ function turnOn({ alerts, left, right }: ReturnType<typeof start>): void {
   box.checked = true;
   box.onchange();
   left.receive(rules(true));
-  right.receive({ kind: "refused", reason: "busy", is_other_host: false, is_not_stored: false });
+  right.receive({ kind: "refused", reason: "busy", is_other_host: false, is_not_stored: false, is_final: false });
   const count = left.sent.length;
   vi.advanceTimersByTime(3000);
   // The insole that has accepted the change is not asked again.
@@ -113,8 +113,8 @@ test("the reason of a refusal is that of an insole that was asked", () => {
   box.checked = true;
   box.onchange();
   const other = connect("left").session;
-  all.alerts.answered({ kind: "refused", reason: "busy", is_other_host: false, is_not_stored: false }, all.right.session);
-  all.alerts.answered({ kind: "refused", reason: "of another request", is_other_host: false, is_not_stored: false }, other);
+  all.alerts.answered({ kind: "refused", reason: "busy", is_other_host: false, is_not_stored: false, is_final: false }, all.right.session);
+  all.alerts.answered({ kind: "refused", reason: "of another request", is_other_host: false, is_not_stored: false, is_final: false }, other);
   vi.advanceTimersByTime(3000);
   all.alerts.update();
   expect(note.content).toContain("The reason: busy.");
@@ -261,7 +261,10 @@ test("a pause applies after a reload of the page, to the insole of each foot, an
   items.set("plantar.alerts_paused_until_ms.right", String(Date.now()));
   vi.advanceTimersByTime(60_000);
   const { alerts, left, right } = start();
-  expect(alerts.pauseText()).toEqual({ feet: "The alerts of the left foot are paused.", rest: "No alert for another 29 minutes." });
+  expect(alerts.pauseText()).toEqual({
+    feet: "No alert of the left foot can come now.",
+    rest: "The next one can come in 29 minutes: alerts pause after each alert, and when you ask for it.",
+  });
   for (const { receive } of [left, right]) receive({ kind: "daily_load", load: { snoozed_s: 0 } } as ToHost);
   alerts.sendPauses();
   expect([pauses(left), pauses(right)]).toEqual([[wire.snoozeAlerts(29 * 60)], []]);
@@ -276,6 +279,50 @@ test("an alert of a recording pauses no insole of the wearer", () => {
   Object.assign(alerts["insoles"], { transport: { is_replay: true } });
   element("alert-snooze").onclick();
   expect(alerts.pauseText()).toBeUndefined();
+});
+
+/** The load of the day of a foot in which these regions are under sustained load. */
+const daily = (...sustained: string[]) =>
+  ({ kind: "daily_load", load: { snoozed_s: 0, alerts: 1, sustained, regions: { heel: { sustained_s: 60, dose_kpa_s: 0 } } } }) as unknown as ToHost;
+
+test("a region that comes under sustained load after the alert is added to it", () => {
+  const { alerts, left, right } = start();
+  alerts.raise({ side: "left", starts_ago: 0, start_s: 0, sustained: ["hallux"], dose: [], advice: "Unload." } as unknown as Alert, null, undefined);
+  left.receive(daily("hallux"));
+  right.receive(daily("toe_2"));
+  alerts.update();
+  expect(element("alert-text").content).not.toContain("Now also");
+  left.receive(daily("hallux", "heel"));
+  alerts.update();
+  expect(element("alert-text").content).toContain(" Now also here: heel.");
+  // What an insole has reported before its connection was lost may not be true any more.
+  left.session.closed("out of reach");
+  alerts.update();
+  expect(element("alert-text").content).not.toContain("Now also");
+});
+
+test("a load of the day is not shown as that of today after midnight, and states its time without a connection", () => {
+  vi.setSystemTime(new Date(2026, 0, 1, 23, 30));
+  const { alerts, left } = start();
+  left.receive(rules(true));
+  left.receive(daily());
+  alerts.update();
+  expect([element("today").hidden, element("today-note").content]).toEqual([false, JSON.stringify(["Alerts today: 1."])]);
+  left.session.closed("out of reach");
+  vi.setSystemTime(new Date(2026, 0, 1, 23, 59));
+  alerts.update();
+  expect(element("today-note").content).toContain("The values of the left foot are those of 23:30.");
+  vi.setSystemTime(new Date(2026, 0, 2, 0, 1));
+  alerts.update();
+  expect(element("today").hidden).toBe(true);
+});
+
+test("a day of an insole that does not begin at midnight of this device is named", () => {
+  const { alerts, left } = start();
+  left.receive(rules(true, 19 * 60));
+  left.receive(daily());
+  alerts.update();
+  expect(element("today-note").content).toContain("The day of the left insole begins at 19:00.");
 });
 
 test("an alert states its time, and is closed when the wearer closes it in another tab", () => {

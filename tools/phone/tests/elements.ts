@@ -8,11 +8,15 @@ export class FakeElement {
   indeterminate = false;
   /** The content that was filled in last, as JSON. */
   content = "";
+  /** The value of an input field. */
+  value = "";
+  readonly attributes: Record<string, string> = {};
   readonly dataset: Record<string, string> = {};
   onclick = (_event?: unknown): void => undefined;
   onchange = (): void => undefined;
+  oninput = (): void => undefined;
   addEventListener = (): void => undefined;
-  setAttribute = (): void => undefined;
+  setAttribute = (name: string, value: string): void => void (this.attributes[name] = value);
   querySelector = (): null => null;
 }
 

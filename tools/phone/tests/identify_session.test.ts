@@ -30,7 +30,7 @@ function result(predicted: number | null): FootResult {
 }
 
 const refusal = (reason: string, is_not_stored = false) =>
-  ({ kind: "refused", reason, is_other_host: false, is_not_stored }) as const;
+  ({ kind: "refused", reason, is_other_host: false, is_not_stored, is_final: false }) as const;
 
 /** Passes a live frame of a foot to the session, with the force on this foot and on the other one. */
 function receiveLive(session: IdentifySession, side: Side, now_ms: number, force_n = 0, other_n = 0): void {

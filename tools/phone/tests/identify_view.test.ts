@@ -11,7 +11,7 @@ vi.mock("../src/dom", async () => (await import("./elements")).dom);
 function row(jacobian: [number | null, number | null], predicted: number | null = 6): string {
   const intervals_95 = { stiffness_pa: { jacobian, at_bound: false, told: true } };
   const nrmse_percent = { fitted: 5, predicted, floor: 1 };
-  const region = { fitted: true, identified: { stiffness_pa: 20_000 }, uncertainty: { intervals_95 }, nrmse_percent };
+  const region = { fitted: true, warnings: [], identified: { stiffness_pa: 20_000 }, uncertainty: { intervals_95 }, nrmse_percent };
   return JSON.stringify(regionRow("heel", region as unknown as RegionResult));
 }
 
@@ -30,7 +30,7 @@ test("no error on new steps is shown for a region that was fitted to one step", 
 /** The view of a session in this phase, as JSON. `has_stored` is that of the view's state, and `needs_reload` of the session. */
 function view(phase: Phase, feet: Partial<Foot>[] = [], has_stored = false, needs_reload = false): string {
   const result = { fitted: 1, steps: [], regions: {} } as unknown as FootResult;
-  const all = feet.map((foot) => ({ refusal: "", unstored: "", checked: new Map(), result, ...foot }));
+  const all = feet.map((foot) => ({ refusal: "", is_refusal_final: false, unstored: "", checked: new Map(), result, ...foot }));
   const session = { phase, feet: all, needs_reload, problems: () => [], comments: () => [], pushable: () => all };
   const insoles = { of: () => undefined };
   const state = { insoles: insoles as unknown as Insoles, shoe_size: 42, has_stored, now_ms: 0 };
@@ -50,6 +50,21 @@ test.each(["result", "verify", "done"] as const)("parameters that an insole did 
   expect(lost).toContain("The left insole will lose your parameters when it restarts: low supply.");
   expect(lost.split(send)).toHaveLength(2);
   if (phase !== "result") expect(view(phase, [{ side: "left", sent: "confirmed" }])).not.toContain(send);
+});
+
+test("parameters that would be refused again are not sent again, but can be saved", () => {
+  const refused = { sent: "failed", refusal: "no changes", is_refusal_final: true } as const;
+  const both = view("result", [{ side: "left", ...refused }, { side: "right", ...refused }]);
+  expect(both).toContain("The left insole did not accept the parameters: no changes.");
+  expect(both).not.toContain('"data-action":"push"');
+  expect(both).toContain('"data-action":"export-left"');
+  expect(view("result", [{ side: "left", ...refused }, { side: "right", sent: "failed" }])).toContain('"data-action":"push"');
+});
+
+test("the wearer knows before the session that an insole will not accept the result", () => {
+  const session = { state: "live", hello: { rate_hz: 100 }, rate_hz: () => 100, refuses_changes: true };
+  const insoles = { of: (side: string) => (side === "left" ? session : undefined) } as unknown as Insoles;
+  expect(startProblems({ insoles, now_ms: 0 }).join()).toMatch(/left insole will not accept the result.*--accept-parameters/);
 });
 
 test("an interrupted session can be deleted without an insole", () => {

@@ -212,7 +212,7 @@ test("an answer to a request from before the clock was set is not used", () => {
 
 test("a page that was suspended does not take the insole from another host, but takes it once that host has left", () => {
   const { session, receive, connects } = startSteps();
-  receive({ kind: "refused", reason: "another host", is_other_host: true, is_not_stored: false });
+  receive({ kind: "refused", reason: "another host", is_other_host: true, is_not_stored: false, is_final: false });
   const before = connects();
   session.tick(60_000);
   expect([session.state, connects()]).toEqual(["other-host", before]);
@@ -265,7 +265,7 @@ test("a step that the insole has dropped is not awaited without end", () => {
 test("steps that another host has received are not awaited", () => {
   const { receive, begin, receiveSteps, connects, numbers } = startSteps();
   receiveSteps(0);
-  receive({ kind: "refused", reason: "another host", is_other_host: true, is_not_stored: false });
+  receive({ kind: "refused", reason: "another host", is_other_host: true, is_not_stored: false, is_final: false });
   begin();
   receiveSteps(5, 6);
   expect([numbers(), connects()]).toEqual([[0, 5, 6], 1]);
@@ -274,7 +274,7 @@ test("steps that another host has received are not awaited", () => {
 test("steps that another host has not received are awaited: the insole repeats them after a known one", () => {
   const { receive, begin, receiveSteps, connects, numbers } = startSteps();
   receiveSteps(0, 1);
-  receive({ kind: "refused", reason: "another host", is_other_host: true, is_not_stored: false });
+  receive({ kind: "refused", reason: "another host", is_other_host: true, is_not_stored: false, is_final: false });
   begin();
   receiveSteps(0, 1, 2, 4);
   expect([numbers(), connects()]).toEqual([[0, 1, 0, 1, 2], 2]);
@@ -422,7 +422,7 @@ test("a session that another host has taken waits until the insole no longer ans
   const { session, sent } = start(() => next);
   session.opened(0);
   session.receive(new Uint8Array(1), 0);
-  next = { kind: "refused", reason: "another host", is_other_host: true, is_not_stored: false };
+  next = { kind: "refused", reason: "another host", is_other_host: true, is_not_stored: false, is_final: false };
   for (const now_ms of [100, 1000, 2500, 4000]) {
     session.receive(new Uint8Array(1), now_ms);
     session.tick(now_ms);

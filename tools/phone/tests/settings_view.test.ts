@@ -1,7 +1,8 @@
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
 import { Insoles } from "../src/insoles";
 import { Recorder } from "../src/recorder";
-import { listenToExport, updateSettingsView } from "../src/settings_view";
+import { loadSettings } from "../src/settings";
+import { listenToExport, listenToSettings, updateSettingsView } from "../src/settings_view";
 import { StepStore } from "../src/step_store";
 import { element } from "./elements";
 import { loadWire, messagesOf } from "./wire";
@@ -10,7 +11,7 @@ vi.mock("../src/dom", async () => (await import("./elements")).dom);
 
 const wire = await loadWire();
 
-beforeEach(() => void vi.stubGlobal("HTMLButtonElement", Object));
+beforeEach(() => ["HTMLButtonElement", "HTMLInputElement", "HTMLSelectElement"].forEach((name) => vi.stubGlobal(name, Object)));
 afterEach(() => void vi.unstubAllGlobals());
 
 test("the details of an insole state how many records it lost, and both possible reasons", () => {
@@ -51,4 +52,21 @@ test("a recording that was not exported is replaced only if the wearer agrees", 
   expect([press(), press(), confirm.mock.calls.length]).toEqual([true, false, 2]);
   element("export-stream").onclick();
   expect([press(), press(), confirm.mock.calls.length]).toEqual([true, false, 2]);
+});
+
+test("a typing error does not delete the body mass, and a change in another tab is shown", () => {
+  const storage = { getItem: () => null, setItem: () => undefined } as unknown as Storage;
+  vi.stubGlobal("localStorage", storage);
+  const settings = loadSettings(() => storage);
+  const show = listenToSettings(settings, () => undefined);
+  const mass = element("mass");
+  const type = (value: string) => {
+    Object.assign(mass, { value, valueAsNumber: value === "" ? NaN : Number(value), validity: { badInput: false } });
+    mass.oninput();
+    return settings.body_mass_kg;
+  };
+  expect([type("80"), type("5000"), mass.attributes["aria-invalid"], type(""), type("70")]).toEqual([80, 80, "true", null, 70]);
+  Object.assign(settings, { body_mass_kg: 65, force_unit: "%BW" });
+  show();
+  expect([mass.value, element("force-unit").value]).toEqual(["65.0", "%BW"]);
 });

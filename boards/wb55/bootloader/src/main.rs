@@ -40,6 +40,8 @@ const WATCHDOG_US: u32 = 20_000_000;
 const SUPPLY_LEVEL: u8 = 5;
 /// The detector needs some microseconds after its start. At 16 MHz, this is 100 us.
 const DETECTOR_START_CYCLES: u32 = 1_600;
+/// Number of cycles in which the flash chip leaves its power-down mode: 30 us.
+const WAKE_CYCLES: u32 = 480;
 /// Interval between two readings of the detector while the supply rises. At 16 MHz, this is 10 ms.
 const SUPPLY_POLL_CYCLES: u32 = 160_000;
 /// Number of readings, after which a start continues with a low supply.
@@ -117,7 +119,10 @@ fn main() -> ! {
     let select = Output::new(p.PB12, Level::High, Speed::VeryHigh);
     let Ok(device) = ExclusiveDevice::new_no_delay(BlockingAsync::new(bus), select);
     // Opening waits only while the chip is busy. A chip that stays busy does not prevent the start.
-    if let Some(Ok(chip)) = poll_at_most(BUSY_POLLS, W25::<Q, _, _, _>::new_no_pins(device, SMALLEST_CHIP)) {
+    if let Some(Ok(mut chip)) = poll_at_most(BUSY_POLLS, W25::<Q, _, _, _>::new_no_pins(device, SMALLEST_CHIP)) {
+        // Other firmware may have left the chip in power-down mode, in which it ignores all other commands.
+        let _ = poll_at_most(BUSY_POLLS, chip.disable_power_down_mode());
+        cortex_m::asm::delay(WAKE_CYCLES);
         pac::PWR.cr2().modify(|w| {
             w.set_pls(SUPPLY_LEVEL);
             w.set_pvde(true);

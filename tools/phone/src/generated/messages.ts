@@ -21,7 +21,9 @@ reason: string,
 /** True if the session belongs to another host now. The insole repeats the refusal until that host has left. */
 is_other_host: boolean,
 /** True if the insole could not store what was requested: parameters and rules of alerts are in force until it restarts. */
-is_not_stored: boolean, } | { "kind": "time",
+is_not_stored: boolean,
+/** True if the same request would be refused again: `plantar serve` accepts no changes, or the insole does not know it. */
+is_final: boolean, } | { "kind": "time",
 /** The page's time in the request. */
 host_us: number,
 /** The insole's time when the request arrived. */

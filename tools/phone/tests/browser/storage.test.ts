@@ -87,6 +87,55 @@ test("the records of version 1 of the database are moved, counted by day and exp
   await context.close();
 });
 
+test("the records of version 2 of the database get shorter keys, and arrive only once", async () => {
+  const messages = await steps();
+  const context = await served.browser.newContext({ viewport: PHONE });
+  const page = await context.newPage();
+  await page.goto(`${served.url}manifest.webmanifest`);
+  await page.evaluate(
+    async ({ messages, start_unix_s }) => {
+      const request = indexedDB.open("plantar", 2);
+      const database = await new Promise<IDBDatabase>((resolve) => {
+        request.onupgradeneeded = () => {
+          request.result.createObjectStore("records", { autoIncrement: true }).createIndex("key", "key", { unique: true });
+          request.result.createObjectStore("days", { keyPath: "day" });
+        };
+        request.onsuccess = () => resolve(request.result);
+      });
+      const records = database.transaction("records", "readwrite").objectStore("records");
+      for (const [i, message] of messages.entries()) {
+        const key = message.map((byte) => byte.toString(16).padStart(2, "0")).join("");
+        records.add({ key, message: Uint8Array.from(message), start_unix_s: start_unix_s + i });
+      }
+      // A record of another protocol version has no key.
+      records.add({ message: Uint8Array.of(255, 255), start_unix_s });
+      await new Promise((resolve) => (records.transaction.oncomplete = resolve));
+      database.close();
+    },
+    { messages, start_unix_s: START_UNIX_S },
+  );
+  await openPage(page);
+  await page.locator("#table tbody tr").first().waitFor();
+  const stored = await page.evaluate(async () => {
+    const database = await new Promise<IDBDatabase>((resolve) => {
+      const request = indexedDB.open("plantar");
+      request.onsuccess = () => resolve(request.result);
+    });
+    const all = database.transaction("records").objectStore("records").getAll();
+    await new Promise((resolve) => (all.onsuccess = resolve));
+    return (all.result as { key?: string; message: Uint8Array }[]).map(({ key, message }) => [key, [...message]] as const);
+  });
+  const wire = await loadWire();
+  const keys = messages.map((message) => {
+    const decoded = wire.decode(Uint8Array.from(message));
+    return decoded?.kind === "step" ? decoded.key : undefined;
+  });
+  expect(stored).toEqual([...messages.map((message, i) => [keys[i], message]), [undefined, [255, 255]]]);
+  for (const key of keys) expect(key).toMatch(/^[0-9a-f]+-[0-9a-f]+-[0-9a-f]{8}$/);
+  expect(new Set(keys).size).toBe(keys.length);
+  await context.close();
+});
+
 test("a page whose database another tab blocks asks to close that tab, and then continues", async () => {
   const context = await served.browser.newContext({ viewport: PHONE });
   const other = await context.newPage();
@@ -155,6 +204,7 @@ test("a page with many stored records shows the last ones and all days", { timeo
   const wire = await loadWire();
   const last = wire.decode(Uint8Array.from(messages[(MANY - 1) % messages.length]!));
   if (last?.kind !== "step") throw new Error("The message is not a step.");
-  expect(await page.locator("#table tbody tr").first().locator("td").nth(1).textContent()).toBe(String(last.step.step));
+  const cells = await page.locator("#table tbody tr").first().locator("td").allTextContents();
+  expect([cells[2], cells[3]]).toEqual([last.step.duration_s.toFixed(2), last.step.foot.foot_force_peak_n.toFixed(0)]);
   await context.close();
 });

@@ -4,13 +4,13 @@
 use crate::sole::LayoutCell;
 use client::{alert_to_json, bout_to_json, daily_load_to_json, step_to_json};
 use plantar::Side;
+use plantar::checksum::crc32;
 use plantar::faults;
 use plantar::pipeline::setup::SetupCell;
 use plantar::protocol::{self, Alert, Bout, ContactEllipse, LiveRegion, MAX_MESSAGE, Quantity, Step, ToHost, encode};
 use serde::ser::{SerializeMap, SerializeSeq};
 use serde::{Serialize, Serializer};
 use serde_json::Value;
-use std::fmt::Write;
 
 /// The reason of [`protocol::Refusal::NotUnderstood`], by which `plantar serve` refuses a change if it was started without
 /// `--accept-parameters`. It also passes on this refusal of an insole with older firmware.
@@ -69,6 +69,8 @@ pub(crate) enum Message {
         is_other_host: bool,
         /// True if the insole could not store what was requested: parameters and rules of alerts are in force until it restarts.
         is_not_stored: bool,
+        /// True if the same request would be refused again: `plantar serve` accepts no changes, or the insole does not know it.
+        is_final: bool,
     },
     Time {
         /// The page's time in the request.
@@ -182,11 +184,18 @@ impl Message {
         Some(match message {
             ToHost::Hello(hello) => Self::Hello(hello.into()),
             ToHost::Live(live) => Self::Live(LiveFrame(live)),
-            ToHost::Step(step) => Self::Step { key: key(&Step { boots_since: 0, ..step }), step: step_to_json(&step) },
-            ToHost::Bout(bout) => Self::Bout { key: key(&Bout { boots_since: 0, ..bout }), bout: bout_to_json(&bout) },
-            ToHost::Alert(alert) => {
-                Self::Alert { key: key(&Alert { boots_since: 0, ..alert }), alert: alert_to_json(&alert) }
-            }
+            ToHost::Step(step) => Self::Step {
+                key: key(step.step, step.start_us, &Step { boots_since: 0, ..step }),
+                step: step_to_json(&step),
+            },
+            ToHost::Bout(bout) => Self::Bout {
+                key: key(bout.number, bout.start_us, &Bout { boots_since: 0, ..bout }),
+                bout: bout_to_json(&bout),
+            },
+            ToHost::Alert(alert) => Self::Alert {
+                key: key(alert.number, alert.start_us, &Alert { boots_since: 0, ..alert }),
+                alert: alert_to_json(&alert),
+            },
             ToHost::AlertRules(rules) => {
                 Self::AlertRules { is_on: rules.per_day > 0, day_start_min: rules.day_start_min }
             }
@@ -201,6 +210,7 @@ impl Message {
                 },
                 is_other_host: refusal == protocol::Refusal::OtherHost,
                 is_not_stored: refusal == protocol::Refusal::NotStored,
+                is_final: refusal == protocol::Refusal::NotUnderstood,
             },
             ToHost::Time { host_us, device_us } => Self::Time { host_us, device_us },
             ToHost::Faults(faults) => Self::Faults(faults.into()),
@@ -216,17 +226,15 @@ impl Message {
     }
 }
 
-/// The key of a step, load bout or alert: the encoded `content` in hexadecimal digits. The number of boots since the record,
-/// which changes if the insole sends the record again after a restart, must be 0 in `content`.
-fn key(content: &impl Serialize) -> String {
+/// The key of a step, load bout or alert: its number, its start and the checksum of its encoded `content`, in hexadecimal digits.
+/// The number of boots since the record, which changes if the insole sends the record again after a restart, must be 0 in
+/// `content`. Two records of different wearers can have the same number, but not, except by a chance of 1 to 4 billion, also the
+/// same microsecond since the start of their insole and the same checksum.
+fn key(number: u32, start_us: u64, content: &impl Serialize) -> String {
     let mut buffer = [0; MAX_MESSAGE];
-    // Every message fits into the buffer, so the key is never empty.
+    // Every message fits into the buffer.
     let content = encode(content, &mut buffer).map_or(&[][..], |content| content);
-    content.iter().fold(String::with_capacity(2 * content.len()), |mut key, byte| {
-        // Writing to a String does not fail.
-        let _ = write!(key, "{byte:02x}");
-        key
-    })
+    format!("{number:x}-{start_us:x}-{:08x}", crc32(content))
 }
 
 impl From<protocol::Hello> for Hello {
