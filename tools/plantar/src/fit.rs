@@ -383,7 +383,11 @@ fn add_live(study: &mut Study, source: LiveSource) -> Result<()> {
 /// recordings: a recording may not be given twice, because its steps would then be predicted from copies of themselves.
 fn add_cells(study: &mut Study, path: &Path, zero: &ZeroArgs, known: &mut Vec<(u32, String)>) -> Result<Recording> {
     let recording = Recording::read(path)?;
-    let checksum = crc32(&recording.pressure_kpa.iter().flat_map(|kpa| kpa.to_le_bytes()).collect::<Vec<_>>());
+    // The checksum of each part includes that of the part before it.
+    let checksum = recording.pressure_kpa.chunks(1 << 16).fold(0, |before: u32, part| {
+        let part = part.iter().flat_map(|kpa| kpa.to_le_bytes());
+        crc32(&before.to_le_bytes().into_iter().chain(part).collect::<Vec<_>>())
+    });
     if let Some((_, name)) = known.iter().find(|(previous, _)| *previous == checksum) {
         bail!("{} is the same recording as {name}: give each recording once", path.display());
     }

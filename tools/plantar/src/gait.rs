@@ -2,8 +2,7 @@
 
 use crate::fit::live::{self, session};
 use crate::paths::{check_folders, check_written};
-use crate::replay::{completed_step, write_text};
-use crate::setup;
+use crate::replay::{completed_step, progress, write_text};
 use crate::summary::{align, table};
 use anyhow::{Context, Result, bail};
 use clap::Args;
@@ -14,7 +13,7 @@ use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::session::RECORD_QUEUE;
 use plantar::protocol::{Alert, Bout, Hello, LoadRecord, MAJOR, Step, ToHost};
-use recording::{MAX_CELLS, Recording, Scan};
+use recording::{FrameSource, MAX_CELLS, RecordingReader, Scan};
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
@@ -186,7 +185,7 @@ fn read(path: &Path) -> Result<Walk> {
         let steps = steps.map(|(step, start_s)| (step, start_s.map(|s| (s * 1e6).round() as u64))).collect();
         return Ok(Walk { steps, others: session::other_records(path)?, origin: None });
     }
-    if live::is_stream(path) { from_stream(path) } else { from_recording(&Recording::read(path)?) }
+    if live::is_stream(path) { from_stream(path) } else { from_recording(RecordingReader::open(path)?) }
 }
 
 /// Number of times of an insole after which its clock is compared well with that of the host.
@@ -261,44 +260,46 @@ fn from_stream(path: &Path) -> Result<Walk> {
 
 /// The load records that an insole would find in a recording. The times of the steps are on the clock of its time column, which
 /// two recordings have in common unless they are of insoles.
-fn from_recording(recording: &Recording) -> Result<Walk> {
-    let virtual_insole = setup::insole(recording, ContactRule::COUNTED)?;
+fn from_recording(reader: RecordingReader) -> Result<Walk> {
+    let source = FrameSource::from(reader);
+    let virtual_insole = study::virtual_insole(&source, ContactRule::COUNTED)?;
     let mut insole = Box::new(Insole::<f32, MAX_CELLS>::new());
     insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied())?;
-    let start_s = recording.t_s.first().copied().unwrap_or(0.0);
-    if start_s < 0.0 {
-        bail!("the time column begins at {start_s} s: shift it, so that it begins at 0 or later");
-    }
-    let origin = Origin {
-        rate_hz: recording.rate_hz,
-        source: recording.source.clone(),
-        is_of_insole: recording.layout.is_of_insole(),
-    };
+    let head = source.head();
+    let is_of_insole = head.layout.is_of_insole();
+    let origin = Origin { rate_hz: head.rate_hz, source: head.source.clone(), is_of_insole };
     let mut walk = Walk { origin: Some(origin), ..Walk::default() };
-    let time_us = |insole_us: u64| {
-        recording
-            .t_s
-            .get(virtual_insole.frame_at(insole_us))
-            .or(recording.t_s.last())
-            .map_or(0, |t_s| (t_s * 1e6).round() as u64)
-    };
-    let mut add_records = |toe_off: bool, insole: &mut Insole<f32, MAX_CELLS>| {
+    // The times of the frames so far.
+    let mut times_s: Vec<f64> = Vec::new();
+    let mut add_records = |toe_off: bool, insole: &mut Insole<f32, MAX_CELLS>, times_s: &[f64]| {
+        let time_us = |insole_us: u64| {
+            let t_s = times_s.get(virtual_insole.frame_at(insole_us)).or(times_s.last());
+            t_s.map_or(0, |t_s| (t_s * 1e6).round() as u64)
+        };
         if let Some(step) = completed_step(toe_off, insole) {
             let start_us = time_us(step.start_us);
             let duration_us = time_us(step.start_us + u64::from(step.duration_us)).saturating_sub(start_us) as u32;
-            let common_us = (!recording.layout.is_of_insole()).then_some(start_us);
-            walk.steps.push((Step { start_us, duration_us, ..step }, common_us));
+            walk.steps.push((Step { start_us, duration_us, ..step }, (!is_of_insole).then_some(start_us)));
         }
         walk.others.extend(insole.take_bout().map(|bout| (bout.side, bout.number)));
     };
-    let mut scans = virtual_insole.scans(recording);
+    let bar = progress(source.frames() as u64, "frames");
+    let mut scans = virtual_insole.scans(source);
     // The repetitions of the last frame, which have no time, are not evaluated: their load was not recorded.
-    while let Some(Scan { index, t_s: Some(_), codes }) = scans.next_scan()? {
+    while let Some(Scan { index, t_s: Some(t_s), codes }) = scans.next_scan()? {
+        if t_s < 0.0 {
+            bail!("the time column begins at {t_s} s: shift it, so that it begins at 0 or later");
+        }
+        times_s.push(t_s);
         let toe_off = insole.frame(index as u32, codes);
-        add_records(toe_off, &mut insole);
+        add_records(toe_off, &mut insole, &times_s);
+        if index.is_multiple_of(4096) {
+            bar.set_position(index as u64);
+        }
     }
     let toe_off = insole.end_stance();
-    add_records(toe_off, &mut insole);
+    add_records(toe_off, &mut insole, &times_s);
+    bar.finish_and_clear();
     Ok(walk)
 }
 

@@ -1,9 +1,10 @@
 //! `plantar info`: a summary of a recording.
 
+use crate::replay::progress;
 use anyhow::Result;
 use clap::Args;
 use plantar::Region;
-use recording::Recording;
+use recording::{Recording, RecordingReader};
 use std::path::PathBuf;
 
 /// Prints a summary of a recording: source, foot, frame rate, duration, largest force and pressure, and the cells of each region.
@@ -15,26 +16,58 @@ pub struct Info {
 
 impl Info {
     pub fn run(&self) -> Result<()> {
-        print(&Recording::read(&self.recording)?);
+        let reader = RecordingReader::open(&self.recording)?;
+        let mut loads = Loads::default();
+        let bar = progress(reader.frames() as u64, "frames");
+        reader.for_each_frame(|kpa| {
+            loads.add(&reader.head, kpa);
+            if loads.frames.is_multiple_of(4096) {
+                bar.set_position(loads.frames as u64);
+            }
+        })?;
+        bar.finish_and_clear();
+        loads.print(&reader.head);
         Ok(())
     }
 }
 
-/// Prints a recording's summary.
+/// Prints the summary of a recording in memory.
 pub fn print(recording: &Recording) {
-    let seconds = recording.frames() as f64 / recording.rate_hz;
-    let largest_n = (0..recording.frames()).map(|i| recording.force_n(i)).fold(0.0, f64::max);
-    let largest_kpa = recording.pressure_kpa.iter().copied().fold(0.0, f32::max);
-    println!("source    {}", recording.source);
-    println!("foot      {}", recording.side.name());
-    println!("frames    {} at {:.2} Hz, {seconds:.1} s", recording.frames(), recording.rate_hz);
-    println!("largest   {largest_n:.0} N in total, {largest_kpa:.0} kPa on a cell");
-    println!("layout    {}, {} cells", recording.layout.name, recording.cells());
-    for region in Region::ALL {
-        let areas: Vec<f64> =
-            recording.layout.cells.iter().filter(|c| c.region == region).map(|c| c.area_mm2).collect();
-        // The sum of no numbers is -0 in Rust.
-        let sum_mm2 = areas.iter().sum::<f64>() + 0.0;
-        println!("          {:<18} {:>4} cells {sum_mm2:>6.0} mm2", region.name(), areas.len());
+    let mut loads = Loads::default();
+    (0..recording.frames()).for_each(|i| loads.add(recording, recording.frame(i)));
+    loads.print(recording);
+}
+
+/// The number of frames of a recording, and its largest loads.
+#[derive(Default)]
+struct Loads {
+    frames: usize,
+    largest_n: f64,
+    largest_kpa: f32,
+}
+
+impl Loads {
+    /// Adds a frame with these pressures, kPa. `head` describes the recording.
+    fn add(&mut self, head: &Recording, kpa: &[f32]) {
+        self.frames += 1;
+        self.largest_n = self.largest_n.max(head.layout.force_n(kpa));
+        self.largest_kpa = kpa.iter().copied().fold(self.largest_kpa, f32::max);
+    }
+
+    fn print(&self, recording: &Recording) {
+        let Self { frames, largest_n, largest_kpa } = self;
+        let seconds = *frames as f64 / recording.rate_hz;
+        println!("source    {}", recording.source);
+        println!("foot      {}", recording.side.name());
+        println!("frames    {frames} at {:.2} Hz, {seconds:.1} s", recording.rate_hz);
+        println!("largest   {largest_n:.0} N in total, {largest_kpa:.0} kPa on a cell");
+        println!("layout    {}, {} cells", recording.layout.name, recording.cells());
+        for region in Region::ALL {
+            let areas: Vec<f64> =
+                recording.layout.cells.iter().filter(|c| c.region == region).map(|c| c.area_mm2).collect();
+            // The sum of no numbers is -0 in Rust.
+            let sum_mm2 = areas.iter().sum::<f64>() + 0.0;
+            println!("          {:<18} {:>4} cells {sum_mm2:>6.0} mm2", region.name(), areas.len());
+        }
     }
 }

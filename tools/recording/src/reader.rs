@@ -91,6 +91,18 @@ impl RecordingReader {
         Ok(largest_kpa)
     }
 
+    /// Calls `each` with the pressures of each frame, kPa, in the order of the cells.
+    ///
+    /// # Errors
+    /// Fails if the frames violate a rule of recordings.
+    pub fn for_each_frame(&self, mut each: impl FnMut(&[f32])) -> Result<()> {
+        let order: Vec<usize> = (0..self.head.cells()).collect();
+        for block in self.blocks(&order, &|_, kpa| kpa) {
+            block?.values.chunks_exact(order.len().max(1)).for_each(&mut each);
+        }
+        Ok(())
+    }
+
     /// Reads all frames.
     ///
     /// # Errors
