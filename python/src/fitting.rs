@@ -57,7 +57,7 @@ pub fn identify(
                 }
                 Ok(insole)
             };
-            study.add(name.clone(), recording, &insole(contact)?, &mut |_| ()).with_context(problem)?;
+            study.add(name.clone(), &**recording, &insole(contact)?, &mut |_| ()).with_context(problem)?;
             if is_counted {
                 let insole = insole(counted)?;
                 let scans = insole.scans(&**recording);

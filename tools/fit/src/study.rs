@@ -10,7 +10,7 @@ use std::fmt;
 #[cfg(feature = "recordings")]
 use {
     crate::steps::{IsolateError, isolate},
-    recording::{Layout, Recording, VirtualInsole},
+    recording::{FrameSource, Layout, VirtualInsole},
 };
 
 /// One recording or live stream of a [`Study`], without its pressures.
@@ -76,23 +76,21 @@ impl Study {
     /// # Errors
     /// Fails if the insole cannot be set up, or the recording cannot be read. The study is then unchanged.
     #[cfg(feature = "recordings")]
-    pub fn add(
+    pub fn add<'r>(
         &mut self,
         name: String,
-        recording: &Recording,
+        recording: impl Into<FrameSource<'r>>,
         insole: &VirtualInsole,
         progress: &mut dyn FnMut(usize),
     ) -> Result<(), IsolateError> {
+        let recording = recording.into();
+        let head = recording.head();
+        let (origin, side) = (head.source.clone(), head.side);
+        let source = Source { name, origin, side, rate_hz: head.rate_hz, layout: head.layout.clone() };
         let (steps, excluded) = isolate(insole, insole.scans(recording), self.sources.len(), progress)?;
         self.steps.extend(steps);
         self.excluded_contacts.extend(excluded);
-        self.sources.push(Source {
-            name,
-            origin: recording.source.clone(),
-            side: recording.side,
-            rate_hz: recording.rate_hz,
-            layout: recording.layout.clone(),
-        });
+        self.sources.push(source);
         Ok(())
     }
 

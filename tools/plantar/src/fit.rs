@@ -16,7 +16,7 @@ use live::LiveSource;
 use parameters::{InsoleSize, TissueMeasurements};
 use plantar::checksum::crc32;
 use plantar::pipeline::contact::ContactRule;
-use recording::{Recording, output};
+use recording::{FrameSource, RecordingReader, output};
 use std::fs;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -243,15 +243,18 @@ impl Fit {
         Ok(self.fitted()?.0)
     }
 
-    /// Fits all regions. Returns the fitted study, and those of its sources that are recordings of all cells.
-    fn fitted(&self) -> Result<(Study, Vec<Recording>)> {
+    /// Fits all regions. Returns the fitted study, and the paths of those of its sources that are recordings of all cells.
+    fn fitted(&self) -> Result<(Study, Vec<&Path>)> {
         let participant = self.participant.clone().unwrap_or_else(|| stem(&self.recordings[0]));
         let inputs = self.recordings.iter().map(|path| Input::open(path)).collect::<Result<Vec<_>>>()?;
         let mut study = Study::new(participant, self.contact_rule(&inputs)?, self.search.options(RESAMPLES)?);
         let (mut known, mut recordings) = (Vec::new(), Vec::new());
         for input in inputs {
             match input {
-                Input::Recording(path) => recordings.push(add_cells(&mut study, path, &self.zero, &mut known)?),
+                Input::Recording(path) => {
+                    add_cells(&mut study, path, &self.zero, &mut known)?;
+                    recordings.push(path);
+                }
                 Input::Live(sources) => sources.into_iter().try_for_each(|source| add_live(&mut study, source))?,
             }
         }
@@ -379,27 +382,29 @@ fn add_live(study: &mut Study, source: LiveSource) -> Result<()> {
     Ok(study.add_live(source.name, source.origin, source.side, &source.steps)?)
 }
 
-/// Adds the steps of a recording to the study, and returns the recording. `known` has the checksums and names of the previous
+/// Adds the steps of a recording to the study. `known` has the checksums and names of the previous
 /// recordings: a recording may not be given twice, because its steps would then be predicted from copies of themselves.
-fn add_cells(study: &mut Study, path: &Path, zero: &ZeroArgs, known: &mut Vec<(u32, String)>) -> Result<Recording> {
-    let recording = Recording::read(path)?;
-    // The checksum of each part includes that of the part before it.
-    let checksum = recording.pressure_kpa.chunks(1 << 16).fold(0, |before: u32, part| {
-        let part = part.iter().flat_map(|kpa| kpa.to_le_bytes());
-        crc32(&before.to_le_bytes().into_iter().chain(part).collect::<Vec<_>>())
-    });
+fn add_cells(study: &mut Study, path: &Path, zero: &ZeroArgs, known: &mut Vec<(u32, String)>) -> Result<()> {
+    let reader = RecordingReader::open(path)?;
+    // The checksum of each frame includes that of the frame before it.
+    let mut checksum = 0u32;
+    reader.for_each_frame(|kpa| {
+        let bytes = [checksum.to_le_bytes()].into_iter().chain(kpa.iter().map(|kpa| kpa.to_le_bytes())).flatten();
+        checksum = crc32(&bytes.collect::<Vec<_>>());
+    })?;
     if let Some((_, name)) = known.iter().find(|(previous, _)| *previous == checksum) {
         bail!("{} is the same recording as {name}: give each recording once", path.display());
     }
     known.push((checksum, path.display().to_string()));
-    let mut insole = setup::insole(&recording, study.contact).with_context(|| path.display().to_string())?;
+    let source = FrameSource::from(reader);
+    let mut insole = study::virtual_insole(&source, study.contact).with_context(|| path.display().to_string())?;
     zero.apply(&mut insole)?;
-    let bar = progress(recording.frames() as u64, "frames");
+    let bar = progress(source.frames() as u64, "frames");
     study
-        .add(path.display().to_string(), &recording, &insole, &mut |done| bar.set_position(done as u64))
+        .add(path.display().to_string(), source, &insole, &mut |done| bar.set_position(done as u64))
         .with_context(|| format!("{}: the recording cannot be evaluated", path.display()))?;
     bar.finish_and_clear();
-    Ok(recording)
+    Ok(())
 }
 
 /// The name of a file without folder and extension.

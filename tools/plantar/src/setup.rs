@@ -6,7 +6,7 @@ use parameters::{Identified, InsoleSize, Parameters, TypicalRange};
 use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::{Step, StepRegion};
 use plantar::{Region, Side};
-use recording::{FrameSource, Recording, VirtualInsole, Zero};
+use recording::{FrameSource, VirtualInsole, Zero};
 use std::path::{Path, PathBuf};
 use study::ContactOptions;
 
@@ -189,11 +189,6 @@ pub fn rule_in_words(rule: &ContactRule) -> String {
         if rule.full_kpa > 0.0 { format!("fraction sqrt(p / {} kPa)", rule.full_kpa) } else { "whole cells".into() };
     let area = recording::area_title(rule);
     format!("{area}, {counted}, on at {} kPa, off below {} kPa", rule.on_kpa, rule.off_kpa)
-}
-
-/// Makes a virtual insole for a recording. Returns an error if an insole cannot have the recording's frame rate.
-pub fn insole(recording: &Recording, rule: ContactRule) -> Result<VirtualInsole> {
-    study::virtual_insole(&recording.into(), rule)
 }
 
 #[derive(Args, Default)]

@@ -2,19 +2,20 @@
 
 use super::Fit;
 use crate::replay::progress;
-use crate::setup;
 use fit::sensitivity::{Sensitivity, choices, predicted_nrmse};
 use fit::steps::isolate;
 use fit::{Method, Step, Study};
 use plantar::pipeline::contact::ContactRule;
-use recording::Recording;
+use recording::{FrameSource, RecordingReader};
+use std::path::Path;
 
 impl Fit {
     /// Extracts the steps of the recordings with another contact rule.
-    fn steps_by(&self, recordings: &[Recording], rule: &ContactRule) -> Result<Vec<Step>, String> {
+    fn steps_by(&self, recordings: &[&Path], rule: &ContactRule) -> Result<Vec<Step>, String> {
         let mut all = Vec::new();
-        for (index, recording) in recordings.iter().enumerate() {
-            let mut insole = setup::insole(recording, *rule).map_err(|e| format!("{e:#}"))?;
+        for (index, path) in recordings.iter().enumerate() {
+            let recording = FrameSource::from(RecordingReader::open(path).map_err(|e| e.to_string())?);
+            let mut insole = study::virtual_insole(&recording, *rule).map_err(|e| format!("{e:#}"))?;
             self.zero.apply(&mut insole).map_err(|e| format!("{e:#}"))?;
             let (steps, _) =
                 isolate(&insole, insole.scans(recording), index, &mut |_| ()).map_err(|e| e.to_string())?;
@@ -25,7 +26,7 @@ impl Fit {
 
     /// Computes [`Study::counted_nrmse`]. `recordings` are the sources of the study that contain all cells. If another source
     /// exists, or if the method is that of the paper, all results are `None`.
-    pub(super) fn counted_nrmse(&self, study: &Study, recordings: &[Recording]) -> [Option<f64>; 8] {
+    pub(super) fn counted_nrmse(&self, study: &Study, recordings: &[&Path]) -> [Option<f64>; 8] {
         // The method of the paper is too slow to be repeated.
         if recordings.len() != study.sources.len() || study.options.method != Method::Projection {
             return [None; 8];
@@ -36,7 +37,7 @@ impl Fit {
 
     /// Sensitivity analysis: the main results with other contact rules, filters and steps. `recordings` are the sources of the
     /// study that contain all cells. If another source exists, the contact rule is not varied.
-    pub(super) fn sensitivity(&self, study: &Study, recordings: &[Recording]) -> Sensitivity {
+    pub(super) fn sensitivity(&self, study: &Study, recordings: &[&Path]) -> Sensitivity {
         let steps_by = |rule: &ContactRule| self.steps_by(recordings, rule);
         let has_cells = recordings.len() == study.sources.len();
         let bar = progress(8 * choices(study, has_cells).len() as u64, "fits of the sensitivity analysis");
