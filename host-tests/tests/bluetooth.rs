@@ -172,7 +172,8 @@ fn an_insole_that_is_not_worn_is_found_and_measures_when_it_is_put_on() {
     // The insole counts as not worn after 60 s. From then on one frame in 50 is scanned.
     assert!(!status.is_worn && (800..=1000).contains(&status.frames_skipped), "{status:?}");
     phone.send(&mut world.radio, ToDevice::Stream { live: true });
-    // The next frame that is scanned is in the first stance, and the walk continues when the insole has evaluated it.
+    // An insole that is not worn scans every 50th frame. These frames include a scan in the first stance, by which it recognises that
+    // it is worn.
     world.insole.play(unworn as u32 + 101);
     while !status.is_worn {
         status = phone.status(&mut world.radio);
@@ -447,8 +448,8 @@ fn malformed_values_are_refused_and_the_session_continues() {
     stream_steps(&mut world, &mut phone, 1);
 }
 
-/// Whatever a stranger sends, with every code and every length of the attribute protocol, of signalling and of pairing, the
-/// insole does not restart.
+/// Packets of 1 to 24 bytes with each code of the attribute protocol, of signalling and of pairing, filled with 0x01 or 0xff, do not
+/// restart the insole.
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn no_packet_of_a_stranger_restarts_the_insole() {
@@ -469,7 +470,8 @@ fn no_packet_of_a_stranger_restarts_the_insole() {
             }
         }
     }
-    // The requests of 128-bit UUIDs are answered, one by one, so that none can be missing in a full queue.
+    // A Read By Group Type request with a 128-bit UUID would end the Bluetooth host. It is repeated, because a full queue may have
+    // dropped it before.
     stranger.connect_without_discovery(&mut world.radio, 247);
     stranger.packets(&mut world.radio, 4, &[[&[0x10, 1, 0, 0xff, 0xff][..], &[0; 16]].concat()]);
     stranger.cut(&mut world.radio);

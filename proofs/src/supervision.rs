@@ -8,7 +8,8 @@ pub const ALL: [Part; PARTS.len()] = [Part::Scan, Part::Model, Part::Link, Part:
 /// Once a part has had no heartbeat for its allowed number of checks ([`MOST_CHECKS`]), the watchdog reports all parts that
 /// have had none for at least their own allowed number minus two. The checks are counted from the first heartbeat of the link
 /// on, or from check [`START_CHECKS`] on, and for the radio not before its own first heartbeat. `has_heartbeat` states whether a
-/// part has a heartbeat before a check; at each check, a frame waits for processing unless processing has a heartbeat.
+/// part has a heartbeat before a check; at each check, a frame waits for processing unless processing, [`Part::Model`], has a
+/// heartbeat.
 pub fn watchdog(checks: u32, has_heartbeat: impl Fn(Part, u32) -> bool) {
     let (heartbeats, mut watchdog) = (Heartbeats::new(), Watchdog::new());
     let mut silent_checks = [0; PARTS.len()];

@@ -37,8 +37,14 @@ pub struct BootReport {
     /// Number of successive starts that failed before this one.
     pub failed_starts: u32,
     /// A person who has the insole in hand has started it: it was switched on after its RAM had lost its contents, or reset by its
-    /// pin. A short interruption of the supply, as by a battery contact that bounces, does not count.
+    /// pin. A short interruption of the supply, as by a battery contact that bounces, does not count: [`is_started_by_user`].
     pub is_started_by_user: bool,
+}
+
+/// Whether a person who has the insole in hand has started it: see [`BootReport::is_started_by_user`]. `has_survived` states whether
+/// the RAM still has the contents of the previous run.
+pub fn is_started_by_user(reset: Reset, has_survived: bool) -> bool {
+    reset == Reset::Pin || reset == Reset::Power && !has_survived
 }
 
 impl BootReport {

@@ -81,7 +81,7 @@ pub struct AlertRecord {
     pub number: u32,
     /// Time of the alert since frame 0, us.
     pub start_us: u64,
-    /// Bit i: region i is under sustained load.
+    /// Bit i: region i is under sustained load, and alerts are raised for it.
     pub sustained: u8,
     /// Bit i: the dose of region i has reached the limit of the day, and no earlier alert of this day has reported it.
     pub dose: u8,

@@ -48,6 +48,8 @@ pub struct Store<F> {
     log: Sectors,
     buffer: [u8; BUFFER],
     contents: Contents,
+    /// The number in the last mark that this boot has appended to the log.
+    marked: Option<u32>,
     /// The reason of this boot, until it is counted.
     boot_due: Option<Reset>,
     /// The log has foreign contents that could not be erased completely, so nothing is stored in it before the next start, or
@@ -66,6 +68,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
             log: Sectors::new(log),
             buffer: [0; BUFFER],
             contents: Contents::default(),
+            marked: None,
             boot_due: None,
             is_log_foreign: false,
         }
@@ -296,8 +299,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
         self.push(Entry::Acknowledged { next }.encode(&mut [0; BUFFER])).await.map(drop)
     }
 
-    /// Removes the load records up to and including this number, the oldest first, but at most [`REMOVED_AT_ONCE`]. True if
-    /// some of them remain, and this function must be called again.
+    /// Removes the load records up to and including this number, the oldest first, but at most 64 of them. True if some of
+    /// them remain, and this function must be called again.
     ///
     /// # Errors
     /// See [`StorageError`].
@@ -310,9 +313,12 @@ impl<F: MultiwriteNorFlash> Store<F> {
         if is_last {
             self.contents.next_record = next;
         }
-        // Entries of newer firmware have numbers that this firmware does not read.
-        if is_last || self.contents.newer_records > 0 {
-            self.push_mark(self.contents.next_record).await?;
+        // Entries of newer firmware have numbers that this firmware does not read. The mark remains while the records are removed in
+        // parts.
+        let mark = self.contents.next_record;
+        if (is_last || self.contents.newer_records > 0) && self.marked != Some(mark) {
+            self.push_mark(mark).await?;
+            self.marked = Some(mark);
         }
         let Self { flash, guard, log, buffer, contents, .. } = self;
         log.with_queue(flash, guard, async |log| {

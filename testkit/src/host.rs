@@ -134,10 +134,10 @@ impl Carrier for Central {
                 return Err(io::ErrorKind::NotConnected.into());
             };
             let Some((_, joiner)) = self.joiners.iter_mut().find(|(joined, _)| *joined == channel) else { continue };
-            match joiner.push(&value).ok().flatten().map(decode) {
-                None => {}
-                Some(None) => self.damaged += 1,
-                Some(message) => return Ok(message),
+            match joiner.push(&value).map(|message| message.map(decode)) {
+                Ok(None) => {}
+                Ok(Some(None)) | Err(_) => self.damaged += 1,
+                Ok(Some(message)) => return Ok(message),
             }
         }
     }
@@ -158,7 +158,7 @@ impl Carrier for Central {
 /// The host's end of a link of either kind.
 pub struct Link {
     end: LinkEnd,
-    /// Number of load records that arrived, with those that arrived before.
+    /// Number of received load records, retransmissions included.
     records: Rc<Cell<usize>>,
 }
 
@@ -235,7 +235,7 @@ pub struct Host {
     last_message_us: u64,
     /// The steps, load bouts and alerts, in the order of their arrival.
     pub records: Vec<LoadRecord>,
-    /// Number of times that a load record arrived over any link, with those that arrived before.
+    /// Number of load records received over any link, retransmissions included.
     records_with_repetitions: Rc<Cell<usize>>,
     /// Number of live frames that arrived.
     pub live: u64,

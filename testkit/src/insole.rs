@@ -14,7 +14,9 @@ use firmware_image::Image;
 use plantar::firmware::ble::GattSession;
 use plantar::firmware::board::{Gauges, Ticker};
 use plantar::firmware::scan::ScanCounters;
-use plantar::firmware::start::{BootReport, Configuration, MAX_FAILED_STARTS, Memory, Started, start};
+use plantar::firmware::start::{
+    BootReport, Configuration, MAX_FAILED_STARTS, Memory, Started, is_started_by_user, start,
+};
 use plantar::firmware::supervise::{CHECK_PERIOD_MS, HEALTHY_CHECKS, Watchdog};
 use plantar::firmware::{persist, process, scan, serve};
 use plantar::protocol::update::{CHUNK, Header};
@@ -251,7 +253,8 @@ impl HostInsole {
                 reset: reason,
                 fault: cause.and_then(crash_text),
                 failed_starts: self.failed_starts,
-                is_started_by_user: matches!(reason, Reset::Power | Reset::Pin),
+                // The simulated supply fails for so long that the RAM loses its contents.
+                is_started_by_user: is_started_by_user(reason, reason != Reset::Power),
             },
             image: Box::leak(Box::new(header)),
             content: content.leak(),

@@ -9,7 +9,7 @@ use cortex_m::peripheral::{DWT, SCB};
 use embassy_sync::blocking_mutex::CriticalSectionMutex;
 use heapless::String;
 use plantar::firmware::board::Stopwatch;
-use plantar::firmware::start::{BootReport, MAX_FAILED_STARTS};
+use plantar::firmware::start::{BootReport, MAX_FAILED_STARTS, is_started_by_user};
 use plantar::firmware::supervise::{CHECK_PERIOD_MS, HEALTHY_CHECKS, Heartbeats, PARTS, Watchdog};
 use plantar::protocol::{MAX_FAULT_TEXT, Reset};
 
@@ -193,7 +193,7 @@ pub fn boot_report(controller_reset: Option<Reset>) -> BootReport {
         _ if reset == Reset::Panic => text.push("fault in a fault handler"),
         _ => &mut text,
     };
-    let is_started_by_user = reset == Reset::Pin || reset == Reset::Power && before.is_none();
+    let is_started_by_user = is_started_by_user(reset, before.is_some());
     BootReport { reset, fault: Some(text.0).filter(|text| !text.is_empty()), failed_starts, is_started_by_user }
 }
 

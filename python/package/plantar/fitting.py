@@ -68,8 +68,8 @@ def fit(recordings: Recordings, *, participant: str | None = None, options: Opti
 def fit_steps(recording: Recording | Path, *, options: Options = Options()) -> pyarrow.Table:
     """Fits each region of each step of a recording separately, like ``plantar cohort``.
 
-    The table has one row for each region of each step. The function needs no other recording and has no state, so that any engine
-    can call it for the recordings of a study.
+    The table has one row for each region of each step. The function needs no other recording and has no state, so that many
+    recordings can be evaluated in parallel, for example by Dask or Spark.
     """
     import pyarrow
 

@@ -199,6 +199,7 @@ fn scipy(python: &Path, samples: &[Samples]) -> Result<Scipy> {
     for (region, samples) in samples.iter().enumerate() {
         let mut data = vec![samples.len() as f64];
         data.extend(samples.table().flatten());
+        // The area before contact, to which an index beyond the last sample refers.
         data.push(0.0);
         let bytes: Vec<u8> = data.into_iter().flat_map(f64::to_le_bytes).collect();
         std::fs::write(directory.path().join(format!("{region}.f64")), bytes)?;

@@ -10,8 +10,8 @@ use recording::{Result, output};
 use std::io::{self, Write};
 use std::path::Path;
 
-/// Writes the external loads: time in s, force in N, point of application in m, torque in N m. All of them are 0 while the foot
-/// is off the ground.
+/// Writes the external loads: time in s, force in N, point of application in m, torque in N m. Force, point and torque are 0
+/// while the foot is off the ground.
 ///
 /// # Errors
 /// Fails if the file cannot be written.

@@ -456,3 +456,37 @@ impl SearchResult {
         Ok(fit)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Filter;
+    use crate::synthetic::{Noise, curves};
+
+    /// The largest step is not among those of which the whole range of the parameters is searched.
+    #[test]
+    fn many_steps_have_the_parameters_of_a_search_over_all_of_them() {
+        const STEPS: usize = MANY + 40;
+        const LARGEST: usize = 5;
+        assert!(!spread(&(0..STEPS).collect::<Vec<_>>()).contains(&LARGEST));
+        for region in 0..8 {
+            let mut source = Noise::new(region as u64 + 1);
+            let size = |i: usize| if i == LARGEST { 1.2 } else { 0.9 + 0.1 * (i % 7) as f64 / 6.0 };
+            let steps: Vec<_> =
+                (0..STEPS).map(|i| curves(region, 100.0, Filter::Direct, size(i), 0.05, &mut source)).collect();
+            let prior = Some(&prior::WALKERS[region]);
+            let samples = Samples::new(&steps, Filter::Direct);
+            let few = Samples::new(spread(&steps.iter().collect::<Vec<_>>()), Filter::Direct);
+            let of_all = Found::new(&samples, prior, &Bounds::USUAL);
+            let of_many = Found::of_many(&samples, &few, prior, &Bounds::USUAL);
+            let deviations =
+                interval::covariance(&samples, &prior::WALKERS[region], &of_all.identified, of_all.noise.variance);
+            let [a, b] = [of_all.identified, of_many.identified].map(|found| prior::coordinates(&found));
+            for i in 0..5 {
+                let error = (a[i] - b[i]).abs() / deviations[(i, i)].sqrt();
+                assert!(error < 0.05, "region {region}, coordinate {i}: {} instead of {}", b[i], a[i]);
+            }
+            assert!((of_many.noise.variance / of_all.noise.variance - 1.0).abs() < 1e-3);
+        }
+    }
+}

@@ -56,6 +56,9 @@ function ageOf_s(alert: Alert, start_unix_s: number | null, t_s: number | undefi
 /** True if the alerts of an insole with this load of the day are paused for another `rest_s` seconds or more. */
 const isPaused = (daily: DailyLoad | undefined, rest_s: number) => (daily?.snoozed_s ?? 0) >= rest_s - PAUSE_TOLERANCE_S;
 
+/** True if the load of the day of an insole is that of today. A load that arrived before midnight is not. */
+const isOfToday = ({ daily_unix_s }: Session) => dayOf(daily_unix_s) === dayOf(Date.now() / 1000);
+
 /** An alert that is shown, and the time of `Date.now()` at which it was raised. */
 interface ShownAlert {
   alert: Alert;
@@ -220,9 +223,10 @@ export class Alerts {
     byId("alert").hidden = this.shown.length === 0;
     fill("alert-text", this.shown.map(({ alert, raised_ms }): Node => {
       // No further alert can come for some time, so a region that is under sustained load now is added to this one.
-      const later = this.present(alert.side)?.sustained.filter((name) => ![...alert.sustained, ...alert.dose].includes(name)) ?? [];
+      const named = this.shown.flatMap(({ alert: other }) => (other.side === alert.side ? other.sustained : []));
+      const later = this.present(alert.side)?.sustained.filter((name) => !named.includes(name)) ?? [];
       const regions = later.map((name) => regionTitle(name).toLowerCase()).join("; ");
-      const added = regions ? [` Now also here: ${regions}.`] : [];
+      const added = regions ? [` Now also under sustained load: ${regions}.`] : [];
       return ["p", {}, alert.advice, ...added, " ", ["small", {}, `Raised at ${timeText(raised_ms / 1000)}.`]];
     }));
   }
@@ -315,7 +319,7 @@ export class Alerts {
     if (this.insoles.transport?.is_replay) return [];
     return SIDES.flatMap((side) => {
       const session = this.insoles.of(side);
-      if (!session?.daily) return [];
+      if (!session?.daily || !isOfToday(session)) return [];
       const { day_start_min, daily_unix_s } = session;
       const is_other = day_start_min !== undefined && day_start_min !== dayStartMinutes();
       const start = (day_start_min ?? 0) - dayStartMinutes();
@@ -371,10 +375,7 @@ export class Alerts {
     // An alert that is shown can concern further regions now.
     if (this.shown.length > 0) this.draw();
     const feet = SIDES.map((side) => this.insoles.of(side));
-    const today = dayOf(Date.now() / 1000);
-    // A load that arrived before midnight is not that of today.
-    const isOfToday = (session: Session | undefined) => session && dayOf(session.daily_unix_s) === today;
-    const daily = feet.map((session) => (isOfToday(session) ? session?.daily : undefined));
+    const daily = feet.map((session) => (session && isOfToday(session) ? session.daily : undefined));
     const present = SIDES.map((side) => this.present(side));
     byId("today").hidden = daily.every((load) => !load);
     const cell = (value: (region: DailyRegion) => string, name: string, mark: readonly string[] = []) =>

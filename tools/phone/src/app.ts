@@ -267,8 +267,6 @@ export class App {
     drawDays([...days.values()], this.settings);
     drawBouts(latest.bouts);
     drawAlerts(latest.alerts);
-    byId("export-steps", HTMLButtonElement).disabled = this.store.count("steps") === 0;
-    byId("export-bouts", HTMLButtonElement).disabled = this.store.count("bouts") === 0;
   }
 
   /** Deletes the stored records, and the messages of an interrupted guided session. */
@@ -300,6 +298,8 @@ export class App {
     const is_replay = insoles.transport?.is_replay ?? false;
     byId("clear", HTMLButtonElement).disabled = is_replay || (this.store.days.size === 0 && !this.identify.has_stored);
     byId("clear-note").hidden = !is_replay;
+    byId("export-steps", HTMLButtonElement).disabled = this.store.count("steps") === 0;
+    byId("export-bouts", HTMLButtonElement).disabled = this.store.count("bouts") === 0;
     const linked = insoles.sessions.filter(({ state }) => state !== "closed");
     byId("connect-other").hidden = !(insoles.transport instanceof BluetoothTransport) || linked.length !== 1;
     this.alerts.update();
@@ -372,7 +372,9 @@ export class App {
       this.stepsChanged();
     });
     addEventListener("storage", ({ key }) => {
-      if (key === CLEARED_KEY && !this.insoles.transport?.is_replay) void this.loadStored();
+      if (key === CLEARED_KEY && !this.insoles.transport?.is_replay) {
+        this.store.reload().then(() => this.stepsChanged(), () => undefined);
+      }
     });
     const failed = (problem: string) => this.fail(problem);
     listenToExport(this.wire, this.recorder, this.insoles, () => this.store, () => this.clear(), failed);

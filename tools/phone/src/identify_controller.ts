@@ -220,7 +220,7 @@ export class IdentifyController {
     const needs_screen = this.session.isCollecting || this.session.phase === "verify";
     if (needs_screen) this.screen.hold();
     else this.screen.release();
-    fill("identify-open", [this.session.phase === "closed" ? "Identify my tissue" : "Continue the identification"]);
+    fill("identify-open", [["closed", "done", "failed"].includes(this.session.phase) ? "Identify my tissue" : "Continue the identification"]);
     if (!document.hidden && document.body.dataset["view"] === "identify") this.draw();
   }
 

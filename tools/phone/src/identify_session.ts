@@ -389,7 +389,7 @@ export class IdentifySession {
       this.attempts = 0;
       this.before_push = this.phase;
       this.sending = this.pushable().filter(({ sent, unstored }) => sent !== "confirmed" || unstored);
-      for (const foot of this.sending) [foot.sent, foot.refusal] = ["waiting", ""];
+      for (const foot of this.sending) [foot.sent, foot.refusal, foot.is_refusal_final] = ["waiting", "", false];
     }
     this.phase = "push";
     this.sent_ms = now_ms;

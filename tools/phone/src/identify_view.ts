@@ -223,9 +223,9 @@ function failedTransfers({ feet }: IdentifySession): Node[] {
     : `The ${side} insole did not answer, so it may not have your parameters. Hold the phone closer to it.`;
   const failed = feet.filter(({ sent, unstored }) => sent === "failed" || unstored);
   const notes = failed.map((foot) => note(words(foot)));
-  // Where the same refusal would follow, the parameters can only be saved.
+  // The same refusal would follow, unless the wearer has changed something.
   const is_final = failed.every(({ is_refusal_final }) => is_refusal_final);
-  return is_final ? notes : [...notes, button("push", "Send again", "primary")];
+  return notes.length > 0 ? [...notes, button("push", "Send again", is_final ? "" : "primary")] : [];
 }
 
 const exports = (session: IdentifySession): Node[] => [

@@ -48,6 +48,10 @@ export function listenToSettings(settings: Settings, changed: () => void): () =>
     stride.value = settings.stride_cm === null ? "" : settings.stride_cm.toFixed(0);
     showMass();
     showForceNote();
+    for (const field of [mass, stride]) {
+      fill(`${field.id}-note`, []);
+      field.setAttribute("aria-invalid", "false");
+    }
   };
   show();
   const save = () => {

@@ -56,12 +56,12 @@ export class TemporaryStorage implements StepStorage {
 }
 
 /**
- * The storage of a browser without a database. Adding a record fails, so that the record is not acknowledged and remains on
+ * The storage that is used if the browser's database is missing, or cannot be opened or read. Adding a record fails, so that the record is not acknowledged and remains on
  * the insole.
  */
 export class NoStorage extends TemporaryStorage {
   override add(): Promise<void> {
-    return Promise.reject(new Error("This browser has no database."));
+    return Promise.reject(new Error("The database of this browser cannot be used."));
   }
 }
 
@@ -74,6 +74,9 @@ const DAYS = "days";
 const RECORDS_1 = "steps";
 /** Number of records that are read at once. The page does not respond while they are decoded, which takes less than 0.1 s. */
 const PART_RECORDS = 200;
+
+/** Number of the last records of version 2 of the database that get present keys: more than can arrive again. */
+const CONVERTED = 1000;
 
 /** Stores records in the browser's database. */
 export class DatabaseStorage implements StepStorage {
@@ -88,7 +91,7 @@ export class DatabaseStorage implements StepStorage {
     blocked: (is_blocked: boolean) => void,
   ): Promise<DatabaseStorage> {
     const create = ({ result: database, transaction }: IDBOpenDBRequest) => {
-      if (transaction && database.objectStoreNames.contains(RECORDS)) return shortenKeys(transaction, keyed);
+      if (transaction && database.objectStoreNames.contains(RECORDS)) return void shortenKeys(transaction, keyed);
       database.createObjectStore(RECORDS, { autoIncrement: true }).createIndex("key", "key", { unique: true });
       database.createObjectStore(DAYS, { keyPath: "day" });
       if (transaction && database.objectStoreNames.contains(RECORDS_1)) upgrade(database, transaction, keyed);
@@ -151,17 +154,22 @@ function store(transaction: IDBTransaction, { key, message, start_unix_s }: NewR
   transaction.objectStore(RECORDS).add({ key, message, start_unix_s });
 }
 
-/** Gives the records of version 2 of the database, which had the whole message in hexadecimal digits as their keys, their present keys. */
-function shortenKeys(transaction: IDBTransaction, keyed: (record: StepRecord) => NewRecord | undefined): void {
-  const request = transaction.objectStore(RECORDS).openCursor();
-  request.onsuccess = () => {
-    const cursor = request.result;
-    if (!cursor) return;
-    const record = cursor.value as StepRecord;
+/**
+ * Gives the last records of version 2 of the database their present keys: in that version, a key was the whole message in
+ * hexadecimal digits. Earlier records cannot arrive again, and to change them all would take minutes. A record that cannot be
+ * changed, as on a full disk, remains as it is.
+ */
+async function shortenKeys(transaction: IDBTransaction, keyed: (record: StepRecord) => NewRecord | undefined): Promise<void> {
+  const store = transaction.objectStore(RECORDS);
+  const range = await rangeOfLast(store, CONVERTED);
+  const [records, places] = await Promise.all([
+    resultOf(store.getAll(range) as IDBRequest<StepRecord[]>),
+    resultOf(store.getAllKeys(range)),
+  ]);
+  for (const [i, record] of records.entries()) {
     const key = keyed(record)?.key;
-    if (key !== undefined) cursor.update({ ...record, key });
-    cursor.continue();
-  };
+    if (key !== undefined) store.put({ ...record, key }, places[i]).onerror = (event) => event.preventDefault();
+  }
 }
 
 /** Moves the records of version 1 of the database to the present version. */

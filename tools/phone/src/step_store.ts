@@ -117,6 +117,18 @@ export class StepStore {
     }
   }
 
+  /** Loads the records again, after another tab has deleted them. Those that could not be stored yet remain. */
+  async reload(): Promise<void> {
+    this.latest.trimTo(0);
+    this.days.clear();
+    await this.load();
+    for (const record of this.pending) {
+      const decoded = decodeRecord(this.wire, record);
+      if (decoded) this.latest.add(decoded, record.start_unix_s);
+      addLoad(this.days, record.load);
+    }
+  }
+
   /** All records in parts, oldest first, including those that could not be stored. */
   async *parts(): AsyncGenerator<Records> {
     // These records can be stored before or after the last part is read.

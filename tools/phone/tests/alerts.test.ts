@@ -294,7 +294,7 @@ test("a region that comes under sustained load after the alert is added to it", 
   expect(element("alert-text").content).not.toContain("Now also");
   left.receive(daily("hallux", "heel"));
   alerts.update();
-  expect(element("alert-text").content).toContain(" Now also here: heel.");
+  expect(element("alert-text").content).toContain(" Now also under sustained load: heel.");
   // What an insole has reported before its connection was lost may not be true any more.
   left.session.closed("out of reach");
   alerts.update();

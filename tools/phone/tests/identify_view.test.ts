@@ -52,13 +52,15 @@ test.each(["result", "verify", "done"] as const)("parameters that an insole did 
   if (phase !== "result") expect(view(phase, [{ side: "left", sent: "confirmed" }])).not.toContain(send);
 });
 
-test("parameters that would be refused again are not sent again, but can be saved", () => {
+test("sending parameters again is not the main action if they would be refused again, and they can be saved", () => {
   const refused = { sent: "failed", refusal: "no changes", is_refusal_final: true } as const;
   const both = view("result", [{ side: "left", ...refused }, { side: "right", ...refused }]);
   expect(both).toContain("The left insole did not accept the parameters: no changes.");
-  expect(both).not.toContain('"data-action":"push"');
+  const main = '"data-action":"push","class":"primary"';
+  expect(both).toContain('"data-action":"push"');
+  expect(both).not.toContain(main);
   expect(both).toContain('"data-action":"export-left"');
-  expect(view("result", [{ side: "left", ...refused }, { side: "right", sent: "failed" }])).toContain('"data-action":"push"');
+  expect(view("result", [{ side: "left", ...refused }, { side: "right", sent: "failed" }])).toContain(main);
 });
 
 test("the wearer knows before the session that an insole will not accept the result", () => {

@@ -310,8 +310,8 @@ fn note_partial_foot(cells: &[Cell], under_foot: &[bool], half_mm: [f64; 2], rem
     if length_mm < LEAST_RATIO * width_mm {
         remarks.push(format!(
             "The loaded cells are {length_mm:.0} mm long and {width_mm:.0} mm wide, so a part of the foot, such as the heel or the \
-             toes, seems to carry no load in any frame. The regions are those of a whole foot of this length, and wrong for this \
-             one: import by `csv`, with a layout that states the regions, or include frames in which the whole foot is loaded."
+             toes, seems to carry no load in any frame, unless the foot is turned. The regions are those of a whole foot of this \
+             length: import by `csv`, with a layout that states the regions, or include frames in which the whole foot is loaded."
         ));
     }
 }

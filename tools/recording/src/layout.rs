@@ -32,7 +32,7 @@ impl Cell {
 /// The cells of a sensor sheet or pressure plate, in the order of the values of a frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Layout {
-    /// Name for display.
+    /// Name. Its beginning identifies the layouts of insoles and of computed recordings.
     pub name: String,
     /// The cells, at most [`MAX_CELLS`].
     pub cells: Vec<Cell>,
@@ -54,8 +54,8 @@ impl Layout {
         Self { name: format!("{COMPUTED}, EU 42, {} cells", cells.len()), cells }
     }
 
-    /// True if the pressures follow from the codes of a sensor by this project's law: those of an insole or computed ones. The
-    /// reading of an unloaded cell adds to the code of such a sensor, and to the pressure of others.
+    /// True if the pressures were computed from the codes of a sensor by this project's law: those of an insole, or computed ones.
+    /// The reading of an unloaded cell is then an offset of its code; that of any other sensor is an offset of its pressure.
     pub(crate) fn is_of_codes(&self) -> bool {
         [INSOLE, COMPUTED].iter().any(|beginning| self.name.starts_with(beginning))
     }

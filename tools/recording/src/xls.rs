@@ -78,7 +78,10 @@ pub fn rows(bytes: &[u8]) -> Result<Vec<Vec<String>>, String> {
             }
             LABEL_SST => {
                 let text = u32_at(data, 6).and_then(|index| texts.get(index as usize));
-                set(column.into(), text.ok_or("a text is missing")?.clone());
+                set(
+                    column.into(),
+                    text.ok_or("a cell refers to a text that the table of texts does not contain")?.clone(),
+                );
             }
             _ => {}
         }

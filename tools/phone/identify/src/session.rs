@@ -69,7 +69,7 @@ impl Session {
     /// The result has the form of the JSON of `plantar fit`, with four more entries: `message`, the bytes of the request that
     /// sends the parameters to the insole, `tissue_id`, the identifier by which the insole confirms them, `parameters`, the text
     /// of the parameter file, and `fitted`, the number of fitted regions. It has the entry `error` instead if there is no such
-    /// insole, or if its steps cannot be fitted together.
+    /// insole, or if its steps were measured with different contact rules.
     pub fn identify(&mut self, insole: usize, size: InsoleSize, progress: &(dyn Fn(Region) + Sync)) -> Value {
         let Some(insole) = self.insoles.get_mut(insole) else { return json!({ "error": "There is no such insole." }) };
         insole.steps.finish();
