@@ -10,7 +10,7 @@ use client::{Client, Error, Framed};
 use emulation::{ACTIVE_IMAGE, InjectedFault, PlannedFault};
 use emulator::{Board, Link};
 use firmware_image::{Image, SigningKey};
-use plantar::firmware::start::MAX_FAILED_STARTS;
+use plantar::firmware::boot_report::MAX_FAILED_STARTS;
 use plantar::protocol::update::{CHUNK, Header, Progress, Refusal, Request};
 use plantar::protocol::{self, ToDevice};
 use plantar::storage::flash_map::{HEADER, MAX_IMAGE, SECTOR};

@@ -24,6 +24,7 @@ mod manage;
 pub mod persist;
 mod trial;
 pub mod supervise;
+pub mod boot_report;
 pub mod start;
 
 use crate::insole::Insole;

@@ -2,6 +2,7 @@
 
 use super::DeviceInsole;
 use super::board::Gauges;
+use super::boot_report::{BootReport, MAX_FAILED_STARTS};
 use super::scan::{Frame, ScanCounters};
 use super::shared::{Exchange, Shared};
 use crate::insole::Insole;
@@ -22,38 +23,6 @@ use embassy_time::{Duration, with_timeout};
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 use heapless::{String, Vec};
 use static_cell::{ConstStaticCell, StaticCell};
-
-/// Number of successive failed starts after which the insole starts in recovery mode. A start has failed if a crash or a stall
-/// ends the run before the supervision has counted [`HEALTHY_CHECKS`](super::supervise::HEALTHY_CHECKS) healthy checks.
-pub const MAX_FAILED_STARTS: u32 = 3;
-
-/// The circumstances of a start.
-pub struct BootReport {
-    /// Why the board started.
-    pub reset: Reset,
-    /// The failure that ended the previous run; `None` if there was none. In recovery mode, the text begins with words that
-    /// state this.
-    pub fault: Option<String<MAX_FAULT_TEXT>>,
-    /// Number of successive starts that failed before this one.
-    pub failed_starts: u32,
-    /// A person who has the insole in hand has started it: it was switched on after its RAM had lost its contents, or reset by its
-    /// pin. A short interruption of the supply, as by a battery contact that bounces, does not count: [`is_started_by_user`].
-    pub is_started_by_user: bool,
-}
-
-/// Whether a person who has the insole in hand has started it: see [`BootReport::is_started_by_user`]. `has_survived` states whether
-/// the RAM still has the contents of the previous run.
-pub fn is_started_by_user(reset: Reset, has_survived: bool) -> bool {
-    reset == Reset::Pin || reset == Reset::Power && !has_survived
-}
-
-impl BootReport {
-    /// True if the insole starts in recovery mode: with its built-in configuration, and without stored data except the bonds. It
-    /// reads the bonds in the first such start only, and no stored data in the following ones.
-    pub fn is_recovery(&self) -> bool {
-        self.failed_starts >= MAX_FAILED_STARTS
-    }
-}
 
 /// A board's configuration: that of its insole, and what the start must know of the board.
 pub struct Configuration<C> {

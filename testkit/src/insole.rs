@@ -13,10 +13,9 @@ use emulation::{ACTIVE_IMAGE, FLASH_BYTES};
 use firmware_image::Image;
 use plantar::firmware::ble::GattSession;
 use plantar::firmware::board::{Gauges, Ticker};
+use plantar::firmware::boot_report::{BootReport, MAX_FAILED_STARTS, is_started_by_user};
 use plantar::firmware::scan::ScanCounters;
-use plantar::firmware::start::{
-    BootReport, Configuration, MAX_FAILED_STARTS, Memory, Started, is_started_by_user, start,
-};
+use plantar::firmware::start::{Configuration, Memory, Started, start};
 use plantar::firmware::supervise::{CHECK_PERIOD_MS, HEALTHY_CHECKS, Watchdog};
 use plantar::firmware::{persist, process, scan, serve};
 use plantar::protocol::update::{CHUNK, Header};

@@ -9,7 +9,7 @@ use cortex_m::peripheral::{DWT, SCB};
 use embassy_sync::blocking_mutex::CriticalSectionMutex;
 use heapless::String;
 use plantar::firmware::board::Stopwatch;
-use plantar::firmware::start::{BootReport, MAX_FAILED_STARTS, is_started_by_user};
+use plantar::firmware::boot_report::{BootReport, MAX_FAILED_STARTS, is_started_by_user};
 use plantar::firmware::supervise::{CHECK_PERIOD_MS, HEALTHY_CHECKS, Heartbeats, PARTS, Watchdog};
 use plantar::protocol::{MAX_FAULT_TEXT, Reset};
 
