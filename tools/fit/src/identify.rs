@@ -133,15 +133,19 @@ pub fn identify(samples: &Samples, bounds: &Bounds) -> Identified {
     let shape = best.map_or(vec![0.5, 1.0, 1.0], |best| best.x);
     projected.set(&shape);
     let x = [shape[0], shape[1], shape[2], projected.linear[0], projected.linear[1]];
-    let minimum = bounded::minimise(&mut NonNegativeForce::new(samples), &x, &least, &most, FIT_TOLERANCE);
-    Identified::from(&minimum, evaluations + 1)
+    search_all(samples, bounds, x, FIT_TOLERANCE, evaluations + 1)
 }
 
-/// Performs only the third stage, the search over all five parameters, from parameters that are close to the minimum.
-pub(crate) fn converge(samples: &Samples, bounds: &Bounds, near: &Identified) -> Identified {
+/// The third stage, the search over all five parameters from `x`. `evaluations` is the number of those of the stages before it.
+fn search_all(samples: &Samples, bounds: &Bounds, x: [f64; 5], tolerance: f64, evaluations: usize) -> Identified {
     let [least, most] = limits(bounds);
-    let minimum = bounded::minimise(&mut NonNegativeForce::new(samples), &near.x(), &least, &most, FIT_TOLERANCE);
-    Identified::from(&minimum, 0)
+    let minimum = bounded::minimise(&mut NonNegativeForce::new(samples), &x, &least, &most, tolerance);
+    Identified::from(&minimum, evaluations)
+}
+
+/// Performs only the third stage, from parameters that are close to the minimum.
+pub(crate) fn converge(samples: &Samples, bounds: &Bounds, near: &Identified) -> Identified {
+    search_all(samples, bounds, near.x(), FIT_TOLERANCE, 0)
 }
 
 /// Performs only the third stage, the search over all five parameters, from one point. It is for comparison with [`identify`],
@@ -153,16 +157,12 @@ pub fn identify_from(samples: &Samples, bounds: &Bounds, start: [f64; 5]) -> Ide
         3 => least[i] * (most[i] / least[i]).powf(start[i]),
         _ => least[i] + start[i] * (most[i] - least[i]),
     };
-    let x: [f64; 5] = std::array::from_fn(at);
-    let minimum = bounded::minimise(&mut NonNegativeForce::new(samples), &x, &least, &most, FIT_TOLERANCE);
-    Identified::from(&minimum, 0)
+    search_all(samples, bounds, std::array::from_fn(at), FIT_TOLERANCE, 0)
 }
 
 /// Refines parameters that are already close to the minimum, without a prior.
 pub(crate) fn refine(samples: &Samples, bounds: &Bounds, near: &Identified) -> Identified {
-    let [least, most] = limits(bounds);
-    let minimum = bounded::minimise(&mut NonNegativeForce::new(samples), &near.x(), &least, &most, REFINE_TOLERANCE);
-    Identified::from(&minimum, 0)
+    search_all(samples, bounds, near.x(), REFINE_TOLERANCE, 0)
 }
 
 /// Lower and upper bounds in the order of the search: `max_ratio`, n, m, K, G.

@@ -17,25 +17,24 @@ pub(crate) fn spread<T: Copy>(all: &[T]) -> Vec<T> {
     (0..count).map(|i| all[i * all.len() / count]).collect()
 }
 
-/// The slope and the curvature of the sum of squares of one step, at the fit to all steps.
-struct StepSums {
+/// The slope and the curvature of the sum of squares of one step, or of the prior, at the fit to all steps.
+#[derive(Clone, Copy)]
+struct Sums {
     slope: Vector5<f64>,
     curvature: Matrix5<f64>,
 }
 
 /// The fit to all steps, from which the fit to other multiples of the steps follows by one step of the Gauss-Newton method. Its
 /// error is of second order in the difference between the two fits, which is small if there are many steps.
-pub(crate) struct Linearised<'p> {
+pub(crate) struct Linearised {
     at: Coordinates,
-    prior: &'p Prior,
-    /// Variance of an independent residual.
-    noise: f64,
-    steps: Vec<StepSums>,
+    prior: Sums,
+    steps: Vec<Sums>,
 }
 
-impl<'p> Linearised<'p> {
+impl Linearised {
     /// `identified` are the most probable parameters for all samples, and `noise` is the variance of an independent residual.
-    pub fn new(samples: &Samples, prior: &'p Prior, identified: &Identified, noise: f64) -> Self {
+    pub fn new(samples: &Samples, prior: &Prior, identified: &Identified, noise: f64) -> Self {
         let at = prior::coordinates(identified);
         let mut law = NonNegativeForce::new(samples);
         law.set(&identified.x());
@@ -44,25 +43,24 @@ impl<'p> Linearised<'p> {
         let sums = samples.steps.iter().map(|step| {
             let column = |i: usize| columns[i].rows(step.start, step.len());
             let residuals = residuals.rows(step.start, step.len());
-            StepSums {
+            Sums {
                 slope: Vector5::from_fn(|i, _| column(i).dot(&residuals)),
                 curvature: Matrix5::from_fn(|i, j| column(i).dot(&column(j))),
             }
         });
-        Self { at, prior, noise, steps: sums.collect() }
+        let steps = sums.collect();
+        // At its limit, a coordinate has no influence on the force, and remains there.
+        let slope = prior.slope(&at) * noise;
+        let slope = Vector5::from_fn(|i, _| if columns[i].iter().all(|by| *by == 0.0) { 0.0 } else { slope[i] });
+        Self { at, prior: Sums { slope, curvature: prior.precision() * noise }, steps }
     }
 
     /// The most probable parameters if each step counts as many times as `times` states. The steps are those of the samples.
     pub fn fitted(&self, times: &[u32]) -> Identified {
-        let mut slope = self.prior.slope(&self.at) * self.noise;
-        let mut curvature = self.prior.precision() * self.noise;
+        let Sums { mut slope, mut curvature } = self.prior;
         for (step, &times) in self.steps.iter().zip(times) {
             slope += step.slope * f64::from(times);
             curvature += step.curvature * f64::from(times);
-        }
-        // At its limit, a coordinate has no influence on the force, and remains there.
-        for i in (0..5).filter(|&i| self.steps.iter().all(|step| step.curvature[(i, i)] == 0.0)) {
-            slope[i] = 0.0;
         }
         prior::parameters(&(self.at - prior::inverse(&curvature) * slope), 0.0, 0)
     }

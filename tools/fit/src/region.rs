@@ -154,8 +154,8 @@ const GROUPS: usize = 20;
 const GROUPS_OF_MANY: usize = 5;
 
 /// The fits to resampled steps: as many steps as there are, drawn with replacement. With more than [`MANY`] steps and a prior, they
-/// are computed by [`Linearised`]. The same steps always result in the same fits. Empty for fewer than [`interval::RESAMPLED_STEPS`] steps, and for the paper's method, whose results have no
-/// intervals.
+/// are computed by [`Linearised`]. The same steps always result in the same fits. Empty for fewer than
+/// [`interval::RESAMPLED_STEPS`] steps, and for the paper's method, which has no intervals.
 fn resample(curves: &[&RegionCurves], fit_to_all: &SearchResult, options: &Options) -> Vec<Resample> {
     let Some(identified) = &fit_to_all.identified else { return Vec::new() };
     if curves.len() < interval::RESAMPLED_STEPS {

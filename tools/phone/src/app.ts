@@ -236,6 +236,7 @@ export class App {
       },
     );
     this.is_outdated = true;
+    this.updateExport();
   };
 
   /**
@@ -267,6 +268,13 @@ export class App {
     drawDays([...days.values()], this.settings);
     drawBouts(latest.bouts);
     drawAlerts(latest.alerts);
+    this.updateExport();
+  }
+
+  /** Enables the buttons that export records if there are any. */
+  private updateExport(): void {
+    byId("export-steps", HTMLButtonElement).disabled = this.store.count("steps") === 0;
+    byId("export-bouts", HTMLButtonElement).disabled = this.store.count("bouts") === 0;
   }
 
   /** Deletes the stored records, and the messages of an interrupted guided session. */
@@ -298,8 +306,6 @@ export class App {
     const is_replay = insoles.transport?.is_replay ?? false;
     byId("clear", HTMLButtonElement).disabled = is_replay || (this.store.days.size === 0 && !this.identify.has_stored);
     byId("clear-note").hidden = !is_replay;
-    byId("export-steps", HTMLButtonElement).disabled = this.store.count("steps") === 0;
-    byId("export-bouts", HTMLButtonElement).disabled = this.store.count("bouts") === 0;
     const linked = insoles.sessions.filter(({ state }) => state !== "closed");
     byId("connect-other").hidden = !(insoles.transport instanceof BluetoothTransport) || linked.length !== 1;
     this.alerts.update();

@@ -27,6 +27,12 @@ function enteredNumber(field: HTMLInputElement, key: keyof typeof LIMITS, factor
   return is_valid ? value : is_empty ? null : undefined;
 }
 
+/** Removes the note that the content of a field is not valid. */
+function clearError(field: HTMLInputElement): void {
+  fill(`${field.id}-note`, []);
+  field.setAttribute("aria-invalid", "false");
+}
+
 /**
  * Shows the wearer's settings in the form, and stores each change of the form. `changed` is called after each change. Returns a
  * function that shows the settings after a change in another tab.
@@ -48,10 +54,7 @@ export function listenToSettings(settings: Settings, changed: () => void): () =>
     stride.value = settings.stride_cm === null ? "" : settings.stride_cm.toFixed(0);
     showMass();
     showForceNote();
-    for (const field of [mass, stride]) {
-      fill(`${field.id}-note`, []);
-      field.setAttribute("aria-invalid", "false");
-    }
+    [mass, stride].forEach(clearError);
   };
   show();
   const save = () => {
@@ -75,8 +78,7 @@ export function listenToSettings(settings: Settings, changed: () => void): () =>
   mass_unit.onchange = () => {
     settings.mass_unit = mass_unit.value === "lb" ? "lb" : "kg";
     showMass();
-    fill("mass-note", []);
-    mass.setAttribute("aria-invalid", "false");
+    clearError(mass);
     save();
   };
   force_unit.onchange = () => {

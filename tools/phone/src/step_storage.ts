@@ -56,8 +56,8 @@ export class TemporaryStorage implements StepStorage {
 }
 
 /**
- * The storage that is used if the browser's database is missing, or cannot be opened or read. Adding a record fails, so that the record is not acknowledged and remains on
- * the insole.
+ * The storage that is used if the browser's database is missing, or cannot be opened or read. Adding a record fails, so that the
+ * record is not acknowledged and remains on the insole.
  */
 export class NoStorage extends TemporaryStorage {
   override add(): Promise<void> {

@@ -25,6 +25,39 @@ async function steps(): Promise<number[][]> {
   return [0, 1].flatMap(messagesOf).filter((message) => wire.decode(message)?.kind === "step").map((message) => [...message]);
 }
 
+/** A record of another protocol version. */
+const OTHER_VERSION = { message: [255, 255], start_unix_s: START_UNIX_S };
+
+/** Stores records in a database of this earlier version. */
+async function storeRecords(
+  page: Page,
+  version: 1 | 2,
+  records: readonly { key?: string; message: number[]; start_unix_s: number }[],
+): Promise<void> {
+  // Any other file of the same origin; the page itself would create the database.
+  await page.goto(`${served.url}manifest.webmanifest`);
+  await page.evaluate(
+    async ({ version, records }) => {
+      const name = version === 1 ? "steps" : "records";
+      const request = indexedDB.open("plantar", version);
+      const database = await new Promise<IDBDatabase>((resolve) => {
+        request.onupgradeneeded = () => {
+          const store = request.result.createObjectStore(name, { autoIncrement: true });
+          if (version === 1) return;
+          store.createIndex("key", "key", { unique: true });
+          request.result.createObjectStore("days", { keyPath: "day" });
+        };
+        request.onsuccess = () => resolve(request.result);
+      });
+      const transaction = database.transaction(name, "readwrite");
+      for (const record of records) transaction.objectStore(name).add({ ...record, message: Uint8Array.from(record.message) });
+      await new Promise((resolve) => (transaction.oncomplete = resolve));
+      database.close();
+    },
+    { version, records },
+  );
+}
+
 /** Opens the page on a phone, without insoles. */
 async function openPage(page: Page): Promise<void> {
   await page.goto(`${served.url}?bluetooth`);
@@ -39,27 +72,9 @@ test("the records of version 1 of the database are moved, counted by day and exp
   const messages = await steps();
   const context = await served.browser.newContext({ viewport: PHONE });
   const page = await context.newPage();
-  // Any other file of the same origin; the page itself would create the database.
-  await page.goto(`${served.url}manifest.webmanifest`);
-  await page.evaluate(
-    async ({ messages, start_unix_s }) => {
-      const request = indexedDB.open("plantar", 1);
-      const database = await new Promise<IDBDatabase>((resolve) => {
-        request.onupgradeneeded = () => request.result.createObjectStore("steps", { autoIncrement: true });
-        request.onsuccess = () => resolve(request.result);
-      });
-      const transaction = database.transaction("steps", "readwrite");
-      for (const [i, message] of messages.entries()) {
-        transaction.objectStore("steps").add({ message: Uint8Array.from(message), start_unix_s: start_unix_s + i });
-      }
-      // A record that was stored twice, and one of another protocol version.
-      transaction.objectStore("steps").add({ message: Uint8Array.from(messages[0]!), start_unix_s });
-      transaction.objectStore("steps").add({ message: Uint8Array.of(255, 255), start_unix_s });
-      await new Promise((resolve) => (transaction.oncomplete = resolve));
-      database.close();
-    },
-    { messages, start_unix_s: START_UNIX_S },
-  );
+  const records = messages.map((message, i) => ({ message, start_unix_s: START_UNIX_S + i }));
+  // A record that was stored twice, and one of another protocol version.
+  await storeRecords(page, 1, [...records, { message: messages[0]!, start_unix_s: START_UNIX_S }, OTHER_VERSION]);
   await openPage(page);
   await page.locator("#table tbody tr").first().waitFor();
   const [day, ...others] = await days(page);
@@ -91,29 +106,10 @@ test("the records of version 2 of the database get shorter keys, and arrive only
   const messages = await steps();
   const context = await served.browser.newContext({ viewport: PHONE });
   const page = await context.newPage();
-  await page.goto(`${served.url}manifest.webmanifest`);
-  await page.evaluate(
-    async ({ messages, start_unix_s }) => {
-      const request = indexedDB.open("plantar", 2);
-      const database = await new Promise<IDBDatabase>((resolve) => {
-        request.onupgradeneeded = () => {
-          request.result.createObjectStore("records", { autoIncrement: true }).createIndex("key", "key", { unique: true });
-          request.result.createObjectStore("days", { keyPath: "day" });
-        };
-        request.onsuccess = () => resolve(request.result);
-      });
-      const records = database.transaction("records", "readwrite").objectStore("records");
-      for (const [i, message] of messages.entries()) {
-        const key = message.map((byte) => byte.toString(16).padStart(2, "0")).join("");
-        records.add({ key, message: Uint8Array.from(message), start_unix_s: start_unix_s + i });
-      }
-      // A record of another protocol version has no key.
-      records.add({ message: Uint8Array.of(255, 255), start_unix_s });
-      await new Promise((resolve) => (records.transaction.oncomplete = resolve));
-      database.close();
-    },
-    { messages, start_unix_s: START_UNIX_S },
-  );
+  const hex = (message: number[]) => message.map((byte) => byte.toString(16).padStart(2, "0")).join("");
+  const records = messages.map((message, i) => ({ key: hex(message), message, start_unix_s: START_UNIX_S + i }));
+  // A record of another protocol version has no key.
+  await storeRecords(page, 2, [...records, OTHER_VERSION]);
   await openPage(page);
   await page.locator("#table tbody tr").first().waitFor();
   const stored = await page.evaluate(async () => {
