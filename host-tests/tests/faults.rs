@@ -11,7 +11,7 @@ use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::{Setup, SetupCell};
 use plantar::pipeline::stance_rule::StanceRule;
 use proptest::prelude::*;
-use recording::synthetic;
+use recording::{Recording, synthetic};
 use std::f64::consts::PI;
 use testkit::faults::{Clean, barefoot, computed, detection, in_shoe, model_error, walk};
 use testkit::wear::{find, noisy_walk};
@@ -61,6 +61,48 @@ fn no_fault_is_reported_in_short_walks_of_varying_steps() {
                 let short = synthetic::SyntheticWalk { steps: 10, peak_n, variation, seed, ..Default::default() };
                 let found = find(&noisy_walk(&short), ContactRule::COUNTED, StanceRule::ADAPTIVE);
                 assert_eq!(found.faults, Faults::NONE, "seed {seed}, {peak_n} N, variation {variation}");
+            }
+        }
+    }
+}
+
+/// The recording with all steps from `step` on placed flat: every cell that the step loads carries its share of the load from the
+/// first moment to the last.
+fn with_flat_steps(recording: &Recording, step: usize) -> Recording {
+    let mut flat = recording.clone();
+    let cells = recording.cells();
+    let frames: Vec<&[f32]> = recording.pressure_kpa.chunks(cells).collect();
+    let is_loaded = |frame: &&[f32]| frame.iter().any(|&kpa| kpa > 0.0);
+    let mut end = 0;
+    for index in 0.. {
+        let Some(start) = (end..frames.len()).find(|&frame| is_loaded(&frames[frame])) else { break };
+        end = (start..frames.len()).find(|&frame| !is_loaded(&frames[frame])).unwrap_or(frames.len());
+        if index < step {
+            continue;
+        }
+        for cell in 0..cells {
+            let peak_kpa = frames[start..end].iter().map(|frame| frame[cell]).fold(0.0, f32::max);
+            for frame in start..end {
+                // Loaded and unloaded within 15 % of the stance each.
+                let passed = (frame - start) as f32 / (end - start) as f32;
+                let share = (passed.min(1.0 - passed) / 0.15).min(1.0);
+                flat.pressure_kpa[frame * cells + cell] = peak_kpa * share;
+            }
+        }
+    }
+    flat
+}
+
+/// A foot that is placed flat, as on stairs or by a tired wearer, covers all cells of most rows at once.
+#[test]
+fn no_crosstalk_is_reported_when_the_wearer_begins_to_place_the_foot_flat() {
+    for seed in 0..8 {
+        for rate_hz in [50.0, 100.0, 400.0] {
+            for peak_n in [500.0, 800.0, 1200.0] {
+                let walk = synthetic::SyntheticWalk { steps: 14, rate_hz, peak_n, seed, ..Default::default() };
+                let flat = with_flat_steps(&synthetic::walk(&walk).recording, 6);
+                let found = find(&flat, ContactRule::COUNTED, StanceRule::ADAPTIVE);
+                assert_eq!(found.faults, Faults::NONE, "seed {seed}, {rate_hz} Hz, {peak_n} N");
             }
         }
     }

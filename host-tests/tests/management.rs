@@ -5,7 +5,7 @@ use ciborium::{Value, cbor};
 use mcumgr::line::{END, Lines, MAX_LINES, MAX_WRAPPED, unwrap, wrap};
 use mcumgr::{Answer, CHUNK, Clock, Failure, HEAD, Head, ImageState, Request, Upload, decode, message_bytes};
 use plantar::protocol::update::{self, Chunk};
-use plantar::protocol::{Decoder, MAX_FRAME, ToDevice, encode, frame};
+use plantar::protocol::{Decoder, MAX_FRAME, MAX_MESSAGE, ToDevice, encode, frame};
 use proptest::prelude::*;
 
 fn bytes(hex: &str) -> Vec<u8> {
@@ -228,7 +228,7 @@ fn receive(decoder: &mut Decoder, bytes: &[u8]) -> (Vec<Vec<u8>>, Vec<Vec<u8>>) 
 
 /// A message of the insole's own protocol, and its frame.
 fn own_frame(message: &ToDevice) -> (Vec<u8>, Vec<u8>) {
-    let (mut buffer, mut framed) = ([0; 560], [0; MAX_FRAME]);
+    let (mut buffer, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
     let message = encode(message, &mut buffer).expect("the message fits").to_vec();
     let len = frame(&message, &mut framed);
     (message, framed[..len].to_vec())

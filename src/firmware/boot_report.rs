@@ -1,11 +1,57 @@
 //! The circumstances of a start, from the reset reason and from what the RAM preserved of the previous run.
 
+use super::supervise::Part;
 use crate::protocol::{MAX_FAULT_TEXT, Reset};
+use embassy_time::Duration;
 use heapless::String;
 
 /// Number of successive failed starts after which the insole starts in recovery mode. A start has failed if a crash or a stall
 /// ends the run before the supervision has counted [`HEALTHY_CHECKS`](super::supervise::HEALTHY_CHECKS) healthy checks.
 pub const MAX_FAILED_STARTS: u32 = 3;
+/// Number of successive stalls of the radio after which it starts [`RADIO_DELAY`] later.
+pub const MAX_RADIO_STALLS: u32 = 2;
+/// Time from the start to that of a radio that has stalled again and again. Each attempt may cost the measurement a restart.
+const RADIO_DELAY: Duration = Duration::from_secs(3600);
+/// The text of the hello's fault begins with these words if the radio starts [`RADIO_DELAY`] later.
+pub const RADIO_DELAYED: &str = "Bluetooth starts in an hour: ";
+
+/// The failures of successive runs. A run without failure in its first [`HEALTHY_CHECKS`](super::supervise::HEALTHY_CHECKS)
+/// healthy checks ends the succession.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(C)]
+pub struct Failures {
+    /// Number of failed starts.
+    pub starts: u32,
+    /// Number of stalls of the radio alone. Such a run is no failed start, because everything else has worked: recovery mode would
+    /// only end the measurement, too.
+    pub radio_stalls: u32,
+}
+
+impl Failures {
+    /// What to record at the start of a run. [`Failures::at_next_start`] understands it if the run fails before it is healthy; once
+    /// the run is healthy, it is to be replaced by the default.
+    pub fn recorded(self) -> Self {
+        Self { starts: self.starts.saturating_add(1), ..self }
+    }
+
+    /// The failures that a start has to consider after a run with this record. `reset` ended the run, and `stalled` has a bit for
+    /// each part that was stalled then, as [`Watchdog::check`](super::supervise::Watchdog::check) returns them.
+    pub fn at_next_start(self, reset: Reset, stalled: u32) -> Self {
+        match reset {
+            Reset::Watchdog if stalled == 1 << Part::Radio as u32 => {
+                Self { starts: self.starts.saturating_sub(1), radio_stalls: self.radio_stalls.saturating_add(1) }
+            }
+            Reset::Watchdog | Reset::Panic => self,
+            // A run that ended in another way, for example by the user, did not fail.
+            _ => Self::default(),
+        }
+    }
+
+    /// True if the radio starts later than everything else.
+    pub fn is_radio_delayed(&self) -> bool {
+        self.radio_stalls >= MAX_RADIO_STALLS
+    }
+}
 
 /// The circumstances of a start.
 pub struct BootReport {
@@ -14,8 +60,8 @@ pub struct BootReport {
     /// The failure that ended the previous run; `None` if there was none. In recovery mode, the text begins with words that
     /// state this.
     pub fault: Option<String<MAX_FAULT_TEXT>>,
-    /// Number of successive starts that failed before this one.
-    pub failed_starts: u32,
+    /// The failures before this start.
+    pub failures: Failures,
     /// A person who has the insole in hand has started it: it was switched on after its RAM had lost its contents, or reset by its
     /// pin. A short interruption of the supply, as by a battery contact that bounces, does not count: [`is_started_by_user`].
     pub is_started_by_user: bool,
@@ -31,13 +77,19 @@ impl BootReport {
     /// True if the insole starts in recovery mode: with its built-in configuration, and without stored data except the bonds. It
     /// reads the bonds in the first such start only, and no stored data in the following ones.
     pub fn is_recovery(&self) -> bool {
-        self.failed_starts >= MAX_FAILED_STARTS
+        self.failures.starts >= MAX_FAILED_STARTS
+    }
+
+    /// Time from the start to that of Bluetooth: zero, or an hour if its radio has stalled again and again.
+    pub fn radio_delay(&self) -> Duration {
+        if self.failures.is_radio_delayed() { RADIO_DELAY } else { Duration::from_ticks(0) }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{Reset, is_started_by_user};
+    use super::super::supervise::Part;
+    use super::{Failures, Reset, is_started_by_user};
 
     /// A battery contact that bounces must not open the bonding window to strangers.
     #[test]
@@ -47,5 +99,22 @@ mod tests {
         for reset in [Reset::Software, Reset::Watchdog, Reset::Panic, Reset::Unknown] {
             assert!(![false, true].into_iter().any(|has_survived| is_started_by_user(reset, has_survived)));
         }
+    }
+
+    #[test]
+    fn stalls_of_the_radio_delay_it_and_are_no_failed_starts() {
+        let radio = 1 << Part::Radio as u32;
+        let after = |failures: Failures, reset, stalled| failures.recorded().at_next_start(reset, stalled);
+        let mut failures = after(Failures::default(), Reset::Panic, 0);
+        failures = after(failures, Reset::Watchdog, radio);
+        assert_eq!((failures, failures.is_radio_delayed()), (Failures { starts: 1, radio_stalls: 1 }, false));
+        failures = after(failures, Reset::Watchdog, radio);
+        assert_eq!((failures, failures.is_radio_delayed()), (Failures { starts: 1, radio_stalls: 2 }, true));
+        // A stalled scan stops the measurement, whatever the radio does.
+        assert_eq!(after(failures, Reset::Watchdog, radio | 1), Failures { starts: 2, radio_stalls: 2 });
+        assert_eq!(after(failures, Reset::Software, 0), Failures::default());
+        // The run before was healthy.
+        assert_eq!(Failures::default().at_next_start(Reset::Watchdog, radio), Failures { starts: 0, radio_stalls: 1 });
+        assert_eq!(Failures::default().at_next_start(Reset::Panic, 0), Failures::default());
     }
 }

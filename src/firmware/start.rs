@@ -172,7 +172,7 @@ async fn start_with<F: MultiwriteNorFlash, const FRAMES: usize>(
     let mut other_settings = stored.is_some_and(|settings| !settings.is_valid()).then_some(OTHER_SETTINGS);
     let stored = stored.filter(Settings::is_valid);
     let insole = memory.insole.take();
-    insole.count_records_from(contents.next_record);
+    insole.set_next_record_number(contents.next_record);
     let (mut settings, mut refused) = (None, None);
     // A loop, so that the firmware contains the code of this call only once.
     for attempt in [stored, None] {
@@ -246,9 +246,9 @@ async fn open_store<F: MultiwriteNorFlash>(
     if !boot.is_recovery() {
         return store.begin(boot.reset).await;
     }
-    log::error!("start: {} starts have failed: recovery mode", boot.failed_starts);
+    log::error!("start: {} starts have failed: recovery mode", boot.failures.starts);
     // If one of these accesses to the chip crashes, the next start does without them.
-    if boot.failed_starts > MAX_FAILED_STARTS {
+    if boot.failures.starts > MAX_FAILED_STARTS {
         return;
     }
     if let Some(flash) = store.flash()

@@ -10,7 +10,7 @@ use crate::pipeline::step::{RegionStep, StepRecord};
 
 impl<R: Real, const N: usize> Insole<R, N> {
     /// Sets the number of the next record. Steps, load bouts and alerts are numbered together.
-    pub fn count_records_from(&mut self, next: u32) {
+    pub fn set_next_record_number(&mut self, next: u32) {
         self.next_record = next;
     }
 
@@ -54,6 +54,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             },
             ..step
         };
+        // The largest force may be in a frame that is not a sample of the curves.
         if let Some(between) = self.stance.curves().between(region) {
             step.include(between.force_n, R::of_u32(between.force_frame.into()) / self.frame_rate_hz);
         }

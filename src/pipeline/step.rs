@@ -123,7 +123,7 @@ pub struct StepRecord<R> {
     /// The foot.
     pub side: Side,
     /// Number of the step; steps, load bouts and alerts are numbered together; see
-    /// [`Insole::count_records_from`](crate::insole::Insole::count_records_from).
+    /// [`Insole::set_next_record_number`](crate::insole::Insole::set_next_record_number).
     pub step: u32,
     /// Time of heel strike, us: the number of the frame of heel strike times the time between frames.
     pub start_us: u64,

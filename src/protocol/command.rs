@@ -42,6 +42,7 @@ pub enum Command {
 impl Command {
     /// The command of a request, or the reason why it is refused; `None` for a message that needs no storage. `contact` is the
     /// contact rule in force; `None` without a valid layout.
+    #[inline]
     pub(super) fn of(request: &ToDevice, contact: Option<ContactRule>) -> Option<Result<Self, Refusal>> {
         let accept = |is_accepted: bool, refusal, command| Some(if is_accepted { Ok(command) } else { Err(refusal) });
         match *request {

@@ -104,6 +104,7 @@ impl Session {
     }
 
     /// Receives a message of the host, which arrived at `now_us` of the device's time.
+    #[inline]
     pub fn receive(&mut self, message: ToDevice, now_us: u64) {
         match message {
             ToDevice::Connect { major, .. } => {

@@ -10,6 +10,7 @@ use embedded_io_async::{ErrorKind, ErrorType};
 use embedded_storage_async::nor_flash::{self, MultiwriteNorFlash, NorFlash, ReadNorFlash};
 use plantar::firmware::ble::GattServer;
 use plantar::firmware::board::{BluetoothBoard, Matrix, MatrixTimeout, Stopwatch};
+use plantar::firmware::boot_report::{Failures, RADIO_DELAYED};
 use plantar::insole::Insole;
 use plantar::pipeline::ellipse::Ellipse;
 use plantar::pipeline::region::Cell;
@@ -381,14 +382,15 @@ impl BluetoothBoard for HostBluetooth {
     }
 }
 
-/// The text of the crash record that the firmware saves before a reset.
-pub fn crash_text(cause: ResetCause) -> Option<heapless::String<MAX_FAULT_TEXT>> {
+/// The text of the crash record that the firmware saves before a reset, with the failures that its next start considers.
+pub fn crash_text(cause: ResetCause, failures: Failures) -> Option<heapless::String<MAX_FAULT_TEXT>> {
     match cause {
         ResetCause::Software => None,
         ResetCause::Watchdog(parts) => {
             let names = plantar::firmware::supervise::PARTS.iter().enumerate();
             let stalled = names.filter(|(bit, _)| parts >> bit & 1 == 1).map(|(_, name)| *name);
-            Some(text(&format!("stalled: {}", stalled.collect::<Vec<_>>().join(" "))))
+            let delayed = if failures.is_radio_delayed() { RADIO_DELAYED } else { "" };
+            Some(text(&format!("{delayed}stalled: {}", stalled.collect::<Vec<_>>().join(" "))))
         }
         ResetCause::Panic => Some(text("panic")),
     }

@@ -37,6 +37,13 @@ pub enum ResetCause {
     Panic,
 }
 
+impl ResetCause {
+    /// The bits of the stalled parts; 0 without any.
+    pub fn stalled(self) -> u32 {
+        if let Self::Watchdog(stalled) = self { stalled } else { 0 }
+    }
+}
+
 /// Resets the insole to which the running task belongs: all tasks of that insole end.
 pub fn reset(cause: ResetCause) -> ! {
     resume_unwind(Box::new(cause))

@@ -13,7 +13,7 @@ use emulation::{ACTIVE_IMAGE, FLASH_BYTES};
 use firmware_image::Image;
 use plantar::firmware::ble::GattSession;
 use plantar::firmware::board::{Gauges, Ticker};
-use plantar::firmware::boot_report::{BootReport, MAX_FAILED_STARTS, is_started_by_user};
+use plantar::firmware::boot_report::{BootReport, Failures, MAX_FAILED_STARTS, is_started_by_user};
 use plantar::firmware::scan::ScanCounters;
 use plantar::firmware::start::{Configuration, Memory, Started, start};
 use plantar::firmware::supervise::{CHECK_PERIOD_MS, HEALTHY_CHECKS, Watchdog};
@@ -106,8 +106,8 @@ pub struct HostInsole {
     /// The first read of the bootloader's state fails in each start of the firmware.
     pub fails_state_read: bool,
     executor: Option<Executor>,
-    /// Number of successive starts that ended in a crash or a stalled task before they counted as successful.
-    failed_starts: u32,
+    /// The record of failures that the present run has made at its start.
+    failures: Failures,
     /// The next start while the insole is off: its time in us, the reset reason that the insole will report, and the cause of
     /// the reset, which is `None` after a loss of power. `None` while the insole is on.
     restart: Option<(u64, Reset, Option<ResetCause>)>,
@@ -129,7 +129,7 @@ impl HostInsole {
             is_chip_silent: false,
             fails_state_read: false,
             executor: None,
-            failed_starts: 0,
+            failures: Failures::default(),
             restart: Some((now_us(), Reset::Power, None)),
         }
     }
@@ -147,7 +147,6 @@ impl HostInsole {
     /// Removes power for `off_us`.
     pub fn cut_power(&mut self, off_us: u64) {
         self.end(true);
-        self.failed_starts = 0;
         self.restart = Some((now_us() + off_us, Reset::Power, None));
     }
 
@@ -159,7 +158,7 @@ impl HostInsole {
         chip.cut = Some((at, Torn::Within));
     }
 
-    /// Stalls the task `scan`, `model` (which processes frames) or `link`, as an endless loop in that task would.
+    /// Stalls the task `scan`, `model` (which processes frames), `link` or `gatt` (Bluetooth), as an endless loop in that task would.
     pub fn stall(&mut self, part: &str) {
         self.executor.iter_mut().for_each(|executor| executor.stall(part));
     }
@@ -222,10 +221,9 @@ impl HostInsole {
     /// Runs the bootloader and starts the firmware.
     fn boot(&mut self, reason: Reset, cause: Option<ResetCause>) {
         let run_us = self.boots.last().map_or(0, |boot| now_us() - boot.from_us);
-        self.failed_starts = match reason {
-            Reset::Watchdog | Reset::Panic if run_us < HEALTHY_US => self.failed_starts + 1,
-            _ => 0,
-        };
+        let recorded = if run_us < HEALTHY_US { self.failures } else { Failures::default() };
+        let failures = recorded.at_next_start(reason, cause.map_or(0, ResetCause::stalled));
+        self.failures = failures.recorded();
         {
             let mut chip = self.chip.0.borrow_mut();
             let chip = Mutex::new(&mut *chip);
@@ -241,7 +239,7 @@ impl HostInsole {
             (header.expect("the active image has a header"), active[..IMAGE_BYTES].to_vec(), defect)
         };
         // In recovery mode, the insole has no settings.
-        let settings = self.settings.filter(|_| self.failed_starts < MAX_FAILED_STARTS);
+        let settings = self.settings.filter(|_| failures.starts < MAX_FAILED_STARTS);
         let reference = Rc::new(RefCell::new(Reference::new(&self.wearer.borrow(), settings)));
         let from_us = now_us();
         self.boots.push(Boot { reset: reason, reference: reference.clone(), is_cut_short: false, from_us });
@@ -250,8 +248,8 @@ impl HostInsole {
             is_chip_silent: self.is_chip_silent,
             report: BootReport {
                 reset: reason,
-                fault: cause.and_then(crash_text),
-                failed_starts: self.failed_starts,
+                fault: cause.and_then(|cause| crash_text(cause, failures)),
+                failures,
                 // The simulated supply fails for so long that the RAM loses its contents.
                 is_started_by_user: is_started_by_user(reason, reason != Reset::Power),
             },
@@ -318,6 +316,7 @@ impl BootResources {
         let counters: &'static ScanCounters = Box::leak(Box::new(ScanCounters::new()));
         let memory: &'static Memory<SharedChip, FRAMES> = Box::leak(Box::new(Memory::new()));
         let (setup, cells) = (matrix.wearer.borrow().setup(), matrix.wearer.borrow().cells());
+        let radio_delay = report.radio_delay();
         let slots = (slot(), slot(), slot(), slot(), slot());
         let (for_scan, for_process, for_serve, for_persist, for_gatt) = slots.clone();
         executor.spawn("start", async move {
@@ -358,6 +357,7 @@ impl BootResources {
         });
         executor.spawn("gatt", async move {
             let shared = take(for_gatt).await;
+            Timer::after(radio_delay).await;
             let server = with_origin(from_us, || Rc::new(GattSession::new(shared, HostBluetooth)));
             {
                 let mut radio = radio.borrow_mut();

@@ -266,6 +266,8 @@ pub enum Part {
     Model,
     /// Serves the serial link.
     Link,
+    /// Bluetooth, with its radio.
+    Radio,
 }
 
 /// The name of a link in a scenario.
@@ -394,6 +396,7 @@ fn insole_event(event: &Event) -> Option<InsoleEvent> {
         Event::Stall(Part::Scan) => InsoleEvent::Stall("scan"),
         Event::Stall(Part::Model) => InsoleEvent::Stall("model"),
         Event::Stall(Part::Link) => InsoleEvent::Stall("link"),
+        Event::Stall(Part::Radio) => InsoleEvent::Stall("gatt"),
         Event::Panic => InsoleEvent::Panic,
         Event::ChipSilent => InsoleEvent::ChipSilent,
         Event::StateReadFails => InsoleEvent::StateReadFails,

@@ -195,7 +195,7 @@ async fn run(boot: BootReport, image: &'static Header) {
     spawner.spawn(run_process(insole, scanned, shared).unwrap());
     spawner.spawn(run_serve(shared).unwrap());
     spawner.spawn(run_persist(store, shared, image).unwrap());
-    spawner.spawn(::bluetooth::run(&FROM_RADIO, &TO_RADIO, gatt).unwrap());
+    spawner.spawn(::bluetooth::run(boot.radio_delay(), &FROM_RADIO, &TO_RADIO, gatt).unwrap());
     spawner.spawn(pump_radio().unwrap());
 }
 

@@ -99,7 +99,7 @@ static TO_SEND: ConstStaticCell<[u8; 160]> = ConstStaticCell::new([0; 160]);
 /// The receive buffer of the link, which is longer than the longest message to the insole.
 static RECEIVED: ConstStaticCell<[u8; 288]> = ConstStaticCell::new([0; 288]);
 
-/// Number of cycles before the strap is read: 50 us.
+/// Number of cycles of the core from the activation of the strap's pull-up to its reading: 50 us.
 const STRAP_CYCLES: u32 = 3_200;
 
 /// Determines why the board started, and clears the flags. Power-on and a brown-out set no flag.
@@ -118,7 +118,7 @@ fn take_reset_reason() -> Reset {
     } else if flags.sreq() {
         Reset::Software
     } else if flags == Resetreas(0) || flags.vbus() {
-        // The second one ends the state in which the board is off, because its battery was empty.
+        // USB power, which sets the flag VBUS, starts a board that is off because its battery was empty.
         Reset::Power
     } else {
         Reset::Unknown
@@ -214,7 +214,7 @@ async fn run(boot: BootReport, image: &'static Header, p: Peripherals, has_cryst
     core::mem::forget(Output::new(p.P0_14, Level::Low, OutputDrive::Standard));
     // The strap is connected to ground on a right insole.
     let strap = Input::new(p.P0_05, Pull::Up);
-    // The pull-up charges the line, with its protection, in some microseconds.
+    // The pull-up charges the line, and the components that protect it, in some microseconds.
     cortex_m::asm::delay(STRAP_CYCLES);
     let mut matrix = ResistiveMatrix {
         adc: p.SAADC,
@@ -289,12 +289,12 @@ async fn run(boot: BootReport, image: &'static Header, p: Peripherals, has_cryst
     RADIO_EXECUTOR
         .start(interrupt::EGU2_SWI2)
         .spawn(radio::run(parts, &FROM_RADIO, &TO_RADIO, &SCAN_COUNTERS).unwrap());
-    // The radio's task has a higher priority, so it has requested the crystal by now.
+    // The radio's task has a higher priority, so it has requested the crystal of 32 MHz by now.
     clock::wait_for_fast_crystal();
     spawner.spawn(run_process(insole, scanned, shared).unwrap());
     spawner.spawn(run_serve(link, shared).unwrap());
     spawner.spawn(run_persist(store, shared, image).unwrap());
-    spawner.spawn(bluetooth::run(&FROM_RADIO, &TO_RADIO, gatt).unwrap());
+    spawner.spawn(bluetooth::run(boot.radio_delay(), &FROM_RADIO, &TO_RADIO, gatt).unwrap());
 }
 
 #[embassy_executor::task]

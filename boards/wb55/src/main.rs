@@ -296,7 +296,7 @@ async fn main(spawner: Spawner) {
     spawner.spawn(run_process(insole, scanned, shared).unwrap());
     spawner.spawn(run_serve(link, shared).unwrap());
     spawner.spawn(run_persist(store, shared, image).unwrap());
-    spawner.spawn(bluetooth::run(&FROM_RADIO, &TO_RADIO, gatt).unwrap());
+    spawner.spawn(bluetooth::run(boot.radio_delay(), &FROM_RADIO, &TO_RADIO, gatt).unwrap());
     // Without a crystal, the radio's core does not run.
     if has_crystal {
         spawner.spawn(run_radio(p.IPCC).unwrap());

@@ -18,7 +18,7 @@ use heapless::Vec;
 use plantar::firmware::board::BluetoothBoard;
 use plantar::firmware::scan::ScanCounters;
 use wb55_mailbox::connected::with_peer_address;
-use wb55_mailbox::system::{SystemEvent, reply_status};
+use wb55_mailbox::system::{CoreStop, SystemEvent, reply_status};
 use wb55_mailbox::{
     BLE_INIT_OPCODE, Ble, BleInit, COMMAND, EVENT, H4_COMMAND, H4_DATA, H4_EVENT, H4_SYSTEM_COMMAND, Memory, Node,
     POOL_BYTES, POOLED, References, Shared, System,
@@ -174,9 +174,22 @@ fn log_system_events(packets: &Packets) -> bool {
     has_firmware
 }
 
+/// Logs whether the radio's core stopped in the previous run. To be called before the mailbox is initialised.
+fn log_core_stop() {
+    match CoreStop::of(read(at!(references.device_info))) {
+        Some(CoreStop::Fault) => {
+            let (at, from) = (read(at!(references.ble)), read(at!(references.thread)));
+            defmt::error!("radio: the radio's core had a fault at {=u32:x}, called from {=u32:x}", at, from);
+        }
+        Some(CoreStop::Attack) => defmt::error!("radio: the radio's core stopped, because it suspected an attack"),
+        None => {}
+    }
+}
+
 /// Starts the radio's core, then passes packets in both directions. Never returns. If the radio's core has no firmware, or
 /// refuses its parameters, the board runs without Bluetooth, and log and status have the reason.
 pub async fn run(ipcc: Peri<'static, IPCC>, from_radio: &HciPipe, to_radio: &HciPipe, counters: &ScanCounters) -> ! {
+    log_core_stop();
     init_tables();
     channels::start(ipcc);
     // The first event reports that the radio's core runs. Its packet is not returned, because the remaining packets of the pool

@@ -9,7 +9,7 @@ use cortex_m::peripheral::{DWT, SCB};
 use embassy_sync::blocking_mutex::CriticalSectionMutex;
 use heapless::String;
 use plantar::firmware::board::Stopwatch;
-use plantar::firmware::boot_report::{BootReport, MAX_FAILED_STARTS, is_started_by_user};
+use plantar::firmware::boot_report::{BootReport, Failures, MAX_FAILED_STARTS, RADIO_DELAYED, is_started_by_user};
 use plantar::firmware::supervise::{CHECK_PERIOD_MS, HEALTHY_CHECKS, Heartbeats, PARTS, Watchdog};
 use plantar::protocol::{MAX_FAULT_TEXT, Reset};
 
@@ -34,8 +34,8 @@ const STALLED: u32 = 1 << 8;
 #[derive(Clone, Copy)]
 struct CrashRecord {
     magic: u32,
-    /// Number of successive failed starts. The present start counts as failed until [`HEALTHY_CHECKS`] checks were healthy.
-    failed_starts: u32,
+    /// The failures of successive runs, as [`Failures::recorded`] returns them at a start.
+    failures: Failures,
     /// The failure that ended the run; 0 if none was recorded.
     cause: u32,
     /// Duration of the run: the number of checks, which are [`CHECK_PERIOD_MS`] apart.
@@ -161,7 +161,7 @@ pub fn check(frame: u32, heartbeats: &Heartbeats) {
         save_exception_and_reset(STALLED | stalled, frame);
     }
     if healthy_checks == HEALTHY_CHECKS {
-        write_record(CrashRecord { failed_starts: 0, ..read_record() });
+        write_record(CrashRecord { failures: Failures::default(), ..read_record() });
     }
 }
 
@@ -177,14 +177,14 @@ pub fn boot_report(controller_reset: Option<Reset>) -> BootReport {
         (_, None, Some(_)) => Reset::Software,
         (_, None, None) => Reset::Power,
     };
-    // A run that ended in another way, for example by the user, did not fail.
-    let failed_starts =
-        before.filter(|_| matches!(reset, Reset::Panic | Reset::Watchdog)).map_or(0, |before| before.failed_starts);
-    let next_failed = failed_starts.saturating_add(1);
-    write_record(CrashRecord { magic: MAGIC, failed_starts: next_failed, cause: 0, checks: 0, calls: [0; CALLS] });
+    let stalled = cause.checked_sub(STALLED).unwrap_or(0);
+    let failures = before.map_or(Failures::default(), |before| before.failures.at_next_start(reset, stalled));
+    write_record(CrashRecord { magic: MAGIC, failures: failures.recorded(), cause: 0, checks: 0, calls: [0; CALLS] });
     let mut text = Text::default();
-    if failed_starts >= MAX_FAILED_STARTS {
-        text.push("recovery after ").push_number(failed_starts).push(" failed starts: ");
+    if failures.starts >= MAX_FAILED_STARTS {
+        text.push("recovery after ").push_number(failures.starts).push(" failed starts: ");
+    } else if failures.is_radio_delayed() {
+        text.push(RADIO_DELAYED);
     }
     match before {
         Some(before) if cause != 0 => text.push_record(&before),
@@ -194,7 +194,7 @@ pub fn boot_report(controller_reset: Option<Reset>) -> BootReport {
         _ => &mut text,
     };
     let is_started_by_user = is_started_by_user(reset, before.is_some());
-    BootReport { reset, fault: Some(text.0).filter(|text| !text.is_empty()), failed_starts, is_started_by_user }
+    BootReport { reset, fault: Some(text.0).filter(|text| !text.is_empty()), failures, is_started_by_user }
 }
 
 /// A text that is composed without `core::fmt`.

@@ -37,6 +37,28 @@ impl SystemEvent {
     }
 }
 
+/// Why the radio's core stopped: it then writes a word over the first one of the mailbox, which remains after a reset. ST's
+/// documents do not define these words; they are those of reports in ST's forum
+/// (<https://community.st.com/t5/stm32-mcus-wireless/stm32wb-cpu2-hard-fault-in-hci-stack-variants-in-v1-20-0/td-p/709479>).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CoreStop {
+    /// A hard fault. The second word of the mailbox is the program counter, the third one the link register.
+    Fault,
+    /// The core has detected what it takes for an attack, such as an access to its memory.
+    Attack,
+}
+
+impl CoreStop {
+    /// The meaning of the first word of the mailbox; `None` if the core has not stopped.
+    pub fn of(first_word: u32) -> Option<Self> {
+        match first_word {
+            0x1170_fd0f => Some(Self::Fault),
+            0x3de9_6f61 => Some(Self::Attack),
+            _ => None,
+        }
+    }
+}
+
 /// The status in the reply to the command `opcode`, 0 for success; `None` if the packet, from its H4 byte on, is not such a
 /// reply.
 pub fn reply_status(packet: &[u8], opcode: u16) -> Option<u8> {

@@ -24,7 +24,8 @@ const ANSWER_BEFORE_RESTART: Duration = Duration::from_millis(250);
 
 /// The errors of each request are [`Error::NoAnswer`], [`Error::Refused`] and those of the carrier.
 impl<C: Carrier> Client<C> {
-    /// The insole's counters. They arrive after all messages that were due before the request.
+    /// The insole's counters. They arrive after all steps, load bouts and alerts that were due before the request. Live frames, and
+    /// frames of cells and ellipses, can still follow.
     ///
     /// # Errors
     /// See the `impl` block.
@@ -196,8 +197,8 @@ impl<C: Carrier> Client<C> {
     /// # Errors
     /// See the `impl` block.
     pub fn erase_wearer(&mut self) -> Result<(), Error> {
-        let is_identity = |message: &ToHost| matches!(message, ToHost::Identity(_)).then_some(());
-        self.request_within(ERASURE, ToDevice::EraseWearer, is_identity)
+        let identity_answer = |message: &ToHost| matches!(message, ToHost::Identity(_)).then_some(());
+        self.request_within(ERASURE, ToDevice::EraseWearer, identity_answer)
     }
 
     /// Stores the calibrations of all cells in the order of the insole's layout; they are in force from the insole's
@@ -265,7 +266,8 @@ impl<C: Carrier> Client<C> {
     /// Turns the stream of cells on or, with `None`, off. It is off after a reconnection.
     ///
     /// # Errors
-    /// See the `impl` block; [`plantar::protocol::Refusal::CellRate`] states the highest rate if the carrier is too slow.
+    /// See the `impl` block; [`plantar::protocol::Refusal::CellRate`] states the smallest accepted distance between frames if the
+    /// carrier is too slow.
     pub fn stream_cells(&mut self, stream: Option<CellStream>) -> Result<(), Error> {
         let former = self.cells;
         let answer = self.request(ToDevice::StreamCells(stream), |message| {
@@ -282,7 +284,8 @@ impl<C: Carrier> Client<C> {
     /// once the insole has answered a later request, because it answers this one only by a refusal.
     ///
     /// # Errors
-    /// See the `impl` block; [`plantar::protocol::Refusal::EllipseRate`] states the highest rate if this one is above 25 Hz.
+    /// See the `impl` block; [`plantar::protocol::Refusal::EllipseRate`] states the smallest accepted `every` if the rate is above
+    /// 25 Hz.
     pub fn stream_ellipses(&mut self, every: u8) -> Result<(), Error> {
         let former = self.ellipses_every;
         self.send(ToDevice::StreamEllipses { every })?;
@@ -304,7 +307,7 @@ impl<C: Carrier> Client<C> {
         self.restart_after(&before, patience)
     }
 
-    /// As [`Client::restart`], if the insole's status is `before`.
+    /// As [`Client::restart`]; `before` is the insole's status before the restart.
     pub(crate) fn restart_after(&mut self, before: &Status, patience: Duration) -> Result<&Hello, Error> {
         self.send(ToDevice::Restart)?;
         let sent_us = C::now_us();

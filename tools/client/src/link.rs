@@ -181,8 +181,14 @@ impl<C: Carrier + 'static> Link<C> {
 
     /// Sends a message. A failure ends the session, and the next event reports it.
     pub fn send(&mut self, message: ToDevice) {
-        let sent = self.client.send(message);
-        if let (Err(error), State::Open(_) | State::Streaming { .. }) = (sent, &self.state) {
+        if let Err(error) = self.client.send(message) {
+            self.fail(error);
+        }
+    }
+
+    /// Lets the next event report that the link is lost, unless an earlier event has reported it.
+    fn fail(&mut self, error: Error) {
+        if let State::Open(_) | State::Streaming { .. } = self.state {
             self.failure = Some(error);
         }
     }
@@ -197,7 +203,7 @@ impl<C: Carrier + 'static> Link<C> {
         match error {
             // The insole refuses the next message as well, and events report that another host has the session.
             Error::Refused(Refusal::OtherHost) => {}
-            error if error.is_link_failure() => self.failure = Some(error),
+            error if error.is_link_failure() => self.fail(error),
             error => return Err(error),
         }
         Ok(())

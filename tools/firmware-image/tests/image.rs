@@ -1,6 +1,7 @@
 //! Tests of signed images and keys: a signed file can be read, a changed one is detected.
 
 use firmware_image::{DEVELOPMENT_KEY, Error, Image, SigningKey, development_key, flash_image, read_signing_key};
+use plantar::protocol::mcuboot::FRONT;
 use plantar::protocol::update::{CHUNK, Header};
 use plantar::storage::flash_map::{HEADER, MAX_IMAGE};
 use plantar::storage::update::KEY;
@@ -38,7 +39,7 @@ fn a_file_contains_the_image_and_any_change_of_it_is_detected() {
         std::fs::write(&path, &flipped).expect("written");
         assert!(Image::read(&path).is_err(), "bit {bit}");
     }
-    for len in [0, 1, 71, 72, HEADER as usize, file.len() - CHUNK, file.len() - 1] {
+    for len in [0, 1, FRONT - 1, FRONT, HEADER as usize, file.len() - CHUNK, file.len() - 1] {
         std::fs::write(&path, &file[..len]).expect("written");
         let error = Image::read(&path).expect_err("it is cut short").to_string();
         assert!(error.contains("cut short") && error.contains("image.bin"), "{error}");

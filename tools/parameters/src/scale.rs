@@ -63,7 +63,8 @@ pub fn deformation_title(scales: &[DeformationScale]) -> &'static str {
     }
 }
 
-/// The share of assumption of the eight regions in words.
+/// Displays how much of the scale of the deformation is assumed in each of the eight regions: see
+/// [`DeformationScale::assumed_percent`].
 #[derive(Clone, Copy, Debug)]
 pub struct AssumedShare<'s>(pub &'s [DeformationScale; 8]);
 

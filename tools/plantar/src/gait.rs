@@ -24,8 +24,8 @@ use std::path::{Path, PathBuf};
 /// the other foot, are counted and not used. docs/measures.md has the definitions.
 #[derive(Args)]
 pub struct GaitCommand {
-    /// The file of a stream, or a recording or a folder of `plantar record` for each foot. The time columns of two recordings
-    /// must be on one clock, and their rates must be equal.
+    /// A file of `plantar serve --record` or of the page, or for each foot a recording or a folder of `plantar record`. The time
+    /// columns of two recordings must be on one clock, and their rates must be equal within 1 %.
     #[arg(required = true, num_args = 1..=2, value_name = "FILE")]
     walk: Vec<PathBuf>,
     /// Mean length of a stride, m. The walking speed is computed from it.
@@ -167,7 +167,8 @@ fn retain_comparable(steps: &mut Vec<(Step, Option<u64>)>) -> bool {
         });
         let removed = before - steps.len();
         if removed > 0 {
-            let which = if has_times { "without a time of day" } else { "from earlier boots of the insole" };
+            let which =
+                if has_times { "without a time on the common clock" } else { "from earlier boots of the insole" };
             eprintln!(
                 "note: {} foot: steps {which} cannot be compared in time with the others and are not used: {removed}",
                 side.name()
@@ -188,7 +189,8 @@ fn read(path: &Path) -> Result<Walk> {
     if live::is_stream(path) { from_stream(path) } else { from_recording(RecordingReader::open(path)?) }
 }
 
-/// Number of times of an insole after which its clock is compared well with that of the host.
+/// Number of time messages ([`ToHost::Time`]) of an insole after which the offset of its clock from that of the host is known well
+/// enough to compute the times of the steps that arrived before.
 const COMPARED_TIMES: u32 = 20;
 
 /// The load records in a stream file. The times of the steps are on the clock of the host: they follow from the time messages
@@ -197,8 +199,9 @@ fn from_stream(path: &Path) -> Result<Walk> {
     let bytes = std::fs::read(path)?;
     let mut messages = live::StreamMessages::new(&bytes);
     let mut mappings = [const { ClockMapping::new() }; STREAM_INSOLES];
-    // A host receives stored steps before the first time of the insole. Their times follow once the clocks are compared: their
-    // indices in `steps`, and the number of times since the hello.
+    // A host receives stored steps before the first time message of the insole. For each insole: the indices in `steps` of the
+    // steps that still wait for a time, and the number of time messages since its hello. The steps receive their times once
+    // `COMPARED_TIMES` such messages have arrived.
     let mut untimed: [(Vec<usize>, u32); STREAM_INSOLES] = [const { (Vec::new(), 0) }; STREAM_INSOLES];
     let Walk { mut steps, mut others, .. } = Walk::default();
     let mut known_others = HashSet::new();
@@ -230,11 +233,12 @@ fn from_stream(path: &Path) -> Result<Walk> {
                 }
             }
             Some(ToHost::Step(step)) => {
-                // An insole can send again the records in its queue, and as many whose acknowledgement was lost. A file has up to
-                // two insoles.
+                // An insole can send again the records in its queue, and as many whose acknowledgement was lost. The other insole
+                // may have sent any number since.
                 let record = LoadRecord::from(step);
                 let is_same = |known: &Step| LoadRecord::from(*known).is_same(&record);
-                let is_known = steps.iter().rev().take(4 * RECORD_QUEUE).any(|(known, _)| is_same(known));
+                let same_foot = steps.iter().rev().filter(|(known, _)| known.side == step.side);
+                let is_known = same_foot.take(2 * RECORD_QUEUE).any(|(known, _)| is_same(known));
                 if !is_known {
                     let start_us = mapping.start_us(&record);
                     if start_us.is_none() {
@@ -328,7 +332,10 @@ fn print(gait: &Gait, length: Option<Length>) {
             (Some(speed_m_s), _) => println!("Walking speed: {speed_m_s:.2} m/s"),
             (None, Length::Stride(_)) => println!("Walking speed: unknown, because there is no stride"),
             (None, Length::Walk(_)) => {
-                println!("Walking speed: unknown: a pause, a missing step, a missing foot, or no common clock")
+                println!(
+                    "Walking speed: unknown, because there is a pause or a missing step, because one foot is missing, or because \
+                     the feet have no common clock"
+                )
             }
         }
     }

@@ -89,10 +89,13 @@ impl View {
     /// Shows that the insole answers again after it has sent nothing for some time, and the reason of its last restart, which may
     /// have been the cause.
     pub fn answered_after_silence(&mut self, hello: &Hello) {
+        self.column_names = column_names(hello);
         let failure = hello.fault.as_deref().unwrap_or("no failure reported");
-        self.title = format!(" answers again, and may have restarted (last reset: {}, {failure}) ", hello.reset.name());
+        let reset = hello.reset.name();
+        let restart = format!("answers again, and may have restarted (last reset: {reset}, {failure})");
+        self.title = format!("{} {restart} ", title(hello));
         if self.terminal.is_none() {
-            println!("the insole{}", self.title.trim_end());
+            println!("the insole {restart}");
         }
     }
 

@@ -147,7 +147,7 @@ fn errors_for_recordings_name_the_file_the_line_and_the_remedy() {
     }
     fail(&path, "info nowhere.parquet", &["nowhere.parquet"]);
     fail(&path, "replay layout.csv", &["layout.csv"]);
-    // Before the input is read, which does not exist either.
+    // The output is checked before the input is read, which does not exist either.
     fail(
         &path,
         "fit nowhere.parquet --out absent/parameters.toml",
@@ -222,7 +222,8 @@ fn no_command_overwrites_its_input_or_personal_parameters() {
         }
     }
     assert!(std::fs::read(path.join("parts/part-00000.parquet")).expect("a part") == walk);
-    // Files of other kinds may be written there, and Parquet files in another folder, also again.
+    // Files of other kinds may be written there, and Parquet files in another folder, and both can be
+    // written a second time.
     for _ in 0..2 {
         succeed(&path, "replay parts --json parts/steps.json --frames parts/live.csv");
         std::fs::create_dir_all(path.join("parts/out")).expect("made");

@@ -237,7 +237,7 @@ fn a_truncated_stream_is_noted_and_a_file_without_a_stream_is_refused_with_the_r
 fn a_step_of_an_earlier_boot_without_a_time_of_day_is_left_out() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("walk.plantar");
-    for (has_times, reason) in [(true, "without a time of day"), (false, "from earlier boots")] {
+    for (has_times, reason) in [(true, "without a time on the common clock"), (false, "from earlier boots")] {
         write_stream(&path, has_times);
         let (expected, _) = measures(folder.path(), "walk.plantar");
         let mut file = std::fs::read(&path).expect("a file");

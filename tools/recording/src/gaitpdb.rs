@@ -59,7 +59,8 @@ pub fn recognise(text: &str) -> bool {
 /// Imports the feet of a walk. `side` restricts the import to one foot.
 ///
 /// # Errors
-/// Fails if a line violates the format. The message names file, line and remedy.
+/// Fails if a line violates the format, or if the frames violate a rule of recordings. The message names the file, the line or the
+/// time, and a remedy.
 pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     let text = decode(bytes, path)?;
     let (mut t_s, mut forces_n, mut totals): (Vec<f64>, [Vec<f64>; 2], [Totals; 2]) = Default::default();
@@ -117,7 +118,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
 
 /// The cells in foot coordinates, which are equal for both feet.
 fn cells() -> Vec<Cell> {
-    // 300 and -800 are the least coordinates, so that the first cells touch the axes.
+    // 300 and -800 are the least coordinates, so that the rearmost cell and the one next to the other foot touch the axes.
     let half_mm = AREA_MM2.sqrt() / 2.0;
     let mut cells: Vec<Cell> = POSITIONS
         .iter()

@@ -103,7 +103,7 @@ impl Liblsl {
             // The source is the system's own message.
             reason: error.source().map_or_else(|| error.to_string(), ToString::to_string),
         };
-        // SAFETY: liblsl's initialisation has no requirements. The user vouches for a file that the option names.
+        // SAFETY: liblsl's initialisation has no requirements. The user vouches for a file that the option `--lsl` names.
         let library = unsafe { Library::new(&file) }.map_err(missing)?;
         let functions = Functions::of(&library).map_err(missing)?;
         // The functions are valid as long as the library is loaded.

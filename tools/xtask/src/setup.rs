@@ -211,7 +211,14 @@ pub fn chromium() -> Result<()> {
     if ["chromium", "chromium-browser", "google-chrome"].into_iter().any(has) {
         return Ok(());
     }
-    install(&OsPackage { title: "Chromium", apt: "chromium", dnf: "chromium", pacman: "chromium", brew: "chromium" })
+    install(&OsPackage {
+        title: "Chromium",
+        // Debian only recommends fonts.
+        apt: "chromium fonts-liberation",
+        dnf: "chromium",
+        pacman: "chromium",
+        brew: "chromium",
+    })
 }
 
 /// Installs cargo-fuzz and the C++ compiler that libFuzzer needs. Returns the path of cargo-fuzz.
@@ -312,13 +319,12 @@ fn bus() -> Result<()> {
     install(&OsPackage { title: "D-Bus", apt: "dbus-daemon", dnf: "dbus-daemon", pacman: "dbus", brew: "dbus" })
 }
 
-/// Installs GNU Octave, which reads exported MATLAB files in a test. On Debian, packages that it only recommends are omitted.
+/// Installs GNU Octave, which reads exported MATLAB files in a test.
 fn octave() -> Result<()> {
     if has("octave-cli") {
         return Ok(());
     }
-    let apt = "--no-install-recommends octave";
-    install(&OsPackage { title: "GNU Octave", apt, dnf: "octave", pacman: "octave", brew: "octave" })
+    install(&OsPackage { title: "GNU Octave", apt: "octave", dnf: "octave", pacman: "octave", brew: "octave" })
 }
 
 /// The file in a Python environment with the list of the packages that were installed.
@@ -467,7 +473,8 @@ fn install(package: &OsPackage) -> Result<()> {
 /// holds [`INSTALLATION`].
 fn install_now(package: &OsPackage) -> Result<()> {
     let managers: [(&str, &[&str], &str); 4] = [
-        ("apt-get", &["install", "--yes"], package.apt),
+        // QEMU and Chromium recommend 200 packages, such as printer drivers, that nothing here uses.
+        ("apt-get", &["install", "--yes", "--no-install-recommends"], package.apt),
         ("dnf", &["install", "--assumeyes"], package.dnf),
         ("pacman", &["--sync", "--noconfirm"], package.pacman),
         ("brew", &["install"], package.brew),

@@ -1,7 +1,7 @@
 //! The test suite: a quick part for use after each change, and the complete suite.
 
 use crate::arguments::Soak;
-use crate::build::{bootloader, build_firmware, build_whole_host, cargo_firmware, firmware};
+use crate::build::{bootloader, build_firmware, build_whole_host, firmware, firmware_command};
 use crate::command::{built, join, root, run, run_command};
 use crate::setup::Python;
 use crate::{BOARDS, EMULATED, bench, limits, package, page, setup};
@@ -75,9 +75,15 @@ fn build_host_programs() -> Result<()> {
 fn build_boards() -> Result<()> {
     // The bootloaders contain the library without its features, and the page contains it as WebAssembly, so the builds also show
     // that the library compiles in both ways.
-    let mut boards = BOARDS.into_iter().filter(|&board| board != EMULATED);
-    boards.try_for_each(build_firmware)?;
-    cargo_firmware("build", "minimal-board", &[])
+    let boards = BOARDS.into_iter().filter(|&board| board != EMULATED);
+    let mut packages = boards.flat_map(|board| [bootloader(board), board.into()]).chain(["minimal-board".into()]);
+    packages.try_for_each(|package: String| quiet_firmware("build", &package, &[]))
+}
+
+/// As [`crate::build::cargo_firmware`], but prints only warnings and errors of cargo: the output appears between that of the tests
+/// that run at the same time.
+fn quiet_firmware(command: &str, package: &str, arguments: &[&str]) -> Result<()> {
+    run_command(firmware_command(command, package)?.arg("--quiet").args(arguments))
 }
 
 /// Lints the firmware of all boards, the minimal board and the program that checks a signature, and checks licences and sources
@@ -85,7 +91,7 @@ fn build_boards() -> Result<()> {
 fn check_boards_and_dependencies() -> Result<()> {
     let boards = BOARDS.into_iter().flat_map(|board| [board.to_owned(), bootloader(board)]);
     let mut packages = boards.chain(["minimal-board", "signature-check"].map(String::from));
-    packages.try_for_each(|package| cargo_firmware("clippy", &package, &DENY_WARNINGS))?;
+    packages.try_for_each(|package| quiet_firmware("clippy", &package, &DENY_WARNINGS))?;
     deny(&["licenses", "bans", "sources"])
 }
 

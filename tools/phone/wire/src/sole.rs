@@ -46,7 +46,7 @@ pub struct Sole {
     pub to_mm: [f32; 2],
     /// A closed polygon.
     pub outline_mm: Vec<[f32; 2]>,
-    /// The regions, in the order of the messages.
+    /// The regions, in the order of [`Region::ALL`].
     pub regions: Vec<RegionShape>,
 }
 
@@ -98,7 +98,7 @@ impl Sole {
                 let to_mm = (from_mm + POINT_MM).min(lateral_mm);
                 let Some(rows) = rows.get_mut(region_of((from_mm + to_mm) / 2.0, y_mm)) else { continue };
                 match rows.last_mut() {
-                    // A region is contiguous in every row.
+                    // A region is taken for contiguous in every row, so its shape also covers a gap.
                     Some(row) if row.y_mm == y_mm => row.to_mm = to_mm,
                     _ => rows.push(Row { y_mm, from_mm, to_mm }),
                 }
@@ -113,7 +113,8 @@ impl Sole {
         Self::new(generic_outline_mm(), |x_mm, y_mm| generic_region(x_mm, y_mm) as usize)
     }
 
-    /// The sole of an insole with these cells; `None` without cells, or with cells beyond the size of a foot.
+    /// The sole of an insole with these cells; `None` without cells, or if a cell is 1 m or more from an axis, or has no area or one
+    /// of 100 cm² or more.
     pub fn of(cells: &[LayoutCell]) -> Option<Self> {
         let is_valid = |cell: &LayoutCell| {
             cell.x_mm.abs() < 1e3 && cell.y_mm.abs() < 1e3 && cell.area_mm2 > 0.0 && cell.area_mm2 < 1e4

@@ -130,7 +130,7 @@ fn walk(firmware: &Path, side: Side, steps: u32) -> Result<Walked> {
     let mut replay = Box::new(Insole::<f32, DEVICE_CELLS>::new());
     replay.set_up(insole.setup, insole.cells.iter().copied())?;
     replay.set_tissue(&tissue).map_err(anyhow::Error::msg)?;
-    replay.count_records_from(first_record);
+    replay.set_next_record_number(first_record);
     let mut walk = repeated();
     let mut codes = vec![0; insole.cells.len()];
     let mut scans = 0;
