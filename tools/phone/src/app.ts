@@ -380,6 +380,7 @@ export class App {
     addEventListener("storage", ({ key }) => {
       if (key === CLEARED_KEY && !this.insoles.transport?.is_replay) {
         this.store.reload().then(() => this.stepsChanged(), () => undefined);
+        void this.identify.reload();
       }
     });
     const failed = (problem: string) => this.fail(problem);

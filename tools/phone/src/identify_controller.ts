@@ -91,6 +91,13 @@ export class IdentifyController {
     this.stored = [];
   }
 
+  /** Looks whether another tab has deleted the messages of the interrupted session, which is then no longer offered. */
+  async reload(): Promise<void> {
+    const stored = await this.storage.load().catch(() => []);
+    // Meanwhile, the wearer may have continued the session, or begun another one.
+    if (this.has_stored) this.stored = stored;
+  }
+
   /** Opens the view of the guided session. */
   private show(): void {
     document.body.dataset["view"] = "identify";

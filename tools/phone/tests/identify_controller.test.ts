@@ -51,6 +51,13 @@ test("an interrupted session is deleted together with all steps", async () => {
   expect([controller.has_stored, stored]).toEqual([false, []]);
 });
 
+test("an interrupted session that another tab has deleted is no longer offered", async () => {
+  const { controller } = await load();
+  stored = [];
+  await controller.reload();
+  expect(controller.has_stored).toBe(false);
+});
+
 test("the wearer deletes an interrupted session without an insole", async () => {
   const { controller, act } = await load();
   act("discard");

@@ -28,6 +28,7 @@ impl InsoleArgs {
     }
 
     /// True if an option has another value than its default.
+    #[cfg(feature = "serve")]
     pub fn is_given(&self) -> bool {
         let Self { wearer, contact, zero } = self;
         let values = [contact.contact_on, contact.contact_off, contact.contact_full];
