@@ -118,8 +118,8 @@ fn a_signed_image_that_crashes_is_swapped_back() {
     assert_eq!(connect(&board).hello().firmware, OLD);
 }
 
-/// An image that begins to crash after it was confirmed. It processes frames between its crashes, so that only the start after
-/// the last crash can swap the previous image back.
+/// An image that begins to crash after it was confirmed. The bootloader does not swap a confirmed image back by itself: the
+/// firmware's own start requests the swap after three failed starts, although the image processes frames before each crash.
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn a_confirmed_image_that_crashes_again_and_again_is_swapped_back() {
@@ -230,8 +230,8 @@ fn a_loss_of_power_during_the_transfer_leaves_the_running_image() {
 /// long in the emulator; `swap.rs` does that on a simulated chip.
 const STRIDE: usize = 29;
 
-/// Asserts that power failed so often, once in [`STRIDE`] operations, that the operations are those of a whole swap. A swap in
-/// either direction erases each sector of both images.
+/// Asserts that there were enough power cuts, one in every [`STRIDE`] operations, to cover a whole swap, which erases each sector
+/// of both images.
 fn assert_whole_swap(cuts: usize) {
     assert!(cuts * STRIDE >= 2 * (MAX_IMAGE / SECTOR) as usize, "only {cuts} cuts");
     println!("{cuts} cuts");

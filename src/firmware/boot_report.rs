@@ -22,14 +22,14 @@ pub const RADIO_DELAYED: &str = "Bluetooth starts in an hour: ";
 pub struct Failures {
     /// Number of failed starts.
     pub starts: u32,
-    /// Number of stalls of the radio alone. Such a run is no failed start, because everything else has worked: recovery mode would
-    /// only end the measurement, too.
+    /// Number of stalls of the radio alone. Such a run is no failed start, because everything else has worked: recovery mode
+    /// would only end the measurement, too.
     pub radio_stalls: u32,
 }
 
 impl Failures {
-    /// What to record at the start of a run. [`Failures::at_next_start`] understands it if the run fails before it is healthy; once
-    /// the run is healthy, it is to be replaced by the default.
+    /// What to record at the start of a run. [`Failures::at_next_start`] understands it if the run fails before it is healthy;
+    /// once the run is healthy, it is to be replaced by the default.
     pub fn recorded(self) -> Self {
         Self { starts: self.starts.saturating_add(1), ..self }
     }
@@ -62,13 +62,13 @@ pub struct BootReport {
     pub fault: Option<String<MAX_FAULT_TEXT>>,
     /// The failures before this start.
     pub failures: Failures,
-    /// A person who has the insole in hand has started it: it was switched on after its RAM had lost its contents, or reset by its
-    /// pin. A short interruption of the supply, as by a battery contact that bounces, does not count: [`is_started_by_user`].
+    /// A person who has the insole in hand has started it: it was switched on after its RAM had lost its contents, or reset by
+    /// its pin. A short interruption of the supply, as by a battery contact that bounces, does not count: [`is_started_by_user`].
     pub is_started_by_user: bool,
 }
 
-/// Whether a person who has the insole in hand has started it: see [`BootReport::is_started_by_user`]. `has_survived` states whether
-/// the RAM still has the contents of the previous run.
+/// Whether a person who has the insole in hand has started it: see [`BootReport::is_started_by_user`]. `has_survived` states
+/// whether the RAM still has the contents of the previous run.
 pub fn is_started_by_user(reset: Reset, has_survived: bool) -> bool {
     reset == Reset::Pin || reset == Reset::Power && !has_survived
 }

@@ -198,8 +198,9 @@ impl Shared {
         self.last_message_at.get().elapsed() >= OCCUPIED
     }
 
-    /// Receives a message over a carrier; `None` stands for a message that was not understood. The function is marked `inline`, like
-    /// those that it calls for each request, so that they are compiled with the board's package, which is optimised for size.
+    /// Receives a message over a carrier; `None` stands for a message that was not understood. The function is marked `inline`,
+    /// like those that it calls for each request, so that they are compiled with the board's package, which is optimised for
+    /// size.
     #[inline]
     pub fn receive(&self, carrier: Carrier, message: Option<ToDevice>) {
         let mut session = self.session.borrow_mut();

@@ -239,8 +239,9 @@ impl Cable {
 /// Size of the transmit buffer of the insole's port, bytes.
 const PORT_BYTES: usize = 192;
 
-/// The insole's end of a cable. It writes as `BufferedUartTx` of `embassy-stm32` 0.6 does: a write that is longer than the transmit
-/// buffer is refused, and nothing wakes a write that waits for space. The host receives bytes when the buffer accepts them.
+/// The insole's end of a cable. It writes as `BufferedUartTx` of `embassy-stm32` 0.6 does: a write that is longer than the
+/// transmit buffer is refused, and nothing wakes a write that waits for space. The host receives bytes when the buffer accepts
+/// them.
 #[derive(Clone)]
 pub struct CableEnd(pub Rc<RefCell<Cable>>);
 

@@ -158,7 +158,8 @@ impl HostInsole {
         chip.cut = Some((at, Torn::Within));
     }
 
-    /// Stalls the task `scan`, `model` (which processes frames), `link` or `gatt` (Bluetooth), as an endless loop in that task would.
+    /// Stalls the task `scan`, `model` (which processes frames), `link` or `gatt` (Bluetooth), as an endless loop in that task
+    /// would.
     pub fn stall(&mut self, part: &str) {
         self.executor.iter_mut().for_each(|executor| executor.stall(part));
     }

@@ -1,5 +1,6 @@
-"""The search of the paper (docs/model.md) through SciPy's SLSQP, for comparison: it minimises Eq. 18 with the penalty
-of Eq. 19 over eight bounded variables, from ten random starts.
+"""The search of the paper (docs/identification.md, `--method paper`) through SciPy's SLSQP, for comparison: it minimises
+the paper's Eq. 18, the squared difference of model and measured force, with the penalty of Eq. 19 for negative forces,
+over eight bounded variables, from ten random starts.
 
 The search varies the logarithms of k and c, because it rarely converges otherwise. The argument is a folder with one file
 of doubles for each region, 0.f64 to 7.f64. A file has the number of samples; then for each sample: the area (m2), the

@@ -153,6 +153,7 @@ async fn run(boot: BootReport, image: &'static Header) {
     let config =
         from_host.as_ref().map_or_else(|| EmulatorConfig::new(layout::setup(Side::Left)), |(config, _)| *config);
     injected_fault::plan(config.fault.filter(|planned| planned.is_repeated || boot.reset == Reset::Power));
+    // A panic that is due at once occurs here, before the loops start.
     inject(&[InjectedFault::Panic]);
     let chip = async {
         // The chips of real boards need time until they answer, so their start is suspended here, too.

@@ -1,4 +1,4 @@
-//! The clocks, and waits with a finer resolution than its ticks of 30.5 us.
+//! The controller's clocks, and waits with a finer resolution than the ticks of the time driver, which last 30.5 us.
 
 use core::future::poll_fn;
 use core::task::Poll;
@@ -12,11 +12,11 @@ use nrf52840_drivers::watchdog;
 
 /// The core's clock, kHz.
 pub const CORE_KHZ: u32 = 64_000;
-/// Longest time until the crystal oscillates, ms. By the data sheet it takes a quarter of a second.
+/// Longest time until the crystal of 32,768 Hz oscillates, ms. By the data sheet it takes a quarter of a second.
 const CRYSTAL_LIMIT_MS: u32 = 500;
 /// Longest time until the crystal of 32 MHz oscillates, ms. By the data sheet it takes 0.4 ms.
 const FAST_CRYSTAL_LIMIT_MS: u32 = 5;
-/// Longest time until the clock has stopped, ms.
+/// Longest time until the low-frequency clock has stopped, ms.
 const STOP_LIMIT_MS: u32 = 5;
 
 /// Checks a condition every millisecond, and feeds the watchdog meanwhile. Returns false if it is not met within `limit_ms`.

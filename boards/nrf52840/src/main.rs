@@ -91,8 +91,8 @@ static SCAN_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 static RADIO_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 static EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 static SCAN_COUNTERS: ScanCounters = ScanCounters::new();
-/// The static memory of the firmware. Its queue holds three frames: at the built-in 100 Hz they last 30 ms (25 ms at 120 Hz,
-/// the highest rate of this board), longer than the evaluation of a step takes.
+/// The static memory of the firmware. Its queue holds three frames: at the built-in 100 Hz they last 30 ms (28 ms at 105 Hz,
+/// the highest supported rate of this board), longer than the evaluation of a step takes.
 static MEMORY: Memory<Chip, 3> = Memory::new();
 /// The transmit buffer of the link.
 static TO_SEND: ConstStaticCell<[u8; 160]> = ConstStaticCell::new([0; 160]);

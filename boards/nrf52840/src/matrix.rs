@@ -53,8 +53,9 @@ const EMPTY_MV: Range<u32> = 1_000..3_000;
 /// Number of successive measurements of an empty cell after which the board switches itself off.
 const EMPTY_READINGS: u8 = 3;
 
-/// Factor from the converter's 14 bits to a code, which has the scale of a sum of 16 conversions of 12 bits.
-const CODES_PER_STEP: u16 = 4;
+/// Factor from a result of the converter, which has 14 bits, to a code, which has the scale of a sum of 16 conversions of 12
+/// bits.
+const CODES_PER_LSB: u16 = 4;
 
 /// The charge of the battery, percent; 0 before the first measurement.
 static BATTERY_PERCENT: AtomicU8 = AtomicU8::new(0);
@@ -67,8 +68,8 @@ pub fn supply_mv() -> Option<u16> {
     Some(SUPPLY_MV.load(Ordering::Relaxed)).filter(|&supply_mv| supply_mv > 0)
 }
 
-/// True if the last measured supply is sufficient for the flash chip, which works from 2.3 V on. The supply is regulated to
-/// 3.3 V.
+/// True if the last measured supply is at least [`SUFFICIENT_SUPPLY_MV`], which has a margin above the 2.3 V that the flash chip
+/// needs. The supply is regulated to 3.3 V.
 pub fn is_supplied() -> bool {
     supply_mv().is_some_and(|supply_mv| supply_mv >= SUFFICIENT_SUPPLY_MV)
 }
@@ -98,7 +99,8 @@ impl ShiftRegister {
     /// Outputs these bits.
     fn output(&mut self, bits: u8) {
         /// Each level lasts for at least this number of cycles, 94 ns: with a supply of 3.3 V, the register needs some 45 ns from
-        /// the data to the edge of the clock, and some 30 ns for a pulse (between the values for 2 V and 4.5 V in its data sheet).
+        /// the data to the edge of the clock, and some 30 ns for a pulse (between the values for 2 V and 4.5 V in its data
+        /// sheet).
         const LEVEL_CYCLES: u32 = 6;
         let hold = || cortex_m::asm::delay(LEVEL_CYCLES);
         for bit in (0..u8::BITS).rev() {
@@ -152,16 +154,16 @@ impl ResistiveMatrix {
         let is_measured = with_timeout(BATTERY_TIMEOUT, adc.sample(&mut codes)).await.is_ok();
         drop(adc);
         if !is_measured {
-            // The flash chip is not changed while its supply is unknown.
+            // A supply of 0 means that it is unknown; nothing is then written to the flash chip.
             return SUPPLY_MV.store(0, Ordering::Relaxed);
         }
         let battery_mv = battery::millivolts(codes[0]);
         BATTERY_PERCENT.store(battery::percent(battery_mv), Ordering::Relaxed);
         SUPPLY_MV.store(battery::supply_millivolts(codes[1]), Ordering::Relaxed);
-        let is_charging = pac::POWER.usbregstatus().read().vbusdetect();
-        self.empty_readings = if EMPTY_MV.contains(&battery_mv) && !is_charging { self.empty_readings + 1 } else { 0 };
+        let has_usb_power = pac::POWER.usbregstatus().read().vbusdetect();
+        let is_empty = EMPTY_MV.contains(&battery_mv) && !has_usb_power;
+        self.empty_readings = if is_empty { self.empty_readings + 1 } else { 0 };
         if self.empty_readings >= EMPTY_READINGS {
-            self.switch_off();
             defmt::error!("the battery is empty: the board switches itself off until it is charged");
             pac::POWER.systemoff().write(|w| w.set_systemoff(true));
             // With a debug probe, the controller does not switch off, and continues here.
@@ -210,7 +212,7 @@ impl ResistiveMatrix {
             progress.set(progress.get() + 1);
             for (input, code) in converted.into_iter().enumerate() {
                 // Offsets can make a code negative; the largest one is 16,383.
-                codes[input * CHANNELS + channel] = code.max(0).unsigned_abs() * CODES_PER_STEP;
+                codes[input * CHANNELS + channel] = code.max(0).unsigned_abs() * CODES_PER_LSB;
             }
         }
         codes
@@ -220,7 +222,8 @@ impl ResistiveMatrix {
 /// The output of `operation`; `None` after the timeout. Unlike `with_timeout`, it polls its timer only at first and after a wake
 /// without progress: the converter wakes the scan in each group of columns, and each poll of a timer costs more than the wake.
 /// `operation` counts its progress. A wake without progress may be the one that the timer of an earlier row has requested,
-/// because a task has one request at a time, the earliest.
+/// because a task has one request at a time, the earliest. If that wake coincides with progress, the timer is not polled again:
+/// if the converter then stops in the same row, the supervision restarts the board.
 async fn within<T>(timeout: Duration, progress: &Cell<u32>, operation: impl Future<Output = T>) -> Option<T> {
     let (mut operation, mut timer) = (pin!(operation), pin!(Timer::after(timeout)));
     let mut is_armed = false;

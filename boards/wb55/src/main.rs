@@ -72,7 +72,7 @@ const CRYSTAL_TRIM: Option<u8> = match option_env!("PLANTAR_HSE_TUNE") {
 const ONE_TIME_RECORDS: *const [u8; 8] = 0x1fff_7000 as _;
 /// Number of these records.
 const ONE_TIME_COUNT: usize = 128;
-/// The identifier of a record of which byte 6 is the trim, and the byte's index.
+/// The identifier of the records that contain the trim, and the index of the trim's byte in such a record.
 const TRIM_RECORD: (u8, usize) = (0, 6);
 /// Allows the next write to the register with the trim.
 const UNLOCK_TRIM: u32 = 0xcafe_cafe;
@@ -114,8 +114,8 @@ fn start_watchdog() {
     pac::IWDG.kr().write(|w| w.set_key(Key::START));
 }
 
-/// The trim that the manufacturer of a module has stored in the controller's one-time programmable memory, as ST's examples read it
-/// (`Config_HSE` in STM32CubeWB): in the last record of its kind.
+/// The trim that the manufacturer of a module has stored in the controller's one-time programmable memory, as ST's examples read
+/// it (`Config_HSE` in STM32CubeWB): in the last record of its kind.
 fn programmed_trim() -> Option<u8> {
     let (kind, trim) = TRIM_RECORD;
     let records = (0..ONE_TIME_COUNT).rev().map(|i| {
@@ -191,8 +191,8 @@ fn take_reset_reason() -> Reset {
     }
 }
 
-/// Denies access to the 16 KiB below RAM, which the stack reaches if it overflows: they are in the region of the system memory,
-/// and the documents do not state that a write to the addresses that are not used there causes a fault.
+/// Denies access to the 16 KiB below RAM, which the stack reaches if it overflows. They are in the region of the system memory,
+/// and ST does not document that a write to its unused addresses causes a fault, so an overflow could remain unnoticed.
 fn guard_stack(mpu: &mut MPU) {
     const VALID: u32 = 1 << 4;
     const NEVER_EXECUTE: u32 = 1 << 28;
@@ -218,7 +218,8 @@ async fn main(spawner: Spawner) {
     // The compiler must not assume the content of the header, because a tool may have patched it in the image.
     let image = black_box(&IMAGE);
     let mut config = embassy_stm32::Config::default();
-    // With these clocks, a debugger stays connected while the core sleeps, but the core uses several times the current.
+    // This option leaves the debug clocks on while the core sleeps: a debugger stays connected, but the core uses several times
+    // the current.
     config.enable_debug_during_sleep = cfg!(feature = "development-key");
     let has_crystal = start_crystal();
     config.rcc = clocks(has_crystal);
@@ -262,6 +263,7 @@ async fn main(spawner: Spawner) {
     ];
     let address = [line(p.PC6.into()), line(p.PC10.into()), line(p.PC12.into()), line(p.PB8.into())];
     let rows_off = Output::new(p.PB9, Level::High, Speed::Low);
+    // The front end is on until the matrix switches it.
     let front_end = Output::new(p.PC11, Level::High, Speed::Low);
     let mut matrix = ResistiveMatrix::new(p.ADC1, p.DMA1_CH1, columns, address, rows_off, front_end);
     let side = if strap.is_low() { Side::Right } else { Side::Left };
@@ -297,7 +299,7 @@ async fn main(spawner: Spawner) {
     spawner.spawn(run_serve(link, shared).unwrap());
     spawner.spawn(run_persist(store, shared, image).unwrap());
     spawner.spawn(bluetooth::run(boot.radio_delay(), &FROM_RADIO, &TO_RADIO, gatt).unwrap());
-    // Without a crystal, the radio's core does not run.
+    // Without a crystal, the radio's core does not run. The Bluetooth host waits for it then, which affects no other task.
     if has_crystal {
         spawner.spawn(run_radio(p.IPCC).unwrap());
     }

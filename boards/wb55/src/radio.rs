@@ -58,7 +58,8 @@ const PREVIOUS: u32 = 4;
 /// Offset of the H4 byte in a packet, after its node.
 const H4: u32 = size_of::<Node>() as u32;
 
-/// Takes the packets from a queue that belongs to this core; `None` if it was empty. More packets than expected remain in the queue.
+/// Takes the packets from a queue that belongs to this core; `None` if it was empty. More packets than expected remain in the
+/// queue.
 fn drain(queue: u32) -> Option<Packets> {
     let mut packets = Packets::new();
     let mut packet = read(queue + NEXT);

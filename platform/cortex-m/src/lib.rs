@@ -177,7 +177,7 @@ pub fn boot_report(controller_reset: Option<Reset>) -> BootReport {
         (_, None, Some(_)) => Reset::Software,
         (_, None, None) => Reset::Power,
     };
-    let stalled = cause.checked_sub(STALLED).unwrap_or(0);
+    let stalled = cause.saturating_sub(STALLED);
     let failures = before.map_or(Failures::default(), |before| before.failures.at_next_start(reset, stalled));
     write_record(CrashRecord { magic: MAGIC, failures: failures.recorded(), cause: 0, checks: 0, calls: [0; CALLS] });
     let mut text = Text::default();

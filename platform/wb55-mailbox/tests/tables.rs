@@ -42,6 +42,7 @@ fn parameters_of_bluetooth_have_the_published_layout() {
         assert_eq!(offset, published, "{name}");
     }
     let bytes = BleInit::PERIPHERAL.bytes();
+    // One link; the sleep clock is HSE / 1024 (bit 2); the link layer only (bit 0).
     assert_eq!((bytes[14], bytes[23], bytes[31]), (1, 4, 1));
 }
 

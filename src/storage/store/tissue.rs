@@ -7,8 +7,8 @@ use crate::storage::records::IdentifiedRecord;
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 
 impl<F: MultiwriteNorFlash> Store<F> {
-    /// Replaces the parameters and how they were identified. After a loss of power, either both are old or both are new: how the new
-    /// parameters were identified is first written to the part of the record that does not belong to the old ones.
+    /// Replaces the parameters and how they were identified. After a loss of power, either both are old or both are new: how the
+    /// new parameters were identified is first written to the part of the record that does not belong to the old ones.
     ///
     /// # Errors
     /// See [`StorageError`].

@@ -12,8 +12,8 @@ const MAX_DRIFT: f64 = 100e-6;
 /// If all recent requests are above the line by more than this, us, the clock of the host was set back, and the line is not used.
 const FAR_US: f64 = 100e3;
 /// A request is recent if it arrived at most this time before the last one, us. If no line is plausible, for example because the
-/// drift exceeds [`MAX_DRIFT`], as that of an insole without a running crystal, only recent requests are used, without drift: a drift
-/// of 500 ppm is 15 ms in this time.
+/// drift exceeds [`MAX_DRIFT`], as that of an insole without a running crystal, only recent requests are used, without drift: a
+/// drift of 500 ppm is 15 ms in this time.
 const RECENT_US: u64 = 30_000_000;
 
 /// Offset and drift of an insole's clock, from [`plantar::protocol::ToDevice::GetTime`] and its answers.
@@ -45,8 +45,8 @@ struct Line {
     device_us: u64,
     offset_us: i64,
     drift: f64,
-    /// Times since `device_us`, us, between which the drift holds: those of the samples, and as long before and after them as they
-    /// span. A drift that was measured in seconds says nothing about hours.
+    /// Times since `device_us`, us, between which the drift holds: those of the samples, and as long before and after them as
+    /// they span. A drift that was measured in seconds says nothing about hours.
     drifting_us: [f64; 2],
 }
 
@@ -130,8 +130,8 @@ fn line_below(samples: &VecDeque<Sample>) -> Option<Line> {
     let edge = hull.windows(2).find(|edge| point(edge[1]).0 >= mean_us);
     let edge = edge.map(|edge| (edge[0], slope(edge[0], edge[1])));
     let recent = || samples.iter().filter(|q| last.device_us - q.device_us <= RECENT_US);
-    // The slope can be implausible for samples within a short time. If all recent requests are far above the line, the clock of the
-    // host was set back.
+    // The slope can be implausible for samples within a short time. If all recent requests are far above the line, the clock of
+    // the host was set back.
     let is_plausible = |(from, drift): &(&Sample, f64)| {
         let above_us = |q: &Sample| point(q).1 - point(from).1 - drift * (point(q).0 - point(from).0);
         drift.abs() <= MAX_DRIFT && recent().any(|q| above_us(q) <= FAR_US)

@@ -24,8 +24,8 @@ const ANSWER_BEFORE_RESTART: Duration = Duration::from_millis(250);
 
 /// The errors of each request are [`Error::NoAnswer`], [`Error::Refused`] and those of the carrier.
 impl<C: Carrier> Client<C> {
-    /// The insole's counters. They arrive after all steps, load bouts and alerts that were due before the request. Live frames, and
-    /// frames of cells and ellipses, can still follow.
+    /// The insole's counters. They arrive after all steps, load bouts and alerts that were due before the request. Live frames,
+    /// and frames of cells and ellipses, can still follow.
     ///
     /// # Errors
     /// See the `impl` block.
@@ -284,8 +284,8 @@ impl<C: Carrier> Client<C> {
     /// once the insole has answered a later request, because it answers this one only by a refusal.
     ///
     /// # Errors
-    /// See the `impl` block; [`plantar::protocol::Refusal::EllipseRate`] states the smallest accepted `every` if the rate is above
-    /// 25 Hz.
+    /// See the `impl` block; [`plantar::protocol::Refusal::EllipseRate`] states the smallest accepted `every` if the rate is
+    /// above 25 Hz.
     pub fn stream_ellipses(&mut self, every: u8) -> Result<(), Error> {
         let former = self.ellipses_every;
         self.send(ToDevice::StreamEllipses { every })?;

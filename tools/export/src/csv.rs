@@ -1,4 +1,4 @@
-//! CSV in long form: one row for each time, quantity and region, to be read in R or pandas.
+//! CSV in long form, for R and pandas: one row for each time, quantity and region.
 
 use crate::{EventKind, Session};
 use recording::{Result, output};

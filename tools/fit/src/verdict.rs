@@ -33,7 +33,8 @@ pub(crate) fn verdict(fit: &RegionFit) -> String {
     let error = format!("error {:.0} % on {steps}", predicted * 100.0);
     if q.saturated > SATURATES {
         return format!(
-            "the contact area saturates, so the model cannot follow push-off ({error}); use the measured force instead"
+            "the contact area stays at its largest value while the force changes, so the model cannot follow the force there \
+             ({error}); use the measured force instead"
         );
     }
     if predicted < FOLLOWS {
@@ -47,8 +48,8 @@ pub(crate) fn verdict(fit: &RegionFit) -> String {
     }
     if q.floor > NEAR_FLOOR * predicted && q.own > AT_FLOOR * q.floor {
         return format!(
-            "limited by the contact area: {error}, and {:.0} % for the best non-decreasing function of area; smaller cells, or \
-             covered shares instead of counted cells, would reduce it, other parameters would not",
+            "limited by the contact area: {error}, and {:.0} % for the best non-decreasing function of area; smaller cells would \
+             reduce it, and so would covered shares if the cells were counted, but other parameters would not",
             q.floor * 100.0
         );
     }
@@ -84,7 +85,7 @@ pub(crate) fn warnings(fit: &RegionFit) -> Vec<String> {
     let at_bound: Vec<_> = uncertainty.intervals.iter().zip(FIVE).filter(is_limited).map(|(_, name)| name).collect();
     if !at_bound.is_empty() {
         warnings.push(format!(
-            "{} at a bound of the search: the best value lies beyond it, so the estimate is the bound",
+            "at a bound of the search: {}. The best value lies beyond the bound, so the estimate is the bound",
             at_bound.join(", ")
         ));
     }

@@ -81,7 +81,7 @@ fn a_fit_that_ends_at_the_largest_ellipsoid_is_marked() {
             let at_bound = fit.uncertainty.expect("intervals").intervals[0].at_bound;
             let ratio = PI * fit.law.ab_m2 / fit.area_max_m2;
             assert_eq!(at_bound, ratio > 0.99 * (1.0 + 2f64.exp()), "region {region}: {ratio}");
-            let is_named = |warning: &String| warning.starts_with("A B") && warning.contains("at a bound");
+            let is_named = |warning: &String| warning.starts_with("at a bound of the search: A B");
             assert_eq!(at_bound, fit.warnings.iter().any(is_named), "region {region}: {:?}", fit.warnings);
             *marked += usize::from(at_bound);
 

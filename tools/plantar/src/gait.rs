@@ -189,8 +189,8 @@ fn read(path: &Path) -> Result<Walk> {
     if live::is_stream(path) { from_stream(path) } else { from_recording(RecordingReader::open(path)?) }
 }
 
-/// Number of time messages ([`ToHost::Time`]) of an insole after which the offset of its clock from that of the host is known well
-/// enough to compute the times of the steps that arrived before.
+/// Number of time messages ([`ToHost::Time`]) of an insole after which the offset of its clock from that of the host is known
+/// well enough to compute the times of the steps that arrived before.
 const COMPARED_TIMES: u32 = 20;
 
 /// The load records in a stream file. The times of the steps are on the clock of the host: they follow from the time messages

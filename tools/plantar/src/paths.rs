@@ -10,7 +10,7 @@ fn folder_of(path: &Path) -> Option<PathBuf> {
     folder.canonicalize().ok()
 }
 
-/// The path of a file in a form that is the same for all paths that lead to this file, such as relative paths and links.
+/// The path of a file in a form that does not depend on how the file is named: by a relative or an absolute path, or by a link.
 pub fn resolved(path: &Path) -> PathBuf {
     // A file that does not exist yet cannot be resolved, but its folder can.
     let in_folder = || Some(folder_of(path)?.join(path.file_name()?));

@@ -34,7 +34,8 @@ use study::{Person, fits};
 /// each, in the order of the names of the recordings, are used.
 ///
 /// Exit status: 0 if all participants and recordings can be used, 3 if some
-/// cannot, 1 otherwise, for example if there are too few trials to compare.
+/// cannot, 2 if the arguments are wrong, and 1 after another error, for example
+/// if there are too few trials to compare.
 #[derive(Args)]
 #[command(verbatim_doc_comment)]
 pub struct Repeat {
@@ -196,13 +197,13 @@ fn trials_of(name: &str, person: &Person, recordings: &[PathBuf]) -> Trials {
     of_person
 }
 
-/// A trial that is a copy of an earlier one, also of another person.
+/// A trial that is a copy of an earlier trial of the same or of another person.
 pub struct CopiedTrial {
     /// Index of the person.
     person: usize,
     /// Index of the trial among those of the person.
     trial: usize,
-    /// Names both recordings.
+    /// A sentence that names both recordings.
     pub words: String,
 }
 

@@ -229,7 +229,8 @@ fn no_two_frames_of_a_recorder_have_the_same_session_and_number_after_records_we
         pairs.step_by(8).collect::<Vec<_>>()
     };
     assert_eq!(numbers("live", "sequence"), [(0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2)]);
-    // The repeated steps are in the session of the frames before them.
+    // A session begins with the first frame that is not later than the last one. The insole repeats its steps before it sends
+    // that frame, so they belong to the session before.
     assert_eq!(numbers("steps", "step"), [(0, 0), (0, 1), (0, 2), (1, 3)]);
 }
 
@@ -445,8 +446,9 @@ fn a_calibration_is_not_sent_if_the_other_foot_has_none() {
             .arg(folder.path())
             .spawn()
             .expect("it runs");
-    // True for a foot whose cells the program requests, for a trial, before it requests the identity, which contains the
-    // identifier of the calibration in force. The program compares a stored calibration with it before it sends the calibration.
+    // Each thread returns true if the program requests the cells of its foot, for a standing trial, and false if it first
+    // requests the identity. The identity contains the identifier of the calibration in force, with which the program compares a
+    // stored calibration before it sends it.
     let serving = [(left.0, Side::Left), (right.0, Side::Right)].map(|(listener, side)| {
         std::thread::spawn(move || {
             let mut insole = Insole { side, ..Insole::with_steps([]) }.with_cells();

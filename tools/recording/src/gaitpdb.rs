@@ -59,8 +59,8 @@ pub fn recognise(text: &str) -> bool {
 /// Imports the feet of a walk. `side` restricts the import to one foot.
 ///
 /// # Errors
-/// Fails if a line violates the format, or if the frames violate a rule of recordings. The message names the file, the line or the
-/// time, and a remedy.
+/// Fails if a line violates the format, or if the frames violate a rule of recordings. The message names the file, the line or
+/// the time, and a remedy.
 pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     let text = decode(bytes, path)?;
     let (mut t_s, mut forces_n, mut totals): (Vec<f64>, [Vec<f64>; 2], [Totals; 2]) = Default::default();

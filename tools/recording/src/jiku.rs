@@ -38,7 +38,8 @@ const REMEDY: &str = "install jiku-data again";
 const UNIT_N: f64 = 0.1;
 
 /// Concatenates trials of one walker to one recording. The recording is not a continuous walk: each trial is a separate step
-/// over the plate, and unloaded frames for [`SWING_S`] are inserted before and after each step.
+/// over the plate, and unloaded frames for [`SWING_S`] are inserted before the first step, between successive steps and after the
+/// last one.
 ///
 /// Each step is shifted by whole native cells to the best overlap with the previous steps, so that no reading is interpolated.
 /// It is not rotated. The layout contains all cells that are loaded in at least one frame. A trial that is empty, or still
@@ -112,7 +113,7 @@ fn read(
     check::cell_count(grid.indices.len(), &path.display().to_string())?;
     let mut source = format!(
         "SpeedPP2DS (Pataky and Crompton, jiku-data), {}: {} separate barefoot steps on a pressure \
-         plate (trials {}), concatenated with {SWING_S} s without load before and after each; \
+         plate (trials {}), concatenated with {SWING_S} s without load before, between and after them; \
          native rows recovered, assuming {UNIT_N} N per stored unit, steps aligned by shifts of whole cells, \
          imported as right feet, regions by template.",
         file_name(path),

@@ -51,7 +51,7 @@ const AREAS: [f64; CELLS] = [
 /// insole of size 45 is 297 mm long, its width is about 0.35 of this, and its cells have 20,480 mm² in total.
 const LENGTH: f64 = 2.07;
 const WIDTH: f64 = 0.345;
-/// Assumed total area of the cells of an insole that is never loaded, mm2: about size 42.
+/// Assumed total area of the cells if the recording contains no load that determines it, mm2: about size 42.
 const TYPICAL_MM2: f64 = 18_000.0;
 
 /// True for the text of a Moticon OpenGo export.
@@ -206,8 +206,8 @@ fn read_foot(side: Side, columns: &Columns, rows: &[(u64, Vec<&str>)], path: &Pa
 
 /// The areas with which the pressures, kPa, best reproduce the total forces, N.
 fn areas_mm2(pressure_kpa: &[f32], totals_n: &[f64]) -> [f64; CELLS] {
-    /// Weight of the deviations from the typical areas in the sum of squares, relative to the mean square of the pressures. It
-    /// affects only cells that are hardly loaded.
+    /// Weight of the squared deviations from the typical areas in the sum of squares, relative to the sum of the squared
+    /// pressures over all frames, averaged over the cells. It affects only cells that are hardly loaded.
     const TYPICAL_WEIGHT: f64 = 1e-6;
     let frames = || pressure_kpa.as_chunks::<CELLS>().0.iter().map(|frame| frame.map(f64::from)).zip(totals_n);
     let (mut product, mut square) = (0.0, 0.0);

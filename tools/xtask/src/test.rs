@@ -80,8 +80,8 @@ fn build_boards() -> Result<()> {
     packages.try_for_each(|package: String| quiet_firmware("build", &package, &[]))
 }
 
-/// As [`crate::build::cargo_firmware`], but prints only warnings and errors of cargo: the output appears between that of the tests
-/// that run at the same time.
+/// As [`crate::build::cargo_firmware`], but prints only warnings and errors of cargo: the output appears between that of the
+/// tests that run at the same time.
 fn quiet_firmware(command: &str, package: &str, arguments: &[&str]) -> Result<()> {
     run_command(firmware_command(command, package)?.arg("--quiet").args(arguments))
 }

@@ -113,8 +113,8 @@ impl Sole {
         Self::new(generic_outline_mm(), |x_mm, y_mm| generic_region(x_mm, y_mm) as usize)
     }
 
-    /// The sole of an insole with these cells; `None` without cells, or if a cell is 1 m or more from an axis, or has no area or one
-    /// of 100 cm² or more.
+    /// The sole of an insole with these cells; `None` without cells, or if a cell is 1 m or more from an axis, or has no area or
+    /// one of 100 cm² or more.
     pub fn of(cells: &[LayoutCell]) -> Option<Self> {
         let is_valid = |cell: &LayoutCell| {
             cell.x_mm.abs() < 1e3 && cell.y_mm.abs() < 1e3 && cell.area_mm2 > 0.0 && cell.area_mm2 < 1e4

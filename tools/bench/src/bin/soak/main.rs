@@ -10,8 +10,8 @@ use bench::Figures;
 use clap::Parser;
 use std::path::PathBuf;
 
-/// Tests an insole with power cuts in every write and erase operation (in some of them with `--short`), bit errors on the cable and a
-/// day of walking, and prints the figures.
+/// Tests an insole with power cuts in every write and erase operation (in some of them with `--short`), bit errors on the cable
+/// and a day of walking, and prints the figures.
 #[derive(Parser)]
 struct Arguments {
     /// The firmware file of the emulated board.

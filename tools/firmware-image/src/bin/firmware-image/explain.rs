@@ -16,7 +16,10 @@ pub fn run(firmware: &Path, report: &str) -> Result<()> {
     let words = report.split(|letter: char| !letter.is_ascii_alphanumeric());
     let digits = words.map(|word| word.strip_prefix("0x").unwrap_or(word)).filter(|digits| digits.len() == DIGITS);
     let addresses: Vec<u64> = digits.filter_map(|digits| u64::from_str_radix(digits, 16).ok()).collect();
-    ensure!(!addresses.is_empty(), "no address in the report: pass its words of {DIGITS} hex digits, such as 0800a1b2");
+    ensure!(
+        !addresses.is_empty(),
+        "no address in the report: pass the part of it with the addresses, which have {DIGITS} hex digits, such as 0800a1b2"
+    );
     for address in addresses {
         println!("{address:08x}");
         let mut frames = loader.find_frames(address).map_err(in_file)?;
