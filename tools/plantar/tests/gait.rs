@@ -232,6 +232,26 @@ fn a_truncated_stream_is_noted_and_a_file_without_a_stream_is_refused_with_the_r
     assert!(text.contains("walk.plantar") && text.contains("give a file that `plantar serve --record`"), "{text}");
 }
 
+/// The link to the left insole broke before the acknowledgement of its last step, and the right insole went on.
+#[test]
+fn a_step_that_is_sent_again_after_many_steps_of_the_other_foot_counts_once() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, has_repetition: bool| {
+        let mut file = Vec::new();
+        let mut append = |insole, message: &ToHost| client::append(&mut file, 0, insole, message).expect("it fits");
+        for (insole, side) in [(0, Side::Left), (1, Side::Right)] {
+            append(insole, &ToHost::Time { host_us: 100, device_us: 100 });
+            (0..60).for_each(|number| append(insole, &ToHost::Step(step(side, number, 0))));
+        }
+        if has_repetition {
+            append(0, &ToHost::Step(step(Side::Left, 59, 0)));
+        }
+        std::fs::write(folder.path().join(name), file).expect("written");
+        measures(folder.path(), name).0
+    };
+    assert_eq!(write("repeated.plantar", true), write("walk.plantar", false));
+}
+
 /// The clock of an insole begins with each boot, so the times of steps of different boots cannot be compared.
 #[test]
 fn a_step_of_an_earlier_boot_without_a_time_of_day_is_left_out() {

@@ -323,7 +323,8 @@ impl Reader<'_> {
         Err(Error::content(
             self.place(),
             format!("{found} after {rows_read} of {rows} rows of pressures of the {} foot", side.name()),
-            "the export is cut off or damaged: export or copy it again",
+            "the export is cut off or damaged, or a row has only empty fields, which count as a blank line: export or copy it \
+             again, with a number for each cell",
         ))
     }
 
