@@ -11,7 +11,7 @@ pub const MAX_FAILED_STARTS: u32 = 3;
 /// Number of successive stalls of the radio after which it starts [`RADIO_DELAY`] later.
 pub const MAX_RADIO_STALLS: u32 = 2;
 /// Time from the start to that of a radio that has stalled again and again. Each attempt may cost the measurement a restart.
-const RADIO_DELAY: Duration = Duration::from_secs(3600);
+pub const RADIO_DELAY: Duration = Duration::from_secs(3600);
 /// The text of the hello's fault begins with these words if the radio starts [`RADIO_DELAY`] later.
 pub const RADIO_DELAYED: &str = "Bluetooth starts in an hour: ";
 

@@ -13,8 +13,9 @@ use plantar::firmware::boot_report::{BootReport, Failures, MAX_FAILED_STARTS, RA
 use plantar::firmware::supervise::{CHECK_PERIOD_MS, HEALTHY_CHECKS, Heartbeats, PARTS, Watchdog};
 use plantar::protocol::{MAX_FAULT_TEXT, Reset};
 
-/// Distinguishes a crash record from the contents of RAM after power-on.
-const MAGIC: u32 = 0x504c_414f;
+/// Distinguishes a crash record from the contents of RAM after power-on, and from a record of firmware in which its fields are
+/// others: a change of [`CrashRecord`] changes this number.
+const MAGIC: u32 = 0x504c_4150;
 
 /// Number of addresses in a crash record: at least as many as fit into the text of the hello.
 const CALLS: usize = 9;
