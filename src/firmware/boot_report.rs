@@ -6,14 +6,18 @@ use embassy_time::Duration;
 use heapless::String;
 
 /// Number of successive failed starts after which the insole starts in recovery mode. A start has failed if a crash or a stall
-/// ends the run before the supervision has counted [`HEALTHY_CHECKS`](super::supervise::HEALTHY_CHECKS) healthy checks.
+/// ends the run before the supervision has counted [`HEALTHY_CHECKS`](super::supervise::HEALTHY_CHECKS) healthy checks. A stall
+/// of the radio alone does not count: see [`MAX_RADIO_STALLS`].
 pub const MAX_FAILED_STARTS: u32 = 3;
-/// Number of successive stalls of the radio after which it starts [`RADIO_DELAY`] later.
+/// Number of successive stalls of the radio alone after which it starts [`RADIO_DELAY`] later. The first one may end a run of any
+/// length; each further one counts if it ends a run before its [`HEALTHY_CHECKS`](super::supervise::HEALTHY_CHECKS) healthy
+/// checks.
 pub const MAX_RADIO_STALLS: u32 = 2;
-/// Time from the start to that of a radio that has stalled again and again. Each attempt may cost the measurement a restart.
+/// Time from the start of the firmware to that of a radio that has stalled again and again. Each attempt may cost the measurement
+/// a restart.
 pub const RADIO_DELAY: Duration = Duration::from_secs(3600);
 /// The text of the hello's fault begins with these words if the radio starts [`RADIO_DELAY`] later.
-pub const RADIO_DELAYED: &str = "Bluetooth starts in an hour: ";
+pub const RADIO_DELAYED: &str = "Bluetooth starts 1 h after the start: ";
 
 /// The failures of successive runs. A run without failure in its first [`HEALTHY_CHECKS`](super::supervise::HEALTHY_CHECKS)
 /// healthy checks ends the succession.
@@ -38,18 +42,26 @@ impl Failures {
     /// each part that was stalled then, as [`Watchdog::check`](super::supervise::Watchdog::check) returns them.
     pub fn at_next_start(self, reset: Reset, stalled: u32) -> Self {
         match reset {
-            Reset::Watchdog if stalled == 1 << Part::Radio as u32 => {
-                Self { starts: self.starts.saturating_sub(1), radio_stalls: self.radio_stalls.saturating_add(1) }
-            }
+            Reset::Watchdog if stalled == 1 << Part::Radio as u32 => Self {
+                // The run was in recovery mode if the record has more failed starts than lead to it: then it remains counted.
+                starts: if self.starts > MAX_FAILED_STARTS { self.starts } else { self.starts.saturating_sub(1) },
+                radio_stalls: self.radio_stalls.saturating_add(1),
+            },
             Reset::Watchdog | Reset::Panic => self,
             // A run that ended in another way, for example by the user, did not fail.
             _ => Self::default(),
         }
     }
 
-    /// True if the radio starts later than everything else.
+    /// True if the insole starts in recovery mode; see [`BootReport::is_recovery`].
+    pub fn lead_to_recovery(&self) -> bool {
+        self.starts >= MAX_FAILED_STARTS
+    }
+
+    /// True if the radio starts [`RADIO_DELAY`] later than everything else. In recovery mode, it does not: no measurement can be
+    /// lost, and an update may come over Bluetooth.
     pub fn is_radio_delayed(&self) -> bool {
-        self.radio_stalls >= MAX_RADIO_STALLS
+        self.radio_stalls >= MAX_RADIO_STALLS && !self.lead_to_recovery()
     }
 }
 
@@ -77,12 +89,7 @@ impl BootReport {
     /// True if the insole starts in recovery mode: with its built-in configuration, and without stored data except the bonds. It
     /// reads the bonds in the first such start only, and no stored data in the following ones.
     pub fn is_recovery(&self) -> bool {
-        self.failures.starts >= MAX_FAILED_STARTS
-    }
-
-    /// Time from the start to that of Bluetooth: zero, or an hour if its radio has stalled again and again.
-    pub fn radio_delay(&self) -> Duration {
-        if self.failures.is_radio_delayed() { RADIO_DELAY } else { Duration::from_ticks(0) }
+        self.failures.lead_to_recovery()
     }
 }
 
@@ -113,6 +120,9 @@ mod tests {
         // A stalled scan stops the measurement, whatever the radio does.
         assert_eq!(after(failures, Reset::Watchdog, radio | 1), Failures { starts: 2, radio_stalls: 2 });
         assert_eq!(after(failures, Reset::Software, 0), Failures::default());
+        let recovery = Failures { starts: 3, radio_stalls: 2 };
+        assert!(!recovery.is_radio_delayed());
+        assert_eq!(after(recovery, Reset::Watchdog, radio), Failures { starts: 4, radio_stalls: 3 });
         // The run before was healthy.
         assert_eq!(Failures::default().at_next_start(Reset::Watchdog, radio), Failures { starts: 0, radio_stalls: 1 });
         assert_eq!(Failures::default().at_next_start(Reset::Panic, 0), Failures::default());

@@ -2,9 +2,10 @@
 
 use super::DeviceInsole;
 use super::board::Gauges;
-use super::boot_report::{BootReport, MAX_FAILED_STARTS};
+use super::boot_report::{BootReport, MAX_FAILED_STARTS, MAX_RADIO_STALLS, RADIO_DELAY};
 use super::scan::{Frame, ScanCounters};
 use super::shared::{Exchange, Shared};
+use super::trial::is_on_trial;
 use crate::insole::Insole;
 use crate::log;
 use crate::pipeline::alert::AlertRules;
@@ -88,6 +89,9 @@ pub struct Started<F: 'static> {
     pub scanned: Receiver<'static, CriticalSectionRawMutex, Frame>,
     /// Time between frames, us.
     pub period_us: u32,
+    /// Time after which the board is to start Bluetooth and its radio: zero, or an hour after repeated stalls of the radio. An
+    /// image on trial has not stalled yet, and must show that its radio works, so it starts it at once.
+    pub radio_delay: Duration,
 }
 
 /// Time within which the flash chip must answer.
@@ -108,9 +112,10 @@ const OTHER_RULE: &str = "the parameters belong to another contact rule and are 
 /// Opens the store on the chip that `chip` returns (`None` if there is none that can be used), configures the insole, restores
 /// the persisted state, and composes the hello. `image` is the header of the running image.
 ///
-/// After [`MAX_FAILED_STARTS`] failed starts, the board restarts and the bootloader swaps the previous image back, if an update
-/// had replaced that image and the new one has not run for an hour yet. Otherwise the insole starts in recovery mode: it scans
-/// and communicates, stores nothing, and accepts updates.
+/// After [`MAX_FAILED_STARTS`] failed starts, or [`MAX_RADIO_STALLS`] stalls of the radio, the board restarts and the bootloader
+/// swaps the previous image back, if an update had replaced that image and the new one has not run for an hour yet. Otherwise the
+/// insole starts in recovery mode after the failed starts: it scans and communicates, stores nothing, and accepts updates. After
+/// the stalls it starts as usual, and its radio later ([`Started::radio_delay`]).
 ///
 /// To be awaited in a task of an Embassy executor: the start limits times, and the timers of `embassy-time` panic if another
 /// executor, such as `embassy_futures::block_on`, has to wait for one.
@@ -159,6 +164,12 @@ async fn start_with<F: MultiwriteNorFlash, const FRAMES: usize>(
         store.give_up();
         no_chip = Some(NO_STORE);
     }
+    let is_radio_delayed = boot.failures.is_radio_delayed()
+        && match store.flash() {
+            Some(flash) => !is_on_trial(flash).await,
+            None => true,
+        };
+    let radio_delay = if is_radio_delayed { RADIO_DELAY } else { Duration::from_ticks(0) };
     let contents = store.contents();
     log::info!("storage: boot {}, next record {}", contents.start, contents.next_record);
     if contents.erased > 0 {
@@ -232,32 +243,35 @@ async fn start_with<F: MultiwriteNorFlash, const FRAMES: usize>(
             session.set_layout(setup, calibrated, settings);
         }
     }
-    Started { insole, store, shared, to_process, scanned, period_us: setup.period_us }
+    Started { insole, store, shared, to_process, scanned, period_us: setup.period_us, radio_delay }
 }
 
-/// Opens the store completely, unless the insole starts in recovery mode. In the first such start, swaps the previous image
-/// back and restarts if possible, or else lets the store return the bonds only; in the following ones, does nothing.
+/// Opens the store completely, unless the insole starts in recovery mode: then lets the store return the bonds only in the first
+/// such start, and does nothing in the following ones. After repeated stalls of the radio, and before recovery mode, first swaps
+/// the previous image back and restarts if possible.
 async fn open_store<F: MultiwriteNorFlash>(
     store: &mut Store<F>,
     boot: &BootReport,
     image: &Header,
     restart: fn() -> !,
 ) {
+    // If one of these accesses to the chip crashes in recovery mode, the next start does without them.
+    let is_first_recovery = boot.failures.starts == MAX_FAILED_STARTS;
+    let has_radio_stalled = boot.failures.radio_stalls == MAX_RADIO_STALLS && !boot.is_recovery();
+    if (is_first_recovery || has_radio_stalled)
+        && let Some(flash) = store.flash()
+        && previous::swap_back(flash, image).await == Ok(true)
+    {
+        log::error!("update: this image fails, restarting to swap back the previous one");
+        restart();
+    }
     if !boot.is_recovery() {
         return store.begin(boot.reset).await;
     }
     log::error!("start: {} starts have failed: recovery mode", boot.failures.starts);
-    // If one of these accesses to the chip crashes, the next start does without them.
-    if boot.failures.starts > MAX_FAILED_STARTS {
-        return;
+    if is_first_recovery {
+        store.use_bonds();
     }
-    if let Some(flash) = store.flash()
-        && previous::swap_back(flash, image).await == Ok(true)
-    {
-        log::error!("update: this image crashes, restarting to swap back the previous one");
-        restart();
-    }
-    store.use_bonds();
 }
 
 /// Initialises the exchange with management tools, in a function of its own, like [`init_shared`].

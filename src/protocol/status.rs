@@ -66,7 +66,8 @@ pub struct Status {
 /// State of the Bluetooth radio.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Radio {
-    /// It has executed no command since the start: in the first seconds, and on a board without Bluetooth.
+    /// It has executed no command since the start: in the first seconds, after repeated stalls in the first hour, and on a board
+    /// without Bluetooth.
     #[default]
     Silent,
     /// It executes commands.

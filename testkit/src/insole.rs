@@ -13,7 +13,7 @@ use emulation::{ACTIVE_IMAGE, FLASH_BYTES};
 use firmware_image::Image;
 use plantar::firmware::ble::GattSession;
 use plantar::firmware::board::{Gauges, Ticker};
-use plantar::firmware::boot_report::{BootReport, Failures, MAX_FAILED_STARTS, is_started_by_user};
+use plantar::firmware::boot_report::{BootReport, Failures, is_started_by_user};
 use plantar::firmware::scan::ScanCounters;
 use plantar::firmware::start::{Configuration, Memory, Started, start};
 use plantar::firmware::supervise::{CHECK_PERIOD_MS, HEALTHY_CHECKS, Watchdog};
@@ -240,7 +240,7 @@ impl HostInsole {
             (header.expect("the active image has a header"), active[..IMAGE_BYTES].to_vec(), defect)
         };
         // In recovery mode, the insole has no settings.
-        let settings = self.settings.filter(|_| failures.starts < MAX_FAILED_STARTS);
+        let settings = self.settings.filter(|_| !failures.lead_to_recovery());
         let reference = Rc::new(RefCell::new(Reference::new(&self.wearer.borrow(), settings)));
         let from_us = now_us();
         self.boots.push(Boot { reset: reason, reference: reference.clone(), is_cut_short: false, from_us });
@@ -317,7 +317,6 @@ impl BootResources {
         let counters: &'static ScanCounters = Box::leak(Box::new(ScanCounters::new()));
         let memory: &'static Memory<SharedChip, FRAMES> = Box::leak(Box::new(Memory::new()));
         let (setup, cells) = (matrix.wearer.borrow().setup(), matrix.wearer.borrow().cells());
-        let radio_delay = report.radio_delay();
         let slots = (slot(), slot(), slot(), slot(), slot());
         let (for_scan, for_process, for_serve, for_persist, for_gatt) = slots.clone();
         executor.spawn("start", async move {
@@ -331,12 +330,12 @@ impl BootResources {
             };
             let gauges = Gauges { stack_bytes: || 0, supply_mv: || None };
             let started = start(memory, chip, &report, image, &configuration, counters, gauges).await;
-            let Started { insole, store, shared, to_process, scanned, period_us } = started;
+            let Started { insole, store, shared, to_process, scanned, period_us, radio_delay } = started;
             for_scan.replace(Some((Ticker::new(period_us), to_process)));
             for_process.replace(Some((insole, scanned, shared)));
             for_serve.replace(Some(shared));
             for_persist.replace(Some((store, shared)));
-            for_gatt.replace(Some(shared));
+            for_gatt.replace(Some((shared, radio_delay)));
         });
         let (for_scan, for_process, for_serve, for_persist, for_gatt) = slots;
         executor.spawn("scan", async move {
@@ -357,7 +356,7 @@ impl BootResources {
             persist::persist(store, shared, image, content, || reset(ResetCause::Software)).await
         });
         executor.spawn("gatt", async move {
-            let shared = take(for_gatt).await;
+            let (shared, radio_delay) = take(for_gatt).await;
             Timer::after(radio_delay).await;
             let server = with_origin(from_us, || Rc::new(GattSession::new(shared, HostBluetooth)));
             {

@@ -179,7 +179,7 @@ async fn run(boot: BootReport, image: &'static Header) {
     let configuration = Configuration { setup, cells, serial_bytes_per_s: SERIAL_BYTES_PER_S, fault, restart };
     let gauges = Gauges { stack_bytes: cortex_m_platform::stack_bytes, supply_mv: || None };
     let started = start(&MEMORY, chip, &boot, image, &configuration, &SCAN_COUNTERS, gauges).await;
-    let Started { insole, store, shared, to_process, scanned, period_us } = started;
+    let Started { insole, store, shared, to_process, scanned, period_us, radio_delay } = started;
     let matrix = PlantMatrix::open(&PLANT, insole.cells());
     let clock = if config.is_paced {
         let (counters, queue, first) = (&SCAN_COUNTERS, FRAMES as u32, config.first_scan);
@@ -196,7 +196,7 @@ async fn run(boot: BootReport, image: &'static Header) {
     spawner.spawn(run_process(insole, scanned, shared).unwrap());
     spawner.spawn(run_serve(shared).unwrap());
     spawner.spawn(run_persist(store, shared, image).unwrap());
-    spawner.spawn(::bluetooth::run(boot.radio_delay(), &FROM_RADIO, &TO_RADIO, gatt).unwrap());
+    spawner.spawn(::bluetooth::run(radio_delay, &FROM_RADIO, &TO_RADIO, gatt).unwrap());
     spawner.spawn(pump_radio().unwrap());
 }
 

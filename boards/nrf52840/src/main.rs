@@ -251,7 +251,7 @@ async fn run(boot: BootReport, image: &'static Header, p: Peripherals, has_cryst
     let chip = flash::open(p.QSPI);
     let gauges = Gauges { stack_bytes: cortex_m_platform::stack_bytes, supply_mv: matrix::supply_mv };
     let started = start(&MEMORY, chip, &boot, image, &configuration, &SCAN_COUNTERS, gauges).await;
-    let Started { insole, store, shared, to_process, scanned, period_us } = started;
+    let Started { insole, store, shared, to_process, scanned, period_us, radio_delay } = started;
     let mut link = uarte::Config::default();
     link.baudrate = LINK_RATE;
     // The length of `RECEIVED` is even, as the driver requires.
@@ -288,13 +288,13 @@ async fn run(boot: BootReport, image: &'static Header, p: Peripherals, has_cryst
     SCAN_EXECUTOR.start(interrupt::EGU1_SWI1).spawn(run_scan(clock, matrix, to_process).unwrap());
     RADIO_EXECUTOR
         .start(interrupt::EGU2_SWI2)
-        .spawn(radio::run(parts, &FROM_RADIO, &TO_RADIO, &SCAN_COUNTERS).unwrap());
+        .spawn(radio::run(radio_delay, parts, &FROM_RADIO, &TO_RADIO, &SCAN_COUNTERS).unwrap());
     // The radio's task has a higher priority, so it has requested the crystal of 32 MHz by now.
     clock::wait_for_fast_crystal();
     spawner.spawn(run_process(insole, scanned, shared).unwrap());
     spawner.spawn(run_serve(link, shared).unwrap());
     spawner.spawn(run_persist(store, shared, image).unwrap());
-    spawner.spawn(bluetooth::run(boot.radio_delay(), &FROM_RADIO, &TO_RADIO, gatt).unwrap());
+    spawner.spawn(bluetooth::run(radio_delay, &FROM_RADIO, &TO_RADIO, gatt).unwrap());
 }
 
 #[embassy_executor::task]

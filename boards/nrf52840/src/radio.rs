@@ -94,10 +94,11 @@ pub struct Parts {
     pub has_crystal: bool,
 }
 
-/// Starts the radio, then passes packets in both directions. Never returns. If the radio does not start, the board runs without
-/// Bluetooth; the status reports it, and the log has the reason.
+/// After `delay`, starts the radio, then passes packets in both directions. Never returns. If the radio does not start, the board
+/// runs without Bluetooth; the status reports it, and the log has the reason.
 #[embassy_executor::task]
 pub async fn run(
+    delay: Duration,
     parts: Parts,
     from_radio: &'static HciPipe,
     to_radio: &'static HciPipe,
@@ -115,6 +116,7 @@ pub async fn run(
     };
     // The high-frequency crystal stays on, because the internal oscillator is not accurate enough for the serial port.
     let _crystal = layer.request_hfclk().await;
+    Timer::after(delay).await;
     let radio = match start(parts.controller, parts.rng, layer) {
         Ok(radio) => radio,
         Err(error) => {

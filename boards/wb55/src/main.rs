@@ -27,7 +27,7 @@ use embassy_stm32::usart::{self, BufferedUart};
 use embassy_stm32::{Peri, bind_interrupts, interrupt};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::{Receiver, Sender};
-use embassy_time::Instant;
+use embassy_time::{Duration, Instant};
 use flash::Chip;
 use matrix::ResistiveMatrix;
 use plantar::Side;
@@ -281,7 +281,7 @@ async fn main(spawner: Spawner) {
     };
     let gauges = Gauges { stack_bytes: cortex_m_platform::stack_bytes, supply_mv: matrix::supply_mv };
     let started = start(&MEMORY, chip, &boot, image, &configuration, &SCAN_COUNTERS, gauges).await;
-    let Started { insole, store, shared, to_process, scanned, period_us } = started;
+    let Started { insole, store, shared, to_process, scanned, period_us, radio_delay } = started;
     let mut link = usart::Config::default();
     link.baudrate = LINK_BIT_HZ;
     // Without a cable the input would float.
@@ -298,10 +298,10 @@ async fn main(spawner: Spawner) {
     spawner.spawn(run_process(insole, scanned, shared).unwrap());
     spawner.spawn(run_serve(link, shared).unwrap());
     spawner.spawn(run_persist(store, shared, image).unwrap());
-    spawner.spawn(bluetooth::run(boot.radio_delay(), &FROM_RADIO, &TO_RADIO, gatt).unwrap());
+    spawner.spawn(bluetooth::run(radio_delay, &FROM_RADIO, &TO_RADIO, gatt).unwrap());
     // Without a crystal, the radio's core does not run. The Bluetooth host waits for it then, which affects no other task.
     if has_crystal {
-        spawner.spawn(run_radio(p.IPCC).unwrap());
+        spawner.spawn(run_radio(radio_delay, p.IPCC).unwrap());
     }
 }
 
@@ -331,8 +331,8 @@ async fn run_persist(store: &'static mut Store<Chip>, shared: &'static Shared, i
 }
 
 #[embassy_executor::task]
-async fn run_radio(ipcc: Peri<'static, IPCC>) {
-    radio::run(ipcc, &FROM_RADIO, &TO_RADIO, &SCAN_COUNTERS).await;
+async fn run_radio(delay: Duration, ipcc: Peri<'static, IPCC>) {
+    radio::run(delay, ipcc, &FROM_RADIO, &TO_RADIO, &SCAN_COUNTERS).await;
 }
 
 /// The interrupt of a peripheral that is not used otherwise. It runs the scan executor.

@@ -12,7 +12,7 @@ use embassy_futures::join::join;
 use embassy_futures::select::{Either, select};
 use embassy_stm32::peripherals::IPCC;
 use embassy_stm32::{Peri, uid};
-use embassy_time::Instant;
+use embassy_time::{Duration, Instant, Timer};
 use embedded_io_async::Read;
 use heapless::Vec;
 use plantar::firmware::board::BluetoothBoard;
@@ -187,10 +187,17 @@ fn log_core_stop() {
     }
 }
 
-/// Starts the radio's core, then passes packets in both directions. Never returns. If the radio's core has no firmware, or
-/// refuses its parameters, the board runs without Bluetooth, and log and status have the reason.
-pub async fn run(ipcc: Peri<'static, IPCC>, from_radio: &HciPipe, to_radio: &HciPipe, counters: &ScanCounters) -> ! {
+/// After `delay`, starts the radio's core, then passes packets in both directions. Never returns. If the radio's core has no
+/// firmware, or refuses its parameters, the board runs without Bluetooth, and log and status have the reason.
+pub async fn run(
+    delay: Duration,
+    ipcc: Peri<'static, IPCC>,
+    from_radio: &HciPipe,
+    to_radio: &HciPipe,
+    counters: &ScanCounters,
+) -> ! {
     log_core_stop();
+    Timer::after(delay).await;
     init_tables();
     channels::start(ipcc);
     // The first event reports that the radio's core runs. Its packet is not returned, because the remaining packets of the pool

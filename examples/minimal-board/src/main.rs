@@ -165,7 +165,7 @@ async fn main(spawner: Spawner) {
     };
     let gauges = Gauges { stack_bytes: cortex_m_platform::stack_bytes, supply_mv: || None };
     let started = start(&MEMORY, async { Some(NoChip) }, &boot, image, &configuration, &SCAN_COUNTERS, gauges).await;
-    let Started { insole, store, shared, to_process, scanned, period_us } = started;
+    let Started { insole, store, shared, to_process, scanned, period_us, .. } = started;
     // Each task has static memory of its own and is spawned once, so spawning cannot fail.
     SCAN_EXECUTOR.start(SpareInterrupt).spawn(run_scan(Ticker::new(period_us), to_process).unwrap());
     spawner.spawn(run_process(insole, scanned, shared).unwrap());

@@ -9,7 +9,7 @@ use cortex_m::peripheral::{DWT, SCB};
 use embassy_sync::blocking_mutex::CriticalSectionMutex;
 use heapless::String;
 use plantar::firmware::board::Stopwatch;
-use plantar::firmware::boot_report::{BootReport, Failures, MAX_FAILED_STARTS, RADIO_DELAYED, is_started_by_user};
+use plantar::firmware::boot_report::{BootReport, Failures, RADIO_DELAYED, is_started_by_user};
 use plantar::firmware::supervise::{CHECK_PERIOD_MS, HEALTHY_CHECKS, Heartbeats, PARTS, Watchdog};
 use plantar::protocol::{MAX_FAULT_TEXT, Reset};
 
@@ -182,7 +182,7 @@ pub fn boot_report(controller_reset: Option<Reset>) -> BootReport {
     let failures = before.map_or(Failures::default(), |before| before.failures.at_next_start(reset, stalled));
     write_record(CrashRecord { magic: MAGIC, failures: failures.recorded(), cause: 0, checks: 0, calls: [0; CALLS] });
     let mut text = Text::default();
-    if failures.starts >= MAX_FAILED_STARTS {
+    if failures.lead_to_recovery() {
         text.push("recovery after ").push_number(failures.starts).push(" failed starts: ");
     } else if failures.is_radio_delayed() {
         text.push(RADIO_DELAYED);

@@ -93,7 +93,7 @@ export class IdentifyController {
 
   /** Looks whether another tab has deleted the messages of the interrupted session, which is then no longer offered. */
   async reload(): Promise<void> {
-    const stored = await this.storage.load().catch(() => []);
+    const stored = await this.storage.load().catch(() => this.stored);
     // Meanwhile, the wearer may have continued the session, or begun another one.
     if (this.has_stored) this.stored = stored;
   }

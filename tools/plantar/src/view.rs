@@ -93,7 +93,7 @@ impl View {
         let failure = hello.fault.as_deref().unwrap_or("no failure reported");
         let reset = hello.reset.name();
         let restart = format!("answers again, and may have restarted (last reset: {reset}, {failure})");
-        self.title = format!("{} {restart} ", title(hello));
+        self.title = format!(" the insole {restart} ");
         if self.terminal.is_none() {
             println!("the insole {restart}");
         }

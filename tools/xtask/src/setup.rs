@@ -213,7 +213,7 @@ pub fn chromium() -> Result<()> {
     }
     install(&OsPackage {
         title: "Chromium",
-        // Debian only recommends fonts.
+        // Debian's Chromium only recommends fonts, and recommended packages are not installed.
         apt: "chromium fonts-liberation",
         dnf: "chromium",
         pacman: "chromium",
