@@ -57,17 +57,11 @@ type Connected<'s, 'v> = GattConnection<'s, 'v, DefaultPacketPool>;
 /// The controller behind its HCI byte streams.
 type Radio = ExternalController<SerialTransport<NoopRawMutex, &'static HciPipe, &'static HciPipe>, 4>;
 
-/// After `delay`, advertises, and serves one central at a time. Never returns. If the radio never responds, this task waits, and
-/// no other task is affected; if a radio that has responded stops for 30 s, the supervision restarts the board. It is a task and
-/// not an async function, because the future of a function would be compiled with its caller, for speed.
+/// Advertises, and serves one central at a time. Never returns. As long as the radio has not responded, this task waits, and no
+/// other task is affected; if a radio that has responded stops for 30 s, the supervision restarts the board. It is a task and not
+/// an async function, because the future of a function would be compiled with its caller, for speed.
 #[embassy_executor::task]
-pub async fn run(
-    delay: Duration,
-    from_radio: &'static HciPipe,
-    to_radio: &'static HciPipe,
-    insole: &'static dyn GattServer,
-) -> ! {
-    Timer::after(delay).await;
+pub async fn run(from_radio: &'static HciPipe, to_radio: &'static HciPipe, insole: &'static dyn GattServer) -> ! {
     let radio: Radio = ExternalController::new(SerialTransport::new(from_radio, to_radio));
     let table = build_table(insole);
     let mut admission = Admission::new();

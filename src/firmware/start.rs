@@ -89,7 +89,7 @@ pub struct Started<F: 'static> {
     pub scanned: Receiver<'static, CriticalSectionRawMutex, Frame>,
     /// Time between frames, us.
     pub period_us: u32,
-    /// Time after which the board is to start Bluetooth and its radio: zero, or an hour after repeated stalls of the radio. An
+    /// Time after which the board is to start its radio: zero, or an hour after repeated stalls of the radio. An
     /// image on trial has not stalled yet, and must show that its radio works, so it starts it at once.
     pub radio_delay: Duration,
 }
@@ -169,7 +169,6 @@ async fn start_with<F: MultiwriteNorFlash, const FRAMES: usize>(
             Some(flash) => !is_on_trial(flash).await,
             None => true,
         };
-    let radio_delay = if is_radio_delayed { RADIO_DELAY } else { Duration::from_ticks(0) };
     let contents = store.contents();
     log::info!("storage: boot {}, next record {}", contents.start, contents.next_record);
     if contents.erased > 0 {
@@ -243,6 +242,7 @@ async fn start_with<F: MultiwriteNorFlash, const FRAMES: usize>(
             session.set_layout(setup, calibrated, settings);
         }
     }
+    let radio_delay = if is_radio_delayed { RADIO_DELAY } else { Duration::from_ticks(0) };
     Started { insole, store, shared, to_process, scanned, period_us: setup.period_us, radio_delay }
 }
 

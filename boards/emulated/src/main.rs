@@ -196,8 +196,8 @@ async fn run(boot: BootReport, image: &'static Header) {
     spawner.spawn(run_process(insole, scanned, shared).unwrap());
     spawner.spawn(run_serve(shared).unwrap());
     spawner.spawn(run_persist(store, shared, image).unwrap());
-    spawner.spawn(::bluetooth::run(radio_delay, &FROM_RADIO, &TO_RADIO, gatt).unwrap());
-    spawner.spawn(pump_radio().unwrap());
+    spawner.spawn(::bluetooth::run(&FROM_RADIO, &TO_RADIO, gatt).unwrap());
+    spawner.spawn(pump_radio(radio_delay).unwrap());
 }
 
 #[embassy_executor::task]
@@ -225,7 +225,8 @@ async fn run_persist(store: &'static mut Store<FlashFile>, shared: &'static Shar
 }
 
 #[embassy_executor::task]
-async fn pump_radio() {
+async fn pump_radio(delay: Duration) {
+    Timer::after(delay).await;
     join(pump(PortHandle(&HCI), &FROM_RADIO), pump(&TO_RADIO, PortHandle(&HCI))).await;
 }
 

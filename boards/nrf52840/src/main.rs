@@ -95,7 +95,7 @@ static SCAN_COUNTERS: ScanCounters = ScanCounters::new();
 /// the highest supported rate of this board), longer than the evaluation of a step takes.
 static MEMORY: Memory<Chip, 3> = Memory::new();
 /// The transmit buffer of the link.
-static TO_SEND: ConstStaticCell<[u8; 160]> = ConstStaticCell::new([0; 160]);
+static TO_SEND: ConstStaticCell<[u8; 128]> = ConstStaticCell::new([0; 128]);
 /// The receive buffer of the link, which is longer than the longest message to the insole.
 static RECEIVED: ConstStaticCell<[u8; 288]> = ConstStaticCell::new([0; 288]);
 
@@ -294,7 +294,7 @@ async fn run(boot: BootReport, image: &'static Header, p: Peripherals, has_cryst
     spawner.spawn(run_process(insole, scanned, shared).unwrap());
     spawner.spawn(run_serve(link, shared).unwrap());
     spawner.spawn(run_persist(store, shared, image).unwrap());
-    spawner.spawn(bluetooth::run(radio_delay, &FROM_RADIO, &TO_RADIO, gatt).unwrap());
+    spawner.spawn(bluetooth::run(&FROM_RADIO, &TO_RADIO, gatt).unwrap());
 }
 
 #[embassy_executor::task]

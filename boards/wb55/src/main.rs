@@ -298,7 +298,7 @@ async fn main(spawner: Spawner) {
     spawner.spawn(run_process(insole, scanned, shared).unwrap());
     spawner.spawn(run_serve(link, shared).unwrap());
     spawner.spawn(run_persist(store, shared, image).unwrap());
-    spawner.spawn(bluetooth::run(radio_delay, &FROM_RADIO, &TO_RADIO, gatt).unwrap());
+    spawner.spawn(bluetooth::run(&FROM_RADIO, &TO_RADIO, gatt).unwrap());
     // Without a crystal, the radio's core does not run. The Bluetooth host waits for it then, which affects no other task.
     if has_crystal {
         spawner.spawn(run_radio(radio_delay, p.IPCC).unwrap());
