@@ -57,8 +57,6 @@ export default defineConfig({
     // The tests mostly wait for walks that are played in real time, so two test files run at once even on a computer with two cores.
     // More files at once would disturb the walks.
     maxWorkers: 2,
-    // A busy computer can stop the browser for seconds. The report marks a test that has passed in its second run only.
-    retry: 1,
     testTimeout: 30_000,
     hookTimeout: 60_000,
     reporters: "verbose",

@@ -222,8 +222,7 @@ fn no_command_overwrites_its_input_or_personal_parameters() {
         }
     }
     assert!(std::fs::read(path.join("parts/part-00000.parquet")).expect("a part") == walk);
-    // Files of other kinds may be written there, and Parquet files in another folder, and both can be
-    // written a second time.
+    // Files of other kinds may be written there, and Parquet files in another folder, and both can be written a second time.
     for _ in 0..2 {
         succeed(&path, "replay parts --json parts/steps.json --frames parts/live.csv");
         std::fs::create_dir_all(path.join("parts/out")).expect("made");

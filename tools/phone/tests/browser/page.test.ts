@@ -112,8 +112,7 @@ test("the soles are drawn with every frame of the screen", { retry: 2 }, async (
       }),
   );
   // While walking, at least one foot is on the ground, so the picture always changes.
-  // If every second frame were left out, at most 150 would differ.
-  expect(changed).toBeGreaterThan(200);
+  expect(changed).toBeGreaterThan(270);
   deltas_ms.sort((a, b) => a - b);
   const [median_ms, percentile_95_ms] = [deltas_ms[150]?.toFixed(1), deltas_ms[285]?.toFixed(1)];
   console.log(`two feet at 100 Hz: a screen frame every ${median_ms} ms (median), 95 % within ${percentile_95_ms} ms`);
@@ -134,8 +133,7 @@ test("each sole is drawn at most once per frame of the screen, and not while ano
       return count;
     }, frames);
   const count = await drawings(120);
-  // The test above has the least number of drawings, which depends on the speed of the computer.
-  expect(count).toBeGreaterThan(0);
+  expect(count).toBeGreaterThan(100);
   expect(count).toBeLessThanOrEqual(2 * 120);
   await show(page, "steps");
   // A drawing that was already requested may still follow.
