@@ -2,6 +2,7 @@
 //! operation.
 
 use super::FLASH_FILE;
+use embassy_futures::yield_now;
 use embedded_storage_async::nor_flash::{
     ErrorType, MultiwriteNorFlash, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
 };
@@ -9,7 +10,8 @@ use plantar::storage::flash_map::SECTOR;
 use semihosting::fs::File;
 use semihosting::io::{self, Read, Seek, SeekFrom, Write};
 
-/// The chip. Its operations take no time.
+/// The chip. Its operations take no time of the board, but each access to the file halts the emulated core, on a busy computer
+/// for milliseconds. So the other tasks run after each access, as they do while a driver waits for a chip.
 pub struct FlashFile {
     /// `None` if there is no chip.
     file: Option<File>,
@@ -73,7 +75,9 @@ impl ReadNorFlash for FlashFile {
     const READ_SIZE: usize = 1;
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NoAnswer> {
-        Ok(self.at(offset, bytes.len())?.read_exact(bytes)?)
+        self.at(offset, bytes.len())?.read_exact(bytes)?;
+        yield_now().await;
+        Ok(())
     }
 
     fn capacity(&self) -> usize {
@@ -91,6 +95,7 @@ impl NorFlash for FlashFile {
             let file = self.at(sector, SECTOR as usize)?;
             for _ in (0..completed).step_by(64) {
                 file.write_all(&[0xff; 64])?;
+                yield_now().await;
             }
             self.end_operation();
         }
@@ -106,6 +111,7 @@ impl NorFlash for FlashFile {
             // A write operation only clears bits.
             stored.iter_mut().zip(bytes).for_each(|(stored, byte)| *stored &= byte);
             self.at(offset, stored.len())?.write_all(stored)?;
+            yield_now().await;
         }
         self.end_operation();
         Ok(())

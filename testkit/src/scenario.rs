@@ -305,6 +305,9 @@ pub struct Expect {
     pub loses_live: Option<bool>,
     /// Number of frames of the first insole without a complete scan since its last start.
     pub frames_missed: Option<u32>,
+    /// Number of frames of the first insole in all its boots, each from the first complete scan to the last, without a complete
+    /// scan, whatever the cause.
+    pub frames_between: Option<u32>,
     /// Number of frames of the first insole that were not scanned since its last start, because it was not worn.
     pub frames_skipped: Option<u32>,
     /// Numbers of contacts of the first insole since its last start that were rejected as steps: too short, too long, interrupted
@@ -590,6 +593,8 @@ pub struct InsoleOutcome {
     computed: Vec<(Vec<LoadRecord>, bool)>,
     /// Number of frames that the last boot scanned.
     frames: u32,
+    /// Number of frames without a complete scan, in all boots, each from the first complete scan to the last.
+    frames_between: u32,
     /// Number of frame periods since the start of the last boot.
     elapsed_frames: u32,
     /// The reset reason of each start.
@@ -624,6 +629,7 @@ impl Outcome {
                 status,
                 computed: computed.collect(),
                 frames: last.map_or(0, |boot| boot.reference.borrow().frames),
+                frames_between: insole.boots.iter().map(|boot| boot.reference.borrow().frames_between).sum(),
                 elapsed_frames: last.map_or(0, |boot| {
                     // The scenario can end before a boot has scanned a frame.
                     (now_us().saturating_sub(boot.from_us + start_us) / period_us) as u32
@@ -705,6 +711,9 @@ impl Outcome {
         if let Some(missed) = expect.frames_missed {
             let found = status.map(|status| status.frames_missed);
             compare("missed frames", format!("{:?}", Some(missed)), format!("{found:?}"));
+        }
+        if let Some(between) = expect.frames_between {
+            compare("frames between scans", between.to_string(), first.frames_between.to_string());
         }
         if let Some(skipped) = expect.frames_skipped {
             let found = status.map(|status| status.frames_skipped);
