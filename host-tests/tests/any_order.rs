@@ -1,6 +1,6 @@
 //! Random events in any order: no stored step is lost or delivered twice, step numbers increase, and counters are consistent.
 
-use plantar::firmware::supervise::{CHECK_PERIOD_MS, START_CHECKS};
+use plantar::firmware::supervise::{CHECK_PERIOD_MS, MOST_CHECKS, Part, START_CHECKS};
 use proptest::prelude::*;
 use proptest_state_machine::{ReferenceStateMachine, StateMachineTest, prop_state_machine};
 use std::cell::RefCell;
@@ -42,6 +42,8 @@ struct Schedule {
     crashes: u32,
     /// The link's task has stalled.
     has_link_stall: bool,
+    /// The radio's task has stalled.
+    has_radio_stall: bool,
 }
 
 /// The state machine of the test.
@@ -58,7 +60,7 @@ fn events() -> impl Strategy<Value = Event> {
         1 => prop_oneof![Just(0u32), 1_500u32..9_000].prop_map(|every_bytes| InsoleEvent::Damage { every_bytes }),
         2 => Just(InsoleEvent::RadioLost),
         1 => (1u32..40, 0usize..16).prop_map(|(frames, from_row)| InsoleEvent::MissFrames { frames, from_row }),
-        1 => prop_oneof![Just("scan"), Just("model"), Just("link")].prop_map(InsoleEvent::Stall),
+        1 => prop_oneof![Just("scan"), Just("model"), Just("link"), Just("gatt")].prop_map(InsoleEvent::Stall),
         1 => Just(InsoleEvent::Panic),
     ];
     prop_oneof![
@@ -100,6 +102,7 @@ impl ReferenceStateMachine for AnyOrder {
             Event::Insole(InsoleEvent::Stall(part)) => {
                 state.crashes += 1;
                 state.has_link_stall |= part == "link";
+                state.has_radio_stall |= part == "gatt";
             }
             Event::Insole(InsoleEvent::Panic) => state.crashes += 1,
             _ => {}
@@ -156,6 +159,11 @@ impl StateMachineTest for AnyOrder {
         let Simulated { world, mut hosts } = simulated;
         let repairs = [InsoleEvent::CableRate { bytes_per_s: 0.0 }, InsoleEvent::Damage { every_bytes: 0 }];
         repairs.into_iter().for_each(|event| world.borrow_mut().schedule(now_us(), 0, event));
+        if schedule.has_radio_stall {
+            // A stalled radio restarts the insole only after this time, which must not fall into the next session.
+            let checks = u32::from(MOST_CHECKS[Part::Radio as usize]);
+            follow(&mut hosts, now_us() + u64::from(checks * CHECK_PERIOD_MS) * 1_000);
+        }
         follow(&mut hosts, now_us() + 15_000_000);
         hosts[0].connect(LinkKind::Serial, false);
         follow(&mut hosts, now_us() + 15_000_000);

@@ -1,17 +1,16 @@
 //! The circumstances of a start, from the reset reason and from what the RAM preserved of the previous run.
 
-use super::supervise::Part;
+use super::supervise::{HEALTHY_CHECKS, Part, RADIO_HEALTHY_CHECKS};
 use crate::protocol::{MAX_FAULT_TEXT, Reset};
 use embassy_time::Duration;
 use heapless::String;
 
 /// Number of successive failed starts after which the insole starts in recovery mode. A start has failed if a crash or a stall
-/// ends the run before the supervision has counted [`HEALTHY_CHECKS`](super::supervise::HEALTHY_CHECKS) healthy checks. A stall
-/// of the radio alone does not count: see [`MAX_RADIO_STALLS`].
+/// ends the run before the supervision has counted [`HEALTHY_CHECKS`] healthy checks. A stall of the radio alone does not count:
+/// see [`MAX_RADIO_STALLS`].
 pub const MAX_FAILED_STARTS: u32 = 3;
 /// Number of successive stalls of the radio alone after which it starts [`RADIO_DELAY`] later. The first one may end a run of any
-/// length; each further one counts if it ends a run before its [`HEALTHY_CHECKS`](super::supervise::HEALTHY_CHECKS) healthy
-/// checks.
+/// length; each further one counts if it ends a run before its [`RADIO_HEALTHY_CHECKS`] healthy checks.
 pub const MAX_RADIO_STALLS: u32 = 2;
 /// Time from the start of the firmware to that of a radio that has stalled again and again. Each attempt may cost the measurement
 /// a restart.
@@ -19,8 +18,8 @@ pub const RADIO_DELAY: Duration = Duration::from_secs(3600);
 /// The text of the hello's fault begins with these words if the radio starts [`RADIO_DELAY`] later.
 pub const RADIO_DELAYED: &str = "Bluetooth starts 1 h after the start: ";
 
-/// The failures of successive runs. A run without failure in its first [`HEALTHY_CHECKS`](super::supervise::HEALTHY_CHECKS)
-/// healthy checks ends the succession.
+/// The failures of successive runs. A run without failure in its first [`HEALTHY_CHECKS`] healthy checks ends the succession of
+/// failed starts, one without failure in its first [`RADIO_HEALTHY_CHECKS`] that of the radio's stalls, too.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(C)]
 pub struct Failures {
@@ -33,9 +32,18 @@ pub struct Failures {
 
 impl Failures {
     /// What to record at the start of a run. [`Failures::at_next_start`] understands it if the run fails before it is healthy;
-    /// once the run is healthy, it is to be replaced by the default.
+    /// later, [`Failures::recorded_after`] replaces it.
     pub fn recorded(self) -> Self {
         Self { starts: self.starts.saturating_add(1), ..self }
+    }
+
+    /// What to record, in place of this record, in a run that has had this number of healthy checks; `None` if the record stays.
+    pub fn recorded_after(self, healthy_checks: u32) -> Option<Self> {
+        match healthy_checks {
+            HEALTHY_CHECKS => Some(Self { starts: 0, ..self }),
+            RADIO_HEALTHY_CHECKS => Some(Self::default()),
+            _ => None,
+        }
     }
 
     /// The failures that a start has to consider after a run with this record. `reset` ended the run, and `stalled` has a bit for
@@ -96,7 +104,7 @@ impl BootReport {
 #[cfg(test)]
 mod tests {
     use super::super::supervise::Part;
-    use super::{Failures, Reset, is_started_by_user};
+    use super::{Failures, HEALTHY_CHECKS, RADIO_HEALTHY_CHECKS, Reset, is_started_by_user};
 
     /// A battery contact that bounces must not open the bonding window to strangers.
     #[test]
@@ -123,7 +131,11 @@ mod tests {
         let recovery = Failures { starts: 3, radio_stalls: 2 };
         assert!(!recovery.is_radio_delayed());
         assert_eq!(after(recovery, Reset::Watchdog, radio), Failures { starts: 4, radio_stalls: 3 });
-        // The run before was healthy.
+        // The run before was healthy for five minutes, or for half an hour.
+        let healthy = recovery.recorded_after(HEALTHY_CHECKS).expect("the failed starts are forgotten");
+        assert_eq!(healthy.at_next_start(Reset::Watchdog, radio), Failures { starts: 0, radio_stalls: 3 });
+        assert_eq!(healthy.recorded_after(RADIO_HEALTHY_CHECKS), Some(Failures::default()));
+        assert_eq!(healthy.recorded_after(RADIO_HEALTHY_CHECKS - 1), None);
         assert_eq!(Failures::default().at_next_start(Reset::Watchdog, radio), Failures { starts: 0, radio_stalls: 1 });
         assert_eq!(Failures::default().at_next_start(Reset::Panic, 0), Failures::default());
     }

@@ -17,6 +17,9 @@ pub const STALLED_CHECKS: u16 = 10;
 /// Number of healthy checks after which a start counts as successful: 5 minutes, in which a host can send an update over any
 /// link.
 pub const HEALTHY_CHECKS: u32 = 3000;
+/// Number of healthy checks after which earlier stalls of the radio no longer count: half an hour. With stalls of the radio that
+/// are further apart, two restarts an hour are no reason to do without Bluetooth.
+pub const RADIO_HEALTHY_CHECKS: u32 = 18_000;
 /// Number of checks within which all parts must have started: two minutes. A start that erases a flash chip with foreign
 /// contents takes nearly that long; the first start with a blank chip of 16 MiB, a repair, and a start after a trial of newer
 /// firmware take some 20 s; any other start takes a second.

@@ -10,7 +10,7 @@ use embassy_sync::blocking_mutex::CriticalSectionMutex;
 use heapless::String;
 use plantar::firmware::board::Stopwatch;
 use plantar::firmware::boot_report::{BootReport, Failures, RADIO_DELAYED, is_started_by_user};
-use plantar::firmware::supervise::{CHECK_PERIOD_MS, HEALTHY_CHECKS, Heartbeats, PARTS, Watchdog};
+use plantar::firmware::supervise::{CHECK_PERIOD_MS, Heartbeats, PARTS, Watchdog};
 use plantar::protocol::{MAX_FAULT_TEXT, Reset};
 
 /// Distinguishes a crash record from the contents of RAM after power-on, and from a record of firmware in which its fields are
@@ -161,8 +161,9 @@ pub fn check(frame: u32, heartbeats: &Heartbeats) {
     if stalled != 0 {
         save_exception_and_reset(STALLED | stalled, frame);
     }
-    if healthy_checks == HEALTHY_CHECKS {
-        write_record(CrashRecord { failures: Failures::default(), ..read_record() });
+    let record = read_record();
+    if let Some(failures) = record.failures.recorded_after(healthy_checks) {
+        write_record(CrashRecord { failures, ..record });
     }
 }
 
