@@ -44,6 +44,7 @@ const SAMPLE: SampleTime = match front_end::SAMPLE_HALF_CYCLES {
 };
 
 /// Ten times the conversion time of a row. A frame in which a row takes longer is abandoned and counted as missed.
+/// It also limits the measurement of the supply, whose failure costs no frame.
 const CONVERSION_TIMEOUT: Duration = Duration::from_millis(1);
 
 /// Time between two measurements of the supply.

@@ -200,7 +200,7 @@ impl Netlist {
         part.unwrap_or_else(|| panic!("the board has no part {designator}"))
     }
 
-    /// The nets, each with its pins as designator and number of the pin.
+    /// The nets by name, each with its pins as pairs of the designator of a part and the number of a pin.
     pub fn nets(&self) -> BTreeMap<&str, Vec<(&str, &str)>> {
         let mut nets: BTreeMap<&str, Vec<(&str, &str)>> = BTreeMap::new();
         for part in &self.parts {

@@ -20,7 +20,7 @@ interface Asked {
   cache?: string;
 }
 
-/** A browser whose HTTP cache contains the files of the first version, and a server with those of the present version. */
+/** A browser with these files in its HTTP cache, which never change, and a server with those of the present version. */
 class Browser {
   readonly caches = new Map<string, Map<string, string>>();
   private server: Record<string, string> = {};
@@ -89,7 +89,7 @@ class Browser {
   load = (url: string, mode = "no-cors") => this.dispatch("fetch", { request: { method: "GET", url, mode } });
 }
 
-/** The files of a version: index.html, and a worker that index.html names. */
+/** The files of a version, each with the name of the version as its content: index.html, and a worker with this name. */
 const version = (name: string) => ({ "index.html": name, [`worker-${name}.js`]: name });
 
 test("an update stores the files of the server, not those of the HTTP cache", async () => {

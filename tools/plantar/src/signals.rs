@@ -13,8 +13,9 @@ static HAS_DEFAULT_EFFECT: LazyLock<Arc<AtomicBool>> = LazyLock::new(|| {
     let has_default_effect = Arc::new(AtomicBool::new(true));
     #[cfg(unix)]
     for signal in [SIGINT, SIGTERM] {
-        // The actions run in this order, so that the first signal only sets the value. If an action cannot be registered, the
-        // signal has its default effect.
+        // The actions run in this order, so that the first signal only sets the value. If the first action cannot be registered,
+        // the signal has its default effect. If only the second one could not, which is not expected, the signal would have none
+        // in a session.
         let _ = flag::register_conditional_default(signal, has_default_effect.clone())
             .and_then(|_| flag::register(signal, has_default_effect.clone()));
     }

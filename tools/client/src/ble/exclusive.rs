@@ -1,4 +1,5 @@
-//! Ensures that only one program of this computer uses an insole at a time.
+//! Lets only one program of a user use an insole at a time. Programs of other users are not excluded, nor is any program if the
+//! lock file cannot be created or locked.
 //!
 //! The system's Bluetooth service shares a connection between all programs: a second one would receive the messages of the first
 //! one, and end the connection of both when it ends.
@@ -6,7 +7,7 @@
 use std::fs::{File, TryLockError};
 use std::path::PathBuf;
 
-/// Another program of this computer uses the insole.
+/// Another program has reserved the insole.
 pub(super) struct InUse;
 
 /// Reserves the insole with this identifier until the returned file is dropped. `None` if the lock file cannot be created or

@@ -19,8 +19,8 @@ pub struct Identification {
     cells: StreamedCells,
     /// Number of steps that are still needed.
     needed: usize,
-    /// Time of the frame in which the insole received the parameters, us, on the clock of the steps, which counts frames;
-    /// `None` before. With `--speed max`, this clock differs from the time since the start of the board.
+    /// Time of the frame in which the insole sent its first status with the parameters, us, on the clock of the steps, which
+    /// counts frames; `None` before. With `--speed max`, this clock differs from the time since the start of the board.
     sent_us: Option<u64>,
 }
 
@@ -81,8 +81,8 @@ impl Identification {
             .context("no frame of all cells arrived from the insole: run the command again")?;
         let path = self.folder.join(RECORDING);
         println!(
-            "\n{} frames of all cells arrived from the insole; {} were lost. The wearer's parameters are identified from the {} \
-             frames before the first gap that is too long to be interpolated:",
+            "\n{} frames of all cells arrived from the insole; {} were lost. The wearer's parameters are identified from {} \
+             frames, interpolated ones included:",
             self.receiver.received,
             self.receiver.lost,
             recording.frames()

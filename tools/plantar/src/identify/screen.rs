@@ -19,7 +19,7 @@ use ratatui::{DefaultTerminal, Frame};
 use std::io::IsTerminal;
 use std::time::Duration;
 
-/// Time between two pictures.
+/// Longest time between two pictures.
 const REDRAW: Duration = Duration::from_millis(50);
 /// Spacing of the points that draw a sole, mm.
 const GRID_MM: f64 = 4.0;
@@ -61,7 +61,7 @@ pub struct Screen {
     /// `None` if stdout is not a terminal.
     terminal: Option<DefaultTerminal>,
     signals: Signals,
-    /// The lines that were printed last, if stdout is not a terminal.
+    /// The lines of the last picture, if stdout is not a terminal. Of these, only changed ones are printed.
     printed: Vec<String>,
 }
 
@@ -162,13 +162,14 @@ fn draw_sole(frame: &mut Frame, foot: &Progress, area: Rect) {
         }
     }
     // A character is about twice as high as wide. The scale is the same in both directions, so the foot is not distorted.
-    let shown_mm = length_mm.max(width_mm * f64::from(area.height) * 2.0 / f64::from(area.width.max(1)));
+    let shown_mm =
+        (length_mm + 2.0 * GRID_MM).max(width_mm * f64::from(area.height) * 2.0 / f64::from(area.width.max(1)));
     let middle_mm = width_mm / 2.0;
     let half_mm = shown_mm * f64::from(area.width) / f64::from(area.height.max(1)) / 4.0;
     let canvas = Canvas::default()
         .marker(Marker::HalfBlock)
         .x_bounds([middle_mm - half_mm, middle_mm + half_mm])
-        .y_bounds([-GRID_MM, shown_mm + GRID_MM])
+        .y_bounds([-GRID_MM, shown_mm - GRID_MM])
         .paint(|context| {
             for (points, colour) in by_colour.iter().zip(COLOURS) {
                 context.draw(&Points { coords: points, color: Color::Indexed(colour) });
