@@ -118,6 +118,11 @@ struct Simulated {
     hosts: Vec<Host>,
 }
 
+/// Lets time pass in which the supervision makes this number of checks.
+fn follow_checks(hosts: &mut [Host], checks: u32) {
+    follow(hosts, now_us() + u64::from(checks * CHECK_PERIOD_MS) * 1_000);
+}
+
 impl StateMachineTest for AnyOrder {
     type SystemUnderTest = Simulated;
     type Reference = Self;
@@ -160,16 +165,15 @@ impl StateMachineTest for AnyOrder {
         let repairs = [InsoleEvent::CableRate { bytes_per_s: 0.0 }, InsoleEvent::Damage { every_bytes: 0 }];
         repairs.into_iter().for_each(|event| world.borrow_mut().schedule(now_us(), 0, event));
         if schedule.has_radio_stall {
-            // A stalled radio restarts the insole only after this time, which must not fall into the next session.
-            let checks = u32::from(MOST_CHECKS[Part::Radio as usize]);
-            follow(&mut hosts, now_us() + u64::from(checks * CHECK_PERIOD_MS) * 1_000);
+            // A stalled radio restarts the insole only after this time, and the restart must not fall into the next session.
+            follow_checks(&mut hosts, MOST_CHECKS[Part::Radio as usize].into());
         }
         follow(&mut hosts, now_us() + 15_000_000);
         hosts[0].connect(LinkKind::Serial, false);
         follow(&mut hosts, now_us() + 15_000_000);
         if schedule.has_link_stall && hosts[0].status().is_none() {
             // A stall of this task before its first heartbeat is detected only after this time.
-            follow(&mut hosts, now_us() + u64::from(START_CHECKS * CHECK_PERIOD_MS) * 1_000);
+            follow_checks(&mut hosts, START_CHECKS);
         }
         assert!(hosts[0].status().is_some(), "the insole must answer at the end");
         if let Err(error) = Outcome::new(&world, hosts).verify() {

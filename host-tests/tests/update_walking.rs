@@ -1,7 +1,7 @@
 //! During the transfer of an update in a walk in real time, no live frame and no step is lost. An emulator on a busy computer
-//! misses scans, and skips scans for which processing is too late, also without an update. So their numbers are printed and not
-//! checked; that the transfer delays no scan is shown in virtual time, by the scenario `update_in_a_walk`. `cargo xtask test`
-//! runs at most one other test beside this one, because more of them would disturb the walk.
+//! misses scans, and leaves scans out because processing is late (overrun), also without an update. So their numbers are printed
+//! and not checked; that the transfer delays no scan is shown in virtual time, by the scenario `update_in_a_walk`.
+//! `cargo xtask test` runs at most one other test beside this one, because more of them would disturb the walk.
 
 use crate::common::{connect, firmware, synthetic_walk};
 use client::{Client, Framed};
@@ -51,7 +51,7 @@ fn a_transfer_during_a_walk_loses_no_frame_and_no_step() {
     };
     let counters = session.counters();
     println!(
-        "{} chunks during {} frames and {} steps; live frames lost {}, scans missed {}, skipped {}; stack {} bytes",
+        "{} chunks during {} frames and {} steps; live frames lost {}, scans missed {}, overrun {}; stack {} bytes",
         offer.chunks,
         status.frames,
         status.steps,

@@ -79,9 +79,9 @@ pub struct Reference {
     pub records: Vec<LoadRecord>,
     /// Number of complete frames of this boot.
     pub frames: u32,
-    /// Number of frames of this boot between complete ones that are not complete, whatever the cause.
-    pub frames_between: u32,
-    /// Number of the last complete frame.
+    /// Number of frames of this boot, from its first complete scan to its last, without a complete scan, whatever the cause.
+    pub frames_without_scan: u32,
+    /// Number of the last complete frame; `None` before the first one.
     last_seq: Option<u32>,
     /// The contact ellipses of the regions in each frame, by the number of the frame; `None` unless a test requests them.
     pub ellipses: Option<BTreeMap<u32, [Option<Ellipse<f32>>; 8]>>,
@@ -114,13 +114,13 @@ impl Reference {
         });
         let mut insole = Box::new(Insole::new());
         insole.set_up(setup, cells).expect("a computed insole is valid");
-        Self { insole, records: Vec::new(), frames: 0, frames_between: 0, last_seq: None, ellipses: None }
+        Self { insole, records: Vec::new(), frames: 0, frames_without_scan: 0, last_seq: None, ellipses: None }
     }
 
     /// Passes a complete frame through the pipeline.
     fn frame(&mut self, seq: u32, codes: &[u16]) {
         self.frames += 1;
-        self.frames_between += self.last_seq.replace(seq).map_or(0, |last| seq - last - 1);
+        self.frames_without_scan += self.last_seq.replace(seq).map_or(0, |last| seq - last - 1);
         if self.insole.frame(seq, codes) {
             let step = self.insole.whole_step().expect("the insole is set up");
             self.records.push(Step::new(&step).into());

@@ -16,7 +16,7 @@ use plantar::firmware::board::{Gauges, Ticker};
 use plantar::firmware::boot_report::{BootReport, Failures, is_started_by_user};
 use plantar::firmware::scan::ScanCounters;
 use plantar::firmware::start::{Configuration, Memory, Started, start};
-use plantar::firmware::supervise::{CHECK_PERIOD_MS, HEALTHY_CHECKS, RADIO_HEALTHY_CHECKS, Watchdog};
+use plantar::firmware::supervise::{CHECK_PERIOD_MS, Watchdog};
 use plantar::firmware::{persist, process, scan, serve};
 use plantar::protocol::update::{CHUNK, Header};
 use plantar::protocol::{Reset, Settings};
@@ -221,10 +221,8 @@ impl HostInsole {
     fn boot(&mut self, reason: Reset, cause: Option<ResetCause>) {
         let run_us = self.boots.last().map_or(0, |boot| now_us() - boot.from_us);
         let checks = (run_us / 1_000) as u32 / CHECK_PERIOD_MS;
-        let recorded = [HEALTHY_CHECKS, RADIO_HEALTHY_CHECKS]
-            .into_iter()
-            .filter(|&reached| reached <= checks)
-            .fold(self.failures, |recorded, reached| recorded.recorded_after(reached).unwrap_or(recorded));
+        let recorded =
+            (1..=checks).fold(self.failures, |recorded, check| recorded.recorded_after(check).unwrap_or(recorded));
         let failures = recorded.at_next_start(reason, cause.map_or(0, ResetCause::stalled));
         self.failures = failures.recorded();
         {

@@ -307,7 +307,7 @@ pub struct Expect {
     pub frames_missed: Option<u32>,
     /// Number of frames of the first insole in all its boots, each from the first complete scan to the last, without a complete
     /// scan, whatever the cause.
-    pub frames_between: Option<u32>,
+    pub frames_without_scan: Option<u32>,
     /// Number of frames of the first insole that were not scanned since its last start, because it was not worn.
     pub frames_skipped: Option<u32>,
     /// Numbers of contacts of the first insole since its last start that were rejected as steps: too short, too long, interrupted
@@ -594,7 +594,7 @@ pub struct InsoleOutcome {
     /// Number of frames that the last boot scanned.
     frames: u32,
     /// Number of frames without a complete scan, in all boots, each from the first complete scan to the last.
-    frames_between: u32,
+    frames_without_scan: u32,
     /// Number of frame periods since the start of the last boot.
     elapsed_frames: u32,
     /// The reset reason of each start.
@@ -629,7 +629,7 @@ impl Outcome {
                 status,
                 computed: computed.collect(),
                 frames: last.map_or(0, |boot| boot.reference.borrow().frames),
-                frames_between: insole.boots.iter().map(|boot| boot.reference.borrow().frames_between).sum(),
+                frames_without_scan: insole.boots.iter().map(|boot| boot.reference.borrow().frames_without_scan).sum(),
                 elapsed_frames: last.map_or(0, |boot| {
                     // The scenario can end before a boot has scanned a frame.
                     (now_us().saturating_sub(boot.from_us + start_us) / period_us) as u32
@@ -712,8 +712,8 @@ impl Outcome {
             let found = status.map(|status| status.frames_missed);
             compare("missed frames", format!("{:?}", Some(missed)), format!("{found:?}"));
         }
-        if let Some(between) = expect.frames_between {
-            compare("frames between scans", between.to_string(), first.frames_between.to_string());
+        if let Some(without_scan) = expect.frames_without_scan {
+            compare("frames without scan", without_scan.to_string(), first.frames_without_scan.to_string());
         }
         if let Some(skipped) = expect.frames_skipped {
             let found = status.map(|status| status.frames_skipped);

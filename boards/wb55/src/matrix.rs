@@ -43,8 +43,8 @@ const SAMPLE: SampleTime = match front_end::SAMPLE_HALF_CYCLES {
     _ => panic!("the converter has no such sampling time"),
 };
 
-/// Ten times the conversion time of a row. A frame in which a row takes longer is abandoned and counted as missed.
-/// It also limits the measurement of the supply, whose failure costs no frame.
+/// Ten times the conversion time of a row. A frame in which a row takes longer is abandoned and counted as missed. The
+/// measurement of the supply has the same limit; if it takes longer, no frame is missed.
 const CONVERSION_TIMEOUT: Duration = Duration::from_millis(1);
 
 /// Time between two measurements of the supply.
