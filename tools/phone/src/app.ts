@@ -65,6 +65,8 @@ export class App {
   /** The steps view does not show the present records. */
   private is_outdated = false;
   private steps_drawn_ms = -Infinity;
+  /** The steps view shows all days, and not only the last ones. */
+  private shows_all_days = false;
   /** The day on which the steps view was updated last. */
   private drawn_day = "";
 
@@ -265,7 +267,7 @@ export class App {
     this.drawn_day = dayOf(Date.now() / 1000);
     const today = SIDES.map((side) => days.get(this.drawn_day)?.[side].steps ?? 0);
     drawSteps(latest.steps, today, this.store.count("steps"), gaitOf(this.wire, latest, this.settings), this.settings);
-    drawDays([...days.values()], this.settings);
+    drawDays([...days.values()], this.shows_all_days, this.settings);
     drawBouts(latest.bouts);
     drawAlerts(latest.alerts);
     this.updateExport();
@@ -275,6 +277,7 @@ export class App {
   private updateExport(): void {
     byId("export-steps", HTMLButtonElement).disabled = this.store.count("steps") === 0;
     byId("export-bouts", HTMLButtonElement).disabled = this.store.count("bouts") === 0;
+    byId("export-days", HTMLButtonElement).disabled = this.store.days.size === 0;
   }
 
   /** Deletes the stored records, and the messages of an interrupted guided session. */
@@ -349,6 +352,10 @@ export class App {
       button.disabled = !is_supported;
       button.onclick = () => void this.bluetooth();
     }
+    byId("days-all").onclick = () => {
+      this.shows_all_days = true;
+      this.stepsChanged();
+    };
     byId("walk").onclick = () => void this.replay(COMPUTED_WALK);
     byId("notes").onclick = ({ target }) => {
       const action = target instanceof HTMLElement ? target.dataset["action"] : undefined;

@@ -1,8 +1,10 @@
 /** CSV files with units in the column names. docs/quantities.md describes the columns. */
 
+import type { DayTotals } from "./days";
 import { BOUT_COLUMNS, ELLIPSE_COLUMNS, FOOT_COLUMNS, GAIT_COLUMNS, LIVE_COLUMNS, STEP_COLUMNS, type Side } from "./generated/quantities";
 import type { StoredBout, StoredStep } from "./step_store";
 import type { Entry } from "./stream_file";
+import { SIDES } from "./side";
 import { INSOLES } from "./transport/transport";
 import type { Wire } from "./wire";
 
@@ -70,6 +72,18 @@ export function boutsCsv(bouts: readonly StoredBout[]): string[] {
     for (const [name, region] of Object.entries(bout.regions)) {
       const values = BOUT_COLUMNS.map((column) => region[column]);
       rows.push(line([start_unix_s, bout.side, bout.number, bout.kind, bout.start_s, bout.duration_s, name, ...values]));
+    }
+  }
+  return rows;
+}
+
+/** Returns the lines of a CSV file with one row for each foot on each day, earliest day first. */
+export function daysCsv(days: readonly DayTotals[]): string[] {
+  const rows = [line(["day", "side", "steps", "load_bouts", "alerts", "force_integral_n_s", "foot_force_peak_n"])];
+  for (const totals of [...days].sort((a, b) => a.day.localeCompare(b.day))) {
+    for (const side of SIDES) {
+      const { steps, bouts, alerts, integral_n_s, peak_n } = totals[side];
+      rows.push(line([totals.day, side, steps, bouts, alerts, integral_n_s, peak_n]));
     }
   }
   return rows;

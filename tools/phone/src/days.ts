@@ -41,6 +41,14 @@ export function dayOf(unix_s: number): string {
   return `${digits(date.getFullYear(), 4)}-${digits(date.getMonth() + 1, 2)}-${digits(date.getDate(), 2)}`;
 }
 
+/** Midnight of the local day that lies this number of days before today, s since 1970. */
+export function midnight_unix_s(days_ago: number): number {
+  const date = new Date();
+  // The days when summer time begins or ends do not have 24 hours.
+  date.setDate(date.getDate() - days_ago);
+  return date.setHours(0, 0, 0, 0) / 1000;
+}
+
 /** The load of a record. A record without a time belongs to the day on which it arrived. */
 export function loadOf(message: RecordMessage, start_unix_s: number | null, arrived_unix_s: number): DayLoad {
   const { side } = recordOf(message).record;

@@ -1,6 +1,7 @@
 /** The settings view: the wearer, the connected insoles, recording and export. */
 
-import { boutsCsv, liveCsv, stepsCsv } from "./csv";
+import { boutsCsv, daysCsv, liveCsv, stepsCsv } from "./csv";
+import { dayOf, midnight_unix_s } from "./days";
 import { type Node, byId, download, fill } from "./dom";
 import type { Insoles } from "./insoles";
 import type { Recorder } from "./recorder";
@@ -114,6 +115,11 @@ export function listenToExport(
   };
   byId("export-live").onclick = () => exportRecording("plantar_live.csv", "text/csv", liveCsv(recorder.entries(), wire));
   byId("export-stream").onclick = () => exportRecording("walk.plantar", "application/octet-stream", recorder.file());
+  const nameOf = (what: string, since_unix_s: number | undefined) => {
+    // The steps of a recording must not be mistaken for those of the wearer.
+    const origin = insoles.transport?.is_replay ? "recording" : "plantar";
+    return `${origin}_${what}${since_unix_s === undefined ? "" : `_from_${dayOf(since_unix_s)}`}.csv`;
+  };
   const exportRecords = (id: string, what: string, csv: (records: Records) => string[]) => {
     const button = byId(id, HTMLButtonElement);
     // One file at a time: the button shows the progress of the present one.
@@ -121,9 +127,8 @@ export function listenToExport(
     const title = button.textContent;
     const progress = (records: number) => fill(button, [`Preparing the file: ${records} records`]);
     button.setAttribute("aria-busy", "true");
-    // The steps of a recording must not be mistaken for those of the wearer.
-    const name = insoles.transport?.is_replay ? `recording_${what}.csv` : `plantar_${what}.csv`;
-    exportCsv(store(), name, csv, progress)
+    const since_unix_s = periodStart_unix_s();
+    exportCsv(store(), nameOf(what, since_unix_s), since_unix_s, csv, progress)
       .catch(() => failed("The browser cannot read the stored steps. Reload the page and try again."))
       .finally(() => {
         button.setAttribute("aria-busy", "false");
@@ -132,6 +137,11 @@ export function listenToExport(
   };
   byId("export-bouts").onclick = () => exportRecords("export-bouts", "load_bouts", ({ bouts }) => boutsCsv(bouts));
   byId("export-steps").onclick = () => exportRecords("export-steps", "steps", ({ steps }) => stepsCsv(steps));
+  byId("export-days").onclick = () => {
+    const since_unix_s = periodStart_unix_s();
+    const days = [...store().days.values()].filter(({ day }) => since_unix_s === undefined || day >= dayOf(since_unix_s));
+    download(nameOf("days", since_unix_s), "text/csv", daysCsv(days));
+  };
   byId("clear").onclick = () => {
     const what = "all steps and loads that are stored on this device, and those of an interrupted identification";
     if (!confirm(`Delete ${what}? Export the steps first if you need them.`)) return;
@@ -139,13 +149,20 @@ export function listenToExport(
   };
 }
 
+/** The start of the chosen period, s since 1970; `undefined` if everything is to be exported. */
+function periodStart_unix_s(): number | undefined {
+  const days = Number(byId("export-period", HTMLSelectElement).value);
+  return days === 0 ? undefined : midnight_unix_s(days - 1);
+}
+
 /**
- * Saves all records as a CSV file. `csv` returns the header line and the lines of a part of the records. `progress` is called with
- * the number of records of all kinds that were read.
+ * Saves the records of a period as a CSV file, or all of them without `since_unix_s`. `csv` returns the header line and the lines
+ * of a part of the records. `progress` is called with the number of records of all kinds that were read.
  */
 async function exportCsv(
   store: StepStore,
   name: string,
+  since_unix_s: number | undefined,
   csv: (records: Records) => string[],
   progress: (records: number) => void,
 ): Promise<void> {
@@ -153,7 +170,8 @@ async function exportCsv(
   let read = 0;
   // Each part is a blob of its own, because a browser can hold blobs on the disk instead of in memory.
   for await (const records of store.parts()) {
-    blobs.push(new Blob(csv(records).slice(blobs.length === 0 ? 0 : 1)));
+    const exported = since_unix_s === undefined ? records : records.since(since_unix_s);
+    blobs.push(new Blob(csv(exported).slice(blobs.length === 0 ? 0 : 1)));
     read += records.steps.length + records.bouts.length + records.alerts.length;
     progress(read);
   }

@@ -49,6 +49,16 @@ export class Records {
     else this.alerts.push({ alert: decoded.alert, start_unix_s });
   }
 
+  /** The records that began at this time, s since 1970, or later. Those without a known time are not among them. */
+  since(unix_s: number): Records {
+    const records = new Records();
+    const isLater = ({ start_unix_s }: { start_unix_s: number | null }) => start_unix_s !== null && start_unix_s >= unix_s;
+    records.steps.push(...this.steps.filter(isLater));
+    records.bouts.push(...this.bouts.filter(isLater));
+    records.alerts.push(...this.alerts.filter(isLater));
+    return records;
+  }
+
   /** Removes all but the last `count` records of each kind. */
   trimTo(count: number): void {
     for (const records of [this.steps, this.bouts, this.alerts]) records.splice(0, Math.max(0, records.length - count));

@@ -60,16 +60,18 @@ export function drawSteps(
   ]));
 }
 
-/** Largest number of days in the table. */
+/** Largest number of days in the table until the wearer asks for all of them. */
 const DAY_ROWS = 31;
 
-/** Shows the totals of the last days. To be called after each change of the records or of the settings. */
-export function drawDays(days: readonly DayTotals[], settings: Settings): void {
+/** Shows the totals of the last days, or of all. To be called after each change of the records or of the settings. */
+export function drawDays(days: readonly DayTotals[], shows_all: boolean, settings: Settings): void {
   byId("days").hidden = days.length === 0;
+  byId("days-all").hidden = shows_all || days.length <= DAY_ROWS;
+  fill(byId("days-all"), [`Show all ${days.length} days`]);
   const unit = unitOf(settings);
   fill(byId("days-peak"), [`Highest peak, ${unit}`]);
   // The days are sorted, because a stored step can arrive after a step of a later day.
-  const latest = [...days].sort((a, b) => b.day.localeCompare(a.day)).slice(0, DAY_ROWS);
+  const latest = [...days].sort((a, b) => b.day.localeCompare(a.day)).slice(0, shows_all ? undefined : DAY_ROWS);
   fill(byId("days").querySelector("tbody"), latest.map((totals): Node => {
     const cells = (text: (foot: DayTotals["left"]) => string) => SIDES.map((side): Node => ["td", {}, text(totals[side])]);
     return [

@@ -8,7 +8,7 @@ import { join } from "node:path";
 import type { Page } from "playwright-core";
 import { expect, test } from "vitest";
 import { loadWire, messagesOf } from "../wire";
-import { PHONE, phonePath, servedBrowser } from "./browser";
+import { PHONE, open, phonePath, servedBrowser } from "./browser";
 
 /** Number of records: two weeks with 5,000 steps of each foot on every day. */
 const MANY = 140_000;
@@ -100,6 +100,72 @@ test("the records of version 1 of the database are moved, counted by day and exp
   expect(rows).toHaveLength(1 + 8 * messages.length);
   expect(new Set(rows.slice(1).map((row) => row.split(",")[0])).size).toBe(messages.length);
   await context.close();
+});
+
+test("the table shows all days on request, and a period can be exported", async () => {
+  const DAYS = 40;
+  const [message] = await steps();
+  const page = await open(served.browser, `${served.url}?bluetooth`, { viewport: PHONE });
+  await page.locator("#start h2").waitFor();
+  // A step of the left foot at noon of each day, the earliest day first.
+  const noons = Array.from({ length: DAYS }, (_, i) => {
+    const now = new Date();
+    return new Date(now.getFullYear(), now.getMonth(), now.getDate() + i - (DAYS - 1), 12);
+  });
+  const dates = noons.map((noon) => noon.toLocaleDateString("sv"));
+  const times_unix_s = noons.map((noon) => noon.getTime() / 1000);
+  await page.evaluate(
+    async ({ message, dates, times_unix_s }) => {
+      const database = await new Promise<IDBDatabase>((resolve) => {
+        const request = indexedDB.open("plantar");
+        request.onsuccess = () => resolve(request.result);
+      });
+      const transaction = database.transaction(["records", "days"], "readwrite");
+      const none = { steps: 0, bouts: 0, alerts: 0, integral_n_s: 0, peak_n: 0 };
+      dates.forEach((day, i) => {
+        const record = { key: day, message: Uint8Array.from(message), start_unix_s: times_unix_s[i] };
+        transaction.objectStore("records").add(record);
+        transaction.objectStore("days").put({ day, left: { ...none, steps: 1, integral_n_s: 400, peak_n: 800 }, right: none });
+      });
+      await new Promise((resolve) => (transaction.oncomplete = resolve));
+      database.close();
+    },
+    { message: message!, dates, times_unix_s },
+  );
+  await openPage(page);
+  await page.locator("#table tbody tr").first().waitFor();
+  expect(await days(page)).toHaveLength(31);
+  await page.locator("#days-all").scrollIntoViewIfNeeded();
+  expect(await page.locator("#days-all").textContent()).toBe(`Show all ${DAYS} days`);
+  await page.locator("#days-all").click();
+  expect(await days(page)).toHaveLength(DAYS);
+  expect(await page.locator("#days-all").isVisible()).toBe(false);
+
+  await page.locator("nav [data-to=settings]").click();
+  /** The name and the rows of an exported file, without the header line. */
+  const exported = async (what: string, period: string): Promise<[string, string[][]]> => {
+    await page.locator("#export-period").selectOption(period);
+    const [download] = await Promise.all([page.waitForEvent("download"), page.locator(`#export-${what}`).click()]);
+    const rows = readFileSync(await download.path(), "utf8").trimEnd().split("\n").slice(1);
+    return [download.suggestedFilename(), rows.map((row) => row.split(","))];
+  };
+  const week = times_unix_s.slice(-7);
+  const [name, rows] = await exported("steps", "7");
+  expect(name).toBe(`plantar_steps_from_${dates.at(-7)}.csv`);
+  expect([...new Set(rows.map(([time_unix_s]) => Number(time_unix_s)))]).toEqual(week);
+  expect(rows).toHaveLength(8 * week.length);
+  const [, all] = await exported("steps", "0");
+  expect(all).toHaveLength(8 * DAYS);
+  for (const [period, expected] of [["0", dates], ["7", dates.slice(-7)]] as const) {
+    const [, loads] = await exported("days", period);
+    // Columns: day, side, steps.
+    const with_steps = loads.filter(([, , count]) => count === "1");
+    expect(loads).toHaveLength(2 * expected.length);
+    expect(with_steps.map(([day]) => day)).toEqual(expected);
+  }
+  await page.locator("#export-period").scrollIntoViewIfNeeded();
+  await page.screenshot({ path: phonePath("tests/screenshots/export.png") });
+  await page.close();
 });
 
 test("the records of version 2 of the database get shorter keys, and arrive only once", async () => {
