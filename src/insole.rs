@@ -36,7 +36,7 @@ pub struct Insole<R, const N: usize> {
     division: Division,
     rows: MatrixRows,
     /// Largest code of a baseline, above the zero: that of [`MAX_RESIDUAL_KPA`].
-    most_residual: u16,
+    max_residual_code: u16,
     frame_rate_hz: R,
     limits: StanceLimits<R>,
     tissue_id: u32,
@@ -102,7 +102,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             cells: Vec::new(),
             division: Division::NONE,
             rows: MatrixRows::NONE,
-            most_residual: 0,
+            max_residual_code: 0,
             frame_rate_hz: R::ZERO,
             limits: StanceLimits::NONE,
             tissue_id: 0,
@@ -176,7 +176,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
     #[cold]
     #[inline(never)]
     fn confirm_lift(&mut self, codes: &[u16]) -> bool {
-        is_unloaded(&self.cells, codes, self.most_residual, &self.curve, self.stance.standing_n())
+        is_unloaded(&self.cells, codes, self.max_residual_code, &self.curve, self.stance.standing_n())
             && self.stance.lift(&self.limits)
     }
 
@@ -189,8 +189,8 @@ impl<R: Real, const N: usize> Insole<R, N> {
     }
 
     /// Number of frames that the first frame after missing ones represents in the cumulative load: under load, itself and at most
-    /// as many missing frames as a stance bridges; without load, at most a second of frames, which is longer than the time between
-    /// two scans of an insole that is not worn.
+    /// as many missing frames as a stance bridges; without load, at most a second of frames, which is longer than the time
+    /// between two scans of an insole that is not worn.
     #[cold]
     fn represented_frames(&self, elapsed_frames: u32) -> u32 {
         elapsed_frames.min(if self.is_loaded() { 1 + BRIDGED_FRAMES } else { self.cumulative.second_frames() })

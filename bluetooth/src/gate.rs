@@ -26,7 +26,7 @@ pub struct Progress {
     pub is_bondable: Signal<NoopRawMutex, ()>,
     /// Number of times that the radio has switched the resolution of addresses off or on. The host switches it off, passes the
     /// keys, and switches it on, so the second time completes the set-up of private addresses.
-    switched: Cell<u8>,
+    resolution_switches: Cell<u8>,
 }
 
 impl Progress {
@@ -35,14 +35,14 @@ impl Progress {
         self.answered.reset();
         self.is_private.reset();
         self.is_bondable.reset();
-        self.switched.set(0);
+        self.resolution_switches.set(0);
     }
 
     /// Signals that a command is complete, and counts the switches of the resolution of addresses.
     fn completed(&self, command: Opcode) {
         if command == LeSetAddrResolutionEnable::OPCODE {
-            self.switched.set(self.switched.get().saturating_add(1));
-            if self.switched.get() == 2 {
+            self.resolution_switches.set(self.resolution_switches.get().saturating_add(1));
+            if self.resolution_switches.get() == 2 {
                 self.is_private.signal(());
             }
         }
@@ -82,8 +82,9 @@ const LONG_GROUP_TYPE: u16 = 21;
 const INVALID_GROUP_TYPE: &[u8] = &[6, 0, ATT_CHANNEL as u8, 0, READ_BY_GROUP_TYPE, 0, 0, 0, 0, 0];
 
 /// Length of the shortest content with this code on the channel of attributes, bytes (Core Specification 5.4, volume 3, part F,
-/// section 3.4). The host reads as many bytes without checking the length, so a shorter content would make it panic. `None` for the
-/// odd codes, which are those of a server's messages: the insole is no client, so the host would store them and never remove them.
+/// section 3.4). The host reads as many bytes without checking the length, so a shorter content would make it panic. `None` for
+/// the odd codes, which are those of a server's messages: the insole is no client, so the host would store them and never remove
+/// them.
 const fn shortest_content(code: u8) -> Option<u16> {
     Some(match code {
         // Exchange MTU, Read, Write Request, Write Command.
@@ -101,12 +102,13 @@ const fn shortest_content(code: u8) -> Option<u16> {
 }
 
 impl<C> Gate<'_, C> {
-    /// Filters the first fragment of a packet: replaces pairing requests while bonding is not allowed, fragments without a whole
-    /// L2CAP header, on the channels of attributes and of pairing fragments without the first byte of the content, and malformed
-    /// content of attributes.
+    /// Filters the first fragment of a packet. Replaces a fragment without a whole L2CAP header, a fragment without any content
+    /// on the channel of attributes or of pairing, malformed content of attributes, and, while bonding is not allowed, a pairing
+    /// request.
     fn admit<'p>(&self, data: &'p [u8]) -> &'p [u8] {
         let &[length_low, length_high, low, high, ref body @ ..] = data else { return IGNORED };
-        // The length of the whole packet. The host refuses more bytes, and waits for the other fragments if there are fewer.
+        // The length of the content of the whole packet, without the L2CAP header. The host refuses more bytes, and waits for the
+        // other fragments if there are fewer.
         let length = u16::from_le_bytes([length_low, length_high]);
         match (u16::from_le_bytes([low, high]), body.first()) {
             (ATT_CHANNEL | PAIRING_CHANNEL, None) => IGNORED,

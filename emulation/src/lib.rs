@@ -56,7 +56,7 @@ pub enum InjectedFault {
     /// Scanning enters an endless loop, in its interrupt.
     ScanStalled,
     /// Processing enters an endless loop while it processes a frame.
-    ModelStalled,
+    ProcessStalled,
     /// The link enters an endless loop.
     LinkStalled,
     /// Processing recurses without end.
@@ -94,7 +94,7 @@ pub struct EmulatorConfig {
     /// Number of the first scan, if the plant paces the scans.
     pub first_scan: u32,
     /// Number of the flash operation (a write, or the erasure of a sector; from 0) in which power fails; `None` if power does not
-    /// fail.
+    /// fail. The bootloader and the application each count their own operations.
     pub power_cut: Option<u32>,
     /// The fault to inject; `None` for no fault.
     pub fault: Option<PlannedFault>,

@@ -27,7 +27,7 @@ fn occupied(admission: &mut Admission, early_us: u64, for_us: u64) -> (f64, u64)
 }
 
 #[test]
-fn a_central_without_a_bond_cannot_keep_a_bonded_one_out() {
+fn a_central_without_a_bond_cannot_lock_out_a_bonded_one() {
     let mut admission = Admission::new();
     assert_eq!(admission.time_limit(false, false).as_secs(), 30);
     // A single connection.
@@ -45,7 +45,7 @@ fn a_central_without_a_bond_cannot_keep_a_bonded_one_out() {
 
 /// The central disconnects shortly before the insole would disconnect it.
 #[test]
-fn a_central_that_disconnects_itself_in_time_cannot_keep_a_bonded_one_out() {
+fn a_central_that_disconnects_itself_in_time_cannot_lock_out_a_bonded_one() {
     let mut admission = Admission::new();
     let (_, longest_us) = occupied(&mut admission, 400_000, 1);
     assert!(longest_us > 29_000_000, "{longest_us} us");

@@ -67,7 +67,7 @@ fn day(activities: &[Activity], seed: u64) -> Recording {
     activity::recording(activities, 700.0, RATE_HZ as f64, 50.0, seed).0
 }
 
-/// The recorded pressure of the highest cell of each region in each frame, kPa.
+/// The highest recorded pressure of a cell of each region in each frame, kPa.
 fn peaks_kpa(recording: &Recording) -> Vec<Vec<f32>> {
     let cells = recording.cells();
     let of_region = |region: Region| {
@@ -275,7 +275,7 @@ fn a_day_begins_without_load_and_continues_after_a_restart() {
     }
 }
 
-/// The first host states a wrong date. Once it is corrected, the load that was stored on this day is added, but not twice.
+/// The first host states a wrong date. Once it is corrected, the load that was stored on the correct day is added, but not twice.
 #[test]
 fn the_stored_load_of_the_day_is_added_although_the_first_date_was_wrong() {
     let recording = day(&[Activity::Walk, Activity::Stand, Activity::Stand], 5);

@@ -60,7 +60,7 @@ fn events() -> impl Strategy<Value = Event> {
         1 => prop_oneof![Just(0u32), 1_500u32..9_000].prop_map(|every_bytes| InsoleEvent::Damage { every_bytes }),
         2 => Just(InsoleEvent::RadioLost),
         1 => (1u32..40, 0usize..16).prop_map(|(frames, from_row)| InsoleEvent::MissFrames { frames, from_row }),
-        1 => prop_oneof![Just("scan"), Just("model"), Just("link"), Just("gatt")].prop_map(InsoleEvent::Stall),
+        1 => prop_oneof![Just("scan"), Just("process"), Just("link"), Just("radio")].prop_map(InsoleEvent::Stall),
         1 => Just(InsoleEvent::Panic),
     ];
     prop_oneof![
@@ -102,7 +102,7 @@ impl ReferenceStateMachine for AnyOrder {
             Event::Insole(InsoleEvent::Stall(part)) => {
                 state.crashes += 1;
                 state.has_link_stall |= part == "link";
-                state.has_radio_stall |= part == "gatt";
+                state.has_radio_stall |= part == "radio";
             }
             Event::Insole(InsoleEvent::Panic) => state.crashes += 1,
             _ => {}

@@ -172,8 +172,8 @@ fn an_insole_that_is_not_worn_is_found_and_measures_when_it_is_put_on() {
     // The insole counts as not worn after 60 s. From then on one frame in 50 is scanned.
     assert!(!status.is_worn && (800..=1000).contains(&status.frames_skipped), "{status:?}");
     phone.send(&mut world.radio, ToDevice::Stream { live: true });
-    // An insole that is not worn scans every 50th frame. These frames include a scan in the first stance, by which it recognises that
-    // it is worn.
+    // An insole that is not worn scans every 50th frame. The 101 frames after the time without load include a scan in the first
+    // stance, by which the insole recognises that it is worn.
     world.insole.play(unworn as u32 + 101);
     while !status.is_worn {
         status = phone.status(&mut world.radio);
@@ -448,8 +448,8 @@ fn malformed_values_are_refused_and_the_session_continues() {
     stream_steps(&mut world, &mut phone, 1);
 }
 
-/// Packets of 1 to 24 bytes with each code of the attribute protocol, of signalling and of pairing, filled with 0x01 or 0xff, do not
-/// restart the insole.
+/// Packets of 1 to 24 bytes with each code of the attribute protocol, of signalling and of pairing, filled with 0x01 or 0xff, do
+/// not restart the insole.
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn no_packet_of_a_stranger_restarts_the_insole() {
@@ -459,7 +459,7 @@ fn no_packet_of_a_stranger_restarts_the_insole() {
     owner.disconnect(&mut world.radio);
     let mut stranger = world.new_phone(2);
     for filler in [0x01, 0xff] {
-        // The insole disconnects a stranger for some packets of pairing, so each of its commands has a connection of its own.
+        // The insole disconnects a stranger for some packets of pairing, so each code of pairing has a connection of its own.
         for (channel, codes, connection_codes) in [(4, 256, 64), (5, 256, 64), (6, 16, 1)] {
             for first in (0..codes).step_by(connection_codes) {
                 let contents = (first..first + connection_codes)
@@ -470,8 +470,8 @@ fn no_packet_of_a_stranger_restarts_the_insole() {
             }
         }
     }
-    // A Read By Group Type request with a 128-bit UUID would end the Bluetooth host. It is repeated, because a full queue may have
-    // dropped it before.
+    // Without the filter in `bluetooth/src/gate.rs`, a Read By Group Type request with a 128-bit UUID would make the Bluetooth
+    // host panic. The loop above has sent such a request, but a full queue may have dropped it, so it is sent again.
     stranger.connect_without_discovery(&mut world.radio, 247);
     stranger.packets(&mut world.radio, 4, &[[&[0x10, 1, 0, 0xff, 0xff][..], &[0; 16]].concat()]);
     stranger.cut(&mut world.radio);

@@ -21,8 +21,8 @@ const STEPS: usize = 58;
 /// Number of messages between two requests for the insole's time: a prime number, so that the requests have no fixed relation to
 /// the frames.
 const REQUEST_INTERVAL: u32 = 17;
-/// Number of messages after the status among which its last steps must arrive: those of 30 s of live frames. On a busy computer,
-/// steps arrive seconds after the frames.
+/// Number of messages after the status within which all steps that it counts must arrive: as many as the live frames of 30 s. On
+/// a busy computer, steps arrive seconds after the frames.
 const LAST_STEPS_WITHIN: usize = 3_000;
 
 /// A walk that begins on command, and records the time of each scan.

@@ -94,7 +94,8 @@ fn the_message_of_a_load_bout_has_the_nearest_integers() {
     }
 }
 
-/// Slow steps that last longer than a stance may: each is a contact of 2.6 s, of which only every fourth frame is stored.
+/// Slow steps that last longer than a stance may, 2.5 s: each is a contact of 3 s. When a contact has lasted 2.5 s, its curves
+/// contain only every fourth frame.
 #[test]
 fn slow_contacts_at_400_hz_have_their_load_and_their_peaks_and_are_no_bout_of_sitting() {
     const RATE_HZ: f64 = 400.0;

@@ -42,7 +42,7 @@ impl Insole {
 
     /// Sends all messages that are due.
     fn send(&mut self) {
-        // The pending command is completed at once. No chunk of an image is stored.
+        // The pending command is completed at once, a request of an update as if no chunk of the image were stored.
         let result = match self.session.command() {
             Some(Command::Update(_)) => CommandResult::Update(Progress::Next(0)),
             _ => CommandResult::Stored,

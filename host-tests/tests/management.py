@@ -153,6 +153,6 @@ async def main():
 
 
 asyncio.run(main())
-# Without the interpreter's shutdown, during which the threads of the terminal would still read the link.
+# This omits the interpreter's shutdown, during which the threads of the terminal would still read the link.
 sys.stdout.flush()
 os._exit(0)

@@ -245,7 +245,7 @@ fn frames_and_lines_share_a_port() {
     let received = receive(&mut decoder, &[&status_frame, lines, lines, lines, &status_frame].concat());
     assert_eq!(received, (vec![status.clone(); 2], vec![echo.clone(); 3]));
     assert_eq!(decoder.bad_frames, 0);
-    // After an incomplete message, a line that is too short, noise, more noise than the buffer holds, and a line with a wrong
+    // After an incomplete message, a line that is too short, noise, more noise than the buffer holds, or a line with a wrong
     // CRC, at least one of the next two messages arrives, and then a frame.
     let incomplete = &lines[..len - 9];
     let noise: Vec<u8> = (1..=255).cycle().take(2 * MAX_FRAME).collect();

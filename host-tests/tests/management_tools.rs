@@ -363,7 +363,7 @@ fn repeated_and_lost_parts_do_no_harm_and_a_transfer_continues() {
     let third = tool.part(&file, second - 20, 100, false).expect("the part is accepted");
     assert_eq!(third, second + 80);
     // The first part of the same file continues its transfer. That of another file, also of the same length, begins a new one.
-    let other = image(NEW, Defect::Model).file();
+    let other = image(NEW, Defect::Process).file();
     assert_eq!(other.len(), file.len());
     for (begun, next) in [(&file, third), (&other, first), (&file, first)] {
         assert_eq!(tool.part(begun, 0, 180, false), Ok(next));

@@ -649,8 +649,8 @@ fn a_foot_that_touches_the_ground_in_swing_makes_no_step() {
     assert_eq!(count(15, 400.0), (20, 0));
 }
 
-/// The recording of a prosthetic foot, which loads a few cells of the heel and of the forefoot only, with `force_n` in ten stances of
-/// 1.1 s.
+/// The recording of a prosthetic foot, which loads a few cells of the heel and of the forefoot only, with `force_n` in ten
+/// stances of 1.1 s.
 fn prosthesis(force_n: f64) -> recording::Recording {
     let layout = synthetic::insole(144);
     let spots: Vec<_> = [plantar::Region::Heel, plantar::Region::Metatarsals12]

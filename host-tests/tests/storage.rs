@@ -141,7 +141,7 @@ fn old_region(region: StepRegion, masked_cells: u8) -> StepRegion {
     StepRegion {
         measured_peak_dn: region.measured_peak_dn,
         model_peak_dn: region.model_peak_dn,
-        // Stored in 0.01 N s, and in 0.1 N s since.
+        // The older firmware stored the integrals in 0.01 N s. Their present unit is 0.1 N s.
         measured_integral_dns: (region.measured_integral_dns + 5) / 10,
         model_integral_dns: (region.model_integral_dns + 5) / 10,
         area_peak_mm2: region.area_peak_mm2,
@@ -160,7 +160,7 @@ fn old_region(region: StepRegion, masked_cells: u8) -> StepRegion {
     }
 }
 
-/// In recovery mode, the owner's phone must connect, and nothing else of the chip may be used.
+/// In recovery mode, the owner's phone must be able to connect with its bond, and nothing but the bonds may be used of the chip.
 #[test]
 fn a_store_for_recovery_returns_the_bonds_only() {
     let mut chip = chip();
@@ -715,7 +715,7 @@ fn numbers_continue_after_an_interrupted_erasure() {
     }
 }
 
-/// The insole stores new steps, and its storage shows that it is alive, between the parts of a long deletion.
+/// A long deletion is done in parts, between which the insole stores new steps, and its storage has heartbeats.
 #[test]
 fn a_long_deletion_is_done_in_parts() {
     let mut chip = chip();

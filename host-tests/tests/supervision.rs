@@ -194,13 +194,13 @@ fn an_endless_loop_in_the_scan_is_detected() {
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn an_endless_loop_in_the_processing_is_detected() {
     // Processing and link have the same executor, so a loop in one of them stalls both.
-    assert_recovers(InjectedFault::ModelStalled, Reset::Watchdog, "stalled: model link", "process");
+    assert_recovers(InjectedFault::ProcessStalled, Reset::Watchdog, "stalled: process link", "process");
 }
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn an_endless_loop_in_the_link_is_detected() {
-    assert_recovers(InjectedFault::LinkStalled, Reset::Watchdog, "stalled: model link", "serve");
+    assert_recovers(InjectedFault::LinkStalled, Reset::Watchdog, "stalled: process link", "serve");
 }
 
 #[test]
@@ -290,7 +290,7 @@ fn a_matrix_that_does_not_answer_is_no_fault() {
 /// `stopped` is the part that stops, and `healthy` the number of checks before it stops.
 #[test]
 fn the_watchdog_finds_a_stalled_part_after_the_allowed_number_of_checks_and_not_before() {
-    for stopped in [Part::Scan, Part::Model, Part::Link, Part::Storage, Part::Radio] {
+    for stopped in [Part::Scan, Part::Process, Part::Link, Part::Storage, Part::Radio] {
         let most = u32::from(MOST_CHECKS[stopped as usize]);
         for healthy in 1..30 {
             let (heartbeats, mut watchdog) = (Heartbeats::new(), Watchdog::new());
@@ -302,7 +302,7 @@ fn the_watchdog_finds_a_stalled_part_after_the_allowed_number_of_checks_and_not_
                     heartbeats.scan_progressed();
                     heartbeats.frame_queued();
                 }
-                if runs(Part::Model) && runs(Part::Scan) {
+                if runs(Part::Process) && runs(Part::Scan) {
                     heartbeats.frame_processed();
                 }
                 for part in [Part::Link, Part::Storage, Part::Radio].into_iter().filter(|&part| runs(part)) {

@@ -208,8 +208,8 @@ fn a_refused_image_is_not_swapped_in() {
     assert_eq!(ask(&mut update, &mut chip, Request::Finish), Err(Refusal::Incomplete));
 }
 
-/// When all chunks were received, the supply is too low for the mark, or a read fails. The same request succeeds later, without
-/// the chunks.
+/// When all chunks were received, the supply is too low to mark the image for the swap, or a read fails. The same request
+/// succeeds later, without another transfer of the chunks.
 #[test]
 fn a_complete_image_remains_if_the_chip_fails_at_the_end_of_the_transfer() {
     for (refuses_changes, failing_reads) in [(true, 0), (false, 1)] {

@@ -79,7 +79,7 @@ fn a_host_waits_while_another_one_uses_the_insole() {
     assert!(hosts.cable.errors.is_empty(), "{:?}", hosts.cable.errors);
 }
 
-/// A program on a computer ends without a message over the cable.
+/// A program on a computer, which is connected over the cable, ends without sending a message.
 #[test]
 fn a_host_continues_after_the_other_one_was_silent_for_half_a_minute() {
     let mut hosts = Hosts::new();

@@ -1,5 +1,5 @@
 //! Updates of the real firmware in QEMU by the real bootloader. A signed image runs after the restart, and remains active once it
-//! has confirmed itself. If an image is refused or fails, the previous one runs. Both hold if power fails at any moment.
+//! is confirmed. If an image is refused or fails, the previous one runs. Both hold if power fails at any moment.
 //!
 //! The newer image of these tests is the same firmware with another version in its header, which the firmware reports, or a
 //! short image that crashes.
@@ -72,7 +72,11 @@ fn an_update_runs_after_the_restart_and_remains_once_it_is_confirmed() {
     let mut session = connect(&board);
     assert_eq!(session.hello().firmware, NEW);
     let again = Request::Begin(image.offer());
-    assert_eq!(refusal(session.update(again)), Some(Refusal::OnTrial), "an image is on trial until it has scanned");
+    assert_eq!(
+        refusal(session.update(again)),
+        Some(Refusal::OnTrial),
+        "the image is on trial until its checks are complete"
+    );
     board.play();
     while refusal(session.update(Request::Confirm)) == Some(Refusal::OnTrial) {}
     // An older image is refused now, including the previous one.
@@ -92,7 +96,7 @@ fn an_image_that_makes_no_progress_is_swapped_back_at_the_next_start() {
     insole.accept(&image);
     let board = insole.start(None, false, None);
     assert!(insole.wait(board));
-    // Without `play` the new image cannot scan, so it does not confirm itself.
+    // Without `play` the new image cannot scan, so it is not confirmed.
     let board = insole.start(None, true, None);
     let mut session = connect(&board);
     assert_eq!(session.hello().firmware, NEW);
@@ -136,7 +140,7 @@ fn a_confirmed_image_that_crashes_again_and_again_is_swapped_back() {
 
     insole.fault = Some(PlannedFault { kind: InjectedFault::Panic, after_ms: 1000, is_repeated: true });
     let board = insole.start(None, false, None);
-    // Each start plays the walk again.
+    // The walk of each start, also of those after a crash, waits for a `play` of its own.
     (0..=MAX_FAILED_STARTS).for_each(|_| board.play());
     assert!(insole.wait(board), "the bootloader must swap back");
     insole.fault = None;

@@ -168,8 +168,8 @@ fn two_successive_swings_lower_the_zero() {
     /// Number of frames of a stance, and of a swing.
     const FRAMES: u32 = 60;
     let load = code_of(&LAW, LOAD_KPA);
-    // The codes below the zero by which the cells read in one swing after the other. The result is how far below the calibrated
-    // zero the pressure under load is measured, codes.
+    // `below` has one number for each swing: by how many codes the cells then read less than the calibrated zero. The result is
+    // the number of codes below the calibrated zero from which the pressure under load is measured.
     let lowered = |below: &[u16]| {
         let cells = (0..CELLS).map(|i| {
             let at = cell(Region::Heel, f32::from(i % 8) * 10.0, f32::from(i / 8) * 10.0, 100.0);

@@ -14,7 +14,7 @@ pub enum Event {
     Record,
     /// The carrier takes the next message, which the host receives.
     Send,
-    /// The host acknowledges the newest record that it has received.
+    /// The host acknowledges the record that it has received last.
     Acknowledge,
     /// The host acknowledges a record that the insole has not completed yet.
     AcknowledgeFuture,
@@ -90,7 +90,7 @@ struct Observed {
     dropped: u32,
     is_open: bool,
     is_hello_due: bool,
-    /// The newest record that the host has received; -1 before the first one.
+    /// The record that the host has received last; -1 before the first one.
     received: i64,
     /// The newest record that a host has acknowledged.
     acknowledged: Option<i64>,

@@ -21,7 +21,8 @@ fn live_losses() {
     numbers::live_losses(arrived, 6, status);
 }
 
-/// All frame periods and rates of the carrier, up to 256 cells, and a request for every frame or for one frame in 251 or more.
+/// All frame periods and rates of the carrier, up to 256 cells with codes of 12 bits, and a request for every frame or for one
+/// frame in 251 or more.
 #[kani::proof]
 #[kani::unwind(257)]
 fn fitting_rate_of_cells() {
@@ -37,7 +38,7 @@ fn decoder() {
     codec::stream(&kani::any::<[u8; 7]>());
 }
 
-/// All sequences of three fragments.
+/// All sequences of three fragments with up to two bytes of a message each.
 #[kani::proof]
 #[kani::unwind(6)]
 fn joiner() {
@@ -58,7 +59,8 @@ fn changes_of_a_partition() {
     flash::change(start..end, kani::any(), &[0; 3]);
 }
 
-/// Reads of two bytes, which may be in two pages, for all areas and offsets.
+/// Reads of two bytes, which may be in two pages, for all offsets, and for all areas that end at least a page before the largest
+/// address.
 #[kani::proof]
 #[kani::unwind(258)]
 fn reads_of_a_partition() {

@@ -3,12 +3,12 @@
 use plantar::firmware::supervise::{Heartbeats, MOST_CHECKS, PARTS, Part, START_CHECKS, Watchdog};
 
 /// The parts, in the order of [`PARTS`].
-pub const ALL: [Part; PARTS.len()] = [Part::Scan, Part::Model, Part::Link, Part::Storage, Part::Radio];
+pub const ALL: [Part; PARTS.len()] = [Part::Scan, Part::Process, Part::Link, Part::Storage, Part::Radio];
 
 /// Once a part has had no heartbeat for its allowed number of checks ([`MOST_CHECKS`]), the watchdog reports all parts that
 /// have had none for at least their own allowed number minus two. The checks are counted from the first heartbeat of the link
 /// on, or from check [`START_CHECKS`] on, and for the radio not before its own first heartbeat. `has_heartbeat` states whether a
-/// part has a heartbeat before a check; at each check, a frame waits for processing unless processing, [`Part::Model`], has a
+/// part has a heartbeat before a check; at each check, a frame waits for processing unless processing, [`Part::Process`], has a
 /// heartbeat.
 pub fn watchdog(checks: u32, has_heartbeat: impl Fn(Part, u32) -> bool) {
     let (heartbeats, mut watchdog) = (Heartbeats::new(), Watchdog::new());
@@ -19,7 +19,7 @@ pub fn watchdog(checks: u32, has_heartbeat: impl Fn(Part, u32) -> bool) {
         pending += 1;
         for part in ALL {
             if has_heartbeat(part, check) {
-                if part == Part::Model {
+                if part == Part::Process {
                     (0..pending).for_each(|_| heartbeats.frame_processed());
                     pending = 0;
                 } else {

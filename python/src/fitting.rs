@@ -43,7 +43,7 @@ pub fn identify(
     let identified = move || -> anyhow::Result<(Fitted, Vec<String>)> {
         let (tissue, notes) = search.tissue(&|path| std::fs::read(path))?;
         let mut study = Study::new(participant, contact, search.options(&tissue, RESAMPLES)?);
-        // With the method of the paper, a second search would take too long.
+        // The error with counted cells requires a second search, which would take too long with the method of the paper.
         let is_counted = study.options.method == Method::Projection;
         let counted = ContactRule { full_kpa: 0.0, ..contact };
         let mut counted_steps = Vec::new();

@@ -60,8 +60,8 @@ impl Insole {
     }
 
     /// The next event: its kind, its values as JSON, and the time of the frame, or of the start of the record, on this
-    /// computer's clock, s since 1970. `None` if none arrived within [`READ_TIMEOUT`]. After the link was lost, each call waits
-    /// and makes one attempt to open it again.
+    /// computer's clock, s since 1970. `None` if nothing arrived within [`READ_TIMEOUT`], or if another message arrived, which is
+    /// no event. After the link was lost, each call waits and makes one attempt to open it again.
     fn next_event(&self, py: Python) -> PyResult<Option<(&'static str, String, Option<f64>)>> {
         let (event, mapping) =
             self.with_link(py, |link| Ok((link.next_event()?, link.client().clock_mapping().clone())))?;

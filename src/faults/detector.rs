@@ -126,12 +126,13 @@ impl FaultDetector {
         }
     }
 
-    /// Processes a frame in which the foot is not lifted, or not for long enough. `is_down` states whether the foot is on the
-    /// ground. True if the frame interrupts a review that has changed baselines.
+    /// Processes a frame in which the foot is not lifted, or not for long enough. `carries_load` states whether the foot is on
+    /// the ground and the total force has changed since the first frame. True if the frame interrupts a review that has changed
+    /// baselines.
     #[inline(always)]
-    pub(crate) fn interrupt_review(&mut self, is_down: bool) -> bool {
-        let is_changed = is_down && self.next_cell.is_some() && self.review.rezeroed > 0;
-        if is_down {
+    pub(crate) fn interrupt_review(&mut self, carries_load: bool) -> bool {
+        let is_changed = carries_load && self.next_cell.is_some() && self.review.rezeroed > 0;
+        if carries_load {
             // A review that this stance interrupts is abandoned.
             self.is_interrupted |= self.next_cell.is_some();
             (self.has_stance, self.next_cell) = (true, None);

@@ -118,7 +118,8 @@ impl LineEvidence {
         self.responsive_loaded == 0 && (is_only_here || is_most)
     }
 
-    /// The fault that at least four in five unmasked cells of the line show, and at least [`MIN_LINE_CELLS`] cells.
+    /// The fault (short, stuck, saturated or drift) that at least four in five unmasked cells of the line show, and at least
+    /// [`MIN_LINE_CELLS`] cells.
     fn common_diagnosis(&self) -> Option<FaultKind> {
         let all = self.undiagnosed + self.diagnosed.iter().sum::<u32>();
         [FaultKind::Short, FaultKind::Stuck, FaultKind::Saturated, FaultKind::Drift].into_iter().find(|&kind| {

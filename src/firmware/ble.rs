@@ -34,9 +34,9 @@ pub trait GattServer {
     fn battery_percent(&self) -> Option<u8>;
     /// See [`BluetoothBoard::allows_bonding`].
     fn allows_bonding(&self) -> bool;
-    /// Copies the stored bonds into `bytes` and returns their length, 0 if no bonds are stored.
+    /// Copies the stored bonds, with the insole's identity key, into `bytes` and returns their length, 0 if nothing is stored.
     fn load_bonds(&self, bytes: &mut [u8; MAX_BONDS_BYTES]) -> usize;
-    /// Replaces the stored bonds, completely or not at all.
+    /// Replaces the stored bonds and the identity key, completely or not at all.
     fn save_bonds(&self, bytes: &[u8]);
     /// The wall clock as the value of Current Time.
     fn current_time(&self) -> [u8; 10];
@@ -91,7 +91,7 @@ impl<'a, B> GattSession<'a, B> {
     fn join(&self, channel: GattChannel, fragment: &[u8]) -> Result<(), WriteError> {
         let (joining, joiner, last_part_at) = &mut *self.joiner.borrow_mut();
         // A message that was begun on one characteristic does not continue on another. The parts of requests of management tools
-        // have no numbers, so if one was lost, only the time tells that the next part begins a new request.
+        // have no numbers, so if one was lost, only the elapsed time shows that the next part begins a new request.
         let is_other = core::mem::replace(joining, channel) != channel;
         let paused = core::mem::replace(last_part_at, Instant::now()).elapsed();
         if is_other || channel == GattChannel::Management && paused > LONGEST_PAUSE {

@@ -77,8 +77,8 @@ impl Failures {
 pub struct BootReport {
     /// Why the board started.
     pub reset: Reset,
-    /// The failure that ended the previous run; `None` if there was none. In recovery mode, the text begins with words that
-    /// state this.
+    /// The failure that ended the previous run; `None` if there was none. In recovery mode, or if the radio starts later
+    /// ([`RADIO_DELAYED`]), the text begins with words that state this.
     pub fault: Option<String<MAX_FAULT_TEXT>>,
     /// The failures before this start.
     pub failures: Failures,

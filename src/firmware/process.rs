@@ -140,7 +140,7 @@ fn set_scan_interval(shared: &Shared, interval: u32) {
 }
 
 /// Executes the requests of hosts that concern alerts and baselines, publishes the load of the day, queues an alert that was
-/// raised, and determines whether the insole is worn. A change takes effect within a second.
+/// raised, and determines whether the insole is worn. A request takes effect within a second.
 #[cold]
 #[inline(never)]
 fn end_second(insole: &mut DeviceInsole, shared: &Shared) {

@@ -86,7 +86,7 @@ pub struct Shared {
     gauges: Gauges,
     /// Load records that [`super::persist::persist`] has not taken yet.
     pub(super) records: Channel<NoopRawMutex, LoadRecord, STORAGE_QUEUE>,
-    /// The bonded centrals.
+    /// The bonded centrals and the insole's identity key, in the format of the package `bluetooth`.
     bonds: RefCell<Vec<u8, MAX_BONDS_BYTES>>,
     pub(super) bonds_changed: Cell<bool>,
     /// The stored bonds could not be read at the start.
@@ -241,7 +241,7 @@ impl Shared {
         (every == 0 || every > stream.stride()).then_some(Refusal::CellRate { every })
     }
 
-    /// The bonded centrals, as [`Shared::set_bonds`] received them.
+    /// The bonded centrals, as [`Shared::set_bonds`] or [`Shared::restore`] received them.
     pub fn bonds(&self) -> Vec<u8, MAX_BONDS_BYTES> {
         self.bonds.borrow().clone()
     }

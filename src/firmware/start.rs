@@ -89,8 +89,8 @@ pub struct Started<F: 'static> {
     pub scanned: Receiver<'static, CriticalSectionRawMutex, Frame>,
     /// Time between frames, us.
     pub period_us: u32,
-    /// Time after which the board is to start its radio: zero, or an hour after repeated stalls of the radio. An
-    /// image on trial has not stalled yet, and must show that its radio works, so it starts it at once.
+    /// Time from the start after which the board is to start its radio: zero or, if the radio has stalled repeatedly, an hour.
+    /// An image on trial has not stalled yet, and must show that its radio works, so its radio starts at once.
     pub radio_delay: Duration,
 }
 
@@ -103,7 +103,7 @@ const STORE_TIMEOUT: Duration = Duration::from_secs(110);
 /// The text of [`Hello::fault`] after a start without the chip.
 const NO_CHIP: &str = "the flash chip does not answer: nothing is stored, check the chip and its supply";
 /// The text of [`Hello::fault`] if the store was not opened in [`STORE_TIMEOUT`].
-const NO_STORE: &str = "the flash chip was not opened in 110 s: nothing is stored; restart to try again, or replace it";
+const NO_STORE: &str = "the flash chip was not opened in 110 s: nothing is stored; restart, or replace the chip";
 /// The text of [`Hello::fault`] if the stored settings cannot be used.
 const OTHER_SETTINGS: &str = "the stored settings do not fit this board, which uses its own: send the settings again";
 /// The text of [`Hello::fault`] if the stored parameters cannot be used.

@@ -17,16 +17,16 @@ pub const STALLED_CHECKS: u16 = 10;
 /// Number of healthy checks after which a start counts as successful: 5 minutes, in which a host can send an update over any
 /// link.
 pub const HEALTHY_CHECKS: u32 = 3000;
-/// Number of healthy checks after which earlier stalls of the radio no longer count: half an hour. With stalls of the radio that
-/// are further apart, two restarts an hour are no reason to do without Bluetooth.
+/// Number of healthy checks after which earlier stalls of the radio no longer count: half an hour. Stalls that are further apart
+/// restart the insole at most twice an hour, which is no reason to do without Bluetooth.
 pub const RADIO_HEALTHY_CHECKS: u32 = 18_000;
 /// Number of checks within which all parts must have started: two minutes. A start that erases a flash chip with foreign
 /// contents takes nearly that long; the first start with a blank chip of 16 MiB, a repair, and a start after a trial of newer
 /// firmware take some 20 s; any other start takes a second.
 pub const START_CHECKS: u32 = 1200;
 
-/// Names of the supervised parts in crash reports, in the order of [`Part`]. `model` is processing.
-pub const PARTS: [&str; 5] = ["scan", "model", "link", "storage", "radio"];
+/// Names of the supervised parts in crash reports, in the order of [`Part`].
+pub const PARTS: [&str; 5] = ["scan", "process", "link", "storage", "radio"];
 
 /// A supervised part: an index of [`PARTS`], and a bit of the result of [`Watchdog::check`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,7 +34,7 @@ pub enum Part {
     /// [`super::scan::scan`].
     Scan,
     /// [`super::process::process`].
-    Model,
+    Process,
     /// [`super::serve::serve`].
     Link,
     /// [`super::persist::persist`].
@@ -78,7 +78,7 @@ impl Heartbeats {
 
     /// Counts a frame that was processed, which is the heartbeat of processing.
     pub fn frame_processed(&self) {
-        self.progressed(Part::Model);
+        self.progressed(Part::Process);
     }
 
     /// Counts a heartbeat of a part.
@@ -93,7 +93,7 @@ impl Heartbeats {
 
     /// Number of processed frames; wraps.
     pub fn processed(&self) -> u32 {
-        self.count(Part::Model)
+        self.count(Part::Process)
     }
 
     /// Number of frames that wait for processing, the one that is being processed included.
@@ -151,7 +151,7 @@ impl Watchdog {
         self.healthy_checks = self.healthy_checks.saturating_add(1);
         let (mut stalled, mut silent) = (false, 0);
         for (part, checks) in self.checks_without_heartbeat.iter_mut().enumerate() {
-            let is_idle = part == Part::Model as usize && heartbeats.pending_frames() == 0
+            let is_idle = part == Part::Process as usize && heartbeats.pending_frames() == 0
                 || part == Part::Radio as usize && counts[part] == 0;
             *checks = if counts[part] != self.previous_counts[part] || is_idle { 0 } else { checks.saturating_add(1) };
             stalled |= *checks >= MOST_CHECKS[part];

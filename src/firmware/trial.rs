@@ -2,7 +2,7 @@
 //!
 //! It is confirmed once scanning, processing, link, storage and, if it has answered on this board before, the radio have made
 //! progress for some seconds and the host has confirmed it. Without a host it is confirmed once all of them have made progress in
-//! [`UNATTENDED_CHECKS`] successive checks. An image that has met neither condition after [`MOST_CHECKS`] checks has failed.
+//! [`UNATTENDED_CHECKS`] successive checks. An image that has met neither condition after [`TRIAL_CHECKS`] checks has failed.
 
 use super::supervise::{Heartbeats, PARTS, Part};
 use crate::storage::update;
@@ -16,7 +16,7 @@ const CHECKS: u16 = 5;
 /// Number of successive checks, all with progress, after which the image is confirmed without a host: 10 minutes.
 const UNATTENDED_CHECKS: u16 = 300;
 /// Number of checks after which an image that is not confirmed has failed: 15 minutes.
-const MOST_CHECKS: u16 = 450;
+const TRIAL_CHECKS: u16 = 450;
 
 /// Time from a failed confirmation to the next attempt, which reads the whole image.
 const RETRY: Duration = Duration::from_secs(60);
@@ -107,7 +107,7 @@ impl Trial {
         let needed = if self.is_confirmed_by_host { CHECKS } else { UNATTENDED_CHECKS };
         match self.checks {
             _ if self.healthy_checks >= needed => Verdict::Passed,
-            MOST_CHECKS.. => Verdict::Failed,
+            TRIAL_CHECKS.. => Verdict::Failed,
             _ => Verdict::Pending,
         }
     }

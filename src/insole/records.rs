@@ -67,7 +67,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
     pub fn step(&mut self, mut regions: [RegionStep<R>; 8]) -> Option<StepRecord<R>> {
         let setup = *self.setup()?;
         for (i, (region, law)) in regions.iter_mut().zip(&mut self.force_laws).enumerate() {
-            let is_reliable = region.is_reliable() && self.stance.saturated() >> i & 1 == 0;
+            let is_reliable = region.has_valid_area() && self.stance.saturated() >> i & 1 == 0;
             region.stiffness_change = self.tracker.adapt(i, law, region, is_reliable);
         }
         let step = self.next_record;

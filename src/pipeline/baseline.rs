@@ -5,8 +5,9 @@
 //!
 //! - A reading below the baseline lowers the baseline at once, because a cell without load cannot read less than its baseline. If
 //!   it is also below the zero, it lowers the baseline to the zero, and the zero to the higher of this reading and that of the
-//!   previous swing: no later reading raises the zero, so a single disturbed one must not lower it. A reading that would lower
-//!   the zero by more than 2,048 codes changes nothing, and may be evidence of a fault.
+//!   previous swing: no later reading raises the zero, so a single disturbed one must not lower it. The zero falls to at most
+//!   2,048 codes below the calibrated one: a reading that would lower it farther leaves it unchanged, and may be evidence of a
+//!   fault.
 //! - A reading above it raises the baseline to the lower of this reading and that of the previous swing, if that swing was at
 //!   most [`GAIT_MS`] earlier and a step of walking was between the two; so neither the reading under a foot that rests for a
 //!   moment, nor that under the foot of a person who sits down and stands up, becomes the baseline.

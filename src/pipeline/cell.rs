@@ -33,8 +33,9 @@ impl<R: Real> InsoleCell<R> {
         }
     }
 
-    /// Force of the cell at a code, N, above its zero and not above its baseline; 0 for a masked cell.
-    pub(crate) fn force_n(&self, code: u16, curve: &Curve) -> R {
+    /// Force of the cell at a code, N. It includes the residual pressure, because it is computed from the code above the zero,
+    /// not above the baseline. 0 for a masked cell.
+    pub(crate) fn force_above_zero_n(&self, code: u16, curve: &Curve) -> R {
         if self.marks.is_masked() {
             return R::ZERO;
         }

@@ -213,7 +213,8 @@ impl<R: Real> CumulativeLoad<R> {
     /// Adds the present second to the totals and the windows.
     #[cold]
     fn end_second(&mut self, limits: &LoadLimits) {
-        // At a rate that is no integer, the frames of a second last up to 1.5 % longer or shorter than a second.
+        // At a rate that is no integer, the frames of a second last up to 2.5 % longer or shorter than a second (at 20.5 Hz; at
+        // the rates of devices, from 50 Hz on, up to 1 %).
         let frame_s = self.frame_s;
         let part_length_s = limits.window_s / WINDOW_PARTS;
         self.part_s += 1;

@@ -25,8 +25,9 @@ impl<R: Real> Sample<R> {
 }
 
 /// The largest values of one region in the frames of a long stance that are not samples, each with the number of its frame since
-/// heel strike, at most 65,535. So a short peak between two samples, such as that of a barefoot heel strike at 400 Hz, is not missed. A frame
-/// counts if the foot is on the ground in it, or in a later frame before it is removed from the samples.
+/// heel strike, at most 65,535. So a short peak between two samples, such as that of a barefoot heel strike at 400 Hz, is not
+/// missed. A frame counts if the foot is on the ground in this frame, or in a later one that arrives before this frame is removed
+/// from the samples.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Between<R> {
     /// Largest measured force, N.
@@ -93,8 +94,8 @@ impl<R: Real> Curves<R> {
         (self.frames, self.stride, self.len) = (0, 1, 0);
     }
 
-    /// Adds linearly interpolated frames for the `missing` frames between the last one and this one. `loaded` is that of
-    /// [`Curves::push`].
+    /// Adds linearly interpolated frames for the `missing` frames between the last one and this one. `loaded` is the number of
+    /// frames up to the last one before the gap with the foot on the ground.
     #[cold]
     #[inline(never)]
     pub(super) fn bridge(&mut self, missing: u32, regions: &[&RegionFrame<R>; 8], centre_mm: (R, R), loaded: u32) {

@@ -61,6 +61,6 @@ pub(crate) fn is_unloaded<R: Real>(
 ) -> bool {
     let exceeded = || cells.iter().zip(codes).filter(|(cell, code)| code.saturating_sub(cell.baseline.zero) > most);
     let loaded = exceeded().filter(|(_, code)| !is_saturated(u32::from(**code)));
-    let force_n: R = loaded.map(|(cell, &code)| cell.force_n(code, curve)).sum();
+    let force_n: R = loaded.map(|(cell, &code)| cell.force_above_zero_n(code, curve)).sum();
     EXCEEDED_PART * exceeded().count() <= cells.len() && force_n < most_n
 }

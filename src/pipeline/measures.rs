@@ -24,7 +24,7 @@ pub struct RegionMeasures<R> {
     pub residual_n: R,
 }
 
-/// A peak is the first one if no sample within this time exceeds it, us.
+/// A peak is the first one if no sample within this time after it exceeds it, us.
 const PEAK_WINDOW_US: u32 = 50_000;
 /// The first peak has at least this share of the largest force.
 const LEAST_PEAK: f64 = 0.5;

@@ -1,9 +1,10 @@
 //! The stages of the data path, in the order in which the data passes them: from raw codes to regional loads and steps.
 //!
 //! A stage depends only on the stages before it. No stage performs I/O or allocates memory. The parameters of the model are
-//! plain data, separate from state, and can be replaced while running; a new set-up of the cells resets their state. The stages
-//! are generic over [`Real`](crate::Real), except where a host must obtain the same bits as the insole: calibration tables,
-//! baselines, contact, alerts and cadence are computed in single precision and integers on every machine.
+//! plain data, separate from state, and can be replaced while running; a new set-up of the cells resets the state of the
+//! measurement ([`Insole::set_up`](crate::insole::Insole::set_up)). The stages are generic over [`Real`](crate::Real), except
+//! where a host must obtain the same bits as the insole: calibration tables, baselines, contact, alerts and cadence are computed
+//! in single precision and integers on every machine.
 //!
 //! | stage | module | result |
 //! |---|---|---|

@@ -338,8 +338,8 @@ pub struct RegionFrame<R> {
     pub saturated: bool,
     /// A cell came into contact or lost it in this frame.
     pub is_count_changed: bool,
-    /// Area of all cells in contact, each with its whole area, and the maximum of this sum in the frames from the last heel strike
-    /// to the one before its last change, in units of 1/16 mm2.
+    /// Area of all cells in contact, each with its whole area, and the maximum of this sum in the frames from the last heel
+    /// strike to the one before its last change, in units of 1/16 mm2.
     pub counted: (i32, i32),
 }
 
@@ -369,7 +369,8 @@ impl<R: Real> RegionFrame<R> {
         let share = contact.update(code, zero, curve_kpa);
         self.area.change(cell, share);
         if contact.is_loaded() != was_loaded {
-            // Between two changes in the same frame, the sum is the area of no frame, so only the sum before the first one counts.
+            // Between two changes in the same frame, the sum is the area of no frame, so only the sum before the first one
+            // counts.
             if !self.is_count_changed {
                 self.is_count_changed = true;
                 self.counted.1 = self.counted_peak();

@@ -154,13 +154,14 @@ impl<R: Real> UsualSteps<R> {
     /// Before the first step.
     pub(super) const NONE: Self = Self { recent_n: R::ZERO, stance_frames: R::ZERO, has_walked: false };
 
-    /// True for a contact of a foot that touches the ground in swing: it is weak, with this peak, N, and brief, with this number of
-    /// frames. The steps of a person who unloads an injured foot are weak, but not brief.
+    /// True for a contact of a foot that touches the ground in swing: it is weak, with this peak, N, and brief, with this number
+    /// of frames. The steps of a person who unloads an injured foot are weak, but not brief.
     pub(super) fn is_scuff(&self, peak_n: R, frames: u32) -> bool {
         peak_n < self.recent_n * R::of(WEAK) && R::of_u32(frames) < self.stance_frames * R::of(BRIEF)
     }
 
-    /// Adds a step with `peak_n`, N, and this number of frames. True if it is a step of walking, and not a contact of a seated foot.
+    /// Adds a step with `peak_n`, N, and this number of frames. True if it is a step of walking, and not a contact of a seated
+    /// foot.
     pub(super) fn add(&mut self, peak_n: R, frames: u32) -> bool {
         let before_n = StanceLimits::usual_peak_n(self.recent_n);
         let is_walking = peak_n >= before_n * R::of(WALKING);

@@ -74,8 +74,9 @@ pub struct RegionStep<R> {
 }
 
 impl<R: Real> RegionStep<R> {
-    /// True if forces and areas are those of the tissue: no masked cell, and no area beyond the ellipsoid.
-    pub(crate) fn is_reliable(&self) -> bool {
+    /// True if no cell is masked and no area is beyond the ellipsoid. The caller also checks for saturated cells, of which a
+    /// region has no record.
+    pub(crate) fn has_valid_area(&self) -> bool {
         self.masked_cells == 0 && !self.clamped
     }
 }

@@ -92,7 +92,8 @@ impl<R: Real> Tracker<R> {
     }
 
     /// Adapts `law`, the present force law of a region, to a step that was evaluated with it. A step with `is_reliable` false is
-    /// not used: with masked or saturated cells, or areas beyond the whole ellipsoid, its forces are not those of the tissue.
+    /// not used: with masked or saturated cells, or areas beyond the ellipsoid's largest section, its forces are not those of
+    /// the tissue.
     ///
     /// Returns the relative change of K since the identification.
     ///

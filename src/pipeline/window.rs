@@ -4,8 +4,8 @@ use crate::num::Real;
 use serde::{Deserialize, Serialize};
 
 /// Smallest range of the total force in a window of shuffling, relative to the usual peak of the wearer's steps
-/// ([`super::stance_rule::StanceLimits::usual_peak_n`]): more than the sway of a person who stands, less than the transfer of half
-/// of the weight to the other foot.
+/// ([`super::stance_rule::StanceLimits::usual_peak_n`]): more than the sway of a person who stands, less than the transfer of
+/// half of the weight to the other foot.
 const MOVING: f64 = 0.25;
 /// Smallest mean force of standing, relative to the same peak: each foot of a person who stands carries about half of the weight,
 /// and each foot of a person who sits less than a tenth.

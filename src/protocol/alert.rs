@@ -1,4 +1,4 @@
-//! The alert as a message. The macro `quantities`, in the file of this name, documents the form of the declaration.
+//! The alert as a message. The macro `quantities` in `quantities.rs` documents the form of the declaration.
 
 use super::quantities::quantities;
 use crate::pipeline::alert::AlertRecord;

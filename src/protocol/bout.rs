@@ -1,4 +1,4 @@
-//! The load bout as a message. The macro `quantities`, in the file of this name, documents the form of the declarations.
+//! The load bout as a message. The macro `quantities` in `quantities.rs` documents the form of the declarations.
 
 use super::quantities::quantities;
 use crate::num::Real;

@@ -98,8 +98,8 @@ pub struct CellFrame {
     /// Number of the frame in its stream. A gap means that frames were lost on the way; frames can be unpacked again from the
     /// next key frame on.
     pub sequence: u32,
-    /// Number of the scan since the start of the insole. If the number increases by more than [`CellStream::stride`] without a
-    /// gap in `sequence`, scans were missed, or dropped because the carrier was too slow.
+    /// Number of the frame since the start of the insole; frames without a scan count, too. If the number increases by more than
+    /// [`CellStream::stride`] without a gap in `sequence`, scans were missed, or dropped because the carrier was too slow.
     pub scan: u32,
     /// Number of scans since the start of the stream that were dropped because the carrier was too slow.
     pub dropped: u32,

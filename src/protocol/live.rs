@@ -1,4 +1,4 @@
-//! The live stream: one message for each frame. The macro `quantities`, in the file of this name, documents the form of the
+//! The live stream: one message for each frame. The macro `quantities` in `quantities.rs` documents the form of the
 //! declarations. Equation numbers are those of the paper that [`crate::pipeline::model`] implements.
 
 use super::quantities::{bits, quantities, region_bytes};
@@ -30,7 +30,7 @@ quantities! {
             flags "The contact area exceeds pi A B.";
         /// Cells are masked.
         masked: u8 = masked,
-            flags "The fault detector replaces cells by their neighbours.";
+            flags "The fault detector replaces cells by the mean of their neighbours, or by zero.";
         /// Centre of pressure of the foot, to the lateral side in foot coordinates; null unless the foot is on the ground.
         #[serde(with = "le")]
         centre_x_dmm: i16 = centre_mm.map_or(0, |(x_mm, _)| (x_mm * R::of(10.0)).round_i16())

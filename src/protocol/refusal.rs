@@ -8,7 +8,7 @@ use crate::pipeline::tissue::TissueError;
 use core::fmt;
 use serde::{Deserialize, Serialize};
 
-/// Why a request was not executed. Except after [`Refusal::NotStored`], nothing was changed.
+/// Why a request was not executed. Except after [`Refusal::NotStored`] and [`Refusal::Update`], nothing was changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Refusal {
     /// A frame arrived intact and contains no message that this firmware knows.
@@ -17,8 +17,8 @@ pub enum Refusal {
     TissueId,
     /// The parameters of this region are out of range; see [`crate::pipeline::model::ForceLaw::is_valid`].
     Tissue(Region),
-    /// The flash chip failed to store the value, or its supply is too low. New parameters and rules of alerts are in force until
-    /// the next start only; other values are not in force.
+    /// The flash chip failed to store the value, its supply is too low, or the insole is in recovery mode, in which it stores
+    /// nothing. New parameters and rules of alerts are in force until the next start only; other values are not in force.
     NotStored,
     /// The previous command is still being executed.
     Busy,
@@ -26,7 +26,8 @@ pub enum Refusal {
     Serial,
     /// The calibration is out of range, of another layout, or incomplete.
     Calibration,
-    /// A request of a firmware update was refused for this reason.
+    /// A request of a firmware update was refused for this reason. The running image is unchanged; the image that was being
+    /// received may be discarded.
     Update(update::Refusal),
     /// The carrier is too slow for this stream of cells.
     CellRate {
@@ -72,8 +73,9 @@ impl fmt::Display for Refusal {
         match self {
             Self::NotUnderstood => f.write_str("a message was not understood: update the insole's firmware"),
             Self::NotStored => f.write_str(
-                "the insole could not store this, because its supply is too low (charge its battery) or its flash chip \
-                 failed: parameters and rules of alerts are in force until it restarts, and other requests must be repeated",
+                "the insole could not store this, because its supply is too low (charge its battery), its flash chip failed, \
+                 or it is in recovery mode (update its firmware): parameters and rules of alerts are in force until it \
+                 restarts, and other requests must be repeated",
             ),
             Self::Busy => f.write_str("the insole is still executing the previous request: wait for its answer"),
             Self::Serial => f.write_str("a serial number has up to 16 printable ASCII characters and no spaces"),
@@ -100,8 +102,8 @@ impl fmt::Display for Refusal {
             Self::CellRate { every: 0 } => f.write_str("the connection is too slow for a stream of cells"),
             Self::CellRate { every } => write!(
                 f,
-                "the connection is too slow for this stream of cells: request one of every {every} frames, or use the \
-                 serial port"
+                "the connection is too slow for this stream of cells: request one of every {every} frames, or, over \
+                 Bluetooth, use the serial port"
             ),
             Self::OtherHost => f.write_str(
                 "another phone or program is connected to the insole, by cable or Bluetooth, and receives its steps now: \

@@ -240,7 +240,7 @@ quantities! {
         #[serde(with = "le")]
         time_to_peak_ms: u16 = (region.time_to_peak_s * R::of(1e3)).round_u16()
             => time_to_peak_s [1000 per "s"],
-            "First sample with the largest measured force.";
+            "First frame with the largest measured force.";
         /// Centre of the contact ellipse at the largest measured force, to the lateral side in foot coordinates.
         #[serde(with = "le")]
         ellipse_x_dmm: i16 = region.ellipse_at_peak.map_or(0, |ellipse| (ellipse.x_mm * R::of(10.0)).round_i16())
@@ -274,7 +274,7 @@ quantities! {
         /// Number of masked cells at toe off; 255 for more.
         masked_cells: u8 = region.masked_cells
             => masked_cells [1 per "count"],
-            "Cells that the fault detector replaces by their neighbours.";
+            "Cells that the fault detector replaces by the mean of their neighbours, or by zero.";
         /// Change of K since the identification; 0 without tracking.
         stiffness_change_percent: i8 = (region.stiffness_change * R::of(100.0)).round_i16().clamp(-100, 127) as i8
             => stiffness_change_percent [1 per "%"],
@@ -288,7 +288,7 @@ quantities! {
         #[serde(with = "le")]
         peak_pressure_ms: u16 = (region.measures.peak_pressure_s * R::of(1e3)).round_u16()
             => peak_pressure_time_s [1000 per "s"],
-            "First sample with this pressure.";
+            "First frame with this pressure.";
         /// Pressure-time integral.
         #[serde(with = "le")]
         pressure_integral_dkpas: u16 = (region.measures.pressure_integral_kpa_s * R::of(10.0)).round_u16()

@@ -163,7 +163,7 @@ impl fmt::Display for Refusal {
                 "the running firmware is still on trial, or a received image waits for the next start: a firmware on trial is \
                  confirmed after ten minutes without a fault; if an image waits, restart the insole first"
             }
-            Self::NotBegun => "the insole restarted during the transfer: send the image again",
+            Self::NotBegun => "the insole has no transfer in progress, for example because it restarted: send the image again",
             Self::Incomplete => "parts of the image are missing: send it again",
             Self::Header => "the received image is not the one that was offered: send it again",
             Self::Signature => {

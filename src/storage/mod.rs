@@ -29,7 +29,7 @@ use sequential_storage::Error;
 /// Why something could not be stored or read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StorageError {
-    /// The chip did not execute an operation, or there is no chip.
+    /// The chip did not execute an operation, there is no chip, or the store does not use it, as in recovery mode.
     Chip,
     /// No room is left, or the stored data are inconsistent.
     Contents,

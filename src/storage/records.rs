@@ -67,7 +67,7 @@ pub struct IdentifiedRecord {
     pub identified: Option<Identified>,
 }
 
-/// The bonded centrals, in the format of the package `bluetooth`.
+/// The bonded centrals and the insole's identity key, in the format of the package `bluetooth`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Bonds(pub Vec<u8, MAX_BONDS_BYTES>);
 

@@ -21,8 +21,8 @@ mod tissue;
 /// Largest number of attempts to write a record. An attempt fails if the record cannot be read back.
 const WRITE_ATTEMPTS: usize = 3;
 
-/// Largest number of acknowledged records that are removed in one operation. They fill eight sectors, which are erased in 0.4 s,
-/// and at worst in 3.2 s.
+/// Largest number of acknowledged records that are removed in one operation. They fill at most eight sectors, which are erased in
+/// 0.4 s, and at worst in 3.2 s.
 const REMOVED_AT_ONCE: u32 = 64;
 
 /// The second of the two slots for a calibration; the first is 0. The part number of a block's record ([`Store::get`]) is the
@@ -48,7 +48,7 @@ pub struct Store<F> {
     log: Sectors,
     buffer: [u8; BUFFER],
     contents: Contents,
-    /// The number in the last mark that this boot has appended to the log.
+    /// The number in the last mark that [`Store::acknowledge`] has appended to the log in this boot.
     marked: Option<u32>,
     /// The reason of this boot, until it is counted.
     boot_due: Option<Reset>,
@@ -313,8 +313,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
         if is_last {
             self.contents.next_record = next;
         }
-        // Entries of newer firmware have numbers that this firmware does not read. The mark remains while the records are removed in
-        // parts.
+        // Entries of newer firmware have numbers that this firmware does not read. The mark remains while the records are removed
+        // in parts.
         let mark = self.contents.next_record;
         if (is_last || self.contents.newer_records > 0) && self.marked != Some(mark) {
             self.push_mark(mark).await?;

@@ -303,6 +303,9 @@ pub struct RadioLink {
     pub value_us: u64,
 }
 
+/// Largest length of a GATT value, bytes: that of a packet with data length extension, 251, without its headers.
+pub const MAX_VALUE: usize = 244;
+
 impl Default for RadioLink {
     fn default() -> Self {
         Self {
@@ -311,7 +314,7 @@ impl Default for RadioLink {
             to_central: VecDeque::new(),
             is_connected: false,
             waker: None,
-            max_value: 244,
+            max_value: MAX_VALUE,
             value_us: 1_500,
         }
     }
@@ -344,7 +347,7 @@ async fn serve_central(server: Rc<dyn GattServer>, radio: Rc<RefCell<RadioLink>>
         let sending = async {
             loop {
                 server.changed().wait().await;
-                let mut value = [0; 244];
+                let mut value = [0; MAX_VALUE];
                 loop {
                     let (max_len, value_us) = (radio.borrow().max_value, radio.borrow().value_us);
                     let Some((channel, len)) = server.next(&mut value[..max_len]) else { break };
@@ -388,7 +391,8 @@ impl BluetoothBoard for HostBluetooth {
     }
 }
 
-/// The text of the crash record that the firmware saves before a reset, with the failures that its next start considers.
+/// The fault text of a start after a reset with this cause: a short form of the text that `cortex_m_platform::boot_report`
+/// composes from the crash record. `failures` are the failures that this start considers.
 pub fn crash_text(cause: ResetCause, failures: Failures) -> Option<heapless::String<MAX_FAULT_TEXT>> {
     match cause {
         ResetCause::Software => None,

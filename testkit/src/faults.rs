@@ -257,8 +257,9 @@ impl Loaded {
     }
 }
 
-/// The error of the model's force: its root mean square difference from the force measured without faults, relative to the
-/// region's peak force. Each value is the mean over the loaded regions.
+/// The error of the model's force: its root mean square difference from the force measured without faults, from the end of the
+/// fourth step on in the frames that load the region, relative to the region's peak force. Each value is the mean over the loaded
+/// regions.
 pub struct ModelError {
     /// The error without faults, %.
     pub clean_percent: f64,

@@ -262,7 +262,7 @@ pub fn status() -> Status {
     }
 }
 
-/// Faults with a different value in each field.
+/// Faults with different values in most fields.
 pub fn faults() -> Faults {
     let list = [
         Fault { kind: FaultKind::Open, place: Place::Row(3), found_ms: 12_000 },

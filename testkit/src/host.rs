@@ -1,5 +1,6 @@
 //! A host that runs the real client over a simulated cable or radio link.
 
+use crate::board::MAX_VALUE;
 use crate::virtual_time::{now_us, with_origin};
 use crate::world::SharedWorld;
 use client::{Carrier, Client, Framed};
@@ -112,7 +113,7 @@ impl Carrier for Central {
             let radio = radio.borrow();
             (radio.server.clone().ok_or(io::ErrorKind::NotConnected)?, radio.origin_us, radio.max_value)
         };
-        let mut value = [0; 244];
+        let mut value = [0; MAX_VALUE];
         while let Some(len) = self.splitter.next(&mut value[..max_len]) {
             with_origin(origin_us, || server.write(channel, &value[..len]))
                 .map_err(|error| io::Error::other(format!("{error:?}")))?;

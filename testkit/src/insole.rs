@@ -47,7 +47,7 @@ pub enum Defect {
     #[default]
     None,
     /// Processing of frames stalls from the start on.
-    Model,
+    Process,
     /// The radio does not answer.
     Radio,
     /// The flash chip does not store what the firmware writes to its records and its log.
@@ -57,7 +57,7 @@ pub enum Defect {
 }
 
 impl Defect {
-    const ALL: [Self; 5] = [Self::None, Self::Model, Self::Radio, Self::Storage, Self::Crash];
+    const ALL: [Self; 5] = [Self::None, Self::Process, Self::Radio, Self::Storage, Self::Crash];
 }
 
 /// A signed image for the host board.
@@ -156,7 +156,7 @@ impl HostInsole {
         chip.cut = Some((at, Torn::Within));
     }
 
-    /// Stalls the task `scan`, `model` (which processes frames), `link` or `gatt` (Bluetooth), as an endless loop in that task
+    /// Stalls the task `scan`, `process` (which processes frames), `link` or `radio` (Bluetooth), as an endless loop in that task
     /// would.
     pub fn stall(&mut self, part: &str) {
         self.executor.iter_mut().for_each(|executor| executor.stall(part));
@@ -266,8 +266,8 @@ impl HostInsole {
         resources.spawn(&mut executor, from_us);
         match defect {
             Defect::None => {}
-            Defect::Model => executor.stall("model"),
-            Defect::Radio => executor.stall("gatt"),
+            Defect::Process => executor.stall("process"),
+            Defect::Radio => executor.stall("radio"),
             Defect::Storage => self.chip.0.borrow_mut().forgets_writes_below = Some(SMALL_LOG.end),
             Defect::Crash => executor.spawn("crash", async {
                 Timer::after_secs(CRASH_S).await;
@@ -342,7 +342,7 @@ impl BootResources {
             let (clock, to_process) = take(for_scan).await;
             scan::scan(clock, matrix, to_process, counters).await
         });
-        executor.spawn("model", async move {
+        executor.spawn("process", async move {
             let (insole, scanned, shared) = take(for_process).await;
             process::process(insole, scanned, shared, NoStopwatch).await
         });
@@ -355,7 +355,7 @@ impl BootResources {
             let (store, shared) = take(for_persist).await;
             persist::persist(store, shared, image, content, || reset(ResetCause::Software)).await
         });
-        executor.spawn("gatt", async move {
+        executor.spawn("radio", async move {
             let (shared, radio_delay) = take(for_gatt).await;
             Timer::after(radio_delay).await;
             let server = with_origin(from_us, || Rc::new(GattSession::new(shared, HostBluetooth)));

@@ -22,7 +22,7 @@ WALKS = [("102114", "10_21_14"), ("102137", "10_21_37"), ("102231", "10_22_31")]
 COLUMNS = {
     "contact_s": "Initial contact (s)",
     "toe_off_s": "Toe off (s)",
-    "most_n": "Max total force during stance phase (N)",
+    "peak_n": "Max total force during stance phase (N)",
     "stride_s": "Stride time (s)",
     "to_other_s": "Step duration (s)",
     "double_support_s": "Double support (s)",

@@ -38,7 +38,7 @@ struct VendorStep {
     contact_s: f64,
     toe_off_s: f64,
     /// Largest total force.
-    most_n: f64,
+    peak_n: f64,
     /// Time to the next initial contact of the same foot.
     stride_s: Option<f64>,
     /// Time to the next initial contact of the other foot.
@@ -138,10 +138,10 @@ fn feet_of(walk: Walk) -> impl Iterator<Item = Foot> {
 fn compare_steps(foot: &Foot, found: &[[f64; 3]], differences: &mut [Vec<f64>; 3]) {
     for step in &foot.steps {
         let is_same = |stance: &&[f64; 3]| stance[0] < step.toe_off_s && step.contact_s < stance[1];
-        if let Some([contact_s, toe_off_s, most_n]) = found.iter().find(is_same) {
+        if let Some([contact_s, toe_off_s, peak_n]) = found.iter().find(is_same) {
             differences[0].push((contact_s - step.contact_s).abs() * 1e3);
             differences[1].push((toe_off_s - step.toe_off_s).abs() * 1e3);
-            differences[2].push((most_n - step.most_n).abs());
+            differences[2].push((peak_n - step.peak_n).abs());
         }
     }
 }

@@ -3,6 +3,7 @@
 //! A scenario is a TOML file with a title, a list of events with their times, and the expected outcome; `host-tests/scenarios`
 //! has an example of every event. The invariants of [`Outcome::verify`] must hold after any events.
 
+use crate::board::MAX_VALUE;
 use crate::host::{Host, LinkKind};
 use crate::insole::{Defect, image};
 use crate::virtual_time::now_us;
@@ -263,7 +264,7 @@ pub enum Part {
     /// Scans the matrix.
     Scan,
     /// Processes the frames.
-    Model,
+    Process,
     /// Serves the serial link.
     Link,
     /// Bluetooth, with its radio.
@@ -303,7 +304,8 @@ pub struct Expect {
     pub repeats_records: Option<bool>,
     /// Whether live frames of the first insole were lost.
     pub loses_live: Option<bool>,
-    /// Number of frames of the first insole without a complete scan since its last start.
+    /// Number of frames of the first insole since its last start without a complete scan, because the scan was late or the matrix
+    /// did not answer.
     pub frames_missed: Option<u32>,
     /// Number of frames of the first insole in all its boots, each from the first complete scan to the last, without a complete
     /// scan, whatever the cause.
@@ -397,9 +399,9 @@ fn insole_event(event: &Event) -> Option<InsoleEvent> {
         // `EventCheck` has verified that the fault can be parsed.
         Event::SensorFault(fault) => InsoleEvent::SensorFault(fault.parse().ok()?),
         Event::Stall(Part::Scan) => InsoleEvent::Stall("scan"),
-        Event::Stall(Part::Model) => InsoleEvent::Stall("model"),
+        Event::Stall(Part::Process) => InsoleEvent::Stall("process"),
         Event::Stall(Part::Link) => InsoleEvent::Stall("link"),
-        Event::Stall(Part::Radio) => InsoleEvent::Stall("gatt"),
+        Event::Stall(Part::Radio) => InsoleEvent::Stall("radio"),
         Event::Panic => InsoleEvent::Panic,
         Event::ChipSilent => InsoleEvent::ChipSilent,
         Event::StateReadFails => InsoleEvent::StateReadFails,
@@ -533,6 +535,9 @@ impl EventCheck {
     /// Checks the next event; returns the reason why it is impossible, with the remedy.
     fn check(&mut self, Entry { s, insole, event }: &Entry) -> Result<(), String> {
         let (s, insole) = (*s, *insole);
+        if !s.is_finite() || s < 0.0 {
+            return Err(format!("{s} is no time of an event: use 0 s or later"));
+        }
         if s < self.last_s {
             return Err(format!("an event at {s} s follows one at {} s: sort the events by time", self.last_s));
         }
@@ -567,6 +572,9 @@ impl EventCheck {
                 return Err(format!(
                     "`{serial}` is not a valid serial number: use at most 16 ASCII characters without spaces"
                 ));
+            }
+            Event::ValueLength(bytes) if !(1..=MAX_VALUE).contains(bytes) => {
+                return Err(format!("a value of {bytes} bytes does not exist: use 1 to {MAX_VALUE}"));
             }
             Event::Connect { .. } => self.is_following[insole] = true,
             Event::Acknowledge(_) | Event::ValueLength(_) => {}
@@ -643,7 +651,8 @@ impl Outcome {
 
     /// Checks the invariants of all scenarios: every computed step and load bout arrives once, in order and unchanged, except the
     /// last ones of a boot that was cut short, and those of the last boot if the host has ended its session or does not
-    /// acknowledge; numbers increase; counters are consistent. Returns the number of steps and load bouts that did not arrive.
+    /// acknowledge, or if the insole counts as many dropped records; numbers increase; counters are consistent. Returns the
+    /// number of steps and load bouts that did not arrive.
     ///
     /// # Errors
     /// The first invariant that is violated.

@@ -217,8 +217,8 @@ impl Script {
     }
 
     /// Runs the script with a power cut in operation `at` of the chip, counted from 0, at the moment `torn`. Opens the store
-    /// again, and checks that its content is the one before or the one after the interrupted action. Then stores items of every
-    /// kind once more, which must succeed.
+    /// again, and checks that its content is the one before or the one after the interrupted action, or lies between them if the
+    /// action acknowledges several steps. Then stores items of every kind once more, which must succeed.
     ///
     /// # Errors
     /// A description of the item that is wrong.

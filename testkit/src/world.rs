@@ -61,8 +61,8 @@ pub enum InsoleEvent {
     },
     /// The sensor has a fault from now on.
     SensorFault(SensorFault),
-    /// One of the tasks `scan`, `model` (processes frames), `link` (serves the serial link) and `gatt` (Bluetooth) stalls, as in
-    /// an endless loop.
+    /// One of the tasks `scan`, `process` (processes frames), `link` (serves the serial link) and `radio` (Bluetooth) stalls, as
+    /// in an endless loop.
     Stall(&'static str),
     /// The firmware panics.
     Panic,

@@ -54,8 +54,8 @@ export default defineConfig({
   plugins: [offline()],
   test: {
     include: ["tests/**/*.test.ts"],
-    // The tests mostly wait for walks that are played in real time, so two test files run at once even on a computer with two cores.
-    // More files at once would disturb the walks.
+    // The tests mostly wait for walks that are played in real time, so two test files run at once even on a computer with two
+    // cores. More files at once would disturb the walks.
     maxWorkers: 2,
     testTimeout: 30_000,
     hookTimeout: 60_000,

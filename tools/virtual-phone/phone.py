@@ -23,6 +23,8 @@ All other commands have the argument `phone`, the name of the phone that execute
     write       Writes `value` to the characteristic `of`.
     command     Writes `value` to the characteristic `of` without a response, and at once reads `of`. Returns the `value` that
                 was read. An error in response to the command counts as the response to the read request.
+    packets     Sends each of the `contents`, valid or not, as a packet on the L2CAP channel with the number `channel`, until the
+                insole disconnects.
     subscribe   Subscribes to the characteristic `to`.
     pair        Pairs with the insole.
     encrypt     Encrypts the connection with the key of the bond.

@@ -20,7 +20,7 @@ pub fn inject(kinds: &[InjectedFault]) {
     let planned = PLANNED.lock(Cell::get).filter(|planned| kinds.contains(&planned.kind));
     let Some(planned) = planned.filter(|planned| Instant::now().as_millis() >= planned.after_ms.into()) else { return };
     match planned.kind {
-        InjectedFault::ScanStalled | InjectedFault::ModelStalled | InjectedFault::LinkStalled => loop {
+        InjectedFault::ScanStalled | InjectedFault::ProcessStalled | InjectedFault::LinkStalled => loop {
             cortex_m::asm::nop();
         },
         InjectedFault::StackOverflow => {

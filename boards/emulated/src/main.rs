@@ -71,7 +71,7 @@ static MEMORY: Memory<FlashFile, FRAMES> = Memory::new();
 
 /// The faults that are injected into processing.
 const PROCESSING_FAULTS: [InjectedFault; 4] = [
-    InjectedFault::ModelStalled,
+    InjectedFault::ProcessStalled,
     InjectedFault::StackOverflow,
     InjectedFault::UndefinedInstruction,
     InjectedFault::Panic,
@@ -163,11 +163,8 @@ async fn run(boot: BootReport, image: &'static Header) {
     let (received, built_in, fault) = match from_host {
         Some((_, cells)) => (Some(cells), None, None),
         None => {
-            let fault_text = if boot.is_recovery() {
-                "recovery mode: the built-in insole is used"
-            } else {
-                "no usable setup.bin, the built-in insole is used: start with `plantar emulate`"
-            };
+            // In recovery mode, the hello reports the failed starts instead.
+            let fault_text = "no usable setup.bin, the built-in insole is used: start with `plantar emulate`";
             (None, Some(layout::cells()), fault_text.try_into().ok())
         }
     };

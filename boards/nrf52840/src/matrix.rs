@@ -221,9 +221,10 @@ impl ResistiveMatrix {
 
 /// The output of `operation`; `None` after the timeout. Unlike `with_timeout`, it polls its timer only at first and after a wake
 /// without progress: the converter wakes the scan in each group of columns, and each poll of a timer costs more than the wake.
-/// `operation` counts its progress. A wake without progress may be the one that the timer of an earlier row has requested,
-/// because a task has one request at a time, the earliest. If that wake coincides with progress, the timer is not polled again:
-/// if the converter then stops in the same row, the supervision restarts the board.
+/// `operation` counts its progress. A wake without progress may come from the timer of an earlier row: the time driver stores
+/// only one wake-up time for each task, the earliest, so it may store the timeout of this row only when the timer is polled
+/// again. If that wake coincides with progress, the timer is not polled again: if the converter then stops in the same row, the
+/// supervision restarts the board.
 async fn within<T>(timeout: Duration, progress: &Cell<u32>, operation: impl Future<Output = T>) -> Option<T> {
     let (mut operation, mut timer) = (pin!(operation), pin!(Timer::after(timeout)));
     let mut is_armed = false;

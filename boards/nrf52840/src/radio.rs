@@ -94,8 +94,9 @@ pub struct Parts {
     pub has_crystal: bool,
 }
 
-/// After `delay`, starts the radio, then passes packets in both directions. Never returns. If the radio does not start, the board
-/// runs without Bluetooth; the status reports it, and the log has the reason.
+/// Starts the radio's scheduler, which provides the high-frequency crystal, and after `delay` the Bluetooth controller. Then
+/// passes packets in both directions. Never returns. If the radio does not start, the board runs without Bluetooth; the status
+/// reports it, and the log has the reason.
 #[embassy_executor::task]
 pub async fn run(
     delay: Duration,

@@ -75,7 +75,8 @@ pub async fn open(
     // `Debug`: the first error lacks it, and the texts of the second would take kilobytes.
     let device = ExclusiveDevice::new(spi, select, Delay).unwrap_or_else(|_| unreachable!());
     let mut chip = W25::new_no_pins(device, LARGEST_CHIP).await.unwrap_or_else(|_| unreachable!());
-    // Other firmware may have left the chip in power-down mode, in which it ignores all other commands. As above, this cannot fail.
+    // Other firmware may have left the chip in power-down mode, in which it ignores all other commands. As above, this cannot
+    // fail.
     let _ = chip.disable_power_down_mode().await;
     Timer::after_micros(WAKE_US).await;
     let mut first = None;

@@ -17,6 +17,7 @@ use embedded_storage_async::nor_flash::{
 };
 use plantar::Side;
 use plantar::firmware::board::{Gauges, Matrix, MatrixTimeout, Stopwatch, Ticker};
+use plantar::firmware::front_end::UNLOADED_CODE;
 use plantar::firmware::scan::{Frame, ScanCounters};
 use plantar::firmware::shared::Shared;
 use plantar::firmware::start::{Configuration, Memory, Started, start};
@@ -61,7 +62,7 @@ impl Matrix for NoLoad {
 
     async fn read_row(&mut self, _seq: u32, row: usize, codes: &mut [u16; DEVICE_CELLS]) -> Result<(), MatrixTimeout> {
         for cell in layout::WIRING[row].into_iter().flatten() {
-            codes[usize::from(cell)] = 0;
+            codes[usize::from(cell)] = UNLOADED_CODE;
         }
         Ok(())
     }

@@ -22,7 +22,8 @@ pub fn check(data: &[u8]) {
     let mut splitter = Splitter::new();
     splitter.buffer()[..message.len()].copy_from_slice(message);
     splitter.start(message.len());
-    // A full fragment has 6 to 255 bytes here, and 20 to 244 bytes on a real link.
+    // A full fragment has 6 to 255 bytes here, and 20 to 244 bytes on a real link. With fewer than 6 bytes, the longest message
+    // would have more fragments than the seven bits of a header can number.
     let mut fragment = vec![0; usize::from(size).max(6)];
     loop {
         let len = splitter.next(&mut fragment).expect("the message has another fragment");

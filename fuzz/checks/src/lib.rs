@@ -1,5 +1,5 @@
-//! What is checked for each input of a fuzz target. A target is a module with the function `check`, which panics if a property
-//! does not hold. `fuzz_targets` has the programs that call these functions with libFuzzer's inputs; the test `seeds` calls them
+//! The checks of each input of a fuzz target. A target is a module with the function `check`, which panics if a property does
+//! not hold. `fuzz_targets` has the programs that call these functions with libFuzzer's inputs; the test `seeds` calls them
 //! with the seeds in `corpus` and with variations of these.
 
 pub mod client;

@@ -34,8 +34,8 @@ pub struct Region {
     pub bytes: u32,
 }
 
-/// Links the binaries of the package under build as `program` of a board with this RAM, whose controller's own flash begins at
-/// the address `flash`: writes `regions.x`, which the `memory.x` of the workspace includes, and passes these scripts to the
+/// Links the binaries of the package under build as `program` of a board with this RAM; `flash` is the first address of the
+/// controller's own flash. Writes `regions.x`, which the `memory.x` of the workspace includes, and passes these scripts to the
 /// linker: that of `cortex-m-rt`; for an application, also that of `defmt` and one that places the image header; and, if there
 /// are further `regions`, one with their sections. Also sets the environment variable `PLANTAR_VERSION`, see [`version`].
 pub fn link(program: Program, flash: u32, ram: Range<u32>, regions: &[Region]) {

@@ -13,8 +13,8 @@ use plantar::firmware::boot_report::{BootReport, Failures, RADIO_DELAYED, is_sta
 use plantar::firmware::supervise::{CHECK_PERIOD_MS, Heartbeats, PARTS, Watchdog};
 use plantar::protocol::{MAX_FAULT_TEXT, Reset};
 
-/// Distinguishes a crash record from the contents of RAM after power-on, and from a record of firmware in which its fields are
-/// others: a change of [`CrashRecord`] changes this number.
+/// Distinguishes a crash record from the contents of RAM after power-on, and from a record of other firmware with other fields.
+/// Must be changed with [`CrashRecord`].
 const MAGIC: u32 = 0x504c_4150;
 
 /// Number of addresses in a crash record: at least as many as fit into the text of the hello.
@@ -29,13 +29,15 @@ const OVERFLOW: u32 = 3;
 /// The run ended because a part was stalled. Combined with the bits of [`Watchdog::check`].
 const STALLED: u32 = 1 << 8;
 
-/// The crash record. It is written at every start, when a start becomes successful, and when a failure ends the run (the time
-/// from a start to the next reset). It is read at the next start.
+/// The crash record. It is written at every start, when the number of failures changes because the run has been healthy for long
+/// enough ([`Failures::recorded_after`]), and when a failure ends the run (the time from a start to the next reset). It is read
+/// at the next start.
 #[repr(C)]
 #[derive(Clone, Copy)]
 struct CrashRecord {
     magic: u32,
-    /// The failures of successive runs, as [`Failures::recorded`] returns them at a start.
+    /// The failures of successive runs, as [`Failures::recorded`] returns them at a start, or
+    /// [`Failures::recorded_after`] later.
     failures: Failures,
     /// The failure that ended the run; 0 if none was recorded.
     cause: u32,
@@ -124,7 +126,8 @@ extern "C" fn hard_fault() -> ! {
 
 /// Records a hard fault or a stack overflow. `frame` is the stack pointer at the exception.
 extern "C" fn fault(frame: u32) -> ! {
-    /// Largest number of bytes that one instruction pushes: a fault this close to the end of the stack was caused by a push.
+    /// Largest number of bytes that one instruction pushes. A fault with the stack pointer this close to the end of the stack
+    /// counts as an overflow, because a push may have caused it.
     const PUSH: u32 = 128;
     let (low, top) = stack();
     if (low + PUSH..top).contains(&frame) {
@@ -205,8 +208,8 @@ struct Text(String<MAX_FAULT_TEXT>);
 
 impl Text {
     fn push(&mut self, words: &str) -> &mut Self {
-        // This cannot fail: the longest text without addresses is shorter than MAX_FAULT_TEXT, and addresses are only added if
-        // they fit.
+        // This does not fail: without addresses, every text that occurs is shorter than MAX_FAULT_TEXT, and addresses are only
+        // added if they fit. Otherwise, the words that do not fit would be missing.
         let _ = self.0.push_str(words);
         self
     }

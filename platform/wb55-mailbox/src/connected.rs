@@ -16,12 +16,12 @@ const PEER: usize = 9;
 const PEER_PRIVATE: usize = 21;
 /// Length of an address.
 const ADDRESS: usize = 6;
-/// What ST's controllers have reported as the address of a peer that they could not resolve.
+/// The address that ST's controllers have reported for a peer with an address that they could not resolve.
 const UNRESOLVED: [u8; ADDRESS] = [0xff; ADDRESS];
 
-/// The event with the private address of the peer as its address, if the radio's core has reported none; otherwise `None`. ST's
-/// wireless firmware has reported ff:ff:ff:ff:ff:ff for a private address that it did not resolve (Zephyr issue 19509), by which
-/// the Bluetooth host would not find the bond.
+/// The corrected event, with the private address of the peer in place of the peer's address, if the radio's core has not reported
+/// the latter; otherwise `None`. ST's wireless firmware has reported ff:ff:ff:ff:ff:ff for a private address that it did not
+/// resolve (Zephyr issue 19509), by which the Bluetooth host would not find the bond.
 pub fn with_peer_address(h4: &[u8]) -> Option<[u8; LEN]> {
     let mut event: [u8; LEN] = h4.try_into().ok()?;
     if !event.starts_with(&HEAD) || event[STATUS] != 0 || event[PEER..PEER + ADDRESS] != UNRESOLVED {

@@ -371,7 +371,8 @@ def _options(parser: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs the command. Exit status: 0 if all participants and recordings were used, 3 if some could not be used, 1 otherwise."""
+    """Runs the command. Exit status: 0 if all participants and recordings were used, 3 if some could not be used, 2 for invalid
+    arguments, 1 otherwise."""
     parser = argparse.ArgumentParser(prog="python -m plantar.cohort", description=__doc__)
     parser.add_argument("study", metavar="STUDY", help="the folder with one folder per participant")
     parser.add_argument("--out", required=True, metavar="TABLE", help="the folder of the table to write")

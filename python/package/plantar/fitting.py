@@ -175,7 +175,10 @@ class Fit:
         return plots.fit(self)
 
 
-def _widest(*intervals: list[float] | None) -> tuple[float, float]:
-    """The widest of the intervals that exist; two NaN if there is none."""
-    existing = [(low, high) for low, high in filter(None, intervals)]
+def _widest(*intervals: list[float | None] | None) -> tuple[float, float]:
+    """The widest of the intervals that exist; two NaN if there is none. An end that is ``None`` in JSON is infinite."""
+    existing = [
+        (float("-inf") if low is None else low, float("inf") if high is None else high)
+        for low, high in filter(None, intervals)
+    ]
     return max(existing, key=lambda ends: ends[1] - ends[0], default=(float("nan"), float("nan")))

@@ -160,7 +160,7 @@ class Replay:
             # At the place where the user called the function or the method `replay`, which creates this object.
             warnings.warn(note, stacklevel=3)
         steps = records.to_pandas()
-        # An insole counts its frames from its first scan. The table has the time of this frame in the recording.
+        # An insole counts time from its first scan. The table has the time of the heel strike in the recording instead.
         steps["start_s"] = recording.t_s[(steps["start_s"] / self._period_s).round().astype(int)]
         # With categories, pandas sorts the regions from heel to toes instead of by their names.
         steps["region"] = pd.Categorical(steps["region"], REGIONS, ordered=True)

@@ -61,7 +61,8 @@ impl Session {
     /// Answers the request of this session to measure the baselines, if there is one, with the result or the refusal.
     pub fn answer_zero(&mut self, result: Result<ZeroResult, Refusal>) {
         if core::mem::take(&mut self.is_zero_awaited) {
-            self.zeroed = result.ok();
+            // The answer to an earlier request may still wait for the carrier.
+            self.zeroed = result.ok().or(self.zeroed);
             self.answer(result.map_or_else(Answer::Refused, |_| Answer::Zero));
         }
     }

@@ -143,12 +143,12 @@ fn coverage(figures: &mut Figures) {
         let mut covered = [0.0; 5];
         for seed in 0..COVERAGE_REPEATS {
             let mut noise = Noise::autocorrelated(seed, AUTOCORRELATION);
-            let [logit, ln_n, ln_m, ln_tau]: [f64; 4] =
+            let [logit, ln_shifted_n, ln_m, ln_tau]: [f64; 4] =
                 std::array::from_fn(|i| prior.mean[i] + prior.deviation[i] * noise.independent());
             let ln_k = law(region).stiffness_pa.ln();
             let mut curves = curves(region, RATE_HZ, Filter::Direct, 1.0, 0.0, &mut Noise::new(seed));
             let area_max_m2 = Samples::new([&curves], Filter::Direct).area_max_m2;
-            let truth = prior::parameters(&Coordinates::new(logit, ln_n, ln_m, ln_k, ln_k + ln_tau), 0.0, 0);
+            let truth = prior::parameters(&Coordinates::new(logit, ln_shifted_n, ln_m, ln_k, ln_k + ln_tau), 0.0, 0);
             // The radius C, here 10 mm, does not affect the force.
             curves.force_n = forces(&curves, Filter::Direct, &truth.law(area_max_m2, 0.01));
             let peak_n = curves.force_n.iter().copied().fold(0.0, f64::max);

@@ -63,8 +63,8 @@ pub fn alert_to_json(alert: &Alert) -> Value {
     let mut object = Map::new();
     object.insert("side".into(), alert.side.name().into());
     crate::json::insert(&mut object, Alert::QUANTITIES, alert);
-    // The time on the insole's own wall clock, null if it was not set. Unlike for a step, it is always included: when the alert
-    // arrives, the host may not yet be able to convert `start_s` to its own clock.
+    // The time on the insole's own wall clock, null if it was not set. Unlike that of a step, it is included also for the present
+    // boot: when the alert arrives, the host may not yet be able to convert `start_s` to its own clock.
     object.insert("start_unix_s".into(), alert.start_unix_us.map(|us| us as f64 / 1e6).into());
     object.insert("sustained".into(), names(alert.sustained));
     object.insert("dose".into(), names(alert.dose));

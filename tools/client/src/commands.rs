@@ -266,8 +266,8 @@ impl<C: Carrier> Client<C> {
     /// Turns the stream of cells on or, with `None`, off. It is off after a reconnection.
     ///
     /// # Errors
-    /// See the `impl` block; [`plantar::protocol::Refusal::CellRate`] states the smallest accepted distance between frames if the
-    /// carrier is too slow.
+    /// See the `impl` block; if the carrier is too slow, [`plantar::protocol::Refusal::CellRate`] states the smallest accepted
+    /// [`CellStream::every`], or 0 if none is accepted.
     pub fn stream_cells(&mut self, stream: Option<CellStream>) -> Result<(), Error> {
         let former = self.cells;
         let answer = self.request(ToDevice::StreamCells(stream), |message| {

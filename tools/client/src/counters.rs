@@ -11,7 +11,7 @@ pub struct LinkCounters {
     pub frames_received: u32,
     /// Live frames that were lost in all sessions of the link, found by gaps in their numbers and by the insole's own count.
     pub frames_lost: u32,
-    /// Damaged frames of any kind: frames with a wrong CRC or without a known message. The field has the name of the key in the
-    /// files of `--json`, which names only one of the two.
+    /// Damaged frames of any kind: frames with a wrong CRC or without a known message. The name, which is also the key in the
+    /// files of `--json`, describes only the first kind.
     pub crc_errors: u32,
 }

@@ -136,7 +136,8 @@ pub struct FootGait {
 pub struct Gait {
     /// The left and the right foot.
     pub feet: [FootGait; 2],
-    /// True if the steps of both feet are known on one clock. Otherwise there are only measures of one foot.
+    /// True if the steps of both feet are known on one clock. Otherwise there are only the measures that need the steps of a
+    /// single foot.
     pub has_both_feet: bool,
     /// Steps of both feet in a minute.
     pub cadence_per_min: Option<Estimate>,

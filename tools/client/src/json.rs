@@ -13,7 +13,7 @@ pub fn step_to_json(step: &Step) -> Value {
     let mut object = Map::new();
     object.insert("side".into(), step.side.name().into());
     insert(&mut object, Step::QUANTITIES, step);
-    // For a step of the present boot the host's clock gives a more accurate time, so the insole's time is omitted.
+    // For a step of the present boot the host's clock gives a more accurate time, so the insole's time is null.
     let start_unix_s = step.start_unix_us.filter(|_| step.boots_since > 0).map(|us| us as f64 / 1e6);
     object.insert("start_unix_s".into(), start_unix_s.into());
     object.insert("contact_rule".into(), contact_rule_to_json(step));

@@ -13,8 +13,8 @@ pub struct ReconnectPolicy {
     /// Time within which a silent insole must answer a connect request over the carrier in use; otherwise the carrier is opened
     /// again.
     pub probe: Duration,
-    /// Longest time without a message of a live stream. After a longer silence the insole may have restarted, so a connect
-    /// request is sent.
+    /// Longest time without a message while the live stream is on. After a longer silence the insole may have restarted, so a
+    /// connect request is sent.
     pub silence: Duration,
     /// Time between two attempts.
     pub retry: Duration,
@@ -32,7 +32,8 @@ impl ReconnectPolicy {
         give_up: None,
     };
 
-    /// For an insole that restarts on request. The bootloader of a real board needs up to 15 s to install an image.
+    /// For an insole that restarts on request. The bootloader of a real board is expected to need some 12 s (`wb55`) or less than
+    /// 30 s (`nrf52840`) to install an image (`docs/bring-up.md`).
     pub const RESTART: Self = Self {
         probe: Duration::from_secs(1),
         retry: Duration::from_millis(500),

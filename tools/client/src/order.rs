@@ -46,7 +46,8 @@ pub struct RecordOrder {
     /// When a retransmission that has not begun yet was requested, by the carrier's clock, us.
     requested_us: Option<u64>,
     retransmissions: Option<Retransmissions>,
-    /// Number of damaged frames before the present session was requested. A later one may have contained its first record.
+    /// Number of damaged frames before the last request for a retransmission; 0 before the first request. A damaged frame that
+    /// arrived later may have contained the first record.
     damaged_before: u32,
     /// Number of retransmissions that were requested because the first record of a session may have been damaged.
     unknown_first: u8,

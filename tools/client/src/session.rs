@@ -17,7 +17,7 @@ pub(crate) const ANSWER: Duration = Duration::from_secs(2);
 const CONNECT_INTERVAL: Duration = Duration::from_millis(500);
 /// Time between two requests for the insole's time.
 const TIME_INTERVAL: Duration = Duration::from_millis(250);
-/// If the wall clock moves by more than this between two such requests, us, it was set.
+/// If the wall clock gains or loses more than this relative to the monotonic clock between two such requests, us, it was set.
 const CLOCK_STEP_US: u64 = 500_000;
 
 /// The host's side of a session with an insole.
@@ -35,9 +35,10 @@ pub struct Client<C> {
     clock_mapping: ClockMapping,
     /// When the insole's time was last requested, by [`Carrier::now_us`].
     time_requested_us: Option<u64>,
-    /// The wall clock at the time 0 of [`Carrier::now_us`], us since 1970, at the last request.
+    /// The wall clock at the time 0 of [`Carrier::now_us`], us since 1970, as computed at the last request for the insole's time.
     wall_clock_us: u64,
-    /// The earliest time of the wall clock as it is set now, us since 1970. Answers to earlier requests are not used.
+    /// When the client last detected that the wall clock was set, us since 1970 by the new clock; 0 if never. Answers to requests
+    /// from before that time are not used.
     wall_clock_since_us: u64,
     delivered: Delivered,
     order: RecordOrder,
@@ -162,8 +163,8 @@ impl<C: Carrier> Client<C> {
         result
     }
 
-    /// To be called instead of sending an acknowledgement of this record and all earlier ones, if they may be those of another
-    /// insole. If the insole repeats them, they are acknowledged.
+    /// To be called instead of sending an acknowledgement of this record and all earlier ones, if the session may now be with
+    /// another insole, to which the number means another record. If the insole repeats these records, they are acknowledged.
     pub fn mark_stored(&mut self, number: u32) {
         self.delivered.acknowledge(number);
     }
@@ -281,7 +282,7 @@ impl<C: Carrier> Client<C> {
             ToHost::Live(live) => self.live.frame(live.sequence),
             ToHost::Status(status) => {
                 self.frames_sent = status.live_sent;
-                // A status follows all frames that were due before it.
+                // A status follows all frames that its `live_due` counts.
                 self.live.due(status.live_due);
             }
             ToHost::Hello(_) => {

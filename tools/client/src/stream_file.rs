@@ -25,7 +25,7 @@ impl StreamFile {
     /// Begins a file, which must be new or empty. The times in the file count from this call.
     ///
     /// # Errors
-    /// If the file cannot be opened for writing, or is not empty.
+    /// Those of [`create_or_open_empty`].
     pub fn create(path: &Path) -> io::Result<Self> {
         let out = BufWriter::new(create_or_open_empty(path)?);
         Ok(Self { path: path.into(), out, start: Instant::now() })

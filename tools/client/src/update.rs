@@ -10,7 +10,7 @@ use std::time::Duration;
 const ANSWER: Duration = Duration::from_secs(2);
 /// An insole verifies a whole image within this time.
 const VERIFICATION: Duration = Duration::from_secs(30);
-/// Time before a request is repeated that a busy insole refused.
+/// Time before a request that a busy insole refused is repeated.
 const BUSY: Duration = Duration::from_millis(500);
 /// Largest number of attempts to send a request.
 const ATTEMPTS: usize = 5;

@@ -115,7 +115,7 @@ fn pauses_and_missing_steps_are_counted_and_not_used() {
 }
 
 #[test]
-fn without_the_other_foot_or_a_common_clock_there_are_only_the_measures_of_one_foot() {
+fn without_the_other_foot_or_a_common_clock_there_are_only_the_measures_that_need_one_foot() {
     let [left, right] = walk(10.0, 8, 0);
     let one = Gait::new([left.clone(), Vec::new()], true);
     let apart = Gait::new([left, right], false);

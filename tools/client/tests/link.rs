@@ -161,7 +161,7 @@ fn a_message_that_cannot_be_sent_ends_the_session() {
     assert!(matches!(link.next_event(), Ok(Event::Lost(Error::Carrier(_)))));
 }
 
-/// Callers send their requests at the start of each session, so they send a request that was not answered again.
+/// Callers send their requests at the start of each session, so they repeat a request that was not answered.
 #[test]
 fn a_request_without_an_answer_ends_the_session_and_a_refused_one_does_not() {
     let insole = Insole::new();

@@ -266,7 +266,8 @@ impl Board {
         Ok(self.qemu.0.wait()?.code() == Some(SWAPPED))
     }
 
-    /// Starts the walk. In [`Time::Real`] this has no effect, because the walk starts with the board.
+    /// Starts the walk; each reset of the board needs another call. In [`Time::Real`] this has no effect, because the walk
+    /// starts with the board.
     pub fn play(&self) {
         self.plant.play();
     }

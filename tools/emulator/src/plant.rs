@@ -89,7 +89,8 @@ impl Plant {
                 let [kind, seq_low, b, c, d] = request;
                 let seq = u32::from_le_bytes([seq_low, b, c, d]);
                 let answered = match kind {
-                    // The first tick waits for Plant::play. An error means that the board, and with it the sender, was dropped.
+                    // The first tick after each start of the board waits for a call of `Plant::play`. An error means that the
+                    // `Plant`, and with it the sender, was dropped.
                     TICK if seq == 0 && play.recv().is_err() => break,
                     TICK if has_scan(&walk, seq) => {
                         clock.wait();
@@ -119,7 +120,7 @@ impl Plant {
         Ok(Self { requested, playing, held })
     }
 
-    /// Starts the plant's clock, if the plant paces the scans.
+    /// Starts the plant's clock, if the plant paces the scans. Each reset of the board needs another call.
     pub fn play(&self) {
         // The thread may have ended with the board.
         let _ = self.playing.send(());

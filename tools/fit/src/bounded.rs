@@ -50,7 +50,7 @@ pub(crate) fn minimise(
         let (round, report) = search.minimize(round);
         evaluations += report.number_of_evaluations;
         let end = round.x;
-        // The last step that the search tried may differ from the last step that it accepted.
+        // Evaluated again, so that the result is that of the accepted point however the search has ended.
         problem.set(&end);
         evaluations += 1;
         let residuals = problem.residuals();

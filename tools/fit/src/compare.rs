@@ -54,7 +54,8 @@ impl<'s> Group<'s> {
         ratios.max_by(f64::total_cmp)
     }
 
-    /// The change of the region between the two halves of the recording in which it changes most; `None` if it does not change.
+    /// The change of the region between the two halves of the recording in which it changes most; `None` if it does not change
+    /// significantly in any recording.
     pub fn change(&self, fit_to_all: &SearchResult, region: usize, options: &Options) -> Option<Change> {
         let mut recordings: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         for (i, step) in self.steps.iter().enumerate() {
@@ -148,6 +149,6 @@ impl fmt::Display for Change {
                 self.error_ratio
             )?;
         }
-        f.write_str("; the insole may have shifted: check its position and record again, or select steps with --steps")
+        f.write_str("; the insole may have shifted: check its position and record again, or select steps with `plantar fit --steps`")
     }
 }

@@ -109,7 +109,7 @@ const M_GRID: [f64; 3] = [0.05, 0.25, 0.6];
 /// Number of points of the grid from which searches over the shape start.
 const STARTS: usize = 3;
 
-/// Relative tolerance of a fit, from which the reported parameters result.
+/// Relative tolerance of a fit that yields reported parameters.
 const FIT_TOLERANCE: f64 = 1e-12;
 /// Relative tolerance of a fit that starts from a fit to almost the same data: see [`refine`] and
 /// [`crate::prior::Prior::refine`].
@@ -136,7 +136,8 @@ pub fn identify(samples: &Samples, bounds: &Bounds) -> Identified {
     search_all(samples, bounds, x, FIT_TOLERANCE, evaluations + 1)
 }
 
-/// The third stage, the search over all five parameters from `x`. `evaluations` is the number of those of the stages before it.
+/// The third stage, the search over all five parameters from `x`. `evaluations` is the number of evaluations of the model in the
+/// stages before it.
 fn search_all(samples: &Samples, bounds: &Bounds, x: [f64; 5], tolerance: f64, evaluations: usize) -> Identified {
     let [least, most] = limits(bounds);
     let minimum = bounded::minimise(&mut NonNegativeForce::new(samples), &x, &least, &most, tolerance);

@@ -24,7 +24,7 @@ pub struct Interval {
     /// True if the estimate is at a bound of the search.
     pub at_bound: bool,
     /// True if the force determines the parameter. False for m if G is 0 and, with a prior, for a parameter that the force leaves
-    /// nearly as uncertain as it is among people. The JSON output calls this `told`.
+    /// nearly as uncertain as it is among people.
     pub is_identifiable: bool,
 }
 
@@ -43,7 +43,7 @@ pub const RESAMPLED_STEPS: usize = 10;
 /// Number of resamples that suffices for 95 % intervals.
 pub const RESAMPLES: u64 = 200;
 
-/// The indices of as many steps as there are, `count`, drawn with replacement. Equal seeds result in equal steps.
+/// The indices of `count` steps, drawn with replacement from as many steps. Equal seeds result in equal steps.
 pub(crate) fn drawn(seed: u64, count: usize) -> impl Iterator<Item = usize> + Clone {
     let mut random = fastrand::Rng::with_seed(seed);
     (0..count).map(move |_| random.usize(..count))

@@ -5,8 +5,9 @@
 //!
 //! [`steps::isolate`] extracts the steps of recordings with the code of the insole, and [`live`] collects them from the messages
 //! of an insole. [`fit`] identifies, for each region, the five parameters that a force trace determines ([`identify`]). The other
-//! three of the paper's eight parameters follow from other measurements ([`fixed`]). The result includes confidence intervals
-//! ([`interval`]) and errors ([`quality`]). The module `paper` contains the search of the paper, for comparison.
+//! three of the paper's eight parameters follow from other measurements or assumptions ([`fixed`]). The result includes
+//! confidence intervals ([`interval`]) and errors ([`quality`]). The module `paper` contains the search of the paper, for
+//! comparison.
 //!
 //! Without its default features, the library runs in a browser: it then has neither recordings nor threads nor the paper's
 //! search.

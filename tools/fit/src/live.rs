@@ -63,7 +63,7 @@ pub struct LiveSteps {
 #[derive(Clone, Copy, Debug)]
 struct Frame {
     t_us: u64,
-    /// Area, mm2, and force, N, of each region, as the integers of the message.
+    /// Area and force of each region, as the integers of the message: in mm2 and in 0.1 N.
     regions: [LiveRegion; 8],
 }
 
@@ -155,8 +155,8 @@ impl LiveSteps {
         (self.first_us, self.period_us, self.last_record) = (None, None, None);
     }
 
-    /// Evaluates the records of which the last frames are missing. To be called after the last message. Records after a hello
-    /// without a frame are excluded.
+    /// Evaluates the records of which the last frames are missing. To be called after the last message. Records that arrived
+    /// after a hello, but were not followed by a frame, are excluded.
     pub fn finish(&mut self) {
         self.evaluate_pending(None);
         for step in self.since_hello.take().unwrap_or_default() {
@@ -197,8 +197,9 @@ impl LiveSteps {
         self.period_us.map_or(0.0, |period_us| 1e6 / period_us as f64)
     }
 
-    /// True if the insole seems to lie under the other foot: in nearly all steps, the region of the small toes carries more than
-    /// that of the hallux. This is so in none of 120 steps of ten barefoot walkers (data set SpeedPP2DS).
+    /// True if the insole seems to lie under the other foot: in at least four fifths of at least five steps, the region of the
+    /// small toes carries more than that of the hallux. This is so in none of 120 steps of ten barefoot walkers (data set
+    /// SpeedPP2DS).
     pub fn looks_mirrored(&self) -> bool {
         let [steps, mirrored] = self.toes;
         steps >= MIRRORED_STEPS && mirrored as f64 >= MIRRORED_SHARE * steps as f64
@@ -234,8 +235,8 @@ impl LiveSteps {
     }
 
     /// Cuts the curves of a step out of the frames. `None` if more than [`INTERPOLATED_FRAMES`] successive frames are missing, if
-    /// the first or last ones are not buffered, if the step's times are not multiples of the time between frames, or if the
-    /// frames have other peak forces than the record.
+    /// the first or last ones are not buffered, if the step's times are not multiples of the time between frames, or if no frame
+    /// is missing, but the frames have other peak forces than the record.
     fn evaluate(&self, step: &StepMessage) -> Option<Step> {
         let sample_us = u64::from(step.sample_us);
         let period_us = self.period_us?.min(sample_us);
@@ -308,9 +309,10 @@ impl LiveSteps {
     }
 }
 
-/// True if the frames of a stance have the peak forces of its record, within the resolution of the messages. Frames of another boot
-/// of the insole can have the same times, if its restart was not recognised. The peak of a record is that of the stored samples,
-/// one of `stride` frames, from the first to the last one in contact; that of a region without contact is 0.
+/// True if the frames of a stance have the peak forces of its record, within the resolution of the messages. Frames of another
+/// boot of the insole can have the same times, if its restart was not recognised. The peak of a record is at least that of the
+/// stored samples, which are every `stride`-th frame, from the first to the last one in contact, and at most that of all frames;
+/// that of a region without contact is 0.
 fn have_peaks_of(frames: &[FrameLoads], stride: usize, step: &StepMessage) -> bool {
     /// The record and the frames are rounded to 0.1 N each.
     const RESOLUTION_N: f64 = 0.2;

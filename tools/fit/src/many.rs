@@ -1,5 +1,5 @@
-//! Fits to hundreds or thousands of steps, as of an hour of walking. What would become no more accurate by more steps is computed
-//! from [`MANY`] of them, and fits to nearly the same steps follow from sums over each step.
+//! Fits to hundreds or thousands of steps, as of an hour of walking. Results that further steps would not make more accurate are
+//! computed from [`MANY`] of the steps, and fits to resampled steps follow from sums over each step.
 
 use crate::Samples;
 use crate::bounded::Residuals;
@@ -7,8 +7,8 @@ use crate::identify::{Identified, NonNegativeForce};
 use crate::prior::{self, Coordinates, Prior};
 use nalgebra::{Matrix5, Vector5};
 
-/// With more steps than this number, the methods of this module are used. A page has at most 60 steps of each foot, and so does not
-/// contain them.
+/// With more steps than this number, the methods of this module are used. The page for a phone, which collects about 30 steps of
+/// each foot, is compiled without the feature `parallel` and does not use them.
 pub(crate) const MANY: usize = if cfg!(feature = "parallel") { 200 } else { usize::MAX };
 
 /// At most [`MANY`] of these elements, evenly spaced, in their order.
@@ -77,7 +77,7 @@ mod tests {
     /// Resamples of 240 steps, fitted by a search and by one step of Gauss and Newton. The scatter of the fits, of which the
     /// intervals are a multiple, is large compared with their differences.
     #[test]
-    fn fits_to_resampled_steps_are_those_of_a_search() {
+    fn fits_to_resampled_steps_are_close_to_those_of_a_search() {
         const STEPS: usize = 240;
         for region in [0, 3, 6] {
             let mut source = Noise::new(region as u64 + 1);

@@ -135,9 +135,9 @@ pub const SCALE_CHANGE: f64 = 0.2;
 pub struct ScaledValues {
     /// C, m.
     pub c_m: f64,
-    /// See [`Quantity::SecantStiffness`]; `None` if the law does not reach the reference strain.
+    /// See [`Quantity::SecantStiffness`]; `None` if the steps do not reach the reference strain.
     pub secant_stiffness_n_mm: Option<f64>,
-    /// See [`Quantity::SecantModulus`]; `None` if the law does not reach the reference strain.
+    /// See [`Quantity::SecantModulus`]; `None` if the steps do not reach the reference strain.
     pub secant_modulus_kpa: Option<f64>,
 }
 
@@ -212,15 +212,16 @@ pub(crate) struct Basis<'b> {
 }
 
 impl Basis<'_> {
-    /// A quantity of a force law, whose C is replaced by the fixed one, at these references. `None` for the energies, for a force
-    /// or strain that the law does not reach, and for a fixed force above the peak force.
+    /// A quantity of a force law with the fixed C, at these references. `None` for the energies, for a force that the law does
+    /// not reach, for a strain that the steps do not reach, and for a fixed force above the peak force.
     fn of_law_at(&self, law: &ForceLaw<f64>, reference: Peaks, quantity: Quantity) -> Option<f64> {
         let c_m = self.fixed.c_m(law, self.area_max_m2);
         let elastic = |g: f64| law.force_n(g, 0.0);
         let area_m2 = |g: f64| PI * law.ab_m2 * g * (2.0 - g);
         let strain = |g: f64| g * c_m / self.fixed.thickness_m;
-        // Deformations are at most C. With a small C, the reference strain may not be reached.
+        // A law that is extrapolated beyond the largest deformation of the steps says nothing about the tissue.
         let g = REFERENCE_STRAIN * self.fixed.thickness_m / c_m;
+        let g_max = law.area_ratio(self.area_max_m2).normalised_deformation();
         let slope = |f: &dyn Fn(f64) -> f64| (f(g * (1.0 + STEP)) - f(g * (1.0 - STEP))) / (2.0 * STEP * g);
         let stress = |g: f64| elastic(g) / area_m2(g);
         match quantity {
@@ -233,13 +234,13 @@ impl Basis<'_> {
                 inverse(&elastic, force_n).map(|g| area_m2(g) * 1e6)
             }
             Quantity::AreaAtFixedForce(_) => None,
-            _ if g >= 1.0 => None,
+            _ if g > g_max || g >= 1.0 => None,
             Quantity::SecantStiffness => Some(elastic(g) / (g * c_m) * 1e-3),
             Quantity::TangentStiffness => Some(slope(&elastic) / c_m * 1e-3),
             Quantity::SecantModulus => Some(stress(g) / strain(g) * 1e-3),
             Quantity::TangentModulus => Some(slope(&stress) * self.fixed.thickness_m / c_m * 1e-3),
             Quantity::ViscousModulus => {
-                // The viscous force is proportional to the rate, so its derivative is that force at a rate of 1/s.
+                // The viscous force is proportional to the rate, so its derivative with respect to the rate is the force at 1/s.
                 let per_rate = law.force_n(g, 1.0) - elastic(g);
                 Some(per_rate / area_m2(g) * self.fixed.thickness_m / c_m * 1e-3)
             }

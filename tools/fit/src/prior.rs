@@ -42,7 +42,7 @@ pub(crate) const LEAST_LOGIT: f64 = -2.0;
 const FAR: f64 = 30.0;
 /// Largest ln(n + 0.95) and ln m: exponents of about 9 and 10. An insole accepts exponents up to 10.
 pub(crate) const LN_LARGEST_EXPONENT: f64 = 2.3;
-/// Relative tolerance of a fit, from which the reported parameters result. That of [`Prior::refine`] is [`REFINE_TOLERANCE`].
+/// Relative tolerance of a fit that yields reported parameters. That of [`Prior::refine`] is [`REFINE_TOLERANCE`].
 const FIT_TOLERANCE: f64 = 1e-10;
 
 /// The coordinates of parameters. The coordinate of a parameter at a bound is limited to plus or minus [`FAR`].
@@ -193,7 +193,7 @@ impl Prior {
         let posterior = Posterior::new(self, samples, noise, start);
         let (end, report) =
             LevenbergMarquardt::new().with_tol(tolerance).with_gtol(tolerance).with_patience(20).minimize(posterior);
-        // The last point that the search tried may differ from the last one that it accepted.
+        // Evaluated again, so that the result is that of the accepted point however the search has ended.
         let end = Posterior::new(self, samples, noise, end.at);
         let residuals = end.law.residuals();
         let squares = residuals.norm_squared();

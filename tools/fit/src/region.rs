@@ -55,7 +55,7 @@ pub struct RegionFit {
     /// fitted to the recording itself. The value is the largest ratio of all recordings. A recording counts only if it has at
     /// least ten steps, and the others together have at least ten; `None` if no recording counts.
     pub recordings_ratio: Option<f64>,
-    /// The difference between the two halves of a recording; `None` if they do not differ.
+    /// The difference between the two halves of a recording; `None` if it is not significant in any recording.
     pub change: Option<Change>,
     /// Number of evaluations of the model over all samples in the fit to all steps.
     pub evaluations: usize,
@@ -153,8 +153,8 @@ const GROUPS: usize = 20;
 /// As [`GROUPS`], with more than [`MANY`] steps.
 const GROUPS_OF_MANY: usize = 5;
 
-/// The fits to resampled steps: as many steps as there are, drawn with replacement. With more than [`MANY`] steps and a prior, they
-/// are computed by [`Linearised`]. The same steps always result in the same fits. Empty for fewer than
+/// The fits to resampled steps: as many steps as there are, drawn with replacement. With more than [`MANY`] steps and a prior,
+/// they are computed by [`Linearised`]. The same steps always result in the same fits. Empty for fewer than
 /// [`interval::RESAMPLED_STEPS`] steps, and for the paper's method, which has no intervals.
 fn resample(curves: &[&RegionCurves], fit_to_all: &SearchResult, options: &Options) -> Vec<Resample> {
     let Some(identified) = &fit_to_all.identified else { return Vec::new() };
@@ -463,7 +463,7 @@ mod tests {
     use crate::Filter;
     use crate::synthetic::{Noise, curves};
 
-    /// The largest step is not among those of which the whole range of the parameters is searched.
+    /// The largest step is not among the steps for which the whole range of the parameters is searched.
     #[test]
     fn many_steps_have_the_parameters_of_a_search_over_all_of_them() {
         const STEPS: usize = MANY + 40;

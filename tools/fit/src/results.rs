@@ -167,7 +167,7 @@ fn fit_to_json(fit: &Result<RegionFit, NotFitted>, counted_nrmse: Option<f64>) -
     let intervals = fit.uncertainty.as_ref().map(|uncertainty| {
         let names = ["ab_m2", "stiffness_pa", "damping_pa_s", "n", "m"];
         let interval_to_json = |i: &Interval| {
-            json!({ "jacobian": i.jacobian, "bootstrap": i.bootstrap, "at_bound": i.at_bound, "told": i.is_identifiable })
+            json!({ "jacobian": i.jacobian, "bootstrap": i.bootstrap, "at_bound": i.at_bound, "is_identifiable": i.is_identifiable })
         };
         let all: Map<String, Value> =
             names.iter().zip(&uncertainty.intervals).map(|(name, i)| ((*name).into(), interval_to_json(i))).collect();

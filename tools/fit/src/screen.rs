@@ -29,7 +29,7 @@ pub enum NotFitted {
     /// The longest contact with sufficient force has this number of samples, fewer than [`MIN_SAMPLES`].
     TooFewFrames(usize),
     /// A cell was saturated in at least one step, and no other step qualifies.
-    Clipped,
+    SaturatedCell,
     /// The area never changes.
     ConstantArea,
     /// The force never changes.
@@ -63,8 +63,8 @@ impl fmt::Display for NotFitted {
                     "too few frames: {samples} in contact, at least {MIN_SAMPLES} are needed; record at a higher rate"
                 )
             }
-            Self::Clipped => f.write_str(
-                "clipped: a cell was saturated, and no other step qualifies; use a sensor with a larger range",
+            Self::SaturatedCell => f.write_str(
+                "saturated: a cell reached the end of its scale, and no other step qualifies; use a sensor with a larger range",
             ),
             Self::ConstantArea => f.write_str(
                 "constant area: the contact area never changes, so force cannot be related to it; use smaller cells",
@@ -74,7 +74,8 @@ impl fmt::Display for NotFitted {
             ),
             Self::SaturatedArea(share) => write!(
                 f,
-                "saturated area: the area is at its maximum for {:.0} % of the contact; use smaller cells or --contact-full",
+                "saturated area: the area is at its maximum for {:.0} % of the contact; use smaller cells, or a larger \
+                 --contact-full, or one above 0 if cells count whole",
                 share * 100.0
             ),
             Self::OutOfRange => f.write_str(
@@ -141,7 +142,7 @@ fn check(curves: &RegionCurves, filter: Filter) -> Result<(), NotFitted> {
         return Err(NotFitted::TooFewFrames(samples.len()));
     }
     if curves.saturated {
-        return Err(NotFitted::Clipped);
+        return Err(NotFitted::SaturatedCell);
     }
     if samples.force_n.iter().all(|&force| force > 0.999 * peak_n) {
         return Err(NotFitted::ConstantForce);

@@ -139,7 +139,7 @@ pub struct Step {
     pub number: u32,
     /// The foot.
     pub side: Side,
-    /// Time of heel strike in the recording, s.
+    /// Time of heel strike, s, on the clock of the recording; for a live stream, on the clock of the insole.
     pub start_s: f64,
     /// Stance time, heel strike to toe off, s.
     pub duration_s: f64,
@@ -154,7 +154,7 @@ pub struct Step {
 pub struct ExcludedContact {
     /// Index of the recording.
     pub recording: usize,
-    /// Time of the contact in the recording, s.
+    /// Time of the contact, s, on the clock of [`Step::start_s`].
     pub at_s: f64,
     /// The reason.
     pub reason: ExclusionReason,
@@ -171,7 +171,7 @@ pub enum ExclusionReason {
     Short,
     /// Longer than a step, because the person stands.
     Long,
-    /// Frames are missing in the contact.
+    /// Frames are missing in the contact; for a live stream, also: the frames do not agree with the record of the step.
     Broken,
     /// The step was recorded before the insole restarted, so its frames are not among those since the restart.
     BeforeRestart,
@@ -188,7 +188,7 @@ impl fmt::Display for ExclusionReason {
             Self::NoToeOff => f.write_str("on the ground until the last frame: its toe off is missing"),
             Self::Short => f.write_str("shorter than a step"),
             Self::Long => f.write_str("longer than a step: standing"),
-            Self::Broken => f.write_str("frames are missing in it"),
+            Self::Broken => f.write_str("frames are missing in it, or do not agree with its record"),
             Self::BeforeRestart => {
                 f.write_str("recorded before the insole restarted: its frames are not among those since the restart")
             }

@@ -244,8 +244,8 @@ fn an_insole_may_restart_with_a_lower_frame_rate() {
     assert!((live.rate_hz() - 50.0).abs() < 1e-9, "{}", live.rate_hz());
 }
 
-/// After a restart, the records that are stored on the insole arrive before its first live frame. Their times are those of other
-/// steps before the restart.
+/// After a restart, the records that are stored on the insole arrive before its first live frame. Their times equal those of
+/// other steps, from before the restart.
 #[test]
 fn a_step_after_a_restart_is_not_combined_with_frames_before_the_restart() {
     let messages = messages(&computed_walk(5));

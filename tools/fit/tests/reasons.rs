@@ -41,7 +41,7 @@ fn each_reason_is_recognised() {
     });
     assert_eq!(reason(&few), NotFitted::TooFewFrames(8));
     let clipped = with_heel(|c| RegionCurves { saturated: true, ..c });
-    assert_eq!(reason(&clipped), NotFitted::Clipped);
+    assert_eq!(reason(&clipped), NotFitted::SaturatedCell);
     let constant = with_heel(|mut c| {
         set_all(&mut c.area_mm2, 2000.0);
         c

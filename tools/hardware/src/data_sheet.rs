@@ -65,7 +65,7 @@ figures! {
     AMPLIFIER_SLEW_V_PER_S: "TLV9054", "slew rate, typical", 15e6 "V/s", "SBOS942, section 6.7, frequency response", ToBeChecked;
     AMPLIFIER_OPEN_LOOP_GAIN: "TLV9054", "open-loop voltage gain, 108 dB", 2.5e5 "V/V",
         "SBOS942, section 6.7, open-loop gain", ToBeChecked;
-    AMPLIFIER_SECOND_POLE_HZ: "TLV9054", "second pole: 60 degrees of phase margin at unity gain", 8.7e6 "Hz",
+    AMPLIFIER_SECOND_POLE_HZ: "TLV9054", "second pole: 60 degrees of phase margin at unity gain", 7.5e6 "Hz",
         "SBOS942, section 6.7, phase margin", ToBeChecked;
     AMPLIFIER_OUTPUT_OHM: "TLV9054", "open-loop output impedance", 250.0 "ohm", "SBOS942, section 6.7, output", ToBeChecked;
     AMPLIFIER_OFFSET_V: "TLV9054", "input offset voltage, maximum at 25 degrees", 1.6e-3 "V",

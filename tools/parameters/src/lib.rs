@@ -336,13 +336,12 @@ impl Parameters {
             }
             if scale != DeformationScale::Assumed {
                 let source = match scale {
-                    DeformationScale::Measured => "thickness and compression are measured",
-                    DeformationScale::AssumedThickness => "the thickness is assumed, the compression measured",
-                    DeformationScale::AssumedCompression => "the compression is assumed, the thickness measured",
-                    DeformationScale::Assumed => "thickness and compression are assumed",
+                    DeformationScale::Measured => "thickness and peak strain, or the curvature, are measured",
+                    DeformationScale::AssumedThickness => "the thickness is assumed, the peak strain measured",
+                    DeformationScale::AssumedCompression => "the peak strain is assumed, the thickness measured",
+                    DeformationScale::Assumed => "thickness and peak strain are assumed",
                 };
-                let _ =
-                    writeln!(text, "deformation_scale = {:?} # C = thickness * compression: {source}", scale.name());
+                let _ = writeln!(text, "deformation_scale = {:?} # scale of C: {source}", scale.name());
             }
         }
         text

@@ -17,7 +17,7 @@ import type { Wire } from "./wire";
 const FRESH_S = 300;
 /** Duration of a snooze. The text of the button in index.html states it, too. */
 const SNOOZE_MIN = 30;
-/** Largest age of the load of the day that confirms a pause, s. */
+/** A pause counts as confirmed if the rest of it that the insole reports is shorter than expected by at most this, s. */
 const PAUSE_TOLERANCE_S = 30;
 /** Number of alerts in the table. */
 const ROWS = 10;
@@ -53,7 +53,7 @@ function ageOf_s(alert: Alert, start_unix_s: number | null, t_s: number | undefi
   return t_s === undefined ? 0 : t_s - alert.start_s;
 }
 
-/** True if the alerts of an insole with this load of the day are paused for another `rest_s` seconds or more. */
+/** True if this load of the day reports a pause of at least `rest_s` seconds, within {@link PAUSE_TOLERANCE_S}. */
 const isPaused = (daily: DailyLoad | undefined, rest_s: number) => (daily?.snoozed_s ?? 0) >= rest_s - PAUSE_TOLERANCE_S;
 
 /** True if the load of the day of an insole is that of today. A load that arrived before midnight is not. */
@@ -83,7 +83,7 @@ export class Alerts {
   private readonly pauses = new Map<Side, number>();
   /** The load of the day that a session had when it was last sent a pause. The next one may confirm it. */
   private readonly known_at_pause = new WeakMap<Session, DailyLoad | undefined>();
-  /** The last start of the day, minutes from midnight UTC, that was sent to the insole of a session by itself. */
+  /** The last start of the day, minutes from midnight UTC, that {@link followTimeZone} sent to the insole of a session. */
   private readonly asked_day_start = new WeakMap<Session, number>();
   /** True once the alerts of the last visit were shown. */
   private is_restored = false;
@@ -274,7 +274,7 @@ export class Alerts {
     }
   }
 
-  /** The feet without alerts, and the time until one of them can have an alert again, as sentences; `undefined` without a pause. */
+  /** The feet without alerts, and the time until one of them can have an alert, as sentences; `undefined` without a pause. */
   pauseText(): { feet: string; rest: string } | undefined {
     const rest_s = (side: Side) => {
       const reported_s = this.present(side)?.snoozed_s ?? 0;
@@ -290,9 +290,9 @@ export class Alerts {
   }
 
   /**
-   * Sends the start of the wearer's day to insoles with the default, midnight UTC, or with the one that this page has sent before:
-   * the time zone of this device may have changed, or its daylight-saving time. A start that somebody else has chosen remains. To
-   * be called a few times a second, also while the page is hidden.
+   * Sends the start of the wearer's day to insoles with the default, midnight UTC, or with the one that this page has sent
+   * before: the time zone of this device may have changed, or its daylight-saving time. A start that somebody else has chosen
+   * remains. To be called a few times a second, also while the page is hidden.
    */
   followTimeZone(): void {
     const present_min = dayStartMinutes();

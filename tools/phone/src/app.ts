@@ -32,7 +32,7 @@ const UPDATE_MS = 100;
 const STEPS_MS = 1000;
 /** The key under which the browser stores when the data of the wearer were last deleted, so that other tabs show it. */
 const CLEARED_KEY = "plantar.cleared_ms";
-/** Before this time, 2020, a clock was not set, s since 1970. */
+/** The beginning of 2020, s since 1970. A clock that shows an earlier time was not set. */
 const SET_CLOCK_UNIX_S = 1_577_836_800;
 /** Interval of the attempts to store the records that could not be stored. */
 const STORE_RETRY_MS = 5000;
@@ -60,7 +60,7 @@ export class App {
   /** The last error, as a sentence for the wearer; empty without an error. */
   private problem = "";
   private store_retried_ms = 0;
-  /** When the recording was loaded that is played. */
+  /** The time at which the recording that is played was loaded. */
   private loaded_unix_s = 0;
   /** The steps view does not show the present records. */
   private is_outdated = false;
@@ -259,7 +259,7 @@ export class App {
     );
   }
 
-  /** Shows the stored records and their measures. To be called after each change of the records, of the settings or of the day. */
+  /** Shows the stored records and their measures. To be called after each change of the records, the settings or the day. */
   private stepsChanged(): void {
     const { latest, days } = this.store;
     this.is_outdated = false;

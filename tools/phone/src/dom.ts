@@ -40,7 +40,7 @@ function update(child: globalThis.Node, node: Node): void {
   const [, attributes, ...children] = node;
   const element = child as Element;
   for (const name of element.getAttributeNames()) {
-    // The wearer opens and closes the details.
+    // The attribute `open` of a `details` element changes when the wearer opens or closes it.
     if (!(name in attributes) && name !== "open") element.removeAttribute(name);
   }
   for (const [name, value] of Object.entries(attributes)) {

@@ -25,7 +25,7 @@ export interface Collected {
   mirrored: boolean;
   /** Number of steps that a fit cannot use, by reason. */
   excluded: {
-    /** Too many successive frames are missing. */
+    /** Too many successive frames of the step are missing, or its frames do not agree with its record. */
     broken: number;
     /** The peak force is below 60 % of the median peak force of the steps. */
     partial: number;
@@ -42,7 +42,7 @@ interface Interval {
   at_bound: boolean;
   /** The parameter is identifiable: the measured forces determine it. False for `m` if the damping is 0, and for a parameter that
    * remains nearly as uncertain as it is among people. */
-  told: boolean;
+  is_identifiable: boolean;
 }
 
 /** The result of one region; `reason` states why a region could not be fitted. */

@@ -455,7 +455,10 @@ export class IdentifySession {
   }
 }
 
-/** The state of a foot after a transfer that its insole did not confirm. It may use the parameters from an earlier transfer. */
+/**
+ * The state of a foot after a transfer that its insole did not confirm. An insole that could not store the parameters of an
+ * earlier transfer still uses them.
+ */
 const withoutConfirmation = ({ unstored }: Foot) => (unstored ? "confirmed" : "failed");
 
 /** The remark on a foot without usable steps. */

@@ -17,7 +17,7 @@ export interface InsoleEvents {
   record(message: RecordMessage, bytes: Uint8Array, session: Session): void;
   /** True if this record has arrived before. */
   isKnown(message: RecordMessage): boolean;
-  /** An insole answered a request that concerns parameters. */
+  /** An insole reported its parameters, or refused a request of any kind. A refusal because of another host is no answer. */
   answer(answer: InsoleAnswer, session: Session): void;
   /** An encoded message of the insole of this foot arrived. */
   message(bytes: Uint8Array, side: Side): void;
@@ -86,7 +86,7 @@ export class Insoles {
   private receive(insole: Insole, bytes: Uint8Array, now_ms: number): void {
     const session = this.sessions[insole];
     if (!session) return;
-    // A stream file with a message of another length would count as damaged.
+    // A stream file that contains a message of an impossible length would count as damaged.
     if (!isMessageLength(bytes.length)) return this.transportEvents.damaged(insole);
     const before = { hello: session.hello, live: session.live, ellipses: session.ellipses, sole: session.sole };
     // When `receive` reports a step, the guided session passes its messages to the worker, so it must already have the message of

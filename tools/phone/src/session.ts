@@ -20,7 +20,7 @@ const RECORDS_WAIT_MS = 1000;
 const ELLIPSES_HZ = 25;
 /** Number of unanswered requests after which an insole counts as silent. */
 const UNANSWERED_REQUESTS = 4;
-/** An insole rests if the time between two measurements is longer, s: it then measures twice a second, and else at 20 Hz or more. */
+/** An insole rests if the time between two measurements is longer: it then measures twice a second, else at 20 Hz or more. */
 const RESTING_S = 0.4;
 /** Duration over which the rate of live frames is averaged. */
 const RATE_MS = 2000;
@@ -31,7 +31,7 @@ const RATE_MS = 2000;
  * - "waiting": the link is open, but the insole has not sent its hello;
  * - "live": the insole has sent its hello, and messages arrive;
  * - "lost": the link broke, or messages no longer arrive;
- * - "other-host": another phone or program has connected to the insole, which sends it the messages instead;
+ * - "other-host": another phone or program has connected to the insole, and receives its messages instead;
  * - "other-version": the insole uses another major version of the protocol;
  * - "same-foot": the other insole, which was connected before, is for the same foot.
  */
@@ -52,7 +52,7 @@ export function recordOf(message: RecordMessage) {
   }
 }
 
-/** A decoded message that answers a request that concerns parameters. */
+/** A decoded message by which an insole reports its parameters, or refuses a request of any kind. */
 export type InsoleAnswer = Extract<ToHost, { kind: "tissue" | "refused" }>;
 
 /** The sum of the measured forces on all regions, N. */

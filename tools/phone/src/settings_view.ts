@@ -13,8 +13,8 @@ import type { Wire } from "./wire";
 
 /**
  * The number that the wearer has entered for a setting. `factor` converts it to the unit of the setting: `KG_PER_LB` for pounds.
- * Returns `null` if the field is empty, and `undefined` if its content is no number or out of range, which the note below the field
- * then says.
+ * Returns `null` if the field is empty, and `undefined` if its content is no number or out of range, which the note below the
+ * field then states.
  */
 function enteredNumber(field: HTMLInputElement, key: keyof typeof LIMITS, factor: number, unit: string): number | null | undefined {
   const value = field.valueAsNumber * factor;
@@ -156,8 +156,8 @@ function periodStart_unix_s(): number | undefined {
 }
 
 /**
- * Saves the records of a period as a CSV file, or all of them without `since_unix_s`. `csv` returns the header line and the lines
- * of a part of the records. `progress` is called with the number of records of all kinds that were read.
+ * Saves the records of a period as a CSV file, or all of them without `since_unix_s`. `csv` returns the header line and the
+ * lines of a part of the records. `progress` is called with the number of records of all kinds that were read.
  */
 async function exportCsv(
   store: StepStore,
@@ -197,8 +197,8 @@ function insoleDetails(session: Session, now_ms: number): Node[] {
   if (battery_percent !== undefined) details.push(`Battery ${battery_percent} %`);
   if (status && status.records_dropped > 0) {
     details.push(
-      `${status.records_dropped} steps, load bouts and alerts were lost, because the insole's memory was full or its ` +
-        "battery was too low to store them.",
+      `${status.records_dropped} steps, load bouts and alerts were lost, because the insole's memory was full, or because ` +
+        "it could not store them (low battery, or a fault of its memory).",
     );
   }
   const title: Node = ["dt", { class: hello.side }, sideTitle(hello.side)];

@@ -75,7 +75,7 @@ const RECORDS_1 = "steps";
 /** Number of records that are read at once. The page does not respond while they are decoded, which takes less than 0.1 s. */
 const PART_RECORDS = 200;
 
-/** Number of the last records of version 2 of the database that get present keys: more than can arrive again. */
+/** Number of the last records of version 2 of the database that get keys of the present form: more than can arrive again. */
 const CONVERTED = 1000;
 
 /** Stores records in the browser's database. */

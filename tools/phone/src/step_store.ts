@@ -117,8 +117,13 @@ export class StepStore {
 
   /** Loads the last records and the totals of earlier visits. */
   async load(): Promise<void> {
-    for (const totals of await this.storage.days()) this.days.set(totals.day, totals);
-    for (const record of await this.storage.latest(LOADED)) {
+    this.fill(await this.storage.days(), await this.storage.latest(LOADED));
+  }
+
+  /** Shows these totals and records. */
+  private fill(days: readonly DayTotals[], latest: readonly StepRecord[]): void {
+    for (const totals of days) this.days.set(totals.day, totals);
+    for (const record of latest) {
       // Records of another protocol version are not shown, but remain in the storage.
       const decoded = decodeRecord(this.wire, record);
       if (!decoded) continue;
@@ -129,9 +134,11 @@ export class StepStore {
 
   /** Loads the records again, after another tab has deleted them. Those that could not be stored yet remain. */
   async reload(): Promise<void> {
+    const [days, latest] = [await this.storage.days(), await this.storage.latest(LOADED)];
+    // From here on, no record can arrive before all of them are shown, so none is shown twice.
     this.latest.trimTo(0);
     this.days.clear();
-    await this.load();
+    this.fill(days, latest);
     for (const record of this.pending) {
       const decoded = decodeRecord(this.wire, record);
       if (decoded) this.latest.add(decoded, record.start_unix_s);

@@ -18,8 +18,8 @@ const ROWS = 200;
 const OMITTED = ["swing_percent", "first_double_support_s", "single_support_percent"];
 
 /**
- * Shows the last steps. `today` contains the numbers of steps of the left and of the right foot today, and `count` is the number of
- * all stored steps. To be called after each change of the steps or of the settings, and of the day.
+ * Shows the last steps. `today` contains the numbers of steps of the left and of the right foot today, and `count` is the number
+ * of all stored steps. To be called after each change of the steps or of the settings, and of the day.
  */
 export function drawSteps(
   steps: readonly StoredStep[],

@@ -203,7 +203,7 @@ test("a pause that the insole has not received is sent again", () => {
   expect(resent()).toBe(0);
   load(0);
   expect([resent(), resent()]).toEqual([1, 1]);
-  // The pause after an alert.
+  // The insole's own pause after an alert, which is shorter than the requested one.
   load(1190);
   expect([resent(), resent()]).toEqual([2, 2]);
   load(1799);

@@ -166,7 +166,7 @@ test("the feet are fitted one after the other, the parameters are sent until the
   session.push(0);
   expect(sent).toEqual([["left", Uint8Array.of(4, 7)], ["right", Uint8Array.of(4, 7)]]);
   session.insoleAnswer("left", { kind: "tissue", id: 42 }, 10);
-  // The answer of another request does not confirm the parameters; they are sent again.
+  // An answer with other parameters does not confirm the parameters; they are sent again.
   session.insoleAnswer("right", { kind: "tissue", id: 1 }, 10);
   expect(session.phase).toBe("push");
   session.tick(3500, []);

@@ -9,7 +9,7 @@ vi.mock("../src/dom", async () => (await import("./elements")).dom);
 
 /** The row of a fitted region with this interval of the stiffness and this predicted error, as JSON. */
 function row(jacobian: [number | null, number | null], predicted: number | null = 6): string {
-  const intervals_95 = { stiffness_pa: { jacobian, at_bound: false, told: true } };
+  const intervals_95 = { stiffness_pa: { jacobian, at_bound: false, is_identifiable: true } };
   const nrmse_percent = { fitted: 5, predicted, floor: 1 };
   const region = { fitted: true, warnings: [], identified: { stiffness_pa: 20_000 }, uncertainty: { intervals_95 }, nrmse_percent };
   return JSON.stringify(regionRow("heel", region as unknown as RegionResult));

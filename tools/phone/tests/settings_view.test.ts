@@ -14,7 +14,7 @@ const wire = await loadWire();
 beforeEach(() => ["HTMLButtonElement", "HTMLInputElement", "HTMLSelectElement"].forEach((name) => vi.stubGlobal(name, Object)));
 afterEach(() => void vi.unstubAllGlobals());
 
-test("the details of an insole state how many records it lost, and both possible reasons", () => {
+test("the details of an insole state how many records it lost, and the possible reasons", () => {
   const none = () => undefined;
   const recorder = new Recorder();
   const events = { live: none, shape: none, record: none, isKnown: () => false, answer: none, message: none };
@@ -30,8 +30,8 @@ test("the details of an insole state how many records it lost, and both possible
   };
   expect(details(0)).not.toContain("lost, because");
   expect(details(7)).toContain(
-    "7 steps, load bouts and alerts were lost, because the insole's memory was full or its battery was too low " +
-      "to store them.",
+    "7 steps, load bouts and alerts were lost, because the insole's memory was full, or because it could not " +
+      "store them (low battery, or a fault of its memory).",
   );
 });
 

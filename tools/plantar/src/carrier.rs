@@ -84,7 +84,7 @@ impl Connection {
         let connection = self.clone();
         let open = move || connection.carrier().map_err(open_error);
         Link::connect(Box::new(open), policy).map_err(|error| match error {
-            // An error of `carrier` already names the connection.
+            // An error of `carrier` already names the connection, unless this computer's Bluetooth cannot be used.
             Error::Open(error) => anyhow!(error),
             error => anyhow::Error::new(error).context(self.to_string()),
         })

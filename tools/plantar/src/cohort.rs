@@ -50,7 +50,8 @@ use study::{Person, fits};
 /// to all steps of a recording together.
 ///
 /// Exit status: 0 if all participants and recordings were used, 3 if some could
-/// not be used, 1 otherwise, for example if no step of any participant was found.
+/// not be used, 2 if the arguments are wrong, 1 otherwise, for example if no step
+/// of any participant was found.
 #[derive(Args)]
 #[command(verbatim_doc_comment)]
 pub struct Cohort {
@@ -186,8 +187,12 @@ impl Cohort {
             }
         }
         if rows.is_empty() {
+            let remedy = match recordings.len() {
+                0 => "put a recording of a walk of several steps into the folder",
+                _ => "the lines above state the reasons",
+            };
             bail!(
-                "{}: {} recordings (*.parquet), none with a whole step: record a walk of several steps",
+                "{}: {} recordings (*.parquet), none with a whole step: {remedy}",
                 folder.display(),
                 recordings.len()
             );

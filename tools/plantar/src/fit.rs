@@ -31,8 +31,8 @@ use std::str::FromStr;
 /// `plantar replay` and `plantar emulate` with --params.
 ///
 /// Exit status: 0 if all eight regions were fitted with complete results; 3 if only some were, or if a part of a region's result
-/// is missing or must not be used, for example because measurements contradict each other or because the insole shifted; 1
-/// otherwise, for example if no region was fitted.
+/// is missing or must not be used, for example because measurements contradict each other or because the insole shifted; 2
+/// if the arguments are wrong; 1 otherwise, for example if no region was fitted.
 #[derive(Args)]
 pub struct Fit {
     /// The recordings and recorded live streams, all of one person.
@@ -264,8 +264,8 @@ impl Fit {
             study.steps.retain(|step| self.is_used(step));
             if let (true, Some((least, most))) = (study.steps.is_empty(), range) {
                 bail!(
-                    "--steps {first}-{last}: the recordings have steps {least} to {most}, and the load bouts between them are \
-                     no steps"
+                    "--steps {first}-{last}: the recordings have steps {least} to {most}; the load bouts and alerts between \
+                     them are no steps"
                 );
             }
         }

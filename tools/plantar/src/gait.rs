@@ -233,8 +233,8 @@ fn from_stream(path: &Path) -> Result<Walk> {
                 }
             }
             Some(ToHost::Step(step)) => {
-                // An insole can send again the records in its queue, and as many of which the acknowledgement was lost. The other
-                // insole may have sent any number since.
+                // An insole can send again the records in its queue, and as many others of which the acknowledgement was lost.
+                // The other insole may have sent any number of steps since.
                 let record = LoadRecord::from(step);
                 let is_same = |known: &Step| LoadRecord::from(*known).is_same(&record);
                 let same_foot = steps.iter().rev().filter(|(known, _)| known.side == step.side);

@@ -36,7 +36,7 @@ use std::time::{Duration, Instant};
 /// continues when the command is given again with the same folder.
 ///
 /// Exit status: 0 if all regions were identified with complete results, as by `plantar fit`, and none was found to be worse than
-/// predicted; 3 if the session was completed otherwise; 1 if it was not completed.
+/// predicted; 3 if the session was completed otherwise; 2 if the arguments are wrong; 1 if it was not completed.
 #[derive(Args)]
 pub struct Identify {
     #[command(flatten)]
@@ -182,7 +182,7 @@ impl Identify {
             }
             match results.into_iter().collect::<Result<Vec<_>>>() {
                 Ok(results) => return self.calibrate(feet, results),
-                Err(_) => prefix = "That did not work; once more. ",
+                Err(_) => prefix = "The trial failed; it begins again. ",
             }
         }
     }
@@ -215,7 +215,7 @@ impl Identify {
             }
         }
         // All are stored before the first one is sent. If one cannot be sent, the next session sends all of them, without
-        // another trial, which would scale the forces of the insoles that have received theirs once more.
+        // another trial, which would scale the forces again for the insoles that have already received their calibration.
         feet.iter().zip(&results).try_for_each(|(foot, result)| foot.store_calibration(&result.cells))?;
         let calibrations: Vec<_> = results.into_iter().map(|result| result.cells).collect();
         send_calibrations(feet, &calibrations)

@@ -117,7 +117,7 @@ pub fn set_rule(insole: &mut InsoleLink, contact: ContactRule) -> Result<()> {
     if client.hello().contact_rule == contact {
         return Ok(());
     }
-    let settings = Settings { contact, ..settings::in_force(client)? };
+    let settings = Settings { contact, ..settings::in_force(client)?.context(settings::NO_LAYOUT)? };
     client.set_settings(Some(settings))?;
     restart(insole)?;
     let in_force = insole.client().hello().contact_rule;

@@ -271,8 +271,8 @@ impl Sink for Recorder<'_> {
 
     fn reconnected(&mut self, client: &mut AnyClient) -> Result<()> {
         self.complete_file()?;
-        // This may be another insole, to which the number of the last record means another one. The client acknowledges the
-        // records if the insole repeats them.
+        // This may be another insole, on which the number of the last record is that of another record. So the number is not
+        // sent now; the client acknowledges the records if the insole repeats them.
         if let Some(number) = self.stored.take() {
             client.mark_stored(number);
         }

@@ -62,7 +62,7 @@ impl Records {
     }
 }
 
-/// Writes a JSON array, object by object: those of a day together would need gigabytes of memory.
+/// Writes a JSON array, object by object: all objects of a day together would need gigabytes of memory.
 pub fn write_json(path: &Path, objects: impl Iterator<Item = Value>) -> Result<()> {
     Ok(output::file(path, |file| {
         serde_json::Serializer::pretty(&mut *file).collect_seq(objects)?;

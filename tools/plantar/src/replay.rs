@@ -176,7 +176,7 @@ impl Replay {
     }
 }
 
-/// The step that ended with the last frame, if this frame confirmed toe off.
+/// The step of which the last frame confirmed toe off, if it did. The toe off itself was some frames earlier.
 pub fn completed_step<R: Real>(toe_off: bool, insole: &mut Insole<R, MAX_CELLS>) -> Option<Step> {
     toe_off.then(|| insole.whole_step()).flatten().map(|step| Step::new(&step))
 }

@@ -30,10 +30,10 @@ pub struct Serve {
     /// The firmware file of the emulated board, from `cargo xtask build`.
     #[arg(long, value_name = "FILE", default_value = FIRMWARE)]
     firmware: PathBuf,
-    /// Write the hellos, live frames, steps, load bouts, alerts and counters of the insoles to this file, which must be new or
-    /// empty. Other messages, such as contact ellipses, are not written; docs/live.md lists them. An insole deletes a step once
-    /// the step is written to this file or, without this option, once a page has stored it. To play the file later, open the
-    /// page with ?replay=URL, where URL is the address at which a web server offers the file.
+    /// Write the hellos, live frames, steps, load bouts, alerts, counters and clock times of the insoles to this file, which must
+    /// be new or empty. Other messages, such as contact ellipses, are not written; docs/live.md lists them. An insole deletes a
+    /// step once the step is written to this file or, without this option, once a page has stored it. To play the file later,
+    /// open the page with ?replay=URL, where URL is the address at which a web server offers the file.
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     /// Publish frames, steps, load bouts, alerts and events of each foot over the Lab Streaming Layer, to all computers in the
@@ -85,7 +85,7 @@ impl Serve {
         }
         // An emulated board runs until it is dropped, so the boards are held until the program ends.
         let mut boards = Vec::new();
-        // Two feet of one walk must be in step.
+        // The recordings of both feet are played from a common start, because they are of one walk.
         let start = Arc::new(OnceLock::new());
         for path in &self.emulate {
             let parameters = self.insole.wearer.parameters()?;

@@ -41,6 +41,8 @@ pub struct View {
     steps: Vec<Step>,
     /// The advice of the last alert; empty before the first alert.
     alert: String,
+    /// Why the link is lost, and the remedy; empty while there is a link.
+    loss: String,
     /// True once the user has ended the session, by a key or a signal.
     has_ended: bool,
 }
@@ -82,6 +84,7 @@ impl View {
             scale_dn: 1000,
             steps: Vec::new(),
             alert: String::new(),
+            loss: String::new(),
             has_ended: false,
         }
     }
@@ -103,7 +106,8 @@ impl View {
     pub fn lost(&mut self, reason: &str) -> Result<()> {
         match self.terminal.take() {
             Some(mut terminal) => {
-                self.title = format!(" {reason} ");
+                self.title = " the link is lost ".into();
+                self.loss = reason.into();
                 terminal.draw(|frame| self.draw(frame))?;
                 self.terminal = Some(terminal);
             }
@@ -115,6 +119,7 @@ impl View {
     /// Shows that the link is open again.
     pub fn reconnected(&mut self, hello: &Hello) {
         self.title = title(hello);
+        self.loss.clear();
         self.column_names = column_names(hello);
         if self.terminal.is_none() {
             println!("{}", self.title.trim());
@@ -179,10 +184,21 @@ impl View {
     }
 
     fn draw(&self, frame: &mut Frame) {
-        let alert_height = if self.alert.is_empty() { 0 } else { 3 };
-        // The loads have a header, eight regions and a border.
-        let heights = [11, LISTED as u16 + 2, alert_height, 1].map(Constraint::Length);
-        let [loads, steps, alert, footer] = Layout::vertical(heights).areas(frame.area());
+        // A loss of the link is more urgent than an alert, because no further alert would arrive.
+        let (message, lines) = match (self.loss.as_str(), self.alert.as_str()) {
+            ("", "") => ("", 0),
+            ("", alert) => (alert, 3),
+            (loss, _) => (loss, 5),
+        };
+        // The loads have a header, eight regions and a border. If the terminal is too low for everything, the list of steps is
+        // shorter.
+        let [loads, steps, message_area, footer] = Layout::vertical([
+            Constraint::Length(11),
+            Constraint::Max(LISTED as u16 + 2),
+            Constraint::Length(lines),
+            Constraint::Length(1),
+        ])
+        .areas(frame.area());
         // A line has 62 characters beside the bar: 2 for the border, 49 for the numbers, and 11 for the longest flag.
         let width = usize::from(loads.width).saturating_sub(62).max(10);
         let mut lines = vec![
@@ -224,10 +240,10 @@ impl View {
         let listed = self.steps.iter().rev().take(LISTED).map(|step| Line::from(step_line(step))).collect::<Vec<_>>();
         let title = format!(" {} steps, newest first: measured peak force, N ", self.steps.len());
         frame.render_widget(Paragraph::new(listed).block(Block::bordered().title(title)), steps);
-        frame.render_widget(Paragraph::new(self.alert.as_str()).red().bold().wrap(Wrap { trim: true }), alert);
+        frame.render_widget(Paragraph::new(message).red().bold().wrap(Wrap { trim: true }), message_area);
         let c = &self.counters;
         let text = format!(
-            " {:.2} s   bar: measured force, |: model force   frames: {} received, {} lost, {} damaged   q: end",
+            " q: end   {:.2} s   frames: {} received, {} lost   messages: {} damaged   bar: measured, |: model",
             self.live.t_us as f64 / 1e6,
             c.frames_received,
             c.frames_lost,
@@ -303,5 +319,20 @@ mod tests {
         for flag in ["saturated", "masked", "> ellipsoid"] {
             assert!(screen.contains(flag), "{flag}: {screen}");
         }
+    }
+
+    #[test]
+    fn the_remedy_for_a_lost_link_is_not_cut_off_in_a_terminal_of_80_columns() {
+        let mut view = View::new(&testkit::hello(), None);
+        view.alert = "unload the heel".into();
+        let remedy = "which must be closed first; trying again";
+        view.loss =
+            format!("{} {remedy}", "no answer arrived within 2 s, and the cause is explained in many words".repeat(4));
+        let mut terminal = Terminal::new(TestBackend::new(80, 24)).expect("a terminal");
+        terminal.draw(|frame| view.draw(frame)).expect("a picture");
+        // A line may break between two words.
+        let screen = terminal.backend().to_string().replace(|c: char| !c.is_ascii_alphanumeric(), "");
+        assert!(screen.contains(&remedy.replace(|c: char| !c.is_ascii_alphanumeric(), "")), "{screen}");
+        assert!(screen.contains("qend"), "{screen}");
     }
 }

@@ -28,7 +28,7 @@ pub fn forward(board: &Board) -> (String, Cable) {
                 (link(), host.try_clone().expect("a socket"), AtomicBool::new(false));
             std::thread::scope(|scope| {
                 scope.spawn(|| copy_until(&is_closed, &mut from_board, to_host));
-                // An error means that the host has closed the connection, too.
+                // An error means, as the end of the bytes does, that the host has closed the connection.
                 let _ = io::copy(&mut &host, &mut link());
                 is_closed.store(true, Ordering::Relaxed);
             });

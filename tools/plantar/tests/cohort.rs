@@ -192,7 +192,7 @@ fn the_folder_of_a_participant_is_refused_as_output() {
     command.args(["cohort", "people", "--out", "people/ann"]).current_dir(&path);
     let (status, text) = outcome(&command.output().expect("the program starts"));
     assert!(status == Some(1) && text.contains("ann") && text.contains("choose another --out"), "{text}");
-    // A recording beside the table does not make its folder that of a participant.
+    // An output folder that is not in the folder of the study may contain a recording beside the table.
     fs::create_dir(path.join("table")).expect("made");
     walk(&path.join("table/all.parquet"), Side::Left, 9);
     assert_eq!(outcome(&cohort(&path, "")).0, Some(0));
@@ -283,7 +283,8 @@ fn unusable_recordings_are_left_out_and_named_and_tried_again() {
     }
 }
 
-/// The name of a file without its extension does not identify it in its folder.
+/// The name of an unfinished file contains the extension of the file: without it, the unfinished files of `steps` and
+/// `steps.parquet` would have the same name.
 #[test]
 fn the_unfinished_file_of_another_table_remains() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -434,7 +435,7 @@ fn files_that_are_not_directly_in_a_participants_folder_are_left_out_and_named()
     fs::copy(ann.join("a.parquet"), ann.join("day2/B.PARQUET")).expect("copied");
     fs::copy(ann.join("a.parquet"), ann.join("X.PARQUET")).expect("copied");
     fs::copy(ann.join("a.parquet"), path.join("people/lost.parquet")).expect("copied");
-    // The second run finds the participants up to date.
+    // Both runs find the participants up to date, and nevertheless name the files.
     for _ in 0..2 {
         let (status, text) = outcome(&cohort(&path, ""));
         assert_eq!(status, Some(3), "{text}");

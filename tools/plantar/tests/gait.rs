@@ -95,9 +95,9 @@ fn a_stream_has_the_measures_of_both_feet_on_the_clock_of_the_host() {
     assert!(text.contains("Walking speed: 1.20 m/s") && text.contains("Double support"), "{text}");
 }
 
-/// An insole sends its stored steps before its time.
+/// An insole sends its stored steps before its first time message.
 #[test]
-fn steps_before_the_first_time_of_an_insole_are_used() {
+fn steps_before_the_first_time_message_of_an_insole_are_used() {
     let folder = tempfile::tempdir().expect("a folder");
     let mut file = Vec::new();
     let mut append = |insole, message: &ToHost| client::append(&mut file, 0, insole, message).expect("it fits");
@@ -111,7 +111,7 @@ fn steps_before_the_first_time_of_an_insole_are_used() {
     assert_eq!(stored, live);
 }
 
-/// The frame rate of one foot is stated wrong by 0.5 %, and the insole knows only this rate.
+/// The stated frame rate of one foot is wrong by 0.5 %, and the virtual insole knows only this rate.
 #[test]
 fn times_of_recordings_are_those_of_their_frames() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -169,7 +169,7 @@ fn monitor_reconnects_and_reports_the_loss_once() {
 /// The acknowledgement of all steps in the insole's RAM is lost. The recorder must repeat it, because otherwise the insole sends
 /// no further steps.
 #[test]
-fn a_recorder_whose_acknowledgement_was_lost_repeats_it() {
+fn a_recorder_repeats_a_lost_acknowledgement() {
     let folder = tempfile::tempdir().expect("a folder");
     let (listener, address) = listen();
     let program = plantar(&["record", "--tcp", &address, "--steps", "7", "--out"])
@@ -206,7 +206,7 @@ fn no_two_frames_of_a_recorder_have_the_same_session_and_number_after_records_we
         }
         assert!(insole.send_due(host));
     };
-    assert!(insole.serve(&mut host, first_time_request_of_stream()));
+    assert!(insole.serve(&mut host, time_request_of_stream()));
     send_frames(&mut insole, &mut host);
     insole.session.push_record(step(0));
     assert!(insole.send_due(&mut host));
@@ -215,7 +215,7 @@ fn no_two_frames_of_a_recorder_have_the_same_session_and_number_after_records_we
     assert!(insole.session.next(&hello(), Status::default, &mut [0; MAX_MESSAGE]).is_some());
     insole.session.push_record(step(2));
     assert!(insole.send_due(&mut host));
-    assert!(insole.serve(&mut host, first_time_request_of_stream()));
+    assert!(insole.serve(&mut host, time_request_of_stream()));
     send_frames(&mut insole, &mut host);
     insole.session.push_record(step(3));
     assert!(insole.send_due(&mut host));
@@ -229,8 +229,8 @@ fn no_two_frames_of_a_recorder_have_the_same_session_and_number_after_records_we
         pairs.step_by(8).collect::<Vec<_>>()
     };
     assert_eq!(numbers("live", "sequence"), [(0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2)]);
-    // A session begins with the first frame that is not later than the last one. The insole repeats its steps before it sends
-    // that frame, so they belong to the session before.
+    // The recorder begins another session with a frame that has no later number than the frame before it. The insole repeats
+    // its steps before it sends that frame, so they belong to the session before.
     assert_eq!(numbers("steps", "step"), [(0, 0), (0, 1), (0, 2), (1, 3)]);
 }
 
@@ -277,7 +277,7 @@ fn a_file_that_is_not_empty_is_not_overwritten() {
     }
 }
 
-/// A second recorder would overwrite files of the first one whose steps the insole has deleted.
+/// A second recorder would overwrite files of the first one, and the insole has already deleted the steps in these files.
 #[test]
 fn a_second_recorder_into_the_same_place_is_refused_until_the_first_one_has_ended() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -328,8 +328,9 @@ fn after_time_requests(count: u32) -> impl Fn(&ToDevice) -> bool {
     }
 }
 
-/// True for the first request for the insole's time after the live stream was turned on. All earlier messages were then served.
-fn first_time_request_of_stream() -> impl Fn(&ToDevice) -> bool {
+/// True for each request for the insole's time after the live stream was turned on. Before the first one, the insole has
+/// processed all earlier messages.
+fn time_request_of_stream() -> impl Fn(&ToDevice) -> bool {
     let is_on = Cell::new(false);
     move |message| {
         is_on.set(is_on.get() || matches!(message, ToDevice::Stream { live: true }));
@@ -425,7 +426,7 @@ fn a_standing_trial_in_which_the_link_was_lost_begins_again_with_its_instruction
         insole.serve(listener.accept().expect("it connects again").0, |_| false);
     });
     let lines = BufReader::new(program.stdout.take().expect("it is piped")).lines().map_while(Result::ok);
-    let repeated: Vec<_> = lines.skip_while(|line| !line.contains("once more")).take(2).collect();
+    let repeated: Vec<_> = lines.skip_while(|line| !line.contains("begins again")).take(2).collect();
     program.kill().expect("it is still running");
     let (_, text) = wait_for_end(program);
     serving.join().expect("no panic");
@@ -490,7 +491,7 @@ fn assert_requested_twice(
     assert_eq!(received, [Ok(true), Ok(true)], "{text}");
 }
 
-/// The link of a foot can be lost between two parts of a session, in which nothing is received from this foot.
+/// The link of a foot can be lost between two parts of a session, while nothing is received from this foot.
 #[test]
 fn a_link_that_was_lost_before_the_walk_is_opened_again_and_the_cells_are_requested() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -261,11 +261,11 @@ fn a_file_that_cannot_be_read_as_parameters_is_not_overwritten() {
         (good.replacen("k_n_m3 = ", "k_n_m3 = 1e13 # ", 1), "regions.heel"),
         (good.replacen("version = 1", "version = 2", 1), "version 2"),
     ] {
-        std::fs::write(path.join("kept.toml"), &text).expect("written");
-        for command in ["typical --out kept.toml", "pull --out kept.toml --tcp 127.0.0.1:1"] {
-            fail(path, command, 1, &["kept.toml", reason, "name another file with --out", "remove this one"]);
+        std::fs::write(path.join("existing.toml"), &text).expect("written");
+        for command in ["typical --out existing.toml", "pull --out existing.toml --tcp 127.0.0.1:1"] {
+            fail(path, command, 1, &["existing.toml", reason, "name another file with --out", "remove this one"]);
         }
-        assert_eq!(std::fs::read_to_string(path.join("kept.toml")).expect("a file"), text);
+        assert_eq!(std::fs::read_to_string(path.join("existing.toml")).expect("a file"), text);
     }
     std::fs::write(path.join("empty.toml"), "").expect("written");
     succeed(path, "typical --out empty.toml");

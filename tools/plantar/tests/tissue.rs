@@ -93,10 +93,11 @@ fn measurements_of_the_tissue_determine_the_vertical_radius_and_are_named_in_eve
     assert!(replayed.contains("deformation (scaled by assumption) mm"), "{replayed}");
     assert!(replayed.contains("heel 0 %") && replayed.contains("toe_2 50 %"), "{replayed}");
     assert!(succeed(path, "replay walk.parquet").contains("100 % in all regions"));
-    // A parameter file in which the scale of every region was measured: the line is added at the end of each region's table,
-    // that is before the header of the next region, and at the end of the file. The lines that `fit` wrote are removed.
+    // A parameter file in which the scale of every region was measured: the line `deformation_scale = "measured"` is added at the
+    // end of each region's table, that is before the header of the next region, and at the end of the file. The lines
+    // `deformation_scale` that `fit` wrote are removed.
     let text = text.replace("\n[regions", "\ndeformation_scale = \"measured\"\n[regions");
-    let text: String = text.split_inclusive('\n').filter(|line| !line.contains("# C = thickness")).collect();
+    let text: String = text.split_inclusive('\n').filter(|line| !line.contains("# scale of C")).collect();
     let text = text.replacen("\ndeformation_scale = \"measured\"\n[regions.heel", "\n[regions.heel", 1);
     std::fs::write(path.join("all.toml"), text + "deformation_scale = \"measured\"\n").expect("written");
     let replayed = succeed(path, "replay walk.parquet --params all.toml");
@@ -120,7 +121,7 @@ fn measurements_of_the_tissue_determine_the_vertical_radius_and_are_named_in_eve
     std::fs::write(path.join("t.toml"), tissue).expect("written");
     let expected = [("heel", "contradict each other"), ("hallux", "thickness_mm = 41 is out of range")];
     let (_, results) = assert_not_whole(path, "fit walk.parquet --tissue t.toml", &expected);
-    // Instead of the measurements, the compression is used that is assumed without any: 45.7 %.
+    // Instead of the contradictory measurements, the compression is used that is assumed without measurements: 45.7 %.
     let pinned = &results["regions"]["heel"]["pinned"];
     assert_eq!(
         (&pinned["by"], &pinned["compression"].as_f64().map(|compression| (compression * 1e9).round())),

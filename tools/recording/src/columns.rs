@@ -58,7 +58,7 @@ impl ColumnFile {
                 false => Error::content(
                     &file,
                     format!("not a Parquet file ({error})"),
-                    "create a recording with `plantar import csv`",
+                    "create a recording with `plantar import auto` or `plantar import csv`",
                 ),
             })?;
             let head = metadata(&reader, &file)?.head();
@@ -227,7 +227,7 @@ fn metadata(reader: &SerializedFileReader<Source>, file: &str) -> Result<Metadat
         Error::content(
             file,
             format!("Parquet, but without the metadata `{METADATA_KEY}` that describes the cells"),
-            "create a recording with `plantar import csv`",
+            "create a recording with `plantar import auto` or `plantar import csv`",
         )
     })?;
     Metadata::parse(json, file)

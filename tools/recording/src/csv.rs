@@ -217,8 +217,8 @@ fn check_overlap(rows: &[(usize, u64, Cell)], path: &Path) -> Result<()> {
     Err(Error::content(
         at_line(path, line_a.max(line_b)),
         format!(
-            "cell {a} (line {line_a}) and cell {b} (line {line_b}), each {aspect} times as wide as long, overlap by \
-             {:.0} % of the smaller cell",
+            "if each cell is {aspect} times as wide as long, cell {a} (line {line_a}) and cell {b} (line {line_b}) overlap \
+             by {:.0} % of the smaller cell",
             100.0 * fraction
         ),
         "correct the positions or areas of these cells",

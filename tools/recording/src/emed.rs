@@ -14,7 +14,7 @@ use plantar::Side;
 use std::collections::BTreeSet;
 use std::path::Path;
 
-/// Name of the number of a picture, which begins its page.
+/// Label of the number of a picture, in the header of its page.
 const PICTURE: &str = "Pict-No";
 /// Name of the column and of the line with forces.
 const FORCE: &str = "Force";

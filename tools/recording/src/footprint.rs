@@ -18,10 +18,10 @@ const MIDFOOT: [f64; 2] = [0.32, 0.52];
 const TOES: [f64; 2] = [0.84, 1.0];
 /// Least asymmetry towards the wrong side that indicates a mirrored layout, as a fraction of the width of the forefoot.
 const LEAST_ASYMMETRY: f64 = 0.05;
-/// Least extent of the centres of the cells under a whole foot, mm. That of the largest foot in cm, or of any foot in inches, is
-/// smaller.
+/// Least extent of the centres of the cells under a whole foot, mm. The number for the largest foot in cm, or for any foot in
+/// inches, is smaller.
 const LEAST_EXTENT_MM: f64 = 80.0;
-/// Least total area of the cells under a whole foot, mm2. That of an insole in cm2 is smaller.
+/// Least total area of the cells under a whole foot, mm2. The number for an insole in cm2 is smaller.
 const LEAST_AREA_MM2: f64 = 250.0;
 /// Largest asymmetry that rounding may cause, as a fraction of the width of the forefoot.
 const NO_ASYMMETRY: f64 = 1e-3;
@@ -126,7 +126,7 @@ impl Footprint<'_> {
         let middle = |band: [f64; 2]| (band[0] + band[1]) / 2.0;
         let share = (middle(MIDFOOT) - middle(HEEL)) / (middle(FOREFOOT) - middle(HEEL));
         let arch_mm = centre_mm(MIDFOOT).map_or(0.0, |x_mm| x_mm - heel_mm - share * (forefoot_mm - heel_mm));
-        // The toes lie in front of the forefoot in the direction from heel to forefoot.
+        // The toes are in front of the forefoot, so the line from heel to forefoot is extended to them: this value is above 1.
         let beyond = (middle(TOES) - middle(HEEL)) / (middle(FOREFOOT) - middle(HEEL));
         let toes_mm = centre_mm(TOES).map_or(0.0, |x_mm| x_mm - heel_mm - beyond * (forefoot_mm - heel_mm));
         (width_mm > 0.0).then_some((arch_mm - toes_mm) / width_mm)

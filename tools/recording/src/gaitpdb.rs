@@ -118,7 +118,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
 
 /// The cells in foot coordinates, which are equal for both feet.
 fn cells() -> Vec<Cell> {
-    // 300 and -800 are the least coordinates, so that the rearmost cell and the one next to the other foot touch the axes.
+    // 300 and -800 are the least coordinates, so the edges of the most medial cells and of the rearmost cell are on the axes.
     let half_mm = AREA_MM2.sqrt() / 2.0;
     let mut cells: Vec<Cell> = POSITIONS
         .iter()

@@ -54,8 +54,8 @@ pub struct Grid {
 pub enum Toes {
     /// At the top, as in an insole.
     Top,
-    /// In any direction, as on a plate. It is determined from the movement of the centre of pressure along the longer extent of
-    /// the footprint.
+    /// Towards any of the four edges, as on a plate. The edge is determined from the movement of the centre of pressure along the
+    /// longer extent of the footprint.
     AlongMovement,
 }
 
@@ -124,7 +124,7 @@ impl Frames {
     }
 
     /// The numbers of frames and of cells with a pressure of at least `kpa` in some frame.
-    pub fn reaching(&self, kpa: f32) -> [usize; 2] {
+    pub fn count_reaching(&self, kpa: f32) -> [usize; 2] {
         let reaching = || self.loads.iter().filter(|load| load.kpa >= kpa);
         let frames: BTreeSet<_> = reaching().map(|load| load.frame).collect();
         let cells: BTreeSet<_> = reaching().map(|load| load.cell).collect();

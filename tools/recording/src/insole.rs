@@ -28,7 +28,7 @@ pub struct VirtualInsole {
     /// True if the reading of an unloaded cell adds to its code; see [`crate::Layout::is_of_codes`].
     has_code_offsets: bool,
     /// The readings of the unloaded cells, kPa, in the order of the recording, which are subtracted from the pressures; empty
-    /// without such readings.
+    /// without such readings, and if `has_code_offsets`: the offsets are then in the calibration of the cells.
     zero_kpa: Vec<f32>,
     law: LawTable,
     curve: Curve,
@@ -147,8 +147,9 @@ impl VirtualInsole {
         frames(self.setup.stance.max_stance_ms) + frames(self.setup.stance.min_swing_ms)
     }
 
-    /// Index of the frame at a time on the clock of the insole, us. That clock assumes a constant period in whole microseconds, so
-    /// it deviates from that of the recording, for example by 90 ms in an hour at 75 Hz: the time of the frame is exact.
+    /// Index of the frame at a time on the clock of the insole, us. That clock assumes a constant period in whole microseconds,
+    /// so it deviates from that of the recording, for example by 90 ms in an hour at 75 Hz. The exact time is that of the frame
+    /// with this index in the recording.
     pub fn frame_at(&self, insole_us: u64) -> usize {
         (insole_us / u64::from(self.setup.period_us)) as usize
     }

@@ -3,8 +3,7 @@
 //! Below a description, a line names the columns, and the next one has their units; tabs separate the fields. Each insole has a
 //! column with its time in s and one with the force in N for each zone, with heel, medial or lateral in its name. The name also
 //! contains the foot, such as `-L`. The total, the column of which has the name of the insole alone, is compared with the sum of
-//! the zones. Columns of motion are not read. `-` or an empty field means that a frame was
-//! lost.
+//! the zones. Columns of motion are not read. `-` or an empty field means that a frame was lost.
 //!
 //! This importer follows published programs that read such exports. It was not tested with a real export. The positions and
 //! areas of the zones are nominal: forces are measured, and pressures, areas and ellipses are not.

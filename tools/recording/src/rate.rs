@@ -4,11 +4,13 @@ use crate::check::{self, At};
 use crate::gaps::median_interval_s;
 use crate::{Error, Recording, Result};
 
-/// Lowest plausible rate, Hz. At a lower rate a stance would have fewer than two frames, so the times must be in another unit,
-/// such as ms.
+/// Lowest plausible rate, Hz. At a lower rate, a stance of half a second would have at most one frame, so the times must be in
+/// another unit, such as ms.
 const MIN_HZ: f64 = 2.0;
-/// Largest distance of a frame from its place at the mean rate: this share of all frames, and at least [`LINE_FRAMES`].
+/// Largest distance of a frame from its place at the mean rate, in frames: this fraction of the number of frames, or
+/// [`LINE_FRAMES`] if this is more.
 const LINE_SHARE: f64 = 0.01;
+/// See [`LINE_SHARE`].
 const LINE_FRAMES: f64 = 3.0;
 
 /// Largest relative difference of two rates that count as equal: a stated rate may be rounded.
@@ -42,7 +44,8 @@ pub fn of(t_s: &[f64], place: &dyn Fn(At) -> String) -> Result<f64> {
         return Err(Error::content(place(At::Whole), problem, "give times in seconds"));
     }
     check::rate(rate_hz, place)?;
-    // With one rate, the times are those of a straight line. With two, the mean rate would change the length of every step.
+    // With one rate, the times are on a straight line over the index of the frame. With two rates, the mean rate would change the
+    // duration of every step.
     let most = (LINE_SHARE * t_s.len() as f64).max(LINE_FRAMES);
     let off_line = |i: usize| ((t_s[i] - t_s[0]) * rate_hz - i as f64).abs();
     // Where the rate changes, the distance from the line is largest.
@@ -76,6 +79,7 @@ pub fn at_rate(recording: &Recording, rate_hz: f64) -> Result<Recording> {
         ));
     }
     let frames = intervals as usize + 1;
+    check::value_count(frames as u64, recording.cells(), "resampling")?;
     let mut resampled_s = Vec::with_capacity(frames);
     let mut pressure_kpa = Vec::with_capacity(frames * recording.cells());
     let mut before = 0;

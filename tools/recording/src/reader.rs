@@ -131,8 +131,8 @@ impl RecordingReader {
     }
 
     /// The frames of each row group, or the violation of a rule. For each value of a frame, `order` contains the index of its
-    /// cell in the recording. `convert` converts the pressures of the cell with this index in all frames of the row group, kPa, to
-    /// values.
+    /// cell in the recording. `convert` converts the pressures of the cell with this index in all frames of the row group, kPa,
+    /// to values.
     pub(crate) fn blocks<T: Copy + Default + Send + Sync>(
         &self,
         order: &[usize],

@@ -29,6 +29,7 @@ impl Separators {
         }
         let is_whole = |digits: &str| !digits.starts_with('0') && digits.bytes().all(|byte| byte.is_ascii_digit());
         let field = field.trim();
+        let field = field.strip_prefix(['-', '+']).unwrap_or(field);
         match field.split_once(['.', ',']) {
             None => self.has_hundreds |= field.len() == 3 && is_whole(field),
             Some((before, after)) => {

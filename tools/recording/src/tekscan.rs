@@ -28,7 +28,7 @@ fn property(line: &str) -> Option<(&str, &str)> {
 
 /// Largest rounding error of SATURATION_PRESSURE and of a pressure, as a fraction.
 const SATURATION_ROUNDING: f64 = 1e-3;
-/// Lines with which only a header begins.
+/// Names of lines that occur only in a header, by which a second measurement in the file is recognised.
 const HEADER: [&str; 4] = ["DATA_TYPE", "FILENAME", "SENSOR_TYPE", "ROWS"];
 /// The remedy for raw values that cannot be converted.
 const CALIBRATE: &str = "calibrate the measurement in the vendor's program, and export it in kPa";
@@ -98,7 +98,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     }
     if let Some(saturation_kpa) = header.saturation_kpa {
         // The header rounds the pressure.
-        let [frames, cells] = frames.reaching((saturation_kpa * (1.0 - SATURATION_ROUNDING)) as f32);
+        let [frames, cells] = frames.count_reaching((saturation_kpa * (1.0 - SATURATION_ROUNDING)) as f32);
         if cells > 0 {
             remarks.push(format!(
                 "Cells that reach SATURATION_PRESSURE, {saturation_kpa:.0} kPa: {cells}, in {frames} frames. Their true \
@@ -131,9 +131,14 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     if is_insole && side.is_none() {
         return Err(Error::content(
             path.display().to_string(),
-            "the foot is unknown: the name of the file does not end with the word left or right, or with L or R",
+            "the foot is unknown: neither FILENAME in the header nor the name of the file ends with the word left or right, or \
+             with L or R",
             "state the foot with --side",
         ));
+    }
+    if !is_insole {
+        // A contact in the first frame is no step, because its heel strike is not in the export.
+        frames.note_cut(&mut remarks);
     }
     let foot = Foot {
         side,
@@ -273,7 +278,8 @@ fn read_frames<'a>(
                 return Err(Error::content(place(), problem, "export the frames in order"));
             }
             numbers.push(number);
-            // Frames are numbered from 1. The exports of both feet of a measurement can begin with different frames.
+            // The times count from frame 1, or from frame 0 if the export begins with it, and not from the first frame of the
+            // export: the exports of both feet of a measurement can begin with different frames.
             frames.begin((number - numbers[0].min(1)) as f64 * period_s);
             rows_read = 0;
             continue;

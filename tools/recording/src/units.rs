@@ -42,7 +42,8 @@ pub struct StatedUnit {
 }
 
 /// The unit of pressure that a line of a header states: after `pressure values in`, or, in another wording such as `Druckwerte in
-/// N/cm2`, as the last word, in brackets or after `in`. `None` if the line states none.
+/// N/cm2`, as the last word: in brackets, after `in` or, in a line about pressure or a unit, after a colon. `None` if the line
+/// states none.
 ///
 /// # Errors
 /// Fails for an unknown unit after `pressure values in`.

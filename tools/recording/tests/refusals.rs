@@ -46,7 +46,7 @@ fn pliance(header: &str, field: &str) -> String {
     text
 }
 
-/// A Tekscan export of a plate with the rows of two frames.
+/// A Tekscan export of a left F-Scan insole, with two frames, each of which has these rows.
 fn tekscan(rows: &[&str]) -> String {
     let columns = rows[0].split(if rows[0].contains(';') { ';' } else { ',' }).count();
     let mut text = format!(
@@ -212,9 +212,9 @@ fn saturated_cells_lead_to_a_remark() {
     assert!(!import(&tekscan(&["490,7,9", "0,0,3"])).contains("SATURATION"));
 }
 
-/// The cells are 5 mm long and wide.
+/// The cells are squares, so a foot of 18 columns is less than twice as long as wide with 24 rows, and longer with 48 rows.
 #[test]
-fn a_foot_of_which_the_heel_is_never_loaded_leads_to_a_remark() {
+fn a_footprint_less_than_twice_as_long_as_wide_leads_to_a_remark() {
     let remarks = |rows: usize| {
         let row = ["100"; 18].join(",");
         let text = tekscan(&vec![row.as_str(); rows]);

@@ -40,7 +40,7 @@ fn the_forces_on_the_cells_add_up_to_the_true_force() {
 }
 
 #[test]
-fn the_force_has_two_humps_of_the_requested_peak() {
+fn the_force_has_two_peaks_of_the_requested_size() {
     let walk = synthetic::walk(&SyntheticWalk { steps: 1, variation: 0.0, ..SyntheticWalk::default() });
     let total_n: Vec<f64> = walk.force_n.iter().map(|f| f.iter().sum()).collect();
     let peaks = (1..total_n.len() - 1)

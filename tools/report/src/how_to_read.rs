@@ -10,7 +10,8 @@ pub fn instructions(options: &Options) -> Markup {
             strong { "Method. " }
             "The tissue of each of eight plantar regions is modelled as an ellipsoid with radii A, B and C that is pressed \
              against the ground. Its deformation follows from the contact area (Eq. 14) and its deformation rate from \
-             differences between samples (Eq. 16; Eq. 15 as printed lacks a factor ½). The force follows from deformation and \
+             differences over time (Eq. 16, or over the time that the filter in the section on the protocol states; Eq. 15 as \
+             printed lacks a factor ½). The force follows from deformation and \
              rate with a stiffness and a damping that increase with deformation (Eqs. 5, 6 and 13). The parameters "
             @if options.method == Method::Projection && options.prior.is_some() {
                 "are the most probable ones, given the squared differences between model and measured force over the contact \

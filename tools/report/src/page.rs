@@ -199,7 +199,7 @@ fn quantity_figures(study: &Study) -> Markup {
 fn parameter_figures(study: &Study) -> Markup {
     html! {
         (wide("Sources of d₀ and C", scale_sources::table(study)))
-        (legend(&parameters::legend()))
+        (legend(&parameters::legend(study)))
         figure {
             div.panels { @for chart in parameters::charts(study) { (chart.svg()) } }
             figcaption {

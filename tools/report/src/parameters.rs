@@ -91,15 +91,27 @@ fn row(study: &Study, parameter: usize, region: usize) -> Row {
 }
 
 /// The legend of the marks.
-pub fn legend() -> Vec<Drawing> {
+pub fn legend(study: &Study) -> Vec<Drawing> {
+    let undetermined = match study.options.prior {
+        Some(_) => "not determined: close to the usual value of other people",
+        None => "not determined: without meaning",
+    };
     drawing::legend_entries([
         (Mark::Point.at(12.0, 9.0), "estimate"),
-        (Mark::Undetermined.at(12.0, 9.0), "not determined: close to the usual value of other people"),
+        (Mark::Undetermined.at(12.0, 9.0), undetermined),
         (Mark::Bound.at(12.0, 9.0), "estimate at a bound"),
         (html! { path.jacobian d="M0 9h24" {} }, "95 %, Jacobian"),
         (html! { path.line d="M0 9h24" {} }, "95 %, resampled steps"),
         (html! { path.fill d="M9 9l5 -3v6z" {} }, "beyond the axis"),
     ])
+}
+
+/// The value of a parameter that the force does not determine. `damping` is the symbol of the damping parameter in the table.
+fn undetermined(study: &Study, damping: &str) -> String {
+    match study.options.prior {
+        Some(_) => format!("close to the usual value of other people, or without meaning if {damping} is 0"),
+        None => "without meaning".into(),
+    }
 }
 
 /// The table of the five parameters with both intervals.
@@ -108,8 +120,7 @@ pub fn five(study: &Study) -> Markup {
         table.dense {
             caption {
                 "The five identifiable parameters: estimate (95 % confidence interval); * estimate at a bound of the search; \
-                 † not determined by the force: close to the usual value of other people, or without meaning if G is 0. \
-                 Resampling requires at least " (RESAMPLED_STEPS) " steps."
+                 † not determined by the force: " (undetermined(study, "G")) ". Resampling requires at least " (RESAMPLED_STEPS) " steps."
             }
             thead {
                 tr {
@@ -182,8 +193,8 @@ pub fn eight(study: &Study) -> Markup {
     html! {
         table.dense {
             caption {
-                "The paper's eight parameters (Eq. 17) and the basis of each. † not determined by the force: close to the usual \
-                 value of other people, or without meaning if c is 0"
+                "The paper's eight parameters (Eq. 17) and the basis of each. † not determined by the force: "
+                (undetermined(study, "c"))
             }
             thead {
                 tr {

@@ -108,7 +108,7 @@ fn svg(study: &Study) -> Markup {
             (force_grid.panel(8, "Sum of the regions", &curves::sum(study, sum.as_ref())))
             (legend_row(&bars::legend(), MARGIN, lower))
             (bars.at(MARGIN, lower + LEGEND))
-            @for (i, entries) in parameters::legend().chunks(3).enumerate() {
+            @for (i, entries) in parameters::legend(study).chunks(3).enumerate() {
                 (legend_row(entries, parameter_grid.x, lower + i as f64 * LEGEND))
             }
             @for (i, chart) in charts.iter().enumerate() { (parameter_grid.panel(i, "", chart)) }

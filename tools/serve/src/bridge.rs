@@ -35,8 +35,9 @@ impl Source {
     }
 }
 
-/// Bridges the insole with this index to the hub until the program ends, or until the reconnection policy gives up. Reconnects
-/// after a lost link. Printed errors begin with `name`.
+/// Bridges the insole with this index to the hub until the program ends. Reconnects after a lost link. Returns earlier if
+/// reconnecting fails with an error that is no failure of the link, such as another protocol version. Printed errors begin with
+/// `name`.
 pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
     pass_hello(hub, index, &mut insole);
     let mut status_requested_at = Instant::now();

@@ -35,6 +35,7 @@ pub(crate) struct Hub {
 
 #[derive(Default)]
 struct Insole {
+    /// The hello of the present session; `None` while the link is lost.
     hello: Option<Hello>,
     /// The configuration that pages can read, and its identifier in the hello.
     layout: Option<(u32, Layout)>,
@@ -422,11 +423,17 @@ impl Page {
         }
         let mut insole = self.hub.insole(index);
         let insole = &mut *insole;
+        let request = decode(message);
+        if let Some(request) = request.filter(|request| insole.awaits_answer_to(self.id, request)) {
+            // The page repeats its request, because no answer has arrived. It still waits for one answer.
+            insole.waiting = Some((self.id, Instant::now()));
+            return insole.send_once(request);
+        }
         if insole.waiting.is_some_and(|(_, requested_at)| requested_at.elapsed() > ANSWER_TIMEOUT) {
             insole.forget_requests();
         }
         let Some((_, link)) = insole.pages.iter_mut().find(|(id, _)| *id == self.id) else { return };
-        match decode(message) {
+        match request {
             Some(ToDevice::SetIdentifiedTissue { identified, .. })
                 if self.hub.accepts_parameters
                     && insole.hello.as_ref().is_none_or(|hello| hello.contact_rule != identified.contact) =>
@@ -455,11 +462,12 @@ impl Page {
                 }
             }
             // The insole answers with the load of the day, which all pages receive.
-            Some(request @ ToDevice::SnoozeAlerts { .. }) => insole.to_send.push_back(request),
-            // All pages receive the answer, too.
-            Some(ToDevice::GetAlertRules) if insole.alert_rules.is_none() => {
-                insole.to_send.push_back(ToDevice::GetAlertRules);
+            Some(request @ ToDevice::SnoozeAlerts { .. }) => {
+                insole.to_send.retain(|waiting| !matches!(waiting, ToDevice::SnoozeAlerts { .. }));
+                insole.to_send.push_back(request);
             }
+            // All pages receive the answer, too.
+            Some(ToDevice::GetAlertRules) if insole.alert_rules.is_none() => insole.send_once(ToDevice::GetAlertRules),
             // A page may not send these requests. Changes of parameters and of rules of alerts get here only if the hub does not
             // accept them. The hub does not request the cells from the insole, so it cannot confirm a stream of cells.
             Some(
@@ -495,7 +503,8 @@ impl Page {
             }
             Some(message) => {
                 link.receive(message, NO_CLOCK_US);
-                if let ToDevice::Acknowledge { number } = message {
+                // The session ignores the acknowledgement of a record that it has not sent to the page.
+                if let Some(number) = link.take_acknowledged() {
                     insole.acknowledged_by_page(number);
                 }
             }
@@ -556,6 +565,27 @@ impl Insole {
         pending.chain(&self.acknowledged).any(|known| known.is_same(record))
     }
 
+    /// True if this page has sent this request before and waits for the answer.
+    fn awaits_answer_to(&self, page: u64, request: &ToDevice) -> bool {
+        let is_waiting = self.waiting.is_some_and(|(waiting, _)| waiting == page);
+        let link = self.pages.iter().find(|(id, _)| *id == page).map(|(_, link)| link);
+        match (link.and_then(Session::command).filter(|_| is_waiting), request) {
+            (
+                Some(Command::Tissue(sent, _)),
+                ToDevice::SetTissue(tissue) | ToDevice::SetIdentifiedTissue { tissue, .. },
+            ) => sent == *tissue,
+            (Some(Command::AlertRules(sent)), ToDevice::SetAlertRules(rules)) => sent == *rules,
+            _ => false,
+        }
+    }
+
+    /// Sends a request to the insole, unless the same request already waits to be sent.
+    fn send_once(&mut self, request: ToDevice) {
+        if !self.to_send.contains(&request) {
+            self.to_send.push_back(request);
+        }
+    }
+
     /// Discards the requests that were not answered: a request or its answer may be damaged, and both are lost with the link.
     fn forget_requests(&mut self) {
         self.to_send.clear();
@@ -568,7 +598,7 @@ impl Insole {
     fn take_waiting(&mut self, is_answered: impl Fn(&Command) -> bool) -> Option<(u64, Command)> {
         let (waiting, _) = self.waiting?;
         let command = self.pages.iter().find(|(id, _)| *id == waiting).and_then(|(_, link)| link.command());
-        // A page that has ended its session or its connection has no command, and no longer waits.
+        // A page that has closed its connection has no command, and no longer waits.
         if command.as_ref().is_none_or(is_answered) {
             self.waiting = None;
         }
@@ -675,15 +705,47 @@ mod tests {
     #[test]
     fn an_acknowledgement_of_a_page_covers_all_earlier_records() {
         let hub = Arc::new(Hub::new(vec![None], false, None));
-        let page = hub.join();
+        let mut page = hub.join();
         hub.hello(0, &testkit::hello(), None, None, None, None);
         (0..4).for_each(|number| hub.load_record(0, testkit::step(number).into()));
+        // No page has received these records yet.
+        send(&page, 0, ToDevice::Acknowledge { number: 2 });
+        assert_eq!(hub.acknowledgement(0), None);
+        while page.next().is_some() {}
         send(&page, 0, ToDevice::Acknowledge { number: 2 });
         assert_eq!(hub.acknowledgement(0), Some(2));
         assert_eq!(records_of(hub.join()), [LoadRecord::from(testkit::step(3))]);
         // The insole did not receive the acknowledgement.
         hub.load_record(0, testkit::step(1).into());
         assert_eq!(hub.acknowledgement(0), Some(1));
+    }
+
+    /// The request or its answer was lost on the way, and the page repeats the request.
+    #[test]
+    fn a_repeated_request_is_sent_again_and_answered_once() {
+        let hub = Arc::new(Hub::new(vec![None], true, None));
+        let mut page = hub.join();
+        hub.hello(0, &testkit::hello(), None, None, None, None);
+        while page.next().is_some() {}
+        let request = ToDevice::SetTissue(*testkit::TISSUE);
+        for _ in 0..2 {
+            send(&page, 0, request);
+            assert_eq!((hub.to_send(0), page.next()), (Some(request), None));
+        }
+        // The insole has not received the second request yet.
+        send(&page, 0, request);
+        send(&page, 0, request);
+        assert_eq!((hub.to_send(0), hub.to_send(0)), (Some(request), None));
+        // Another page must wait.
+        let mut other = hub.join();
+        send(&other, 0, CONNECT);
+        while other.next().is_some() {}
+        send(&other, 0, request);
+        let refusal = other.next().and_then(|message| decode(&message[1..]));
+        assert_eq!((hub.to_send(0), refusal), (None, Some(ToHost::Refused(Refusal::Busy))));
+        hub.tissue_answer(0, Ok(*testkit::TISSUE));
+        let answers: Vec<ToHost> = std::iter::from_fn(|| page.next()).filter_map(|bytes| decode(&bytes[1..])).collect();
+        assert_eq!(answers, [ToHost::Tissue(*testkit::TISSUE)]);
     }
 
     /// The answer to the request for the rules at the beginning of the session was lost.

@@ -45,8 +45,8 @@ pub struct Options {
     pub origins: Vec<String>,
     /// True if pages may replace the wearer's parameters and the rules of alerts on the insoles.
     pub accepts_parameters: bool,
-    /// The file to which hellos, live frames, steps, load bouts, alerts and counters of the insoles are written. It must be new
-    /// or empty. `None` for no recording.
+    /// The file to which hellos, live frames, steps, load bouts, alerts, counters and clock times of the insoles are written. It
+    /// must be new or empty. `None` for no recording.
     pub record: Option<PathBuf>,
     /// The file of liblsl, which publishes the messages of the insoles over the Lab Streaming Layer; `Some(None)` for the file
     /// that the system finds, and `None` to publish nothing.
@@ -82,8 +82,8 @@ pub enum Error {
     Io(#[from] io::Error),
 }
 
-/// Connects to the insoles and serves until a signal ends the program. The server listens from the beginning on; `ready` is called
-/// with its address once it also answers.
+/// Connects to the insoles and serves until a signal ends the program. The server listens from the beginning on; `ready` is
+/// called with its address once all insoles are connected, directly before the server begins to answer.
 ///
 /// # Errors
 /// See [`enum@Error`].
@@ -91,7 +91,7 @@ pub fn serve(sources: Vec<Source>, options: &Options, ready: impl FnOnce(SocketA
     if !options.page.join("index.html").is_file() {
         return Err(Error::NoPage(options.page.clone()));
     }
-    // Before the recording is created: a port in use must not leave a file that the next attempt refuses to overwrite.
+    // The server listens before the recording is created, so that a port in use leaves no file.
     let server = Listening::at(options.listen)?;
     let recorder = match &options.record {
         Some(path) => Some(StreamFile::create(path).map_err(|e| Error::Record(path.clone(), e))?),

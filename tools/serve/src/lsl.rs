@@ -63,8 +63,9 @@ impl Outlets {
         NAMES.map(|name| stream_name(self.side, name)).join(", ")
     }
 
-    /// Sends a message with its time. A message without a known time is not sent: a frame that arrives before the first answer to
-    /// a request for the insole's time, and a record from before the insole's last start if its clock was not set then.
+    /// Sends a message with its time. A message without a known time is not sent: a frame or record that arrives before the first
+    /// answer to a request for the insole's time, and a record from before the insole's last start if its clock was not set then.
+    /// Neither is a message from before LSL's clock began (see [`lsl_s`]).
     pub fn send(&mut self, message: &ToHost, mapping: &ClockMapping) {
         let now = self.lsl.now();
         if let ToHost::Live(live) = message

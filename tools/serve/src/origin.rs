@@ -47,7 +47,7 @@ mod tests {
             // A name that resolves to this computer.
             ("http://evil.example:7340", "evil.example:7340"),
             ("null", "127.0.0.1:7340"),
-            // What is no text.
+            // A header that is not text; `web.rs` replaces it by an empty text.
             ("", "127.0.0.1:7340"),
         ] {
             assert!(!is_allowed(&[origin], Some(host), &[]), "{origin}");

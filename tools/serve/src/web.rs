@@ -78,8 +78,8 @@ fn router(hub: Arc<Hub>, options: &Options) -> Router {
         .fallback_service(ServeDir::new(&options.page))
         // Makes the browser check for a newer build at each visit.
         .layer(header(CACHE_CONTROL, "no-cache"))
-        // In a frame of a foreign page, the browser gives the page a store of its own. Steps that this page acknowledges would be
-        // lost for the wearer.
+        // In a frame of a foreign page, the browser gives the page a store of its own. Steps that the framed page acknowledges
+        // would be lost for the wearer.
         .layer(header(CONTENT_SECURITY_POLICY, "frame-ancestors 'none'"))
         .layer(header(X_FRAME_OPTIONS, "DENY"))
 }

@@ -39,8 +39,8 @@ pub enum Task {
         #[arg(long, value_name = "N", default_value_t = 10.0)]
         minutes: f64,
     },
-    /// Test the endurance: power cuts in every write, bit errors on the cable, and a day of walking. The test takes about an
-    /// hour.
+    /// Test the endurance: power cuts in every write and erase operation, bit errors on the cable, and a day of walking. The test
+    /// takes about an hour.
     Soak(Soak),
     /// Assess how thorough the tests are: check properties of the core (the library in src) for all inputs within larger bounds
     /// than `test`, try the orders in which the firmware's loops interrupt each other, skip instructions while a wrong

@@ -276,7 +276,7 @@ pub fn miri() -> Result<()> {
 /// changed.
 fn cargo_tool(name: &str, version: &str) -> Result<PathBuf> {
     let folder = cache().join("cargo");
-    let tool = folder.join("bin").join(name);
+    let tool = folder.join("bin").join(format!("{name}{}", std::env::consts::EXE_SUFFIX));
     // The list of the programs that cargo has installed in this folder.
     let installed = std::fs::read_to_string(folder.join(".crates.toml")).unwrap_or_default();
     if !tool.is_file() || !installed.contains(&format!("\"{name} {version} (")) {

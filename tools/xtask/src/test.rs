@@ -71,7 +71,7 @@ fn build_host_programs() -> Result<()> {
     build_whole_host()
 }
 
-/// Builds the firmware of the boards that are not emulated.
+/// Builds the firmware of the boards that are not emulated, and the minimal board.
 fn build_boards() -> Result<()> {
     // The bootloaders contain the library without its features, and the page contains it as WebAssembly, so the builds also show
     // that the library compiles in both ways.
@@ -115,13 +115,13 @@ fn format() -> Result<()> {
 }
 
 /// The packages besides those of [`BOARDS`] that compile only for a board.
-const BOARD_LIBRARIES: [&str; 3] = ["cortex-m-platform", "minimal-board", "signature-check"];
+const BOARD_ONLY_PACKAGES: [&str; 3] = ["cortex-m-platform", "minimal-board", "signature-check"];
 
 /// Lints everything that is compiled for the host.
 fn lint_host() -> Result<()> {
     let mut command = Command::new("cargo");
     command.args(["clippy", "--locked", "--release", "--all-targets", "--workspace"]);
-    let boards = BOARDS.into_iter().chain(BOARD_LIBRARIES).map(String::from).chain(BOARDS.map(bootloader));
+    let boards = BOARDS.into_iter().chain(BOARD_ONLY_PACKAGES).map(String::from).chain(BOARDS.map(bootloader));
     for package in boards {
         command.args(["--exclude", &package]);
     }

@@ -1,7 +1,8 @@
 //! The bootloader of the nRF52840: swaps the images if a swap is due, and starts the active image.
 //!
-//! The watchdog starts first, and no wait is longer than its timeout. If the flash chip does not answer, or if the state in it is
-//! not readable, the active image starts without a swap. The flash chip is changed only while its supply suffices.
+//! The watchdog starts first. A wait that may exceed its timeout, such as that for the supply, feeds it. If the flash chip does
+//! not answer, or if the state in it is not readable, the active image starts without a swap. The flash chip is changed only
+//! while its supply suffices.
 //!
 //! Only the bootloader writes the controller's own flash; the radio does not run yet.
 #![no_std]
@@ -32,8 +33,8 @@ const SUPPLY_POLL_MS: u32 = 10;
 /// Number of measurements, after which a start continues with a low supply.
 const SUPPLY_POLLS: u32 = 100;
 
-/// True if the supply is sufficient for the flash chip, which works from 2.3 V on; the controller works from 1.7 V on. A converter
-/// that does not respond must not prevent the start.
+/// True if the supply is sufficient for the flash chip, which works from 2.3 V on; the controller works from 1.7 V on. Also true
+/// if the converter does not respond, which must not prevent the start.
 fn is_supplied() -> bool {
     supply::millivolts().is_none_or(|supply_mv| supply_mv >= SUFFICIENT_SUPPLY_MV)
 }

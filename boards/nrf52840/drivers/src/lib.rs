@@ -1,5 +1,5 @@
-//! The parts of the nRF52840 board that its firmware and its bootloader share: the flash chip, the supply and the watchdog; and the
-//! charge of the battery, which is here because a host can test it.
+//! The parts of the nRF52840 board that its firmware and its bootloader share: the flash chip and the watchdog. Also the charge
+//! of the battery, which is here because a host can test it, and the bootloader's measurement of the supply.
 #![no_std]
 
 pub mod battery;

@@ -1,5 +1,5 @@
-//! The controller's supply, measured without interrupts, for the bootloader. The power-fail comparator is not used instead, because
-//! its warning blocks the operations of the controller's own flash.
+//! The controller's supply, measured without interrupts, for the bootloader. The power-fail comparator is not used instead,
+//! because its warning blocks the operations of the controller's own flash.
 
 use crate::battery;
 use core::sync::atomic::{AtomicU16, Ordering, fence};

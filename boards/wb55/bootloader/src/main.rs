@@ -96,7 +96,7 @@ impl<F: NorFlash> NorFlash for WatchedFlash<F> {
 
 #[entry]
 fn main() -> ! {
-    // With its timeout after a reset, half a second, in case the clocks do not start.
+    // Starts the watchdog with the timeout that it has after a reset, half a second, in case the clocks do not start.
     pac::IWDG.kr().write(|w| w.set_key(Key::START));
     let mut clocks = embassy_stm32::Config::default();
     // The internal oscillator needs no crystal. `init` raises its rate before it sets the wait states of the flash, and the

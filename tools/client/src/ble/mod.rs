@@ -62,7 +62,7 @@ pub enum Error {
          connected to it, which must be disconnected first"
     )]
     NotFound(Selector),
-    /// Another program of this computer uses the insole.
+    /// Another program of this user uses the insole.
     #[error("{0} is in use: close the other program on this computer that is connected to it")]
     InUse(Selector),
     /// The insole was found, but the connection or the pairing failed.
@@ -88,11 +88,12 @@ pub struct BleCarrier {
     peripheral: Peripheral,
     /// The notifications in the order of their arrival.
     values: Receiver<ValueNotification>,
-    /// Fetches the notifications while the caller is busy: macOS and Windows hold at most 16 of them, and discard the others.
+    /// Fetches the notifications while the caller is busy: on macOS and Windows `btleplug` holds at most 16 of them, and discards
+    /// the oldest ones.
     fetching: JoinHandle<()>,
     channels: Vec<Channel>,
     damaged: u32,
-    /// Excludes other programs of this computer. The last field, so that it is dropped after the connection.
+    /// Excludes other programs of this user. The last field, so that it is dropped after the connection.
     _reserved: Option<File>,
 }
 

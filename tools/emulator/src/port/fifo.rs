@@ -61,7 +61,7 @@ impl Port {
                 Err(e) => Err(e),
             }
         })?;
-        // QEMU has opened the first FIFO and opens the second one next, so neither of these waits.
+        // QEMU has opened the first FIFO and opens the second one next, so neither of these waits long.
         let to_board = writing.open(&self.to_board)?;
         Ok(Stream { to_board, from_board: File::open(&self.from_board)?, read_timeout: None })
     }

@@ -135,7 +135,7 @@ from_mm: [number, number],
 to_mm: [number, number],
 /** A closed polygon. */
 outline_mm: Array<[number, number]>,
-/** The regions, in the order of [`Region::ALL`]. */
+/** The regions, in the order of `Facts.regions`. */
 regions: Array<RegionShape>, };
 
 /** The part of a sole in one region, mm; empty for a region without cells. */

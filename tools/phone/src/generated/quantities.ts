@@ -138,16 +138,16 @@ export interface StepRegion {
 
 /** A contact ellipse. */
 export interface Ellipse {
-  /** Centre of the contact ellipse at the largest measured force, to the lateral side in foot coordinates. Unit: mm. */
-  x_mm: number;
-  /** Centre of the contact ellipse at the largest measured force, from heel to toe in foot coordinates. Unit: mm. */
-  y_mm: number;
+  /** Centre of the contact ellipse, to the lateral side in foot coordinates. Unit: mm. */
+  x_mm: number | null;
+  /** Centre of the contact ellipse, from heel to toe in foot coordinates. Unit: mm. */
+  y_mm: number | null;
   /** Radius of the ellipse along the axis nearer to the medial-lateral one; 0 on the wire without contact. Unit: mm. */
-  r_a_mm: number;
+  r_a_mm: number | null;
   /** Radius of the ellipse along the axis nearer to the heel-toe one; 0 on the wire without contact. Unit: mm. */
-  r_b_mm: number;
+  r_b_mm: number | null;
   /** Angle from the x axis to the axis of the first radius, positive from the x axis to the y axis. Unit: deg. */
-  angle_deg: number;
+  angle_deg: number | null;
 }
 
 /** A load bout, the same object as in the files of the command line. */
@@ -194,11 +194,11 @@ export interface Alert {
   today: number;
   /** Boots of the insole since the one that recorded this alert; `start_s` counts from that boot. Unit: count. */
   starts_ago: number;
-  /** Time on the insole's own clock, s since 1970; null if a host had not set it. */
+  /** Time on the insole's own clock, s since 1970; null if no host had set the clock before the alert. */
   start_unix_s: number | null;
-  /** Regions to which this applies: The region is under sustained load. */
+  /** Regions for which this is true: The region is under sustained load. */
   sustained: string[];
-  /** Regions to which this applies: The dose of the region has reached the limit of the day, and no earlier alert of this day has reported it. */
+  /** Regions for which this is true: The dose of the region has reached the limit of the day, and no earlier alert of this day has reported it. */
   dose: string[];
   /** What the wearer should do, and why. */
   advice: string;

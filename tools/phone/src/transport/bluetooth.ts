@@ -11,15 +11,15 @@ const NO_SERVICE =
   "The insole does not offer what this page needs. Update its firmware with plantar update, then try again.";
 /** An insole does not let a phone that is not paired subscribe to its characteristics. */
 const NOT_PAIRED =
-  "The insole did not accept this phone. It pairs only within a minute after it is switched on: switch it off and on, then " +
-  "try again at once. If this phone was paired with it before, first remove the insole in the phone's Bluetooth settings.";
+  "The insole did not accept this phone. It pairs only within a minute after it is switched on: switch it off for some seconds, " +
+  "then on, and try again at once. If this phone was paired with it before, first remove the insole in the phone's Bluetooth settings.";
 /**
  * Reasons for a lost connection, as phrases for the wearer. A phone that connects again was paired before, so if the insole does
  * not accept it now, it is no longer paired.
  */
 const OUT_OF_REACH = "out of reach or switched off";
 const NO_LONGER_PAIRED =
-  "it does not accept this phone any more: remove the insole in the phone's Bluetooth settings, then switch it off and on";
+  "it does not accept this phone any more: remove the insole in the phone's Bluetooth settings, then switch it off for some seconds, and on";
 
 /** An insole that the wearer chose. */
 interface Connected {
@@ -119,7 +119,7 @@ export class BluetoothTransport implements Transport {
         if (message) this.events.message(insole, message);
       };
       await characteristic.startNotifications().catch((error: unknown) => {
-        // The insole refuses nothing if the link broke.
+        // If the link broke, the error is no refusal by the insole.
         if (!server.connected) throw error;
         // The insole also ends the link of a phone that does not pair. The reason remains until the phone has paired.
         connected.reason = NO_LONGER_PAIRED;

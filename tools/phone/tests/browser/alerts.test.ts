@@ -60,7 +60,7 @@ test("an alert is shown in plain words, signalled, stored, acknowledged and snoo
   await page.locator("#quantity").scrollIntoViewIfNeeded();
   expect(await page.evaluate(() => scrollY)).toBeGreaterThan(0);
   expect((await banner.boundingBox())!.y).toBeGreaterThanOrEqual(0);
-  // With large text, its buttons remain in view, too.
+  // At a zoom of 200 %, which halves the size of the screen in CSS pixels, its buttons remain in view, too.
   await page.setViewportSize({ width: 195, height: 422 });
   const bar = (await page.locator("nav").boundingBox())!;
   const { y, height } = (await page.locator("#alert-snooze").boundingBox())!;

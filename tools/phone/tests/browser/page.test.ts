@@ -288,7 +288,7 @@ test.each([195, 320, 390])("on a screen of %i px, everything is within reach, an
   await waitForSteps(page, 3);
   for (const view of ["steps", "settings", "live"]) {
     await show(page, view);
-    // The table of days has long numbers after a day.
+    // After a whole day of walking, the table of days has long numbers.
     const widest = await page.evaluate(() => {
       document.querySelectorAll("#days td").forEach((cell) => (cell.textContent = "123456.7"));
       const elements = [...document.querySelectorAll("nav button, main :is(button, input, select, p, dl, table)")];

@@ -168,7 +168,7 @@ test("the table shows all days on request, and a period can be exported", async 
   await page.close();
 });
 
-test("the records of version 2 of the database get shorter keys, and arrive only once", async () => {
+test("the records of version 2 of the database get the keys by which repetitions are recognised", async () => {
   const messages = await steps();
   const context = await served.browser.newContext({ viewport: PHONE });
   const page = await context.newPage();

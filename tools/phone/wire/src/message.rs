@@ -228,8 +228,8 @@ impl Message {
 
 /// The key of a step, load bout or alert: its number, its start and the checksum of its encoded `content`, in hexadecimal digits.
 /// The number of boots since the record, which changes if the insole sends the record again after a restart, must be 0 in
-/// `content`. Two records of different wearers can have the same number, but not, except by a chance of 1 to 4 billion, also the
-/// same microsecond since the start of their insole and the same checksum.
+/// `content`. Two records of different wearers can have the same number and, rarely, the same start in microseconds since the
+/// first scan of their insole; the chance that their checksums are then equal is 1 in 4 billion.
 fn key(number: u32, start_us: u64, content: &impl Serialize) -> String {
     let mut buffer = [0; MAX_MESSAGE];
     // Every message fits into the buffer.

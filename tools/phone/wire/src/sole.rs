@@ -46,7 +46,7 @@ pub struct Sole {
     pub to_mm: [f32; 2],
     /// A closed polygon.
     pub outline_mm: Vec<[f32; 2]>,
-    /// The regions, in the order of [`Region::ALL`].
+    /// The regions, in the order of `Facts.regions`.
     pub regions: Vec<RegionShape>,
 }
 

@@ -9,7 +9,9 @@ use plantar::Side;
 use plantar::pipeline::alert::{AlertRecord, DailyLoad};
 use plantar::pipeline::bout::BoutKind;
 use plantar::pipeline::contact::ContactRule;
-use plantar::protocol::{Alert, Bout, BoutRegion, Flag, Live, LiveRegion, Quantity, Step, StepFoot, StepRegion};
+use plantar::protocol::{
+    Alert, Bout, BoutRegion, ContactEllipse, Flag, Live, LiveRegion, Quantity, Step, StepFoot, StepRegion,
+};
 use std::fmt::Write;
 use ts_rs::{Config, TS};
 
@@ -173,7 +175,7 @@ fn quantities() -> String {
         counts.iter().for_each(|quantity| quantity_field(text, quantity));
     });
     interface(&mut text, "A contact ellipse.", "Ellipse", |text| {
-        nested.iter().for_each(|quantity| quantity_field(text, quantity));
+        ContactEllipse::QUANTITIES.iter().for_each(|quantity| quantity_field(text, quantity));
     });
     interface(&mut text, "A load bout, the same object as in the files of the command line.", "Bout", |text| {
         let kinds = BoutKind::ALL.map(|kind| format!("\"{}\"", kind.name())).join(" | ");
@@ -190,10 +192,11 @@ fn quantities() -> String {
     interface(&mut text, "An alert, the same object as in the files of the command line.", "Alert", |text| {
         field(text, "Foot.", "side", "Side");
         Alert::QUANTITIES.iter().for_each(|quantity| quantity_field(text, quantity));
-        let meaning = "Time on the insole's own clock, s since 1970; null if a host had not set it.";
+        let meaning =
+            "Time on the insole's own clock, s since 1970; null if no host had set the clock before the alert.";
         field(text, meaning, "start_unix_s", "number | null");
         Alert::FLAGS.iter().for_each(|flag| {
-            let meaning = format!("Regions to which this applies: {}", flag.meaning);
+            let meaning = format!("Regions for which this is true: {}", flag.meaning);
             field(text, &meaning, flag.name, "string[]");
         });
         field(text, "What the wearer should do, and why.", "advice", "string");

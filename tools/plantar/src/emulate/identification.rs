@@ -19,8 +19,9 @@ pub struct Identification {
     cells: StreamedCells,
     /// Number of steps that are still needed.
     needed: usize,
-    /// Time of the frame in which the insole sent its first status with the parameters, us, on the clock of the steps, which
-    /// counts frames; `None` before. With `--speed max`, this clock differs from the time since the start of the board.
+    /// Time of the frame in which the insole sent its first status after it had received the parameters, us, on the clock of the
+    /// steps, which counts frames; `None` before. With `--speed max`, this clock differs from the time since the start of the
+    /// board.
     sent_us: Option<u64>,
 }
 

@@ -61,7 +61,8 @@ pub struct Screen {
     /// `None` if stdout is not a terminal.
     terminal: Option<DefaultTerminal>,
     signals: Signals,
-    /// The lines of the last picture, if stdout is not a terminal. Of these, only changed ones are printed.
+    /// The lines of the last picture, if stdout is not a terminal. Of the next picture, only the lines that are not among them
+    /// are printed.
     printed: Vec<String>,
 }
 
@@ -127,7 +128,7 @@ fn draw(frame: &mut Frame, instruction: &str, feet: &[Progress]) {
 
 fn draw_foot(frame: &mut Frame, foot: &Progress, area: Rect) {
     let areas =
-        Layout::vertical([Constraint::Min(8), Constraint::Length(1), Constraint::Length(1), Constraint::Length(2)]);
+        Layout::vertical([Constraint::Min(8), Constraint::Length(1), Constraint::Length(1), Constraint::Length(5)]);
     let [sole, force, gauge, remark] = areas.areas(area);
     draw_sole(frame, foot, sole);
     let text = format!("{} foot  {:.0} N", foot.side.name(), foot.force_n());

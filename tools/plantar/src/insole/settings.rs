@@ -2,7 +2,7 @@
 
 use crate::carrier::AnyClient;
 use crate::setup::{ContactArgs, rule_in_words};
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
 use parameters::InsoleSize;
 use plantar::pipeline::setup::Setup;
@@ -65,7 +65,7 @@ impl SettingsArgs {
         if self.reset {
             return Ok(client.set_settings(None)?);
         }
-        let before = in_force(client)?;
+        let before = in_force(client)?.context(NO_LAYOUT)?;
         let settings = self.changed(before);
         // If the restart after an earlier change failed, the stored settings are not in force yet: the insole restarts now.
         let is_change = settings != before || !are_used(&settings, setup_in_use(client)?.as_ref());
@@ -92,6 +92,9 @@ impl SettingsArgs {
     }
 }
 
+/// The reason why settings cannot be changed.
+pub const NO_LAYOUT: &str = "the insole has no valid layout: `plantar insole show` prints the reason";
+
 /// The set-up that an insole uses since its last start; `None` for an insole without a valid layout, which does not measure.
 fn setup_in_use(client: &mut AnyClient) -> Result<Option<Setup>> {
     match client.setup() {
@@ -101,6 +104,7 @@ fn setup_in_use(client: &mut AnyClient) -> Result<Option<Setup>> {
 }
 
 /// True if these settings are those of the set-up in use, as far as they can be compared: a set-up does not contain the size.
+/// Also true if there is no set-up in use.
 fn are_used(settings: &Settings, in_use: Option<&Setup>) -> bool {
     let used = |setup: &Setup| {
         (setup.contact, setup.stance, setup.period_us) == (settings.contact, settings.stance, settings.period_us)
@@ -108,11 +112,11 @@ fn are_used(settings: &Settings, in_use: Option<&Setup>) -> bool {
     in_use.is_none_or(used)
 }
 
-/// The settings of an insole: those that a host has stored, or else those of its firmware.
-pub fn in_force(client: &mut AnyClient) -> Result<Settings> {
+/// The settings of an insole: those that a host has stored, or else those of its firmware; `None` if it has no valid layout.
+pub fn in_force(client: &mut AnyClient) -> Result<Option<Settings>> {
     Ok(match client.settings()? {
-        Some(settings) => settings,
-        None => Settings::of(&client.setup()?),
+        Some(settings) => Some(settings),
+        None => setup_in_use(client)?.as_ref().map(Settings::of),
     })
 }
 
@@ -120,7 +124,10 @@ pub fn in_force(client: &mut AnyClient) -> Result<Settings> {
 pub fn print_settings(client: &mut AnyClient) -> Result<()> {
     let hello = client.hello();
     let (layout_id, is_stored) = (hello.layout_id, client.settings()?.is_some());
-    let settings = in_force(client)?;
+    let Some(settings) = in_force(client)? else {
+        println!("settings: none, because the insole has no valid layout; the note below has the reason");
+        return Ok(());
+    };
     let is_used = are_used(&settings, setup_in_use(client)?.as_ref());
     let Settings { contact, stance, period_us, scale } = settings;
     let origin = if is_stored { "set by a host" } else { "of the firmware" };

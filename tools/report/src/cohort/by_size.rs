@@ -38,18 +38,18 @@ struct Form {
     /// Height of the mark of a size group.
     mark_height: f64,
     /// True for bars that begin at 0, false for points.
-    bars: bool,
+    has_bars: bool,
 }
 
 /// The chart of the NRMSE (Fig. 7).
 pub fn errors(groups: &[SizeGroup]) -> Drawing {
-    chart(groups, Variable::nrmse(), &Form { width: ERRORS_WIDTH, mark_height: 9.0, bars: true })
+    chart(groups, Variable::nrmse(), &Form { width: ERRORS_WIDTH, mark_height: 9.0, has_bars: true })
 }
 
 /// The charts of variables of which at least one region has values.
 pub fn charts(groups: &[SizeGroup], variables: impl Iterator<Item = Variable>) -> Vec<Drawing> {
     let has_values = |variable: &Variable| moments(groups, *variable).next().is_some();
-    let form = Form { width: WIDTH, mark_height: CHARTS_MARK_HEIGHT, bars: false };
+    let form = Form { width: WIDTH, mark_height: CHARTS_MARK_HEIGHT, has_bars: false };
     variables.filter(has_values).map(|variable| chart(groups, variable, &form)).collect()
 }
 
@@ -130,7 +130,7 @@ fn scale(groups: &[SizeGroup], variable: Variable, width: f64) -> Scale {
 fn mark(scale: &Scale, Moments { mean, deviation, .. }: &Moments, y: f64, form: &Form) -> Markup {
     let x = scale.at(*mean);
     html! {
-        @if form.bars {
+        @if form.has_bars {
             rect.fill.own x=(LEFT) y=(y - form.mark_height / 2.0 + 0.5) width=(format!("{:.1}", x - LEFT))
                 height=(form.mark_height - 1.0) {}
         } @else {

@@ -59,7 +59,7 @@ fn quantities(groups: &[SizeGroup]) -> Markup {
 fn parameters(groups: &[SizeGroup]) -> Markup {
     html! {
         p {
-            "As Fig. 8 of the paper. Of the eight parameters, the force determines only five combinations: d₀, C and A/B are \
+            "As Fig. 8 of the paper. Of the eight parameters, the force determines only five combinations. d₀, C and A/B are \
              fixed or measured, and single parameters can compensate each other. Compare people by the quantities above."
         }
         (charts(groups, Variable::parameters()))
