@@ -139,15 +139,15 @@ export interface StepRegion {
 /** A contact ellipse. */
 export interface Ellipse {
   /** Centre of the contact ellipse, to the lateral side in foot coordinates. Unit: mm. */
-  x_mm: number | null;
+  x_mm: number;
   /** Centre of the contact ellipse, from heel to toe in foot coordinates. Unit: mm. */
-  y_mm: number | null;
+  y_mm: number;
   /** Radius of the ellipse along the axis nearer to the medial-lateral one; 0 on the wire without contact. Unit: mm. */
-  r_a_mm: number | null;
+  r_a_mm: number;
   /** Radius of the ellipse along the axis nearer to the heel-toe one; 0 on the wire without contact. Unit: mm. */
-  r_b_mm: number | null;
+  r_b_mm: number;
   /** Angle from the x axis to the axis of the first radius, positive from the x axis to the y axis. Unit: deg. */
-  angle_deg: number | null;
+  angle_deg: number;
 }
 
 /** A load bout, the same object as in the files of the command line. */

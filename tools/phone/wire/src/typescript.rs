@@ -175,7 +175,10 @@ fn quantities() -> String {
         counts.iter().for_each(|quantity| quantity_field(text, quantity));
     });
     interface(&mut text, "A contact ellipse.", "Ellipse", |text| {
-        ContactEllipse::QUANTITIES.iter().for_each(|quantity| quantity_field(text, quantity));
+        // Without contact, the whole ellipse is null.
+        ContactEllipse::QUANTITIES.iter().for_each(|quantity| {
+            quantity_field(text, &Quantity { is_optional: false, ..*quantity });
+        });
     });
     interface(&mut text, "A load bout, the same object as in the files of the command line.", "Bout", |text| {
         let kinds = BoutKind::ALL.map(|kind| format!("\"{}\"", kind.name())).join(" | ");
