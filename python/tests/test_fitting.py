@@ -10,6 +10,7 @@ import pytest
 from conftest import plantar, walk
 
 import plantar as package
+from plantar import fitting
 
 
 def test_a_fit_is_that_of_the_command_line(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
@@ -37,6 +38,14 @@ def test_a_fit_is_that_of_the_command_line(walk_file: pathlib.Path, tmp_path: pa
     assert own == other
     fit.report(tmp_path / "report.html")
     assert "<svg" in (tmp_path / "report.html").read_text()
+
+
+def test_an_infinite_end_of_an_interval_is_the_widest() -> None:
+    # JSON has null for an infinite number.
+    assert fitting._widest([1.0, None], [0.0, 2.0]) == (1.0, float("inf"))
+    assert fitting._widest([0.5, 1.0], [None, 2.0]) == (float("-inf"), 2.0)
+    assert fitting._widest(None, [1.0, 2.0]) == (1.0, 2.0)
+    assert np.isnan(fitting._widest(None, None)).all()
 
 
 def test_all_results_are_those_of_the_command_line(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:

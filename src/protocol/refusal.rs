@@ -77,7 +77,7 @@ impl fmt::Display for Refusal {
                  or it is in recovery mode (update its firmware): parameters and rules of alerts are in force until it \
                  restarts, and other requests must be repeated",
             ),
-            Self::Busy => f.write_str("the insole is still executing the previous request: wait for its answer"),
+            Self::Busy => f.write_str("the insole is still executing another request, or its answer was lost: try again after some seconds"),
             Self::Serial => f.write_str("a serial number has up to 16 printable ASCII characters and no spaces"),
             Self::Calibration => f.write_str(
                 "the calibration is out of range, of another layout, or incomplete: it needs one line for each cell, \

@@ -85,3 +85,26 @@ fn intervals_without_resampled_fits_contain_the_truth_although_the_references_va
     assert_coverage(5, 0);
     assert_coverage(20, 0);
 }
+
+/// The quantities at the reference strain of 20 % have no value if the steps never compress the tissue as far: the force law would
+/// have to be extrapolated.
+#[test]
+fn a_strain_that_no_step_reaches_has_no_stiffness() {
+    let steps = steps(4, 0, 1);
+    let at_strain = [
+        Quantity::SecantStiffness,
+        Quantity::TangentStiffness,
+        Quantity::SecantModulus,
+        Quantity::TangentModulus,
+        Quantity::ViscousModulus,
+    ];
+    for (compression, has_value) in [(0.457, true), (0.21, true), (0.19, false), (0.1, false)] {
+        let options = Options { compression, ..Options::usual([0.012; 8]) };
+        let fits = fit::fit(&steps, &options, &|_| ());
+        let fit = fits[0].as_ref().expect("a fit");
+        for quantity in at_strain {
+            assert_eq!(fit.measure(quantity).is_some(), has_value, "{quantity:?} at a compression of {compression}");
+        }
+        assert!(fit.measure(Quantity::ForceAtArea).is_some());
+    }
+}

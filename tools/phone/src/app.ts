@@ -293,7 +293,8 @@ export class App {
     this.identify.tick(now_ms);
     this.retryStoring(now_ms);
     this.alerts.sendPauses();
-    this.alerts.followTimeZone();
+    // A refusal of these rules must not be taken for one of new parameters.
+    if (!this.identify.awaits_answer) this.alerts.followTimeZone();
     // While the page is in the background, the sessions continue, but the texts are not visible.
     if (!document.hidden) this.update(now_ms);
   }

@@ -84,6 +84,11 @@ export class IdentifyController {
     return this.stored.length > 0;
   }
 
+  /** True while the insoles are to answer that they use the new parameters. A refusal does not name its request. */
+  get awaits_answer(): boolean {
+    return this.session.phase === "push";
+  }
+
   /** Deletes the stored messages, unless they are those of a running session. */
   async deleteStored(): Promise<void> {
     if (!["closed", "done", "failed"].includes(this.session.phase)) return;

@@ -78,3 +78,14 @@ test("steps of an insole that is no longer connected are stored, but not acknowl
   await tick(5);
   expect([storage.records.size, acknowledged()]).toEqual([6, []]);
 });
+
+test("while an insole is to answer to new parameters, no rules of alerts are sent, because a refusal does not name its request", async () => {
+  const { app } = await start();
+  const sends_rules = vi.spyOn(app["alerts"], "followTimeZone");
+  const awaits_answer = vi.spyOn(app["identify"], "awaits_answer", "get").mockReturnValue(true);
+  app["tick"]();
+  expect(sends_rules).not.toHaveBeenCalled();
+  awaits_answer.mockReturnValue(false);
+  app["tick"]();
+  expect(sends_rules).toHaveBeenCalledOnce();
+});

@@ -215,3 +215,18 @@ test("a step that is stored during an export is exported once, before and after 
     expect(storage.records.size).toBe(2);
   }
 });
+
+test("a record that arrives while the records are loaded again is shown once", async () => {
+  const storage = new TestStorage();
+  const store = new StepStore(wire, storage);
+  const [[first, first_message], [second, second_message]] = [received[0]!, received[1]!];
+  await store.add(first, first_message, null);
+  storage.is_full = true;
+  // Another tab has deleted the first step. The second one arrives meanwhile, and cannot be stored yet.
+  storage.records.clear();
+  const reload = store.reload();
+  await expect(store.add(second, second_message, null)).rejects.toThrow("full");
+  await reload;
+  expect(store.latest.steps.map(({ step }) => step)).toEqual([second.step]);
+  expect(store.count("steps")).toBe(1);
+});

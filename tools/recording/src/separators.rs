@@ -72,6 +72,7 @@ mod tests {
         };
         assert!(is_refused(&["0", "17", "999", "1,028"]));
         assert!(is_refused(&["1.028", "B", "250"]));
+        assert!(is_refused(&["-1,028", "999", "1,028"]));
         // Three decimals in all numbers, in a number below 1, or another number of decimals.
         assert!(!is_refused(&["0.000", "1.028", "12.000"]));
         assert!(!is_refused(&["0", "250", "1.028", "0.125"]));

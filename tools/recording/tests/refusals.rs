@@ -136,6 +136,19 @@ fn a_contact_on_a_mat_that_is_cut_off_leads_to_a_remark() {
 }
 
 #[test]
+fn a_contact_on_a_tekscan_plate_that_is_cut_off_leads_to_a_remark() {
+    // The footprint is longer than wide, and carries load in both frames.
+    let insole =
+        tekscan(&["10,10,10", "10,10,10", "10,10,10", "10,10,10", "10,10,10", "10,10,10", "10,10,10", "10,10,10"]);
+    let plate = insole.replace("SENSOR_TYPE FSCAN", "SENSOR_TYPE 5101");
+    let remarks = |text: &str| {
+        let export = parse(Format::Tekscan, "walkL.asf", text.as_bytes(), Some(Side::Left)).unwrap();
+        export.remarks.iter().filter(|remark| remark.contains("frame carries")).count()
+    };
+    assert_eq!((remarks(&plate), remarks(&insole)), (2, 0));
+}
+
+#[test]
 fn forces_of_a_foot_that_are_no_zone_are_refused_and_the_total_is_compared() {
     let rows: &[&[&str]] = &[&["300.5", "20", "30", "350.5"], &["310.5", "20", "30", "360.5"], &["1", "0", "0", "1"]];
     let import = |names: &[&str]| parse(Format::Loadsol, "a.txt", loadsol(names, rows).as_bytes(), None);
