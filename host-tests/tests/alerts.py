@@ -1,5 +1,5 @@
-"""Cumulative load and alerts, from the largest cell pressure of each region in every frame. alerts.rs compares the firmware
-with this independent implementation.
+"""Cumulative load and alerts, from the largest cell pressure of each region in every frame. alerts.rs compares the insole's
+code with this independent implementation.
 
 Reads a JSON object from the standard input: rate_hz, peaks_kpa (one list for each region), and the rules. Writes a JSON object
 with the totals of each region, and for each alert the end of its second (s) and two bit masks in which bit i is region i: the

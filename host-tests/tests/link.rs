@@ -538,15 +538,29 @@ fn parameters_that_are_stored_after_the_host_has_gone_are_put_in_force() {
     assert_eq!(session.take_tissue_due().map(|tissue| tissue.id), Some(TISSUE.id));
 }
 
+/// Rules of alerts that could not be stored are in force until the next start, and the host must know that they are not stored.
+#[test]
+fn a_host_is_informed_that_its_rules_of_alerts_could_not_be_stored() {
+    let mut session = streaming();
+    session.receive(ToDevice::SetAlertRules(AlertRules::RECOMMENDED), 0);
+    session.complete(Err(Refusal::NotStored));
+    assert_eq!(all(&mut session), [Sent::Refused(Refusal::NotStored)]);
+    session.receive(ToDevice::GetAlertRules, 0);
+    assert_eq!(all(&mut session), [Sent::AlertRules(AlertRules::RECOMMENDED)]);
+}
+
 /// A host that connects after the carrier was lost would take the result for the answer to a request of its own. New parameters
-/// are announced to this host, too, but not that they could not be stored.
+/// and rules of alerts are announced to this host, too, but not that they could not be stored.
 #[test]
 fn the_result_of_a_command_is_not_sent_to_the_host_of_the_next_session() {
+    let rules = ToDevice::SetAlertRules(AlertRules::RECOMMENDED);
     for (command, result, expected) in [
         (ToDevice::SetSettings(None), Err(Refusal::NotStored), None),
         (ToDevice::SetSettings(None), Ok(CommandResult::Stored), None),
         (ToDevice::SetTissue(*TISSUE), Err(Refusal::NotStored), Some(Sent::Tissue(TISSUE.id))),
         (ToDevice::SetTissue(*TISSUE), Ok(CommandResult::Stored), Some(Sent::Tissue(TISSUE.id))),
+        (rules, Err(Refusal::NotStored), Some(Sent::AlertRules(AlertRules::RECOMMENDED))),
+        (rules, Ok(CommandResult::Stored), Some(Sent::AlertRules(AlertRules::RECOMMENDED))),
     ] {
         let mut session = streaming();
         session.receive(command, 0);

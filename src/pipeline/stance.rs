@@ -81,7 +81,8 @@ pub struct Stance<R> {
     /// Force of the lifted foot, N.
     lifted_n: R,
     constancy: Constancy<R>,
-    /// The total force was below the threshold of heel strike since it last reached that of toe off.
+    /// The total force was below the threshold of heel strike after the last contact began or was ignored, and after the force
+    /// last reached both thresholds.
     is_unloaded: bool,
     is_lifted: bool,
     /// The total force has changed since the first frame.
@@ -382,7 +383,7 @@ impl<R: Real> Stance<R> {
         self.saturated
     }
 
-    /// Number of contacts so far that did not become steps.
+    /// Number of rejected contacts so far, by reason. Contacts that began before the first frame are not counted.
     pub fn rejected(&self) -> Rejected {
         self.rejected
     }

@@ -1,4 +1,5 @@
-//! The wearer of a simulated insole: walks that a test starts, with sensor faults and frames without an answer of the matrix.
+//! The wearer of a simulated insole: walks and other activities that a test starts, with sensor faults and frames of which the
+//! matrix does not answer for all rows.
 
 use emulator::SensorFault;
 use plantar::Side;
@@ -69,7 +70,8 @@ impl Codes {
 pub enum Posture {
     /// The foot carries a constant load.
     Stand,
-    /// The codes decrease to a third, and so the load to a quarter, and increase again, with a period of 1.2 s.
+    /// The codes vary between a third of their largest value and this value, and the load between a quarter and the whole, with a
+    /// period of 1.2 s.
     Shuffle,
     /// The foot carries little load.
     Sit,

@@ -168,8 +168,8 @@ async fn run(boot: BootReport, image: &'static Header) {
             (None, Some(layout::cells()), fault_text.try_into().ok())
         }
     };
-    // One iterator for both cases: with two types of iterator, the function `start` would be compiled twice, and the stack would
-    // have room for both versions.
+    // One iterator for both cases: with two types of iterator, the function `start` would be compiled twice, and room
+    // for both versions would be reserved on the stack.
     let cells = received.into_iter().flatten().chain(built_in.into_iter().flatten());
     let restart = cortex_m::peripheral::SCB::sys_reset;
     let setup = config.setup;

@@ -54,7 +54,8 @@ pub fn wait_for_fast_crystal() {
 
 static ELAPSED: AtomicWaker = AtomicWaker::new();
 
-/// A timer with a resolution of 1 us, which runs only while something waits for it.
+/// A timer with a resolution of 1 us, which runs only while something waits for it: the future of a wait must be awaited to its
+/// end, because this stops the timer.
 pub struct Microseconds(Peri<'static, peripherals::TIMER2>);
 
 impl Microseconds {

@@ -179,6 +179,7 @@ fn log_system_events(packets: &Packets) -> bool {
 fn log_core_stop() {
     match CoreStop::of(read(at!(references.device_info))) {
         Some(CoreStop::Fault) => {
+            // The radio's core has overwritten these two words of the mailbox with its program counter and its link register.
             let (at, from) = (read(at!(references.ble)), read(at!(references.thread)));
             defmt::error!("radio: the radio's core had a fault at {=u32:x}, called from {=u32:x}", at, from);
         }

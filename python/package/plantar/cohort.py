@@ -100,15 +100,20 @@ def outside(study: str | os.PathLike[str]) -> list[str]:
     """The reasons why files at the top level of a study that may be recordings are not used: they belong to no participant."""
     files, root = fsspec.url_to_fs(_address(study))
     files.invalidate_cache(root)
-    paths = sorted(entry["name"] for entry in files.ls(root, detail=True) if not _is_folder(files, entry))
-    names = ((path, path.rsplit("/", 1)[-1]) for path in paths)
-    found = (path for path, name in names if name.lower().endswith(".parquet") and not name.startswith("."))
+    entries = sorted(((entry["name"].rstrip("/"), _is_folder(files, entry)) for entry in files.ls(root, detail=True)))
+    names = ((path, path.rsplit("/", 1)[-1], is_folder) for path, is_folder in entries)
+    # A folder with this ending, in lower case, is a recording in parts.
+    found = (
+        path
+        for path, name, is_folder in names
+        if (name if is_folder else name.lower()).endswith(".parquet") and not name.startswith(".")
+    )
     return [f"{path}: not in the folder of a participant: move it there" for path in found]
 
 
 def participants(study: str, out: str) -> list[str]:
-    """The names of the participants' folders in a study, sorted. The folder of the table is not one of them, and a folder that
-    contains it is one only if it has recordings or settings, too."""
+    """The names of the participants' folders in a study, sorted. The folder of the table and recordings in parts are not among
+    them, and a folder that contains the table is one only if it has recordings or settings, too."""
     files, root = fsspec.url_to_fs(study)
     files.invalidate_cache(root)
     _, out_path = fsspec.url_to_fs(out)
@@ -133,7 +138,7 @@ def participants(study: str, out: str) -> list[str]:
     # An object storage can list the folder itself as one of its entries.
     paths = [path for path in paths if path != root.rstrip("/")]
     names = sorted(path.rsplit("/", 1)[-1] for path in paths if is_participant(path))
-    names = [name for name in names if not name.startswith(".")]
+    names = [name for name in names if not name.startswith(".") and not name.endswith(".parquet")]
     if not names:
         raise OSError(f"{study}: no participant: it must contain one folder per participant, with recordings")
     return names

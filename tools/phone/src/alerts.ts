@@ -38,6 +38,9 @@ const DAY_STARTS_KEY = "plantar.day_starts_min";
 /** All starts of the day that this page has sent to insoles, minutes from midnight UTC. */
 const ownDayStarts = () => (stored(() => localStorage, DAY_STARTS_KEY) ?? "").split(",");
 
+/** True for the default start of the day, midnight UTC, and for one that this page has sent before. */
+const isOwnDayStart = (day_start_min: number) => day_start_min === 0 || ownDayStarts().includes(String(day_start_min));
+
 /** Minutes from midnight UTC to midnight of the phone's time zone. */
 const dayStartMinutes = () => (new Date().getTimezoneOffset() + 1440) % 1440;
 
@@ -299,16 +302,20 @@ export class Alerts {
     for (const session of this.connected()) {
       const { alert_rules, has_alerts, day_start_min } = session;
       if (!alert_rules || has_alerts === undefined || day_start_min === undefined || day_start_min === present_min) continue;
-      const is_own = day_start_min === 0 || ownDayStarts().includes(String(day_start_min));
       // An insole that refuses this is not asked again.
-      if (!is_own || this.asked_day_start.get(session) === present_min) continue;
+      if (!isOwnDayStart(day_start_min) || this.asked_day_start.get(session) === present_min) continue;
       this.asked_day_start.set(session, present_min);
       this.setRules(session, alert_rules, has_alerts);
     }
   }
 
-  /** Turns the alerts of an insole on or off, and begins its day at midnight of this device. */
+  /**
+   * Turns the alerts of an insole on or off, and begins its day at midnight of this device, unless somebody else has chosen the
+   * start of the day.
+   */
   private setRules(session: Session, alert_rules: Uint8Array, is_on: boolean): void {
+    const { day_start_min = 0 } = session;
+    if (!isOwnDayStart(day_start_min)) return session.send(this.wire.setAlerts(alert_rules, is_on, day_start_min));
     const day_starts = new Set([...ownDayStarts(), String(dayStartMinutes())]);
     store(() => localStorage, DAY_STARTS_KEY, [...day_starts].join(","));
     session.send(this.wire.setAlerts(alert_rules, is_on, dayStartMinutes()));

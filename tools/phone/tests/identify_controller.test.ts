@@ -45,7 +45,7 @@ async function load(session?: { state: string; insole: number }) {
   return { controller, act };
 }
 
-test("an interrupted session is deleted together with all steps", async () => {
+test("an interrupted session is deleted on request of the page", async () => {
   const { controller } = await load();
   await controller.deleteStored();
   expect([controller.has_stored, stored]).toEqual([false, []]);

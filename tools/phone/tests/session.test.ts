@@ -158,7 +158,7 @@ test("the number of stored records that are still to come is known, also when th
   expect(session.records_waiting).toBe(10);
 });
 
-test("an insole has parameters once it confirms them, although its hello stated that it had none", () => {
+test("an insole has parameters as long as its last tissue message has an id other than 0", () => {
   const { session, receive } = startLive();
   const first = session.hello;
   const states = [0, 7].map((id) => {

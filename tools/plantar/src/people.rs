@@ -10,8 +10,9 @@ use std::path::{Path, PathBuf};
 use study::table::partition;
 use study::{Person, SETTINGS_FILE};
 
-/// The names of the participants' folders in the folder of a study, sorted. Hidden folders and folders of results are omitted:
-/// the folder `out` of the output, folders that contain it, and tables of earlier runs.
+/// The names of the participants' folders in the folder of a study, sorted. Hidden folders and recordings in parts are omitted,
+/// and so are folders of results: the folder `out` of the output, and folders that contain it or the table of an earlier run,
+/// unless they also contain recordings or settings of a participant.
 pub fn names(study: &Path, out: Option<&Path>) -> Result<Vec<String>> {
     let error = || format!("cannot read {}: it must be a folder with one folder per participant", study.display());
     let out = out.map(resolved);
@@ -23,7 +24,8 @@ pub fn names(study: &Path, out: Option<&Path>) -> Result<Vec<String>> {
     for entry in fs::read_dir(study).with_context(error)? {
         let path = entry.with_context(error)?.path();
         let name = path.file_name().unwrap_or_default();
-        if path.is_dir() && !name.as_encoded_bytes().starts_with(b".") && !has_only_results(&path, out.as_deref()) {
+        let is_omitted = name.as_encoded_bytes().starts_with(b".") || recording::is_parquet(&path);
+        if path.is_dir() && !is_omitted && !has_only_results(&path, out.as_deref()) {
             let name = name.to_str();
             let name = name.with_context(|| format!("{}: a participant's name must be UTF-8", path.display()))?;
             names.push(name.to_string());
@@ -94,7 +96,7 @@ pub fn unused(study: &Path, names: &[String], out: Option<&Path>) -> Vec<String>
     let out = out.map(resolved);
     let mut reasons: Vec<String> = sorted_entries(study)
         .iter()
-        .filter(|path| may_be_recording(path) && !path.is_dir())
+        .filter(|path| may_be_recording(path) && (recording::is_parquet(path) || !path.is_dir()))
         .map(|path| format!("{}: not in the folder of a participant: move it there", path.display()))
         .collect();
     for name in names {

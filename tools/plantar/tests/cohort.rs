@@ -435,6 +435,9 @@ fn files_that_are_not_directly_in_a_participants_folder_are_left_out_and_named()
     fs::copy(ann.join("a.parquet"), ann.join("day2/B.PARQUET")).expect("copied");
     fs::copy(ann.join("a.parquet"), ann.join("X.PARQUET")).expect("copied");
     fs::copy(ann.join("a.parquet"), path.join("people/lost.parquet")).expect("copied");
+    // A recording in parts.
+    fs::create_dir(path.join("people/parts.parquet")).expect("created");
+    fs::copy(ann.join("a.parquet"), path.join("people/parts.parquet/0.parquet")).expect("copied");
     // Both runs find the participants up to date, and nevertheless name the files.
     for _ in 0..2 {
         let (status, text) = outcome(&cohort(&path, ""));
@@ -443,6 +446,7 @@ fn files_that_are_not_directly_in_a_participants_folder_are_left_out_and_named()
         let left_out: Vec<&str> = text.lines().filter(|line| line.starts_with("left out:")).collect();
         let expected = [
             ("people/lost.parquet", "not in the folder of a participant"),
+            ("people/parts.parquet", "not in the folder of a participant"),
             ("people/ann/X.PARQUET", "in lower case"),
             ("people/ann/day2", "are not used (2)"),
         ];

@@ -217,7 +217,7 @@ fn check_overlap(rows: &[(usize, u64, Cell)], path: &Path) -> Result<()> {
     Err(Error::content(
         at_line(path, line_a.max(line_b)),
         format!(
-            "if each cell is {aspect} times as wide as long, cell {a} (line {line_a}) and cell {b} (line {line_b}) overlap \
+            "if the width of each cell is {aspect} times its length, cell {a} (line {line_a}) and cell {b} (line {line_b}) overlap \
              by {:.0} % of the smaller cell",
             100.0 * fraction
         ),

@@ -12,8 +12,8 @@ pub const GAP_INTERVALS: f64 = 1.5;
 /// rounded.
 const SHORTEST_FILLED_PERIOD_S: f64 = 7e-4;
 
-/// Fills gaps of up to [`LONGEST_FILLED_S`] linearly. In a longer gap the load is unknown: only the longest part without one
-/// remains. `kpa` contains the pressures of `cells` cells for each time. Returns sentences with the number of frames that were
+/// Fills gaps of up to [`LONGEST_FILLED_S`] linearly. In a longer gap the load is unknown: only the part without one
+/// that has the most frames remains. `kpa` contains the pressures of `cells` cells for each time. Returns sentences with the number of frames that were
 /// filled and left out; `None` without a gap.
 ///
 /// Nothing is changed if the median interval is below [`SHORTEST_FILLED_PERIOD_S`]. Times that do not increase are left as they
@@ -24,6 +24,7 @@ pub fn fill(t_s: &mut Vec<f64>, kpa: &mut Vec<f32>, cells: usize) -> Option<Stri
     if period_s < SHORTEST_FILLED_PERIOD_S || !t_s.windows(2).any(|pair| is_gap(pair[0], pair[1])) {
         return None;
     }
+    // At a low rate, the usual intervals exceed `LONGEST_FILLED_S`, and must not divide the recording.
     let longest_filled_s = LONGEST_FILLED_S.max(GAP_INTERVALS * period_s);
     // Because times are rounded, a gap of exactly the longest duration that is filled may appear slightly longer.
     let part = longest_part(t_s, longest_filled_s + 0.25 * period_s);

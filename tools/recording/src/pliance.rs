@@ -27,7 +27,7 @@ pub fn recognise(text: &str) -> bool {
         && text.lines().any(|line| strip_name(line, CORNERS[0]).is_some())
 }
 
-/// Imports a step. `side` states the foot; without it, the shape of the footprint decides.
+/// Imports one foot. `side` states which; without it, the shape of the footprint decides.
 ///
 /// # Errors
 /// Fails if the table or the corners are missing, if the sensors are not equal rectangles, or if a line violates the format. The
