@@ -1,4 +1,4 @@
-//! The properties that Kani proves. A harness covers all inputs at once, within the bounds that its comment states, if any.
+//! Harnesses with which Kani can prove properties. A harness covers all inputs at once, within the bounds that its comment states, if any.
 //!
 //! These harnesses have never run: Kani's set-up downloads Kani's compiler from a release page, and the workflow
 //! `.github/workflows/ci.yml`, which runs Kani, has not run yet.

@@ -195,7 +195,7 @@ const SWING_S: f64 = 0.45;
 /// contact begins by the contact rule.
 const LOADED_KPA: f32 = 25.0;
 
-/// The cells that every step of a walk loads, so that a fault of such a cell has an effect.
+/// The cells that each of the first eight steps of a walk loads, so that a fault of such a cell has an effect.
 struct Loaded {
     /// For each cell, whether each of the first eight steps loads it.
     loaded: Vec<bool>,

@@ -13,6 +13,7 @@ use nrf52840_drivers::qspi::{Qspi, Wait};
 use plantar::storage::flash_map::OTHER;
 use plantar::storage::supplied::Supplied;
 
+// In a chip of this size, `OTHER` is the last area of the map.
 const _: () = assert!(OTHER.end <= CHIP_BYTES, "the flash map fits into the chip");
 
 static READY: AtomicWaker = AtomicWaker::new();
@@ -37,7 +38,7 @@ impl Wait for Sleep {
 /// The chip, which is written and erased only while its supply is sufficient.
 pub type Chip = Supplied<nrf52840_drivers::flash::Chip<Qspi<Sleep>, CHIP_BYTES>, fn() -> bool>;
 
-/// Opens the chip; `None` if it is missing, too small, or does not answer in time.
+/// Opens the chip; `None` if it is missing, too small, does not answer in time, or returns different identities.
 pub async fn open(qspi: Peri<'static, peripherals::QSPI>) -> Option<Chip> {
     let chip = nrf52840_drivers::flash::Chip::open(Qspi::new(qspi, Sleep)).await?;
     Some(Supplied::new(chip, CHIP_BYTES, matrix::is_supplied))

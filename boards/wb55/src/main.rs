@@ -100,7 +100,7 @@ static SCAN_COUNTERS: ScanCounters = ScanCounters::new();
 /// The static memory of the firmware. Its queue holds three frames: at the built-in 100 Hz they last 30 ms, longer than the
 /// evaluation of a step takes.
 static MEMORY: Memory<Chip, 3> = Memory::new();
-/// The transmit buffer of the link: while one part of a frame is transmitted, the next one is written.
+/// The transmit buffer of the link: while one part of a message is transmitted, the next one is written.
 static TO_SEND: ConstStaticCell<[u8; 2 * WRITE_BYTES]> = ConstStaticCell::new([0; 2 * WRITE_BYTES]);
 /// The receive buffer of the link, which is longer than the longest message to the insole.
 static RECEIVED: ConstStaticCell<[u8; 288]> = ConstStaticCell::new([0; 288]);

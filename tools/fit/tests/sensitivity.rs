@@ -39,7 +39,7 @@ fn every_choice_is_varied_and_has_the_expected_effect() {
         for (results, fit) in variant.regions.iter().zip(&study.fits) {
             let base = MainResults::of(fit.as_ref().expect("fitted"));
             if variant.choice == Choice::Filter(Filter::Live) {
-                // Computed steps have no forces for the live filter.
+                // These steps were computed for the direct filter, and have no forces for the live one.
                 assert_eq!(*results, None);
                 continue;
             }

@@ -14,7 +14,7 @@ class Button {
   closest = () => this;
 }
 
-/** The parts of a session that the browser stores. */
+/** The stored messages of a session that the browser stores. */
 let stored: Uint8Array<ArrayBuffer>[];
 
 beforeEach(() => {

@@ -36,7 +36,7 @@ function start(decode?: (bytes: Uint8Array) => ToHost | undefined) {
   return { session, sent, steps, transport, requested_us };
 }
 
-/** The counters of the messages of a session. */
+/** The numbers of received and lost live frames, and of damaged messages. */
 const counts = ({ counter, damaged }: Session) => ({ received: counter.received, lost: counter.lost, damaged });
 
 test("a session sends connect requests until the insole answers, then requests the streams and the cells", () => {
@@ -62,7 +62,7 @@ test("the cells of an insole are requested part by part until all have arrived, 
   session.tick(500);
   session.tick(1001);
   expect(sent.filter((request) => request[0] === wire.getSetupCells(0)[0]).at(-1)).toEqual(wire.getSetupCells(16));
-  // A request that was sent twice is answered twice. The second answer is ignored.
+  // An answer that arrives again is ignored. The second answer is ignored.
   session.receive(parts[0]!, 1100);
   parts.slice(1).forEach((part) => {
     expect(session.sole).toBeUndefined();

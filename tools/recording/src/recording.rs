@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 pub struct Recording {
     /// The foot.
     pub side: Side,
-    /// The sensors, in the order of a frame's values.
+    /// The cells, in the order of a frame's values.
     pub layout: Layout,
     /// Frames per second, at most 1 MHz.
     pub rate_hz: f64,

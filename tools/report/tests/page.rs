@@ -144,7 +144,7 @@ fn fits_without_damping_or_intervals_are_shown() {
 }
 
 #[test]
-fn the_table_of_quantities_has_the_numbers_of_the_study() {
+fn the_table_of_quantities_begins_with_the_numbers_of_the_study() {
     let rows = rows(&table(&report::html(&STUDY), "quantities-table"));
     let shown: Vec<f64> = rows[1][1..].iter().filter_map(|text| text.parse().ok()).collect();
     assert!(rows[1][0].starts_with("Force at 70 % of the largest area"), "{:?}", rows[1]);

@@ -18,7 +18,7 @@ pub struct SyntheticStanding {
     pub lifted_s: [f64; 2],
     /// Time for which the person stands, s.
     pub stand_s: f64,
-    /// Duration of each of the two transitions between lifted and standing, s. It is not part of the other times.
+    /// Duration of each of the two transitions between lifted and standing, s, above 0. It is not part of the other times.
     pub transition_s: f64,
     /// Mean force on this foot while standing, N.
     pub standing_n: f64,

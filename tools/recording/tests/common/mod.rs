@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 /// Rows and columns of the sensor.
 pub const ROWS: usize = 30;
 pub const COLUMNS: usize = 11;
-/// Frames of a step, and of the swing after it.
+/// Frames of the stance, and of the swing after it.
 pub const STANCE: usize = 60;
 pub const SWING: usize = 20;
 
