@@ -46,12 +46,11 @@ impl<R: Real> RegionMeasures<R> {
             }
         }
         let mut peak_pressure_s = time_s(peak_sample);
-        if let Some(between) = curves.between(region) {
-            let between_s = R::of_u32(between.pressure_frame.into()) * (sample_s / R::of_u32(curves.stride()));
-            let is_first = between.pressure_dkpa == peak_dkpa && between_s < peak_pressure_s;
-            if between.pressure_dkpa > peak_dkpa || is_first {
-                (peak_dkpa, peak_pressure_s) = (between.pressure_dkpa, between_s);
-            }
+        if let Some(between) = curves.between(region)
+            && between.pressure_dkpa > peak_dkpa
+        {
+            peak_dkpa = between.pressure_dkpa;
+            peak_pressure_s = R::of_u32(between.pressure_frame.into()) * (sample_s / R::of_u32(curves.stride()));
         }
         let kpa_per_dkpa = R::of(0.1);
         let pressure_integral_kpa_s = R::of_u32(sum_dkpa) * kpa_per_dkpa * sample_s;

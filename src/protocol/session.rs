@@ -64,7 +64,7 @@ pub struct Session {
     to_insole: ToInsole,
     /// The host of this session has requested that the baselines are measured.
     is_zero_awaited: bool,
-    /// The result of the last such measurement; `None` before the first, and if the last one was refused.
+    /// The result of the last such measurement that was not refused; `None` before it.
     zeroed: Option<ZeroResult>,
     /// The wall clock, us since 1970, minus the device's time, us; `None` until the clock is set.
     unix_offset_us: Option<u64>,

@@ -240,7 +240,7 @@ quantities! {
         #[serde(with = "le")]
         time_to_peak_ms: u16 = (region.time_to_peak_s * R::of(1e3)).round_u16()
             => time_to_peak_s [1000 per "s"],
-            "First frame with the largest measured force.";
+            "A frame with the largest measured force; the first one if every frame is a sample.";
         /// Centre of the contact ellipse at the largest measured force, to the lateral side in foot coordinates.
         #[serde(with = "le")]
         ellipse_x_dmm: i16 = region.ellipse_at_peak.map_or(0, |ellipse| (ellipse.x_mm * R::of(10.0)).round_i16())
@@ -288,7 +288,7 @@ quantities! {
         #[serde(with = "le")]
         peak_pressure_ms: u16 = (region.measures.peak_pressure_s * R::of(1e3)).round_u16()
             => peak_pressure_time_s [1000 per "s"],
-            "First frame with this pressure.";
+            "A frame with this pressure; the first one if every frame is a sample.";
         /// Pressure-time integral.
         #[serde(with = "le")]
         pressure_integral_dkpas: u16 = (region.measures.pressure_integral_kpa_s * R::of(10.0)).round_u16()

@@ -573,8 +573,8 @@ impl EventCheck {
                     "`{serial}` is not a valid serial number: use at most 16 ASCII characters without spaces"
                 ));
             }
-            Event::ValueLength(bytes) if !(1..=MAX_VALUE).contains(bytes) => {
-                return Err(format!("a value of {bytes} bytes does not exist: use 1 to {MAX_VALUE}"));
+            Event::ValueLength(bytes) if !(20..=MAX_VALUE).contains(bytes) => {
+                return Err(format!("no link has values of at most {bytes} bytes: use 20 to {MAX_VALUE}"));
             }
             Event::Connect { .. } => self.is_following[insole] = true,
             Event::Acknowledge(_) | Event::ValueLength(_) => {}

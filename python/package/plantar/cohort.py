@@ -102,11 +102,12 @@ def outside(study: str | os.PathLike[str]) -> list[str]:
     files.invalidate_cache(root)
     entries = sorted(((entry["name"].rstrip("/"), _is_folder(files, entry)) for entry in files.ls(root, detail=True)))
     names = ((path, path.rsplit("/", 1)[-1], is_folder) for path, is_folder in entries)
-    # A folder with this ending, in lower case, is a recording in parts.
+    # A folder with this ending, in lower case, is a recording in parts if it has parts; a table has folders of participants.
     found = (
         path
         for path, name, is_folder in names
-        if (name if is_folder else name.lower()).endswith(".parquet") and not name.startswith(".")
+        if (name.endswith(".parquet") and _parquet_entries(files, path) if is_folder else name.lower().endswith(".parquet"))
+        and not name.startswith(".")
     )
     return [f"{path}: not in the folder of a participant: move it there" for path in found]
 

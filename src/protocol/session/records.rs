@@ -19,6 +19,11 @@ impl Session {
         !self.records.is_full()
     }
 
+    /// True if the record with this number was sent in this session, and is not acknowledged yet.
+    pub fn has_sent(&self, number: u32) -> bool {
+        self.records.iter().take(self.records_sent).any(|record| record.number() == number)
+    }
+
     /// The number of the newest record in RAM.
     pub fn newest_record(&self) -> Option<u32> {
         self.records.back().map(LoadRecord::number)

@@ -16,9 +16,11 @@ This file is generated from the declarations in `src/protocol/{step,bout,alert,l
 `UPDATE_DOCS=1 cargo test --release --package client --test quantities`. A test checks that it is up to date.
 
 *Column* is the name in Parquet and CSV files, *key* the one in JSON objects, where `a.b` is the key `b` in the object
-`a`. Two CSV files that the web page for a phone saves have other columns. That of live frames has one column for each region and
+`a`. Three CSV files that the web page for a phone saves have other columns. That of live frames has one column for each region and
 each key of a region, such as `heel_area_mm2`; its `t_s` is the time of arrival, and its `device_t_s` the time of the
-scan. In that of steps, `duration_s` is named `contact_time_foot_s`.
+scan. In that of steps, `duration_s` is named `contact_time_foot_s`. That of the loads of each day has one row for each
+foot and local day: the numbers of steps, load bouts and alerts, the sum of the force-time integrals of steps and load bouts
+(`force_integral_n_s`), and the largest total force in a step (`foot_force_peak_n`).
 
 In tables an alert has one row for each region, with `sustained` and `dose` of this region. In the JSON object of an
 alert these two keys have lists of the names of the regions to which they apply.

@@ -315,7 +315,9 @@ export class Alerts {
    */
   private setRules(session: Session, alert_rules: Uint8Array, is_on: boolean): void {
     const { day_start_min = 0 } = session;
-    if (!isOwnDayStart(day_start_min)) return session.send(this.wire.setAlerts(alert_rules, is_on, day_start_min));
+    // This browser may have lost the starts that it has sent.
+    const is_own = day_start_min === dayStartMinutes() || isOwnDayStart(day_start_min);
+    if (!is_own) return session.send(this.wire.setAlerts(alert_rules, is_on, day_start_min));
     const day_starts = new Set([...ownDayStarts(), String(dayStartMinutes())]);
     store(() => localStorage, DAY_STARTS_KEY, [...day_starts].join(","));
     session.send(this.wire.setAlerts(alert_rules, is_on, dayStartMinutes()));

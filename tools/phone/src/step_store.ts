@@ -134,7 +134,12 @@ export class StepStore {
 
   /** Loads the records again, after another tab has deleted them. Those that could not be stored yet remain. */
   async reload(): Promise<void> {
-    const [days, latest] = [await this.storage.days(), await this.storage.latest(LOADED)];
+    // Nothing is stored while days and records are read, so that both contain the same records.
+    const reading = this.storing
+      .catch(() => undefined)
+      .then(async () => [await this.storage.days(), await this.storage.latest(LOADED)] as const);
+    this.storing = reading.then(() => undefined);
+    const [days, latest] = await reading;
     // From here on, no record can arrive before all of them are shown, so none is shown twice.
     this.latest.trimTo(0);
     this.days.clear();

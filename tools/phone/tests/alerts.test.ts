@@ -192,15 +192,16 @@ test("an insole with a day from midnight UTC, or as this page has set it before,
 });
 
 test("the switch of the alerts leaves a start of the day that somebody else has chosen", () => {
-  const midnight_min = (new Date().getTimezoneOffset() + 1440) % 1440;
+  const offset_min = vi.spyOn(Date.prototype, "getTimezoneOffset").mockReturnValue(420);
   const { right } = start();
   right.receive(rules(false, 240));
   const setAlerts = vi.spyOn(wire, "setAlerts");
   box.checked = true;
   box.onchange();
   const sent = setAlerts.mock.calls.map(([, is_on, day_start_min]) => [is_on, day_start_min]);
-  expect(sent).toEqual([[true, midnight_min], [true, (midnight_min + 240) % 1440]]);
+  expect(sent).toEqual([[true, 420], [true, 660]]);
   setAlerts.mockRestore();
+  offset_min.mockRestore();
 });
 
 test("a pause that the insole has not received is sent again", () => {

@@ -62,7 +62,7 @@ test("the cells of an insole are requested part by part until all have arrived, 
   session.tick(500);
   session.tick(1001);
   expect(sent.filter((request) => request[0] === wire.getSetupCells(0)[0]).at(-1)).toEqual(wire.getSetupCells(16));
-  // An answer that arrives again is ignored. The second answer is ignored.
+  // An answer that arrives again is ignored.
   session.receive(parts[0]!, 1100);
   parts.slice(1).forEach((part) => {
     expect(session.sole).toBeUndefined();

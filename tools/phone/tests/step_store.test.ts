@@ -230,3 +230,13 @@ test("a record that arrives while the records are loaded again is shown once", a
   expect(store.latest.steps.map(({ step }) => step)).toEqual([second.step]);
   expect(store.count("steps")).toBe(1);
 });
+
+test("a record that is stored after the records were loaded again is shown and counted once", async () => {
+  const storage = new TestStorage();
+  const store = new StepStore(wire, storage);
+  const [step, message] = received[0]!;
+  const reload = store.reload();
+  const added = store.add(step, message, null);
+  await Promise.all([reload, added]);
+  expect([store.latest.steps.length, store.count("steps"), storage.records.size]).toEqual([1, 1, 1]);
+});

@@ -96,7 +96,10 @@ pub fn unused(study: &Path, names: &[String], out: Option<&Path>) -> Vec<String>
     let out = out.map(resolved);
     let mut reasons: Vec<String> = sorted_entries(study)
         .iter()
-        .filter(|path| may_be_recording(path) && (recording::is_parquet(path) || !path.is_dir()))
+        .filter(|path| {
+            let has_parts = || recording::is_parquet(path) && !has_only_results(path, out.as_deref());
+            may_be_recording(path) && (!path.is_dir() || has_parts())
+        })
         .map(|path| format!("{}: not in the folder of a participant: move it there", path.display()))
         .collect();
     for name in names {

@@ -129,6 +129,7 @@ fn wait_for_trial(image: &Image, insole: &mut InsoleLink) -> Result<()> {
                  when you switch it off and on",
                 image.header().version()
             ),
+            Err(error @ Error::Refused(_)) => return Err(error.into()),
             Err(error) => {
                 return Err(error).context(
                     "the new image stopped answering before it was confirmed, so the insole may have restored the previous one: \

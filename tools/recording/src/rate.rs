@@ -79,7 +79,13 @@ pub fn at_rate(recording: &Recording, rate_hz: f64) -> Result<Recording> {
         ));
     }
     let frames = intervals as usize + 1;
-    check::value_count(frames as u64, recording.cells(), "resampling")?;
+    if check::value_count(frames as u64, recording.cells(), "resampling").is_err() {
+        return Err(Error::content(
+            "resampling",
+            format!("{frames} frames of {} cells, more than this program can hold in memory", recording.cells()),
+            "choose a lower rate, or split the recording",
+        ));
+    }
     let mut resampled_s = Vec::with_capacity(frames);
     let mut pressure_kpa = Vec::with_capacity(frames * recording.cells());
     let mut before = 0;

@@ -28,8 +28,8 @@ impl Separators {
             return;
         }
         let is_whole = |digits: &str| !digits.starts_with('0') && digits.bytes().all(|byte| byte.is_ascii_digit());
-        let field = field.trim();
-        let field = field.strip_prefix(['-', '+']).unwrap_or(field);
+        let stated = field.trim();
+        let field = stated.strip_prefix(['-', '+']).unwrap_or(stated);
         match field.split_once(['.', ',']) {
             None => self.has_hundreds |= field.len() == 3 && is_whole(field),
             Some((before, after)) => {
@@ -38,7 +38,7 @@ impl Separators {
                     && after.len() == 3
                     && after.bytes().all(|byte| byte.is_ascii_digit());
                 self.has_decimals = !is_group;
-                self.first.get_or_insert_with(|| (field.to_owned(), line));
+                self.first.get_or_insert_with(|| (stated.to_owned(), line));
             }
         }
     }

@@ -501,13 +501,14 @@ impl Page {
                 open_session(link, connect, insole.tissue, insole.alert_rules);
                 link.set_daily_load(insole.daily_load, false);
             }
-            Some(message) => {
-                link.receive(message, NO_CLOCK_US);
-                // The session ignores the acknowledgement of a record that it has not sent to the page.
-                if let Some(number) = link.take_acknowledged() {
+            Some(acknowledgement @ ToDevice::Acknowledge { number }) => {
+                let has_sent = link.has_sent(number);
+                link.receive(acknowledgement, NO_CLOCK_US);
+                if has_sent {
                     insole.acknowledged_by_page(number);
                 }
             }
+            Some(message) => link.receive(message, NO_CLOCK_US),
         }
     }
 
@@ -565,7 +566,7 @@ impl Insole {
         pending.chain(&self.acknowledged).any(|known| known.is_same(record))
     }
 
-    /// True if this page has sent this request before and waits for the answer.
+    /// True if this page has sent these parameters or rules before and waits for the answer.
     fn awaits_answer_to(&self, page: u64, request: &ToDevice) -> bool {
         let is_waiting = self.waiting.is_some_and(|(waiting, _)| waiting == page);
         let link = self.pages.iter().find(|(id, _)| *id == page).map(|(_, link)| link);
