@@ -569,8 +569,7 @@ impl Insole {
     /// True if this page has sent these parameters or rules before and waits for the answer.
     fn awaits_answer_to(&self, page: u64, request: &ToDevice) -> bool {
         let is_waiting = self.waiting.is_some_and(|(waiting, _)| waiting == page);
-        let link = self.pages.iter().find(|(id, _)| *id == page).map(|(_, link)| link);
-        match (link.and_then(Session::command).filter(|_| is_waiting), request) {
+        match (self.waiting_command().filter(|_| is_waiting), request) {
             (
                 Some(Command::Tissue(sent, _)),
                 ToDevice::SetTissue(tissue) | ToDevice::SetIdentifiedTissue { tissue, .. },
@@ -578,6 +577,12 @@ impl Insole {
             (Some(Command::AlertRules(sent)), ToDevice::SetAlertRules(rules)) => sent == *rules,
             _ => false,
         }
+    }
+
+    /// The command of the page that waits for an answer; `None` if no page waits, or if it has closed its connection.
+    fn waiting_command(&self) -> Option<Command> {
+        let (waiting, _) = self.waiting?;
+        self.pages.iter().find(|(id, _)| *id == waiting).and_then(|(_, link)| link.command())
     }
 
     /// Sends a request to the insole, unless the same request already waits to be sent.
@@ -598,7 +603,7 @@ impl Insole {
     /// Returns the page that waits for an answer and its command, and ends its wait, if `is_answered` is true for the command.
     fn take_waiting(&mut self, is_answered: impl Fn(&Command) -> bool) -> Option<(u64, Command)> {
         let (waiting, _) = self.waiting?;
-        let command = self.pages.iter().find(|(id, _)| *id == waiting).and_then(|(_, link)| link.command());
+        let command = self.waiting_command();
         // A page that has closed its connection has no command, and no longer waits.
         if command.as_ref().is_none_or(is_answered) {
             self.waiting = None;
