@@ -22,6 +22,15 @@ fn every_cell_is_wired_once() {
     assert_eq!(cells.last().map(|&cell| usize::from(cell)), Some(CELLS - 1));
 }
 
+/// The order of the columns is that of the regions.
+#[test]
+fn the_regions_have_the_documented_numbers_of_cells() {
+    let counts =
+        Region::ALL.map(|region| layout::cells().filter(|cell| cell.cell.region == region).count().to_string());
+    let row = format!("| {} |", counts.join(" | "));
+    assert!(include_str!("../../docs/hardware.md").contains(&row), "docs/hardware.md has no row {row}");
+}
+
 #[test]
 fn the_matrix_is_folded_at_half_the_length() {
     let cells: Vec<_> = layout::cells().collect();

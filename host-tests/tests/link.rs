@@ -837,8 +837,13 @@ fn settings_replace_values_of_the_board() {
 #[test]
 fn identified_parameters_are_accepted_with_their_contact_rule_only() {
     let mut session = streaming();
-    let identified =
-        Identified { contact: SETUP.contact, filter: AreaFilter::Direct, side: Some(Side::Left), steps: 31 };
+    let identified = Identified {
+        contact: SETUP.contact,
+        filter: AreaFilter::Direct,
+        side: Some(Side::Left),
+        steps: 31,
+        regions: 0b1101,
+    };
     let request =
         |contact| ToDevice::SetIdentifiedTissue { tissue: *TISSUE, identified: Identified { contact, ..identified } };
     // Without a layout no rule is in force.
@@ -852,11 +857,18 @@ fn identified_parameters_are_accepted_with_their_contact_rule_only() {
     session.complete(Ok(CommandResult::Stored));
     session.receive(ToDevice::GetIdentified, 0);
     assert_eq!(all(&mut session), [Sent::Tissue(TISSUE.id), Sent::Identified(Some(identified))]);
+    assert_eq!(session.tracked_regions(), 0b1101);
     // Parameters without this information delete it.
     session.receive(ToDevice::SetTissue(*TISSUE), 0);
     session.complete(Ok(CommandResult::Stored));
     session.receive(ToDevice::GetIdentified, 0);
     assert_eq!(all(&mut session), [Sent::Tissue(TISSUE.id), Sent::Identified(None)]);
+    assert_eq!(session.tracked_regions(), 0);
+    // The forces of a step record are not those of the filter of the live stream.
+    let identified = Identified { filter: AreaFilter::Live, ..identified };
+    session.receive(ToDevice::SetIdentifiedTissue { tissue: *TISSUE, identified }, 0);
+    session.complete(Ok(CommandResult::Stored));
+    assert_eq!(session.tracked_regions(), 0);
 }
 
 #[test]

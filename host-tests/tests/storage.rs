@@ -76,7 +76,7 @@ fn a_loss_of_power_at_any_moment_leaves_the_old_or_the_new_value() {
 fn a_loss_of_power_leaves_parameters_with_the_rule_of_their_identification() {
     let identified = |full_kpa, steps| {
         let contact = ContactRule { full_kpa, ..ContactRule::COUNTED };
-        Some(Identified { contact, filter: AreaFilter::Direct, side: None, steps })
+        Some(Identified { contact, filter: AreaFilter::Direct, side: None, steps, regions: 0xAF })
     };
     let mut force_laws = TISSUE.force_laws;
     force_laws[0].n = 1.3;

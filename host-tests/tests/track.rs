@@ -49,11 +49,20 @@ fn tracked<R: plantar::Real>(
     steps: &[(Vec<f64>, Vec<f64>)],
     is_reliable: impl Fn(usize) -> bool,
 ) -> (ForceLaw<R>, Vec<f64>) {
+    tracked_in(steps, is_reliable, 1 << 3)
+}
+
+/// As [`tracked`], with the identified regions as bits.
+fn tracked_in<R: plantar::Real>(
+    steps: &[(Vec<f64>, Vec<f64>)],
+    is_reliable: impl Fn(usize) -> bool,
+    regions: u8,
+) -> (ForceLaw<R>, Vec<f64>) {
     let mut law = ForceLaw::<R>::of(&identified().single());
     let mut laws = [ForceLaw::NONE; 8];
     laws[3] = law;
     let mut tracker = Tracker::OFF;
-    tracker.start(&laws);
+    tracker.start(&laws, regions);
     let mut changes = Vec::new();
     for (i, (area_mm2, force_n)) in steps.iter().enumerate() {
         let convert = |values: &[f64]| values.iter().map(|&value| R::of(value)).collect::<Vec<R>>();
@@ -93,6 +102,13 @@ fn a_changed_law_is_found_in_single_and_double_precision() {
     // The first nine steps are only collected. From the tenth step on the law follows, and the change is reported.
     assert_eq!(changes[..9], [0.0; 9]);
     assert!((changes[29] + 0.2).abs() < 1e-3, "{changes:?}");
+}
+
+#[test]
+fn a_region_without_identified_parameters_is_not_tracked() {
+    let changed = ForceLaw { stiffness_pa: 0.8 * 4e5, ..identified() };
+    let (law, changes) = tracked_in::<f64>(&steps(30, &changed, 0.0), |_| true, !(1 << 3));
+    assert_eq!((law.stiffness_pa, changes), (f64::from(identified().single().stiffness_pa), vec![0.0; 30]));
 }
 
 /// After 30 steps, K and G agree within 1 % with the solution over all samples of these steps, in which the weight of a step

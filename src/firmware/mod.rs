@@ -2,9 +2,9 @@
 //! simulator.
 //!
 //! A board initialises its hardware, calls [`start::start`], and spawns the loops. [`scan::scan`] belongs on an interrupt
-//! executor: its deadline is one frame time, and a frame that it misses is skipped and counted. [`process::process`],
+//! executor: its deadline is one frame time, and a frame that it misses is counted. [`process::process`],
 //! [`serve::serve`], [`persist::persist`] and the board's Bluetooth loop share a low-priority executor. If processing is late,
-//! frames wait in the board's queue; while it is full, scans are skipped and counted. If storing is late, up to
+//! frames wait in the board's queue; while it is full, frames are not scanned but counted. If storing is late, up to
 //! [`shared::STORAGE_QUEUE`] load records (steps, load bouts, alerts) wait; further steps and bouts are dropped and counted, and
 //! an alert waits until the queue has space. The link has no deadline. [`supervise`] checks that scan, processing, link,
 //! storage and radio make progress.

@@ -124,9 +124,7 @@ fn adopt_tissue(insole: &mut DeviceInsole, shared: &Shared) {
     if let Some(tissue) = session.take_tissue_due() {
         // This cannot fail: the session has applied the same check before it accepted the parameters.
         let _ = insole.set_tissue(tissue);
-        if session.is_identified() {
-            insole.track();
-        }
+        insole.track(session.tracked_regions());
         log::info!("settings: parameters {:x} are in force", insole.tissue_id());
     }
 }
@@ -200,7 +198,7 @@ async fn complete_step(insole: &mut DeviceInsole, shared: &Shared, cycles: impl 
     let start_unix_us = shared.session.borrow().unix_us(step.start_us);
     queue(shared, Step { start_unix_us, ..step }.into());
     let mut cadence = shared.cadence.get();
-    cadence.step(step.start_us);
+    cadence.step(step.start_us, step.duration_us);
     shared.cadence.set(cadence);
     shared.counters.borrow_mut().steps += 1;
 }

@@ -100,8 +100,8 @@ fn add(counter: &AtomicU32, count: u32) {
     counter.store(counter.load(Ordering::Relaxed).wrapping_add(count), Ordering::Relaxed);
 }
 
-/// Scans at the frame times of the clock. Never waits for processing: if the queue of frames is full, the scan is skipped and
-/// counted. While the insole is not worn, it scans two frames a second. Never returns.
+/// Scans at the frame times of the clock. Never waits for processing: if the queue of frames is full, the frame is not
+/// scanned but counted. While the insole is not worn, it scans two frames a second. Never returns.
 pub async fn scan(
     mut clock: impl FrameClock,
     mut matrix: impl Matrix,

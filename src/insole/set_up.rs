@@ -84,9 +84,10 @@ impl<R: Real, const N: usize> Insole<R, N> {
     }
 
     /// Lets the stiffness K and the damping G of the force laws follow the wearer from step to step; see
-    /// [`crate::pipeline::track`]. To be called for parameters that were identified from steps of the wearer.
-    pub fn track(&mut self) {
-        self.tracker.start(&self.force_laws);
+    /// [`crate::pipeline::track`]. `regions` are those of which the parameters were identified from steps of the wearer: bit i
+    /// stands for region i of [`crate::Region::ALL`].
+    pub fn track(&mut self, regions: u8) {
+        self.tracker.start(&self.force_laws, regions);
     }
 
     /// The configuration; `None` before [`Insole::set_up`].

@@ -4,8 +4,8 @@ use super::contact::ContactCell;
 
 /// Number of rows of the matrix, and of columns.
 pub(crate) const LINES: usize = 16;
-/// Largest deviation of an unloaded cell from its baseline that counts as noise, codes: 0.07 kPa with the sensor law of the
-/// reference insole.
+/// Largest deviation of an unloaded cell from its baseline that counts as noise, codes. With the sensor law of the reference
+/// insole, it is 0.1 kPa at the zero, and 0.2 kPa at a baseline of 4 kPa.
 pub(crate) const NOISE: u16 = 32;
 /// Largest [`CellMarks::lowered`]: 2048 codes, 13 kPa with the same law.
 pub(crate) const MAX_LOWERED: u8 = 64;

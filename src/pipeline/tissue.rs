@@ -79,6 +79,20 @@ pub struct Identified {
     pub side: Option<Side>,
     /// Number of steps from which the parameters were identified.
     pub steps: u32,
+    /// Bit i: the parameters of region i of [`Region::ALL`] were identified. Those of the other regions are typical values.
+    pub regions: u8,
+}
+
+impl Identified {
+    /// The regions with parameters that the insole can follow from step to step ([`super::track`]), with the bits of
+    /// [`Identified::regions`]. The tracking compares the forces of steps with those of the filter of the step record, so
+    /// parameters of another filter are not tracked.
+    pub fn tracked_regions(&self) -> u8 {
+        match self.filter {
+            AreaFilter::Direct => self.regions,
+            AreaFilter::Live => 0,
+        }
+    }
 }
 
 /// The reason why a set of parameters is rejected.

@@ -58,7 +58,7 @@ impl<R: Real> StepSums<R> {
 /// The tracking of one region.
 #[derive(Clone, Copy, Debug)]
 struct Tracked<R> {
-    /// K (Pa) and G (Pa s) of the identification.
+    /// K (Pa) and G (Pa s) of the identification; 0 if the region is not tracked.
     identified: [R; 2],
     sums: StepSums<R>,
     /// Number of steps in `sums`, up to [`FIRST_STEPS`].
@@ -68,21 +68,20 @@ struct Tracked<R> {
 /// The tracking of all regions.
 #[derive(Clone, Debug)]
 pub struct Tracker<R> {
-    is_on: bool,
     regions: [Tracked<R>; 8],
 }
 
 impl<R: Real> Tracker<R> {
     /// Off.
-    pub const OFF: Self =
-        Self { is_on: false, regions: [Tracked { identified: [R::ZERO; 2], sums: StepSums::NONE, steps: 0 }; 8] };
+    pub const OFF: Self = Self { regions: [Tracked { identified: [R::ZERO; 2], sums: StepSums::NONE, steps: 0 }; 8] };
 
-    /// Starts the tracking from these identified force laws.
-    pub fn start(&mut self, laws: &[ForceLaw<R>; 8]) {
+    /// Starts the tracking of the regions with a bit in `regions` from their identified force laws.
+    pub fn start(&mut self, laws: &[ForceLaw<R>; 8], regions: u8) {
         *self = Self::OFF;
-        self.is_on = true;
-        for (region, law) in self.regions.iter_mut().zip(laws) {
-            region.identified = [law.stiffness_pa, law.damping_pa_s];
+        for (i, (region, law)) in self.regions.iter_mut().zip(laws).enumerate() {
+            if regions & 1 << i != 0 {
+                region.identified = [law.stiffness_pa, law.damping_pa_s];
+            }
         }
     }
 
@@ -95,7 +94,7 @@ impl<R: Real> Tracker<R> {
     /// not used: with masked or saturated cells, or areas beyond the ellipsoid's largest section, its forces are not those of
     /// the tissue.
     ///
-    /// Returns the relative change of K since the identification.
+    /// Returns the relative change of K since the identification, 0 in a region that is not tracked.
     ///
     /// # Panics
     /// If `region` is not an index of [`crate::Region::ALL`].
@@ -103,7 +102,7 @@ impl<R: Real> Tracker<R> {
         let (sums, peak_n) = (&step.sums, step.measured_peak_n);
         let tracked = &mut self.regions[region];
         let [stiffness_pa, damping_pa_s] = tracked.identified;
-        if !self.is_on || stiffness_pa <= R::ZERO {
+        if stiffness_pa <= R::ZERO {
             return R::ZERO;
         }
         if is_reliable && sums.ee > R::ZERO && peak_n > R::ZERO {

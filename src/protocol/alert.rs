@@ -29,7 +29,7 @@ quantities! {
         window_s: u16 = record.window_s
             => window_s [1 per "s"],
             "Set by the rules of alerts.";
-        /// Alerts in this day, with this one.
+        /// Number of alerts on this day, including this one.
         today: u8 = record.today
             => today [1 per "count"],
             "Counted by the insole.";

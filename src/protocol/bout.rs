@@ -23,10 +23,10 @@ quantities! {
         start_us: u64 = record.start_us
             => start_s [1_000_000 per "s"],
             "First frame after the previous bout that is not part of a step.";
-        /// Time from the first frame to a frame period after the last one; to the next bout if that bout begins after a step.
+        /// Time from the first frame to the end of the last one; if the next bout begins after a step, to the start of that bout.
         duration_us: u32 = record.duration_us
             => duration_s [1_000_000 per "s"],
-            "The bout can span steps; their load is not part of it.";
+            "A frame ends a frame period after its scan. The bout can span steps; their load is not part of it.";
         /// The regions, in the order of [`crate::Region::ALL`].
         regions: [BoutRegion; 8] = record.regions.each_ref().map(BoutRegion::new);
         /// Boots of the insole since the one that recorded this bout; `start_s` counts from that boot.

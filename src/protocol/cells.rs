@@ -31,9 +31,9 @@ const _: () = assert!(MAX_PACKED.is_multiple_of(2), "whole units of 16 bits");
 /// The resolution of the codes in a stream of cells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Resolution {
-    /// The upper 12 bits: the resolution of a single conversion.
+    /// The upper 12 bits of each code.
     Converter,
-    /// All 16 bits: the sum of 16 conversions.
+    /// All 16 bits of each code: on `wb55` the sum of 16 conversions of 12 bits, on `nrf52840` four times a result of 14 bits.
     Oversampled,
 }
 

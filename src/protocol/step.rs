@@ -67,7 +67,7 @@ quantities! {
     /// The foot in a [`Step`].
     #[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
     pub struct StepFoot {
-        /// Largest total force.
+        /// Largest total force in a sample.
         #[serde(with = "le")]
         peak_dn: u16 = (foot.peak_n * R::of(10.0)).round_u16()
             => foot_force_peak_n [10 per "N"],

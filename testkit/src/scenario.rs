@@ -202,6 +202,9 @@ pub enum Event {
     SetIdentified {
         /// [`plantar::pipeline::contact::ContactRule::full_kpa`].
         full_kpa: f32,
+        /// [`Identified::regions`].
+        #[serde(default = "default_regions")]
+        regions: u8,
     },
     /// The host sets the insole's settings, with a contact rule of this `full_kpa`; without `full_kpa`, it removes the
     /// settings. The steps of later boots are compared with those that result from the settings.
@@ -251,6 +254,11 @@ pub enum Event {
 
 fn default_settings_rate_hz() -> NonZeroU32 {
     const { NonZeroU32::new(100).unwrap() }
+}
+
+/// All regions.
+fn default_regions() -> u8 {
+    u8::MAX
 }
 
 fn default_scale() -> f32 {
@@ -447,9 +455,10 @@ fn request(world: &SharedWorld, host: &mut Host, insole: usize, event: &Event) -
     let Some(client) = &mut host.client else { return Err(io::Error::from(io::ErrorKind::NotConnected).into()) };
     match event {
         Event::SetParameters => client.set_tissue(&Parameters::typical(InsoleSize::default()).tissue()),
-        Event::SetIdentified { full_kpa } => {
+        Event::SetIdentified { full_kpa, regions } => {
             let contact = ContactRule { full_kpa: *full_kpa, ..ContactRule::COUNTED };
-            let identified = Identified { contact, filter: AreaFilter::Direct, side: None, steps: 30 };
+            let identified =
+                Identified { contact, filter: AreaFilter::Direct, side: None, steps: 30, regions: *regions };
             client.set_identified_tissue(&Parameters::typical(InsoleSize::default()).tissue(), identified)
         }
         Event::SetSettings { full_kpa, rate_hz, scale } => {

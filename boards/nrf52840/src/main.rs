@@ -29,6 +29,7 @@ use cortex_m::register::fpscr::{self, Fpscr};
 use cortex_m_platform::CycleCounter;
 use defmt_rtt as _;
 use embassy_executor::{InterruptExecutor, Spawner};
+use embassy_futures::select::{Either, select};
 use embassy_nrf::buffered_uarte::{self, BufferedUarte};
 use embassy_nrf::config::{Config, Debug, LfclkSource};
 use embassy_nrf::gpio::{AnyPin, Input, Level, Output, OutputDrive, Pull};
@@ -250,7 +251,8 @@ async fn run(boot: BootReport, image: &'static Header, p: Peripherals, has_cryst
     }
     let chip = flash::open(p.QSPI);
     let gauges = Gauges { stack_bytes: cortex_m_platform::stack_bytes, supply_mv: matrix::supply_mv };
-    let started = start(&MEMORY, chip, &boot, image, &configuration, &SCAN_COUNTERS, gauges).await;
+    let started = start(&MEMORY, chip, &boot, image, &configuration, &SCAN_COUNTERS, gauges);
+    let Either::First(started) = select(started, matrix.watch_supply()).await;
     let Started { insole, store, shared, to_process, scanned, period_us, radio_delay } = started;
     let mut link = uarte::Config::default();
     link.baudrate = LINK_RATE;

@@ -5,6 +5,7 @@
 
 use crate::clock::Microseconds;
 use core::cell::Cell;
+use core::convert::Infallible;
 use core::future::poll_fn;
 use core::ops::Range;
 use core::pin::pin;
@@ -168,6 +169,15 @@ impl ResistiveMatrix {
             pac::POWER.systemoff().write(|w| w.set_systemoff(true));
             // With a debug probe, the controller does not switch off, and continues here.
             self.empty_readings = 0;
+        }
+    }
+
+    /// Measures the battery and the controller's supply at regular intervals. For the time before scans begin: the start may erase
+    /// the flash chip, for which the supply must be known.
+    pub async fn watch_supply(&mut self) -> Infallible {
+        loop {
+            Timer::at(self.measured_at + BATTERY_PERIOD).await;
+            self.measure_battery().await;
         }
     }
 

@@ -2,8 +2,9 @@
 //!
 //! Time of a row at 64 MHz (`docs/hardware.md`): 37 us for settling, 16 columns x 16 conversions x 25 cycles = 100 us for the
 //! conversions, and an allowance of 15 us for set-up and wake-ups. 16 rows take 2.43 ms, and 2.45 ms with the first conversion,
-//! which is discarded, of the 2.5 ms of a frame at 400 Hz. After a longer scan, the next scan starts late, or is skipped and
-//! counted. At 400 Hz this happens every ten seconds, after the measurement of the supply.
+//! which is discarded, of the 2.5 ms of a frame at 400 Hz. After a longer scan, the next scan starts late, and a frame
+//! time that has passed by then counts as missed. At 400 Hz the next scan starts late every ten seconds, after the measurement of
+//! the supply.
 //!
 //! Between scans no row is connected and, at frame rates that leave the time for it, the front end has no supply.
 

@@ -41,7 +41,8 @@ type Packets = Vec<u32, { POOLED + 4 }>;
 
 /// Reads a word that the other core may have written.
 fn read(at: u32) -> u32 {
-    // SAFETY: every caller passes the address of a whole word in SHARED. The access is volatile, because the other core writes to
+    // SAFETY: every caller passes the address of a whole word in SHARED; those that the radio's core has written are checked by
+    // `is_shared`. The access is volatile, because the other core writes to
     // the word.
     unsafe { (at as *const u32).read_volatile() }
 }
@@ -58,26 +59,35 @@ const PREVIOUS: u32 = 4;
 /// Offset of the H4 byte in a packet, after its node.
 const H4: u32 = size_of::<Node>() as u32;
 
+/// True if a node and the longest packet after it are in [`SHARED`], at an aligned address.
+fn is_shared(packet: u32) -> bool {
+    let offset = packet.wrapping_sub(addr_of!(SHARED) as u32) as usize;
+    packet.is_multiple_of(4) && offset <= size_of::<Shared>() - size_of::<Node>() - EVENT
+}
+
 /// Takes the packets from a queue that belongs to this core; `None` if it was empty. More packets than expected remain in the
-/// queue.
+/// queue. An address outside of the shared memory ends the queue.
 fn drain(queue: u32) -> Option<Packets> {
     let mut packets = Packets::new();
     let mut packet = read(queue + NEXT);
-    while packet != queue && packets.push(packet).is_ok() {
-        packet = read(packet + NEXT);
+    while packet != queue {
+        if !is_shared(packet) {
+            packet = queue;
+        } else if packets.push(packet).is_ok() {
+            packet = read(packet + NEXT);
+        } else {
+            break;
+        }
     }
-    if packet == queue {
-        write(queue + PREVIOUS, queue);
-    } else {
-        write(packet + PREVIOUS, queue);
-    }
+    write(packet + PREVIOUS, queue);
     write(queue + NEXT, packet);
     Some(packets).filter(|packets| !packets.is_empty())
 }
 
-/// Appends a packet to a queue.
+/// Appends a packet to a queue. The radio's core takes packets from it and writes the address of the last one: if that address is
+/// outside of the shared memory, the packet becomes the only one in the queue.
 fn append(queue: u32, packet: u32) {
-    let last = read(queue + PREVIOUS);
+    let last = Some(read(queue + PREVIOUS)).filter(|&last| is_shared(last)).unwrap_or(queue);
     write(packet + NEXT, queue);
     write(packet + PREVIOUS, last);
     write(last + NEXT, packet);

@@ -64,8 +64,13 @@ const ALERT: Alert = Alert {
     start_unix_us: Some(1_735_689_600_000_000),
 };
 /// How the parameters were identified.
-const IDENTIFIED: Identified =
-    Identified { contact: ContactRule::COVERED, filter: AreaFilter::Direct, side: Some(Side::Left), steps: 30 };
+const IDENTIFIED: Identified = Identified {
+    contact: ContactRule::COVERED,
+    filter: AreaFilter::Direct,
+    side: Some(Side::Left),
+    steps: 30,
+    regions: 0xF7,
+};
 
 fn main() {
     let recording =

@@ -113,22 +113,35 @@ def outside(study: str | os.PathLike[str]) -> list[str]:
 
 
 def participants(study: str, out: str) -> list[str]:
-    """The names of the participants' folders in a study, sorted. The folder of the table and recordings in parts are not among
-    them, and a folder that contains the table is one only if it has recordings or settings, too."""
+    """The names of the participants' folders in a study, sorted. Recordings in parts are not among them, and neither are folders
+    of results: the folder of the table, and folders that contain this table or that of an earlier run, unless they also have
+    recordings or settings."""
     files, root = fsspec.url_to_fs(study)
     files.invalidate_cache(root)
     _, out_path = fsspec.url_to_fs(out)
     table = out_path.rstrip("/")
+    if table == root.rstrip("/"):
+        raise OSError(f"{out}: this is the folder of the study: choose another --out")
 
     def has_person(path: str) -> bool:
         return bool(_parquet_entries(files, path) or files.exists(f"{path}/participant.toml"))
 
+    def holds_results(path: str) -> bool:
+        return table == path or table.startswith(f"{path}/") or holds_table(path)
+
+    def holds_table(path: str) -> bool:
+        folders = [entry["name"].rstrip("/") for entry in files.ls(path, detail=True) if _is_folder(files, entry)]
+        # An object storage can list the folder itself as one of its entries.
+        folders = [folder for folder in folders if folder != path]
+        return any(folder.rsplit("/", 1)[-1].startswith("participant=") or is_result(folder) for folder in folders)
+
+    def is_result(path: str) -> bool:
+        return not has_person(path) and holds_table(path)
+
     def is_participant(path: str) -> bool:
-        if path == table:
-            if has_person(path):
-                raise OSError(f"{out}: this folder contains recordings or participant.toml: choose another --out")
-            return False
-        return has_person(path) if table.startswith(f"{path}/") else True
+        if path == table and has_person(path):
+            raise OSError(f"{out}: this folder contains recordings or participant.toml: choose another --out")
+        return has_person(path) or not holds_results(path)
 
     try:
         entries = files.ls(root, detail=True)

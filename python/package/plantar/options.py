@@ -7,7 +7,8 @@ from typing import Literal
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """The options of an evaluation. Names and meanings are those of the options of the command line."""
+    """The options of an evaluation. Names and meanings are those of the options of the command line, but ``--contact-on``,
+    ``--contact-off`` and ``--contact-full`` are named ``contact_on_kpa``, ``contact_off_kpa`` and ``contact_full_kpa``."""
 
     size: int = 42
     """European shoe size, 35 to 46, to which the typical tissue thickness is scaled."""

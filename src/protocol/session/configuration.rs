@@ -121,9 +121,10 @@ impl Session {
         Some(&self.configured.tissue)
     }
 
-    /// True if the parameters in force were set together with how they were identified. Only such parameters are tracked.
-    pub fn is_identified(&self) -> bool {
-        self.configured.identified.is_some()
+    /// The regions of which the parameters in force are tracked ([`Identified::tracked_regions`]); 0 if it is not known how they
+    /// were identified.
+    pub fn tracked_regions(&self) -> u8 {
+        self.configured.identified.map_or(0, |identified| identified.tracked_regions())
     }
 
     /// Sets the wall clock to `unix_us` at `now_us` of the device's time. Returns false, and changes nothing, for a time

@@ -180,7 +180,13 @@ fn tracking(firmware: &Path, insole: &VirtualInsole, codes: &[u16]) -> Result<f6
         match is_tracked {
             true => client.set_identified_tissue(
                 &tissue,
-                Identified { contact, filter: AreaFilter::Direct, side: Some(Side::Right), steps: STRIDES },
+                Identified {
+                    contact,
+                    filter: AreaFilter::Direct,
+                    side: Some(Side::Right),
+                    steps: STRIDES,
+                    regions: u8::MAX,
+                },
             )?,
             false => client.set_tissue(&tissue)?,
         }

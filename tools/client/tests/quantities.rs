@@ -15,20 +15,36 @@ const INTRODUCTION: &str = "# Quantities
 This file is generated from the declarations in `src/protocol/{step,bout,alert,live,ellipses}.rs` by
 `UPDATE_DOCS=1 cargo test --release --package client --test quantities`. A test checks that it is up to date.
 
-*Column* is the name in Parquet and CSV files, *key* the one in JSON objects, where `a.b` is the key `b` in the object
-`a`. Three CSV files that the web page for a phone saves have other columns. That of live frames has one column for each region and
-each key of a region, such as `heel_area_mm2`; its `t_s` is the time of arrival, and its `device_t_s` the time of the
-scan. In that of steps, `duration_s` is named `contact_time_foot_s`. That of the loads of each day has one row for each
-foot and local day: the numbers of steps, load bouts and alerts, the sum of the force-time integrals of steps and load bouts
-(`force_integral_n_s`), and the largest total force in a step (`foot_force_peak_n`).
+*Column* is the name in Parquet and CSV files, *key* the one in JSON objects, where `a.b` is the key `b` in the object `a`. Null
+is an empty cell in CSV. These columns and keys are no quantities:
 
-In tables an alert has one row for each region, with `sustained` and `dose` of this region. In the JSON object of an
-alert these two keys have lists of the names of the regions to which they apply.
+- `side` is the foot, `region` the name of a region.
+- `kind` of a load bout is `unclassified`, `standing`, `shuffling` or `sitting` ([measures.md](measures.md#load-bouts)).
+- `contact_on_kpa`, `contact_off_kpa` and `contact_full_kpa` are the contact rule, in JSON the object `contact_rule`.
+- `session`, in files of `plantar record`, is the number of the session with the insole, from 0. Sequence numbers and times can
+  start again in each session.
+- `unix_s` of a frame and `start_unix_s` of a step, load bout or alert are the times `t_s` and `start_s` in s since 1970: by the
+  host's clock or, for a record from before the insole's last start, by that of the insole. They are null if unknown. In Python,
+  use `event.unix_s` instead.
 
-A value is an integer on the wire, so it has a resolution and a largest value, which also stands for larger ones.
-Quantities of the contact ellipse are null without contact; those of the model are null without a model force, as on an
-insole without parameters; the valley and the second peak of the total force are null in a step with one hump. Equations
-are those of [model.md](model.md).
+`start_s` is the time since the insole's first scan; in files of `plantar replay` and in Python's `Replay.steps`, it is the time
+in the recording.
+
+Four CSV files that the web page for a phone saves have other columns. That of live frames has `unix_s`, `t_s` (time of arrival
+since the start of the recording), `device_t_s` (time of the scan on the insole's clock) and one column for each region and each
+key of a region, such as `heel_area_mm2`, but no centre of pressure. In those of steps and load bouts, `starts_ago` is missing. In
+that of steps, `duration_s` is named `contact_time_foot_s`, and `sample_s`, `bridged_frames` and the contact rule are missing.
+That of the loads of each day has one row for each foot and local day: the numbers of steps, load bouts and alerts, the sum of the
+force-time integrals of steps and load bouts (`force_integral_n_s`), and the largest total force in a step (`foot_force_peak_n`).
+
+In tables an alert has one row for each region, with `sustained` and `dose` of this region. In the JSON object of an alert these
+two keys have lists of the names of the regions to which they apply.
+
+A value is an integer on the wire, so it has a resolution and a largest value, which also stands for larger ones. Quantities of a
+contact ellipse are null without contact. In a step, quantities of the model are null without a model force, as on an insole
+without parameters; the valley and the second peak of the total force, if there is one hump; and the centre of pressure excursion
+index, if the path does not reach two thirds of the length of the foot. In a live frame, deformation and model force are 0 without
+parameters. Equations are those of [model.md](model.md).
 ";
 
 #[test]

@@ -81,9 +81,9 @@ fn layout(foot: &Foot) -> Vec<(&'static str, MatVariable)> {
     ]
 }
 
-/// The quantities of steps: a column for each quantity of the foot, a matrix for each quantity of the regions. `start_s` is
-/// omitted, because the time of the heel strike is a field of the foot, on the clock of the session. `starts_ago` is omitted,
-/// because it is 0 in every recording.
+/// The quantities of steps: a column for each quantity of the foot, a matrix for each quantity and each flag of the regions.
+/// `start_s` is omitted, because the time of the heel strike is a field of the foot, on the clock of the session. `starts_ago` is
+/// omitted, because it is 0 in every recording.
 fn steps(steps: &[Step]) -> Vec<(&'static str, MatVariable)> {
     let value = |of: Option<f64>| of.unwrap_or(f64::NAN);
     let of_step = Step::QUANTITIES.iter().filter(|quantity| !["start_s", "starts_ago"].contains(&quantity.name));
@@ -95,7 +95,10 @@ fn steps(steps: &[Step]) -> Vec<(&'static str, MatVariable)> {
     let of_regions = StepRegion::QUANTITIES
         .iter()
         .map(|q| (q.name, by_region(steps, |step, region| value(q.in_unit(&step.regions[region])))));
-    of_step.chain(of_foot).chain(of_regions).collect()
+    let flags = Step::FLAGS
+        .iter()
+        .map(|flag| (flag.name, by_region(steps, |step, region| f64::from(u8::from(flag.is_set(step, region))))));
+    of_step.chain(of_foot).chain(of_regions).chain(flags).collect()
 }
 
 /// A matrix with a row for each item and a column for each region.

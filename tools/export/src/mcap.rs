@@ -113,6 +113,8 @@ impl<'a> Topics<'a> {
         let frame = Quantity::all()
             .map(|quantity| (name(quantity), number(format!("{}, {}", quantity.description(), quantity.unit()))));
         let step = step_quantities().map(|(name, unit, meaning)| (name, number(format!("{meaning} In {unit}."))));
+        let flags = step_flags().map(|(name, meaning)| (name, json!({ "type": "boolean", "description": meaning })));
+        let step = step.chain(flags);
         let times =
             ["heel_strike_s", "toe_off_s"].map(|name| (name.into(), number("On the clock of the messages, s".into())));
         let event = json!({ "event": { "type": "string" }, "step": { "type": "integer" } });
@@ -184,6 +186,12 @@ fn step_quantities() -> impl Iterator<Item = (String, &'static str, &'static str
     step.chain(foot).chain(Region::ALL.into_iter().flat_map(of))
 }
 
+/// Name and meaning of the flags of a step.
+fn step_flags() -> impl Iterator<Item = (String, &'static str)> {
+    let of = |region| Step::FLAGS.iter().map(move |flag| (of_region(region, flag.name), flag.meaning));
+    Region::ALL.into_iter().flat_map(of)
+}
+
 /// A step as an object without the absent quantities.
 fn step_to_json(step: &TimedStep) -> Value {
     let TimedStep { heel_strike_s, toe_off_s, step } = step;
@@ -193,8 +201,11 @@ fn step_to_json(step: &TimedStep) -> Value {
     let names = step_quantities().map(|(name, ..)| name);
     let values = names.zip(of_step.chain(of_foot).chain(of_regions));
     let present = values.filter_map(|(name, value)| Some((name, value?.into())));
+    let of_flags =
+        (0..Region::ALL.len()).flat_map(|region| Step::FLAGS.iter().map(move |flag| flag.is_set(step, region)));
+    let flags = step_flags().zip(of_flags).map(|((name, _), is_set)| (name, is_set.into()));
     let times = [("heel_strike_s".into(), (*heel_strike_s).into()), ("toe_off_s".into(), (*toe_off_s).into())];
-    present.chain(times).collect::<Map<_, _>>().into()
+    present.chain(flags).chain(times).collect::<Map<_, _>>().into()
 }
 
 /// Converts a time that is not negative from s to ns.

@@ -200,8 +200,8 @@ impl Session {
     /// if they are nearest in time, so those of the right foot are late or early by at most half a frame period.
     ///
     /// # Errors
-    /// Fails if both recordings are of the same foot, have no frame between these times in common, or have different rates or
-    /// clocks that drift apart.
+    /// Fails if both recordings are of the same foot, one of them has the clock of its insole, they have no frame between these
+    /// times in common, or they have different rates or clocks that drift apart.
     ///
     /// # Panics
     /// Panics if `feet` is empty.
@@ -212,6 +212,11 @@ impl Session {
         {
             let problem = format!("it is of the {} foot, as is {}", first.side.name(), first.file);
             return Err(content(&second.file, problem, "name one recording for each foot"));
+        }
+        if let Some(foot) = feet.iter().find(|foot| feet.len() > 1 && foot.layout.is_of_insole()) {
+            let problem =
+                "it is on the clock of its insole, so its frames cannot be paired with those of the other foot";
+            return Err(content(&foot.file, problem.into(), "export one foot at a time"));
         }
         let begins_s = feet.iter().map(|foot| foot.t_s[0]).chain(from_s).fold(f64::NEG_INFINITY, f64::max);
         let ends_s = feet.iter().map(|foot| foot.t_s[foot.t_s.len() - 1]).chain(to_s).fold(f64::INFINITY, f64::min);

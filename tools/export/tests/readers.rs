@@ -192,6 +192,19 @@ fn frames_of_both_feet_that_are_nearest_in_time_belong_together() {
     assert!(text.contains("--rate"), "{text}");
 }
 
+#[test]
+fn recordings_of_two_insoles_are_not_paired() {
+    let of_insole = |side| {
+        let mut recording = walk(side, 2, 60);
+        recording.layout.name = "insole 0x00001069".into();
+        foot(recording)
+    };
+    let [left, right] = [Side::Left, Side::Right].map(of_insole);
+    let text = Session::new(vec![left.clone(), right], None, None).expect_err("two clocks").to_string();
+    assert!(text.contains("on the clock of its insole") && text.contains("one foot at a time"), "{text}");
+    assert!(Session::new(vec![left], None, None).is_ok());
+}
+
 /// The names of the files in a folder.
 fn names(folder: &Path) -> Vec<std::ffi::OsString> {
     std::fs::read_dir(folder).expect("a folder").flatten().map(|entry| entry.file_name()).collect()
@@ -386,6 +399,10 @@ fn compare_steps(found: &Value, steps: &[Step]) {
         let values = regions.map(|region| quantity.in_unit(region).unwrap_or(absent));
         compare(quantity.name, &found[quantity.name], values, 0.0);
     }
+    for flag in Step::FLAGS {
+        let regions = steps.iter().flat_map(|step| (0..Region::ALL.len()).map(|region| flag.is_set(step, region)));
+        compare(flag.name, &found[flag.name], regions.map(|is_set| f64::from(u8::from(is_set))), 0.0);
+    }
 }
 
 #[test]
@@ -449,12 +466,14 @@ fn mcap_is_read_by_foxgloves_own_reader() {
         for (found, step) in steps.iter().zip(&foot.steps) {
             assert_eq!(found["heel_strike_s"], step.heel_strike_s);
             assert_eq!(found["toe_off_s"], step.toe_off_s);
-            for (region, of) in Region::ALL.iter().zip(&step.step.regions) {
+            for (i, (region, of)) in Region::ALL.iter().zip(&step.step.regions).enumerate() {
                 let column = |name: &str| &found[format!("{}_{name}", region.name())];
                 assert_eq!(*column("measured_force_peak_n"), f64::from(of.measured_peak_dn) / 10.0);
                 assert_eq!(*column("area_peak_mm2"), f64::from(of.area_peak_mm2));
+                assert_eq!(*column("clamped"), step.step.clamped >> i & 1 == 1);
             }
-            let most = Step::QUANTITIES.len() + StepFoot::QUANTITIES.len() + 8 * StepRegion::QUANTITIES.len() + 2;
+            let of_region = StepRegion::QUANTITIES.len() + Step::FLAGS.len();
+            let most = Step::QUANTITIES.len() + StepFoot::QUANTITIES.len() + 8 * of_region + 2;
             assert!(found.as_object().is_some_and(|step| step.len() <= most && step.len() > most / 2));
             assert_eq!(found["foot_force_peak_n"], f64::from(step.step.foot.peak_dn) / 10.0);
         }

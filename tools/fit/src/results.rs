@@ -54,6 +54,12 @@ pub fn parameters(study: &Study, size: InsoleSize) -> Parameters {
         contact: study.contact,
         side: side.into(),
         steps: study.steps.len() as u32,
+        regions: Region::ALL
+            .into_iter()
+            .zip(&study.fits)
+            .filter(|(_, fit)| fit.is_ok())
+            .map(|(region, _)| region)
+            .collect(),
     });
     for (region, fit) in study.fits.iter().enumerate() {
         if let Ok(fit) = fit {

@@ -179,21 +179,23 @@ pub fn settled_s(error_lsb: &[(f64, f64)], changed_s: f64) -> Result<f64> {
     Ok(settled_s)
 }
 
-/// Capacitance at the load switch's pin CT for which the data sheet states the slow turn-on, farad.
-const SLOW_RISE_F: f64 = 1e-9;
+/// Capacitance at the load switch's pin CT from which on the data sheet states times per farad, farad.
+const SLOW_RISE_F: f64 = 100e-12;
 /// The share of the supply voltage that the output has reached at the end of the turn-on time.
 const TURNED_ON_SHARE: f64 = 0.9;
 /// Time for which the simulation of the start continues after the supply has risen, s.
 const AFTER_RISE_S: f64 = 1e-3;
 
 /// The times from enabling the load switch to the beginning and to the end of the rise of its output, s. The turn-on time and the
-/// time per volt are interpolated between those of the data sheet, linearly in the capacitance at CT.
+/// time per volt are interpolated between those of the data sheet, linearly in the capacitance at CT. Above [`SLOW_RISE_F`] they
+/// are proportional to it.
 ///
 /// # Errors
 /// If no capacitor is at CT.
 fn rise_s(board: &Netlist) -> Result<(f64, f64)> {
     let Model::Capacitor(rise_f) = board.part("C2").kind.model else { bail!("C2, at CT, must be a capacitor") };
-    let between = |open: f64, slow: f64| open + (slow - open) * rise_f / SLOW_RISE_F;
+    let share = rise_f / SLOW_RISE_F;
+    let between = |open: f64, slow: f64| if share < 1.0 { open + (slow - open) * share } else { slow * share };
     let turn_on_s = between(LOAD_SWITCH_OPEN_ON_S.value, LOAD_SWITCH_SLOW_ON_S.value);
     let s_per_v = between(1.0 / LOAD_SWITCH_OPEN_V_PER_S.value, 1.0 / LOAD_SWITCH_SLOW_V_PER_S.value);
     let rise_s = SUPPLY_V.value * s_per_v;

@@ -100,18 +100,18 @@ figures! {
 
     DECODER_OUTPUT_OHM: "CD74HC4514", "resistance of an output at 3.3 V", 100.0 "ohm",
         "SCHS280, output voltage at 4 mA", ToBeChecked;
-    LOAD_SWITCH_ON_OHM: "TPS22917", "on-resistance at 3.3 V", 0.08 "ohm", "SLVSDW8, switching characteristics", ToBeChecked;
+    LOAD_SWITCH_ON_OHM: "TPS22917", "on-resistance at 3.6 V, typical", 0.09 "ohm", "SLVSDW8B, electrical characteristics", Read;
     LOAD_SWITCH_OFF_OHM: "TPS22917", "off-resistance: a leakage of 10 nA at 3.3 V", 330e6 "ohm",
-        "SLVSDW8, shutdown current", ToBeChecked;
-    LOAD_SWITCH_OPEN_ON_S: "TPS22917", "turn-on time, to 90 % of the output, at 5 V without a capacitor at CT", 100e-6 "s",
-        "SLVSDW8B, features", Read;
-    LOAD_SWITCH_SLOW_ON_S: "TPS22917", "turn-on time, to 90 % of the output, at 5 V with 1000 pF at CT", 4e-3 "s",
-        "SLVSDW8B, features", Read;
-    LOAD_SWITCH_OPEN_V_PER_S: "TPS22917", "slew rate of the output at 5 V without a capacitor at CT", 72e3 "V/s",
-        "SLVSDW8B, features", Read;
-    LOAD_SWITCH_SLOW_V_PER_S: "TPS22917", "slew rate of the output at 5 V with 1000 pF at CT", 2.3e3 "V/s",
-        "SLVSDW8B, features", Read;
-    LOAD_SWITCH_SUPPLY_A: "TPS22917", "quiescent current", 0.5e-6 "A", "SLVSDW8, quiescent current", ToBeChecked;
+        "SLVSDW8B, electrical characteristics", Read;
+    LOAD_SWITCH_OPEN_ON_S: "TPS22917", "turn-on time, to 90 % of the output, at 3.6 V without a capacitor at CT, typical",
+        120e-6 "s", "SLVSDW8B, section 7.6", Read;
+    LOAD_SWITCH_SLOW_ON_S: "TPS22917", "turn-on time, to 90 % of the output, at 3.6 V with 100 pF at CT, typical", 380e-6 "s",
+        "SLVSDW8B, section 7.6", Read;
+    LOAD_SWITCH_OPEN_V_PER_S: "TPS22917", "slew rate of the output at 3.6 V without a capacitor at CT, typical", 44e3 "V/s",
+        "SLVSDW8B, section 7.6", Read;
+    LOAD_SWITCH_SLOW_V_PER_S: "TPS22917", "slew rate of the output at 3.6 V with 100 pF at CT, typical", 19e3 "V/s",
+        "SLVSDW8B, section 7.6", Read;
+    LOAD_SWITCH_SUPPLY_A: "TPS22917", "quiescent current", 0.5e-6 "A", "SLVSDW8B, electrical characteristics", Read;
 
     CONVERTER_SAMPLE_F: "STM32WB55", "sampling capacitor of the converter", 5e-12 "F",
         "DS11929, ADC characteristics", ToBeChecked;

@@ -131,7 +131,7 @@ impl Netlist {
             .into()
         });
         board.two_ended("R3".into(), &ON_PULL_UP, SUPPLY, "FE_ON");
-        board.two_ended("C2".into(), &CAPACITOR_47P, "RISE", GROUND);
+        board.two_ended("C2".into(), &CAPACITOR_47P, SUPPLY, "RISE");
         board.two_ended("C3".into(), &BULK, SUPPLY, GROUND);
         board.two_ended("C4".into(), &BULK, SWITCHED, GROUND);
         board.add("U7".into(), &DECODER, |pin| match pin {

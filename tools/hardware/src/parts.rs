@@ -347,7 +347,7 @@ pub const DECODER: PartType = PartType {
 pub const LOAD_SWITCH: PartType = PartType {
     number: "TPS22917DBVR",
     manufacturer: "Texas Instruments",
-    alternatives: &["TPS22918DBVR"],
+    alternatives: &[],
     value: "load switch, active high",
     package: "SOT-23-6",
     purpose: "switches the supply of amplifiers and virtual ground",

@@ -84,6 +84,8 @@ pub struct Identified {
     pub side: String,
     /// Number of steps.
     pub steps: u32,
+    /// The regions of which the parameters were identified. Those of the other regions are typical values.
+    pub regions: Vec<Region>,
 }
 
 impl Identified {
@@ -98,7 +100,8 @@ impl Identified {
             _ => AreaFilter::Direct,
         };
         let side = [Side::Left, Side::Right].into_iter().find(|side| side.name() == self.side);
-        Ok(tissue::Identified { contact: self.contact, filter, side, steps: self.steps })
+        let regions = self.regions.iter().fold(0, |regions, &region| regions | 1 << region as u8);
+        Ok(tissue::Identified { contact: self.contact, filter, side, steps: self.steps, regions })
     }
 
     /// True if the parameters were identified from the other foot only.
@@ -130,6 +133,7 @@ impl Identified {
             contact: stored.contact,
             side: stored.side.map_or(BOTH, Side::name).into(),
             steps: stored.steps,
+            regions: Region::ALL.into_iter().filter(|&region| stored.regions & 1 << region as u8 != 0).collect(),
         }
     }
 }
@@ -171,6 +175,8 @@ struct FileIdentified {
     contact_full_kpa: f32,
     side: String,
     steps: u32,
+    /// Names of regions; all of them if the entry is missing, as in former files.
+    regions: Option<Vec<String>>,
 }
 
 /// The entries of a region in a file; the names include the units.
@@ -233,12 +239,28 @@ impl Parameters {
         }
         // The loop returns an error unless it fills every slot.
         let regions = regions.map(|region| region.expect("the loop fills every slot"));
-        let identified = file.identified.map(|i| Identified {
-            filter: if i.filter == FORMERLY_SMOOTHED { SMOOTHED.into() } else { i.filter },
-            contact: ContactRule { on_kpa: i.contact_on_kpa, off_kpa: i.contact_off_kpa, full_kpa: i.contact_full_kpa },
-            side: i.side,
-            steps: i.steps,
+        let of_name = |name: &String| {
+            Region::from_name(name).ok_or_else(|| {
+                form(format!("[identified] {name:?} is not a region; the regions are {}", region_names()))
+            })
+        };
+        let identified = file.identified.map(|i| {
+            Ok(Identified {
+                filter: if i.filter == FORMERLY_SMOOTHED { SMOOTHED.into() } else { i.filter },
+                contact: ContactRule {
+                    on_kpa: i.contact_on_kpa,
+                    off_kpa: i.contact_off_kpa,
+                    full_kpa: i.contact_full_kpa,
+                },
+                side: i.side,
+                steps: i.steps,
+                regions: match i.regions {
+                    Some(names) => names.iter().map(of_name).collect::<Result<_, Error>>()?,
+                    None => Region::ALL.to_vec(),
+                },
+            })
         });
+        let identified = identified.transpose()?;
         let is_known = |identified: &Identified| {
             [DIRECT, LIVE, SMOOTHED].contains(&identified.filter.as_str())
                 && [BOTH, Side::Left.name(), Side::Right.name()].contains(&identified.side.as_str())
@@ -311,12 +333,15 @@ impl Parameters {
             "not known to be identified from steps of this person"
         };
         let _ = writeln!(text, "personal = {} # {kind}", self.personal);
-        if let Some(Identified { filter, contact, side, steps }) = &self.identified {
+        if let Some(Identified { filter, contact, side, steps, regions }) = &self.identified {
             let _ = writeln!(text, "\n# The parameters hold only for areas with this filter and this contact rule.");
+            let _ = writeln!(text, "# Regions that are not listed have typical values.");
             let (side, filter) = (quoted(side), quoted(filter));
             let _ = writeln!(text, "[identified]\nside = {side}\nsteps = {steps}\nfilter = {filter}");
             let _ = writeln!(text, "contact_on_kpa = {:?}\ncontact_off_kpa = {:?}", contact.on_kpa, contact.off_kpa);
             let _ = writeln!(text, "contact_full_kpa = {:?}", contact.full_kpa);
+            let names: Vec<_> = regions.iter().map(|region| region.name()).collect();
+            let _ = writeln!(text, "regions = {names:?}");
         }
         for ((region, e), scale) in Region::ALL.iter().zip(&self.regions).zip(self.deformation) {
             let _ = writeln!(text, "\n[regions.{}]", region.name());

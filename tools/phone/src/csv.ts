@@ -57,7 +57,8 @@ export function stepsCsv(steps: readonly StoredStep[]): string[] {
   for (const { step, start_unix_s } of steps) {
     const foot = [...FOOT_COLUMNS.map((column) => step.foot[column]), ...GAIT_COLUMNS.map((column) => step.foot.gait_line[column])];
     for (const [name, region] of Object.entries(step.regions)) {
-      const values = STEP_COLUMNS.map((column) => Number(region[column]));
+      // Flags are 0 or 1; quantities that do not exist have empty cells.
+      const values = STEP_COLUMNS.map((column) => (region[column] === null ? null : Number(region[column])));
       const ellipse = ELLIPSE_COLUMNS.map((column) => region.ellipse_at_peak?.[column] ?? null);
       rows.push(line([start_unix_s, step.side, step.step, step.start_s, step.duration_s, name, ...values, ...ellipse, ...foot]));
     }

@@ -80,6 +80,16 @@ test("a step has one row for each region", () => {
   });
 });
 
+test("a quantity that does not exist has an empty cell", () => {
+  const decoded = messagesOf(0).map((message) => wire.decode(message)).find((message) => message?.kind === "step");
+  if (decoded?.kind !== "step") throw new Error("the recording has a step");
+  const { heel } = decoded.step.regions;
+  const step = { ...decoded.step, regions: { ...decoded.step.regions, heel: { ...heel!, model_force_peak_n: null } } };
+  const [head, row] = stepsCsv([{ step, start_unix_s: null }]).map(cells);
+  expect(row![head!.indexOf("model_force_peak_n")]).toBe("");
+  expect(row![head!.indexOf("measured_force_peak_n")]).toBe(String(heel!.measured_force_peak_n));
+});
+
 test("a recording begins with the hello messages and ends when it is stopped", () => {
   const recorder = new Recorder();
   const [hello, frame] = messagesOf(1);

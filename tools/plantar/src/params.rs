@@ -72,8 +72,12 @@ impl Params {
             Self::Show { file: None, connection } => {
                 let (tissue, identified) = read_tissue(connection)?;
                 match identified.as_ref().map(Identified::from_insole) {
-                    Some(Identified { filter, contact, side, steps }) => {
-                        println!("identified from {steps} steps ({side}), {filter} filter, {}", rule_in_words(&contact))
+                    Some(Identified { filter, contact, side, steps, regions }) => {
+                        println!(
+                            "identified from {steps} steps ({side}), {filter} filter, {}: {}",
+                            rule_in_words(&contact),
+                            names(&regions)
+                        )
                     }
                     None => println!("not known to be personal"),
                 }
@@ -107,6 +111,9 @@ pub fn send(insole: &mut InsoleLink, parameters: &Parameters) -> Result<()> {
     let Some(identified) = &parameters.identified else { return Ok(insole.client().set_tissue(&tissue)?) };
     let on_insole = identified.on_insole()?;
     note_unless_same_foot(parameters, insole.client().hello().side);
+    if let Some(reason) = identified.invalid_for_steps() {
+        eprintln!("note: {reason}; the insole does not follow changes of the tissue with them");
+    }
     set_rule(insole, identified.contact)?;
     Ok(insole.client().set_identified_tissue(&tissue, on_insole)?)
 }
@@ -208,6 +215,14 @@ fn show_file(parameters: &Parameters) {
     print_table(["region", "A mm", "B mm", "C mm", "d0 mm", "k N/m3", "n", "c N s/m3", "m"], regions);
     println!("Share of assumption in C, the scale of the deformation: {}.", AssumedShare(&parameters.deformation));
     show(&parameters.tissue());
+}
+
+/// The names of regions, or that they are all.
+fn names(regions: &[Region]) -> String {
+    if regions.len() == Region::ALL.len() {
+        return "all regions".into();
+    }
+    regions.iter().map(|region| region.name()).collect::<Vec<_>>().join(", ")
 }
 
 /// Prints the parameters in the form that an insole uses.

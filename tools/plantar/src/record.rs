@@ -44,7 +44,7 @@ pub struct Record {
     /// With --cells: record one of N frames, for a connection that is too slow for all.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..), requires = "cells")]
     every: u8,
-    /// With --cells: record 12 bits of each code, or all 16 bits if the insole sums several conversions.
+    /// With --cells: record the upper 12 bits of each code, or all 16 bits.
     #[arg(long, value_name = "BITS", default_value = "12", value_parser = ["12", "16"], requires = "cells")]
     bits: String,
     /// End the session after this number of steps has arrived, including those that the insole stored before the session.

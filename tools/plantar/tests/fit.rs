@@ -436,6 +436,11 @@ fn the_folder_of_a_recorded_session_results_in_the_same_parameters_as_its_stream
     assert_eq!(session["steps"], stream["steps"]);
     assert_eq!(session["regions"], stream["regions"]);
 
+    // Recordings of the cells beside the tables are not used, which is said.
+    std::fs::create_dir(path.join("session/cells")).expect("made");
+    let (status, _, notes) = run(path, "fit session --json cells.json");
+    assert!(status == 0 && notes.contains("not the cells"), "{notes}");
+
     std::fs::write(path.join("session/live/part-99999.parquet"), b"PAR1 truncated").expect("written");
     fail(path, "fit session", &["part-99999.parquet", "remove the file"]);
     std::fs::remove_file(path.join("session/live/part-99999.parquet")).expect("removed");

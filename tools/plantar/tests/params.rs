@@ -7,7 +7,7 @@ use plantar::pipeline::baseline::ZeroResult;
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::cumulative::LoadLimits;
-use plantar::pipeline::region::Side;
+use plantar::pipeline::region::{Region, Side};
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::CalibrationId;
 use plantar::protocol::session::{Command, CommandResult, Session};
@@ -166,8 +166,13 @@ fn parameters_and_their_contact_rule_are_set_together() {
     let (address, session) = insole();
     let mut parameters = Parameters::typical(InsoleSize::default());
     parameters.personal = true;
-    parameters.identified =
-        Some(Identified { filter: DIRECT.into(), contact: ContactRule::COVERED, side: "right".into(), steps: 31 });
+    parameters.identified = Some(Identified {
+        filter: DIRECT.into(),
+        contact: ContactRule::COVERED,
+        side: "right".into(),
+        steps: 31,
+        regions: vec![Region::Heel, Region::Hallux],
+    });
     // In former files, the filter "step" is the smoothing of the paper. Insoles applied it then, but do not any more, so such
     // parameters must be identified again.
     std::fs::write(path.join("params.toml"), parameters.to_toml()).expect("written");
@@ -188,10 +193,24 @@ fn parameters_and_their_contact_rule_are_set_together() {
     }
     // The insole stores the conditions of the identification, which are read back with the parameters.
     let shown = succeed(path, &format!("show --tcp {address}"));
-    assert!(shown.contains("identified from 31 steps (right)"), "{shown}");
+    assert!(shown.contains("identified from 31 steps (right)") && shown.contains("kPa: heel, hallux"), "{shown}");
     succeed(path, &format!("pull --out pulled.toml --tcp {address}"));
     let pulled = Parameters::read(&path.join("pulled.toml")).expect("a valid file");
     assert_eq!((pulled.personal, pulled.identified), (true, parameters.identified));
+
+    // Files of former programs do not list the regions: all of them count as identified.
+    let former: String =
+        text.lines().filter(|line| !line.starts_with("regions = ")).map(|line| format!("{line}\n")).collect();
+    let former = Parameters::parse(&former, Path::new("former.toml")).expect("a valid file").identified.expect("known");
+    assert_eq!(former.regions, Region::ALL);
+    let unknown = Parameters::parse(&text.replace("\"hallux\"", "\"toe\""), Path::new("unknown.toml"));
+    assert!(unknown.is_err_and(|error| error.to_string().contains("\"toe\" is not a region")), "{text}");
+
+    // The insole accepts parameters for its live stream, but compares the forces of its steps with those of the other filter.
+    std::fs::write(path.join("live.toml"), text.replace("\"direct\"", "\"live\"")).expect("written");
+    let output = params(path, &format!("push live.toml --tcp {address}"));
+    let stderr = String::from_utf8(output.stderr).expect("text");
+    assert!(output.status.success() && stderr.contains("does not follow changes"), "{stderr}");
 }
 
 #[test]

@@ -80,7 +80,7 @@ fn changes(identified: &[Step], walked: &[Step], region: usize, options: &Option
     let mut laws = [ForceLaw::NONE; 8];
     laws[region] = law;
     let mut tracker = Tracker::OFF;
-    tracker.start(&laws);
+    tracker.start(&laws, u8::MAX);
     let changes = walked.iter().map(|step| {
         let RegionCurves { area_mm2, force_n, sample_s, saturated, .. } = &step.regions[region];
         let evaluated = RegionStep::new(&law, area_mm2, force_n, *sample_s, &AreaMoments::NONE);

@@ -30,7 +30,7 @@ export interface Step {
 
 /** The foot in a step. */
 export interface StepFoot {
-  /** Largest total force. Unit: N. */
+  /** Largest total force in a sample. Unit: N. */
   foot_force_peak_n: number;
   /** First peak of the total force. Unit: N. */
   foot_first_peak_n: number;
@@ -160,7 +160,7 @@ export interface Bout {
   number: number;
   /** Time of the first frame, since the first scan. Unit: s. */
   start_s: number;
-  /** Time from the first frame to a frame period after the last one; to the next bout if that bout begins after a step. Unit: s. */
+  /** Time from the first frame to the end of the last one; if the next bout begins after a step, to the start of that bout. Unit: s. */
   duration_s: number;
   /** Boots of the insole since the one that recorded this bout; `start_s` counts from that boot. Unit: count. */
   starts_ago: number;
@@ -190,7 +190,7 @@ export interface Alert {
   start_s: number;
   /** Length of the window of sustained load. Unit: s. */
   window_s: number;
-  /** Alerts in this day, with this one. Unit: count. */
+  /** Number of alerts on this day, including this one. Unit: count. */
   today: number;
   /** Boots of the insole since the one that recorded this alert; `start_s` counts from that boot. Unit: count. */
   starts_ago: number;

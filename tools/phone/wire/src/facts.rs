@@ -54,7 +54,8 @@ pub struct RegionFacts {
 /// See [`Gatt::parameter_requests`].
 fn parameter_requests() -> Vec<u8> {
     let tissue = Tissue::NONE;
-    let identified = Identified { contact: ContactRule::COUNTED, filter: AreaFilter::Direct, side: None, steps: 0 };
+    let contact = ContactRule::COUNTED;
+    let identified = Identified { contact, filter: AreaFilter::Direct, side: None, steps: 0, regions: 0 };
     let requests =
         [ToDevice::SetTissue(tissue), ToDevice::GetTissue, ToDevice::SetIdentifiedTissue { tissue, identified }];
     let of_parameters = requests.iter().filter(|request| GattChannel::of_request(request) == GattChannel::Parameters);

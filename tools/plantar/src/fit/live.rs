@@ -66,7 +66,16 @@ impl LiveSource {
 /// of all cells.
 pub fn read(path: &Path) -> Result<Option<Vec<LiveSource>>> {
     if path.is_dir() {
-        return session::read(path);
+        let sources = session::read(path)?;
+        let cells = path.join("cells");
+        if sources.is_some() && cells.is_dir() {
+            eprintln!(
+                "note: {}: the live frames and steps are used, not the cells; the recordings of the cells are the folders in {}",
+                path.display(),
+                cells.display()
+            );
+        }
+        return Ok(sources);
     }
     if !is_stream(path) {
         return Ok(None);
