@@ -106,22 +106,24 @@ fn cadence_counts_the_steps_of_both_feet() {
     assert_eq!(cadence.per_min(1_200_000), 0, "one step must have no cadence");
     cadence.step(1_600_000, 650_000);
     assert_eq!(cadence.per_min(2_300_000), 109);
-    assert_eq!(cadence.per_min(5_300_000), 0, "a standing wearer must have no cadence");
+    assert_eq!(cadence.per_min(5_500_000), 0, "a standing wearer must have no cadence");
     cadence.step(9_000_000, 650_000);
     assert_eq!(cadence.per_min(9_700_000), 0, "the first step of a new walk must have no cadence");
 }
 
 #[test]
 fn slow_walkers_have_a_cadence_in_the_whole_stride() {
-    let (stride_us, stance_us) = (2_900_000, 1_900_000);
+    let (stride_us, stance_us) = (2_990_000, 1_900_000);
+    // The default rule confirms a toe off after 50 ms; then the step is added.
+    let confirmed_us = 50_000;
     let mut cadence = Cadence::default();
     cadence.step(stride_us, stance_us);
     for step in 2..6 {
         let start_us = step * stride_us;
         cadence.step(start_us, stance_us);
-        // Until the next step is added, at its toe off.
-        for now_us in (start_us + u64::from(stance_us)..=start_us + stride_us + u64::from(stance_us)).step_by(100_000) {
-            assert_eq!(cadence.per_min(now_us), 41, "{now_us}");
+        let added_us = start_us + u64::from(stance_us) + confirmed_us;
+        for now_us in (added_us..=added_us + stride_us).step_by(10_000) {
+            assert_eq!(cadence.per_min(now_us), 40, "{now_us}");
         }
     }
 }

@@ -369,6 +369,8 @@ fn repeated_and_lost_parts_do_no_harm_and_a_transfer_continues() {
         assert_eq!(tool.part(begun, 0, 180, false), Ok(next));
     }
     assert_eq!(tool.upload(&file), Ok(()));
+    // The first part is repeated although the whole file was received.
+    assert_eq!(tool.part(&file, 0, 180, false), Ok(file.len()));
     assert_eq!(tool.set(Some(name(&file)), false).map(|states| states.len()), Ok(2));
     // An image that is marked cannot be discarded. A discarded image cannot be marked.
     assert_eq!(refusal(&tool.request(true, IMAGES, 5, Value::Map(Vec::new()))), Some(28));

@@ -11,6 +11,7 @@ use plantar::storage::{Bonds, BootCounters, IdentifiedRecord, IdentityRecord, Re
 use sequential_storage::cache::Cache;
 use sequential_storage::map::{MapConfig, MapStorage};
 use sequential_storage::queue::{QueueConfig, QueueStorage};
+use serde::{Deserialize, Serialize};
 use testkit::nor_flash::{NorFlashChip, Torn, block_on};
 use testkit::store_script::Script;
 use testkit::{TISSUE, alert, bout, step};
@@ -70,21 +71,35 @@ fn a_loss_of_power_at_any_moment_leaves_the_old_or_the_new_value() {
     }
 }
 
+/// Version 1 of [`IdentifiedRecord`].
+#[derive(PartialEq, Serialize, Deserialize)]
+struct IdentifiedRecordV1 {
+    tissue_id: u32,
+    identified: Option<(ContactRule, AreaFilter, Option<Side>, u32)>,
+}
+
+impl Record for IdentifiedRecordV1 {
+    const KIND: u8 = IdentifiedRecord::KIND;
+    const VERSION: u8 = 1;
+}
+
 /// Power fails in each operation that replaces the parameters. They are valid only with the contact rule of their identification,
 /// so neither the parameters nor the rule may be replaced alone.
 #[test]
 fn a_loss_of_power_leaves_parameters_with_the_rule_of_their_identification() {
-    let identified = |full_kpa, steps| {
+    let identified = |full_kpa, steps, regions| {
         let contact = ContactRule { full_kpa, ..ContactRule::COUNTED };
-        Some(Identified { contact, filter: AreaFilter::Direct, side: None, steps, regions: 0xAF })
+        Some(Identified { contact, filter: AreaFilter::Direct, side: None, steps, regions })
     };
     let mut force_laws = TISSUE.force_laws;
     force_laws[0].n = 1.3;
-    let (first, second) = ((*TISSUE, identified(0.0, 20)), (Tissue::new(force_laws), identified(150.0, 30)));
+    let (first, second) = ((*TISSUE, identified(0.0, 20, 0)), (Tissue::new(force_laws), identified(150.0, 30, 0xAF)));
     let mut used = chip();
-    // Stored as by older firmware, which had only part 0 of `IdentifiedRecord`; present firmware uses its two parts in turn.
+    // Stored as by older firmware, which had only part 0 of `IdentifiedRecord`; present firmware uses its two parts in turn. The
+    // older record lacks the identified regions.
     let mut store = open(&mut used);
-    let record = IdentifiedRecord { tissue_id: first.0.id, identified: first.1 };
+    let Identified { contact, filter, side, steps, .. } = first.1.expect("it is known");
+    let record = IdentifiedRecordV1 { tissue_id: first.0.id, identified: Some((contact, filter, side, steps)) };
     block_on(store.put(0, &record)).expect("the chip works");
     block_on(store.put(0, &first.0)).expect("the chip works");
     assert_eq!(block_on(store.tissue()), Ok(first));
@@ -130,18 +145,19 @@ fn an_interrupted_first_start_is_not_counted_as_a_loss_at_the_next_start() {
     }
 }
 
-/// A script that is long enough to reuse sectors erases some of them. Scripts therefore cover power cuts in erase operations.
+/// `cargo xtask soak` runs this script, which erases sectors, so it also tests power cuts in erase operations.
 #[test]
 fn a_long_script_erases_sectors() {
     assert!(Script::new(2, 12_000, 400).erasures > 0);
 }
 
-/// A region as older firmware stored it: the quantities that were added later are 0.
+/// A region of [`step`] as this firmware reads it from a capture of older firmware: the quantities that were added later are 0.
 fn old_region(region: StepRegion, masked_cells: u8) -> StepRegion {
     StepRegion {
         measured_peak_dn: region.measured_peak_dn,
         model_peak_dn: region.model_peak_dn,
-        // The older firmware stored the integrals in 0.01 N s. Their present unit is 0.1 N s.
+        // The captures contain the same numbers as `step`, but older firmware stored the integrals in 0.01 N s. Reading converts
+        // them to the present unit, 0.1 N s.
         measured_integral_dns: (region.measured_integral_dns + 5) / 10,
         model_integral_dns: (region.model_integral_dns + 5) / 10,
         area_peak_mm2: region.area_peak_mm2,
@@ -175,8 +191,8 @@ fn a_store_for_recovery_returns_the_bonds_only() {
     assert_eq!(block_on(store.put(0, &Bonds([4].into_iter().collect()))), Err(StorageError::Chip));
 }
 
-/// `flash-2.bin` was written by firmware that did not store the change of the stiffness K in a step. It contains the first sector
-/// of the records and the first two of the log.
+/// `flash-2.bin` was written by firmware with version 2 of the format of steps, which lacks the results of tracking and the
+/// measures of the foot and of the regions. It contains the first sector of the records and the first two of the log.
 #[test]
 fn steps_stored_by_firmware_without_tracking_are_read() {
     let capture = include_bytes!("../data/flash-2.bin");
@@ -302,7 +318,7 @@ fn start_quickly(chip: &NorFlashChip) -> NorFlashChip {
     chip
 }
 
-/// A start reads the records and a few sectors of a log that is nearly full, wherever the log begins and ends.
+/// A start reads the records and a few sectors of a log of up to 1,550 steps, wherever the log begins and ends.
 #[test]
 fn each_start_finds_the_newest_record_without_reading_the_log() {
     let mut chip = chip();
@@ -341,10 +357,11 @@ fn numbers_continue_after_many_entries_of_newer_firmware() {
         }
     });
     let mut store = open(&mut chip);
-    // Newer firmware that is installed again reads both its own entries and the later ones.
+    // Newer firmware that is installed again reads both its own entries and the later ones, so no number may be used twice: each
+    // entry that this firmware cannot read counts as one number.
     assert_eq!((store.contents().next_record, store.contents().newer_records), (60, 40));
     assert_eq!(numbers(&mut store), (0..20).collect::<Vec<_>>());
-    // The number remains although no entry that this firmware reads does.
+    // The number of the next record is preserved, although the log has no entry left that this firmware can read.
     assert_eq!(block_on(store.acknowledge(19)), Ok(false));
     let mut store = open(&mut chip);
     assert_eq!(store.contents().next_record, 60);
@@ -470,7 +487,8 @@ fn records_of_newer_firmware_are_reported_and_not_changed() {
     });
 }
 
-/// After newer firmware ran on trial and was swapped back, only its boot counters are stored, which this firmware cannot read.
+/// Newer firmware ran on trial and was swapped back. The boot counters are then stored only in its newer format, which this
+/// firmware cannot read. The other records must remain.
 #[test]
 fn nothing_is_erased_if_only_newer_firmware_counted_boots() {
     let mut chip = chip();
@@ -670,7 +688,8 @@ fn erasing_the_data_of_the_wearer_leaves_no_byte_of_them_and_preserves_the_rest(
     assert_eq!(numbers(&mut store), [100]);
 }
 
-/// The erasure leaves a note, which the next start removes, so that a log that is damaged later is reported.
+/// The erasure leaves the record with the next number (`NumberingRecord`), which the next start removes, so that a log that is
+/// damaged later is counted.
 #[test]
 fn a_log_that_is_damaged_after_an_erasure_is_counted() {
     let mut chip = chip();
@@ -682,8 +701,8 @@ fn a_log_that_is_damaged_after_an_erasure_is_counted() {
     assert_eq!(open(&mut chip).contents().erased, 1);
 }
 
-/// Power fails in each operation of the erasure, with a log of which the newest steps are in its first sectors. No number is
-/// used twice, and no area counts as damaged.
+/// Power fails in each operation of the erasure, with a log that has wrapped, so that its newest steps are at lower addresses
+/// than its oldest. No number is used twice, and no area counts as damaged.
 #[test]
 fn numbers_continue_after_an_interrupted_erasure() {
     let mut chip = chip();
@@ -715,7 +734,8 @@ fn numbers_continue_after_an_interrupted_erasure() {
     }
 }
 
-/// A long deletion is done in parts, between which the insole stores new steps, and its storage has heartbeats.
+/// A long deletion is done in parts, so that the insole can store new steps, and the storage task can count a heartbeat, between
+/// two parts.
 #[test]
 fn a_long_deletion_is_done_in_parts() {
     let mut chip = chip();
@@ -748,9 +768,9 @@ fn a_long_deletion_is_done_in_parts() {
     assert_eq!(numbers(&mut open(&mut chip)), stored);
 }
 
-/// Power fails in each operation of an acknowledgement that deletes several sectors, and the supply is too low for any change
-/// at the next start. In the second round, an earlier erasure of the wearer's data has also stored the number of the next
-/// record, and the supply was too low to remove it.
+/// Power fails in each operation of an acknowledgement that deletes the entries of several sectors, and the supply is too low for
+/// any change at the next start. In the second round, an earlier erasure of the wearer's data has also stored the number of the
+/// next record, and the supply was too low to remove it.
 #[test]
 fn an_interrupted_deletion_is_repaired_once_the_supply_is_sufficient() {
     for has_erased in [false, true] {
@@ -832,8 +852,8 @@ fn serial_numbers_are_short_and_printable() {
     }
 }
 
-/// The records of all kinds are numbered together, count the restarts since they were stored, and are removed by one
-/// acknowledgement.
+/// Records of all kinds are numbered in one sequence, are returned with the number of boots since they were recorded, and are
+/// removed by one acknowledgement.
 #[test]
 fn load_bouts_and_alerts_are_stored_between_steps() {
     let mut chip = chip();

@@ -203,8 +203,12 @@ def test_a_folder_with_only_the_table_is_no_participant(study_folder: pathlib.Pa
     for _ in range(2):
         assert cohort.main([str(study), "--out", str(out)]) == 0
     assert cohort.participants(str(study), str(out)) == names
-    # The table of an earlier run is none, either. A folder with recordings is that of a participant, even if it contains the table.
+    # The folder of an earlier table is no participant, either. Hidden folders are not searched for tables.
+    hidden = study / ".snapshots" / "participant=ann"
+    hidden.mkdir(parents=True)
+    hidden.parent.chmod(0)
     assert cohort.participants(str(study), str(tmp_path / "elsewhere")) == names
+    # A folder with recordings is that of a participant, even if it contains the table.
     assert cohort.participants(str(study), str(study / "ann" / "table")) == names
     with pytest.raises(OSError, match="folder of the study"):
         cohort.participants(str(study), f"{study}/")

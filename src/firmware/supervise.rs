@@ -12,7 +12,7 @@ use shuttle::sync::atomic::{AtomicU32, Ordering};
 /// Time between checks, ms.
 pub const CHECK_PERIOD_MS: u32 = 100;
 /// Number of successive checks without a heartbeat after which scan, processing or link counts as stalled: one second, because
-/// the insole must run again within two seconds. Each of these parts has a heartbeat at least every 200 ms unless it is idle.
+/// the insole must run again within two seconds. Unless it is idle, each of these parts has a heartbeat at least twice a second.
 pub const STALLED_CHECKS: u16 = 10;
 /// Number of healthy checks after which a start counts as successful: 5 minutes, in which a host can send an update over any
 /// link.

@@ -1,5 +1,5 @@
 //! Regions: area, measured force and centre of pressure, which are updated in each frame, and second moments of the contact area,
-//! which are computed for the ellipses that need them.
+//! which are computed only when an ellipse is needed.
 
 use super::contact::{ContactCell, WHOLE};
 pub use super::side::Side;
@@ -75,7 +75,8 @@ pub struct Cell {
 }
 
 /// Number of units of a cell's area in 1 mm2. The units of area and of coordinates are so small that rounding is below the
-/// accuracy of any layout, and so large that all sums fit into 64-bit integers.
+/// accuracy of any layout, and so large that, within the limits below, the area of a cell and a coordinate fit into 16 bits, the
+/// area of a region in units of [`ContactArea`] into 32 bits, and its moments into 64 bits.
 const PER_MM2: f32 = 16.0;
 /// Number of units of a cell's coordinates in 1 mm.
 pub(crate) const PER_MM: f32 = 64.0;
@@ -328,18 +329,18 @@ pub struct RegionFrame<R> {
     pub area: ContactArea,
     /// Measured force.
     pub force: ForceMoments<R>,
-    /// Largest cell pressure, kPa. Masked cells are not considered.
+    /// Largest pressure of a cell above its baseline, kPa. Masked cells are not considered.
     pub peak_kpa: R,
     /// Code of the cell with this pressure, minus the highest code of a baseline in the region; both are codes above zero
-    /// pressure. In the next frame, the search for the largest pressure compares only cells with a code above zero pressure of
-    /// more than seven eighths of this value.
+    /// pressure. In the next frame, the search for the largest pressure first compares only cells with a code above zero pressure
+    /// of more than seven eighths of this value, and all cells only if another one may have the largest pressure.
     pub peak_code: i32,
     /// A cell is saturated: the area is valid, the force is a lower bound.
     pub saturated: bool,
     /// A cell came into contact or lost it in this frame.
     pub is_count_changed: bool,
-    /// Area of all cells in contact, each with its whole area, and the maximum of this sum in the frames from the last heel
-    /// strike to the one before its last change, in units of 1/16 mm2.
+    /// The sum of the whole areas of all cells in contact, and the largest such sum since the last heel strike, up to the frame
+    /// before the sum last changed. Both are in units of 1/16 mm2.
     pub counted: (i32, i32),
 }
 

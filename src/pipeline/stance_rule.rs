@@ -122,6 +122,11 @@ impl<R: Real> StanceLimits<R> {
         }
     }
 
+    /// Largest number of frames from heel strike to the confirmed toe off of a step.
+    pub fn longest_step_frames(&self) -> u32 {
+        self.max_stance_frames + self.min_swing_frames
+    }
+
     /// Factor of the thresholds: the mean peak of the recent steps, `recent_peak_n`, relative to [`REFERENCE_PEAK_N`], within
     /// [`SCALE`]; 1 before the first step, when `recent_peak_n` is 0, and for a rule that is not adaptive.
     pub(super) fn scale(&self, recent_peak_n: R) -> R {

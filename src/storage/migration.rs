@@ -4,11 +4,15 @@ use crate::pipeline::contact::ContactRule;
 use crate::pipeline::region::Side;
 use crate::protocol::{Step, StepFoot, StepRegion};
 use serde::Deserialize;
+use serde::de::DeserializeOwned;
 
-/// Decodes an older version of one of the records in [`super::records`], which have versions of their own. All their kinds are
-/// at version 1, so there is no older version yet.
-pub(super) fn record<R>(_version: u8, _bytes: &[u8]) -> Option<R> {
-    None
+/// Decodes version 1 of one of the records in [`super::records`], which have versions of their own. Only
+/// [`IdentifiedRecord`](super::IdentifiedRecord) has a later one: version 1 lacks its last field, the identified regions. Without
+/// this knowledge, no region is tracked.
+pub(super) fn record<R: DeserializeOwned>(bytes: &[u8]) -> Option<R> {
+    let mut padded = [0; 64];
+    padded.get_mut(..bytes.len())?.copy_from_slice(bytes);
+    Some(postcard::take_from_bytes(&padded).ok()?.0)
 }
 
 /// Number of bytes of a [`StepRegion`] in version 1, which lacks the fields after the model error.

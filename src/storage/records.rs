@@ -1,7 +1,6 @@
 //! The records, such as settings, calibration and bonds, each with the number of its kind and the version of its format. They
 //! are stored in a map of `sequential-storage`; load records are in the step log instead.
 
-use super::migration;
 use crate::pipeline::alert::{AlertRules, DailyLoad};
 use crate::pipeline::region::Side;
 use crate::pipeline::tissue::{Identified, Tissue};
@@ -19,11 +18,6 @@ pub trait Record: Serialize + DeserializeOwned + PartialEq {
     const KIND: u8;
     /// Version of the format, from 1.
     const VERSION: u8;
-
-    /// Decodes a record of an older version.
-    fn migrate(version: u8, bytes: &[u8]) -> Option<Self> {
-        migration::record(version, bytes)
-    }
 }
 
 /// The foot and the serial number; in force from the next start on.
@@ -124,7 +118,7 @@ records! {
     Bonds: 5, 1;
     BootCounters: 6, 1;
     SettingsRecord: 7, 1;
-    IdentifiedRecord: 8, 1;
+    IdentifiedRecord: 8, 2;
     AlertRules: 9, 1;
     DailyLoad: 10, 1;
     RadioRecord: 11, 1;

@@ -4,7 +4,7 @@ use super::flash_map::{self, RECORDS};
 use super::guard::{Guard, Guarded};
 use super::log::Entry;
 use super::records::{Bonds, BootCounters, CalibrationRecord, CellsRecord, Key, Record};
-use super::{BUFFER, StorageError};
+use super::{BUFFER, StorageError, migration};
 use crate::protocol::{BLOCK_CELLS, CalibrationBlock, CalibrationId, Contents, LoadRecord, Reset, decode, encode};
 use crate::sequence::is_after;
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
@@ -142,7 +142,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         }
         for version in (1..R::VERSION).rev() {
             if let Some(bytes) = self.fetch([R::KIND, part, version]).await? {
-                return Ok(R::migrate(version, bytes));
+                return Ok(migration::record(bytes));
             }
         }
         Ok(None)

@@ -49,6 +49,15 @@ const fn from_hex(text: &str) -> [u8; 32] {
     bytes
 }
 
+/// A file that was received completely ([`Update::upload`]).
+#[derive(Clone, Copy, Debug)]
+pub(super) struct File {
+    /// The SHA-256 that names the image.
+    pub name: Sha256,
+    /// The checksum of the file by its first part; 0 if this part has none.
+    pub checksum: Sha256,
+}
+
 /// The state of a transfer.
 #[derive(Debug, Default)]
 pub struct Update {
@@ -57,8 +66,8 @@ pub struct Update {
     pub(super) offer: Option<Offer>,
     /// Number of bytes of the image that were received.
     pub(super) received: u32,
-    /// The SHA-256 that names the image, once all of its file was received.
-    pub(super) file: Option<Sha256>,
+    /// The file of the image, once all of it was received.
+    pub(super) file: Option<File>,
     /// The image was received as a file and is marked for the bootloader.
     pub(super) is_pending: bool,
 }

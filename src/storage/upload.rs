@@ -3,7 +3,7 @@
 
 use super::flash_map::OTHER;
 use super::partition::is_on_trial;
-use super::update::Update;
+use super::update::{File, Update};
 use crate::protocol::mcuboot::{FRONT, TRAILER, front, read_front, read_trailer};
 use crate::protocol::update::{CHUNK, Header, Offer, Refusal};
 use embassy_futures::yield_now;
@@ -25,8 +25,9 @@ pub struct Received {
 impl Update {
     /// Receives a part of a file; `running` is the header of the running image. Returns the offset of the part that is expected
     /// next; after the last part, this is the length of the file. Bytes before the expected offset are skipped, and a part that
-    /// begins after it is ignored, so a lost, repeated or overlapping part does no harm. The bytes before the image ([`FRONT`])
-    /// and those after it ([`TRAILER`]) must each be whole in one part, because they are not stored.
+    /// begins after it is ignored, so a lost, repeated or overlapping part does no harm; but without a checksum of the
+    /// file, its first part always begins a new transfer. The bytes before the image ([`FRONT`]) and those after it ([`TRAILER`])
+    /// must each be whole in one part, because they are not stored.
     ///
     /// # Errors
     /// The [`Refusal`] to send to the host.
@@ -67,12 +68,13 @@ impl Update {
             return Err(Refusal::Signature);
         }
         let (signature, _) = signature.as_chunks();
+        // The signature takes the place of the checksum.
+        self.file = Some(File { name: *name, checksum: offer.signature[0] });
         self.offer = Some(Offer { signature: [signature[0], signature[1]], ..offer });
-        self.file = Some(*name);
         Ok(expected + TRAILER as u32)
     }
 
-    /// Begins the transfer of a file, or continues that of the same file.
+    /// Begins the transfer of a file, or continues that of the same file, which may be complete.
     async fn begin_file<F: NorFlash>(&mut self, flash: &mut F, running: &Header, part: &Upload) -> Result<(), Refusal> {
         let (header, image_bytes) = read_front(&part.data).ok_or(Refusal::Header)?;
         let chunks = u16::try_from(image_bytes / CHUNK as u32).map_err(|_| Refusal::Length)?;
@@ -82,6 +84,10 @@ impl Update {
         // `Update::begin` always refuses an older version. If the image must be newer, the same version is refused as well.
         if part.must_be_newer && header.number() == running.number() {
             return Err(Refusal::Older);
+        }
+        let is_same = |file: &File| part.sha256 == Some(file.checksum) && !self.is_pending;
+        if self.file.as_ref().is_some_and(is_same) {
+            return Ok(());
         }
         // The signature is at the end of the file. Until it arrives, the checksum of the file takes its place, so that another
         // transfer of the same file is recognised.
@@ -124,8 +130,8 @@ impl Update {
 
     /// The image that was received as a file; `None` before its last part was received.
     pub fn received(&self) -> Option<Received> {
-        let (offer, sha256) = (self.offer?, self.file?);
-        Some(Received { header: offer.header, sha256, is_pending: self.is_pending })
+        let (offer, file) = (self.offer?, self.file?);
+        Some(Received { header: offer.header, sha256: file.name, is_pending: self.is_pending })
     }
 }
 

@@ -18,7 +18,7 @@ use plantar::pipeline::setup::DEVICE_CELLS;
 use semihosting::fs::File;
 use semihosting::io::{Read, Seek, SeekFrom};
 
-/// Time after which a plant that does not answer counts as stopped. The frame is then abandoned.
+/// Time within which the plant must report that the next row is ready; otherwise the frame is abandoned.
 const ANSWER_TIMEOUT: Duration = Duration::from_millis(400);
 /// Time between heartbeats while a paced clock waits.
 const HEARTBEAT: Duration = Duration::from_millis(100);
@@ -29,8 +29,8 @@ fn request(port: &Port, kind: u8, seq: u32) {
     port.write(&[kind, a, b, c, d]);
 }
 
-/// The first byte of an answer, until its second byte arrives; [`NO_BYTE`] at all other times. It is static because a caller may
-/// time out between the two bytes.
+/// The first byte of an answer, until its second byte arrives; [`NO_BYTE`] at all other times. The variable is static, because a
+/// caller may give up between the two bytes.
 static FIRST_BYTE: AtomicU16 = AtomicU16::new(NO_BYTE);
 const NO_BYTE: u16 = u16::MAX;
 
@@ -151,7 +151,8 @@ impl FrameClock for Clock {
     }
 }
 
-/// Waits for `wait`, and counts heartbeats of the scan meanwhile, because a plant that pauses is not a stalled scan.
+/// Waits for `wait`, and counts heartbeats of the scan meanwhile: a scan that waits for a plant that pauses is not stalled, and
+/// neither is one that waits for processing, which has heartbeats of its own.
 async fn wait_with_heartbeats<T>(counters: &ScanCounters, wait: impl Future<Output = T>) -> T {
     let mut wait = pin!(wait);
     loop {

@@ -19,11 +19,17 @@ const FAST_CRYSTAL_LIMIT_MS: u32 = 5;
 /// Longest time until the low-frequency clock has stopped, ms.
 const STOP_LIMIT_MS: u32 = 5;
 
+/// Waits for about this number of cycles of the core, at least two thirds of it: an iteration of the loop takes three cycles on this
+/// core, and never less than two.
+pub fn wait_cycles(cycles: u32) {
+    cortex_m::asm::delay(cycles / 3);
+}
+
 /// Checks a condition every millisecond, and feeds the watchdog meanwhile. Returns false if it is not met within `limit_ms`.
 fn within_ms(limit_ms: u32, condition: impl Fn() -> bool) -> bool {
     (0..limit_ms).any(|_| {
         watchdog::feed();
-        cortex_m::asm::delay(CORE_KHZ);
+        wait_cycles(CORE_KHZ);
         condition()
     })
 }

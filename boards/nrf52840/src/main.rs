@@ -216,7 +216,7 @@ async fn run(boot: BootReport, image: &'static Header, p: Peripherals, has_cryst
     // The strap is connected to ground on a right insole.
     let strap = Input::new(p.P0_05, Pull::Up);
     // The pull-up charges the line, and the components that protect it, in some microseconds.
-    cortex_m::asm::delay(STRAP_CYCLES);
+    clock::wait_cycles(STRAP_CYCLES);
     let mut matrix = ResistiveMatrix {
         adc: p.SAADC,
         inputs: [p.P0_02.degrade_saadc(), p.P0_03.degrade_saadc(), p.P0_28.degrade_saadc(), p.P0_29.degrade_saadc()],

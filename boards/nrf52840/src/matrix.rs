@@ -3,7 +3,7 @@
 //! `README.md` has the wiring and the time of a frame. The switches are controlled through a shift register, because the module
 //! has eleven pins only. The front end, the switches included, has no supply between two frames.
 
-use crate::clock::Microseconds;
+use crate::clock::{Microseconds, wait_cycles};
 use core::cell::Cell;
 use core::convert::Infallible;
 use core::future::poll_fn;
@@ -103,7 +103,7 @@ impl ShiftRegister {
         /// the data to the edge of the clock, and some 30 ns for a pulse (between the values for 2 V and 4.5 V in its data
         /// sheet).
         const LEVEL_CYCLES: u32 = 6;
-        let hold = || cortex_m::asm::delay(LEVEL_CYCLES);
+        let hold = || wait_cycles(LEVEL_CYCLES);
         for bit in (0..u8::BITS).rev() {
             self.data.set_level((bits >> bit & 1 == 1).into());
             hold();
@@ -142,7 +142,6 @@ impl ResistiveMatrix {
     /// Measures the battery and the controller's supply. The front end must be off, because its current lowers the
     /// battery's voltage.
     pub async fn measure_battery(&mut self) {
-        self.measured_at = Instant::now();
         let mut battery = ChannelConfig::single_ended(self.battery.reborrow());
         battery.gain = Gain::Gain1_3;
         // The source resistance of the divider is 340 kOhm. The product specification of the nRF52840 (SAADC, acquisition time)
@@ -154,6 +153,8 @@ impl ResistiveMatrix {
         let mut codes = [0; 2];
         let is_measured = with_timeout(BATTERY_TIMEOUT, adc.sample(&mut codes)).await.is_ok();
         drop(adc);
+        // Only now, because the end of the start can cancel a measurement.
+        self.measured_at = Instant::now();
         if !is_measured {
             // A supply of 0 means that it is unknown; nothing is then written to the flash chip.
             return SUPPLY_MV.store(0, Ordering::Relaxed);
@@ -215,7 +216,7 @@ impl ResistiveMatrix {
                 progress.set(progress.get() + 1);
             } else {
                 // Waiting for an interrupt would take longer.
-                cortex_m::asm::delay(SWITCH_US * CORE_MHZ);
+                wait_cycles(SWITCH_US * CORE_MHZ);
             }
             let mut converted = [0; INPUTS];
             adc.sample(&mut converted).await;

@@ -55,10 +55,10 @@ const CORE_KHZ: u32 = 64_000;
 /// The independent watchdog resets the board after this time without a check by the supervision, ms.
 const WATCHDOG_MS: u16 = 1_000;
 
-/// Number of checks whether the crystal oscillates, and number of cycles between them. The bootloader starts this program with a
-/// clock of 16 MHz, at which all checks take 100 ms; a crystal needs 2 ms.
+/// Number of checks whether the crystal oscillates, and number of iterations of the delay loop between them, of three cycles each.
+/// The bootloader starts this program with a clock of 16 MHz, at which all checks take 100 ms; a crystal needs 2 ms.
 const CRYSTAL_CHECKS: u32 = 1_000;
-const CRYSTAL_CHECK_CYCLES: u32 = 1_600;
+const CRYSTAL_CHECK_LOOPS: u32 = 533;
 
 /// The trim of the crystal's load capacitance, 0 to 63, from `PLANTAR_HSE_TUNE`; without it, that of [`programmed_trim`] applies.
 const CRYSTAL_TRIM: Option<u8> = match option_env!("PLANTAR_HSE_TUNE") {
@@ -136,7 +136,7 @@ fn start_crystal() -> bool {
         if pac::RCC.cr().read().hserdy() {
             return true;
         }
-        cortex_m::asm::delay(CRYSTAL_CHECK_CYCLES);
+        cortex_m::asm::delay(CRYSTAL_CHECK_LOOPS);
     }
     pac::RCC.cr().modify(|w| w.set_hseon(false));
     false

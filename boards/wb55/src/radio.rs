@@ -72,6 +72,7 @@ fn drain(queue: u32) -> Option<Packets> {
     let mut packet = read(queue + NEXT);
     while packet != queue {
         if !is_shared(packet) {
+            defmt::error!("the radio's core queued a packet outside of the shared memory, at {:x}", packet);
             packet = queue;
         } else if packets.push(packet).is_ok() {
             packet = read(packet + NEXT);

@@ -118,22 +118,28 @@ def participants(study: str, out: str) -> list[str]:
     recordings or settings."""
     files, root = fsspec.url_to_fs(study)
     files.invalidate_cache(root)
-    _, out_path = fsspec.url_to_fs(out)
+    table_files, out_path = fsspec.url_to_fs(out)
     table = out_path.rstrip("/")
-    if table == root.rstrip("/"):
+    if files == table_files and table == root.rstrip("/"):
         raise OSError(f"{out}: this is the folder of the study: choose another --out")
 
     def has_person(path: str) -> bool:
-        return bool(_parquet_entries(files, path) or files.exists(f"{path}/participant.toml"))
+        try:
+            return bool(_parquet_entries(files, path) or files.exists(f"{path}/participant.toml"))
+        except OSError:
+            # The evaluation of this participant reports the reason.
+            return True
 
     def holds_results(path: str) -> bool:
         return table == path or table.startswith(f"{path}/") or holds_table(path)
 
     def holds_table(path: str) -> bool:
-        folders = [entry["name"].rstrip("/") for entry in files.ls(path, detail=True) if _is_folder(files, entry)]
+        # Links are not followed, because they can lead back to the study.
+        folders = [entry["name"].rstrip("/") for entry in files.ls(path, detail=True) if entry["type"] == "directory"]
         # An object storage can list the folder itself as one of its entries.
-        folders = [folder for folder in folders if folder != path]
-        return any(folder.rsplit("/", 1)[-1].startswith("participant=") or is_result(folder) for folder in folders)
+        names = {folder: folder.rsplit("/", 1)[-1] for folder in folders if folder != path}
+        visible = [(folder, name) for folder, name in names.items() if not name.startswith(".")]
+        return any(name.startswith("participant=") or is_result(folder) for folder, name in visible)
 
     def is_result(path: str) -> bool:
         return not has_person(path) and holds_table(path)
@@ -151,8 +157,9 @@ def participants(study: str, out: str) -> list[str]:
     paths = [entry["name"].rstrip("/") for entry in entries if _is_folder(files, entry)]
     # An object storage can list the folder itself as one of its entries.
     paths = [path for path in paths if path != root.rstrip("/")]
-    names = sorted(path.rsplit("/", 1)[-1] for path in paths if is_participant(path))
-    names = [name for name in names if not name.startswith(".") and not name.endswith(".parquet")]
+    named = [(path, path.rsplit("/", 1)[-1]) for path in paths]
+    named = [(path, name) for path, name in named if not name.startswith(".") and not name.endswith(".parquet")]
+    names = sorted(name for path, name in named if is_participant(path))
     if not names:
         raise OSError(f"{study}: no participant: it must contain one folder per participant, with recordings")
     return names

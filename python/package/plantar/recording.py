@@ -172,7 +172,7 @@ class Replay:
     @cached_property
     def frames(self) -> pd.DataFrame:
         """The live values of every frame, indexed by the ``t_s`` of the recording, s: columns such as ``heel_area_mm2`` and
-        ``total_force_n``. A value that does not exist is NaN, such as the centre of pressure of a region without contact."""
+        ``total_force_n``. A value that does not exist is NaN, such as the centre of pressure of a region without force."""
         _, frames, _ = _core.replay(self.recording._core, *self._arguments, True)
         assert frames is not None
         table: pd.DataFrame = frames.to_pandas()
@@ -186,8 +186,8 @@ class Replay:
         The result has one row for each step, in the order of ``steps``, and ``points`` columns: the form that spm1d expects. With
         a region, ``quantity`` is the name without the prefix, such as ``area_mm2``. The unit is that of the column.
 
-        Centre of pressure and ellipse exist only during the contact of a region, so their curves are NaN in the rest of the
-        stance. spm1d needs numbers: select the points at which all curves of all compared groups have a value, for each group
+        The centre of pressure exists only while a region has force, and the ellipse only while it has contact, so their curves
+        are NaN in the rest of the stance. spm1d needs numbers: select the points at which all curves of all compared groups have a value, for each group
         ``np.isfinite(curves).all(axis=0)``. Raises a ``ValueError`` if there is no such region or quantity, or if ``points`` is
         less than 2.
         """

@@ -21,8 +21,8 @@ struct Worst {
     area: f64,
 }
 
-/// Measures the differences with counted cells and with covered shares ([`ContactRule`]), each with typical parameters and
-/// those of [`tight_tissue`].
+/// Measures the differences with counted cells and with covered shares (whole cells from 100 kPa on), each with typical
+/// parameters and those of [`tight_tissue`].
 pub fn measure(figures: &mut Figures) -> Result<()> {
     let walk = synthetic::walk(&synthetic::SyntheticWalk { steps: 30, ..Default::default() }).recording;
     let mut worst = Worst::default();
@@ -108,8 +108,9 @@ fn compare(walk: &Recording, contact: ContactRule, tissue: &Tissue, worst: &mut 
     Ok(())
 }
 
-/// Ellipsoids with n = 1.5 and m = 1 whose largest section is only one percent larger than the largest area by this contact rule.
-/// With these, single precision is least accurate.
+/// Ellipsoids with n = 1.5 and m = 1. The largest section of each is only one percent larger than the largest area by this
+/// contact rule. With these, single precision is less accurate than with typical parameters: near the largest section, the
+/// deformation changes steeply with the area.
 fn tight_tissue(walk: &Recording, contact: ContactRule, typical: &Tissue) -> Result<Tissue> {
     let virtual_insole = VirtualInsole::new(walk, contact, StanceRule::ADAPTIVE);
     let mut insole = Box::new(Insole::<f64, DEVICE_CELLS>::new());

@@ -6,8 +6,9 @@ use plantar::protocol::session::RECORD_QUEUE;
 use plantar::sequence;
 use std::collections::VecDeque;
 
-/// Largest number of records that an insole can send again: those in its RAM, and as many of which the acknowledgement was lost.
-/// Only an insole that could not store acknowledgements, as with a low supply, can send more of them again after a restart.
+/// Largest number of records that an insole can send again: those in its RAM, and the same number of earlier ones if a restart
+/// has lost their acknowledgements. Only an insole that could not store acknowledgements, as with a low supply, can send more of
+/// them again after a restart.
 const CAPACITY: usize = 2 * RECORD_QUEUE;
 
 /// The last records that were delivered, oldest first, and for each whether the caller has acknowledged it.
@@ -19,7 +20,7 @@ impl Delivered {
         Self(VecDeque::new())
     }
 
-    /// Whether the caller acknowledged this record; `None` for one that was not delivered before.
+    /// Whether the caller acknowledged this record; `None` if it is not among the remembered records.
     pub fn is_acknowledged(&self, record: &LoadRecord) -> Option<bool> {
         self.0.iter().find(|(delivered, _)| delivered.is_same(record)).map(|(_, acknowledged)| *acknowledged)
     }
@@ -36,7 +37,7 @@ impl Delivered {
         self.0.retain(|(_, acknowledged)| *acknowledged);
     }
 
-    /// Marks all records up to this number as acknowledged.
+    /// Marks all remembered records up to and including this number as acknowledged.
     pub fn acknowledge(&mut self, number: u32) {
         for (record, acknowledged) in &mut self.0 {
             *acknowledged |= !sequence::is_after(record.number(), number);

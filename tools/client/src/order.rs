@@ -6,10 +6,12 @@
 use plantar::sequence::is_after;
 
 /// Number of retransmissions without the missing record after which the insole is assumed to have dropped it, if all frames
-/// arrived intact. A cable that was cut for a moment may have lost the record nevertheless.
+/// arrived intact. A cable that was cut for a moment may have lost the record nevertheless, so one retransmission does not
+/// suffice.
 const INTACT_RETRANSMISSIONS: u8 = 8;
 /// Number of retransmissions after which the insole is assumed to have dropped the record even if each time a damaged frame
-/// arrived, which may have contained it. A record of a kind that this program does not know is such a frame every time.
+/// arrived, which may have contained it. A record of a kind that this program does not know counts as a damaged frame each time
+/// it arrives.
 const ALL_RETRANSMISSIONS: u8 = 64;
 
 /// The treatment of a record that arrives.
@@ -17,7 +19,8 @@ const ALL_RETRANSMISSIONS: u8 = 64;
 pub enum Arrival {
     /// Accept it: no record before it is missing, or the missing one is assumed to have been dropped by the insole.
     InOrder,
-    /// Records before it are missing. Request a retransmission and ignore this record, because the retransmission includes it.
+    /// Records before it are missing or may have been damaged. Request a retransmission and ignore this record, because the
+    /// retransmission includes it.
     Gap,
     /// A retransmission was requested and has not begun. Ignore the record, because the retransmission includes it.
     Awaited,
@@ -32,8 +35,8 @@ struct Retransmissions {
     all: u8,
     /// Number of retransmissions without it in which no damaged frame arrived.
     intact: u8,
-    /// Number of damaged frames before the last request. It is not taken when the retransmission begins: damaged frames of the
-    /// retransmission may already be counted while its first messages still wait for the caller.
+    /// Number of damaged frames before the last request. It is recorded with the request, and not when the retransmission begins,
+    /// because damaged frames of the retransmission may already be counted while its first messages still wait for the caller.
     damaged_before: u32,
 }
 
@@ -50,7 +53,7 @@ pub struct RecordOrder {
     /// arrived later may have contained the first record.
     damaged_before: u32,
     /// Number of retransmissions that were requested because the first record of a session may have been damaged.
-    unknown_first: u8,
+    first_record_requests: u8,
 }
 
 impl Default for RecordOrder {
@@ -62,7 +65,7 @@ impl Default for RecordOrder {
 impl RecordOrder {
     /// Before the first record.
     pub const NEW: Self =
-        Self { expected: None, requested_us: None, retransmissions: None, damaged_before: 0, unknown_first: 0 };
+        Self { expected: None, requested_us: None, retransmissions: None, damaged_before: 0, first_record_requests: 0 };
 
     /// Decides how to treat a record that was not delivered before. `damaged` is the number of damaged frames that have arrived.
     pub fn arrive(&mut self, number: u32, damaged: u32) -> Arrival {
@@ -70,8 +73,9 @@ impl RecordOrder {
             return Arrival::Awaited;
         }
         // The number of the first record is not known, so a gap before this one would not be noticed.
-        if self.expected.is_none() && damaged != self.damaged_before && self.unknown_first < ALL_RETRANSMISSIONS {
-            self.unknown_first += 1;
+        if self.expected.is_none() && damaged != self.damaged_before && self.first_record_requests < ALL_RETRANSMISSIONS
+        {
+            self.first_record_requests += 1;
             return Arrival::Gap;
         }
         if let Some(missing) = self.expected.filter(|&expected| is_after(number, expected)) {
@@ -83,13 +87,13 @@ impl RecordOrder {
                     ..counts
                 },
             };
-            let is_sent_again = counts.intact < INTACT_RETRANSMISSIONS && counts.all < ALL_RETRANSMISSIONS;
+            let requests_again = counts.intact < INTACT_RETRANSMISSIONS && counts.all < ALL_RETRANSMISSIONS;
             self.retransmissions = Some(counts);
-            if is_sent_again {
+            if requests_again {
                 return Arrival::Gap;
             }
         }
-        self.unknown_first = 0;
+        self.first_record_requests = 0;
         self.expected = Some(number.wrapping_add(1));
         Arrival::InOrder
     }
@@ -199,7 +203,7 @@ mod tests {
         // The same applies to the first record after another host.
         order.interrupt();
         assert_eq!(order.arrive(9, 3), Arrival::Gap);
-        // A record that this program does not know is damaged every time.
+        // A record that this program does not know counts as a damaged frame each time it arrives.
         let mut order = RecordOrder::default();
         let is_accepted = (1..=u32::MAX).take(100).position(|damaged| {
             let arrival = order.arrive(4, damaged);

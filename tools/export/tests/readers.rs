@@ -200,8 +200,10 @@ fn recordings_of_two_insoles_are_not_paired() {
         foot(recording)
     };
     let [left, right] = [Side::Left, Side::Right].map(of_insole);
-    let text = Session::new(vec![left.clone(), right], None, None).expect_err("two clocks").to_string();
-    assert!(text.contains("on the clock of its insole") && text.contains("one foot at a time"), "{text}");
+    for other in [right, foot(walk(Side::Right, 2, 60))] {
+        let text = Session::new(vec![left.clone(), other], None, None).expect_err("two clocks").to_string();
+        assert!(text.contains("on the clock of its insole") && text.contains("one foot at a time"), "{text}");
+    }
     assert!(Session::new(vec![left], None, None).is_ok());
 }
 
@@ -470,7 +472,9 @@ fn mcap_is_read_by_foxgloves_own_reader() {
                 let column = |name: &str| &found[format!("{}_{name}", region.name())];
                 assert_eq!(*column("measured_force_peak_n"), f64::from(of.measured_peak_dn) / 10.0);
                 assert_eq!(*column("area_peak_mm2"), f64::from(of.area_peak_mm2));
-                assert_eq!(*column("clamped"), step.step.clamped >> i & 1 == 1);
+                for flag in Step::FLAGS {
+                    assert_eq!(*column(flag.name), flag.is_set(&step.step, i));
+                }
             }
             let of_region = StepRegion::QUANTITIES.len() + Step::FLAGS.len();
             let most = Step::QUANTITIES.len() + StepFoot::QUANTITIES.len() + 8 * of_region + 2;

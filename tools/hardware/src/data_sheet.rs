@@ -1,4 +1,5 @@
-//! The figures from data sheets that the simulation uses, each with its source, and the assumptions about the sensor sheet.
+//! The figures from data sheets that the simulation and its plots use, each with its source, and the assumptions of the
+//! simulation.
 
 /// How sure a figure is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,7 +17,7 @@ impl Status {
     pub fn text(self) -> &'static str {
         match self {
             Self::Read => "read",
-            Self::ToBeChecked => "data sheet value, to be checked",
+            Self::ToBeChecked => "from memory of the data sheet, to be checked",
             Self::Assumed => "assumption, to be measured",
         }
     }
@@ -97,6 +98,8 @@ figures! {
         "ADG706/ADG707 Rev. A, specifications for 3 V", Read;
     MULTIPLEXER_TYPICAL_OHM: "ADG706", "on-resistance with a supply of 3 V, typical", 6.0 "ohm",
         "ADG706/ADG707 Rev. A, specifications for 3 V", Read;
+    LOGIC_MULTIPLEXER_TYPICAL_OHM: "CD74HC4067", "on-resistance with a supply of 4.5 V, typical", 70.0 "ohm",
+        "SCHS209C, features", Read;
 
     DECODER_OUTPUT_OHM: "CD74HC4514", "resistance of an output at 3.3 V", 100.0 "ohm",
         "SCHS280, output voltage at 4 mA", ToBeChecked;

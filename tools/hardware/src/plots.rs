@@ -1,7 +1,7 @@
 //! The plots of the simulation, as SVG files.
 
 use crate::analyses::Points;
-use crate::data_sheet::{MULTIPLEXER_ON_OHM, MULTIPLEXER_TYPICAL_OHM, SWITCH_ON_OHM};
+use crate::data_sheet::{LOGIC_MULTIPLEXER_TYPICAL_OHM, MULTIPLEXER_ON_OHM, MULTIPLEXER_TYPICAL_OHM, SWITCH_ON_OHM};
 use crate::figures::{CROSSTALK_PERCENT, Results};
 use maud::{Markup, PreEscaped, html};
 use plantar::firmware::front_end::{self, SETTLE_US};
@@ -129,12 +129,13 @@ fn transfer(results: &Results) -> String {
     let millisiemens = |(ohm, code): &(f64, f64)| (1000.0 / ohm, *code);
     let simulated: Points = results.transfer.iter().map(millisiemens).collect();
     let formula: Points = (0..=60).map(|i| f64::from(i) / 100.0).map(|s| (s, front_end::code(1000.0 / s))).collect();
+    let formula_name = format!("formula: {} (1 + Rf / R)", front_end::UNLOADED_CODE);
     let mut chart = Chart {
         title: "Code of a cell over its conductance",
         scales,
         x_title: "conductance, mS",
         y_title: "code",
-        lines: vec![Line { name: "1 + Rf / R", points: formula }],
+        lines: vec![Line { name: &formula_name, points: formula }],
         marks: html! {},
     };
     let points = simulated.iter().filter(|(s, _)| *s <= 0.6);
@@ -183,11 +184,12 @@ fn crosstalk(results: &Results) -> String {
     };
     chart.marks = html! {
         (chart.horizontal(CROSSTALK_PERCENT, &format!("limit: {CROSSTALK_PERCENT} %")))
-        (chart.vertical(SWITCH_ON_OHM.value, "FDG6335N"))
-        (chart.vertical(MULTIPLEXER_TYPICAL_OHM.value, "ADG706"))
-        (chart.vertical(MULTIPLEXER_ON_OHM.value, "ADG706 max."))
-        // For comparison: a multiplexer that is common on hobby boards, with its typical resistance, ohm.
-        (chart.vertical(70.0, "74HC4067"))
+        (chart.vertical(SWITCH_ON_OHM.value, "FDG6335N max."))
+        (chart.vertical(MULTIPLEXER_TYPICAL_OHM.value, "ADG706 typ."))
+        // The text is short, because this line is close to the one before.
+        (chart.vertical(MULTIPLEXER_ON_OHM.value, "max."))
+        // For comparison: a multiplexer that is common on hobby boards.
+        (chart.vertical(LOGIC_MULTIPLEXER_TYPICAL_OHM.value, "CD74HC4067 typ., 4.5 V"))
     };
     chart.svg()
 }

@@ -29,7 +29,7 @@ pub struct Measurements {
     pub rejected: Vec<OutOfRange>,
 }
 
-/// A value outside of the anatomical range.
+/// A value that is not in the accepted range.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OutOfRange {
     /// Name of the entry, with its unit.
@@ -49,8 +49,8 @@ impl fmt::Display for OutOfRange {
     }
 }
 
-/// The measurements of some or all regions, in the order of [`Region::ALL`], from a TOML file. A region has either a line with
-/// the thickness in mm, such as `heel = 17.5`, or a table:
+/// The measurements of some or all regions, from a TOML file. The array is in the order of [`Region::ALL`]; the file may have any
+/// order. In the file, a region has either a line with the thickness in mm, such as `heel = 17.5`, or a table:
 ///
 /// ```toml
 /// [heel]
@@ -139,7 +139,7 @@ impl<'de> Deserialize<'de> for Entry {
             type Value = Table;
 
             fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("a thickness in mm, or a table with thickness_mm, peak_strain and curvature_mm")
+                f.write_str("a thickness in mm, or a table with any of thickness_mm, peak_strain and curvature_mm")
             }
 
             fn visit_i64<E: de::Error>(self, mm: i64) -> Result<Table, E> {

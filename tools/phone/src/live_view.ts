@@ -20,7 +20,7 @@ const TEXTS: Record<SessionState, string> = {
   waiting: "Waiting",
   lost: "Connection lost",
   "other-host": "Used by another device",
-  "other-version": "Update needed",
+  "other-version": "Different version",
   "same-foot": "Same foot",
 };
 

@@ -83,7 +83,7 @@ export function percentOfWeight(force_n: number, settings: Settings): number | n
   return weight === null ? null : (100 * force_n) / weight;
 }
 
-/** Takes over the settings that the wearer changes in another tab, and calls `changed`. */
+/** Adopts the settings that the wearer changes in another tab, and calls `changed`. */
 export function followSettings(settings: Settings, changed: () => void): void {
   addEventListener("storage", ({ key }) => {
     if (key !== KEY) return;

@@ -53,7 +53,7 @@ pub struct Emulate {
     /// later steps only. FOLDER receives recording, parameters and report.
     #[arg(long, value_name = "FOLDER", conflicts_with = "params")]
     identify: Option<PathBuf>,
-    /// With --identify: the number of steps, from the first one on, from which the wearer is identified.
+    /// With --identify: identify the wearer from the first N steps.
     #[arg(long, value_name = "N", default_value = "24", requires = "identify")]
     identify_steps: NonZeroUsize,
     /// End the walk after this number of steps. With --identify, only steps after the identification count.
@@ -97,7 +97,8 @@ impl EmulatedInsole {
         }
         println!("{}", recording.source);
         let insole = options.insole(&(&recording).into(), options.rule(parameters)?, path)?;
-        // Refuses an invalid set-up with the reason, which the board could not report.
+        // Refuses an invalid set-up before the emulator starts. The board would only report the reason in its hello, and
+        // measure nothing.
         let accepted = Insole::<f32, DEVICE_CELLS>::new().set_up(insole.setup, insole.cells.iter().copied());
         accepted.with_context(|| format!("{} cannot be played into an insole", path.display()))?;
         Ok(Self { recording, insole })
@@ -205,12 +206,13 @@ impl Emulate {
         summary::print_faults_of(&mut client);
         println!(
             "the insole processed {} frames of a walk of {duration_s:.1} s in {:.1} s; {} scans were missed or \
-             incomplete, and {} were skipped because processing was late; live frames: {} sent, {} received, {} lost; {} \
-             messages of any kind were damaged",
+             incomplete, {} were skipped because processing was late, and {} because the insole was not worn; live frames: \
+             {} sent, {} received, {} lost; {} messages of any kind were damaged",
             status.frames,
             start.elapsed().as_secs_f64(),
             status.frames_missed,
             status.frames_overrun,
+            status.frames_skipped,
             counters.frames_sent,
             counters.frames_received,
             counters.frames_lost,
@@ -309,13 +311,14 @@ impl Emulate {
                     }
                     is_status_pending = false;
                 }
-                Some(ToHost::Hello(hello)) => bail!(restart_message(&hello)),
+                Some(ToHost::Hello(hello)) => bail!(restart_message("began another session during the walk", &hello)),
                 // The other messages answer requests that this command does not send.
                 Some(_) => {}
                 None if last_message.elapsed() > SILENCE => {
-                    bail!(restart_message(
-                        client.reconnect(ReconnectPolicy::STREAM.probe).context("the insole has stopped sending")?
-                    ))
+                    let event = format!("sent nothing for more than {} s", SILENCE.as_secs());
+                    let hello =
+                        client.reconnect(ReconnectPolicy::STREAM.probe).context("the insole has stopped sending")?;
+                    bail!(restart_message(&event, hello))
                 }
                 None => is_silent = true,
             }
@@ -337,11 +340,12 @@ impl Emulate {
     }
 }
 
-/// The error message for an insole that restarted during the walk.
-fn restart_message(hello: &Hello) -> String {
+/// The error message for an insole that may have restarted during the walk. `event` states what the insole did.
+fn restart_message(event: &str, hello: &Hello) -> String {
     let reason = hello.fault.as_deref().unwrap_or("no failure reported");
     format!(
-        "the insole restarted during the walk (reset reason: {}, {reason}), so its steps are not shown: run the command again",
+        "the insole {event}, and may have restarted (last reset: {}, {reason}), so its steps are not shown: run the command \
+         again",
         hello.reset.name()
     )
 }

@@ -214,15 +214,19 @@ fn show_file(parameters: &Parameters) {
     });
     print_table(["region", "A mm", "B mm", "C mm", "d0 mm", "k N/m3", "n", "c N s/m3", "m"], regions);
     println!("Share of assumption in C, the scale of the deformation: {}.", AssumedShare(&parameters.deformation));
+    if let Some(Identified { regions, .. }) = &parameters.identified {
+        println!("Identified from steps: {}.", names(regions));
+    }
     show(&parameters.tissue());
 }
 
-/// The names of regions, or that they are all.
+/// The names of regions, or that they are all or none.
 fn names(regions: &[Region]) -> String {
-    if regions.len() == Region::ALL.len() {
-        return "all regions".into();
+    match regions.len() {
+        0 => "no region".into(),
+        8 => "all regions".into(),
+        _ => regions.iter().map(|region| region.name()).collect::<Vec<_>>().join(", "),
     }
-    regions.iter().map(|region| region.name()).collect::<Vec<_>>().join(", ")
 }
 
 /// Prints the parameters in the form that an insole uses.

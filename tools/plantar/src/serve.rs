@@ -14,7 +14,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
-/// Shows one or two insoles in a browser: live loads, steps, trends, and export.
+/// Shows the live loads, steps and trends of one or two insoles in a browser, which also exports loads and steps.
 ///
 /// Give one --serial, --tcp or --emulate per foot. Several pages can be open at the same time. Without --bind, only browsers on
 /// this computer can connect. Every page that can connect receives all data.
@@ -37,14 +37,14 @@ pub struct Serve {
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     /// Publish frames, steps, load bouts, alerts and events of each foot over the Lab Streaming Layer, to all computers in the
-    /// network. This needs the library liblsl: the file LIBRARY, or one that the system finds. docs/live.md describes the
-    /// streams.
+    /// network. This needs the library liblsl: the file LIBRARY, or one that the system finds. It also needs --record, because an
+    /// insole sends further steps only once those before are stored. docs/live.md describes the streams.
     #[arg(long, value_name = "LIBRARY", num_args = 0..=1, require_equals = true, requires = "record")]
     lsl: Option<Option<PathBuf>>,
     /// TCP port of the page; with 0, a free port is chosen.
     #[arg(long, default_value_t = 7340)]
     port: u16,
-    /// Accept connections on this address; with 0.0.0.0, the whole network can connect.
+    /// Accept connections on this address. With 0.0.0.0, the whole network can connect, to any address of this computer.
     #[arg(long, value_name = "ADDRESS", default_value_t = Ipv4Addr::LOCALHOST.into())]
     bind: IpAddr,
     /// Also accept connections of pages that were loaded from this web server, such as https://insoles.example. Repeat the option

@@ -1,7 +1,6 @@
 //! Tests `plantar fit`: its files, its messages about steps and regions that cannot be fitted, and its exit status.
 
 use parameters::Parameters;
-use plantar::Side;
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::DEVICE_CELLS;
@@ -10,6 +9,7 @@ use plantar::protocol::{
     Decoder, Hello, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Reset, Status, Step, ToDevice, ToHost, decode, encode,
     frame,
 };
+use plantar::{Region, Side};
 use recording::{Recording, VirtualInsole};
 use serde_json::Value;
 use std::io::{Read, Write};
@@ -159,6 +159,9 @@ fn regions_that_cannot_be_fitted_are_named_and_set_the_exit_status() {
     assert_eq!((&regions["heel"]["fitted"], &regions["hallux"]["fitted"]), (&true.into(), &false.into()));
     let text = std::fs::read_to_string(path.join("p.toml")).expect("a file");
     assert!(text.contains("typical, NOT identified: never loaded"), "{text}");
+    // An insole tracks only the regions in this list.
+    let identified = Parameters::read(&path.join("p.toml")).expect("valid").identified.expect("known");
+    assert_eq!(identified.regions, [Region::Heel]);
 
     // With all cells loaded at once, the area is constant, and no region can be fitted.
     write(&|_, load| if load > 0.0 { 50.0 + 300.0 * load } else { 0.0 });

@@ -20,7 +20,7 @@ fn plantar(folder: &Path, arguments: &str) -> (Option<i32>, String) {
     (output.status.code(), text.concat())
 }
 
-/// Writes a computed walk of three steps.
+/// Writes a computed walk of three steps of this foot. Walks with different seeds are different trials.
 fn walk(path: &Path, side: Side, seed: u64, peak_n: f64) {
     fs::create_dir_all(path.parent().expect("a folder")).expect("made");
     let walk = SyntheticWalk { side, steps: 3, seed, peak_n, ..Default::default() };
@@ -78,7 +78,7 @@ fn a_quantity_that_differs_more_between_people_than_between_trials_has_a_high_ic
             (number(row, "mdc_95") - 1.96 * 2f64.sqrt() * number(row, "sem")).abs() <= 1e-9 * number(row, "mdc_95")
         );
     }
-    // Each trial has the values of `plantar fit` with the same recording.
+    // The means are those of the values of `plantar fit` with the same recordings.
     let values = ["ann/a", "ann/b", "bob/a", "bob/b", "cid/a", "cid/b"].map(|trial| {
         let (status, text) = plantar(&path, &format!("fit people/{trial}.parquet --json fit.json"));
         assert!(matches!(status, Some(0 | 3)), "{text}");
@@ -204,15 +204,16 @@ fn the_recordings_of_one_person_are_compared_without_an_icc() {
 }
 
 #[test]
-#[ignore = "needs the data set SpeedPP2DS, the folder that PLANTAR_JIKU names: cargo xtask test"]
-fn quantities_of_walkers_repeat_better_than_parameters() {
+#[ignore = "needs the data set SpeedPP2DS: cargo xtask test"]
+fn the_area_at_half_of_the_force_repeats_better_than_the_exponent_n() {
     let data = std::env::var_os("PLANTAR_JIKU").expect("PLANTAR_JIKU names the folder of the data set");
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
     for walker in 0..jiku::WALKERS {
         let person = path.join(format!("people/walker-{walker}"));
         fs::create_dir_all(&person).expect("made");
-        // Each of the two recordings has every second trial, so that a trend over the session affects both alike.
+        // Each of the two recordings has every second one of the walker's first 40 trials in the data set, which are single
+        // steps, so that a trend over the session affects both alike.
         for first in 0..2 {
             let trials = (first..40).step_by(2);
             let recording = jiku::import(&data, walker, trials, &mut |_, _| ()).expect("a recording");

@@ -27,7 +27,8 @@ const ROWS_PER_REPORT: usize = 1000;
 /// file.
 ///
 /// # Errors
-/// Fails if a file cannot be read or a line violates the format. The message names file, line and remedy.
+/// Fails if a file cannot be read, violates the format or contains impossible values. The message names the file and, if one
+/// line is wrong, this line.
 pub fn import(
     layout_path: impl AsRef<Path>,
     frames_path: impl AsRef<Path>,
@@ -47,7 +48,7 @@ pub fn import(
 /// As [`import`], from text. In messages the two texts are called `layout.csv` and `frames.csv`.
 ///
 /// # Errors
-/// Fails if a line violates the format.
+/// Fails if a text violates the format or contains impossible values.
 pub fn parse(layout: impl Read, frames: impl Read, side: Side) -> Result<Recording> {
     read(layout, Path::new("layout.csv"), frames, Path::new("frames.csv"), side, &mut |_| {})
 }
@@ -181,7 +182,7 @@ fn check_numbering(rows: &[(usize, u64, Cell)], path: &Path) -> Result<()> {
         if id > expected {
             return Err(Error::content(
                 at_line(path, line),
-                format!("cell {id} follows, but cell {expected} is missing"),
+                format!("cell {expected} is missing; the next one is cell {id}"),
                 "number the cells 0, 1, 2, ... without gaps",
             ));
         }

@@ -7,12 +7,12 @@ use plantar::pipeline::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw}
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::region::Cell;
 use plantar::pipeline::setup::{Setup, SetupCell};
-use plantar::pipeline::stance_rule::StanceRule;
+use plantar::pipeline::stance_rule::{StanceLimits, StanceRule};
 
 /// Exponent of the virtual sensor's power law. It is below 1, because the conductance of a resistive cell increases slightly
 /// less than in proportion to pressure. The value is this project's choice.
 pub(crate) const EXPONENT: f32 = 0.8;
-/// Full scale of the virtual sensor, kPa. [`VirtualInsole::new`] doubles it until it exceeds the largest pressure of the
+/// Full scale of the virtual sensor, kPa. [`VirtualInsole::up_to`] doubles it until it exceeds the largest pressure of the
 /// recording.
 pub(crate) const FULL_KPA: f32 = 1000.0;
 
@@ -39,14 +39,16 @@ pub struct VirtualInsole {
 #[derive(Clone, Debug)]
 struct LawTable {
     /// For each value of the leading bits, modulo the length: the straight line that approximates the law, as its code at
-    /// pressure 0 and its slope in codes per kPa. Pressures up to [`MIN_KPA`] have the line of the code 0.
+    /// pressure 0 and its slope in codes per kPa. The entry of [`MIN_KPA`], which all lower pressures use, is the line of the
+    /// code 0.
     lines: Box<[(f32, f32); ENTRIES]>,
 }
 
 /// Number of trailing bits of a pressure, over which the table interpolates. The nine leading bits of the mantissa select an
 /// entry, so that each doubling of the pressure has 2^9 entries.
 const INTERPOLATED_BITS: u32 = f32::MANTISSA_DIGITS - 1 - 9;
-/// Pressure, kPa, up to which a code of the virtual sensor is less than a half and rounds to 0: 2^-14.
+/// Pressure, kPa, up to which a code of the virtual sensor, with [`EXPONENT`] and a full scale of at least [`FULL_KPA`], is less
+/// than a half and rounds to 0: 2^-14.
 const MIN_KPA: f32 = 1.0 / 16384.0;
 /// Number of entries: enough for 32 doublings of [`MIN_KPA`], which exceed every full scale.
 const ENTRIES: usize = 1 << 14;
@@ -76,9 +78,9 @@ impl LawTable {
 }
 
 impl VirtualInsole {
-    /// The insole of a recording. Its calibration is ideal: measured pressures differ from the recorded pressures by the
-    /// resolution of the sensor alone, which is less than 0.1 % for pressures above 1 % of full scale.
-    /// [`crate::Zero::apply_to`] sets the readings of the unloaded cells, which are subtracted.
+    /// The insole of a recording. Its calibration is ideal: measured pressures differ from the recorded pressures only by the
+    /// rounding of the codes and by the straight segments of [`Curve`], together by less than 0.15 % for pressures above 1 % of
+    /// full scale. [`crate::Zero::apply_to`] sets the readings of the unloaded cells, which are subtracted.
     pub fn new(recording: &Recording, contact: ContactRule, stance: StanceRule) -> Self {
         Self::up_to(recording.largest_kpa(), recording, contact, stance)
     }
@@ -143,8 +145,7 @@ impl VirtualInsole {
 
     /// Largest number of frames from heel strike to the confirmed toe off of a step. The insole rejects a longer contact.
     pub fn longest_step_frames(&self) -> usize {
-        let frames = |ms: u16| (u32::from(ms) * 1000 / self.setup.period_us) as usize;
-        frames(self.setup.stance.max_stance_ms) + frames(self.setup.stance.min_swing_ms)
+        StanceLimits::<f32>::new(&self.setup.stance, self.setup.period_us).longest_step_frames() as usize
     }
 
     /// Index of the frame at a time on the clock of the insole, us. That clock assumes a constant period in whole microseconds,
@@ -188,7 +189,7 @@ impl VirtualInsole {
         }
     }
 
-    /// The code of the cell with this index in the recording for each of its pressures, kPa.
+    /// The codes of one cell, given by its index in the recording, under these pressures, kPa.
     pub(crate) fn codes_of_cell(&self, cell: usize, mut pressure_kpa: Vec<f32>) -> Vec<u16> {
         if let Some(zero_kpa) = self.zero_kpa.get(cell) {
             pressure_kpa.iter_mut().for_each(|kpa| *kpa = (*kpa - zero_kpa).max(0.0));

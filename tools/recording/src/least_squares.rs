@@ -1,7 +1,7 @@
 //! The solution of systems of linear equations with a symmetric positive definite matrix, such as those of least squares.
 
-/// Solves `matrix * x = right` by the Cholesky decomposition; `None` if the matrix is not positive definite. Only the lower
-/// triangle of the matrix is used.
+/// Solves `matrix * x = right` by the Cholesky decomposition; `None` if the matrix is not positive definite, or if the solution
+/// is not finite. Only the lower triangle of the matrix is used.
 ///
 /// Source: G. H. Golub, C. F. Van Loan, Matrix Computations, 4th edition, section 4.2.
 pub fn solve<const N: usize>(matrix: [[f64; N]; N], right: [f64; N]) -> Option<[f64; N]> {

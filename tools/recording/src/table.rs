@@ -24,7 +24,7 @@ pub fn header<R: Read>(reader: &mut Reader<R>, file: &Path) -> Result<StringReco
     }
 }
 
-/// Determines the lines of records.
+/// Determines the line numbers of CSV records.
 pub struct Lines {
     /// Number of lines that the reader counts too few after a record: it counts the line feed after a carriage return only with
     /// the next record.
@@ -75,7 +75,7 @@ pub fn number(field: &str, column: &str, place: &dyn Fn() -> String) -> Result<f
         _ => Err(Error::content(
             place(),
             format!("`{}` in column {} is not a finite number", shortened(field), shortened(column)),
-            "write a number with a decimal point",
+            "write a finite number, with a point as the decimal separator",
         )),
     }
 }
@@ -88,7 +88,7 @@ pub fn pressure(field: &str, column: &str, unit: &str, place: &dyn Fn() -> Strin
     }
     Err(Error::content(
         place(),
-        format!("pressure {field} {unit} in column {column}"),
+        format!("the pressure {field} {unit} in column {column} is negative or too large"),
         "pressures are finite numbers of at least 0; repair or remove the frame",
     ))
 }
@@ -114,7 +114,7 @@ pub fn check_later(now_s: f64, before_s: Option<f64>, place: &dyn Fn() -> String
     ))
 }
 
-/// Checks that blanks or tabs separate the fields of a line, and neither semicolons nor commas.
+/// Checks that blanks or tabs separate the fields of a header, and neither semicolons nor commas.
 pub fn check_blanks(row: &str, place: &dyn Fn() -> String) -> Result<()> {
     let Some(separator) = row.chars().find(|c| [';', ','].contains(c)) else { return Ok(()) };
     let problem = format!("`{separator}` separates the fields, expected blanks or tabs");

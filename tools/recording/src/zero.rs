@@ -32,14 +32,15 @@ pub struct Zero {
 /// The zero of one insole.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FootZero {
-    /// The [`plantar::pipeline::setup::Setup::layout_id`] of the insole, which identifies its cells.
+    /// Identifies the cells: the checksum of their positions, areas and regions that [`VirtualInsole::new`] computes. It is not
+    /// the identifier in the hello of an insole.
     pub layout_id: u32,
     /// Reading of each unloaded cell, kPa, not negative, in the order of [`VirtualInsole::cells`].
     ///
-    /// It is subtracted from the pressures of an import, because the systems of other vendors state pressures that add up. An
-    /// insole of this project adds the offset of its sensor to the code, so there the code of this pressure is subtracted. It is
-    /// nevertheless stored as a pressure, because its code depends on the full scale, which a virtual insole chooses according to
-    /// its recording.
+    /// It is subtracted from the pressures of other systems, on the assumption that the reading of an unloaded cell adds to its
+    /// pressure. In recordings of insoles of this project, and in computed ones, this reading adds to the code, so the code of
+    /// this pressure is subtracted from the codes. It is nevertheless stored as a pressure, because its code depends on the full
+    /// scale, which a virtual insole chooses according to its recording.
     pub offset_kpa: Vec<f32>,
 }
 
@@ -118,9 +119,10 @@ impl Zero {
     pub fn to_toml(&self) -> String {
         let mut text = format!(
             "# Plantar zero: readings of the unloaded cells of an insole, from a standing trial.\n\
-             # layout_id   identifies the cells\n\
-             # offset_kpa  reading of each cell, kPa, ordered by region from heel to toes, then as in the recording;\n\
-             #             it is subtracted from every reading of the cell\n\n\
+             # layout_id   checksum of the positions, areas and regions of the cells\n\
+             # offset_kpa  reading of each cell, kPa, ordered by region from heel to toes, then as in the recording; plantar\n\
+             #             subtracts it from the pressures of other systems; for recordings of insoles and computed ones, it\n\
+             #             subtracts the code of this pressure from the codes of the sensor\n\n\
              version = {VERSION}\n"
         );
         for (side, foot) in [(Side::Left, &self.left), (Side::Right, &self.right)] {
@@ -199,7 +201,7 @@ impl FootZero {
         if self.layout_id != insole.setup.layout_id || found != cells {
             return Err(Error::content(
                 name,
-                format!("{found} offsets for other cells than the {cells} of this recording"),
+                format!("the {found} offsets are of other cells than the {cells} cells of this recording"),
                 "import the standing trial and this recording with the same layout and the same --cells; an import of a matrix \
                  sensor has only the cells that were loaded in that measurement, so two measurements have different cells: \
                  for such a sensor, let the vendor's program subtract the zero before the export",

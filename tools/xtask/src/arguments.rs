@@ -1,5 +1,6 @@
 //! The arguments of `cargo xtask`.
 
+use crate::build::CHIPS;
 use crate::{BOARDS, WB55};
 use clap::{Args, Parser, Subcommand};
 use std::path::PathBuf;
@@ -80,7 +81,7 @@ pub enum Task {
     /// Write bootloader and firmware to a board through a debug probe, and show its log (needs probe-rs).
     Flash {
         /// The board.
-        #[arg(default_value = WB55, value_parser = BOARDS)]
+        #[arg(default_value = WB55, value_parser = CHIPS.map(|(board, _)| board))]
         board: String,
     },
     /// Build and sign the firmware of a board, for `plantar update`.

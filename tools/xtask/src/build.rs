@@ -2,20 +2,14 @@
 
 use crate::command::{built, root, run, run_command};
 use crate::{BOARDS, NRF52840, TARGET, WB55, setup};
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use std::env;
 use std::path::PathBuf;
 use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// The name of the controller in probe-rs, as in `boards/<name>/.cargo/config.toml`.
-fn chip(board: &str) -> Result<&'static str> {
-    match board {
-        NRF52840 => Ok("nRF52840_xxAA"),
-        WB55 => Ok("STM32WB55RGVx"),
-        _ => bail!("{board} cannot be flashed: add the name of its controller in probe-rs to tools/xtask/src/build.rs"),
-    }
-}
+/// The boards that can be flashed, each with the name of its controller in probe-rs, as in `boards/<name>/.cargo/config.toml`.
+pub const CHIPS: [(&str, &str); 2] = [(WB55, "STM32WB55RGVx"), (NRF52840, "nRF52840_xxAA")];
 
 /// The path of the executable of a board's package: its firmware or its bootloader.
 pub fn firmware(package: &str) -> PathBuf {
@@ -106,7 +100,7 @@ pub fn flash(board: &str) -> Result<()> {
     if !setup::has("probe-rs") {
         bail!("probe-rs is not installed: `cargo install probe-rs-tools --locked`, see docs/hardware.md");
     }
-    let chip = chip(board)?;
+    let (_, chip) = CHIPS.iter().find(|(name, _)| *name == board).context("no board that can be flashed")?;
     build_firmware(board)?;
     run("probe-rs", &["download", "--chip", chip, &firmware(&bootloader(board)).to_string_lossy()])?;
     run("probe-rs", &["run", "--chip", chip, &firmware(board).to_string_lossy()])

@@ -12,10 +12,11 @@ use std::process::Command;
 /// Arguments of Clippy that make every warning an error.
 pub const DENY_WARNINGS: [&str; 3] = ["--", "--deny", "warnings"];
 
-/// Arguments of cargo-nextest that run all tests of the host programs, but for the examples in the documentation.
+/// Arguments of cargo-nextest that run the tests of the host programs. By default, it skips tests that are marked as ignored. It
+/// does not run the examples in the documentation: see [`documentation_tests`].
 const HOST_TESTS: [&str; 4] = ["run", "--locked", "--release", "--no-fail-fast"];
 
-/// Selects the tests in files with walks that are played in real time: they need a part of a core all the time.
+/// Selects the tests in files with walks that are played in real time. Such a test needs a share of a core without interruption.
 const IN_REAL_TIME: &str = "kind(test) and (test(/^(both_feet|cells_bluetooth|identify|update_walking)::/) \
      or (package(plantar-cli) and test(/^cells::/)))";
 
@@ -35,7 +36,8 @@ pub fn quick() -> Result<()> {
 pub fn all() -> Result<()> {
     setup::rust()?;
     format()?;
-    // First, only what the tests in real time need.
+    // First, everything is installed and built, except the firmware of the other boards and the Python package, so that nothing
+    // has to be built beside the tests in real time.
     let python = std::thread::scope(|scope| {
         let firmware_and_page = scope.spawn(|| build_firmware(EMULATED).and_then(|()| page::build()));
         let python = scope.spawn(setup::for_tests);
@@ -45,7 +47,8 @@ pub fn all() -> Result<()> {
     })?;
     // Nothing runs beside the tests in real time: even a build in idle time on one of two cores has delayed the emulated boards.
     tests_in_real_time(&python)?;
-    // The other boards are built and linted in idle time, beside the tests of the page and all others.
+    // In idle time, beside the tests of the page and then all others, the firmware of the other boards is built, that of all
+    // boards is linted, and the dependencies are checked.
     let page_figures = std::thread::scope(|scope| {
         let boards = scope.spawn(|| {
             in_idle_time()?;
@@ -63,7 +66,8 @@ pub fn all() -> Result<()> {
     limits::check(&figures)
 }
 
-/// Builds and lints what runs on the host, except the Python package, which is only linted.
+/// Lints and builds what runs on the host, except the Python package, which is only linted, and builds the documentation of the
+/// library.
 fn build_host_programs() -> Result<()> {
     lint_host()?;
     let doc = ["doc", "--locked", "--release", "--no-deps", "--package", "plantar", "--features", "firmware"];
@@ -86,8 +90,8 @@ fn quiet_firmware(command: &str, package: &str, arguments: &[&str]) -> Result<()
     run_command(firmware_command(command, package)?.arg("--quiet").args(arguments))
 }
 
-/// Lints the firmware of all boards, the minimal board and the program that checks a signature, and checks licences and sources
-/// of the dependencies.
+/// Lints the firmware of all boards, the minimal board and the program that checks a signature, and checks the dependencies:
+/// their licences and sources, and that none is banned.
 fn check_boards_and_dependencies() -> Result<()> {
     let boards = BOARDS.into_iter().flat_map(|board| [board.to_owned(), bootloader(board)]);
     let mut packages = boards.chain(["minimal-board", "signature-check"].map(String::from));
@@ -108,7 +112,7 @@ fn in_idle_time() -> Result<()> {
     Ok(())
 }
 
-/// Checks the format.
+/// Checks the format of all Rust sources with rustfmt.
 fn format() -> Result<()> {
     run("cargo", &["fmt", "--all", "--check"])?;
     run("cargo", &["fmt", "--manifest-path", "fuzz/Cargo.toml", "--check"])
@@ -117,7 +121,7 @@ fn format() -> Result<()> {
 /// The packages besides those of [`BOARDS`] that compile only for a board.
 const BOARD_ONLY_PACKAGES: [&str; 3] = ["cortex-m-platform", "minimal-board", "signature-check"];
 
-/// Lints everything that is compiled for the host.
+/// Lints all packages of the workspace that are compiled for the host.
 fn lint_host() -> Result<()> {
     let mut command = Command::new("cargo");
     command.args(["clippy", "--locked", "--release", "--all-targets", "--workspace"]);
@@ -146,8 +150,8 @@ fn other_tests(python: &Python) -> Result<()> {
     })
 }
 
-/// Runs the selected tests on the host, this many at the same time, including those that need firmware, Python, a browser or
-/// data. Tests that need recordings of people are skipped if there are none on this machine.
+/// Runs the selected tests of the host programs, ignored ones included, `threads` at the same time. Tests that need recordings of
+/// people are skipped if there are none on this machine.
 fn selected_tests(python: &Python, selected: &str, threads: usize) -> Result<()> {
     let recordings = recordings();
     let selected = match &recordings {

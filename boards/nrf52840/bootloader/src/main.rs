@@ -39,6 +39,11 @@ fn is_supplied() -> bool {
     supply::millivolts().is_none_or(|supply_mv| supply_mv >= SUFFICIENT_SUPPLY_MV)
 }
 
+/// Waits for about this number of cycles of the core: an iteration of the loop takes three of them.
+fn wait_cycles(cycles: u32) {
+    cortex_m::asm::delay(cycles / 3);
+}
+
 /// Waits in loops. Each wait for the chip is limited, so each may feed the watchdog.
 struct Busy;
 
@@ -48,13 +53,13 @@ impl Wait for Busy {
         const STEP_US: u32 = 10;
         watchdog::feed();
         (0..limit_ms * 1000 / STEP_US).any(|_| {
-            cortex_m::asm::delay(CORE_KHZ / 1000 * STEP_US);
+            wait_cycles(CORE_KHZ / 1000 * STEP_US);
             is_ready()
         })
     }
 
     async fn pause_ms(&mut self, ms: u32) {
-        cortex_m::asm::delay(ms * CORE_KHZ);
+        wait_cycles(ms * CORE_KHZ);
     }
 }
 
@@ -118,7 +123,7 @@ fn main() -> ! {
             if is_supplied() {
                 break;
             }
-            cortex_m::asm::delay(SUPPLY_POLL_MS * CORE_KHZ);
+            wait_cycles(SUPPLY_POLL_MS * CORE_KHZ);
         }
         let chip = Mutex::new(Supplied::new(chip, CHIP_BYTES, is_supplied));
         if swap_if_due(&chip, Active(Nvmc::new(p.NVMC))).is_err() {

@@ -1,7 +1,7 @@
-//! The bus to the flash chip on the module: the QSPI peripheral.
+//! The bus to the flash chip on the module XIAO nRF52840: the QSPI peripheral.
 //!
 //! `embassy-nrf` has a driver for it, too. It is not used here, because it panics on addresses, lengths and buffers that are not
-//! aligned, and because it waits in a loop without an end if a transfer is cancelled, as after a timeout.
+//! aligned, and because it waits in a loop without a time limit if a transfer is cancelled, as after a timeout.
 //!
 //! The chip is used with one data line in each direction. Four lines would need a bit in a non-volatile register of the chip, and
 //! the board needs no higher rate: at 16 Mbit/s, it reads an image in a quarter of a second.
@@ -32,7 +32,7 @@ const SELECT_HIGH: u8 = 2;
 /// Longest time of a transfer, ms. A page takes 0.13 ms.
 const TRANSFER_LIMIT_MS: u32 = 20;
 
-/// The buffer of the transfers. A cancelled transfer may still change it, which does no harm.
+/// The buffer of the transfers. A cancelled transfer may still change it, which does no harm, because it has no other use.
 static PAGE: Page = [const { AtomicU32::new(0) }; PAGE_WORDS];
 
 /// The way in which a program waits: the bootloader in loops, the firmware while other tasks run.
@@ -99,6 +99,7 @@ impl<W: Wait> Qspi<W> {
     /// Starts an operation, and waits until the peripheral is ready again.
     async fn run(&mut self, start: impl FnOnce()) -> Result<(), NoAnswer> {
         QSPI.events_ready().write_value(0);
+        // The interrupt that [`Wait::until`] promises.
         QSPI.intenset().write(|w| w.set_ready(true));
         // The buffer must be complete before the transfer begins, and must not be read before it has ended.
         compiler_fence(Ordering::SeqCst);

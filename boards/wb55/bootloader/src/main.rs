@@ -38,12 +38,13 @@ const WATCHDOG_US: u32 = 20_000_000;
 
 /// The setting of the voltage detector for 2.8 V. The flash chip works from 2.7 V on.
 const SUPPLY_LEVEL: u8 = 5;
-/// The detector needs some microseconds after its start. At 16 MHz, this is 100 us.
+/// The detector needs some microseconds after its start. At 16 MHz, this is at least 100 us.
 const DETECTOR_START_CYCLES: u32 = 1_600;
-/// Number of cycles in which the flash chip leaves its power-down mode: 30 us.
+/// Number of cycles in which the flash chip leaves its power-down mode: at least 30 us.
 const WAKE_CYCLES: u32 = 480;
-/// Interval between two readings of the detector while the supply rises. At 16 MHz, this is 10 ms.
-const SUPPLY_POLL_CYCLES: u32 = 160_000;
+/// Iterations of the delay loop between two readings of the detector while the supply rises, of three cycles each. At 16 MHz, this
+/// is 10 ms.
+const SUPPLY_POLL_LOOPS: u32 = 53_333;
 /// Number of readings, after which a start continues with a low supply.
 const SUPPLY_POLLS: u32 = 100;
 
@@ -133,7 +134,7 @@ fn main() -> ! {
             if is_supplied() {
                 break;
             }
-            cortex_m::asm::delay(SUPPLY_POLL_CYCLES);
+            cortex_m::asm::delay(SUPPLY_POLL_LOOPS);
         }
         let chip = Mutex::new(Supplied::new(chip, SMALLEST_CHIP, is_supplied));
         let flash = Flash::new_blocking(p.FLASH).into_blocking_regions().bank1_region;

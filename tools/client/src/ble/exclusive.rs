@@ -1,8 +1,8 @@
-//! Lets only one program of a user use an insole at a time. Programs of other users are not excluded, nor is any program if the
-//! lock file cannot be created or locked.
+//! Lets only one program of a user use an insole at a time. Programs of other users are not excluded. If the lock file cannot be
+//! created or locked, no program is excluded.
 //!
-//! The system's Bluetooth service shares a connection between all programs: a second one would receive the messages of the first
-//! one, and end the connection of both when it ends.
+//! The system's Bluetooth service shares a connection between all programs: a second program would receive the insole's messages
+//! to the first one, and would end the connection of both when it disconnects.
 
 use std::fs::{File, TryLockError};
 use std::path::PathBuf;

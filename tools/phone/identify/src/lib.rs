@@ -1,8 +1,9 @@
 //! The identification of a wearer's tissue parameters on the page for a phone, as WebAssembly.
 //!
-//! It runs in a Web Worker of the page. The page passes every message of the insoles as it arrived; [`collected`] returns how
-//! many steps can be used, and [`identify`] fits the parameters of one foot with the code of `plantar fit`. As in `phone-wire`,
-//! the page calls plain WebAssembly exports, shares one buffer with them, and receives results as JSON.
+//! It runs in a Web Worker of the page. While a guided session collects steps, the page passes the messages of the session's
+//! insoles, unchanged and in the order of their arrival; [`collected`] returns how many steps can be used, and [`identify`] fits
+//! the parameters of one foot with the code of `plantar fit`. As in `phone-wire`, the page calls plain WebAssembly exports,
+//! shares one buffer with them, and receives results as JSON.
 
 mod session;
 
@@ -23,7 +24,7 @@ fn with<T>(act: impl FnOnce(&mut Session) -> T) -> T {
 #[cfg(target_arch = "wasm32")]
 #[link(wasm_import_module = "page")]
 unsafe extern "C" {
-    /// Is called when the fit of a region is complete, with the index of the region.
+    /// The page's function that receives the index of each region when its fit is complete.
     safe fn region_fitted(region: u32);
 }
 
@@ -51,7 +52,7 @@ pub extern "C" fn collected() -> usize {
 
 /// Fits the parameters to the steps of the insole with this index. Writes the result of [`Session::identify`] to the buffer as
 /// JSON and returns the length of the text. `size` is the European shoe size, to which the typical thickness of the tissue is
-/// scaled; a size without typical values counts as the default size.
+/// scaled; a size outside of 35 to 46 counts as size 42, the default.
 #[unsafe(no_mangle)]
 pub extern "C" fn identify(insole: usize, size: u8) -> usize {
     let size = size.to_string().parse::<InsoleSize>().unwrap_or_default();
