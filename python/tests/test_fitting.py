@@ -3,9 +3,11 @@
 import json
 import pathlib
 import tomllib
+import warnings
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 import pytest
 from conftest import plantar, walk
 
@@ -137,5 +139,74 @@ def test_repeatability_is_that_of_the_first_trials_given(study_folder: pathlib.P
 
 
 def test_a_single_step_has_no_predicted_error(tmp_path: pathlib.Path) -> None:
-    table = package.fit(walk(tmp_path / "one.parquet", "--steps", 1)).table().query("fitted")
+    path = walk(tmp_path / "one.parquet", "--steps", 1)
+    with pytest.warns(UserWarning, match="only one step could be used"):
+        table = package.fit(path).table().query("fitted")
     assert table["nrmse_predicted_percent"].isna().all() and table["nrmse_fitted_percent"].notna().all()
+
+
+def warnings_of_a_fit(recording: pathlib.Path, tissue: pathlib.Path | None) -> tuple[list[str], pd.DataFrame]:
+    """The texts of the warnings of a fit, which must be those of a call in this file, and the table of the fit."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        fit = package.fit(recording, options=package.Options(tissue=tissue))
+    assert all(warning.category is UserWarning and warning.filename == __file__ for warning in caught)
+    return [str(warning.message) for warning in caught], fit.table()
+
+
+def test_each_defect_that_the_command_line_prints_is_a_warning_and_in_the_table(
+    walk_file: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
+    contradiction, out_of_range = tmp_path / "contradiction.toml", tmp_path / "out_of_range.toml"
+    contradiction.write_text("[heel]\nthickness_mm = 17\npeak_strain = 0.4\ncurvature_mm = [400, 400]\n")
+    out_of_range.write_text("heel = 99\n")
+    one_step = walk(tmp_path / "one.parquet", "--steps", 1)
+    for recording, tissue, words, remedy in (
+        (walk_file, contradiction, "measurements contradict each other", "measure this region again"),
+        (walk_file, out_of_range, "thickness_mm = 99 is out of range", "correct the value"),
+        (one_step, contradiction, "only one step could be used", "record at least ten steps"),
+    ):
+        printed = plantar("fit", recording, "--tissue", tissue, "--out", tmp_path / "params.toml", status=3)
+        texts, table = warnings_of_a_fit(recording, tissue)
+        region, expected = "", []
+        for line in printed.splitlines():
+            if line.startswith("    INCOMPLETE: "):
+                expected.append((region, line.removeprefix("    INCOMPLETE: ")))
+            elif line.partition(":")[0] in package.REGIONS:
+                region = line.partition(":")[0]
+        assert expected and len(texts) == len(expected)
+        for text, (region, defect) in zip(texts, expected, strict=True):
+            # The command line, too, has a note with the name of the file if a value is out of range.
+            assert text in (f"{recording.stem}, {region}: INCOMPLETE: {defect}", f"{tissue}: {region}: {defect}")
+        [in_heel] = [text for text in texts if "heel: " in text and words in text]
+        assert remedy in in_heel
+        in_table = table["defects"].dropna().str.split(" | ", regex=False).explode()
+        assert list(in_table.items()) == expected
+    # The heel has both defects of the last fit.
+    assert (in_table.index == "heel").sum() == 2
+
+
+def test_a_complete_fit_has_no_warning_and_no_defect(walk_file: pathlib.Path) -> None:
+    texts, table = warnings_of_a_fit(walk_file, None)
+    assert texts == [] and table["defects"].isna().all()
+
+
+def test_a_region_that_was_not_fitted_has_a_reason_and_no_defect(
+    walk_file: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
+    short, tissue = tmp_path / "short.parquet", tmp_path / "tissue.toml"
+    pq.write_table(pq.read_table(walk_file).slice(0, 20), short)
+    tissue.write_text("heel = 99\n")
+    texts, table = warnings_of_a_fit(short, tissue)
+    # The value is out of range whether or not the heel was fitted.
+    assert len(texts) == 1 and "heel: thickness_mm = 99 is out of range" in texts[0]
+    assert not table["fitted"].any() and table["reason"].notna().all() and table["defects"].isna().all()
+
+
+def test_trials_of_one_person_by_name_cannot_be_compared_and_the_remedy_is_a_list(study_folder: pathlib.Path) -> None:
+    trials = recordings_of(study_folder)["ann"]
+    with pytest.raises(ValueError, match="2 or more people .* give the recordings of one person as a list"):
+        package.repeat({"ann": trials})
+    assert package.repeat(trials)["sem"].notna().any()
+    with pytest.raises(ValueError, match="record another trial$"):
+        package.repeat(trials[:1])

@@ -5,8 +5,11 @@ import pathlib
 import matplotlib as mpl
 import numpy as np
 import pytest
+from conftest import walk
+from matplotlib.text import Text
 
 import plantar
+from plantar import plots
 
 mpl.use("Agg")
 
@@ -22,6 +25,40 @@ def test_a_foot_has_the_peak_pressure_of_each_cell(walk_file: pathlib.Path, tmp_
     assert texts == {"heel", "posterior midfoot", "anterior midfoot", "metatarsals 1-2", "metatarsals 3-5", "hallux",
                      "toe 2", "toes 3-5"}
     figure.savefig(tmp_path / "foot.png")
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_the_names_of_the_regions_do_not_overlap(tmp_path: pathlib.Path, side: str) -> None:
+    recording = plantar.read(walk(tmp_path / "walk.parquet", "--steps", 1, "--side", side))
+    cells = recording.cells
+    # In some layouts, the centres of these two regions are on the same side of the foot, at the same distance from the heel.
+    for region in ("hallux", "toe_2"):
+        is_in_region = cells["region"] == region
+        centre_mm = cells.loc[is_in_region, ["x_mm", "y_mm"]].mean()
+        cells.loc[is_in_region, ["x_mm", "y_mm"]] += np.array([-20.0, 230.0]) - centre_mm
+    figure = recording.plot()
+    figure.canvas.draw()
+    # Without the line to the region, which the extent of an annotation contains.
+    names = [Text.get_window_extent(text) for text in figure.axes[0].texts]
+    assert len(names) == 8
+    for index, name in enumerate(names):
+        assert not any(name.overlaps(other) for other in names[:index])
+
+
+def test_places_are_spread_in_their_order_and_no_farther_than_necessary() -> None:
+    spread = plots._spread(np.array([50.0, 0.0, 52.0, 9.0]), 9.0)
+    np.testing.assert_allclose(spread, [46.5, 0.0, 55.5, 9.0])
+    # The third place is pushed into the second, and all three are then placed around their mean.
+    np.testing.assert_allclose(plots._spread(np.array([0.0, 10.0, 10.0]), 9.0), [-7.0 / 3, 20.0 / 3, 47.0 / 3])
+    np.testing.assert_array_equal(plots._spread(np.array([30.0, 10.0]), 9.0), [30.0, 10.0])
+
+
+def test_a_missing_step_between_others_is_explained(walk_file: pathlib.Path) -> None:
+    replay = plantar.replay(walk_file)
+    # As if the record with this number were a load bout.
+    replay.steps = replay.steps.drop(index=3, level="step")
+    with pytest.raises(ValueError, match="no step 3: the steps are 0 to 5; the load bouts and alerts between them are no steps"):
+        replay.plot(step=3)
 
 
 def test_a_step_has_the_curves_of_its_regions(walk_file: pathlib.Path, tmp_path: pathlib.Path) -> None:

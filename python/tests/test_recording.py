@@ -140,6 +140,17 @@ def test_normalised_values_exist_only_during_the_contact_of_a_region(walk_file: 
 
 
 @pytest.mark.filterwarnings("ignore:parameters .* are not personal")
+def test_a_column_can_be_added_to_the_frames_without_a_warning(walk_file: pathlib.Path) -> None:
+    frames = package.replay(walk_file).frames
+    # pandas issues a PerformanceWarning above 100 arrays.
+    assert len(frames.columns) > 100
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert frames.reset_index().columns[0] == "t_s"
+        assert frames.assign(half_n=frames["total_force_n"] / 2)["half_n"].max() > 0
+
+
+@pytest.mark.filterwarnings("ignore:parameters .* are not personal")
 def test_steps_have_the_time_axis_of_the_recording(tmp_path: pathlib.Path) -> None:
     path = walk(tmp_path / "walk.parquet", "--rate", 300, "--steps", 20)
     first = package.replay(path)

@@ -42,8 +42,9 @@ impl LiveCounter {
     /// the last received frame.
     pub fn due(&mut self, live_due: u32) {
         self.add_lost(live_due.saturating_sub(self.session_received).saturating_sub(self.session_lost));
-        // The gap before the next frame must not count these losses again.
-        if self.expected.is_none_or(|expected| sequence::is_after(live_due, expected)) {
+        // The gap before the next frame must not count these losses again. Before the first frame, no gap is counted: the frames of a
+        // session with a server have the insole's numbers, which do not begin at 0.
+        if self.expected.is_some_and(|expected| sequence::is_after(live_due, expected)) {
             self.expected = Some(live_due);
         }
     }
@@ -79,6 +80,15 @@ mod tests {
         counter.due(3);
         counter.frame(4);
         assert_eq!(counts(counter), (2, 3));
+    }
+
+    #[test]
+    fn the_first_frame_after_a_status_can_have_any_number() {
+        let mut counter = LiveCounter::NEW;
+        counter.due(2);
+        counter.frame(12_523);
+        counter.due(3);
+        assert_eq!(counts(counter), (1, 2));
     }
 
     #[test]

@@ -52,6 +52,9 @@ def fit(recordings: Recordings, *, participant: str | None = None, options: Opti
 
     Several trials and both feet may be given. ``participant`` is the name of the person; the default is the name of the first
     file without its extension. Raises a ``ValueError`` if a recording is given twice.
+
+    If the result of a region is incomplete, for example because only one step could be used, a ``UserWarning`` for each defect
+    names the region and the remedy. ``Fit.table`` has the defects, too, and the reasons of regions that were not fitted.
     """
     opened = _recordings(recordings)
     if not opened:
@@ -61,8 +64,18 @@ def fit(recordings: Recordings, *, participant: str | None = None, options: Opti
     _check_distinct(opened, {})
     name = pathlib.Path(opened[0].path).stem if participant is None else participant
     core, notes = _core.identify([recording._core for recording in opened], name, options)
-    _warn(notes)
-    return Fit(core)
+    fitted = Fit(core)
+    # The wording is that of the command line, which ends with exit status 3 if a result is incomplete. Python shows equal
+    # warnings of the same line only once. The name of the person makes them different, so that a loop over people shows all.
+    defects = [
+        f"{name}, {region}: INCOMPLETE: {defect}"
+        for region, result in fitted.results["regions"].items()
+        for defect in result.get("defects", [])
+        # A measurement that is out of range is a defect of a fitted region, and has a note even if the region was not fitted.
+        if not any(note.endswith(f"{region}: {defect}") for note in notes)
+    ]
+    _warn(notes + defects)
+    return fitted
 
 
 def fit_steps(recording: Recording | Path, *, options: Options = Options()) -> pyarrow.Table:
@@ -94,7 +107,8 @@ def repeat(
     ``options`` are the options of everyone, or the options of each person by the person's name. People can differ in ``size``,
     ``tissue`` and ``zero``, the values of ``participant.toml``.
 
-    Raises a ``ValueError`` if a recording is given twice, also for different people, and if there are too few trials to compare.
+    Raises a ``ValueError`` if a recording is given twice, also for different people, and if there are too few trials to compare:
+    by name, at least two people need two trials of the same foot.
     """
     recordings_of = people if isinstance(people, Mapping) else {"the person": people}
     options_of = options if isinstance(options, Mapping) else dict.fromkeys(recordings_of, options)
@@ -117,7 +131,14 @@ def repeat(
         return [persons[options_of[name]].trial(recording._core) for recording in opened]
 
     least_people = 2 if isinstance(people, Mapping) else 1
-    table = _core.repeatability([(name, trials(name)) for name in recordings_of], least_people)
+    trials_of = [(name, trials(name)) for name in recordings_of]
+    try:
+        table = _core.repeatability(trials_of, least_people)
+    except ValueError as error:
+        if least_people == 1:
+            raise
+        # The recordings of one person may be sufficient: a list of them is compared without other people.
+        raise ValueError(f"{error}, or give the recordings of one person as a list, without the name") from error
     frame: pd.DataFrame = table.to_pandas()
     return frame.set_index(["side", "variable", "region"])
 
@@ -136,10 +157,15 @@ class Fit:
 
     def table(self) -> pd.DataFrame:
         """One row for each region: the paper's eight parameters, the identified parameters with their 95 % intervals, the
-        errors in percent of the peak force, and for a region that was not fitted the reason."""
+        errors in percent of the peak force, and for a region that was not fitted the reason.
+
+        ``defects`` has the defects because of which the result of a fitted region is incomplete, separated by `` | ``, and
+        ``None`` if there is none. ``results`` has them as a list."""
         rows = []
         for region, result in self.results["regions"].items():
             row: dict[str, Any] = {"region": region, "fitted": result["fitted"], "reason": result.get("reason")}
+            # As text, so that the column can be written to CSV files. The defects are sentences that contain semicolons.
+            row["defects"] = " | ".join(result.get("defects", [])) or None
             if result["fitted"]:
                 row |= {"steps": len(result["steps"]), "area_max_mm2": result["area_max_mm2"], **result["ellipsoid"]}
                 intervals = (result["uncertainty"] or {}).get("intervals_95", {})

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import matplotlib.pyplot as plt
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.collections import PatchCollection
@@ -21,6 +22,9 @@ _MODEL = "tab:red"
 """Colour of the model force."""
 _MARGIN_MM = 70.0
 """Width of the space for the names of the regions on each side of a foot."""
+_NAME_MM = 9.0
+"""Least distance between the names of two regions on the same side of a foot. A line of text is about 8 mm high at the scale of
+the figure."""
 
 
 def foot(recording: Recording) -> Figure:
@@ -39,20 +43,21 @@ def foot(recording: Recording) -> Figure:
     margins_mm = (edges_mm[0] - _MARGIN_MM, edges_mm[1] + _MARGIN_MM)
     axes.set_xlim(margins_mm if recording.side == "right" else margins_mm[::-1])
     axes.set_ylim(float(cells["y_mm"].min()) - side_mm.max(), float(cells["y_mm"].max()) + side_mm.max())
-    for region, region_cells in cells.groupby("region", sort=False):
-        # The names are beside the foot, so that they do not hide cells.
-        x_mm, y_mm = float(region_cells["x_mm"].mean()), float(region_cells["y_mm"].mean())
-        is_lateral = bool(x_mm > middle_mm)
+    # The names are beside the foot, so that they do not hide cells.
+    centres_mm = cells.groupby("region", sort=False)[["x_mm", "y_mm"]].mean()
+    for is_lateral, beside_mm in centres_mm.groupby(centres_mm["x_mm"] > middle_mm):
         is_left = is_lateral != (recording.side == "right")
-        axes.annotate(
-            _title(str(region)),
-            (x_mm, y_mm),
-            (edges_mm[is_lateral], y_mm),
-            fontsize=8,
-            va="center",
-            ha="right" if is_left else "left",
-            arrowprops={"arrowstyle": "-", "color": "0.6", "linewidth": 0.6},
-        )
+        name_y_mm = _spread(beside_mm["y_mm"].to_numpy(), _NAME_MM)
+        for (region, centre_mm), y_mm in zip(beside_mm.iterrows(), name_y_mm, strict=True):
+            axes.annotate(
+                _title(str(region)),
+                (centre_mm["x_mm"], centre_mm["y_mm"]),
+                (edges_mm[bool(is_lateral)], y_mm),
+                fontsize=8,
+                va="center",
+                ha="right" if is_left else "left",
+                arrowprops={"arrowstyle": "-", "color": "0.6", "linewidth": 0.6},
+            )
     axes.set(aspect="equal", xlabel="to the lateral side, mm", ylabel="from heel to toes, mm")
     axes.set_title(f"Peak pressure, {recording.side} foot")
     figure.colorbar(squares, ax=axes, label="kPa", shrink=0.6)
@@ -66,7 +71,11 @@ def step(replay: Replay, number: int | None = None) -> Figure:
         raise ValueError(f"{replay.recording.path} has no complete step: record a walk of several steps")
     number = int(numbers[0]) if number is None else number
     if number not in numbers:
-        raise ValueError(f"there is no step {number}: the steps are {numbers[0]} to {numbers[-1]}")
+        # Steps, load bouts and alerts are numbered in one sequence, so a number between those of two steps can be missing.
+        raise ValueError(
+            f"there is no step {number}: the steps are {numbers[0]} to {numbers[-1]}; the load bouts and alerts between them are "
+            "no steps"
+        )
     # Start and duration are the same in the rows of all regions of a step.
     row = replay.steps.xs(number, level="step").iloc[0]
     first = int(replay.recording.t_s.searchsorted(row["start_s"]))
@@ -106,6 +115,23 @@ def fit(fitted: Fit) -> Figure:
     name = fitted.results["participant"]
     figure.suptitle(f"Tissue of {name}: measured force, and model force with one set of parameters")
     return figure
+
+
+def _spread(places: npt.NDArray[np.float64], distance: float) -> npt.NDArray[np.float64]:
+    """Moves the places, in the same order along the axis, so that neighbours are at least ``distance`` apart."""
+    order = np.argsort(places, kind="stable")
+    # With a multiple of the distance subtracted from each place, the places must not decrease. Places that would decrease form a
+    # group and all have its mean, so that the group as a whole is not moved. A group that reaches the one before is merged with
+    # it.
+    groups: list[list[float]] = []
+    for rank, place in enumerate(places[order]):
+        groups.append([place - rank * distance])
+        while len(groups) > 1 and np.mean(groups[-2]) > np.mean(groups[-1]):
+            groups[-2:] = [groups[-2] + groups[-1]]
+    means = np.concatenate([np.full(len(group), np.mean(group)) for group in groups])
+    spread = np.empty(len(places))
+    spread[order] = means + np.arange(len(places)) * distance
+    return spread
 
 
 def _steps(curves: pd.DataFrame, region: str) -> Iterator[tuple[object, pd.DataFrame]]:

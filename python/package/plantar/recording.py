@@ -176,7 +176,9 @@ class Replay:
         _, frames, _ = _core.replay(self.recording._core, *self._arguments, True)
         assert frames is not None
         table: pd.DataFrame = frames.to_pandas()
-        return table.set_index("t_s")
+        # The copy has all columns in one array. Without it, each column has an array of its own, and pandas issues a
+        # PerformanceWarning when a column is added, for example by `reset_index`.
+        return table.set_index("t_s").copy()
 
     def normalised(
         self, quantity: str, points: int = 101, *, region: str | None = None

@@ -27,6 +27,9 @@ pub fn isolate(
     let period_s = f64::from(insole.setup.period_us) * 1e-6;
     let mut first_s = 0.0;
     let longest_frames = insole.longest_step_frames();
+    // The number of cells of each region.
+    let mut cells = [0; 8];
+    insole.cells.iter().for_each(|cell| cells[cell.cell.region as usize] += 1);
     while let Some(scan) = scans.next_scan()? {
         let i = scan.index;
         if i == 0 {
@@ -65,6 +68,7 @@ pub fn isolate(
                     force_n: force_n.to_vec(),
                     sample_s,
                     saturated: record.saturated >> region & 1 == 1,
+                    has_single_cell: cells[region] == 1,
                     ..curves
                 }
             });

@@ -22,6 +22,8 @@ pub enum NotFitted {
     NoSteps,
     /// No cell of the region was ever in contact.
     NeverLoaded,
+    /// The region has a single cell, of which the area follows from the force.
+    SingleCell,
     /// The region was in contact, but its force was 0.
     ZeroForce,
     /// The largest force of all steps, N, is below [`MIN_FORCE_N`].
@@ -50,6 +52,10 @@ impl fmt::Display for NotFitted {
             Self::NeverLoaded => {
                 f.write_str("never loaded: no cell came into contact; check the layout and the contact threshold")
             }
+            Self::SingleCell => f.write_str(
+                "a single cell: its contact area follows from its force by the contact rule, and states nothing about the tissue; use a \
+                 sensor with several cells in this region",
+            ),
             Self::ZeroForce => f.write_str("in contact but without force: check the calibration and the baseline"),
             Self::HardlyLoaded(peak_n) => {
                 write!(
@@ -130,6 +136,9 @@ fn check(curves: &RegionCurves, filter: Filter) -> Result<(), NotFitted> {
     let area = &samples.raw_area_m2;
     if samples.is_empty() {
         return Err(NotFitted::NeverLoaded);
+    }
+    if curves.has_single_cell {
+        return Err(NotFitted::SingleCell);
     }
     let peak_n = quality::largest(&samples.force_n);
     if peak_n <= 0.0 {

@@ -40,6 +40,8 @@ fn each_reason_is_recognised() {
         RegionCurves { area_mm2: short(&c.area_mm2), force_n: short(&c.force_n), ..c }
     });
     assert_eq!(reason(&few), NotFitted::TooFewFrames(8));
+    let single = with_heel(|c| RegionCurves { has_single_cell: true, ..c });
+    assert_eq!(reason(&single), NotFitted::SingleCell);
     let clipped = with_heel(|c| RegionCurves { saturated: true, ..c });
     assert_eq!(reason(&clipped), NotFitted::SaturatedCell);
     let constant = with_heel(|mut c| {

@@ -50,10 +50,10 @@ pub struct Options {
     out: PathBuf,
     /// Export from this time on, s, on the clock of the recording. The computation still begins with the recording's first
     /// frame.
-    #[arg(long, value_name = "S", value_parser = time)]
+    #[arg(long, value_name = "S", value_parser = time, allow_negative_numbers = true)]
     from: Option<f64>,
     /// Export up to this time, s, on the clock of the recording.
-    #[arg(long, value_name = "S", value_parser = time)]
+    #[arg(long, value_name = "S", value_parser = time, allow_negative_numbers = true)]
     to: Option<f64>,
     #[command(flatten)]
     insole: InsoleArgs,

@@ -29,15 +29,24 @@ pub struct GaitCommand {
     #[arg(required = true, num_args = 1..=2, value_name = "FILE")]
     walk: Vec<PathBuf>,
     /// Mean length of a stride, m. The walking speed is computed from it.
-    #[arg(long, value_name = "M", value_parser = length)]
+    #[arg(long, value_name = "M", value_parser = stride_length, allow_negative_numbers = true)]
     stride_length: Option<f64>,
     /// Distance from the first to the last heel strike, m. The walking speed is computed from it if the walk has no pause and no
     /// missing step, and the steps of both feet are on one clock.
-    #[arg(long, value_name = "M", value_parser = length, conflicts_with = "stride_length")]
+    #[arg(long, value_name = "M", value_parser = length, allow_negative_numbers = true, conflicts_with = "stride_length")]
     distance: Option<f64>,
     /// Write the measures to this JSON file.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+}
+
+/// The longest strides of sprinters have some 5 m.
+fn stride_length(text: &str) -> Result<f64, String> {
+    let possible_m = 0.1..=6.0;
+    let stride_m = text.parse().ok().filter(|stride_m| possible_m.contains(stride_m));
+    stride_m.ok_or_else(|| {
+        format!("give the length of a stride in metres, {:?} to {:?}", possible_m.start(), possible_m.end())
+    })
 }
 
 fn length(text: &str) -> Result<f64, String> {

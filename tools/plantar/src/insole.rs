@@ -1,6 +1,7 @@
 //! `plantar insole`: identity, settings, alerts and calibration of an insole.
 
 use crate::carrier::{AnyClient, Connection, InsoleLink};
+use crate::params::note_unless_of_this_foot;
 use crate::summary::{REGION_LABELS, rejected_line};
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Subcommand, ValueEnum};
@@ -127,6 +128,7 @@ impl Insole {
                 let identity = client.set_identity(side, serial_number.unwrap_or(before.serial))?;
                 restart(&mut insole)?;
                 print_identity(&identity);
+                note_unless_of_this_foot(&mut insole);
                 Ok(())
             }
             Self::Set { settings, connection } => {

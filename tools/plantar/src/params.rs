@@ -187,7 +187,8 @@ fn read_tissue(connection: &Connection) -> Result<(Tissue, Option<IdentifiedOnIn
     let mut insole = connection.open(ReconnectPolicy::RESTART)?;
     let tissue = insole.client().tissue()?;
     if tissue == Tissue::NONE {
-        bail!("the insole has no parameters: send some with `plantar params push`");
+        let reason = insole.client().hello().fault.as_ref().map_or(String::new(), |fault| format!(" ({fault})"));
+        bail!("the insole uses no parameters{reason}: send some with `plantar params push`");
     }
     let identified = match insole.client().identified() {
         // Older firmware does not store how its parameters were identified, and does not know the request.
@@ -195,6 +196,22 @@ fn read_tissue(connection: &Connection) -> Result<(Tissue, Option<IdentifiedOnIn
         identified => identified?,
     };
     Ok((tissue, identified))
+}
+
+/// Prints a note on stderr if the parameters on an insole were identified from the other foot.
+pub fn note_unless_of_this_foot(insole: &mut InsoleLink) {
+    let client = insole.client();
+    let side = client.hello().side;
+    // Older firmware does not know the request.
+    if let Ok(Some(IdentifiedOnInsole { side: Some(identified), .. })) = client.identified()
+        && identified != side
+    {
+        eprintln!(
+            "note: the parameters on the insole were identified from the {} foot, but this is the {} foot: send those of this foot",
+            identified.name(),
+            side.name()
+        );
+    }
 }
 
 /// The identifier of a parameter set as text. Sets with the same identifier are equal.

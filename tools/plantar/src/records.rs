@@ -16,6 +16,8 @@ use std::path::Path;
 #[derive(Default)]
 pub struct Records {
     pub steps: Vec<Step>,
+    /// The heel strike of each step on the clock of a recording, s; empty for steps of an insole.
+    pub step_starts_s: Vec<f64>,
     pub bouts: Vec<Bout>,
     pub alerts: Vec<Alert>,
 }
@@ -33,7 +35,7 @@ impl Records {
     /// Prints the tables of the steps, a table of the load bouts, and the alerts. `scales` states for each region whether the
     /// scale of its deformation was measured or assumed.
     pub fn print(&self, scales: &[DeformationScale; 8]) {
-        summary::print(&self.steps, scales);
+        summary::print(&self.steps, &self.step_starts_s, scales);
         if !self.bouts.is_empty() {
             self.print_bouts();
         }

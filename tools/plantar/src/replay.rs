@@ -18,6 +18,7 @@ use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::{Alert, Bout, Step};
 use recording::{FrameSource, MAX_CELLS, RecordingReader, Scan, VirtualInsole};
 use serde_json::{Value, json};
+use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -107,11 +108,25 @@ impl Replay {
         // The times of the frames, for the starts of the records in the files.
         let mut times_s = Vec::new();
         let has_starts = [&self.json, &self.bouts, &self.load].into_iter().any(Option::is_some);
+        // The times of the last frames, for the starts of the steps in the table.
+        let (mut recent_s, longest_frames) = (VecDeque::new(), virtual_insole.longest_step_frames());
+        // The time of the heel strike of a step, if this is the last frame so far.
+        let heel_strike_s = |recent_s: &VecDeque<f64>, last: usize, step: &Step| {
+            let frames_ago = last.saturating_sub(virtual_insole.frame_at(step.start_us));
+            let index = (recent_s.len() - 1).checked_sub(frames_ago);
+            index.map_or(step.start_s(), |index| recent_s[index])
+        };
+        let mut last = 0;
         // The repetitions of the last frame, which have no time, are not evaluated: their load was not recorded.
         while let Some(Scan { index: i, t_s: Some(t_s), codes }) = scans.next_scan()? {
             let toe_off = insole.frame(i as u32, codes);
             if has_starts {
                 times_s.push(t_s);
+            }
+            last = i;
+            recent_s.push_back(t_s);
+            if recent_s.len() > longest_frames + 1 {
+                recent_s.pop_front();
             }
             if let Some(frames) = &mut frames {
                 frames.push(t_s, &insole)?;
@@ -120,6 +135,7 @@ impl Replay {
             if let Some(picture) = &mut picture {
                 picture.push(&insole, codes, step);
             }
+            records.step_starts_s.extend(step.map(|step| heel_strike_s(&recent_s, last, &step)));
             records.steps.extend(step);
             records.bouts.extend(insole.take_bout().as_ref().map(Bout::new));
             records.alerts.extend(insole.take_alert().as_ref().map(Alert::new));
@@ -132,6 +148,7 @@ impl Replay {
         if let Some(picture) = picture.as_mut().filter(|_| step.is_some()) {
             picture.push(&insole, &[], step);
         }
+        records.step_starts_s.extend(step.map(|step| heel_strike_s(&recent_s, last, &step)));
         records.steps.extend(step);
         records.bouts.extend(std::iter::from_fn(|| insole.end_bout()).map(|bout| Bout::new(&bout)));
         insole.end_load();

@@ -113,9 +113,20 @@ impl Serve {
             record: self.record.clone(),
             lsl: self.lsl.clone(),
         };
-        serve::serve(sources, &options, |address| println!("The page is at http://{address}/ (Ctrl-C ends)"))
+        serve::serve(sources, &options, |address| println!("{} (Ctrl-C ends)", place_of_page(address)))
             .context("cannot serve the page")
     }
+}
+
+/// Where a browser finds the page.
+fn place_of_page(address: SocketAddr) -> String {
+    if address.ip().is_unspecified() {
+        let port = address.port();
+        return format!(
+            "The page is at http://localhost:{port}/ and, for everyone in the network, at port {port} of this computer's address"
+        );
+    }
+    format!("The page is at http://{address}/")
 }
 
 /// An insole for the page. `open` opens a carrier to it.

@@ -14,9 +14,10 @@ use plantar::protocol::{Step, StepRegion};
 pub const REGION_LABELS: [&str; 8] =
     ["Heel", "P.midfoot", "A.midfoot", "Met 1-2", "Met 3-5", "Hallux", "Toe 2", "Toes 3-5"];
 
-/// Prints a table with a row for each step, and a table with the means of each region. `scales` states for each region whether
-/// the scale of its deformation was measured or assumed.
-pub fn print(steps: &[Step], scales: &[DeformationScale; 8]) {
+/// Prints a table with a row for each step, and a table with the means of each region. `starts_s` has the heel strikes on the clock
+/// of a recording; without them, those on the clock of the insole are printed. `scales` states for each region whether the scale
+/// of its deformation was measured or assumed.
+pub fn print(steps: &[Step], starts_s: &[f64], scales: &[DeformationScale; 8]) {
     let Some(first) = steps.first() else {
         println!("no steps");
         return;
@@ -25,9 +26,9 @@ pub fn print(steps: &[Step], scales: &[DeformationScale; 8]) {
     let mut header = vec!["step".to_string(), "start s".into(), "stance s".into()];
     header.extend(REGION_LABELS.iter().map(|name| format!("{name} N")));
     table.set_header(header);
-    for step in steps {
-        let mut row =
-            vec![step.step.to_string(), format!("{:.2}", step.start_s()), format!("{:.2}", step.duration_s())];
+    for (i, step) in steps.iter().enumerate() {
+        let start_s = starts_s.get(i).copied().unwrap_or(step.start_s());
+        let mut row = vec![step.step.to_string(), format!("{start_s:.2}"), format!("{:.2}", step.duration_s())];
         row.extend(step.regions.iter().enumerate().map(|(i, r)| {
             let mark = |bits: u8, symbol| if bits >> i & 1 == 1 { symbol } else { "" };
             let model = if r.has_model() { format!("{:.0}", r.model_force_peak_n()) } else { "-".into() };

@@ -477,7 +477,7 @@ fn a_zero_file_of_another_layout_is_refused() {
         fail(&path, &format!("{command} walk.parquet --zero zero.toml"), &["zero.toml", "no zero of the right foot"]);
     }
     succeed(&path, IMPORT);
-    fail(&path, "replay walk.parquet --zero zero.toml", &["zero.toml", "240 offsets", "4 of this recording"]);
+    fail(&path, "replay walk.parquet --zero zero.toml", &["zero.toml", "240 offsets", "the 4 cells of this recording"]);
     fail(&path, "replay walk.parquet --zero nowhere.toml", &["nowhere.toml"]);
     std::fs::write(path.join("zero.toml"), "version = 1\n[left]\nlayout_id = x\n").expect("written");
     fail(&path, "replay walk.parquet --zero zero.toml", &["zero.toml:3", "plantar zero"]);

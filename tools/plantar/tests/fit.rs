@@ -159,6 +159,19 @@ fn regions_that_cannot_be_fitted_are_named_and_set_the_exit_status() {
     assert_eq!((&regions["heel"]["fitted"], &regions["hallux"]["fitted"]), (&true.into(), &false.into()));
     let text = std::fs::read_to_string(path.join("p.toml")).expect("a file");
     assert!(text.contains("typical, NOT identified: never loaded"), "{text}");
+    // The hallux has a single cell, which is loaded now.
+    let loaded = std::fs::read_to_string(path.join("frames.csv")).expect("a file");
+    let loaded: Vec<_> = loaded
+        .lines()
+        .map(|line| match line.rsplit_once(',').zip(line.split(',').nth(2)) {
+            Some(((cells, "0"), kpa)) => format!("{cells},{kpa}"),
+            _ => line.to_string(),
+        })
+        .collect();
+    std::fs::write(path.join("loaded.csv"), loaded.join("\n")).expect("written");
+    succeed(path, "import csv --layout layout.csv --frames loaded.csv --side left --out loaded.parquet");
+    let (status, out, _) = run(path, "fit loaded.parquet --out single.toml");
+    assert!(status == 3 && out.contains("hallux: NOT FITTED, a single cell"), "{out}");
     // An insole tracks only the regions in this list.
     let identified = Parameters::read(&path.join("p.toml")).expect("valid").identified.expect("known");
     assert_eq!(identified.regions, [Region::Heel]);

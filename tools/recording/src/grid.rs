@@ -230,6 +230,7 @@ impl Foot {
         place_at_origin(&mut cells, &under_foot, half_mm);
         note_partial_foot(&cells, &under_foot, half_mm, remarks);
         template::assign_within(&mut cells, &under_foot);
+        note_cells_beyond_foot(&cells, &under_foot, &pressure_kpa, remarks);
         let unchecked = UncheckedRecording { side, cells, t_s: frames.t_s, pressure_kpa, name, source };
         let recording = unchecked.recording(path, remarks)?;
         if recording.cells() <= MAX_CELLS {
@@ -312,6 +313,37 @@ fn note_partial_foot(cells: &[Cell], under_foot: &[bool], half_mm: [f64; 2], rem
             "The loaded cells are {length_mm:.0} mm long and {width_mm:.0} mm wide, so a part of the foot, such as the heel or the \
              toes, seems to carry no load in any frame, unless the foot is turned. The regions are those of a whole foot of this \
              length: import by `csv`, with a layout that states the regions, or include frames in which the whole foot is loaded."
+        ));
+    }
+}
+
+/// Adds to `remarks` if cells in front of the foot or behind it carry a part of the load of a region, as by crosstalk: single rows
+/// or columns of loaded cells, which do not belong to the extent of the foot, count in the outermost regions.
+fn note_cells_beyond_foot(cells: &[Cell], under_foot: &[bool], pressure_kpa: &[f32], remarks: &mut Vec<String>) {
+    /// Share of a region's load from which on it is named.
+    const LEAST_SHARE: f64 = 0.1;
+    let foot = || cells.iter().zip(under_foot).filter(|(_, is_under)| **is_under).map(|(cell, _)| cell.y_mm);
+    let extent_mm = foot().fold(f64::INFINITY, f64::min)..=foot().fold(f64::NEG_INFINITY, f64::max);
+    // The sums of the pressures of the cells beyond the foot, and of all cells, of each region. All cells have the same area.
+    let mut sums = [[0.0; 2]; 8];
+    let mut beyond = 0;
+    for (i, cell) in cells.iter().enumerate() {
+        let sum: f64 = pressure_kpa.iter().skip(i).step_by(cells.len()).map(|&kpa| f64::from(kpa)).sum();
+        let [sum_beyond, sum_of_all] = &mut sums[cell.region as usize];
+        *sum_of_all += sum;
+        if sum > 0.0 && !extent_mm.contains(&cell.y_mm) {
+            *sum_beyond += sum;
+            beyond += 1;
+        }
+    }
+    let shares = Region::ALL.into_iter().zip(sums).map(|(region, [beyond, all])| (region, beyond / all));
+    let shares: Vec<_> = shares.filter(|(_, share)| *share >= LEAST_SHARE).collect();
+    if !shares.is_empty() {
+        let text = |(region, share): &(Region, f64)| format!("{:.0} % of {}", share * 100.0, region.name());
+        remarks.push(format!(
+            "{beyond} loaded cells are in front of the foot or behind it, in single rows or columns, as crosstalk of a sensor is. They \
+             carry a part of the load: {}. If they are not under the foot, mask them in the vendor's program, and export again.",
+            shares.iter().map(text).collect::<Vec<_>>().join(", ")
         ));
     }
 }

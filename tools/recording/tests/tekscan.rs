@@ -52,6 +52,26 @@ fn a_step_is_imported_from_all_units() {
     }
 }
 
+/// Loaded cells of a single column in front of the toes do not extend the foot, but count in the region of the toes.
+#[test]
+fn load_in_front_of_the_foot_is_named() {
+    let clean = text(Side::Right, "KPa", 1.0, "10.16 mm");
+    let ghost = |kpa: &str| format!("{}{kpa}{}\r\n", "0,".repeat(3), ",0".repeat(COLUMNS - 4)).repeat(4);
+    let mut with_ghosts = clean.replace(&format!("ROWS {ROWS}\r\n"), &format!("ROWS {}\r\n", ROWS + 4));
+    for frame in 1..=STANCE + SWING {
+        let (title, kpa) =
+            (format!("\r\nFrame {frame}\r\n"), if frame > STANCE / 2 && frame <= STANCE { "90" } else { "0" });
+        with_ghosts = with_ghosts.replace(&title, &format!("{title}{}", ghost(kpa)));
+    }
+    let remark = |text: &str| {
+        let export = parse(text).unwrap();
+        export.remarks.into_iter().find(|remark| remark.contains("in front of the foot"))
+    };
+    assert_eq!(remark(&clean), None);
+    let remark = remark(&with_ghosts).expect("a remark");
+    assert!(remark.starts_with("4 loaded cells") && remark.contains("mask them"), "{remark}");
+}
+
 /// The exports of both feet of a measurement can begin with different frames.
 #[test]
 fn times_follow_from_the_numbers_of_the_frames() {

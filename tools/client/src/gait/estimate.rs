@@ -36,6 +36,8 @@ impl Estimate {
             return Some(Self { count, mean, sd: None, interval: None });
         }
         let squares = values.iter().map(|(value, _)| (value - mean).powi(2)).sum::<f64>();
+        // Differences of this size are rounding errors of equal values.
+        let squares = if squares.sqrt() > 1e-9 * mean.abs() { squares } else { 0.0 };
         let sd = (squares / (n - 1.0)).sqrt();
         let pairs = values.windows(2).filter(|pair| pair[1].1);
         let (products, pairs) =
@@ -89,6 +91,10 @@ mod tests {
         // A slow drift has fewer than three effectively independent values.
         let drift: Vec<_> = (0..30).map(|i| (f64::from(i), i > 0)).collect();
         assert_eq!(Estimate::new(&drift).and_then(|drift| drift.interval), None);
+        // Equal values, but for rounding errors, as of times that are multiples of a frame period.
+        let equal = [0.448, 0.448 + 2e-16, 0.448 - 3e-16, 0.448].map(|value| (value, true));
+        let estimate = Estimate::new(&equal).expect("values");
+        assert_eq!((estimate.sd, estimate.interval), (Some(0.0), None));
         // The same values from separate walks are independent.
         let separate: Vec<_> = drift.iter().map(|(value, _)| (*value, false)).collect();
         assert!(Estimate::new(&separate).and_then(|separate| separate.interval).is_some());
