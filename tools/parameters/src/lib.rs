@@ -201,7 +201,13 @@ impl Parameters {
     /// # Errors
     /// If the file cannot be read, is not of the required form and version, or a region is missing, unknown or out of range.
     pub fn read(path: &Path) -> Result<Self, Error> {
-        let text = std::fs::read_to_string(path).map_err(|e| Error::Io(path.into(), e))?;
+        let bytes = std::fs::read(path).map_err(|e| Error::Io(path.into(), e))?;
+        let text = String::from_utf8(bytes).map_err(|_| Error::Form {
+            file: path.into(),
+            problem:
+                "this is no text: expected a file of parameters (TOML), as `plantar fit` and `plantar params` write it"
+                    .into(),
+        })?;
         Self::parse(&text, path)
     }
 

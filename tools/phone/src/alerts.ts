@@ -2,7 +2,7 @@
 
 import { store, stored } from "./browser_storage";
 import { PhoneCues } from "./cues";
-import { dayOf } from "./days";
+import { isToday } from "./days";
 import { type Node, byId, fill } from "./dom";
 import { regionTitle, timeOfDayText, timeText } from "./format";
 import type { Alert, DailyLoad, DailyRegion, Side } from "./generated/quantities";
@@ -10,7 +10,7 @@ import type { Insoles } from "./insoles";
 import type { InsoleAnswer, Session } from "./session";
 import { type Settings, saveSettings } from "./settings";
 import { SIDES, sideTitle } from "./side";
-import type { StoredAlert } from "./step_store";
+import { type StoredAlert, newestFirst } from "./step_store";
 import type { Wire } from "./wire";
 
 /** An alert is shown if it is not older than this; an older one is only listed. */
@@ -60,7 +60,7 @@ function ageOf_s(alert: Alert, start_unix_s: number | null, t_s: number | undefi
 const isPaused = (daily: DailyLoad | undefined, rest_s: number) => (daily?.snoozed_s ?? 0) >= rest_s - PAUSE_TOLERANCE_S;
 
 /** True if the load of the day of an insole is that of today. A load that arrived before midnight is not. */
-const isOfToday = ({ daily_unix_s }: Session) => dayOf(daily_unix_s) === dayOf(Date.now() / 1000);
+const isOfToday = ({ daily_unix_s }: Session) => isToday(daily_unix_s);
 
 /** An alert that is shown, and the time of `Date.now()` at which it was raised. */
 interface ShownAlert {
@@ -166,8 +166,9 @@ export class Alerts {
   }
 
   /** The boxes of the settings that concern alerts. */
-  private boxes(): ["alert_sound" | "alert_vibration", HTMLInputElement][] {
-    return [["alert_sound", byId("alert-sound", HTMLInputElement)], ["alert_vibration", byId("alert-vibration", HTMLInputElement)]];
+  private boxes() {
+    const keys = ["alert_sound", "alert_vibration"] as const;
+    return keys.map((key) => [key, byId(key.replace("_", "-"), HTMLInputElement)] as const);
   }
 
   /** Shows the settings, which may have been changed in another tab. */
@@ -409,9 +410,9 @@ export class Alerts {
 /** Lists the last alerts. */
 export function drawAlerts(alerts: readonly StoredAlert[]): void {
   byId("alert-list").hidden = alerts.length === 0;
-  fill(byId("alert-list").querySelector("tbody"), alerts.slice(-ROWS).reverse().map(({ alert, start_unix_s }): Node => {
-    const time = start_unix_s === null ? "–" : timeText(start_unix_s);
+  fill(byId("alert-list").querySelector("tbody"), newestFirst(alerts).slice(0, ROWS).map(({ alert, start_unix_s }): Node => {
     const regions = [...new Set([...alert.sustained, ...alert.dose])].map(regionTitle);
-    return ["tr", {}, ["td", { class: alert.side }, sideTitle(alert.side)], ["td", {}, time], ["td", {}, regions.join(", ")]];
+    const foot: Node = ["td", { class: alert.side }, sideTitle(alert.side)];
+    return ["tr", {}, foot, ["td", {}, timeText(start_unix_s)], ["td", {}, regions.join(", ")]];
   }));
 }

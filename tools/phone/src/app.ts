@@ -4,6 +4,7 @@ import { Alerts, drawAlerts } from "./alerts";
 import { store } from "./browser_storage";
 import { dayOf } from "./days";
 import { type Node, byId, fill } from "./dom";
+import { errorText } from "./format";
 import type { Live, Side } from "./generated/quantities";
 import { IdentifyController } from "./identify_controller";
 import { Insoles } from "./insoles";
@@ -39,6 +40,7 @@ const STORE_RETRY_MS = 5000;
 /** The example: a recording of a computed walk. */
 const COMPUTED_WALK = "./walk.plantar";
 const NO_WALK = "The example walk could not be loaded. Connect this device to the internet, then try again.";
+const INSECURE = "Bluetooth works only over HTTPS or at localhost.";
 const CANNOT_STORE =
   "This browser cannot store steps, because its storage is full or not allowed, or because a newer version of this page " +
   "is open in another tab. Free some storage, allow it for this site, or reload this page. Until then, the insole stores " +
@@ -169,8 +171,7 @@ export class App {
       this.use(transport);
     } catch (error) {
       if (is_replaced()) return;
-      const reason = error instanceof Error ? error.message : "The recording cannot be played. Reload the page.";
-      this.problem = url === COMPUTED_WALK ? NO_WALK : reason;
+      this.problem = url === COMPUTED_WALK ? NO_WALK : errorText(error);
       // In a temporary storage, the steps of insoles that are connected next would be acknowledged and then lost.
       await this.loadStored();
       byId("start").hidden = false;
@@ -275,8 +276,9 @@ export class App {
 
   /** Enables the buttons that export records if there are any. */
   private updateExport(): void {
-    byId("export-steps", HTMLButtonElement).disabled = this.store.count("steps") === 0;
-    byId("export-bouts", HTMLButtonElement).disabled = this.store.count("bouts") === 0;
+    for (const kind of ["steps", "bouts"] as const) {
+      byId(`export-${kind}`, HTMLButtonElement).disabled = this.store.count(kind) === 0;
+    }
     byId("export-days", HTMLButtonElement).disabled = this.store.days.size === 0;
   }
 
@@ -347,6 +349,7 @@ export class App {
     const is_supported = BluetoothTransport.isSupported();
     const unsupported = byId("unsupported");
     unsupported.hidden = is_supported;
+    if (!isSecureContext) fill(unsupported, [INSECURE]);
     if (!is_supported) byId("add-note").append(...[...unsupported.childNodes].map((node) => node.cloneNode(true)));
     for (const id of ["connect", "connect-other", "add"]) {
       const button = byId(id, HTMLButtonElement);

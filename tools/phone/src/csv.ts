@@ -84,7 +84,7 @@ export function daysCsv(days: readonly DayTotals[]): string[] {
   for (const totals of [...days].sort((a, b) => a.day.localeCompare(b.day))) {
     for (const side of SIDES) {
       const { steps, bouts, alerts, integral_n_s, peak_n } = totals[side];
-      rows.push(line([totals.day, side, steps, bouts, alerts, integral_n_s, peak_n]));
+      rows.push(line([totals.day, side, steps, bouts, alerts, Number(integral_n_s.toFixed(3)), peak_n]));
     }
   }
   return rows;

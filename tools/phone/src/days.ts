@@ -41,6 +41,9 @@ export function dayOf(unix_s: number): string {
   return `${digits(date.getFullYear(), 4)}-${digits(date.getMonth() + 1, 2)}-${digits(date.getDate(), 2)}`;
 }
 
+/** True if a time is of the present local day. */
+export const isToday = (unix_s: number) => dayOf(unix_s) === dayOf(Date.now() / 1000);
+
 /** Midnight of the local day that lies this number of days before today, s since 1970. */
 export function midnight_unix_s(days_ago: number): number {
   const date = new Date();

@@ -6,7 +6,7 @@ export type Node = string | [name: string, attributes: Record<string, string>, .
 /** The element of index.html with this id. Throws an error if there is none, or if it is not of this type. */
 export function byId<T extends HTMLElement = HTMLElement>(id: string, type?: new () => T): T {
   const element = document.getElementById(id);
-  if (!element || (type && !(element instanceof type))) throw new Error(`index.html has no element ${id} of the expected type`);
+  if (!element || (type && !(element instanceof type))) throw new Error(`No element ${id} of this type`);
   return element as T;
 }
 

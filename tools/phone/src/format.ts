@@ -1,10 +1,13 @@
 /** Numbers and names as the wearer reads them. */
 
-import { dayOf } from "./days";
+import { isToday } from "./days";
 import type { Hello } from "./generated/messages";
 import type { LiveRegion } from "./generated/quantities";
 import { type Settings, percentOfWeight } from "./settings";
 import { sideTitle } from "./side";
+
+/** The message of an error. */
+export const errorText = (error: unknown) => (error instanceof Error ? error.message : String(error));
 
 /** The titles of the regions by their names in messages. */
 const TITLES: Record<string, string> = {
@@ -30,11 +33,11 @@ function dateOptions(date: Date): Intl.DateTimeFormatOptions {
   return { weekday: "short", day: "numeric", month: "short", ...(is_this_year ? {} : { year: "numeric" }) };
 }
 
-/** A time as the wearer reads it. Its date is omitted if it is the present day. */
-export function timeText(unix_s: number): string {
+/** A time as the wearer reads it, or a dash for an unknown one. Its date is omitted if it is the present day. */
+export function timeText(unix_s: number | null): string {
+  if (unix_s === null) return "–";
   const date = new Date(unix_s * 1000);
-  const is_today = dayOf(unix_s) === dayOf(Date.now() / 1000);
-  return date.toLocaleString(LOCALE, { ...(is_today ? {} : dateOptions(date)), ...TIME });
+  return date.toLocaleString(LOCALE, { ...(isToday(unix_s) ? {} : dateOptions(date)), ...TIME });
 }
 
 /** A time of the day as the wearer reads it, from minutes after midnight of this device. */
@@ -131,9 +134,8 @@ export function forceText(force_n: number, settings: Settings, space = " "): [st
   return unitOf(settings) === "%BW" ? [percent, newtons] : [newtons, percent];
 }
 
-/** A number with this number of decimal digits and this unit, or a dash for `null`. */
-export const numberText = (value: number | null, digits: number, unit = "") =>
-  value === null ? "–" : `${value.toFixed(digits)}${unit && " "}${unit}`;
+/** A number with this number of decimal digits, or a dash for `null`. */
+export const numberText = (value: number | null, digits: number) => value?.toFixed(digits) ?? "–";
 
 /** A number with this number of decimal digits, but without the sign of a number that is rounded to zero. */
 export const signedText = (value: number, digits: number) => value.toFixed(digits).replace(/^-(0(\.0*)?)$/, "$1");

@@ -7,6 +7,7 @@ import { IdentifySession, type IdentifyStorage } from "./identify_session";
 import { DatabaseIdentifyStorage } from "./identify_storage";
 import { drawIdentify } from "./identify_view";
 import type { Answer, Request } from "./identify_worker";
+import { failed } from "./indexed_db";
 import type { Insoles } from "./insoles";
 import { type InsoleAnswer, totalForce } from "./session";
 import { type Settings, saveSettings } from "./settings";
@@ -15,12 +16,17 @@ import { SIDES } from "./side";
 /** The storage that is used if the browser has no database. It stores nothing. */
 const NO_STORAGE: IdentifyStorage = {
   load: () => Promise.resolve([]),
-  add: () => Promise.reject(new Error("This browser has no database.")),
+  add: () => Promise.reject(failed(null)),
   clear: () => Promise.resolve(),
 };
 
 /** The storage for the session of a recording. It stores nothing, because the wearer cannot continue it at the next visit. */
 const RECORDING: IdentifyStorage = { ...NO_STORAGE, add: () => Promise.resolve() };
+
+/** The name of the Web Lock that a tab holds while it has a guided session of the wearer. */
+const LOCK = "plantar-identify";
+/** Time between two checks of whether another tab holds this lock. */
+const LOCK_MS = 1000;
 
 /** The question before the stored messages of an interrupted session are deleted. */
 const DELETE_STORED = "Delete the steps of the interrupted session?";
@@ -33,6 +39,14 @@ export class IdentifyController {
   private stored: Uint8Array<ArrayBuffer>[] = [];
   private worker: Worker | undefined;
   private readonly screen = new ScreenLock();
+  /** The Web Locks; `undefined` if the browser has none, or does not allow them. */
+  private locks: LockManager | undefined = navigator.locks;
+  /** True if another tab has a guided session of the wearer. */
+  private is_elsewhere = false;
+  /** Time at which this was checked last. */
+  private looked_ms = -Infinity;
+  /** Releases the lock; `undefined` while this tab has no guided session. */
+  private unlock: (() => void) | undefined;
 
   constructor(
     private readonly insoles: Insoles,
@@ -76,6 +90,7 @@ export class IdentifyController {
     if (this.storage === RECORDING) this.session.close();
     this.storage = await DatabaseIdentifyStorage.open(blocked).catch(() => NO_STORAGE);
     this.stored = await this.storage.load().catch(() => []);
+    await this.look();
     if (this.has_stored) this.show();
   }
 
@@ -92,15 +107,58 @@ export class IdentifyController {
   /** Deletes the stored messages, unless they are those of a running session. */
   async deleteStored(): Promise<void> {
     if (!["closed", "done", "failed"].includes(this.session.phase)) return;
-    await this.storage.clear();
-    this.stored = [];
+    await this.locked(async () => {
+      await this.storage.clear();
+      this.stored = [];
+    });
   }
 
-  /** Looks whether another tab has deleted the messages of the interrupted session, which is then no longer offered. */
+  /** Loads the messages of an interrupted session again, which another tab may have stored or deleted. */
   async reload(): Promise<void> {
     const stored = await this.storage.load().catch(() => this.stored);
     // Meanwhile, the wearer may have continued the session, or begun another one.
-    if (this.has_stored) this.stored = stored;
+    if (this.session.phase === "closed") this.stored = stored;
+  }
+
+  /**
+   * Calls `act` unless another tab holds the lock, and holds the lock until the promise of `act` resolves. The session of a
+   * recording, which is not stored, needs no lock; nor does a browser without locks, in which tabs are not distinguished.
+   */
+  private async locked(act: () => Promise<void>): Promise<void> {
+    const { locks } = this;
+    if (!locks || this.unlock || this.storage === RECORDING) return act();
+    await locks.request(LOCK, { ifAvailable: true }, (lock) => {
+      this.is_elsewhere = !lock;
+      return lock ? act() : undefined;
+    });
+  }
+
+  /** Begins a guided session by `begin`, unless another tab has one. */
+  private begin(hellos: ReadonlyMap<Side, Uint8Array>, begin: () => void): void {
+    // The last insole may have been disconnected since the view was drawn.
+    if (hellos.size === 0) return;
+    void this.locked(() => {
+      begin();
+      this.stored = [];
+      this.redraw();
+      // The lock of a session that has just been closed remains.
+      return new Promise((resolve) => (this.unlock ??= resolve));
+    });
+  }
+
+  /**
+   * Looks whether another tab has a guided session. After the end of that session, loads what remains of it. Releases the lock
+   * after the end of the session of this tab.
+   */
+  private async look(): Promise<void> {
+    const state = await this.locks?.query().catch(() => (this.locks = undefined));
+    const is_other = !this.unlock && this.storage !== RECORDING;
+    const was_elsewhere = this.is_elsewhere;
+    this.is_elsewhere = (is_other && state?.held?.some(({ name }) => name === LOCK)) ?? false;
+    if (was_elsewhere && !this.is_elsewhere) await this.reload();
+    if (this.session.phase !== "closed") return;
+    this.unlock?.();
+    this.unlock = undefined;
   }
 
   /** Opens the view of the guided session. */
@@ -152,22 +210,19 @@ export class IdentifyController {
   /** Executes the action of a button of the view. */
   private act(action: string): void {
     const { session } = this;
+    const hellos = this.hellos();
     switch (action) {
       case "start":
-        // The last insole may have been disconnected since the view was drawn.
-        if (this.hellos().size === 0) return this.draw();
-        if (this.has_stored && !confirm(DELETE_STORED)) return;
-        session.start(this.hellos(), performance.now(), Date.now());
-        this.stored = [];
+        if (!this.has_stored || hellos.size === 0 || confirm(DELETE_STORED)) {
+          this.begin(hellos, () => session.start(hellos, performance.now(), Date.now()));
+        }
         break;
       case "discard":
         // If the deletion fails, the session is still offered.
         if (confirm(DELETE_STORED)) void this.deleteStored().catch(() => undefined);
         break;
       case "resume":
-        if (this.hellos().size === 0) return;
-        session.resume(this.stored, this.hellos(), performance.now(), Date.now());
-        this.stored = [];
+        this.begin(hellos, () => session.resume(this.stored, hellos, performance.now(), Date.now()));
         break;
       case "finish":
         session.finishWalk();
@@ -196,6 +251,11 @@ export class IdentifyController {
       default:
         this.exportParameters(action);
     }
+    this.redraw();
+  }
+
+  /** Draws the view after an action, which may have removed the button that had the focus. */
+  private redraw(): void {
     this.draw();
     if (document.activeElement === document.body) this.focusHeading();
   }
@@ -232,12 +292,17 @@ export class IdentifyController {
     const needs_screen = this.session.isCollecting || this.session.phase === "verify";
     if (needs_screen) this.screen.hold();
     else this.screen.release();
+    if (this.session.phase === "closed" && now_ms - this.looked_ms >= LOCK_MS) {
+      this.looked_ms = now_ms;
+      void this.look();
+    }
     fill("identify-open", [["closed", "done", "failed"].includes(this.session.phase) ? "Identify my tissue" : "Continue the identification"]);
     if (!document.hidden && document.body.dataset["view"] === "identify") this.draw();
   }
 
   private draw(): void {
-    const state = { insoles: this.insoles, shoe_size: this.settings.shoe_size, has_stored: this.has_stored };
-    drawIdentify(this.session, { ...state, now_ms: performance.now() });
+    const { insoles, has_stored, is_elsewhere } = this;
+    const { shoe_size } = this.settings;
+    drawIdentify(this.session, { insoles, shoe_size, has_stored, is_elsewhere, now_ms: performance.now() });
   }
 }

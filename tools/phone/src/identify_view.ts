@@ -24,6 +24,8 @@ export interface IdentifyState {
   shoe_size: number;
   /** True if there are messages of an interrupted session. */
   has_stored: boolean;
+  /** True if a session runs in another tab. */
+  is_elsewhere: boolean;
   now_ms: number;
 }
 
@@ -114,7 +116,7 @@ export function startProblems({ insoles, now_ms }: Pick<IdentifyState, "insoles"
 }
 
 function start(state: IdentifyState): Node[] {
-  const { insoles, shoe_size, has_stored } = state;
+  const { insoles, shoe_size, has_stored, is_elsewhere } = state;
   const sides = SIDES.filter((side) => insoles.of(side)?.state === "live");
   const feet = sides.length === 2 ? "Both insoles are connected." : sides.length === 1
     ? `Only the ${sides[0]} insole is connected. Connect the other one too, or continue with one foot.`
@@ -133,13 +135,15 @@ function start(state: IdentifyState): Node[] {
     ...startProblems(state).map(note),
     ["label", { for: "shoe-size" }, "Shoe size (European)"],
     ["select", { id: "shoe-size" }, ...sizes.map(option)],
-    ...(has_stored ? [
-      note("A session was interrupted. Its steps are stored on this phone."),
-      ...(sides.length > 0 ? [button("resume", "Continue that session", "primary")] : []),
-      button("discard", "Delete that session"),
-    ] : []),
-    sides.length > 0 ? button("start", has_stored ? "Start a new session" : "Start", has_stored ? "" : "primary")
-      : button("connect", "Connect my insoles", "primary"),
+    ...(is_elsewhere ? [note("An identification runs in another tab.")] : [
+      ...(has_stored ? [
+        note("A session was interrupted. Its steps are stored on this phone."),
+        ...(sides.length > 0 ? [button("resume", "Continue that session", "primary")] : []),
+        button("discard", "Delete that session"),
+      ] : []),
+      sides.length > 0 ? button("start", has_stored ? "Start a new session" : "Start", has_stored ? "" : "primary")
+        : button("connect", "Connect my insoles", "primary"),
+    ]),
     soft("The result describes a model of your foot. It is no diagnosis."),
   ];
 }

@@ -1,6 +1,7 @@
 import "./style.css";
 import { App } from "./app";
 import { fill } from "./dom";
+import { errorText } from "./format";
 import wasm from "./phone_wire.wasm?url";
 import { Wire } from "./wire";
 
@@ -8,8 +9,7 @@ try {
   const wire = await Wire.load(fetch(wasm));
   await new App(wire).start();
 } catch (error) {
-  const reason = error instanceof Error ? error.message : String(error);
-  const problem = `The page could not start. Reload it, or use another browser. The reason: ${reason}`;
+  const problem = `The page could not start. Reload it, or use another browser. The reason: ${errorText(error)}`;
   fill("notes", [["p", { class: "note" }, problem]]);
   throw error;
 }

@@ -59,7 +59,7 @@ export function sessionProblems({ hello, state, reason }: Session, facts: Facts)
       // After any other reset, the previous run did not end with a fault, so `fault` is one of this start.
       return ["panic", "watchdog"].includes(hello.reset)
         ? [`${insole} restarted after a fault. If this happens often, report this text to its supplier: ${hello.fault}`]
-        : [`${insole} measures, but reports a fault. If it remains after a restart, show this text to its supplier: ${hello.fault}`];
+        : [`${insole} measures, but reports a fault. If it remains after a restart, report this text to its supplier: ${hello.fault}`];
     case "closed":
     case "waiting":
       return [];
@@ -78,10 +78,12 @@ export function remarks(insoles: Insoles, pause: { feet: string; rest: string } 
   const changed = SIDES.filter((side) => insoles.of(side)?.state === "live" && insoles.of(side)?.needs_refit);
   const is_waiting = transport && sessions.every(({ state }) => state === "closed" || state === "waiting");
   const reason = sessions.find((session) => session.state === "closed" && session.reason)?.reason;
-  const bare = without_parameters.join(" and ");
+  const bare = without_parameters.join(" and ") + (without_parameters.length > 1 ? " insoles" : " insole");
   return [
     ...(pause ? [remark(pause.feet, counting(` ${pause.rest}`))] : []),
-    ...(bare ? [remark(`Your personal parameters are not on the ${bare} insole, so no model values are shown.`)] : []),
+    ...(without_parameters.length > 0
+      ? [remark(`Your personal parameters are not on the ${bare}, so no model values are shown.`)]
+      : []),
     ...(waiting >= MANY_RECORDS
       ? [remark("Stored steps are arriving.", counting(` ${waiting} steps, load bouts and alerts are still to come.`))]
       : []),

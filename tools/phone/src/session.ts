@@ -146,11 +146,11 @@ export class Session {
     private readonly wire: Wire,
     private readonly transport: () => Transport | undefined,
     private readonly onRecord: (message: RecordMessage, bytes: Uint8Array, session: Session) => void,
-    private readonly onAnswer: (answer: InsoleAnswer, session: Session) => void = () => undefined,
+    private readonly onAnswer: (answer: InsoleAnswer, session: Session) => void,
     /** True if another session has an insole for this foot. */
-    private readonly isTaken: (side: Side) => boolean = () => false,
+    private readonly isTaken: (side: Side) => boolean,
     /** True if this record has arrived before and was passed to `onRecord`. */
-    private readonly isKnown: (message: RecordMessage) => boolean = () => false,
+    private readonly isKnown: (message: RecordMessage) => boolean,
   ) {
     this.clock_mapping = wire.clockMapping(insole);
     this.clock_mapping.clear();
@@ -379,12 +379,15 @@ export class Session {
     return waiting < 2 ** 31 ? waiting : 0;
   }
 
-  /** Live frames per second, mean over the last two seconds. */
+  /**
+   * Live frames per second, mean over the last two seconds, but at most the rate of the insole: the frames of a longer time can
+   * arrive together after a pause of the browser or of the link.
+   */
   rate_hz(now_ms: number): number {
     this.removeOldArrivals(now_ms);
     // In the first two seconds, the mean is taken over the time since the hello.
     const counted_ms = Math.min(RATE_MS, now_ms - this.hello_received_ms);
-    return counted_ms > 0 ? (1000 * this.arrivals_ms.length) / counted_ms : 0;
+    return counted_ms > 0 ? Math.min(this.hello?.rate_hz ?? 0, (1000 * this.arrivals_ms.length) / counted_ms) : 0;
   }
 
   /** Sends the requests that are due. To be called a few times a second. */

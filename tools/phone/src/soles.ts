@@ -46,9 +46,7 @@ export class Soles {
   private readonly drawn: Record<Side, string> = { left: "", right: "" };
 
   constructor(private readonly canvas: HTMLCanvasElement) {
-    const context = canvas.getContext("2d");
-    if (!context) throw new Error("This browser cannot draw on a canvas. Use another browser.");
-    this.context = context;
+    this.context = canvas.getContext("2d")!;
   }
 
   /** Reads the colours of the page and the size of the canvas again. */

@@ -61,7 +61,7 @@ export class TemporaryStorage implements StepStorage {
  */
 export class NoStorage extends TemporaryStorage {
   override add(): Promise<void> {
-    return Promise.reject(new Error("The database of this browser cannot be used."));
+    return Promise.reject(failed(null));
   }
 }
 

@@ -37,6 +37,13 @@ export interface StoredAlert {
   start_unix_s: number | null;
 }
 
+/**
+ * These records in the order of their times, newest first. Those without a known time are at the end. Records with the same time,
+ * or without one, are in the order of their arrival, latest first.
+ */
+export const newestFirst = <T extends { start_unix_s: number | null }>(records: readonly T[]): T[] =>
+  [...records].reverse().sort((a, b) => (b.start_unix_s ?? 0) - (a.start_unix_s ?? 0));
+
 /** Records of all kinds. */
 export class Records {
   readonly steps: StoredStep[] = [];

@@ -1,12 +1,12 @@
 /** The steps view: measures of the walk, the trend of the peak force, and the table of steps. */
 
-import { type DayTotals, boutIntegral_n_s, dayOf } from "./days";
+import { type DayTotals, type FootTotals, boutIntegral_n_s, isToday } from "./days";
 import { type Node, byId, fill } from "./dom";
 import { dateText, forceText, numberText, signedText, timeText, unitOf } from "./format";
 import type { Estimate, Gait, GaitMeasure, Step } from "./generated/quantities";
 import { type Settings, percentOfWeight } from "./settings";
 import { SIDES, sideTitle } from "./side";
-import type { StoredBout, StoredStep } from "./step_store";
+import { type StoredBout, type StoredStep, newestFirst } from "./step_store";
 import { LATEST_STEPS, stepsOf } from "./walk";
 
 /** Largest number of steps of each foot in the diagram. */
@@ -33,7 +33,7 @@ export function drawSteps(
   for (const id of ["measures-of-steps", "table"]) byId(id).hidden = is_empty;
   if (is_empty) return;
   const newest_unix_s = Math.max(...steps.map(({ start_unix_s }) => start_unix_s ?? -Infinity));
-  const is_old = Number.isFinite(newest_unix_s) && dayOf(newest_unix_s) !== dayOf(Date.now() / 1000);
+  const is_old = Number.isFinite(newest_unix_s) && !isToday(newest_unix_s);
   fill("steps-date", is_old ? [`These values are of ${timeText(newest_unix_s)} and before.`] : []);
   const speed = gait.speed_m_s === null ? [] : [card("Walking speed", numberText(gait.speed_m_s, 2), "m/s, from your stride length")];
   const [left = 0, right = 0] = today;
@@ -45,17 +45,16 @@ export function drawSteps(
   drawGait(gait, settings);
   fill("trend", trend(steps, settings));
 
-  const head = ["Foot", "Time", "Contact, s", "Peak, N", "Peak, %BW", "Force × time, N s"];
+  const head = ["Foot", "Time", "Contact, s", `Peak, ${unitOf(settings)}`, "Force × time, N s"];
   fill(byId("table").querySelector("thead"), [["tr", {}, ...head.map((name): Node => ["th", { scope: "col" }, name])]]);
-  const rows = steps.slice(-ROWS).reverse();
+  const rows = newestFirst(steps).slice(0, ROWS);
   fill(byId("table").querySelector("tbody"), rows.map(({ step, start_unix_s }): Node => [
     "tr",
     {},
     ["td", { class: step.side }, sideTitle(step.side)],
-    ["td", {}, start_unix_s === null ? "–" : timeText(start_unix_s)],
+    ["td", {}, timeText(start_unix_s)],
     ["td", {}, step.duration_s.toFixed(2)],
-    ["td", {}, `${hasMaskedCells(step) ? "~ " : ""}${step.foot.foot_force_peak_n.toFixed(0)}`],
-    ["td", {}, numberText(percentOfWeight(step.foot.foot_force_peak_n, settings), 0)],
+    ["td", {}, `${hasMaskedCells(step) ? "~ " : ""}${forceText(step.foot.foot_force_peak_n, settings, "")[0]}`],
     ["td", {}, step.foot.foot_force_integral_n_s.toFixed(0)],
   ]));
 }
@@ -73,7 +72,10 @@ export function drawDays(days: readonly DayTotals[], shows_all: boolean, setting
   // The days are sorted, because a stored step can arrive after a step of a later day.
   const latest = [...days].sort((a, b) => b.day.localeCompare(a.day)).slice(0, shows_all ? undefined : DAY_ROWS);
   fill(byId("days").querySelector("tbody"), latest.map((totals): Node => {
-    const cells = (text: (foot: DayTotals["left"]) => string) => SIDES.map((side): Node => ["td", {}, text(totals[side])]);
+    const cells = (text: (foot: FootTotals) => string) => SIDES.map((side): Node => {
+      const foot = totals[side];
+      return ["td", {}, foot.steps || foot.bouts || foot.alerts ? text(foot) : "–"];
+    });
     return [
       "tr",
       {},
@@ -91,18 +93,15 @@ const BOUT_ROWS = 50;
 /** Shows the load bouts. To be called after each change of them. */
 export function drawBouts(bouts: readonly StoredBout[]): void {
   byId("bouts").hidden = bouts.length === 0;
-  fill(byId("bouts").querySelector("tbody"), bouts.slice(-BOUT_ROWS).reverse().map(({ bout, start_unix_s }): Node => {
-    const start = start_unix_s === null ? "–" : timeText(start_unix_s);
-    return [
-      "tr",
-      {},
-      ["td", { class: bout.side }, sideTitle(bout.side)],
-      ["td", {}, start],
-      ["td", {}, bout.kind === "unclassified" ? "other" : bout.kind],
-      ["td", {}, bout.duration_s.toFixed(0)],
-      ["td", {}, boutIntegral_n_s(bout).toFixed(0)],
-    ];
-  }));
+  fill(byId("bouts").querySelector("tbody"), newestFirst(bouts).slice(0, BOUT_ROWS).map(({ bout, start_unix_s }): Node => [
+    "tr",
+    {},
+    ["td", { class: bout.side }, sideTitle(bout.side)],
+    ["td", {}, timeText(start_unix_s)],
+    ["td", {}, bout.kind === "unclassified" ? "other" : bout.kind],
+    ["td", {}, bout.duration_s.toFixed(0)],
+    ["td", {}, boutIntegral_n_s(bout).toFixed(0)],
+  ]));
 }
 
 /** Shows the measures of both feet, with the intervals of the means. */

@@ -9,7 +9,6 @@ import { INSOLES, type Insole } from "./transport/transport";
 const HEAD_BYTES = 7;
 /** Length of the longest message of the protocol, bytes: `MAX_MESSAGE` in `src/protocol/codec.rs`. */
 export const MAX_MESSAGE = 560;
-const NOT_A_RECORDING = "This file is not a recording of insoles. Use a recording of this page or of plantar serve.";
 
 /** A recorded message. */
 export interface Entry {
@@ -24,9 +23,9 @@ export const isMessageLength = (length: number) => length >= 1 && length <= MAX_
 
 /**
  * The entries of a file. If the recorder was interrupted while it wrote, the last entry is incomplete; it is omitted. Throws an
- * error with a message for the wearer if the file is damaged or is not a recorded stream.
+ * error with a message for the wearer if the file is damaged; with the message `foreign` if its first entry is not valid.
  */
-export function* entries(bytes: Uint8Array): Generator<Entry> {
+export function* entries(bytes: Uint8Array, foreign = ""): Generator<Entry> {
   const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
   for (let offset = 0; offset < bytes.length; ) {
     if (offset + HEAD_BYTES > bytes.length) return;
@@ -34,7 +33,7 @@ export function* entries(bytes: Uint8Array): Generator<Entry> {
     const insole = INSOLES.find((index) => index === bytes[offset + 4]);
     // An entry with a damaged length must not be taken for an incomplete last entry.
     if (insole === undefined || !isMessageLength(length)) {
-      throw new Error(offset === 0 ? NOT_A_RECORDING : `This recording is damaged at byte ${offset}. Use another one.`);
+      throw new Error((offset === 0 && foreign) || `This recording is damaged at byte ${offset}. Use another one.`);
     }
     const start = offset + HEAD_BYTES;
     if (start + length > bytes.length) return;

@@ -150,7 +150,7 @@ export class Wire {
   private readonly text = new TextDecoder();
 
   constructor(private readonly core: Exports) {
-    this.facts = JSON.parse(this.text.decode(this.read(core.facts()))) as Facts;
+    this.facts = this.json(core.facts()) as Facts;
   }
 
   static async load(module: Response | Promise<Response>): Promise<Wire> {
@@ -161,15 +161,13 @@ export class Wire {
   /** Decodes a message. Returns `undefined` for bytes that are no message of this version, or one that the page does not use. */
   decode(bytes: Uint8Array): ToHost | undefined {
     this.write(bytes);
-    const length = this.core.decode();
-    return length === 0 ? undefined : (JSON.parse(this.text.decode(this.read(length))) as ToHost);
+    return this.json(this.core.decode()) as ToHost | undefined;
   }
 
   /** The sole of an insole with these cells; `undefined` if they cannot be drawn. */
   sole(cells: readonly LayoutCell[]): Sole | undefined {
     this.write(new TextEncoder().encode(JSON.stringify(cells)));
-    const length = this.core.sole();
-    return length === 0 ? undefined : (JSON.parse(this.text.decode(this.read(length))) as Sole);
+    return this.json(this.core.sole()) as Sole | undefined;
   }
 
   connect = () => this.request(this.core.connect());
@@ -212,7 +210,7 @@ export class Wire {
         this.core.gait_step(foot, number, start_s, step.duration_s, foot_force_peak_n, foot_force_integral_n_s);
       }
     });
-    return JSON.parse(this.text.decode(this.read(this.core.gait_measures(has_common_clock, stride_m)))) as Gait;
+    return this.json(this.core.gait_measures(has_common_clock, stride_m)) as Gait;
   }
 
   private write(bytes: Uint8Array): void {
@@ -222,6 +220,11 @@ export class Wire {
 
   private request(length: number): Uint8Array {
     return this.read(length).slice();
+  }
+
+  /** The JSON value that the core has written; `undefined` if it has written nothing. */
+  private json(length: number): unknown {
+    return length === 0 ? undefined : JSON.parse(this.text.decode(this.read(length)));
   }
 
   private read(length: number): Uint8Array {

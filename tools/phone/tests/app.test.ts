@@ -13,6 +13,7 @@ const wire = await loadWire();
 beforeEach(() => {
   vi.useFakeTimers();
   vi.stubGlobal("document", { hidden: true });
+  vi.stubGlobal("navigator", {});
   for (const name of ["HTMLButtonElement", "HTMLInputElement"]) vi.stubGlobal(name, Object);
 });
 

@@ -1,10 +1,12 @@
 import { readFileSync } from "node:fs";
 import { beforeAll, expect, test } from "vitest";
-import { liveCsv, stepsCsv } from "../src/csv";
+import { daysCsv, liveCsv, stepsCsv } from "../src/csv";
 import { Insoles } from "../src/insoles";
 import { Recorder } from "../src/recorder";
 import type { StoredStep } from "../src/step_store";
 import { MAX_MESSAGE, entries, entry } from "../src/stream_file";
+import { ReplayTransport } from "../src/transport/replay";
+import type { TransportEvents } from "../src/transport/transport";
 import type { Wire } from "../src/wire";
 import { loadWire, messagesOf, walk } from "./wire";
 
@@ -116,7 +118,7 @@ test("a file that is not a recording is refused", () => {
   const bytes = entry({ t_ms: 1, insole: 0, message: Uint8Array.of(1, 2, 3) });
   // This byte is the index of the insole; there are two insoles.
   bytes[4] = 9;
-  expect(() => [...entries(bytes)]).toThrow("not a recording");
+  expect(() => new ReplayTransport(bytes, {} as TransportEvents)).toThrow("not a recording");
 });
 
 test("an entry with a length that no message has is reported as damage, also if it is the last one", () => {
@@ -147,4 +149,10 @@ test("a message of a length that no message has is counted as damaged and is not
   for (const message of received) insoles.transportEvents.message(0, message);
   expect([...recorder.entries()].map(({ message }) => message)).toEqual([hello]);
   expect(insoles.sessions[0]?.damaged).toBe(2);
+});
+
+test("the sum of the integrals of a day is exported without the digits of its rounding errors", () => {
+  const none = { steps: 0, bouts: 0, alerts: 0, integral_n_s: 0, peak_n: 0 };
+  const rows = daysCsv([{ day: "2026-01-01", left: { ...none, steps: 3, integral_n_s: 11039.800000000001, peak_n: 800 }, right: none }]);
+  expect(rows.slice(1)).toEqual(["2026-01-01,left,3,0,0,11039.8,800\n", "2026-01-01,right,0,0,0,0,0\n"]);
 });

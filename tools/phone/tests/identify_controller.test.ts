@@ -14,6 +14,19 @@ class Button {
   closest = () => this;
 }
 
+/** The Web Locks of a browser, which its tabs share. */
+class FakeLocks {
+  private readonly held = new Set<string>();
+  query = async () => ({ held: [...this.held].map((name) => ({ name })) });
+  request = async (name: string, _options: { ifAvailable: true }, act: (lock: object | null) => unknown): Promise<void> => {
+    await undefined;
+    if (this.held.has(name)) return void act(null);
+    this.held.add(name);
+    await act({ name });
+    this.held.delete(name);
+  };
+}
+
 /** The stored messages of a session that the browser stores. */
 let stored: Uint8Array<ArrayBuffer>[];
 
@@ -21,8 +34,10 @@ beforeEach(() => {
   stored = [Uint8Array.of(1)];
   const storage = { load: async () => stored, add: async () => undefined, clear: async () => void (stored = []) };
   vi.spyOn(DatabaseIdentifyStorage, "open").mockResolvedValue(storage as unknown as DatabaseIdentifyStorage);
-  vi.stubGlobal("document", { body: { dataset: {} }, querySelectorAll: () => [] });
+  vi.stubGlobal("document", { body: { dataset: {} }, querySelector: () => null, querySelectorAll: () => [] });
   vi.stubGlobal("window", {});
+  // A browser without Web Locks.
+  vi.stubGlobal("navigator", {});
   vi.stubGlobal("scrollTo", () => undefined);
   vi.stubGlobal("confirm", () => true);
   vi.stubGlobal("Element", Button);
@@ -41,7 +56,9 @@ async function load(session?: { state: string; insole: number }) {
   const controller = new IdentifyController(insoles, loadSettings(() => ({ getItem: () => null }) as unknown as Storage));
   await controller.load(() => undefined);
   expect(controller.has_stored).toBe(true);
-  const act = (action: string) => element("identify-body").onclick({ target: new Button({ action }) });
+  // A page that is opened later replaces the handler.
+  const { onclick } = element("identify-body");
+  const act = (action: string) => onclick({ target: new Button({ action }) });
   return { controller, act };
 }
 
@@ -76,4 +93,58 @@ test("a session does not begin without an insole", async () => {
   const { controller, act } = await load();
   act("start");
   expect([controller.has_stored, stored.length]).toEqual([true, 1]);
+});
+
+test("while a session runs in another tab, it can be neither continued nor deleted, and afterwards what remains of it is offered", async () => {
+  vi.stubGlobal("navigator", { locks: new FakeLocks() });
+  const insole = { state: "live", insole: 0, rate_hz: () => 100, hello: { rate_hz: 100 } };
+  const first = await load(insole);
+  first.act("start");
+  await vi.waitFor(() => expect(stored).toEqual([]));
+  // The first tab stores the messages of its session.
+  stored = [Uint8Array.of(2)];
+  const second = await load(insole);
+  let now_ms = 0;
+  const offered = () => {
+    second.controller.tick((now_ms += 1000));
+    return element("identify-body").content;
+  };
+  expect(offered()).toContain("An identification runs in another tab.");
+  expect(offered()).not.toContain('"data-action"');
+  for (const action of ["start", "resume", "discard"]) second.act(action);
+  await second.controller.deleteStored();
+  await Promise.resolve();
+  expect([stored, second.controller["session"].phase]).toEqual([[Uint8Array.of(2)], "closed"]);
+  first.act("close");
+  stored = [Uint8Array.of(3)];
+  first.controller.tick(1000);
+  await vi.waitFor(() => expect(offered()).toContain('"data-action":"resume"'));
+  expect(second.controller["stored"]).toEqual(stored);
+  second.act("resume");
+  await vi.waitFor(() => expect(second.controller["session"].phase).toBe("walk"));
+  first.controller.tick(2000);
+  await vi.waitFor(() => expect(first.controller["is_elsewhere"]).toBe(true));
+});
+
+test("a browser that does not allow Web Locks begins a session without them", async () => {
+  const denied = () => Promise.reject(new Error("denied"));
+  vi.stubGlobal("navigator", { locks: { query: denied, request: denied } });
+  const { controller, act } = await load({ state: "live", insole: 0 });
+  act("start");
+  expect(controller["session"].phase).toBe("stand");
+});
+
+test("a session holds the lock until it is closed, and the next one of the same tab begins", async () => {
+  vi.stubGlobal("navigator", { locks: new FakeLocks() });
+  const { controller, act } = await load({ state: "live", insole: 0 });
+  for (const _ of [1, 2]) {
+    act("start");
+    await vi.waitFor(() => expect(controller["session"].phase).toBe("stand"));
+    controller.tick(1000);
+    expect((await navigator.locks.query()).held).toHaveLength(1);
+    act("close");
+  }
+  controller.tick(3000);
+  await vi.waitFor(async () => expect((await navigator.locks.query()).held).toEqual([]));
+  expect(controller["is_elsewhere"]).toBe(false);
 });

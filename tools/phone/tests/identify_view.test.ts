@@ -28,12 +28,12 @@ test("no error on new steps is shown for a region that was fitted to one step", 
 });
 
 /** The view of a session in this phase, as JSON. `has_stored` is that of the view's state, and `needs_reload` of the session. */
-function view(phase: Phase, feet: Partial<Foot>[] = [], has_stored = false, needs_reload = false): string {
+function view(phase: Phase, feet: Partial<Foot>[] = [], has_stored = false, needs_reload = false, is_elsewhere = false): string {
   const result = { fitted: 1, steps: [], regions: {} } as unknown as FootResult;
   const all = feet.map((foot) => ({ refusal: "", is_refusal_final: false, unstored: "", checked: new Map(), result, ...foot }));
   const session = { phase, feet: all, needs_reload, problems: () => [], comments: () => [], pushable: () => all };
   const insoles = { of: () => undefined };
-  const state = { insoles: insoles as unknown as Insoles, shoe_size: 42, has_stored, now_ms: 0 };
+  const state = { insoles: insoles as unknown as Insoles, shoe_size: 42, has_stored, is_elsewhere, now_ms: 0 };
   drawIdentify(session as unknown as IdentifySession, state);
   return element("identify-body").content;
 }
@@ -88,4 +88,10 @@ test("an insole that rests is not reported as one that is out of reach", () => {
   };
   expect(problems(false)).toMatch(/2 of 100 frames/);
   expect(problems(true)).toBe("The left insole rests, because it is not loaded. Stand on it.");
+});
+
+test("a session that runs in another tab can be neither continued nor deleted nor replaced", () => {
+  const elsewhere = view("closed", [], true, false, true);
+  expect(elsewhere).toContain("An identification runs in another tab.");
+  expect(elsewhere).not.toContain("data-action");
 });

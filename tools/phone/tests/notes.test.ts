@@ -21,3 +21,9 @@ test("a difference of the protocols is reported with the older side and the reme
   expect(text(3)).toMatch(/this page is older than the firmware 1.2 of the left insole.*reload/i);
   expect(text(1)).toMatch(/the firmware 1.2 of the left insole is older than this page.*supplier/i);
 });
+
+test("two insoles without parameters are named as insoles", () => {
+  const session = { state: "live", hello: { has_parameters: false }, records_waiting: 0 };
+  const insoles = { transport: {}, sessions: [session], of: () => session };
+  expect(JSON.stringify(remarks(insoles as unknown as Insoles, undefined))).toContain("not on the left and right insoles, so");
+});

@@ -32,7 +32,7 @@ function start(decode?: (bytes: Uint8Array) => ToHost | undefined) {
   const core = Object.assign(Object.create(wire), { getTime, decode: decode ?? wire.decode.bind(wire) }) as Wire;
   const onRecord = (message: RecordMessage) => message.kind === "step" && steps.push(message.step);
   const isKnown = (message: RecordMessage) => message.kind === "step" && steps.includes(message.step);
-  const session = new Session(0, core, () => transport, onRecord, undefined, undefined, isKnown);
+  const session = new Session(0, core, () => transport, onRecord, () => undefined, () => false, isKnown);
   return { session, sent, steps, transport, requested_us };
 }
 
@@ -313,7 +313,8 @@ test("a second insole for a foot is not used", () => {
     send: (_, message) => sent.push(message),
     close: () => undefined,
   };
-  const session = new Session(1, wire, () => transport, (message) => received.push(message), undefined, (side) => side === "left");
+  const onRecord = (message: RecordMessage) => received.push(message);
+  const session = new Session(1, wire, () => transport, onRecord, () => undefined, (side) => side === "left", () => false);
   session.opened(0);
   const requests = sent.length;
   messagesOf(0).slice(0, 500).forEach((message) => session.receive(message, 10));
@@ -395,6 +396,12 @@ test("the rate is the mean of the last two seconds, and at first the mean since 
     session.receive(message, 1010 + 10 * i);
     if (i % 50 === 49) expect(session.rate_hz(1010 + 10 * i)).toBeCloseTo(100, -1);
   });
+});
+
+test("frames that arrive together after a pause of the browser do not raise the rate above that of the insole", () => {
+  const { session, receive } = startLive();
+  for (let sequence = 0; sequence < 300; sequence++) receive(live({ sequence }), sequence < 100 ? 3000 : 10 * sequence + 1000);
+  expect(session.rate_hz(3990)).toBe(100);
 });
 
 test("a page in the background collects the times of the last frames only", () => {

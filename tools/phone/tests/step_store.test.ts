@@ -1,7 +1,7 @@
 import { beforeAll, expect, test } from "vitest";
 import type { RecordMessage } from "../src/session";
 import { type NewRecord, type StepRecord, TemporaryStorage } from "../src/step_storage";
-import { StepStore } from "../src/step_store";
+import { StepStore, newestFirst } from "../src/step_store";
 import type { Wire } from "../src/wire";
 import { loadWire, messagesOf } from "./wire";
 
@@ -239,4 +239,12 @@ test("a record that is stored after the records were loaded again is shown and c
   const added = store.add(step, message, null);
   await Promise.all([reload, added]);
   expect([store.latest.steps.length, store.count("steps"), storage.records.size]).toEqual([1, 1, 1]);
+});
+
+test("records are shown in the order of their times, and below those without a time in the order of their arrival, the latest first", () => {
+  // After an absence, the records of the two feet arrive one foot after the other.
+  const times = [30, 10, null, 40, 20, null, 20, 35];
+  const arrived = times.map((start_unix_s, number) => ({ number, start_unix_s }));
+  expect(newestFirst(arrived).map(({ number }) => number)).toEqual([3, 7, 0, 6, 4, 1, 5, 2]);
+  expect(arrived.map(({ start_unix_s }) => start_unix_s)).toEqual(times);
 });

@@ -1,7 +1,7 @@
 //! `plantar export`: writes recordings in the formats of other programs.
 
 use crate::paths::{check_folders, check_written};
-use crate::setup::{InsoleArgs, note_unless_same_foot};
+use crate::setup::{InsoleArgs, note_unless_personal, note_unless_same_foot};
 use anyhow::Result;
 use clap::{Args, Subcommand};
 use export::motion_bids::Names;
@@ -75,7 +75,8 @@ impl Export {
         let out = &options.out;
         check_written(&options.insole.inputs(&options.recordings), &[Some(out)])?;
         check_folders(&[Some(out)])?;
-        let session = options.session()?;
+        // Only these formats contain results of the model.
+        let session = options.session(matches!(self, Self::Mat(_) | Self::Mcap(_)))?;
         match self {
             Self::C3d(_) => export::c3d::write(&session, out)?,
             Self::Mot(_) | Self::Sto(_) => export::opensim::write(&session, out)?,
@@ -95,12 +96,17 @@ impl Export {
 
 impl Options {
     /// Replays the recordings with the options, and returns the data that are exported.
-    fn session(&self) -> Result<Session> {
-        let parameters = self.insole.wearer.parameters()?;
+    fn session(&self, has_model: bool) -> Result<Session> {
+        let parameters = self.insole.wearer.parameters_without_note()?;
+        if has_model {
+            note_unless_personal(&parameters);
+        }
         let rule = self.insole.rule(&parameters)?;
         let foot = |path: &PathBuf| {
             let recording = Recording::read(path)?;
-            note_unless_same_foot(&parameters, recording.side);
+            if has_model {
+                note_unless_same_foot(&parameters, recording.side);
+            }
             let insole = self.insole.insole(&(&recording).into(), rule, path)?;
             anyhow::Ok(Foot::new(recording, &insole, &parameters.tissue(), &path.display().to_string())?)
         };

@@ -61,12 +61,17 @@ pub struct WearerArgs {
 impl WearerArgs {
     /// Returns the parameters, and prints a note on stderr if they are not personal.
     pub fn parameters(&self) -> Result<Parameters> {
-        let parameters = match &self.params {
-            Some(path) => Parameters::read(path)?,
-            None => Parameters::typical(self.size),
-        };
+        let parameters = self.parameters_without_note()?;
         note_unless_personal(&parameters);
         Ok(parameters)
+    }
+
+    /// Returns the parameters, for outputs that contain nothing of the model.
+    pub fn parameters_without_note(&self) -> Result<Parameters> {
+        Ok(match &self.params {
+            Some(path) => Parameters::read(path)?,
+            None => Parameters::typical(self.size),
+        })
     }
 }
 

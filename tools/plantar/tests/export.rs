@@ -90,12 +90,12 @@ fn an_export_has_the_frames_and_steps_of_a_replay() {
         let of = exported.iter().filter(|row| row[2] == region && row[3] == name);
         of.map(|row| (number(&row[0]), number(&row[4]) as f32)).collect::<Vec<_>>()
     };
-    // The columns of a replay: time, total force, then area and force of the heel.
+    // The columns of a replay: time, total force and centre of pressure of the foot, then area and force of the heel.
     let replayed = rows(&folder.path().join("frames.csv"));
     let column = |i: usize| replayed.iter().map(|row| (number(&row[0]), number(&row[i]) as f32)).collect::<Vec<_>>();
     assert_eq!(quantity("foot", "total_force_n"), column(1));
-    assert_eq!(quantity("heel", "area_mm2"), column(2));
-    assert_eq!(quantity("heel", "measured_force_n"), column(3));
+    assert_eq!(quantity("heel", "area_mm2"), column(4));
+    assert_eq!(quantity("heel", "measured_force_n"), column(5));
     let steps = std::fs::read_to_string(folder.path().join("steps.json")).expect("a file");
     let steps: Vec<serde_json::Value> = serde_json::from_str(&steps).expect("JSON");
     assert_eq!(steps.len(), 2);

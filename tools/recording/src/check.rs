@@ -209,7 +209,9 @@ pub fn pressures(pressure_kpa: &[f32], cells: usize, place: &dyn Fn(At) -> Strin
             return Err(Error::content(
                 place(At::Value { frame, cell }),
                 format!("pressure {} kPa", row[cell]),
-                format!("pressures must be finite, 0 to {MAX_KPA} kPa; repair or remove the frame"),
+                format!(
+                    "pressures must be finite, 0 to {MAX_KPA} kPa; convert other units to kPa, or repair or remove the frame"
+                ),
             ));
         }
     }

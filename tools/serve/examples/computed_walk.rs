@@ -21,8 +21,8 @@ const STRIDE_S: f64 = 1.05;
 /// Number of frames between two messages with the time of the insole, by which a host converts the times of both feet to one
 /// clock.
 const TIME_FRAMES: usize = 25;
-/// Number of frames between two messages with ellipses: 25 Hz at 100 frames per second.
-const ELLIPSE_FRAMES: usize = 4;
+/// Number of frames between two messages with ellipses: 20 Hz at 100 frames per second, which keeps the page small.
+const ELLIPSE_FRAMES: usize = 5;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let path = std::env::args().nth(1).ok_or("no file to write: pass FILE [STEPS]")?;

@@ -1,9 +1,12 @@
-//! The live values of a frame as a row of numbers. An absent value is `None`. `cop` is the centre of pressure;
-//! `docs/quantities.md` defines the quantities of the ellipse and most of the others.
+//! The live values of a frame as a row of numbers. An absent value is `None`. `cop` is the centre of pressure, of
+//! the foot or of a region; `docs/quantities.md` defines the quantities of the ellipse and most of the others.
 
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
 use plantar::{Real, Region};
+
+/// Time, and the columns of the foot.
+const FOOT_COLUMNS: [&str; 4] = ["t_s", "total_force_n", "cop_x_mm", "cop_y_mm"];
 
 /// The columns of each region. In a table, their names have the prefix `<region>_`.
 const REGION_COLUMNS: [&str; 14] = [
@@ -31,7 +34,7 @@ pub fn column_names() -> Vec<String> {
     let regions =
         Region::ALL.iter().flat_map(|r| REGION_COLUMNS.iter().map(move |column| format!("{}_{column}", r.name())));
     let rule = RULE_COLUMNS.iter().map(|column| (*column).into());
-    ["t_s".into(), "total_force_n".into()].into_iter().chain(regions).chain(rule).collect()
+    FOOT_COLUMNS.into_iter().map(String::from).chain(regions).chain(rule).collect()
 }
 
 /// Appends the values of the insole's last frame, at time `t_s`, to `row`, in the order of [`column_names`]. `rule` is the
@@ -44,7 +47,8 @@ pub fn push_row<R: Real, const N: usize>(
 ) {
     let loads = insole.loads();
     let total_n: f64 = loads.iter().map(|load| load.frame.force.force_n.to_f64()).sum();
-    row.extend([Some(t_s), Some(total_n)]);
+    let cop = insole.foot_centre_mm().filter(|_| total_n > 0.0);
+    row.extend([Some(t_s), Some(total_n), cop.map(|(x, _)| x.to_f64()), cop.map(|(_, y)| y.to_f64())]);
     for (i, load) in loads.iter().enumerate() {
         let cop = insole.centre_of_pressure_mm(i);
         let ellipse = insole.ellipse(i);

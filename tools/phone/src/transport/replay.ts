@@ -1,10 +1,12 @@
 /** Plays a recorded stream at the speed of its recording, in a loop. */
 
+import { errorText } from "../format";
 import { type Entry, entries } from "../stream_file";
 import { INSOLES, type Insole, type Transport, type TransportEvents } from "./transport";
 
 /** Interval of the checks for messages that are due. It is half of the time between frames at 100 Hz. */
 const TICK_MS = 5;
+const NOT_A_RECORDING = "This file is not a recording of insoles. Use a recording of this page or of plantar serve.";
 
 /** The insoles of a recording. */
 export class ReplayTransport implements Transport {
@@ -23,7 +25,7 @@ export class ReplayTransport implements Transport {
     private readonly events: TransportEvents,
     private readonly now_ms: () => number = () => performance.now(),
   ) {
-    this.recorded = [...entries(file)];
+    this.recorded = [...entries(file, NOT_A_RECORDING)];
     if (this.recorded.length === 0) throw new Error("The recording is empty. Use another one.");
     this.start_ms = now_ms();
     INSOLES.forEach((insole) => events.opened(insole));
@@ -34,7 +36,7 @@ export class ReplayTransport implements Transport {
     const fail = (reason: string): never => {
       throw new Error(`The recording at ${url} cannot be loaded (${reason}). Check the address and the connection.`);
     };
-    const rejected = (error: unknown) => fail(error instanceof Error ? error.message : String(error));
+    const rejected = (error: unknown) => fail(errorText(error));
     const response = await fetch(url).catch(rejected);
     if (!response.ok) fail(`status ${response.status}`);
     return new ReplayTransport(new Uint8Array(await response.arrayBuffer().catch(rejected)), events);

@@ -167,6 +167,32 @@ test("the session of a recording is not stored as one of the wearer", async () =
   await page.context().close();
 });
 
+test("a second tab neither continues nor deletes a running session, and offers it after the first tab was closed", async () => {
+  const context = await served.browser.newContext({ viewport: PHONE });
+  /** Opens a tab with the view of the guided session. Both insoles send the computed walk. */
+  const openTab = async () => {
+    const insoles = new FakeInsoles(new Uint8Array(readFileSync(phonePath("public/walk.plantar"))), 1);
+    const page = await context.newPage();
+    await insoles.serve(page);
+    await page.goto(served.url);
+    await page.locator("#chips", { hasText: /R \d+ Hz/ }).waitFor();
+    await openSession(page);
+    return { insoles, page };
+  };
+  const first = await openTab();
+  await act(first.page, "start").click();
+  await expect.poll(() => storedParts(first.page)).toBeGreaterThan(0);
+  const second = await openTab();
+  await second.page.getByText("An identification runs in another tab.").waitFor();
+  for (const action of ["start", "resume", "discard"]) expect(await act(second.page, action).count()).toBe(0);
+  first.insoles.stop();
+  await first.page.close();
+  await act(second.page, "resume").click();
+  await second.page.getByText("The session was interrupted.").waitFor();
+  second.insoles.stop();
+  await context.close();
+});
+
 test.skipIf(!walk)("a lost link, a foot without an insole and a small number of steps are reported in words", async () => {
   const insoles = new FakeInsoles(new Uint8Array(readFileSync(walk!)), 0.5, 0);
   const page = await newPage();

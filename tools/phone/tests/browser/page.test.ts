@@ -331,6 +331,20 @@ describe("without insoles", () => {
     await context.close();
   });
 
+  test("without HTTPS, the page states what Bluetooth needs", async () => {
+    const context = await served.browser.newContext({ viewport: PHONE });
+    await context.addInitScript(() => {
+      Reflect.deleteProperty(Navigator.prototype, "bluetooth");
+      Object.defineProperty(window, "isSecureContext", { value: false });
+    });
+    const page = await context.newPage();
+    await page.goto(`${served.url}?bluetooth`);
+    const text = "Bluetooth works only over HTTPS or at localhost.";
+    await page.locator("#unsupported", { hasText: text }).waitFor();
+    expect(await page.locator("#add-note").textContent()).toBe(text);
+    await context.close();
+  });
+
   test("the wearer leaves the example walk, during which nothing can be deleted", async () => {
     const page = await open(served.browser, `${served.url}?bluetooth`, { viewport: PHONE });
     await page.locator("#walk").click();

@@ -135,6 +135,8 @@ test("the table shows all days on request, and a period can be exported", async 
   await openPage(page);
   await page.locator("#table tbody tr").first().waitFor();
   expect(await days(page)).toHaveLength(31);
+  // The right foot has no records.
+  expect((await days(page))[0]?.slice(1)).toEqual(["1", "–", "0.4", "–", "800", "–"]);
   await page.locator("#days-all").scrollIntoViewIfNeeded();
   expect(await page.locator("#days-all").textContent()).toBe(`Show all ${DAYS} days`);
   await page.locator("#days-all").click();
@@ -166,6 +168,31 @@ test("the table shows all days on request, and a period can be exported", async 
   await page.locator("#export-period").scrollIntoViewIfNeeded();
   await page.screenshot({ path: phonePath("tests/screenshots/export.png") });
   await page.close();
+});
+
+test("the last steps are listed by their times, and the table is not wider than a phone", async () => {
+  const context = await served.browser.newContext({ viewport: PHONE, locale: "en-US" });
+  const page = await context.newPage();
+  // The steps of the right foot arrived after all of the left one. A minute lies between two steps of a foot.
+  const records = (await steps()).map((message, i, { length }) => {
+    const number = i % (length / 2);
+    return { key: `${i}`, message, start_unix_s: START_UNIX_S + 60 * number + (i < length / 2 ? 0 : 30) };
+  });
+  await storeRecords(page, 2, records);
+  const widths = () => page.locator("#table").evaluate((table) => [table.scrollWidth, table.clientWidth]);
+  for (const settings of [{}, { body_mass_kg: 80, force_unit: "%BW" }]) {
+    await page.evaluate((settings) => localStorage.setItem("plantar.settings", JSON.stringify(settings)), settings);
+    await openPage(page);
+    await page.locator("#table tbody tr").first().waitFor();
+    const rows = await page.locator("#table tbody tr").evaluateAll((rows) => rows.map((row) => [...row.children].map((cell) => cell.textContent)));
+    expect(rows.map(([side]) => side)).toEqual(records.map((_, i) => (i % 2 === 0 ? "Right" : "Left")));
+    const minutes = rows.map(([, time]) => Number(/:(\d\d)/.exec(time ?? "")?.[1]));
+    expect(minutes).toEqual([...minutes].sort((a, b) => b - a));
+    const [content, visible] = await widths();
+    expect(content).toBeLessThanOrEqual(visible!);
+  }
+  await page.locator("#table").screenshot({ path: phonePath("tests/screenshots/last-steps.png") });
+  await context.close();
 });
 
 test("the records of version 2 of the database get the keys by which repetitions are recognised", async () => {
