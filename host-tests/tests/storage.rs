@@ -5,7 +5,7 @@ use plantar::Side;
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::tissue::{AreaFilter, Identified, Tissue};
-use plantar::protocol::{Alert, BLOCK_CELLS, Bout, LoadRecord, Reset, Serial, Step, StepFoot, StepRegion};
+use plantar::protocol::{Alert, BLOCK_CELLS, Bout, LoadRecord, Reset, Serial, Step, StepFoot, StepRegion, encode};
 use plantar::storage::flash_map::{self, RECORDS, SECTOR, SMALL_LOG};
 use plantar::storage::{Bonds, BootCounters, IdentifiedRecord, IdentityRecord, Record, StorageError, Store};
 use sequential_storage::cache::Cache;
@@ -100,6 +100,9 @@ fn a_loss_of_power_leaves_parameters_with_the_rule_of_their_identification() {
     let mut store = open(&mut used);
     let Identified { contact, filter, side, steps, .. } = first.1.expect("it is known");
     let record = IdentifiedRecordV1 { tissue_id: first.0.id, identified: Some((contact, filter, side, steps)) };
+    let mut bytes = [0; 64];
+    let stored = encode(&record, &mut bytes).expect("there is room");
+    assert_eq!(stored[5..], [1, 0, 0, 32, 65, 0, 0, 240, 64, 0, 0, 0, 0, 0, 0, 20], "the bytes after the identifier");
     block_on(store.put(0, &record)).expect("the chip works");
     block_on(store.put(0, &first.0)).expect("the chip works");
     assert_eq!(block_on(store.tissue()), Ok(first));

@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
+from typing import Any
 
 import distributed
 import fsspec
@@ -16,6 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 from conftest import plantar as plantar_program
 from conftest import walk
+from fsspec.implementations.local import LocalFileSystem
 
 import plantar
 from plantar import cohort
@@ -203,10 +205,7 @@ def test_a_folder_with_only_the_table_is_no_participant(study_folder: pathlib.Pa
     for _ in range(2):
         assert cohort.main([str(study), "--out", str(out)]) == 0
     assert cohort.participants(str(study), str(out)) == names
-    # The folder of an earlier table is no participant, either. Hidden folders are not searched for tables.
-    hidden = study / ".snapshots" / "participant=ann"
-    hidden.mkdir(parents=True)
-    hidden.parent.chmod(0)
+    # The folder of an earlier table is no participant, either.
     assert cohort.participants(str(study), str(tmp_path / "elsewhere")) == names
     # A folder with recordings is that of a participant, even if it contains the table.
     assert cohort.participants(str(study), str(study / "ann" / "table")) == names
@@ -214,6 +213,45 @@ def test_a_folder_with_only_the_table_is_no_participant(study_folder: pathlib.Pa
         cohort.participants(str(study), f"{study}/")
     with pytest.raises(OSError, match="choose another --out"):
         cohort.participants(str(study), str(study / "ann"))
+
+
+def test_tables_are_not_searched_for_in_hidden_folders_and_links(
+    study_folder: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
+    study = tmp_path / "study"
+    shutil.copytree(study_folder, study)
+    for folder in ("results/table", ".snapshots", "eve/.snapshots"):
+        (study / folder / "participant=ann").mkdir(parents=True)
+    # The study contains a table, so a search that follows this link finds one.
+    (study / "fay").mkdir()
+    (study / "fay" / "back").symlink_to(study, target_is_directory=True)
+    # The folders without recordings remain participants, so that they are reported.
+    names = ["ann", "bob=b.", "cid", "dan", "eve", "fay"]
+    assert cohort.participants(str(study), str(tmp_path / "elsewhere")) == names
+
+
+def test_a_folder_that_cannot_be_listed_may_be_that_of_a_participant(
+    study_folder: pathlib.Path, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study = tmp_path / "study"
+    shutil.copytree(study_folder, study)
+    # Permissions have no effect on the superuser, so the listing itself fails.
+    locked = [study / "eve", study / "fay" / "private", study / ".snapshots"]
+    list_folder = LocalFileSystem.ls
+
+    def refuse(files: LocalFileSystem, path: str, *arguments: Any, **options: Any) -> Any:
+        if pathlib.Path(path) in locked:
+            raise PermissionError(path)
+        return list_folder(files, path, *arguments, **options)
+
+    for folder in locked:
+        (folder / "participant=ann").mkdir(parents=True)
+    monkeypatch.setattr(LocalFileSystem, "ls", refuse)
+    names = ["ann", "bob=b.", "cid", "dan", "eve", "fay"]
+    assert cohort.participants(str(study), str(tmp_path / "elsewhere")) == names
+    # The evaluation reports the reason.
+    outcome = cohort.evaluate("eve", str(study), str(tmp_path / "table"), plantar.Options())
+    assert outcome.steps == 0 and "eve" in outcome.left_out[0]
 
 
 def test_hidden_files_are_not_recordings(study_folder: pathlib.Path, tmp_path: pathlib.Path) -> None:

@@ -210,3 +210,13 @@ def test_trials_of_one_person_by_name_cannot_be_compared_and_the_remedy_is_a_lis
     assert package.repeat(trials)["sem"].notna().any()
     with pytest.raises(ValueError, match="record another trial$"):
         package.repeat(trials[:1])
+
+
+def test_a_list_is_no_remedy_if_nobody_has_two_trials(study_folder: pathlib.Path) -> None:
+    people = recordings_of(study_folder)
+    ann, bob = people["ann"], people["bob=b."]
+    for too_few in ({"ann": ann[:1]}, {"ann": ann[:1], "bob": bob[:1]}):
+        with pytest.raises(ValueError, match="record another trial$"):
+            package.repeat(too_few)
+    with pytest.raises(ValueError, match="give the recordings of one person as a list"):
+        package.repeat({"ann": ann[:1], "bob": bob})

@@ -69,7 +69,7 @@ def test_a_step_has_the_curves_of_its_regions(walk_file: pathlib.Path, tmp_path:
         measured = np.asarray(axes.lines[0].get_ydata())
         peak_n = replay.steps.loc[(2, region), "measured_force_peak_n"]
         assert measured.max() == pytest.approx(peak_n, abs=0.06)
-    with pytest.raises(ValueError, match="no step 99: the steps are 0 to 5"):
+    with pytest.raises(ValueError, match="no step 99: the steps are 0 to 5$"):
         replay.plot(step=99)
     figure.savefig(tmp_path / "step.png")
 

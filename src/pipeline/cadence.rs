@@ -2,7 +2,8 @@
 
 /// Longest stride time within a walk, between successive heel strikes of one foot, us.
 const PAUSE_US: u64 = 3_000_000;
-/// Longest time from toe off until the step is added, us: toe off is confirmed some time later.
+/// Time that is allowed from toe off until the step is added, us. The default rule confirms toe off after 50 ms; with a much longer
+/// time, the cadence of very slow walkers is interrupted.
 const CONFIRMED_US: u64 = 200_000;
 
 /// The cadence of both feet, from the stride time of one foot: a stride has one step of each foot.
@@ -41,8 +42,8 @@ impl Cadence {
         self.steps = self.steps.wrapping_add(1);
     }
 
-    /// Steps of both feet per minute at the time `now_us`, up to 255; 0 at rest and after the first step of a walk. The wearer rests
-    /// if no toe off has followed the last one within the longest stride time.
+    /// Steps of both feet per minute at the time `now_us`, up to 255; 0 at rest and after the first step of a walk. The wearer
+    /// rests if no toe off has followed the last one within the longest stride time.
     pub fn per_min(&self, now_us: u64) -> u8 {
         if now_us.saturating_sub(self.end_us) > PAUSE_US + CONFIRMED_US { 0 } else { self.cadence_per_min }
     }

@@ -22,7 +22,7 @@ impl LiveCounter {
     /// A counter before the first frame.
     pub const NEW: Self = Self { received: 0, lost: 0, session_received: 0, session_lost: 0, expected: None };
 
-    /// Begins a session, in which the sequence numbers and the counts of the insole start from 0 again.
+    /// Begins a session, in which the counts start from 0 again.
     pub fn new_session(&mut self) {
         *self = Self { received: self.received, lost: self.lost, ..Self::NEW };
     }
@@ -41,12 +41,11 @@ impl LiveCounter {
     /// were due in this session. Unlike gaps in the sequence numbers, this number also reveals losses before the first and after
     /// the last received frame.
     pub fn due(&mut self, live_due: u32) {
-        self.add_lost(live_due.saturating_sub(self.session_received).saturating_sub(self.session_lost));
-        // The gap before the next frame must not count these losses again. Before the first frame, no gap is counted: the frames of a
-        // session with a server have the insole's numbers, which do not begin at 0.
-        if self.expected.is_some_and(|expected| sequence::is_after(live_due, expected)) {
-            self.expected = Some(live_due);
-        }
+        let missing = live_due.saturating_sub(self.session_received).saturating_sub(self.session_lost);
+        self.add_lost(missing);
+        // The gap before the next frame must not count these losses again. Before the first frame there is no number to expect: with
+        // a server, frames have the numbers of its session with the insole, which do not begin at 0.
+        self.expected = self.expected.map(|expected| expected.wrapping_add(missing));
     }
 
     fn add_lost(&mut self, frames: u32) {
@@ -89,6 +88,10 @@ mod tests {
         counter.frame(12_523);
         counter.due(3);
         assert_eq!(counts(counter), (1, 2));
+        // Five frames are lost, which the status reveals before the next frame.
+        counter.due(8);
+        counter.frame(12_529);
+        assert_eq!(counts(counter), (2, 7));
     }
 
     #[test]

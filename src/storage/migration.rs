@@ -2,17 +2,17 @@
 
 use crate::pipeline::contact::ContactRule;
 use crate::pipeline::region::Side;
-use crate::protocol::{Step, StepFoot, StepRegion};
+use crate::protocol::{Step, StepFoot, StepRegion, decode};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
 /// Decodes version 1 of one of the records in [`super::records`], which have versions of their own. Only
-/// [`IdentifiedRecord`](super::IdentifiedRecord) has a later one: version 1 lacks its last field, the identified regions. Without
-/// this knowledge, no region is tracked.
+/// [`IdentifiedRecord`](super::IdentifiedRecord) has a later one: version 1 lacks its last byte, the identified regions. Without
+/// this knowledge, no region is tracked. A record without conditions of an identification has the same effect as none.
 pub(super) fn record<R: DeserializeOwned>(bytes: &[u8]) -> Option<R> {
     let mut padded = [0; 64];
     padded.get_mut(..bytes.len())?.copy_from_slice(bytes);
-    Some(postcard::take_from_bytes(&padded).ok()?.0)
+    decode(padded.get(..bytes.len() + 1)?)
 }
 
 /// Number of bytes of a [`StepRegion`] in version 1, which lacks the fields after the model error.

@@ -137,12 +137,9 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// # Errors
     /// See [`StorageError`].
     pub async fn get<R: Record>(&mut self, part: u8) -> Result<Option<R>, StorageError> {
-        if let Some(bytes) = self.fetch([R::KIND, part, R::VERSION]).await? {
-            return Ok(decode(bytes));
-        }
-        for version in (1..R::VERSION).rev() {
+        for version in (1..=R::VERSION).rev() {
             if let Some(bytes) = self.fetch([R::KIND, part, version]).await? {
-                return Ok(migration::record(bytes));
+                return Ok(if version == R::VERSION { decode(bytes) } else { migration::record(bytes) });
             }
         }
         Ok(None)

@@ -25,9 +25,9 @@ pub struct Received {
 impl Update {
     /// Receives a part of a file; `running` is the header of the running image. Returns the offset of the part that is expected
     /// next; after the last part, this is the length of the file. Bytes before the expected offset are skipped, and a part that
-    /// begins after it is ignored, so a lost, repeated or overlapping part does no harm; but without a checksum of the
-    /// file, its first part always begins a new transfer. The bytes before the image ([`FRONT`]) and those after it ([`TRAILER`])
-    /// must each be whole in one part, because they are not stored.
+    /// begins after it is ignored, so a lost, repeated or overlapping part does no harm; but without a checksum of the file, its
+    /// first part always begins a new transfer. The bytes before the image ([`FRONT`]) and those after it ([`TRAILER`]) must each
+    /// be whole in one part, because they are not stored.
     ///
     /// # Errors
     /// The [`Refusal`] to send to the host.

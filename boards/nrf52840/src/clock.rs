@@ -19,8 +19,8 @@ const FAST_CRYSTAL_LIMIT_MS: u32 = 5;
 /// Longest time until the low-frequency clock has stopped, ms.
 const STOP_LIMIT_MS: u32 = 5;
 
-/// Waits for about this number of cycles of the core, at least two thirds of it: an iteration of the loop takes three cycles on this
-/// core, and never less than two.
+/// Waits for about this number of cycles of the core, at least two thirds of it: an iteration of the loop takes three cycles on
+/// this core, and never less than two.
 pub fn wait_cycles(cycles: u32) {
     cortex_m::asm::delay(cycles / 3);
 }

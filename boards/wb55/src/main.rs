@@ -55,8 +55,8 @@ const CORE_KHZ: u32 = 64_000;
 /// The independent watchdog resets the board after this time without a check by the supervision, ms.
 const WATCHDOG_MS: u16 = 1_000;
 
-/// Number of checks whether the crystal oscillates, and number of iterations of the delay loop between them, of three cycles each.
-/// The bootloader starts this program with a clock of 16 MHz, at which all checks take 100 ms; a crystal needs 2 ms.
+/// Number of checks whether the crystal oscillates, and number of iterations of the delay loop between them, of three cycles
+/// each. The bootloader starts this program with a clock of 16 MHz, at which all checks take 100 ms; a crystal needs 2 ms.
 const CRYSTAL_CHECKS: u32 = 1_000;
 const CRYSTAL_CHECK_LOOPS: u32 = 533;
 

@@ -42,8 +42,7 @@ type Packets = Vec<u32, { POOLED + 4 }>;
 /// Reads a word that the other core may have written.
 fn read(at: u32) -> u32 {
     // SAFETY: every caller passes the address of a whole word in SHARED; those that the radio's core has written are checked by
-    // `is_shared`. The access is volatile, because the other core writes to
-    // the word.
+    // `is_shared`. The access is volatile, because the other core writes to the word.
     unsafe { (at as *const u32).read_volatile() }
 }
 
@@ -72,7 +71,7 @@ fn drain(queue: u32) -> Option<Packets> {
     let mut packet = read(queue + NEXT);
     while packet != queue {
         if !is_shared(packet) {
-            defmt::error!("the radio's core queued a packet outside of the shared memory, at {:x}", packet);
+            defmt::error!("the radio's core queued a packet outside of the shared memory");
             packet = queue;
         } else if packets.push(packet).is_ok() {
             packet = read(packet + NEXT);

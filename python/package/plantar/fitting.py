@@ -135,12 +135,21 @@ def repeat(
     try:
         table = _core.repeatability(trials_of, least_people)
     except ValueError as error:
-        if least_people == 1:
+        if least_people == 1 or not any(map(_is_comparable, trials_of)):
             raise
-        # The recordings of one person may be sufficient: a list of them is compared without other people.
+        # The recordings of one person are sufficient: a list of them is compared without other people.
         raise ValueError(f"{error}, or give the recordings of one person as a list, without the name") from error
     frame: pd.DataFrame = table.to_pandas()
     return frame.set_index(["side", "variable", "region"])
+
+
+def _is_comparable(person: tuple[str, list[_core.Trial]]) -> bool:
+    """True if a person has enough trials of a foot to compare them without other people."""
+    try:
+        _core.repeatability([person], 1)
+    except ValueError:
+        return False
+    return True
 
 
 class Fit:

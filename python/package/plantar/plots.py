@@ -72,10 +72,9 @@ def step(replay: Replay, number: int | None = None) -> Figure:
     number = int(numbers[0]) if number is None else number
     if number not in numbers:
         # Steps, load bouts and alerts are numbered in one sequence, so a number between those of two steps can be missing.
-        raise ValueError(
-            f"there is no step {number}: the steps are {numbers[0]} to {numbers[-1]}; the load bouts and alerts between them are "
-            "no steps"
-        )
+        is_between = numbers[0] < number < numbers[-1]
+        reason = "; the load bouts and alerts between them are no steps" if is_between else ""
+        raise ValueError(f"there is no step {number}: the steps are {numbers[0]} to {numbers[-1]}{reason}")
     # Start and duration are the same in the rows of all regions of a step.
     row = replay.steps.xs(number, level="step").iloc[0]
     first = int(replay.recording.t_s.searchsorted(row["start_s"]))

@@ -189,9 +189,9 @@ class Replay:
         a region, ``quantity`` is the name without the prefix, such as ``area_mm2``. The unit is that of the column.
 
         The centre of pressure exists only while a region has force, and the ellipse only while it has contact, so their curves
-        are NaN in the rest of the stance. spm1d needs numbers: select the points at which all curves of all compared groups have a value, for each group
-        ``np.isfinite(curves).all(axis=0)``. Raises a ``ValueError`` if there is no such region or quantity, or if ``points`` is
-        less than 2.
+        are NaN in the rest of the stance. spm1d needs numbers: select the points at which all curves of all compared groups have
+        a value, for each group ``np.isfinite(curves).all(axis=0)``. Raises a ``ValueError`` if there is no such region or
+        quantity, or if ``points`` is less than 2.
         """
         if region is not None and region not in REGIONS:
             raise ValueError(f"there is no region {region}: the regions are {', '.join(REGIONS)}")

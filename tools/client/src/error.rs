@@ -13,10 +13,10 @@ pub enum Error {
     Open(Box<dyn std::error::Error + Send + Sync>),
     /// No answer within this time; and the number of damaged frames that have arrived so far, also before the request.
     #[error(
-        "no insole answered within {seconds} s ({1} damaged or unknown frames): another program may be connected to it, which must be \
-         closed first; if frames were damaged or unknown, its firmware may be older or newer than this program, or the bit rate is \
-         another one; otherwise check the port and the wiring (docs/hardware.md); a request may have been executed all the same: \
-         repeat it",
+        "no insole answered within {seconds} s ({1} damaged or unknown frames): another program may be connected to it, which \
+         must be closed first; if frames were damaged or unknown, its firmware may be older or newer than this program, or the \
+         bit rate is another one; otherwise check the port and the wiring (docs/hardware.md); a request that changes something \
+         may have been executed: repeat it",
         seconds = .0.as_secs_f64()
     )]
     NoAnswer(Duration, u32),

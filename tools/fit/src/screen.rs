@@ -53,7 +53,8 @@ impl fmt::Display for NotFitted {
                 f.write_str("never loaded: no cell came into contact; check the layout and the contact threshold")
             }
             Self::SingleCell => f.write_str(
-                "a single cell: its area follows from its force, and not from the tissue; use a sensor with several cells here",
+                "a single cell: its area follows from its force, and not from the tissue; use a sensor with several cells \
+                 here",
             ),
             Self::ZeroForce => f.write_str("in contact but without force: check the calibration and the baseline"),
             Self::HardlyLoaded(peak_n) => {

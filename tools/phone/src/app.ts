@@ -282,11 +282,14 @@ export class App {
     byId("export-days", HTMLButtonElement).disabled = this.store.days.size === 0;
   }
 
-  /** Deletes the stored records, and the messages of an interrupted guided session. */
+  /** Deletes the stored records, and the messages of an interrupted guided session. Rejects if some of them remain. */
   private async clear(): Promise<void> {
     this.alerts.forget();
-    await Promise.all([this.store.clear(), this.identify.deleteStored()]).finally(() => this.stepsChanged());
+    const deleted = await Promise.allSettled([this.store.clear(), this.identify.deleteStored()]);
+    this.stepsChanged();
+    // Other tabs show what remains.
     store(() => localStorage, CLEARED_KEY, String(Date.now()));
+    for (const result of deleted) if (result.status === "rejected") throw result.reason;
   }
 
   private tick(): void {

@@ -30,6 +30,8 @@ const LOCK_MS = 1000;
 
 /** The question before the stored messages of an interrupted session are deleted. */
 const DELETE_STORED = "Delete the steps of the interrupted session?";
+/** The message if stored messages were not deleted, because they are those of another tab. */
+export const NOT_DELETED = "The steps of the identification in another tab were not deleted. Close it there to delete them.";
 
 /** The guided session of the page. */
 export class IdentifyController {
@@ -41,6 +43,8 @@ export class IdentifyController {
   private readonly screen = new ScreenLock();
   /** The Web Locks; `undefined` if the browser has none, or does not allow them. */
   private locks: LockManager | undefined = navigator.locks;
+  /** True while this tab holds the lock. */
+  private is_holding = false;
   /** True if another tab has a guided session of the wearer. */
   private is_elsewhere = false;
   /** Time at which this was checked last. */
@@ -87,11 +91,14 @@ export class IdentifyController {
    * `openDatabase` describes `blocked`.
    */
   async load(blocked: (is_blocked: boolean) => void): Promise<void> {
-    if (this.storage === RECORDING) this.session.close();
+    if (this.storage === RECORDING) {
+      this.session.close();
+      this.release();
+    }
     this.storage = await DatabaseIdentifyStorage.open(blocked).catch(() => NO_STORAGE);
     this.stored = await this.storage.load().catch(() => []);
     await this.look();
-    if (this.has_stored) this.show();
+    if (this.has_stored && !this.is_elsewhere) this.show();
   }
 
   /** True if the messages of a session that was interrupted before this visit are stored. */
@@ -104,20 +111,27 @@ export class IdentifyController {
     return this.session.phase === "push";
   }
 
-  /** Deletes the stored messages, unless they are those of a running session. */
+  /**
+   * Deletes the stored messages, unless they are those of a running session of this tab. Rejects with {@link NOT_DELETED} if
+   * another tab has a session.
+   */
   async deleteStored(): Promise<void> {
     if (!["closed", "done", "failed"].includes(this.session.phase)) return;
     await this.locked(async () => {
       await this.storage.clear();
       this.stored = [];
     });
+    if (this.is_elsewhere) throw new Error(NOT_DELETED);
   }
 
   /** Loads the messages of an interrupted session again, which another tab may have stored or deleted. */
   async reload(): Promise<void> {
-    const stored = await this.storage.load().catch(() => this.stored);
-    // Meanwhile, the wearer may have continued the session, or begun another one.
-    if (this.session.phase === "closed") this.stored = stored;
+    const { storage } = this;
+    // Without locks, these could be the messages of a session that runs in another tab.
+    if (!this.locks && !this.has_stored) return;
+    const stored = await storage.load().catch(() => this.stored);
+    // Meanwhile, the wearer may have continued the session, begun another one, or loaded a recording.
+    if (this.session.phase === "closed" && this.storage === storage) this.stored = stored;
   }
 
   /**
@@ -127,23 +141,45 @@ export class IdentifyController {
   private async locked(act: () => Promise<void>): Promise<void> {
     const { locks } = this;
     if (!locks || this.unlock || this.storage === RECORDING) return act();
-    await locks.request(LOCK, { ifAvailable: true }, (lock) => {
-      this.is_elsewhere = !lock;
-      return lock ? act() : undefined;
-    });
+    let is_answered = false;
+    let is_granted = false;
+    try {
+      await locks.request(LOCK, { ifAvailable: true }, (lock) => {
+        is_answered = true;
+        if (lock) this.is_holding = is_granted = true;
+        // After a second click, the lock is that of the first one.
+        this.is_elsewhere = !this.is_holding;
+        return lock ? act() : undefined;
+      });
+    } catch (error) {
+      if (is_answered) throw error;
+      this.locks = undefined;
+      this.is_elsewhere = false;
+      await act();
+    } finally {
+      if (is_granted) this.is_holding = false;
+    }
   }
 
   /** Begins a guided session by `begin`, unless another tab has one. */
-  private begin(hellos: ReadonlyMap<Side, Uint8Array>, begin: () => void): void {
+  private begin(hellos: ReadonlyMap<Side, Uint8Array>, begin: () => Promise<void> | void): void {
     // The last insole may have been disconnected since the view was drawn.
     if (hellos.size === 0) return;
-    void this.locked(() => {
-      begin();
-      this.stored = [];
+    void this.locked(async () => {
+      await begin();
+      const is_begun = this.session.phase !== "closed";
+      if (is_begun) this.stored = [];
       this.redraw();
       // The lock of a session that has just been closed remains.
-      return new Promise((resolve) => (this.unlock ??= resolve));
+      if (is_begun) await new Promise<void>((resolve) => (this.unlock ??= resolve));
     });
+  }
+
+  /** Continues the interrupted session. Another tab may have changed its messages since they were loaded. */
+  private async resume(hellos: ReadonlyMap<Side, Uint8Array>): Promise<void> {
+    await this.reload();
+    if (!this.has_stored || this.session.phase !== "closed") return;
+    this.session.resume(this.stored, hellos, performance.now(), Date.now());
   }
 
   /**
@@ -152,11 +188,15 @@ export class IdentifyController {
    */
   private async look(): Promise<void> {
     const state = await this.locks?.query().catch(() => (this.locks = undefined));
-    const is_other = !this.unlock && this.storage !== RECORDING;
+    const is_other = !this.is_holding && this.storage !== RECORDING;
     const was_elsewhere = this.is_elsewhere;
     this.is_elsewhere = (is_other && state?.held?.some(({ name }) => name === LOCK)) ?? false;
     if (was_elsewhere && !this.is_elsewhere) await this.reload();
-    if (this.session.phase !== "closed") return;
+    if (this.session.phase === "closed") this.release();
+  }
+
+  /** Releases the lock. */
+  private release(): void {
     this.unlock?.();
     this.unlock = undefined;
   }
@@ -222,7 +262,7 @@ export class IdentifyController {
         if (confirm(DELETE_STORED)) void this.deleteStored().catch(() => undefined);
         break;
       case "resume":
-        this.begin(hellos, () => session.resume(this.stored, hellos, performance.now(), Date.now()));
+        this.begin(hellos, () => this.resume(hellos));
         break;
       case "finish":
         session.finishWalk();

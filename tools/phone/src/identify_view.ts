@@ -24,7 +24,7 @@ export interface IdentifyState {
   shoe_size: number;
   /** True if there are messages of an interrupted session. */
   has_stored: boolean;
-  /** True if a session runs in another tab. */
+  /** True if a session is open in another tab. */
   is_elsewhere: boolean;
   now_ms: number;
 }
@@ -135,7 +135,7 @@ function start(state: IdentifyState): Node[] {
     ...startProblems(state).map(note),
     ["label", { for: "shoe-size" }, "Shoe size (European)"],
     ["select", { id: "shoe-size" }, ...sizes.map(option)],
-    ...(is_elsewhere ? [note("An identification runs in another tab.")] : [
+    ...(is_elsewhere ? [note("An identification is open in another tab. Finish or close it there.")] : [
       ...(has_stored ? [
         note("A session was interrupted. Its steps are stored on this phone."),
         ...(sides.length > 0 ? [button("resume", "Continue that session", "primary")] : []),

@@ -57,9 +57,10 @@ export function sessionProblems({ hello, state, reason }: Session, facts: Facts)
         return [`${insole} cannot measure. Restart it. If that does not help, report this text to its supplier: ${hello.fault}`];
       }
       // After any other reset, the previous run did not end with a fault, so `fault` is one of this start.
-      return ["panic", "watchdog"].includes(hello.reset)
-        ? [`${insole} restarted after a fault. If this happens often, report this text to its supplier: ${hello.fault}`]
-        : [`${insole} measures, but reports a fault. If it remains after a restart, report this text to its supplier: ${hello.fault}`];
+      const is_restarted = ["panic", "watchdog"].includes(hello.reset);
+      const what = is_restarted ? "restarted after a fault. If this happens often"
+        : "measures, but reports a fault. If it remains after a restart";
+      return [`${insole} ${what}, report this text to its supplier: ${hello.fault}`];
     case "closed":
     case "waiting":
       return [];

@@ -3,6 +3,8 @@
 import { boutsCsv, daysCsv, liveCsv, stepsCsv } from "./csv";
 import { dayOf, midnight_unix_s } from "./days";
 import { type Node, byId, download, fill } from "./dom";
+import { errorText } from "./format";
+import { NOT_DELETED } from "./identify_controller";
 import type { Insoles } from "./insoles";
 import type { Recorder } from "./recorder";
 import type { Session } from "./session";
@@ -145,7 +147,10 @@ export function listenToExport(
   byId("clear").onclick = () => {
     const what = "all steps and loads that are stored on this device, and those of an interrupted identification";
     if (!confirm(`Delete ${what}? Export the steps first if you need them.`)) return;
-    clear().catch(() => failed("The browser could not delete the steps. Reload the page and try again."));
+    clear().catch((error: unknown) => {
+      const is_elsewhere = errorText(error) === NOT_DELETED;
+      failed(is_elsewhere ? NOT_DELETED : "The browser could not delete the steps. Reload the page and try again.");
+    });
   };
 }
 

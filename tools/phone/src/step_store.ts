@@ -38,11 +38,14 @@ export interface StoredAlert {
 }
 
 /**
- * These records in the order of their times, newest first. Those without a known time are at the end. Records with the same time,
- * or without one, are in the order of their arrival, latest first.
+ * These records, which are in the order of their arrival, in the order of their times, newest first. One without a known time has
+ * the time of the record that arrived before it. Of records with the same time, the one that arrived last is the first.
  */
-export const newestFirst = <T extends { start_unix_s: number | null }>(records: readonly T[]): T[] =>
-  [...records].reverse().sort((a, b) => (b.start_unix_s ?? 0) - (a.start_unix_s ?? 0));
+export function newestFirst<T extends { start_unix_s: number | null }>(records: readonly T[]): T[] {
+  let unix_s = 0;
+  const timed = records.map((record) => ({ record, unix_s: (unix_s = record.start_unix_s ?? unix_s) }));
+  return timed.reverse().sort((a, b) => b.unix_s - a.unix_s).map(({ record }) => record);
+}
 
 /** Records of all kinds. */
 export class Records {

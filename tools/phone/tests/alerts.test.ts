@@ -43,7 +43,8 @@ function connect(side: Side) {
   const core = Object.assign(Object.create(wire), { decode: () => next }) as Wire;
   const send = (_: unknown, message: Uint8Array) => sent.push(message);
   const transport = { location: "", is_replay: false, can_lose_records: true, send, close: () => undefined };
-  const session = new Session(side === "left" ? 0 : 1, core, () => transport, () => undefined, () => undefined, () => false, () => false);
+  const [ignore, no] = [() => undefined, () => false];
+  const session = new Session(side === "left" ? 0 : 1, core, () => transport, ignore, ignore, no, no);
   const receive = (message: ToHost) => {
     next = message;
     session.receive(new Uint8Array(1), performance.now());

@@ -1,5 +1,6 @@
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
 import { App } from "../src/app";
+import { NOT_DELETED } from "../src/identify_controller";
 import { type NewRecord, TemporaryStorage } from "../src/step_storage";
 import { StepStore } from "../src/step_store";
 import { loadWire, messagesOf } from "./wire";
@@ -89,4 +90,15 @@ test("while an insole is to answer to new parameters, no rules of alerts are sen
   awaits_answer.mockReturnValue(false);
   app["tick"]();
   expect(sends_rules).toHaveBeenCalledOnce();
+});
+
+test("the steps are deleted although those of an identification in another tab remain, and the wearer is told", async () => {
+  const { app, storage, tick } = await start();
+  storage.is_full = false;
+  await tick(5);
+  const items = new Map<string, string>();
+  vi.stubGlobal("localStorage", { setItem: (key: string, value: string) => items.set(key, value), getItem: () => null });
+  vi.spyOn(app["identify"], "deleteStored").mockRejectedValue(new Error(NOT_DELETED));
+  await expect(app["clear"]()).rejects.toThrow(NOT_DELETED);
+  expect([storage.records.size, items.has("plantar.cleared_ms")]).toEqual([0, true]);
 });

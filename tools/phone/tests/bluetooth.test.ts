@@ -89,3 +89,9 @@ test("an insole that refuses the pairing when the page connects again does not c
   transport.close();
   vi.useRealTimers();
 });
+
+test("a device without a link is reported with the remedy, and so is an error without a message", async () => {
+  const device = { id: "1", addEventListener: ignore };
+  expect(await explanation({ requestDevice: async () => device })).toMatch(/Close other programs/);
+  expect(explain({})).toMatch(/Switch Bluetooth off and on/);
+});

@@ -153,6 +153,7 @@ test("a message of a length that no message has is counted as damaged and is not
 
 test("the sum of the integrals of a day is exported without the digits of its rounding errors", () => {
   const none = { steps: 0, bouts: 0, alerts: 0, integral_n_s: 0, peak_n: 0 };
-  const rows = daysCsv([{ day: "2026-01-01", left: { ...none, steps: 3, integral_n_s: 11039.800000000001, peak_n: 800 }, right: none }]);
+  const left = { ...none, steps: 3, integral_n_s: 11039.800000000001, peak_n: 800 };
+  const rows = daysCsv([{ day: "2026-01-01", left, right: none }]);
   expect(rows.slice(1)).toEqual(["2026-01-01,left,3,0,0,11039.8,800\n", "2026-01-01,right,0,0,0,0,0\n"]);
 });

@@ -95,7 +95,7 @@ test("a session does not begin without an insole", async () => {
   expect([controller.has_stored, stored.length]).toEqual([true, 1]);
 });
 
-test("while a session runs in another tab, it can be neither continued nor deleted, and afterwards what remains of it is offered", async () => {
+test("a session of another tab can be neither continued nor deleted, and what remains of it is offered later", async () => {
   vi.stubGlobal("navigator", { locks: new FakeLocks() });
   const insole = { state: "live", insole: 0, rate_hz: () => 100, hello: { rate_hz: 100 } };
   const first = await load(insole);
@@ -103,17 +103,19 @@ test("while a session runs in another tab, it can be neither continued nor delet
   await vi.waitFor(() => expect(stored).toEqual([]));
   // The first tab stores the messages of its session.
   stored = [Uint8Array.of(2)];
+  delete document.body.dataset["view"];
   const second = await load(insole);
+  expect(document.body.dataset["view"]).toBeUndefined();
+  document.body.dataset["view"] = "identify";
   let now_ms = 0;
   const offered = () => {
     second.controller.tick((now_ms += 1000));
     return element("identify-body").content;
   };
-  expect(offered()).toContain("An identification runs in another tab.");
+  expect(offered()).toContain("An identification is open in another tab.");
   expect(offered()).not.toContain('"data-action"');
   for (const action of ["start", "resume", "discard"]) second.act(action);
-  await second.controller.deleteStored();
-  await Promise.resolve();
+  await expect(second.controller.deleteStored()).rejects.toThrow("in another tab were not deleted");
   expect([stored, second.controller["session"].phase]).toEqual([[Uint8Array.of(2)], "closed"]);
   first.act("close");
   stored = [Uint8Array.of(3)];
@@ -147,4 +149,41 @@ test("a session holds the lock until it is closed, and the next one of the same 
   controller.tick(3000);
   await vi.waitFor(async () => expect((await navigator.locks.query()).held).toEqual([]));
   expect(controller["is_elsewhere"]).toBe(false);
+});
+
+test("a second click on a button does not make the session of this tab one of another tab", async () => {
+  vi.stubGlobal("navigator", { locks: new FakeLocks() });
+  const { controller, act } = await load({ state: "live", insole: 0 });
+  for (const _ of [1, 2]) act("resume");
+  await vi.waitFor(() => expect(controller["session"].phase).toBe("walk"));
+  expect([controller["is_elsewhere"], controller["is_holding"]]).toEqual([false, true]);
+});
+
+test("a session continues with the messages that are stored now, and does not begin without any", async () => {
+  vi.stubGlobal("navigator", { locks: new FakeLocks() });
+  const { controller, act } = await load({ state: "live", insole: 0 });
+  stored = [];
+  act("resume");
+  await vi.waitFor(() => expect([controller.has_stored, controller["is_holding"]]).toEqual([false, false]));
+  expect(controller["session"].phase).toBe("closed");
+  const other = await (stored = [Uint8Array.of(1)], load({ state: "live", insole: 0 }));
+  stored = [Uint8Array.of(1), Uint8Array.of(2)];
+  other.act("resume");
+  await vi.waitFor(() => expect(other.controller["session"].file()).toEqual(stored));
+});
+
+test("a session begins without the lock if the request of it is denied", async () => {
+  const request = () => Promise.reject(new Error("denied"));
+  vi.stubGlobal("navigator", { locks: { query: async () => ({ held: [] }), request } });
+  const { controller, act } = await load({ state: "live", insole: 0 });
+  act("start");
+  await vi.waitFor(() => expect(controller["session"].phase).toBe("stand"));
+});
+
+test("without Web Locks, the messages of another tab are not offered as those of an interrupted session", async () => {
+  const { controller } = await load();
+  await controller.deleteStored();
+  stored = [Uint8Array.of(2)];
+  await controller.reload();
+  expect(controller.has_stored).toBe(false);
 });

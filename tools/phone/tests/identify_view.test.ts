@@ -90,8 +90,8 @@ test("an insole that rests is not reported as one that is out of reach", () => {
   expect(problems(true)).toBe("The left insole rests, because it is not loaded. Stand on it.");
 });
 
-test("a session that runs in another tab can be neither continued nor deleted nor replaced", () => {
+test("a session that is open in another tab can be neither continued nor deleted nor replaced", () => {
   const elsewhere = view("closed", [], true, false, true);
-  expect(elsewhere).toContain("An identification runs in another tab.");
+  expect(elsewhere).toContain("An identification is open in another tab. Finish or close it there.");
   expect(elsewhere).not.toContain("data-action");
 });

@@ -1,4 +1,5 @@
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
+import { NOT_DELETED } from "../src/identify_controller";
 import { Insoles } from "../src/insoles";
 import { Recorder } from "../src/recorder";
 import { loadSettings } from "../src/settings";
@@ -69,4 +70,16 @@ test("a typing error does not delete the body mass, and a change in another tab 
   Object.assign(settings, { body_mass_kg: 65, force_unit: "%BW" });
   show();
   expect([mass.value, element("force-unit").value]).toEqual(["65.0", "%BW"]);
+});
+
+test.each([
+  [new Error(NOT_DELETED), NOT_DELETED],
+  [new DOMException("", "UnknownError"), "The browser could not delete the steps. Reload the page and try again."],
+])("a deletion that fails is reported: %s", async (error, text) => {
+  vi.stubGlobal("confirm", () => true);
+  const failed = vi.fn();
+  const insoles = { hellos: new Map(), transport: undefined } as unknown as Insoles;
+  listenToExport(wire, new Recorder(), insoles, () => StepStore.ofRecording(wire), () => Promise.reject(error), failed);
+  element("clear").onclick();
+  await vi.waitFor(() => expect(failed).toHaveBeenCalledExactlyOnceWith(text));
 });

@@ -241,10 +241,12 @@ test("a record that is stored after the records were loaded again is shown and c
   expect([store.latest.steps.length, store.count("steps"), storage.records.size]).toEqual([1, 1, 1]);
 });
 
-test("records are shown in the order of their times, and below those without a time in the order of their arrival, the latest first", () => {
+test("records are shown in the order of their times, and one without a time after the one that arrived before it", () => {
   // After an absence, the records of the two feet arrive one foot after the other.
   const times = [30, 10, null, 40, 20, null, 20, 35];
   const arrived = times.map((start_unix_s, number) => ({ number, start_unix_s }));
-  expect(newestFirst(arrived).map(({ number }) => number)).toEqual([3, 7, 0, 6, 4, 1, 5, 2]);
+  expect(newestFirst(arrived).map(({ number }) => number)).toEqual([3, 7, 0, 6, 5, 4, 2, 1]);
   expect(arrived.map(({ start_unix_s }) => start_unix_s)).toEqual(times);
+  const untimed = [0, 1].map((number) => ({ number, start_unix_s: null }));
+  expect(newestFirst(untimed).map(({ number }) => number)).toEqual([1, 0]);
 });

@@ -11,7 +11,7 @@ use parameters::{AssumedShare, Identified, InsoleSize, Parameters};
 use plantar::Region;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::tissue::{Identified as IdentifiedOnInsole, Tissue};
-use plantar::protocol::{Hello, Refusal, Settings};
+use plantar::protocol::{Hello, Refusal, Reset, Settings};
 use recording::output;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -187,7 +187,11 @@ fn read_tissue(connection: &Connection) -> Result<(Tissue, Option<IdentifiedOnIn
     let mut insole = connection.open(ReconnectPolicy::RESTART)?;
     let tissue = insole.client().tissue()?;
     if tissue == Tissue::NONE {
-        let reason = insole.client().hello().fault.as_ref().map_or(String::new(), |fault| format!(" ({fault})"));
+        // After a crash, the fault describes the crash.
+        let hello = insole.client().hello();
+        let has_crashed = matches!(hello.reset, Reset::Panic | Reset::Watchdog);
+        let fault = hello.fault.as_ref().filter(|_| !has_crashed);
+        let reason = fault.map_or(String::new(), |fault| format!(" ({fault})"));
         bail!("the insole uses no parameters{reason}: send some with `plantar params push`");
     }
     let identified = match insole.client().identified() {
@@ -207,7 +211,8 @@ pub fn note_unless_of_this_foot(insole: &mut InsoleLink) {
         && identified != side
     {
         eprintln!(
-            "note: the parameters on the insole were identified from the {} foot, but this is the {} foot: send those of this foot",
+            "note: the parameters on the insole were identified from the {} foot, but this is the {} foot: send those of \
+             this foot",
             identified.name(),
             side.name()
         );
@@ -237,10 +242,10 @@ fn show_file(parameters: &Parameters) {
     show(&parameters.tissue());
 }
 
-/// The names of regions, or that they are all or none.
+/// The names of identified regions, or that they are all, or not known, as after an update of older firmware.
 fn names(regions: &[Region]) -> String {
     match regions.len() {
-        0 => "no region".into(),
+        0 => "regions not known".into(),
         8 => "all regions".into(),
         _ => regions.iter().map(|region| region.name()).collect::<Vec<_>>().join(", "),
     }

@@ -14,9 +14,9 @@ use plantar::protocol::{Step, StepRegion};
 pub const REGION_LABELS: [&str; 8] =
     ["Heel", "P.midfoot", "A.midfoot", "Met 1-2", "Met 3-5", "Hallux", "Toe 2", "Toes 3-5"];
 
-/// Prints a table with a row for each step, and a table with the means of each region. `starts_s` has the heel strikes on the clock
-/// of a recording; without them, those on the clock of the insole are printed. `scales` states for each region whether the scale
-/// of its deformation was measured or assumed.
+/// Prints a table with a row for each step, and a table with the means of each region. `starts_s` has the heel strikes on the
+/// clock of a recording; without them, those on the clock of the insole are printed. `scales` states for each region whether the
+/// scale of its deformation was measured or assumed.
 pub fn print(steps: &[Step], starts_s: &[f64], scales: &[DeformationScale; 8]) {
     let Some(first) = steps.first() else {
         println!("no steps");

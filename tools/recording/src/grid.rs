@@ -317,8 +317,8 @@ fn note_partial_foot(cells: &[Cell], under_foot: &[bool], half_mm: [f64; 2], rem
     }
 }
 
-/// Adds to `remarks` if cells in front of the foot or behind it carry a part of the load of a region, as by crosstalk: single rows
-/// or columns of loaded cells, which do not belong to the extent of the foot, count in the outermost regions.
+/// Adds to `remarks` if cells in front of the foot or behind it carry a part of the load of a region, as by crosstalk: they do not
+/// belong to the extent of the foot, but count in the outermost regions.
 fn note_cells_beyond_foot(cells: &[Cell], under_foot: &[bool], pressure_kpa: &[f32], remarks: &mut Vec<String>) {
     /// Share of a region's load from which on it is named.
     const LEAST_SHARE: f64 = 0.1;
@@ -326,23 +326,24 @@ fn note_cells_beyond_foot(cells: &[Cell], under_foot: &[bool], pressure_kpa: &[f
     let extent_mm = foot().fold(f64::INFINITY, f64::min)..=foot().fold(f64::NEG_INFINITY, f64::max);
     // The sums of the pressures of the cells beyond the foot, and of all cells, of each region. All cells have the same area.
     let mut sums = [[0.0; 2]; 8];
-    let mut beyond = 0;
+    let mut beyond = [0; 8];
     for (i, cell) in cells.iter().enumerate() {
         let sum: f64 = pressure_kpa.iter().skip(i).step_by(cells.len()).map(|&kpa| f64::from(kpa)).sum();
         let [sum_beyond, sum_of_all] = &mut sums[cell.region as usize];
         *sum_of_all += sum;
         if sum > 0.0 && !extent_mm.contains(&cell.y_mm) {
             *sum_beyond += sum;
-            beyond += 1;
+            beyond[cell.region as usize] += 1;
         }
     }
     let shares = Region::ALL.into_iter().zip(sums).map(|(region, [beyond, all])| (region, beyond / all));
     let shares: Vec<_> = shares.filter(|(_, share)| *share >= LEAST_SHARE).collect();
     if !shares.is_empty() {
         let text = |(region, share): &(Region, f64)| format!("{:.0} % of {}", share * 100.0, region.name());
+        let cells: usize = shares.iter().map(|(region, _)| beyond[*region as usize]).sum();
         remarks.push(format!(
-            "{beyond} loaded cells are in front of the foot or behind it, in single rows or columns, as crosstalk of a sensor is. They \
-             carry a part of the load: {}. If they are not under the foot, mask them in the vendor's program, and export again.",
+            "{cells} loaded cells are in front of the foot or behind it, where crosstalk of the sensor can be the cause. They carry a \
+             part of the load: {}. If they are not under the foot, mask them in the vendor's program, and export again.",
             shares.iter().map(text).collect::<Vec<_>>().join(", ")
         ));
     }

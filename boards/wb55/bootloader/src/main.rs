@@ -42,8 +42,8 @@ const SUPPLY_LEVEL: u8 = 5;
 const DETECTOR_START_CYCLES: u32 = 1_600;
 /// Number of cycles in which the flash chip leaves its power-down mode: at least 30 us.
 const WAKE_CYCLES: u32 = 480;
-/// Iterations of the delay loop between two readings of the detector while the supply rises, of three cycles each. At 16 MHz, this
-/// is 10 ms.
+/// Iterations of the delay loop between two readings of the detector while the supply rises, of three cycles each. At 16 MHz,
+/// this is 10 ms.
 const SUPPLY_POLL_LOOPS: u32 = 53_333;
 /// Number of readings, after which a start continues with a low supply.
 const SUPPLY_POLLS: u32 = 100;

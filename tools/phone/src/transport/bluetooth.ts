@@ -1,6 +1,5 @@
 /** Connects insoles over Web Bluetooth, without a server. */
 
-import { errorText } from "../format";
 import type { Gatt } from "../generated/messages";
 import { Reconnect } from "../reconnect";
 import { Fragments, fragments } from "./fragments";
@@ -106,7 +105,8 @@ export class BluetoothTransport implements Transport {
 
   /** Opens the link, and subscribes to the messages of the insole. */
   private async open(insole: Insole, connected: Connected): Promise<void> {
-    const server = await connected.device.gatt!.connect();
+    const server = await connected.device.gatt?.connect();
+    if (!server) throw new Error("The insole refused the connection. Close other programs that use it, then try again.");
     const service = await server.getPrimaryService(this.gatt.service);
     const control = await service.getCharacteristic(this.gatt.control);
     const live = await service.getCharacteristic(this.gatt.live);
@@ -174,5 +174,5 @@ export function explain(error: unknown): string | undefined {
     return "Bluetooth is not allowed for this page. Allow it in the browser's settings for this site, then try again.";
   }
   if (name === "NetworkError") return "The insole did not answer. Move it closer, wake it by stepping on it, and try again.";
-  return errorText(error);
+  return error instanceof Error ? error.message : "Bluetooth failed. Switch Bluetooth off and on, then try again.";
 }

@@ -183,7 +183,7 @@ test("a second tab neither continues nor deletes a running session, and offers i
   await act(first.page, "start").click();
   await expect.poll(() => storedParts(first.page)).toBeGreaterThan(0);
   const second = await openTab();
-  await second.page.getByText("An identification runs in another tab.").waitFor();
+  await second.page.getByText("An identification is open in another tab.").waitFor();
   for (const action of ["start", "resume", "discard"]) expect(await act(second.page, action).count()).toBe(0);
   first.insoles.stop();
   await first.page.close();

@@ -184,7 +184,8 @@ test("the last steps are listed by their times, and the table is not wider than 
     await page.evaluate((settings) => localStorage.setItem("plantar.settings", JSON.stringify(settings)), settings);
     await openPage(page);
     await page.locator("#table tbody tr").first().waitFor();
-    const rows = await page.locator("#table tbody tr").evaluateAll((rows) => rows.map((row) => [...row.children].map((cell) => cell.textContent)));
+    const rows = await page.locator("#table tbody tr").evaluateAll((rows) =>
+      rows.map((row) => [...row.children].map((cell) => cell.textContent)));
     expect(rows.map(([side]) => side)).toEqual(records.map((_, i) => (i % 2 === 0 ? "Right" : "Left")));
     const minutes = rows.map(([, time]) => Number(/:(\d\d)/.exec(time ?? "")?.[1]));
     expect(minutes).toEqual([...minutes].sort((a, b) => b - a));
