@@ -8,7 +8,7 @@ use embassy_nrf::pac::clock::vals::{HfclkstatSrc, Lfclksrc};
 use embassy_nrf::pac::timer::vals::{Bitmode, Mode};
 use embassy_nrf::{Peri, peripherals};
 use embassy_sync::waitqueue::AtomicWaker;
-use nrf52840_drivers::watchdog;
+use nrf52840_drivers::{wait_cycles, watchdog};
 
 /// The core's clock, kHz.
 pub const CORE_KHZ: u32 = 64_000;
@@ -18,12 +18,6 @@ const CRYSTAL_LIMIT_MS: u32 = 500;
 const FAST_CRYSTAL_LIMIT_MS: u32 = 5;
 /// Longest time until the low-frequency clock has stopped, ms.
 const STOP_LIMIT_MS: u32 = 5;
-
-/// Waits for about this number of cycles of the core, at least two thirds of it: an iteration of the loop takes three cycles on
-/// this core, and never less than two.
-pub fn wait_cycles(cycles: u32) {
-    cortex_m::asm::delay(cycles / 3);
-}
 
 /// Checks a condition every millisecond, and feeds the watchdog meanwhile. Returns false if it is not met within `limit_ms`.
 fn within_ms(limit_ms: u32, condition: impl Fn() -> bool) -> bool {

@@ -48,7 +48,7 @@ use flash::Chip;
 use matrix::{ResistiveMatrix, ShiftRegister};
 use nrf_sdc::Peripherals as ControllerPeripherals;
 use nrf_sdc::mpsl::Peripherals as SchedulerPeripherals;
-use nrf52840_drivers::watchdog;
+use nrf52840_drivers::{wait_cycles, watchdog};
 use plantar::Side;
 use plantar::firmware::ble::GattSession;
 use plantar::firmware::board::{Gauges, Ticker};
@@ -216,7 +216,7 @@ async fn run(boot: BootReport, image: &'static Header, p: Peripherals, has_cryst
     // The strap is connected to ground on a right insole.
     let strap = Input::new(p.P0_05, Pull::Up);
     // The pull-up charges the line, and the components that protect it, in some microseconds.
-    clock::wait_cycles(STRAP_CYCLES);
+    wait_cycles(STRAP_CYCLES);
     let mut matrix = ResistiveMatrix {
         adc: p.SAADC,
         inputs: [p.P0_02.degrade_saadc(), p.P0_03.degrade_saadc(), p.P0_28.degrade_saadc(), p.P0_29.degrade_saadc()],

@@ -3,7 +3,7 @@
 //! `README.md` has the wiring and the time of a frame. The switches are controlled through a shift register, because the module
 //! has eleven pins only. The front end, the switches included, has no supply between two frames.
 
-use crate::clock::{Microseconds, wait_cycles};
+use crate::clock::Microseconds;
 use core::cell::Cell;
 use core::convert::Infallible;
 use core::future::poll_fn;
@@ -17,7 +17,7 @@ use embassy_nrf::saadc::{
 };
 use embassy_nrf::{Peri, bind_interrupts, pac, peripherals};
 use embassy_time::{Duration, Instant, Timer, with_timeout};
-use nrf52840_drivers::battery;
+use nrf52840_drivers::{battery, wait_cycles};
 use plantar::firmware::board::{Matrix, MatrixTimeout};
 use plantar::firmware::front_end::{CLIPPED_CODE, SETTLE_US, START_US};
 use plantar::firmware::layout::{COLUMNS, ROWS, WIRING};

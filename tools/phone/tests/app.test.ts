@@ -92,7 +92,7 @@ test("while an insole is to answer to new parameters, no rules of alerts are sen
   expect(sends_rules).toHaveBeenCalledOnce();
 });
 
-test("the steps are deleted although those of an identification in another tab remain, and the wearer is told", async () => {
+test("the steps are deleted although those of an identification in another tab remain, and the wearer is informed", async () => {
   const { app, storage, tick } = await start();
   storage.is_full = false;
   await tick(5);

@@ -105,7 +105,7 @@ impl Options {
         let foot = |path: &PathBuf| {
             let recording = Recording::read(path)?;
             if has_model {
-                note_unless_same_foot(&parameters, recording.side);
+                note_unless_same_foot(parameters.identified.as_ref(), recording.side);
             }
             let insole = self.insole.insole(&(&recording).into(), rule, path)?;
             anyhow::Ok(Foot::new(recording, &insole, &parameters.tissue(), &path.display().to_string())?)

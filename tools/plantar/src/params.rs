@@ -110,7 +110,7 @@ pub fn send(insole: &mut InsoleLink, parameters: &Parameters) -> Result<()> {
     let tissue = parameters.tissue();
     let Some(identified) = &parameters.identified else { return Ok(insole.client().set_tissue(&tissue)?) };
     let on_insole = identified.on_insole()?;
-    note_unless_same_foot(parameters, insole.client().hello().side);
+    note_unless_same_foot(Some(identified), insole.client().hello().side);
     if let Some(reason) = identified.invalid_for_steps() {
         eprintln!("note: {reason}; the insole does not follow changes of the tissue with them");
     }
@@ -205,18 +205,9 @@ fn read_tissue(connection: &Connection) -> Result<(Tissue, Option<IdentifiedOnIn
 /// Prints a note on stderr if the parameters on an insole were identified from the other foot.
 pub fn note_unless_of_this_foot(insole: &mut InsoleLink) {
     let client = insole.client();
-    let side = client.hello().side;
     // Older firmware does not know the request.
-    if let Ok(Some(IdentifiedOnInsole { side: Some(identified), .. })) = client.identified()
-        && identified != side
-    {
-        eprintln!(
-            "note: the parameters on the insole were identified from the {} foot, but this is the {} foot: send those of \
-             this foot",
-            identified.name(),
-            side.name()
-        );
-    }
+    let identified = client.identified().ok().flatten().map(|identified| Identified::from_insole(&identified));
+    note_unless_same_foot(identified.as_ref(), client.hello().side);
 }
 
 /// The identifier of a parameter set as text. Sets with the same identifier are equal.

@@ -74,7 +74,7 @@ impl Replay {
         let source = FrameSource::from(RecordingReader::open(&self.recording)?);
         let (frames, cells) = (source.frames(), source.head().cells());
         let parameters = self.insole.wearer.parameters()?;
-        setup::note_unless_same_foot(&parameters, source.head().side);
+        setup::note_unless_same_foot(parameters.identified.as_ref(), source.head().side);
         let tissue = parameters.tissue();
         let start = Instant::now();
         let insole = self.insole.insole(&source, self.insole.rule(&parameters)?, &self.recording)?;

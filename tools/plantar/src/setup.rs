@@ -167,8 +167,8 @@ impl ContactArgs {
 }
 
 /// Prints a note on stderr if parameters were identified from the other foot only.
-pub fn note_unless_same_foot(parameters: &Parameters, side: Side) {
-    if let Some(identified) = parameters.identified.as_ref().filter(|identified| identified.is_of_other_foot(side)) {
+pub fn note_unless_same_foot(identified: Option<&Identified>, side: Side) {
+    if let Some(identified) = identified.filter(|identified| identified.is_of_other_foot(side)) {
         eprintln!(
             "note: the parameters were identified from the {} foot, but this is the {} foot",
             identified.side,

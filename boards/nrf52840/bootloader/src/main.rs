@@ -16,7 +16,7 @@ use embassy_sync::mutex::Mutex;
 use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use nrf52840_drivers::flash::Chip;
 use nrf52840_drivers::qspi::{Qspi, Wait};
-use nrf52840_drivers::{CHIP_BYTES, supply, watchdog};
+use nrf52840_drivers::{CHIP_BYTES, supply, wait_cycles, watchdog};
 use plantar::protocol::SUFFICIENT_SUPPLY_MV;
 use plantar::storage::boot::{poll_at_most, swap_if_due};
 use plantar::storage::flash_map::{ACTIVE, MAX_IMAGE, NRF52_FLASH};
@@ -37,11 +37,6 @@ const SUPPLY_POLLS: u32 = 100;
 /// if the converter does not respond, which must not prevent the start.
 fn is_supplied() -> bool {
     supply::millivolts().is_none_or(|supply_mv| supply_mv >= SUFFICIENT_SUPPLY_MV)
-}
-
-/// Waits for about this number of cycles of the core: an iteration of the loop takes three of them.
-fn wait_cycles(cycles: u32) {
-    cortex_m::asm::delay(cycles / 3);
 }
 
 /// Waits in loops. Each wait for the chip is limited, so each may feed the watchdog.
