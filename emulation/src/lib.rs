@@ -7,8 +7,9 @@
 //!
 //! Over USART3 the board sends requests of five bytes: [`SCAN`] and the number of the scan, or [`TICK`] and the number of the
 //! tick, which counts from 0 regardless of [`EmulatorConfig::first_scan`] (both little endian). The plant answers with two
-//! bytes. An answer to `SCAN` consists of the low byte of the number of the scan and the number of rows that are in the file so
-//! far; several answers with increasing numbers of rows are accepted. An answer to `TICK` is [`TICK`] twice.
+//! bytes: [`answer_number`] and, for `SCAN`, the number of rows that are in the file so far; several answers with increasing
+//! numbers of rows are accepted. The second byte of an answer to `TICK` is `TICK`. Only the first byte of an answer has its
+//! highest bit set: a board that restarts after the first byte of an answer recognises the second one as a remainder.
 #![no_std]
 
 #[cfg(feature = "device")]
@@ -49,6 +50,16 @@ pub const COLUMNS: usize = 16;
 pub const SCAN: u8 = b'S';
 /// The first byte of a request for an answer at the time of the next scan. Used only if the plant paces the scans.
 pub const TICK: u8 = b'T';
+
+/// The first byte of an answer to the request with this number: the highest bit, and the seven lowest bits of the number.
+pub const fn answer_number(number: u32) -> u8 {
+    0x80 | (number & 0x7f) as u8
+}
+
+/// True if a byte is the first one of an answer.
+pub const fn is_answer_number(byte: u8) -> bool {
+    byte & 0x80 != 0
+}
 
 /// A fault to inject into the board's software.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -7,11 +7,11 @@
 use crate::injected_fault::inject;
 use crate::port::Port;
 use core::pin::pin;
-use core::sync::atomic::{AtomicU16, Ordering};
+use core::sync::atomic::{AtomicU8, Ordering};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Instant, with_timeout};
-use emulation::{COLUMNS, InjectedFault, MATRIX_FILE, SCAN, TICK};
+use emulation::{COLUMNS, InjectedFault, MATRIX_FILE, SCAN, TICK, answer_number, is_answer_number};
 use plantar::firmware::board::{FrameClock, Matrix, MatrixTimeout, Ticker};
 use plantar::firmware::scan::ScanCounters;
 use plantar::pipeline::setup::DEVICE_CELLS;
@@ -26,24 +26,30 @@ const HEARTBEAT: Duration = Duration::from_millis(100);
 /// Sends a request of this kind to the plant; `seq` is the number of the scan or of the tick.
 fn request(port: &Port, kind: u8, seq: u32) {
     let [a, b, c, d] = seq.to_le_bytes();
-    port.write(&[kind, a, b, c, d]);
+    // The supervision must not reset the board within a request, because the plant would take the next one for its rest.
+    cortex_m::interrupt::free(|_| port.write(&[kind, a, b, c, d]));
 }
 
-/// The first byte of an answer, until its second byte arrives; [`NO_BYTE`] at all other times. The variable is static, because a
-/// caller may give up between the two bytes.
-static FIRST_BYTE: AtomicU16 = AtomicU16::new(NO_BYTE);
-const NO_BYTE: u16 = u16::MAX;
+/// The first byte of an answer, until its second byte arrives; 0 at all other times. The variable is static, because a caller may
+/// give up between the two bytes.
+static FIRST_BYTE: AtomicU8 = AtomicU8::new(0);
 
-/// Waits for the next answer of the plant: [`TICK`] twice, or the low byte of the number of a scan and the number of its rows in
-/// the file.
+/// Waits for the next answer of the plant: [`answer_number`] of a tick and [`TICK`], or that of a scan and the number of its rows
+/// in the file. After a reset, the rest of an answer to the run before may come first; it is ignored.
 async fn answer(port: &Port) -> [u8; 2] {
-    let mut byte = [0; 1];
-    if FIRST_BYTE.load(Ordering::Relaxed) == NO_BYTE {
-        while port.read(&mut byte).await == 0 {}
-        FIRST_BYTE.store(byte[0].into(), Ordering::Relaxed);
+    loop {
+        let mut bytes = [0; 1];
+        while port.read(&mut bytes).await == 0 {}
+        let [byte] = bytes;
+        if is_answer_number(byte) {
+            FIRST_BYTE.store(byte, Ordering::Relaxed);
+        } else {
+            let first = FIRST_BYTE.swap(0, Ordering::Relaxed);
+            if first != 0 {
+                return [first, byte];
+            }
+        }
     }
-    while port.read(&mut byte).await == 0 {}
-    [FIRST_BYTE.swap(NO_BYTE, Ordering::Relaxed) as u8, byte[0]]
 }
 
 /// The matrix, with codes that the plant sets.
@@ -66,7 +72,7 @@ impl PlantMatrix {
         while self.rows_ready <= row {
             let [number, rows] = answer(self.port).await;
             // A late answer to an earlier request is ignored.
-            if number == seq as u8 {
+            if number == answer_number(seq) {
                 self.rows_ready = usize::from(rows);
             }
         }
@@ -144,7 +150,7 @@ impl FrameClock for Clock {
                 let current_tick = *tick;
                 *tick = current_tick.wrapping_add(1);
                 request(port, TICK, current_tick);
-                while wait_with_heartbeats(counters, answer(port)).await != [TICK, TICK] {}
+                while wait_with_heartbeats(counters, answer(port)).await != [answer_number(current_tick), TICK] {}
                 first.wrapping_add(current_tick)
             }
         }

@@ -2,7 +2,7 @@
 //! crate [`emulation`] describes requests and answers.
 
 use crate::port::Stream;
-use emulation::{COLUMNS, SCAN, TICK};
+use emulation::{COLUMNS, SCAN, TICK, answer_number};
 use std::fs::OpenOptions;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::Path;
@@ -86,15 +86,15 @@ impl Plant {
             let mut request = [0; 5];
             // The port is closed when the emulator ends.
             while port.read_exact(&mut request).is_ok() {
-                let [kind, seq_low, b, c, d] = request;
-                let seq = u32::from_le_bytes([seq_low, b, c, d]);
+                let [kind, a, b, c, d] = request;
+                let seq = u32::from_le_bytes([a, b, c, d]);
                 let answered = match kind {
                     // The first tick after each start of the board waits for a call of `Plant::play`. An error means that the
                     // `Plant`, and with it the sender, was dropped.
                     TICK if seq == 0 && play.recv().is_err() => break,
                     TICK if has_scan(&walk, seq) => {
                         clock.wait();
-                        port.write_all(&[TICK, TICK])
+                        port.write_all(&[answer_number(seq), TICK])
                     }
                     SCAN => {
                         let outcome = if has_scan(&walk, seq) { walk.scan(seq, &mut codes) } else { Scan::Whole };
@@ -108,7 +108,7 @@ impl Plant {
                         };
                         file.seek(SeekFrom::Start(0))
                             .and_then(|_| file.write_all(&bytes))
-                            .and_then(|()| port.write_all(&[seq_low, rows]))
+                            .and_then(|()| port.write_all(&[answer_number(seq), rows]))
                     }
                     _ => Ok(()),
                 };
