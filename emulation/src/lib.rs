@@ -56,9 +56,28 @@ pub const fn answer_number(number: u32) -> u8 {
     0x80 | (number & 0x7f) as u8
 }
 
-/// True if a byte is the first one of an answer.
-pub const fn is_answer_number(byte: u8) -> bool {
-    byte & 0x80 != 0
+/// Joins the bytes of the plant's answers.
+#[derive(Clone, Copy, Default)]
+pub struct Answers {
+    /// The first byte of an answer, until its second byte arrives.
+    first: Option<u8>,
+}
+
+impl Answers {
+    /// Nothing has arrived.
+    pub const fn new() -> Self {
+        Self { first: None }
+    }
+
+    /// Receives a byte, and returns the answer that it completes, if it completes one.
+    pub fn push(&mut self, byte: u8) -> Option<[u8; 2]> {
+        if byte & answer_number(0) != 0 {
+            self.first = Some(byte);
+            return None;
+        }
+        // Without a first byte, this is the rest of an answer to the run before a reset.
+        self.first.take().map(|first| [first, byte])
+    }
 }
 
 /// A fault to inject into the board's software.
@@ -172,5 +191,19 @@ impl<F: Fn(usize, &mut [u8]) -> Option<usize>> Iterator for Items<F> {
 
     fn next(&mut self) -> Option<SetupCell> {
         Self::next(self)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Answers, TICK, answer_number};
+
+    /// The USART drops bytes during a reset, so the first byte of a run can be the second one of an answer.
+    #[test]
+    fn answers_are_joined_after_a_reset_within_one() {
+        let mut answers = Answers::new();
+        let bytes = [TICK, answer_number(300), 15, answer_number(7), answer_number(128), TICK];
+        let joined = bytes.map(|byte| answers.push(byte));
+        assert_eq!(joined, [None, None, Some([0x80 | 44, 15]), None, None, Some([0x80, TICK])]);
     }
 }

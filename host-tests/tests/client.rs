@@ -445,6 +445,18 @@ fn another_version_is_refused_with_both_versions_in_the_message() {
     assert!(matches!(error, Error::OtherVersion { major, minor: 42, .. } if major == MAJOR + 6), "{message}");
 }
 
+/// An insole with an older protocol cannot be updated over the link.
+#[test]
+fn the_remedy_for_another_version_depends_on_which_one_is_older() {
+    for (major, remedy) in
+        [(MAJOR - 1, "flash newer firmware over the debug port"), (MAJOR + 1, "newer version of this program")]
+    {
+        let other = Framed::new(Cable::new(Hello { major, ..hello() }));
+        let message = Client::connect(other, TIMEOUT).err().expect("the version must be refused").to_string();
+        assert!(message.contains(remedy), "{message}");
+    }
+}
+
 /// The insole answers a chunk of another image only after its host has given up.
 #[test]
 fn a_late_answer_to_a_chunk_is_not_taken_for_the_answer_to_an_offer() {
@@ -546,6 +558,11 @@ fn a_lost_answer_to_new_parameters_is_an_error_and_no_step_is_lost() {
     cable.insole().send();
     cable.insole().drop_next = 1;
     let error = client.set_tissue(&TISSUE).expect_err("there must be no answer");
-    assert!(matches!(error, Error::NoAnswer(..)), "{error}");
+    assert!(matches!(error, Error::LostAnswer(..)), "{error}");
+    let message = error.to_string();
+    assert!(
+        message.contains("did not answer a request within 2 s") && message.contains("check the cable"),
+        "{message}"
+    );
     assert_eq!(step_numbers(&receive_all(&mut client)), [7]);
 }

@@ -6,12 +6,13 @@
 
 use crate::injected_fault::inject;
 use crate::port::Port;
+use core::cell::Cell;
 use core::pin::pin;
-use core::sync::atomic::{AtomicU8, Ordering};
+use embassy_sync::blocking_mutex::CriticalSectionMutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Instant, with_timeout};
-use emulation::{COLUMNS, InjectedFault, MATRIX_FILE, SCAN, TICK, answer_number, is_answer_number};
+use emulation::{Answers, COLUMNS, InjectedFault, MATRIX_FILE, SCAN, TICK, answer_number};
 use plantar::firmware::board::{FrameClock, Matrix, MatrixTimeout, Ticker};
 use plantar::firmware::scan::ScanCounters;
 use plantar::pipeline::setup::DEVICE_CELLS;
@@ -30,24 +31,26 @@ fn request(port: &Port, kind: u8, seq: u32) {
     cortex_m::interrupt::free(|_| port.write(&[kind, a, b, c, d]));
 }
 
-/// The first byte of an answer, until its second byte arrives; 0 at all other times. The variable is static, because a caller may
-/// give up between the two bytes.
-static FIRST_BYTE: AtomicU8 = AtomicU8::new(0);
+/// Joins the answers of the plant. The variable is static, because a caller may give up within an answer.
+static ANSWERS: CriticalSectionMutex<Cell<Answers>> = CriticalSectionMutex::new(Cell::new(Answers::new()));
 
 /// Waits for the next answer of the plant: [`answer_number`] of a tick and [`TICK`], or that of a scan and the number of its rows
-/// in the file. After a reset, the rest of an answer to the run before may come first; it is ignored.
+/// in the file.
 async fn answer(port: &Port) -> [u8; 2] {
     loop {
         let mut bytes = [0; 1];
-        while port.read(&mut bytes).await == 0 {}
+        if port.read(&mut bytes).await == 0 {
+            continue;
+        }
         let [byte] = bytes;
-        if is_answer_number(byte) {
-            FIRST_BYTE.store(byte, Ordering::Relaxed);
-        } else {
-            let first = FIRST_BYTE.swap(0, Ordering::Relaxed);
-            if first != 0 {
-                return [first, byte];
-            }
+        let answer = ANSWERS.lock(|cell| {
+            let mut answers = cell.get();
+            let answer = answers.push(byte);
+            cell.set(answers);
+            answer
+        });
+        if let Some(answer) = answer {
+            return answer;
         }
     }
 }

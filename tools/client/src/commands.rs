@@ -22,7 +22,7 @@ const ERASURE: Duration = Duration::from_secs(300);
 /// an insole that restarts meanwhile does not answer. After the first such request that fails, [`ANSWER`] applies.
 const ANSWER_BEFORE_RESTART: Duration = Duration::from_millis(250);
 
-/// The errors of each request are [`Error::NoAnswer`], [`Error::Refused`] and those of the carrier.
+/// The errors of each request are [`Error::LostAnswer`], [`Error::Refused`] and those of the carrier.
 impl<C: Carrier> Client<C> {
     /// The insole's counters. They arrive after all steps, load bouts and alerts that were due before the request. Live frames,
     /// and frames of cells and ellipses, can still follow.
@@ -300,8 +300,8 @@ impl<C: Carrier> Client<C> {
     /// Restarts the insole and opens the session again within `patience`.
     ///
     /// # Errors
-    /// See the `impl` block. If the restart closes the carrier, the error is that of the carrier: use [`Client::reconnect_over`]
-    /// then.
+    /// See the `impl` block, and [`Error::NoAnswer`]. If the restart closes the carrier, the error is that of the carrier: use
+    /// [`Client::reconnect_over`] then.
     pub fn restart(&mut self, patience: Duration) -> Result<&Hello, Error> {
         let before = self.status()?;
         self.restart_after(&before, patience)

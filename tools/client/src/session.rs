@@ -117,7 +117,7 @@ impl<C: Carrier> Client<C> {
     /// [`Client::receive`] returns other messages that arrive meanwhile.
     ///
     /// # Errors
-    /// [`Error::NoAnswer`]; [`Error::Refused`]; errors of the carrier.
+    /// [`Error::LostAnswer`]; [`Error::Refused`]; errors of the carrier.
     pub fn stream(&mut self) -> Result<(), Error> {
         self.set_clock()?;
         self.device_us()?;
@@ -142,7 +142,7 @@ impl<C: Carrier> Client<C> {
         let mut meanwhile = Vec::new();
         let result = loop {
             if elapsed::<C>(sent_us) >= patience {
-                break Err(Error::NoAnswer(patience, self.damaged()));
+                break Err(Error::LostAnswer(patience, self.damaged()));
             }
             match self.next() {
                 Err(error) => break Err(error),
@@ -206,7 +206,7 @@ impl<C: Carrier> Client<C> {
     /// Requests the insole's time, us since its first scan, which [`Client::clock_mapping`] uses, too.
     ///
     /// # Errors
-    /// [`Error::NoAnswer`]; [`Error::Refused`]; errors of the carrier.
+    /// [`Error::LostAnswer`]; [`Error::Refused`]; errors of the carrier.
     pub fn device_us(&mut self) -> Result<u64, Error> {
         let request = ToDevice::GetTime { host_us: C::unix_us() };
         let (host_us, device_us) = self.request(request, |message| match *message {

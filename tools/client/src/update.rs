@@ -21,7 +21,7 @@ impl<C: Carrier> Client<C> {
     /// arrived, the insole may have installed the image and restarted.
     ///
     /// # Errors
-    /// [`Error::NoAnswer`] if no attempt was answered; [`Error::Refused`]; errors of the carrier.
+    /// [`Error::LostAnswer`] if no attempt was answered; [`Error::Refused`]; errors of the carrier.
     pub fn update(&mut self, request: Request) -> Result<Progress, Error> {
         let is_answer = |progress: Progress| match (request, progress) {
             (Request::Begin(_), Progress::Next(_))
@@ -49,7 +49,7 @@ impl<C: Carrier> Client<C> {
                 // The insole is still executing another request.
                 Err(Error::Refused(Refusal::Busy)) if attempts < ATTEMPTS => self.receive_for(BUSY)?,
                 // The request or its answer was lost on the way.
-                Err(Error::NoAnswer(..)) if attempts < ATTEMPTS && request != Request::Finish => {}
+                Err(Error::LostAnswer(..)) if attempts < ATTEMPTS && request != Request::Finish => {}
                 answer => return answer,
             }
         }

@@ -167,8 +167,8 @@ fn a_request_without_an_answer_ends_the_session_and_a_refused_one_does_not() {
     let insole = Insole::new();
     let mut link = insole.connect().expect("an insole");
     link.start().expect("the insole streams");
-    link.recover(Error::NoAnswer(POLICY.answer, 0)).expect("the error concerns the link");
-    assert!(matches!(link.next_event(), Ok(Event::Lost(Error::NoAnswer(..)))));
+    link.recover(Error::LostAnswer(POLICY.answer, 0)).expect("the error concerns the link");
+    assert!(matches!(link.next_event(), Ok(Event::Lost(Error::LostAnswer(..)))));
     assert!(matches!(next(&insole, &mut link), Ok(Event::Started(SessionStart::Reconnected))));
     assert!(matches!(link.recover(Error::Refused(Refusal::Busy)), Err(Error::Refused(Refusal::Busy))));
     link.recover(Error::Refused(Refusal::OtherHost)).expect("the error concerns the link");
@@ -412,7 +412,7 @@ fn a_request_to_finish_an_update_that_is_not_answered_is_not_repeated() {
     let mut client = Client::connect(insole, Duration::from_secs(5)).expect("an insole");
     let start_us = NOW_US.get();
     let answer = client.update(Request::Finish);
-    assert!(matches!(answer, Err(Error::NoAnswer(..))), "{answer:?}");
+    assert!(matches!(answer, Err(Error::LostAnswer(..))), "{answer:?}");
     let elapsed_us = NOW_US.get() - start_us;
     assert!(elapsed_us < 31_000_000, "{elapsed_us} us");
 }

@@ -91,7 +91,7 @@ pub fn isolate(
     }
     // A contact that is longer than the longest step was already excluded.
     if device.on_ground() && !contact.is_excluded {
-        let reason = if starts_loaded { ExclusionReason::NoHeelStrike } else { ExclusionReason::NoToeOff };
+        let reason = if starts_loaded { ExclusionReason::NeverLifted } else { ExclusionReason::NoToeOff };
         excluded.push(ExcludedContact { recording: index, at_s: contact.start_s, reason });
     }
     exclude_partial(&mut steps, &mut excluded);

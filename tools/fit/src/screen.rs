@@ -48,7 +48,9 @@ pub enum NotFitted {
 impl fmt::Display for NotFitted {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::NoSteps => f.write_str("no whole step: record a walk of several steps"),
+            Self::NoSteps => f.write_str(
+                "no whole step: record a walk of several steps, each with the foot in the air before and after it",
+            ),
             Self::NeverLoaded => {
                 f.write_str("never loaded: no cell came into contact; check the layout and the contact threshold")
             }

@@ -165,6 +165,8 @@ pub struct ExcludedContact {
 /// The reason why a contact was excluded.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ExclusionReason {
+    /// The foot is on the ground in all frames, so the recording contains no step.
+    NeverLifted,
     /// The foot is on the ground in the first frame, so the heel strike is missing.
     NoHeelStrike,
     /// The foot is on the ground in the last frame, so the toe off is missing.
@@ -186,6 +188,10 @@ pub enum ExclusionReason {
 impl fmt::Display for ExclusionReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            Self::NeverLifted => f.write_str(
+                "on the ground from the first to the last frame: record a walk, in which the foot leaves the ground between the \
+                 steps; if it did, the cells read a load without the foot, which the zero file of `plantar zero` subtracts",
+            ),
             Self::NoHeelStrike => f.write_str("on the ground from the first frame on: its heel strike is missing"),
             Self::NoToeOff => f.write_str("on the ground until the last frame: its toe off is missing"),
             Self::Short => f.write_str("shorter than a step"),

@@ -333,7 +333,7 @@ export class App {
     fill("notes", [
       ...(this.problem ? [["div", { class: "note" }, this.problem, ...(is_lasting ? [] : [close])] as Node] : []),
       ...problems(insoles, live_view, this.wire.facts).map(note),
-      ...remarks(insoles, this.alerts.pauseText()),
+      ...remarks(insoles, this.alerts.pauseText(), this.wire.facts),
     ]);
   }
 

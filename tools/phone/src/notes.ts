@@ -1,6 +1,7 @@
 /** Notes to the wearer: problems, and remarks that require no action. */
 
 import type { Node } from "./dom";
+import { regionTitle } from "./format";
 import type { Facts } from "./generated/messages";
 import type { Insoles } from "./insoles";
 import type { LiveView } from "./live_view";
@@ -68,7 +69,7 @@ export function sessionProblems({ hello, state, reason }: Session, facts: Facts)
 }
 
 /** Remarks that require no action. `pause` states the pause of the alerts, see `Alerts.pauseText`. */
-export function remarks(insoles: Insoles, pause: { feet: string; rest: string } | undefined): Node[] {
+export function remarks(insoles: Insoles, pause: { feet: string; rest: string } | undefined, facts: Facts): Node[] {
   const { transport, sessions } = insoles;
   const leave: Node = ["button", { "data-action": "leave-recording" }, "Leave the recording"];
   if (transport?.is_replay) return [["p", { id: "recording-note", class: "note remark" }, "This is a recording.", leave]];
@@ -85,6 +86,14 @@ export function remarks(insoles: Insoles, pause: { feet: string; rest: string } 
     ...(without_parameters.length > 0
       ? [remark(`Your personal parameters are not on the ${bare}, so no model values are shown.`)]
       : []),
+    ...SIDES.flatMap((side) => {
+      const { hello, typical = [] } = insoles.of(side) ?? {};
+      const regions = typical.length < facts.regions.length ? typical.map((i) => regionTitle(facts.regions[i]?.name ?? "")) : [];
+      const where = regions.length > 0 ? ` (${regions.join(", ").toLowerCase()})` : "";
+      return hello?.has_parameters && typical.length > 0
+        ? [remark(`The model values of the ${side} foot${where} are computed with typical parameters, not with yours.`)]
+        : [];
+    }),
     ...(waiting >= MANY_RECORDS
       ? [remark("Stored steps are arriving.", counting(` ${waiting} steps, load bouts and alerts are still to come.`))]
       : []),

@@ -83,6 +83,8 @@ export class Session {
   hello: Hello | undefined;
   live: Live | undefined;
   status: Status | undefined;
+  /** Indices of the regions of which the insole's parameters are not known to be the wearer's; empty until it has answered. */
+  typical: number[] = [];
   /** The load of the day, as far as it is known. */
   daily: DailyLoad | undefined;
   /** Time of this device at which it arrived, s since 1970. */
@@ -231,7 +233,11 @@ export class Session {
         // The object is changed and not replaced: if `hello` is another object after a message, `Insoles` stores this message as
         // the hello.
         if (this.hello) this.hello.has_parameters = message.id !== 0;
+        this.send(this.wire.getIdentified());
         return this.onAnswer(message, this);
+      case "identified":
+        this.typical = message.typical;
+        return;
       case "ellipses":
         if (this.state === "live") this.ellipses = message.regions;
         return;
@@ -325,6 +331,8 @@ export class Session {
     this.restartClockMapping(now_ms);
     this.has_alerts = undefined;
     this.send(this.wire.getAlertRules());
+    this.typical = [];
+    this.send(this.wire.getIdentified());
     this.send(this.wire.stream(true));
     this.send(this.wire.streamEllipses(Math.ceil(hello.rate_hz / ELLIPSES_HZ)));
     this.requestCells(now_ms);

@@ -21,6 +21,7 @@ interface Exports {
   sole(): number;
   acknowledge(number: number): number;
   get_status(): number;
+  get_identified(): number;
   get_alert_rules(): number;
   set_alerts(is_on: boolean, day_start_min: number): number;
   get_daily_load(): number;
@@ -176,6 +177,7 @@ export class Wire {
   getSetupCells = (first: number) => this.request(this.core.get_setup_cells(first));
   acknowledge = (number: number) => this.request(this.core.acknowledge(number));
   getStatus = () => this.request(this.core.get_status());
+  getIdentified = () => this.request(this.core.get_identified());
   getAlertRules = () => this.request(this.core.get_alert_rules());
   /**
    * Turns alerts on or off. `rules` is the insole's message with its present rules. To turn them off, the number of alerts in a

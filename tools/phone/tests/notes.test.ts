@@ -4,10 +4,23 @@ import type { Insoles } from "../src/insoles";
 import { remarks, sessionProblems } from "../src/notes";
 import type { Session } from "../src/session";
 
+const FACTS = { regions: [{ name: "heel" }, { name: "hallux" }] } as Facts;
+
+test("regions with typical parameters are named", () => {
+  const remarksWith = (typical: number[]) => {
+    const session = { state: "live", hello: { has_parameters: true }, typical, records_waiting: 0 };
+    const insoles = { transport: {}, sessions: [session], of: (side: string) => (side === "right" ? session : undefined) };
+    return JSON.stringify(remarks(insoles as unknown as Insoles, undefined, FACTS));
+  };
+  expect(remarksWith([])).toBe("[]");
+  expect(remarksWith([1])).toContain("The model values of the right foot (big toe) are computed with typical parameters");
+  expect(remarksWith([0, 1])).toContain("The model values of the right foot are computed with typical parameters");
+});
+
 test("all remarks that apply are shown", () => {
-  const session = { state: "live", hello: { has_parameters: false }, records_waiting: 200, needs_refit: true };
+  const session = { state: "live", hello: { has_parameters: false }, typical: [], records_waiting: 200, needs_refit: true };
   const insoles = { transport: {}, sessions: [session], of: (side: string) => (side === "left" ? session : undefined) };
-  const all = remarks(insoles as unknown as Insoles, { feet: "No alert can come now.", rest: "The next one can come in 5 minutes." }).map((remark) => JSON.stringify(remark));
+  const all = remarks(insoles as unknown as Insoles, { feet: "No alert can come now.", rest: "The next one can come in 5 minutes." }, FACTS).map((remark) => JSON.stringify(remark));
   const parts = ["The next one can come in 5 minutes.", "Your personal parameters are not on the left insole", "200 steps", "The left foot or its shoe"];
   expect(all).toHaveLength(parts.length);
   parts.forEach((part, i) => expect(all[i]).toContain(part));
@@ -23,7 +36,7 @@ test("a difference of the protocols is reported with the older side and the reme
 });
 
 test("two insoles without parameters are named as insoles", () => {
-  const session = { state: "live", hello: { has_parameters: false }, records_waiting: 0 };
+  const session = { state: "live", hello: { has_parameters: false }, typical: [], records_waiting: 0 };
   const insoles = { transport: {}, sessions: [session], of: () => session };
-  expect(JSON.stringify(remarks(insoles as unknown as Insoles, undefined))).toContain("not on the left and right insoles, so");
+  expect(JSON.stringify(remarks(insoles as unknown as Insoles, undefined, FACTS))).toContain("not on the left and right insoles, so");
 });

@@ -247,6 +247,7 @@ impl Fit {
     fn fitted(&self) -> Result<(Study, Vec<&Path>)> {
         let participant = self.participant.clone().unwrap_or_else(|| stem(&self.recordings[0]));
         let inputs = self.recordings.iter().map(|path| Input::open(path)).collect::<Result<Vec<_>>>()?;
+        self.check_cells_of_streams(&inputs)?;
         let mut study = Study::new(participant, self.contact_rule(&inputs)?, self.search.options(RESAMPLES)?);
         let (mut known, mut recordings) = (Vec::new(), Vec::new());
         for input in inputs {
@@ -330,6 +331,23 @@ impl<'p> Input<'p> {
 }
 
 impl Fit {
+    /// Refuses the recordings of the cells in a folder of `plantar record` together with this folder: both are of the same steps,
+    /// which would then be predicted from copies of themselves.
+    fn check_cells_of_streams(&self, inputs: &[Input]) -> Result<()> {
+        for (folder, input) in self.recordings.iter().zip(inputs) {
+            let (Input::Live(_), Ok(cells)) = (input, folder.join("cells").canonicalize()) else { continue };
+            let is_in_folder = |path: &&PathBuf| path.canonicalize().is_ok_and(|path| path.starts_with(&cells));
+            if let Some(recording) = self.recordings.iter().find(is_in_folder) {
+                bail!(
+                    "{} has the cells of the same walk as the live frames and steps in {}: give one of the two",
+                    recording.display(),
+                    folder.display()
+                );
+            }
+        }
+        Ok(())
+    }
+
     /// The contact rule of the fit: that of the live streams, or else that of the options. Returns an error if the live streams
     /// differ in their rules, or if an option contradicts them, as --zero does.
     fn contact_rule(&self, inputs: &[Input]) -> Result<ContactRule> {

@@ -48,7 +48,8 @@ pub enum Import {
     /// The layout has the columns cell,x_mm,y_mm,area_mm2 and optionally region. It has one line per cell; cells are numbered
     /// from 0. x increases towards the lateral side of the foot, y from heel to toes. Without the column region, a template
     /// divides the foot into regions. The pressures are in a file with the columns t_s,c0,c1,...: time in s, and the pressure of
-    /// each cell in kPa.
+    /// each cell in kPa. The times must be uniform, unless --rate resamples the frames: the intervals between increasing times
+    /// may then differ, up to 0.1 s.
     Csv {
         /// The file with the layout of the cells.
         #[arg(long, value_name = "FILE")]
@@ -180,9 +181,9 @@ impl Import {
             Self::Pliance(vendor) => import(Format::Pliance, vendor),
             Self::Csv { layout, frames, side, out } => {
                 check_written(&[layout.clone(), frames.clone()], &[Some(&out.out)])?;
-                let recording = csv::import(layout, frames, (*side).into(), &mut report)?;
+                let recording = csv::import(layout, frames, (*side).into(), out.rate_hz()?, &mut report)?;
                 bar.finish_and_clear();
-                out.write(recording, &out.out)
+                out.write_resampled(recording, &out.out)
             }
             Self::Pedar { file, geometry, side, out } => {
                 if side.is_none() && pedar::feet(file)? == 1 {
@@ -248,14 +249,27 @@ impl Out {
         path.into()
     }
 
-    /// Resamples and merges the recording according to the options, writes it, and prints its summary.
-    fn write(&self, mut recording: Recording, path: &Path) -> Result<()> {
-        if let Some(rate_hz) = self.rate {
-            if !(20.0..=500.0).contains(&rate_hz) {
-                bail!("--rate {rate_hz}: expected 20 to 500 frames per second");
+    /// The rate of the recording to write, Hz, if the option is given.
+    fn rate_hz(&self) -> Result<Option<f64>> {
+        match self.rate {
+            Some(rate_hz) if !(20.0..=500.0).contains(&rate_hz) => {
+                bail!("--rate {rate_hz}: expected 20 to 500 frames per second")
             }
-            recording = recording.at_rate(rate_hz)?;
+            rate_hz => Ok(rate_hz),
         }
+    }
+
+    /// Resamples the recording according to the options, and continues with [`Out::write_resampled`].
+    fn write(&self, recording: Recording, path: &Path) -> Result<()> {
+        let recording = match self.rate_hz()? {
+            None => recording,
+            Some(rate_hz) => recording.at_rate(rate_hz)?,
+        };
+        self.write_resampled(recording, path)
+    }
+
+    /// Merges the cells of the recording according to the options, writes it, and prints its summary.
+    fn write_resampled(&self, mut recording: Recording, path: &Path) -> Result<()> {
         if let Some(cells) = self.cells {
             recording = recording.binned(cells).with_context(|| format!("--cells {cells}"))?;
         }

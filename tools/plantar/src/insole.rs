@@ -40,7 +40,7 @@ pub enum Insole {
     /// Set the rules of contact and stance, the frame rate and the size of an insole. The insole restarts afterwards.
     ///
     /// Values that are not given remain as they are. Parameters that were identified with another contact rule are not used any
-    /// more.
+    /// more. Those of another size remain in use: identify the wearer again after a change of the size.
     Set {
         #[command(flatten)]
         settings: SettingsArgs,

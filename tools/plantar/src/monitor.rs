@@ -1,6 +1,7 @@
 //! `plantar monitor`: shows an insole's live loads and steps.
 
 use crate::carrier::{AnyClient, Connection, InsoleLink};
+use crate::params::note_unless_identified;
 use crate::paths::check_written;
 use crate::records::Records;
 use crate::summary;
@@ -211,6 +212,7 @@ impl Monitor {
         let [steps, bouts, alerts] = paths.map(|path| path.map(JsonArray::create).transpose());
         let (steps, bouts, alerts) = (steps?, bouts?, alerts?);
         let mut insole = self.connection.open(ReconnectPolicy::STREAM)?;
+        note_unless_identified(insole.client());
         let mut view = View::open(insole.client().hello())?;
         let mut records = Collected { monitor: self, steps, bouts, alerts, all: Records::default(), stored: None };
         let outcome = follow(&self.connection, &mut insole, &mut view, &mut records);

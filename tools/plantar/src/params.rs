@@ -1,6 +1,6 @@
 //! `plantar params`: tissue parameters in files and on insoles.
 
-use crate::carrier::{Connection, InsoleLink};
+use crate::carrier::{AnyClient, Connection, InsoleLink};
 use crate::insole::{restart, settings};
 use crate::setup::{note_unless_personal, note_unless_same_foot, rule_in_words};
 use crate::summary;
@@ -208,6 +208,24 @@ pub fn note_unless_of_this_foot(insole: &mut InsoleLink) {
     // Older firmware does not know the request.
     let identified = client.identified().ok().flatten().map(|identified| Identified::from_insole(&identified));
     note_unless_same_foot(identified.as_ref(), client.hello().side);
+}
+
+/// Prints a note on stderr if an insole evaluates regions with typical parameters.
+pub fn note_unless_identified(client: &mut AnyClient) {
+    if client.hello().tissue_id == 0 {
+        return;
+    }
+    // The note is not worth an end of the session.
+    let Ok(identified) = client.identified() else { return };
+    let regions = identified.map_or(Vec::new(), |identified| Identified::from_insole(&identified).regions);
+    let typical: Vec<Region> = Region::ALL.into_iter().filter(|region| !regions.contains(region)).collect();
+    if !typical.is_empty() {
+        eprintln!(
+            "note: the insole computes model force and deformation with parameters that are not known to be the wearer's ({}): \
+             identify them with `plantar identify`",
+            names(&typical)
+        );
+    }
 }
 
 /// The identifier of a parameter set as text. Sets with the same identifier are equal.

@@ -3,6 +3,7 @@
 use crate::carrier::{AnyClient, Connection};
 use crate::cells::CellRecorder;
 use crate::monitor::{Sink, follow};
+use crate::params::note_unless_identified;
 use crate::records::Records;
 use crate::summary;
 use crate::view::View;
@@ -78,6 +79,7 @@ impl Record {
         let probe = self.out.join("live");
         fs::create_dir_all(&probe).and_then(|()| fs::remove_dir(&probe)).with_context(error)?;
         let mut insole = self.connection.open(ReconnectPolicy::STREAM)?;
+        note_unless_identified(insole.client());
         let mut view = View::open(insole.client().hello())?;
         let mut recorder = Recorder::new(self, insole.client().hello().side);
         recorder.begin_cells(insole.client())?;

@@ -157,7 +157,7 @@ fn send(image: &Image, insole: &mut InsoleLink) -> Result<bool> {
         let request =
             if number < offer.chunks { Request::Chunk { number, chunk: image.chunk(number) } } else { Request::Finish };
         progress = match client.update(request) {
-            Err(Error::NoAnswer(..) | Error::Carrier(_)) if request == Request::Finish => {
+            Err(Error::LostAnswer(..) | Error::Carrier(_)) if request == Request::Finish => {
                 bar.finish_and_clear();
                 return Ok(false);
             }

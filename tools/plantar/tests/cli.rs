@@ -86,6 +86,17 @@ fn a_csv_recording_becomes_a_step_with_its_force_area_and_ellipse() {
 }
 
 #[test]
+fn the_times_of_a_csv_file_may_be_uneven_if_its_frames_are_resampled() {
+    let (_folder, path) = folder();
+    let frames = std::fs::read_to_string(path.join("frames.csv")).expect("frames");
+    std::fs::write(path.join("frames.csv"), frames.replacen("0.51,", "0.519,", 1)).expect("written");
+    fail(&path, IMPORT, &["frames.csv:53", "--rate"]);
+    fail(&path, &format!("{IMPORT} --rate 10"), &["--rate 10", "20 to 500"]);
+    succeed(&path, &format!("{IMPORT} --rate 50"));
+    assert!(succeed(&path, "info walk.parquet").contains("50 at 50.00 Hz"));
+}
+
+#[test]
 fn single_and_double_precision_result_in_the_same_steps() {
     let (_folder, path) = folder();
     succeed(&path, "import synthetic --steps 3 --out walk.parquet");

@@ -214,6 +214,30 @@ fn contacts_that_are_not_steps_are_named() {
     assert!(out.contains("2 steps of 1 recordings"), "{out}");
 }
 
+/// The force on the foot is 90 to 270 N.
+#[test]
+fn a_recording_in_which_the_foot_is_never_lifted_is_named_as_such() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    std::fs::write(path.join("layout.csv"), "cell,x_mm,y_mm,area_mm2,region\n0,30,20,900,heel\n").expect("written");
+    let frames: String = (0..400)
+        .map(|i| {
+            let kpa = if i / 50 % 2 == 0 { 300 } else { 100 };
+            format!("{:.2},{kpa}\n", f64::from(i) * 0.01)
+        })
+        .collect();
+    std::fs::write(path.join("frames.csv"), format!("t_s,c0\n{frames}")).expect("written");
+    succeed(path, "import csv --layout layout.csv --frames frames.csv --side left --out walk.parquet");
+    let reason = "on the ground from the first to the last frame: record a walk";
+    let (status, out, err) = run(path, "fit walk.parquet");
+    assert!(status == 1 && out.contains(&format!("left out: walk.parquet at 0.00 s, {reason}")), "{out}{err}");
+    assert!(out.contains("heel: NOT FITTED, no whole step"), "{out}");
+    let (status, out, err) = run(path, "replay walk.parquet");
+    assert!(status == 0 && out.contains("no steps") && err.contains(&format!("the foot is {reason}")), "{out}{err}");
+    let walk = walk();
+    assert!(!run(walk.path(), "replay walk.parquet").2.contains(reason));
+}
+
 #[test]
 fn errors_for_bad_input_name_the_place_and_the_remedy() {
     let folder = walk();
@@ -456,6 +480,11 @@ fn the_folder_of_a_recorded_session_results_in_the_same_parameters_as_its_stream
     std::fs::create_dir(path.join("session/cells")).expect("made");
     let (status, _, notes) = run(path, "fit session --json cells.json");
     assert!(status == 0 && notes.contains("not the cells"), "{notes}");
+
+    // A recording of the cells has the same steps as the tables.
+    std::fs::create_dir(path.join("session/cells/000")).expect("made");
+    std::fs::copy(path.join("walk.parquet"), path.join("session/cells/000/part-00000.parquet")).expect("copied");
+    fail(path, "fit session ./session/cells/000", &["./session/cells/000", "steps in session: give one of the two"]);
 
     std::fs::write(path.join("session/live/part-99999.parquet"), b"PAR1 truncated").expect("written");
     fail(path, "fit session", &["part-99999.parquet", "remove the file"]);

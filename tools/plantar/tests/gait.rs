@@ -95,6 +95,21 @@ fn a_stream_has_the_measures_of_both_feet_on_the_clock_of_the_host() {
     assert!(text.contains("Walking speed: 1.20 m/s") && text.contains("Double support"), "{text}");
 }
 
+/// The limits are those of the page.
+#[test]
+fn a_stride_length_is_accepted_within_its_limits_only() {
+    let folder = tempfile::tempdir().expect("a folder");
+    write_stream(&folder.path().join("walk.plantar"), true);
+    for stride_m in ["0.1", "4"] {
+        measures(folder.path(), &format!("walk.plantar --stride-length {stride_m}"));
+    }
+    for stride_m in ["0.09", "4.01", "-1", "long"] {
+        let output = gait(folder.path(), &format!("walk.plantar --stride-length {stride_m}"));
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(2) && text.contains("metres, 0.1 to 4"), "{stride_m}: {text}");
+    }
+}
+
 /// An insole sends its stored steps before its first time message.
 #[test]
 fn steps_before_the_first_time_message_of_an_insole_are_used() {

@@ -9,6 +9,7 @@ use parquet::record::Field;
 use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
+use plantar::pipeline::tissue::{AreaFilter, Identified};
 use plantar::protocol::session::{RECORD_QUEUE, Session};
 use plantar::protocol::{Decoder, Hello, Live, MAX_FRAME, MAX_MESSAGE, Reset, Status, Step, ToDevice, decode, frame};
 use recording::VirtualInsole;
@@ -141,6 +142,30 @@ fn integers(file: &Path, column: &str) -> Vec<i32> {
         other => panic!("not an integer: {other:?}"),
     });
     values.collect()
+}
+
+#[test]
+fn monitor_names_the_regions_with_typical_parameters() {
+    let mut identified = Identified {
+        contact: ContactRule::COUNTED,
+        filter: AreaFilter::Direct,
+        side: None,
+        steps: 20,
+        regions: u8::MAX,
+    };
+    let mut notes = |regions| {
+        identified.regions = regions;
+        let (listener, address) = listen();
+        let program = plantar(&["monitor", "--tcp", &address, "--steps", "1"]).spawn().expect("it runs");
+        let mut insole = Insole::with_steps([0]);
+        let tissue = Parameters::typical(InsoleSize::default()).tissue();
+        insole.session.restore_tissue(tissue, (regions > 0).then_some(identified));
+        insole.serve(listener.accept().expect("it connects").0, |_| false);
+        wait_for_end(program).1
+    };
+    assert!(notes(0).contains("not known to be the wearer's (all regions)"));
+    assert!(notes(0b1110_1110).contains("not known to be the wearer's (heel, MT3)"));
+    assert_eq!(notes(u8::MAX), "");
 }
 
 #[test]

@@ -251,6 +251,24 @@ fn settings_are_set_shown_and_removed() {
 }
 
 #[test]
+fn a_note_names_parameters_of_another_size() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    let (address, _session) = insole();
+    let has_note = |arguments: &str| {
+        let (done, _, stderr) = run_insole(path, address, arguments);
+        assert!(done, "{arguments}: {stderr}");
+        stderr.contains("those of its former size: identify the wearer again")
+    };
+    assert!(!has_note("set --size 41"), "the insole has no parameters");
+    succeed(path, "typical --size 41 --out params.toml");
+    succeed(path, &format!("push params.toml --tcp {address}"));
+    assert!(!has_note("set --rate 200"), "the size is unchanged");
+    assert!(has_note("set --size 39"));
+    assert!(has_note("set --reset"));
+}
+
+#[test]
 fn bad_parameters_are_refused_before_anything_is_sent() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();

@@ -42,6 +42,9 @@ pub const MAX_HZ: f64 = 1e6;
 /// Largest pressure, kPa: ten times the pressure of a hard edge under a heel. A larger value must be in another unit.
 pub const MAX_KPA: f32 = 50_000.0;
 
+/// The remedy for times that are not uniform.
+pub const RESAMPLE: &str = "resample it to uniform time, as plantar import csv does with --rate";
+
 /// Largest number of pressures in a recording; they occupy 8 GiB. Without this limit, a small file could exhaust the memory,
 /// because equal values are compressed. The limit is lower for fuzzing, which reads many files.
 const MAX_VALUES: u64 = if cfg!(fuzzing) { 1 << 22 } else { 1 << 31 };
@@ -193,7 +196,7 @@ fn interval(before_s: f64, after_s: f64, rate_hz: f64, place: &dyn Fn() -> Strin
     } else {
         return Ok(());
     };
-    Err(Error::content(place(), problem, "split the recording at this frame, or resample it to uniform time"))
+    Err(Error::content(place(), problem, format!("split the recording at this frame, or {RESAMPLE}")))
 }
 
 /// Checks that all pressures are finite, not negative, and at most [`MAX_KPA`].

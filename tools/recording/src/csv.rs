@@ -2,7 +2,8 @@
 //!
 //! The layout has the header `cell,x_mm,y_mm,area_mm2` and optionally `region`. Cells are numbered from 0 without gaps. Their
 //! positions are in foot coordinates ([`Cell`]). If the layout has no regions, [`template`] assigns them. The frames have the
-//! header `t_s,c0,c1,...`: time in seconds and the pressure of each cell in kPa.
+//! header `t_s,c0,c1,...`: time in seconds and the pressure of each cell in kPa. Unless the frames are resampled, the times must
+//! be uniform.
 
 use crate::check::{self, At};
 use crate::table::{self, Lines, at_line, check_later, check_width, file_name, number, unreadable};
@@ -23,8 +24,9 @@ const ASPECTS: [f64; 5] = [1.0, 2.0, 0.5, 4.0, 0.25];
 /// The number of rows that are read between two calls of `progress`.
 const ROWS_PER_REPORT: usize = 1000;
 
-/// Imports one foot. `progress` receives the number of bytes that have been read from the file of frames, and the size of that
-/// file.
+/// Imports one foot. With `rate_hz`, the frames are resampled to this rate ([`Recording::at_rate`]), so that the intervals
+/// between their times may differ. `progress` receives the number of bytes that have been read from the file of frames, and the
+/// size of that file.
 ///
 /// # Errors
 /// Fails if a file cannot be read, violates the format or contains impossible values. The message names the file and, if one
@@ -33,6 +35,7 @@ pub fn import(
     layout_path: impl AsRef<Path>,
     frames_path: impl AsRef<Path>,
     side: Side,
+    rate_hz: Option<f64>,
     progress: &mut dyn FnMut(u64, u64),
 ) -> Result<Recording> {
     let (layout_path, frames_path) = (layout_path.as_ref(), frames_path.as_ref());
@@ -40,17 +43,17 @@ pub fn import(
     let frames = File::open(frames_path).map_err(Error::io(frames_path))?;
     let total_bytes = frames.metadata().map_err(Error::io(frames_path))?.len();
     let mut progress = |done_bytes| progress(done_bytes, total_bytes);
-    let recording = read(layout, layout_path, frames, frames_path, side, &mut progress)?;
+    let recording = read(layout, layout_path, frames, frames_path, side, rate_hz, &mut progress)?;
     progress(total_bytes);
     Ok(recording)
 }
 
-/// As [`import`], from text. In messages the two texts are called `layout.csv` and `frames.csv`.
+/// As [`import`], from text and without resampling. In messages the two texts are called `layout.csv` and `frames.csv`.
 ///
 /// # Errors
 /// Fails if a text violates the format or contains impossible values.
 pub fn parse(layout: impl Read, frames: impl Read, side: Side) -> Result<Recording> {
-    read(layout, Path::new("layout.csv"), frames, Path::new("frames.csv"), side, &mut |_| {})
+    read(layout, Path::new("layout.csv"), frames, Path::new("frames.csv"), side, None, &mut |_| {})
 }
 
 fn read(
@@ -59,6 +62,7 @@ fn read(
     frames: impl Read,
     frames_path: &Path,
     side: Side,
+    resampled_hz: Option<f64>,
     progress: &mut dyn FnMut(u64),
 ) -> Result<Recording> {
     let layout = read_layout(layout, layout_path)?;
@@ -69,16 +73,23 @@ fn read(
         At::Frame(frame) => at_line(frames_path, frames.lines[frame]),
         At::Value { frame, cell } => format!("{}, column c{cell}", at_line(frames_path, frames.lines[frame])),
     };
-    let rate_hz = rate::of(&frames.t_s, &place)?;
+    let rate_hz = match resampled_hz {
+        None => rate::of(&frames.t_s, &place)?,
+        Some(_) => rate::of_uneven(&frames.t_s, &place)?,
+    };
     check::pressures(&frames.pressure_kpa, layout.cells.len(), &place)?;
-    Ok(Recording {
+    let recording = Recording {
         side,
         rate_hz,
         source: format!("CSV import of {} with the layout {}.", file_name(frames_path), file_name(layout_path)),
         layout,
         t_s: frames.t_s,
         pressure_kpa: frames.pressure_kpa,
-    })
+    };
+    match resampled_hz {
+        None => Ok(recording),
+        Some(rate_hz) => recording.at_rate(rate_hz),
+    }
 }
 
 fn read_layout(from: impl Read, path: &Path) -> Result<Layout> {

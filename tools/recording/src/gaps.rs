@@ -1,6 +1,6 @@
 //! Gaps in an export, where the measuring system lost frames. An imported recording has no gaps: short ones are filled, and if
 //! there are longer ones, only the longest part between them is imported. [`crate::pedar`] and [`crate::csv`] instead refuse an
-//! export with gaps.
+//! export with gaps; if the frames will be resampled, [`crate::csv`] refuses only the longer ones.
 
 /// Longest gap that is filled by interpolation, s. A heel strike takes about this time, so that a longer gap may hide the
 /// beginning of a step.
@@ -24,10 +24,8 @@ pub fn fill(t_s: &mut Vec<f64>, kpa: &mut Vec<f32>, cells: usize) -> Option<Stri
     if period_s < SHORTEST_FILLED_PERIOD_S || !t_s.windows(2).any(|pair| is_gap(pair[0], pair[1])) {
         return None;
     }
-    // At a low rate, the usual intervals exceed `LONGEST_FILLED_S`, and must not divide the recording.
-    let longest_filled_s = LONGEST_FILLED_S.max(GAP_INTERVALS * period_s);
-    // Because times are rounded, a gap of exactly the longest duration that is filled may appear slightly longer.
-    let part = longest_part(t_s, longest_filled_s + 0.25 * period_s);
+    let longest_filled_s = longest_filled_s(period_s);
+    let part = longest_part(t_s, longest_filled_s + rounding_s(period_s));
     let left_out = t_s.len() - part.len();
     let (old_s, old_kpa) = (t_s[part.clone()].to_vec(), kpa[part.start * cells..part.end * cells].to_vec());
     let mut filled = 0;
@@ -57,6 +55,17 @@ pub fn fill(t_s: &mut Vec<f64>, kpa: &mut Vec<f32>, cells: usize) -> Option<Stri
         )
     });
     Some(filled.into_iter().chain(left_out).collect::<Vec<_>>().join(" "))
+}
+
+/// The longest gap that is filled, s, between frames with the median interval `period_s`.
+pub fn longest_filled_s(period_s: f64) -> f64 {
+    // At a low rate, the usual intervals exceed `LONGEST_FILLED_S`, and must not divide the recording.
+    LONGEST_FILLED_S.max(GAP_INTERVALS * period_s)
+}
+
+/// Because times are rounded, a gap of exactly [`longest_filled_s`] may appear longer, by at most this time, s.
+pub fn rounding_s(period_s: f64) -> f64 {
+    0.25 * period_s
 }
 
 /// The median interval between these times, s; of an even number of intervals, the lower of the two in the middle. `None` for

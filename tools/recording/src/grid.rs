@@ -65,6 +65,10 @@ pub struct Frames {
     /// Time of each frame, s.
     pub t_s: Vec<f64>,
     loads: Vec<Load>,
+    /// Number of negative pressures, which are read as 0.
+    negatives: usize,
+    /// The lowest of these pressures, kPa; 0 if there are none.
+    lowest_kpa: f32,
 }
 
 /// The pressure of one loaded cell in one frame.
@@ -81,11 +85,14 @@ impl Frames {
         self.t_s.push(t_s);
     }
 
-    /// Adds the pressure of the cell at this row and column to the last frame that began. Pressures of 0 and below are ignored.
+    /// Adds the pressure of the cell at this row and column to the last frame that began. A negative pressure counts as 0, and
+    /// [`Foot::recording`] adds a remark about it.
     pub fn add(&mut self, row: usize, column: usize, kpa: f32) {
         if kpa > 0.0 {
             self.loads.push(Load { frame: self.t_s.len().saturating_sub(1), cell: (row, column), kpa });
         }
+        self.negatives += usize::from(kpa < 0.0);
+        self.lowest_kpa = self.lowest_kpa.min(kpa);
     }
 
     /// The same frames with unloaded frames for [`SWING_S`] before and after them. The interval between unloaded frames is the
@@ -226,6 +233,15 @@ impl Foot {
         });
         if side == Side::Left {
             cells.iter_mut().for_each(|cell| cell.x_mm = -cell.x_mm);
+        }
+        if frames.negatives > 0 {
+            remarks.push(format!(
+                "Negative pressures of the {} foot, in all frames together, that were read as 0: {}. The lowest one is {:.2} \
+                 kPa.",
+                side.name(),
+                frames.negatives,
+                frames.lowest_kpa
+            ));
         }
         place_at_origin(&mut cells, &under_foot, half_mm);
         note_partial_foot(&cells, &under_foot, half_mm, remarks);

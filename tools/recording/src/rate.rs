@@ -1,7 +1,7 @@
 //! The frame rate of a recording, and resampling.
 
 use crate::check::{self, At};
-use crate::gaps::median_interval_s;
+use crate::gaps::{longest_filled_s, median_interval_s, rounding_s};
 use crate::{Error, Recording, Result};
 
 /// Lowest plausible rate, Hz. At a lower rate, a stance of half a second would have at most one frame, so the times must be in
@@ -29,21 +29,8 @@ pub fn is_same_rate(first_hz: f64, second_hz: f64) -> bool {
 /// interval, the rate changes, or the times cannot be seconds.
 pub fn of(t_s: &[f64], place: &dyn Fn(At) -> String) -> Result<f64> {
     check::times(t_s, place)?;
-    let Some(median_s) = median_interval_s(t_s) else {
-        let problem = match t_s.len() {
-            0 => "no frames",
-            _ => "a single frame has no rate",
-        };
-        return Err(Error::content(place(At::Whole), problem, "record at least two frames"));
-    };
-    check::intervals(t_s, 1.0 / median_s, place)?;
-    // If the times are rounded, for example to whole milliseconds, the mean interval is still exact; the median is not.
-    let rate_hz = (t_s.len() - 1) as f64 / (t_s[t_s.len() - 1] - t_s[0]);
-    if rate_hz < MIN_HZ {
-        let problem = format!("a frame every {:.3} s", 1.0 / rate_hz);
-        return Err(Error::content(place(At::Whole), problem, "give times in seconds"));
-    }
-    check::rate(rate_hz, place)?;
+    check::intervals(t_s, 1.0 / median_s(t_s, place)?, place)?;
+    let rate_hz = mean_hz(t_s, place)?;
     // With one rate, the times are on a straight line over the index of the frame. With two rates, the mean rate would change the
     // duration of every step.
     let most = (LINE_SHARE * t_s.len() as f64).max(LINE_FRAMES);
@@ -54,9 +41,55 @@ pub fn of(t_s: &[f64], place: &dyn Fn(At) -> String) -> Result<f64> {
         return Err(Error::content(
             place(At::Frame(i)),
             format!("the frame is {:.0} frames from its place at the mean rate of {rate_hz:.2} Hz", off_line(i)),
-            "the rate changes: split the recording where it does, or resample it to uniform time",
+            format!("the rate changes: split the recording where it does, or {}", check::RESAMPLE),
         ));
     }
+    Ok(rate_hz)
+}
+
+/// As [`of`], for frames that are resampled: the intervals between the times, which increase, may differ, but none may be longer
+/// than a gap that the importers of other formats fill.
+///
+/// # Errors
+/// Fails if there are fewer than two times, an interval is too long, or the times cannot be seconds.
+pub fn of_uneven(t_s: &[f64], place: &dyn Fn(At) -> String) -> Result<f64> {
+    check::times(t_s, place)?;
+    let median_s = median_s(t_s, place)?;
+    let longest_s = longest_filled_s(median_s);
+    let is_too_long = |pair: &[f64]| pair[1] - pair[0] > longest_s + rounding_s(median_s);
+    if let Some(i) = t_s.windows(2).position(is_too_long) {
+        return Err(Error::content(
+            place(At::Frame(i + 1)),
+            format!(
+                "{:.6} s after the frame before, at most {longest_s:.2} s can be interpolated",
+                t_s[i + 1] - t_s[i]
+            ),
+            "split the recording at this frame",
+        ));
+    }
+    mean_hz(t_s, place)
+}
+
+/// The median interval between frames at these times, s.
+fn median_s(t_s: &[f64], place: &dyn Fn(At) -> String) -> Result<f64> {
+    median_interval_s(t_s).ok_or_else(|| {
+        let problem = match t_s.len() {
+            0 => "no frames",
+            _ => "a single frame has no rate",
+        };
+        Error::content(place(At::Whole), problem, "record at least two frames")
+    })
+}
+
+/// The mean rate of frames at these increasing times, of which there are at least two, Hz.
+fn mean_hz(t_s: &[f64], place: &dyn Fn(At) -> String) -> Result<f64> {
+    // If the times are rounded, for example to whole milliseconds, the mean interval is still exact; the median is not.
+    let rate_hz = (t_s.len() - 1) as f64 / (t_s[t_s.len() - 1] - t_s[0]);
+    if rate_hz < MIN_HZ {
+        let problem = format!("a frame every {:.3} s", 1.0 / rate_hz);
+        return Err(Error::content(place(At::Whole), problem, "give times in seconds"));
+    }
+    check::rate(rate_hz, place)?;
     Ok(rate_hz)
 }
 

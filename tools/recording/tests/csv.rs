@@ -11,11 +11,16 @@ const LAYOUT: &str = "cell,x_mm,y_mm,area_mm2,region\n\
 const FRAMES: &str = "t_s,c0,c1\n0.00,1,2\n0.01,3,4\n0.02,5,6\n";
 
 fn import(layout: &str, frames: &str) -> Result<Recording> {
+    import_at(None, layout, frames)
+}
+
+/// Imports the files, and resamples them to `rate_hz`.
+fn import_at(rate_hz: Option<f64>, layout: &str, frames: &str) -> Result<Recording> {
     let folder = TempDir::new().unwrap();
     let (layout_path, frames_path) = (folder.path().join("layout.csv"), folder.path().join("frames.csv"));
     std::fs::write(&layout_path, layout).unwrap();
     std::fs::write(&frames_path, frames).unwrap();
-    csv::import(layout_path, frames_path, Side::Left, &mut |_, _| {})
+    csv::import(layout_path, frames_path, Side::Left, rate_hz, &mut |_, _| {})
 }
 
 #[track_caller]
@@ -105,7 +110,7 @@ fn progress_ends_at_the_size_of_the_file() {
     }
     std::fs::write(&paths[1], &frames).unwrap();
     let mut reports = Vec::new();
-    csv::import(&paths[0], &paths[1], Side::Left, &mut |done, total| {
+    csv::import(&paths[0], &paths[1], Side::Left, None, &mut |done, total| {
         reports.push((done, total));
     })
     .unwrap();
@@ -221,6 +226,31 @@ fn the_error_for_a_gap_in_time_names_its_line() {
     assert_refused(LAYOUT, &frames, &["frames.csv:6", "0.040000 s after", "split the recording"]);
 }
 
+/// Both pressures are linear functions of time, so that linear interpolation is exact.
+#[test]
+fn times_with_jitter_are_resampled_and_gaps_are_not() {
+    let text = |t_s: &[f64]| {
+        let row = |t_s: &f64| format!("{t_s:.4},{:.4},{:.4}\n", 10.0 * t_s, 50.0 - t_s);
+        format!("t_s,c0,c1\n{}", t_s.iter().map(row).collect::<String>())
+    };
+    let mut t_s: Vec<f64> = (0..=300).map(|i| f64::from(i / 3) * 0.03 + [0.0, 0.01, 0.026][i as usize % 3]).collect();
+    assert_refused(LAYOUT, &text(&t_s), &["frames.csv:4:", "0.016000 s after", "plantar import csv", "--rate"]);
+    let recording = import_at(Some(50.0), LAYOUT, &text(&t_s)).unwrap();
+    assert_eq!((recording.rate_hz, recording.frames()), (50.0, 151));
+    for (i, now_s) in recording.t_s.iter().enumerate() {
+        assert!((now_s - 0.02 * i as f64).abs() < 1e-9, "frame {i} at {now_s} s");
+        let expected_kpa = [10.0 * now_s, 50.0 - now_s];
+        for (kpa, expected_kpa) in recording.frame(i).iter().zip(expected_kpa) {
+            assert!((f64::from(*kpa) - expected_kpa).abs() < 1e-3, "frame {i}: {kpa} kPa, not {expected_kpa} kPa");
+        }
+    }
+    t_s.iter_mut().skip(150).for_each(|t_s| *t_s += 0.2);
+    let error = import_at(Some(50.0), LAYOUT, &text(&t_s)).unwrap_err().to_string();
+    for part in ["frames.csv:152:", "at most 0.10 s", "split the recording"] {
+        assert!(error.contains(part), "`{part}` not in: {error}");
+    }
+}
+
 #[test]
 fn fewer_than_two_frames_are_rejected() {
     assert_refused(LAYOUT, "t_s,c0,c1\n", &["frames.csv", "no frames", "at least two"]);
@@ -229,7 +259,7 @@ fn fewer_than_two_frames_are_rejected() {
 
 #[test]
 fn the_error_names_a_missing_file() {
-    let error = csv::import("nowhere.csv", "nothing.csv", Side::Left, &mut |_, _| {}).unwrap_err().to_string();
+    let error = csv::import("nowhere.csv", "nothing.csv", Side::Left, None, &mut |_, _| {}).unwrap_err().to_string();
     assert!(error.starts_with("nowhere.csv: "), "{error}");
 }
 

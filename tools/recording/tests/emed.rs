@@ -130,6 +130,18 @@ fn the_shortest_time_between_frames_is_a_tenth_of_a_millisecond() {
 }
 
 #[test]
+fn a_negative_pressure_is_read_as_zero_with_a_remark() {
+    let text: String = file(Side::Right, false).into_iter().map(char::from).collect();
+    let export = parse(text.replacen("\n20\t0.00\t", "\n20\t-1.25\t", 1).as_bytes()).unwrap();
+    assert_eq!(export.feet, parse(&file(Side::Right, false)).unwrap().feet);
+    let remarks = export.remarks.join(" ");
+    assert!(
+        remarks.contains("right foot") && remarks.contains("read as 0: 1. The lowest one is -1.25 kPa"),
+        "{remarks}"
+    );
+}
+
+#[test]
 fn damaged_files_are_refused_with_the_line_and_a_remedy() {
     let text: String = file(Side::Right, false).into_iter().map(char::from).collect();
     let changed = |from: &str, to: &str| parse(text.replacen(from, to, 1).as_bytes());

@@ -163,6 +163,16 @@ fn both_feet_of_a_file_are_imported() {
     assert_eq!(export.feet.len(), 2);
 }
 
+/// The export has forces: -0.1 N on a cell of 7.62 mm by 5.08 mm.
+#[test]
+fn a_negative_force_is_read_as_a_pressure_of_zero_with_a_remark() {
+    let text = file(&foot(Side::Right, false));
+    let export = parse(&text.replacen("(0.00 ms)\n0.00000", "(0.00 ms)\n-0.10000", 1)).unwrap();
+    assert_eq!(export.feet, parse(&text).unwrap().feet);
+    let remarks = export.remarks.join(" ");
+    assert!(remarks.contains("read as 0: 1. The lowest one is -2.58 kPa"), "{remarks}");
+}
+
 #[test]
 fn damaged_files_are_refused_with_the_line_and_a_remedy() {
     let text = file(&foot(Side::Right, false));

@@ -128,6 +128,20 @@ fn a_stated_unit_is_used_in_all_wordings() {
 }
 
 #[test]
+fn negative_pressures_are_read_as_zero_with_a_remark() {
+    let remark = |row: &str| {
+        let text = tekscan(&[row, "10,10,10", "10,10,10", "10,10,10", "10,10,10", "10,10,10", "10,10,10", "10,10,10"]);
+        let export = parse(Format::Tekscan, "walkL.asf", text.as_bytes(), None).unwrap();
+        export.remarks.into_iter().find(|remark| remark.starts_with("Negative pressures"))
+    };
+    assert_eq!(remark("0,10,10"), None);
+    // The export has two frames.
+    let expected = "Negative pressures of the left foot, in all frames together, that were read as 0: 4. \
+                    The lowest one is -4.00 kPa.";
+    assert_eq!(remark("-4,10,-2.5").as_deref(), Some(expected));
+}
+
+#[test]
 fn a_contact_on_a_mat_that_is_cut_off_leads_to_a_remark() {
     let export = parse(Format::Pliance, "a.asc", pliance("", "20.5").as_bytes(), Some(Side::Left)).unwrap();
     for which in ["first frame carries", "last frame carries"] {

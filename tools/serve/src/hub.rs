@@ -4,7 +4,7 @@ use crate::lsl::Outlets;
 use client::{ClockMapping, StreamFile, unix_us};
 use plantar::pipeline::alert::{AlertRules, DailyLoad};
 use plantar::pipeline::setup::{Setup, SetupCell};
-use plantar::pipeline::tissue::Tissue;
+use plantar::pipeline::tissue::{Identified, Tissue};
 use plantar::protocol::session::{Command, CommandResult, RECORD_QUEUE, Session};
 use plantar::protocol::{
     Ellipses, Hello, Live, LoadRecord, MAX_MESSAGE, Refusal, Status, ToDevice, ToHost, decode, encode,
@@ -41,8 +41,8 @@ struct Insole {
     layout: Option<(u32, Layout)>,
     /// The stream of ellipses that was requested from the insole: the ellipses of one frame out of this number, or 0 for none.
     ellipses_every: u8,
-    /// The wearer's parameters, if they are known.
-    tissue: Option<Tissue>,
+    /// The wearer's parameters and how they were identified, as far as both are known.
+    tissue: Option<(Tissue, Option<Identified>)>,
     /// Requests of pages that were not sent to the insole yet, oldest first.
     to_send: VecDeque<ToDevice>,
     /// The number of the page that has requested a change and waits for the insole's answer, and the time of its request.
@@ -140,7 +140,7 @@ impl Hub {
         index: usize,
         hello: &Hello,
         status: Option<Status>,
-        tissue: Option<Tissue>,
+        tissue: Option<(Tissue, Option<Identified>)>,
         alert_rules: Option<AlertRules>,
         layout: Option<Layout>,
     ) {
@@ -196,6 +196,22 @@ impl Hub {
         insole.to_send.pop_front()
     }
 
+    /// Tells the pages how the parameters on the insole were identified, if the parameters are known.
+    pub fn identified(&self, index: usize, identified: Option<Identified>) {
+        let mut insole = self.insole(index);
+        let insole = &mut *insole;
+        let Some((tissue, known)) = &mut insole.tissue else { return };
+        if *known == identified {
+            return;
+        }
+        *known = identified;
+        for (_, link) in &mut insole.pages {
+            link.restore_tissue(*tissue, identified);
+            link.receive(ToDevice::GetIdentified, NO_CLOCK_US);
+        }
+        self.changed.send_replace(());
+    }
+
     /// Passes the insole's answer to new parameters, or its refusal of a request, to the page that sent the request.
     pub fn tissue_answer(&self, index: usize, answer: Result<Tissue, Refusal>) {
         let mut insole = self.insole(index);
@@ -216,7 +232,8 @@ impl Hub {
             Some((_, Command::AlertRules(sent))) if answer == Err(Refusal::NotStored) => rules = Some(sent),
             _ => {}
         }
-        insole.tissue = tissue.or(insole.tissue);
+        // How these parameters were identified is not known until the insole has answered the bridge.
+        insole.tissue = tissue.map(|tissue| (tissue, None)).or(insole.tissue);
         insole.alert_rules = rules.or(insole.alert_rules);
         for (id, link) in &mut insole.pages {
             if waiting.is_some_and(|(waiting, _)| waiting == *id) {
@@ -390,12 +407,18 @@ fn set_layout(link: &mut Session, layout: Option<Layout>) {
 }
 
 /// Opens the session of a page, with the parameters and the rules of alerts of the insole.
-fn open_session(link: &mut Session, connect: ToDevice, tissue: Option<Tissue>, alert_rules: Option<AlertRules>) {
+fn open_session(
+    link: &mut Session,
+    connect: ToDevice,
+    tissue: Option<(Tissue, Option<Identified>)>,
+    alert_rules: Option<AlertRules>,
+) {
     link.receive(connect, NO_CLOCK_US);
     if let Some(rules) = alert_rules {
         link.set_alert_rules(rules);
     }
-    link.restore_tissue(tissue.unwrap_or(Tissue::NONE), None);
+    let (tissue, identified) = tissue.unwrap_or((Tissue::NONE, None));
+    link.restore_tissue(tissue, identified);
 }
 
 /// A page that is connected to the hub until this value is dropped.
@@ -474,7 +497,6 @@ impl Page {
                 ToDevice::SetTissue(_)
                 | ToDevice::SetIdentifiedTissue { .. }
                 | ToDevice::GetTissue
-                | ToDevice::GetIdentified
                 | ToDevice::GetSettings
                 | ToDevice::GetFaults
                 | ToDevice::SetSettings(_)

@@ -6,7 +6,7 @@ use client::{Carrier, Error, Framed, unix_us};
 use page::{Page, TIMEOUT};
 use parameters::{InsoleSize, Parameters};
 use plantar::Side;
-use plantar::pipeline::tissue::Tissue;
+use plantar::pipeline::tissue::{AreaFilter, Identified, Tissue};
 use plantar::protocol::session::{CommandResult, Session};
 use plantar::protocol::{
     ContactEllipse, Contents, Decoder, Ellipses, Hello, Live, MAX_FRAME, MAX_MESSAGE, Refusal, Reset, Status, Step,
@@ -568,6 +568,28 @@ async fn a_page_replaces_the_parameters_if_the_server_accepts_them() {
     // Other settings are still refused.
     other.send(0, ToDevice::Restart).await;
     other.find(0, |m| (m == ToHost::Refused(Refusal::NotUnderstood)).then_some(())).await;
+}
+
+#[tokio::test]
+async fn pages_learn_how_the_parameters_were_identified() {
+    let cable = Cable::new(Side::Left);
+    let address = serve_sources(vec![cable.source()], None, true);
+    let mut pages = [Page::open(address).await, Page::open(address).await];
+    let answer = |message| if let ToHost::Identified(identified) = message { Some(identified) } else { None };
+    for page in &mut pages {
+        page.hello(0).await;
+        page.send(0, ToDevice::GetIdentified).await;
+        assert_eq!(page.find(0, answer).await, None);
+    }
+    let tissue = Parameters::typical(InsoleSize::default()).tissue();
+    let contact = hello(Side::Left).contact_rule;
+    let identified =
+        Identified { contact, filter: AreaFilter::Direct, side: Some(Side::Left), steps: 20, regions: 0b101 };
+    pages[0].send(0, ToDevice::SetIdentifiedTissue { tissue, identified }).await;
+    cable.answer_command(Ok(CommandResult::Stored));
+    for page in &mut pages {
+        assert_eq!(page.find(0, answer).await, Some(identified));
+    }
 }
 
 /// Serves an insole to a page that has sent parameters. Returns the address of the server, the page and the parameters.

@@ -92,6 +92,12 @@ pub extern "C" fn get_status() -> usize {
     request(ToDevice::GetStatus)
 }
 
+/// Encodes [`ToDevice::GetIdentified`]; returns the length of the message.
+#[unsafe(no_mangle)]
+pub extern "C" fn get_identified() -> usize {
+    request(ToDevice::GetIdentified)
+}
+
 /// Encodes [`ToDevice::GetAlertRules`]; returns the length of the message.
 #[unsafe(no_mangle)]
 pub extern "C" fn get_alert_rules() -> usize {

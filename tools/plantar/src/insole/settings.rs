@@ -60,17 +60,29 @@ pub struct SettingsArgs {
 }
 
 impl SettingsArgs {
-    /// Stores the settings on an insole.
+    /// Stores the settings on an insole. Prints a note on stderr if the insole has parameters, and its size changes.
     pub fn set(&self, client: &mut AnyClient) -> Result<()> {
-        if self.reset {
-            return Ok(client.set_settings(None)?);
+        let before = in_force(client)?;
+        let settings = if self.reset { None } else { Some(self.checked(client, before.context(NO_LAYOUT)?)?) };
+        client.set_settings(settings)?;
+        // Without settings of a host, the layout is not scaled.
+        let [scale_before, scale] = [before, settings].map(|settings| settings.map_or(1.0, |settings| settings.scale));
+        if scale != scale_before && client.hello().tissue_id != 0 {
+            eprintln!(
+                "note: the parameters on the insole are those of its former size: identify the wearer again, or send typical \
+                 parameters of the new size (`plantar params typical --size`, `plantar params push`)"
+            );
         }
-        let before = in_force(client)?.context(NO_LAYOUT)?;
+        Ok(())
+    }
+
+    /// The settings `before`, changed by the options. Returns an error if nothing changes.
+    fn checked(&self, client: &mut AnyClient, before: Settings) -> Result<Settings> {
         let settings = self.changed(before);
         // If the restart after an earlier change failed, the stored settings are not in force yet: the insole restarts now.
         let is_change = settings != before || !are_used(&settings, setup_in_use(client)?.as_ref());
         ensure!(is_change, "nothing to change: these settings are in force, or no option was given");
-        Ok(client.set_settings(Some(settings))?)
+        Ok(settings)
     }
 
     /// These settings, changed by the options.
