@@ -1,4 +1,5 @@
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
+import type { Facts } from "../src/generated/messages";
 import type { Insoles } from "../src/insoles";
 import { remarks } from "../src/notes";
 import { entry } from "../src/stream_file";
@@ -84,7 +85,7 @@ test("the page waits for an insole of plantar serve, which can run on another co
   const transport = new WebSocketTransport("ws://192.168.0.2/insoles", logEvents().events);
   const text = (state: string, reason = "") => {
     const insoles = { transport, sessions: [{ state, reason, records_waiting: 0 }], of: () => undefined };
-    return JSON.stringify(remarks(insoles as unknown as Insoles, undefined));
+    return JSON.stringify(remarks(insoles as unknown as Insoles, undefined, { regions: [] } as unknown as Facts));
   };
   expect(text("waiting")).toContain("Waiting for an insole of plantar serve.");
   expect(text("closed", "plantar serve does not answer")).toContain("plantar serve: plantar serve does not answer.");

@@ -164,7 +164,7 @@ fn monitor_names_the_regions_with_typical_parameters() {
         wait_for_end(program).1
     };
     assert!(notes(0).contains("not known to be the wearer's (all regions)"));
-    assert!(notes(0b1110_1110).contains("not known to be the wearer's (heel, MT3)"));
+    assert!(notes(0b1110_1110).contains("not known to be the wearer's (heel, metatarsals_35)"));
     assert_eq!(notes(u8::MAX), "");
 }
 

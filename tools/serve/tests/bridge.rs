@@ -573,6 +573,8 @@ async fn a_page_replaces_the_parameters_if_the_server_accepts_them() {
 #[tokio::test]
 async fn pages_learn_how_the_parameters_were_identified() {
     let cable = Cable::new(Side::Left);
+    // Without a contact rule, an insole refuses identified parameters.
+    cable.act(|insole| insole.link.set_layout(testkit::SETUP, &[], None));
     let address = serve_sources(vec![cable.source()], None, true);
     let mut pages = [Page::open(address).await, Page::open(address).await];
     let answer = |message| if let ToHost::Identified(identified) = message { Some(identified) } else { None };
@@ -582,7 +584,7 @@ async fn pages_learn_how_the_parameters_were_identified() {
         assert_eq!(page.find(0, answer).await, None);
     }
     let tissue = Parameters::typical(InsoleSize::default()).tissue();
-    let contact = hello(Side::Left).contact_rule;
+    let contact = testkit::SETUP.contact;
     let identified =
         Identified { contact, filter: AreaFilter::Direct, side: Some(Side::Left), steps: 20, regions: 0b101 };
     pages[0].send(0, ToDevice::SetIdentifiedTissue { tissue, identified }).await;

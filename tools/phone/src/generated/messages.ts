@@ -15,7 +15,9 @@ is_on: boolean,
 /** Minutes from midnight UTC to the start of the wearer's day. */
 day_start_min: number, } | { "kind": "daily_load", load: DailyLoad, } | { "kind": "status" } & Status | { "kind": "tissue",
 /** Identifies the parameters of the wearer's tissue; 0 if the insole has none. */
-id: number, } | { "kind": "refused",
+id: number, } | { "kind": "identified",
+/** Indices of the regions of which the parameters are typical values, or not known to be the wearer's. */
+typical: Array<number>, } | { "kind": "refused",
 /** The reason, as a phrase without a full stop. */
 reason: string,
 /** True if the session belongs to another host now. The insole repeats the refusal until that host has left. */
