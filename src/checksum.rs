@@ -1,4 +1,6 @@
-//! The CRC-32 of frames on a byte carrier, of stored items, and of identifiers that are derived from content.
+//! The CRC-32 of frames on a byte carrier, of whole areas of the flash chip, and of the previous image in that chip. Identifiers
+//! that are derived from content (parameters, settings, calibration) are such CRCs, too. The CRC of a single stored item is that
+//! of `sequential-storage`.
 
 use crc::{CRC_32_ISO_HDLC, Crc};
 

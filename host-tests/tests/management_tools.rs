@@ -25,14 +25,14 @@ use std::path::Path;
 use std::process::Command;
 use std::rc::Rc;
 use testkit::host::{Link, LinkKind};
-use testkit::insole::{BOARD, Defect, image};
+use testkit::insole::{BOARD, Defect, INITIAL_VERSION, image};
 use testkit::virtual_time::{now_us, with_origin};
 use testkit::world::{SharedWorld, World};
 
 /// Version of the image that runs at first on an insole on the host.
-const OLD: &str = env!("CARGO_PKG_VERSION");
+const OLD: &str = INITIAL_VERSION;
 /// Version of the image that a tool sends to this insole.
-const NEW: &str = "0.3.0";
+const NEW: &str = "99.0.1";
 /// Longest time until an answer, us.
 const ANSWER_US: u64 = 60_000_000;
 /// The group of the commands for the operating system.
@@ -140,7 +140,8 @@ impl Tool {
     fn part(&mut self, file: &[u8], offset: usize, len: usize, upgrade: bool) -> Result<usize, u64> {
         let data = Value::Bytes(file[offset..file.len().min(offset + len)].to_vec());
         let fields = match offset {
-            // The insole only compares this `sha` with that of an interrupted transfer, so any checksum serves.
+            // The insole only compares this `sha` with that of the transfer before, interrupted or complete, so any checksum
+            // serves.
             0 => cbor!({
                 "image" => 0, "len" => file.len(), "off" => 0, "sha" => Value::Bytes(crc32(file).to_le_bytes().repeat(8)),
                 "data" => data, "upgrade" => upgrade,

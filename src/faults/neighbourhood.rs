@@ -45,7 +45,7 @@ impl<R> FrameContext<'_, R> {
     }
 }
 
-/// The healthy cells around a cell, in all regions.
+/// The cells around a cell that are sound ([`crate::pipeline::marks::CellMarks::is_sound`]), in all regions.
 #[derive(Default)]
 pub(super) struct Neighbourhood {
     /// Number of adjacent cells.
@@ -54,7 +54,7 @@ pub(super) struct Neighbourhood {
     pub(super) loaded: u32,
     /// Area of the largest adjacent cell, in the units of [`crate::pipeline::region::RegionCell::whole`].
     pub(super) largest: i32,
-    /// Highest reading of an adjacent cell above its baseline in this frame, codes.
+    /// Highest reading of an adjacent cell above its baseline in this frame, codes; 0 if none is above.
     pub(super) highest: i32,
     /// Whether a nearby cell on the medial, lateral, heel or toe side exceeded the load threshold since the last review.
     loaded_sides: [bool; 4],

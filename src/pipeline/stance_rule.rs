@@ -10,12 +10,12 @@ pub const REFERENCE_PEAK_N: f64 = 700.0;
 const SCALE: (f64, f64) = (0.2, 2.0);
 /// A step of walking has at least this peak, relative to the usual one.
 const WALKING: f64 = 0.5;
-/// A step with less than this peak, relative to the usual one, may be a press of a seated foot. The steps of a runner who walks
-/// now have more.
+/// A step with less than this peak, relative to the usual one, may be a press of a seated foot. A runner's steps have more when
+/// the runner walks.
 const WEAK: f64 = 0.3;
 /// A contact with less than this stance time, relative to the usual one, is brief.
 const BRIEF: f64 = 1.0 / 3.0;
-/// Weight of a step in the usual peak.
+/// Weight of a step in the usual peak and in the usual stance time.
 const WEIGHT: f64 = 0.5;
 /// Weight of a weak step after the first step of walking. It is small, because some presses of a seated foot must not become the
 /// usual steps, and above 0, because a person who has begun to unload an injured foot takes many weak steps.
@@ -41,7 +41,7 @@ pub struct StanceRule {
     /// Longer contacts are standing, not steps, ms.
     pub max_stance_ms: u16,
     /// True: the forces are those for steps with a peak of [`REFERENCE_PEAK_N`]. They are proportional to the running mean of the
-    /// step peaks, and apply to the force above that of the lifted foot. False: they are absolute.
+    /// step peaks, with a factor of 0.2 to 2, and apply to the force above that of the lifted foot. False: they are absolute.
     pub is_adaptive: bool,
 }
 
@@ -57,8 +57,9 @@ impl StanceRule {
         max_stance_ms: 2500,
         is_adaptive: true,
     };
-    /// The rule [`StanceRule::ADAPTIVE`] with fixed thresholds, as in the paper ([`super::model`]). The threshold of toe off is
-    /// lower, and the force seldom falls below it within a stance, so a shorter gap ends the stance.
+    /// Fixed thresholds of this project, as in version 0.2; the paper ([`super::model`]) does not state how it isolates a step.
+    /// The threshold of toe off is lower than that of [`StanceRule::ADAPTIVE`], and the force seldom falls below it within a
+    /// stance, so a shorter gap ends the stance.
     pub const ABSOLUTE: Self =
         Self { strike_n: 30.0, release_n: 20.0, min_swing_ms: 40, is_adaptive: false, ..Self::ADAPTIVE };
 
@@ -122,7 +123,8 @@ impl<R: Real> StanceLimits<R> {
         }
     }
 
-    /// Largest number of frames from heel strike to the confirmed toe off of a step.
+    /// Largest number of frames from heel strike to the confirmed toe off of a step without missing frames. With missing frames,
+    /// the number can be up to [`super::stance::BRIDGED_FRAMES`] larger, bridged frames included.
     pub fn longest_step_frames(&self) -> u32 {
         self.max_stance_frames + self.min_swing_frames
     }

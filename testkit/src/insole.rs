@@ -34,6 +34,8 @@ const RESET_US: u64 = 20_000;
 
 /// Name of the board in images.
 pub const BOARD: &str = "host";
+/// Version of the image that runs at first.
+pub const INITIAL_VERSION: &str = env!("CARGO_PKG_VERSION");
 /// Length of the images, bytes.
 const IMAGE_BYTES: usize = 40 * CHUNK;
 /// Time from the start to the panic of an image with [`Defect::Crash`], s.
@@ -115,7 +117,7 @@ impl HostInsole {
     /// A new insole that is switched on now. Its flash chip contains only the firmware.
     pub fn new(codes: Rc<Codes>) -> Self {
         let mut chip = NorFlashChip::new(FLASH_BYTES);
-        let active = image(env!("CARGO_PKG_VERSION"), Defect::None);
+        let active = image(INITIAL_VERSION, Defect::None);
         chip.bytes[ACTIVE_IMAGE.start as usize..][..active.bytes().len()].copy_from_slice(active.bytes());
         Self {
             wearer: Rc::new(RefCell::new(Wearer::new(codes))),

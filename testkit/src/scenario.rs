@@ -5,7 +5,7 @@
 
 use crate::board::MAX_VALUE;
 use crate::host::{Host, LinkKind};
-use crate::insole::{Defect, image};
+use crate::insole::{Defect, INITIAL_VERSION, image};
 use crate::virtual_time::now_us;
 use crate::walk::Posture;
 use crate::world::{InsoleEvent, SharedWorld, World};
@@ -323,7 +323,8 @@ pub struct Expect {
     /// Numbers of contacts of the first insole since its last start that were rejected as steps: too short, too long, interrupted
     /// by missing frames.
     pub rejected: Option<[u32; 3]>,
-    /// Firmware version of the first insole at the end.
+    /// Firmware version of the first insole at the end; `initial` stands for that of the image that runs at first, which is the
+    /// version of this workspace.
     pub version: Option<String>,
     /// Serial number of the first insole at the end.
     pub serial: Option<String>,
@@ -743,7 +744,8 @@ impl Outcome {
         }
         let hello = first.host.hellos.last();
         if let Some(version) = &expect.version {
-            compare("version", version.clone(), hello.map_or(String::new(), |hello| hello.firmware.as_str().into()));
+            let version = if version == "initial" { INITIAL_VERSION } else { version.as_str() };
+            compare("version", version.into(), hello.map_or(String::new(), |hello| hello.firmware.as_str().into()));
         }
         if let Some(text) = &expect.last_fault {
             let fault = hello.and_then(|hello| hello.fault.as_deref()).unwrap_or("none");

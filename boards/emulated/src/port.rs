@@ -1,5 +1,5 @@
 //! USARTs of the emulated STM32F405. Reception is by interrupt; the emulated transmitter accepts every byte immediately
-//! and, up to QEMU 7, has no interrupt.
+//! and, before QEMU 8.2, has no interrupt.
 
 use cortex_m::peripheral::NVIC;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -23,8 +23,8 @@ impl Port {
         Self { registers, interrupt, received: Pipe::new() }
     }
 
-    /// Enables the port and its request of an interrupt for each received byte, but does not unmask the interrupt, whose handler
-    /// must call [`Port::on_interrupt`]. The emulator ignores bit rates.
+    /// Enables the port and its request of an interrupt for each received byte; the caller then unmasks the interrupt, whose
+    /// handler must call [`Port::on_interrupt`]. The emulator ignores bit rates.
     pub fn start(&self) {
         self.registers.cr1().write(|w| {
             w.set_ue(true);
@@ -34,11 +34,11 @@ impl Port {
         });
     }
 
-    /// Moves a received byte from the USART to the receive buffer. The handler of the USART's interrupt must call this
-    /// function.
+    /// Moves a received byte from the USART to the receive buffer or, if it is full, masks the interrupt until [`Port::read`].
+    /// The handler of the USART's interrupt must call this function.
     pub fn on_interrupt(&self) {
         if self.received.is_full() {
-            // `read` unmasks the interrupt again. Clearing RXNEIE in the register CR1 would not suffice: up to QEMU 7, the
+            // `read` unmasks the interrupt again. Clearing RXNEIE in the register CR1 would not suffice: before QEMU 8.2, the
             // request of a byte remains until the byte is read, so this handler would be called without end.
             NVIC::mask(self.interrupt);
         } else if self.registers.sr().read().rxne() {

@@ -16,7 +16,7 @@ use stm32_metapac::TIM5;
 const CORE_HZ: u32 = 168_000_000;
 /// The emulator's timer clock, regardless of the clock tree.
 const TIMER_HZ: u64 = 1_000_000_000;
-/// SysTick counts down from this value to 0 once in a millisecond, which is the granularity of this board's timers.
+/// SysTick counts down from this value to 0 once in a millisecond, the granularity of the timers of `embassy-time` on this board.
 pub const RELOAD: u32 = CORE_HZ / 1_000 - 1;
 
 /// The time driver; SysTick's exception must call [`Time::on_interrupt`].

@@ -31,6 +31,7 @@ use plantar::protocol::{
 };
 use recording::synthetic::{self, SyntheticWalk};
 use recording::{FootZero, Format, Recording, VirtualInsole, Zero};
+use std::fmt::Debug;
 use std::fs;
 use std::path::Path;
 
@@ -117,7 +118,7 @@ fn main() {
         ToDevice::Zero,
         ToDevice::EraseWearer,
     ]
-    .map(|message| encoded(&message));
+    .map(|message| (name("to-device", &message), encoded(&message)));
     let to_host = [
         ToHost::Hello(hello(&virtual_insole, tissue.id)),
         ToHost::Status(Status { uptime_us: 12_345_678, frames: 1000, live_due: 3, live_sent: 2, ..Status::default() }),
@@ -151,19 +152,17 @@ fn main() {
         ToHost::Alert(ALERT),
         ToHost::Zero(ZeroResult { changed: 3, with_former_baseline: [1, 0, 0, 0, 0, 0, 0, 0], residual_dn: [20; 8] }),
     ]
-    .map(|message| encoded(&message));
-    for (i, message) in to_device.iter().enumerate() {
-        seed("wire", &format!("to-device-{i}"), message);
-    }
-    for (i, message) in to_host.iter().enumerate() {
-        seed("wire", &format!("to-host-{i}"), message);
-        seed("phone", &format!("to-host-{i}"), message);
-    }
-    seed("deframe", "session", &to_host.iter().flat_map(|message| framed(message)).collect::<Vec<_>>());
-    for (i, message) in to_device.iter().enumerate() {
+    .map(|message| (name("to-host", &message), encoded(&message)));
+    for (name, message) in &to_device {
+        seed("wire", name, message);
         let fragments = fragments(message);
-        seed("fragments", &format!("to-device-{i}"), &pieces(fragments.iter().map(Vec::as_slice)));
+        seed("fragments", name, &pieces(fragments.iter().map(Vec::as_slice)));
     }
+    for (name, message) in &to_host {
+        seed("wire", name, message);
+        seed("phone", name, message);
+    }
+    seed("deframe", "session", &to_host.iter().flat_map(|(_, message)| framed(message)).collect::<Vec<_>>());
     // Messages of MCUmgr: an echo, the first part of an upload, and a request in two lines of a serial port.
     seed("management", "echo", b"\x0a\0\0\x0a\0\0\x01\0\xa1adfInsole");
     seed(
@@ -172,14 +171,15 @@ fn main() {
         b"\x0a\0\0\x1f\0\x01\x09\x01\xa3clen\x1a\0\x01\x11pcoff\0ddataJ=\xb8\xf3\x96\0\0\0\0h\0",
     );
     seed("management", "lines", b"\x06\tAAsI\r\n\x04\x14AAABAAEGAKAdoQ==\r\n");
-    seed("client", "session", &pieces(to_host.iter().map(Vec::as_slice)));
+    seed("client", "session", &pieces(to_host.iter().map(|(_, message)| message.as_slice())));
 
     let session = session(&recording, &virtual_insole);
     seed("identify", "walk", &pieces(session.iter().map(Vec::as_slice)));
     seed("stream", "walk", &stream(&session));
 
     // The single letters are the events of the target `link`.
-    let [connect, stream, acknowledge, status, set_tissue, ..] = to_device.each_ref().map(Vec::as_slice);
+    let [connect, stream, acknowledge, status, set_tissue, ..] =
+        to_device.each_ref().map(|(_, message)| message.as_slice());
     let session =
         [connect, stream, b"N", b"S", b"L", b"N", b"N", status, b"N", acknowledge, b"S", set_tissue, b"K", b"N", b"C"];
     seed("link", "session", &pieces(session));
@@ -220,6 +220,21 @@ fn seed(target: &str, name: &str, bytes: &[u8]) {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../corpus").join(target);
     fs::create_dir_all(&folder).expect("the folder can be created");
     fs::write(folder.join(name), bytes).expect("the seed is written");
+}
+
+/// The name of the seed with a message: `direction` and the name of the message, such as `to-host-daily-load`. That of a refusal
+/// contains the reason.
+fn name(direction: &str, message: &impl Debug) -> String {
+    // The text begins with the name of the variant.
+    let text = format!("{message:?}").replacen("Refused(", "Refused", 1);
+    let mut name = direction.to_owned();
+    for letter in text.chars().take_while(|letter| letter.is_alphanumeric()) {
+        if letter.is_uppercase() {
+            name.push('-');
+        }
+        name.push(letter.to_ascii_lowercase());
+    }
+    name
 }
 
 /// A message without framing.

@@ -12,6 +12,8 @@ use std::fmt;
 const CONTRADICTION: f64 = 1.5;
 /// Range of the largest deformation, divided by the thickness, that tissue can have.
 const POSSIBLE_STRAIN: [f64; 2] = [0.05, 0.95];
+/// The name of [`Measured::peak_strain`].
+const STRAIN: &str = "peak strain";
 /// The names of the radii of curvature, in the order of [`Measured::curvature_m`].
 const DIRECTIONS: [&str; 2] = ["medial-lateral curvature", "heel-toe curvature"];
 
@@ -110,10 +112,11 @@ impl Site<'_> {
     /// The measurements contradict each other, or the properties of tissue.
     pub fn scale(&self, measured: &Measured, assumed: f64) -> Result<Scale, Contradiction> {
         let c_m = |scale: Scale| scale.c_m(self.law, self.area_max_m2, self.thickness_m);
+        let typical_m = (!measured.has_thickness).then_some(self.thickness_m);
         // The radii are A^2/C and B^2/C. Each of them and A/B determine their geometric mean, A B/C.
         let [medial_lateral_m, heel_toe_m] = measured.curvature_m;
         let means_m = [medial_lateral_m.map(|r| r / self.aspect), heel_toe_m.map(|r| r * self.aspect)];
-        let strain = measured.peak_strain.map(|strain| ("peak strain", c_m(Scale::PeakStrain(strain))));
+        let strain = measured.peak_strain.map(|strain| (STRAIN, c_m(Scale::PeakStrain(strain))));
         let radii =
             DIRECTIONS.into_iter().zip(means_m).filter_map(|(name, mean)| Some((name, c_m(Scale::Curvature(mean?)))));
         let candidates: Vec<(&'static str, f64)> = strain.into_iter().chain(radii).collect();
@@ -121,7 +124,8 @@ impl Site<'_> {
         if let (Some(&least), Some(&most)) = (candidates.iter().min_by(by_c), candidates.iter().max_by(by_c))
             && most.1 > CONTRADICTION * least.1
         {
-            return Err(Contradiction::Between(least, most));
+            let typical_m = typical_m.filter(|_| [least.0, most.0].contains(&STRAIN));
+            return Err(Contradiction::Between { least, most, typical_m });
         }
         if let Some(strain) = measured.peak_strain {
             return Ok(Scale::PeakStrain(strain));
@@ -136,24 +140,34 @@ impl Site<'_> {
         if (POSSIBLE_STRAIN[0]..=POSSIBLE_STRAIN[1]).contains(&strain) {
             Ok(scale)
         } else {
-            Err(Contradiction::Strain { scale, strain })
+            Err(Contradiction::Strain { scale, strain, typical_m })
         }
     }
 }
 
-/// Measurements that cannot all be true.
+/// Measurements that cannot all be true. `typical_m` is the typical thickness, m, if it was used because none was measured: the
+/// measurements may then be true for another thickness.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Contradiction {
-    /// The names of two measurements with the C, m, that follow from them.
-    Between((&'static str, f64), (&'static str, f64)),
+    /// The names of two measurements with the C, m, that follow from them. Only that of the peak strain depends on the thickness.
+    Between { least: (&'static str, f64), most: (&'static str, f64), typical_m: Option<f64> },
     /// The curvature results in a deformation, divided by the thickness, that is not possible.
-    Strain { scale: Scale, strain: f64 },
+    Strain { scale: Scale, strain: f64, typical_m: Option<f64> },
+}
+
+impl Contradiction {
+    /// The typical thickness, m, if a measured one may resolve the contradiction.
+    fn typical_m(&self) -> Option<f64> {
+        match self {
+            Self::Between { typical_m, .. } | Self::Strain { typical_m, .. } => *typical_m,
+        }
+    }
 }
 
 impl fmt::Display for Contradiction {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Between((one, least_m), (other, most_m)) => write!(
+            Self::Between { least: (one, least_m), most: (other, most_m), .. } => write!(
                 f,
                 "measurements contradict each other: C is {:.1} mm by the {one} and {:.1} mm by the {other}, a factor of {:.1} \
                  (at most {CONTRADICTION} is accepted)",
@@ -161,7 +175,7 @@ impl fmt::Display for Contradiction {
                 most_m * 1e3,
                 most_m / least_m
             ),
-            Self::Strain { scale, strain } => write!(
+            Self::Strain { scale, strain, .. } => write!(
                 f,
                 "{scale} contradicts the thickness: the tissue would be compressed by {:.0} % of it ({:.0} to {:.0} % are possible)",
                 strain * 100.0,
@@ -169,9 +183,21 @@ impl fmt::Display for Contradiction {
                 POSSIBLE_STRAIN[1] * 100.0
             ),
         }?;
-        f.write_str(
+        if let Some(typical_m) = self.typical_m() {
+            write!(
+                f,
+                "; the typical thickness of {:.1} mm was used, because none was measured, and may be the cause",
+                typical_m * 1e3
+            )?;
+        }
+        let remedy = match self.typical_m() {
+            Some(_) => "measure and state `thickness_mm` of this region",
+            None => "measure this region again",
+        };
+        write!(
+            f,
             "; neither peak strain nor curvature was used, and C, stiffness, moduli and energies follow from the assumed \
-             compression; measure this region again, or remove a value from the file of tissue measurements",
+             compression; {remedy}, or remove a value from the file of tissue measurements"
         )
     }
 }
@@ -251,5 +277,25 @@ mod tests {
         let small_radius = Measured { curvature_m: [Some(0.005), None], ..Measured::NONE };
         let problem = chosen(&small_radius).expect_err("a contradiction").to_string();
         assert!(problem.contains("contradicts the thickness"), "{problem}");
+    }
+
+    #[test]
+    fn a_contradiction_with_a_thickness_that_was_not_measured_names_it() {
+        let (.., all) = heel();
+        let larger_m = all.curvature_m.map(|radius_m| radius_m.map(|m| m * 1.6));
+        let larger_radii = Measured { curvature_m: larger_m, ..all };
+        let small_radius = Measured { curvature_m: [Some(0.005), None], ..Measured::NONE };
+        for measured in [larger_radii, small_radius] {
+            for has_thickness in [false, true] {
+                let problem = chosen(&Measured { has_thickness, ..measured }).expect_err("a contradiction").to_string();
+                assert_eq!(problem.contains("typical thickness of 16.0 mm"), !has_thickness, "{problem}");
+                assert_eq!(problem.contains("measure and state `thickness_mm`"), !has_thickness, "{problem}");
+                assert_eq!(problem.contains("measure this region again"), has_thickness, "{problem}");
+            }
+        }
+        // The two radii contradict each other, whatever the thickness is.
+        let sole = Measured { peak_strain: None, curvature_m: [all.curvature_m[0], larger_m[1]], has_thickness: false };
+        let problem = chosen(&sole).expect_err("a contradiction").to_string();
+        assert!(!problem.contains("thickness") && problem.contains("measure this region again"), "{problem}");
     }
 }

@@ -80,7 +80,9 @@ fn choices_that_cannot_be_varied_are_reported() {
 
     let mut paper = study(6);
     paper.options.method = Method::Paper;
-    assert!(Sensitivity::of(&paper, None, &|| ()).variants.is_empty());
+    let paper = Sensitivity::of(&paper, None, &|| ());
+    assert!(paper.variants.is_empty());
+    assert!(paper.skipped[0].contains("too slow"), "{:?}", paper.skipped);
 }
 
 /// The release threshold of a choice is computed from its contact threshold and the ratio of the study's thresholds. In single

@@ -26,7 +26,9 @@ pub struct Participant {
     pub height_cm: Option<f64>,
     /// Path of the file with the zeros (unloaded readings) of the insoles, as `plantar zero` writes it.
     pub zero: Option<PathBuf>,
-    /// Path of the file with measurements of the tissue; see [`crate::TissueMeasurements`].
+    /// Path of the file with measurements of the tissue; see [`crate::TissueMeasurements`]. The entry is named `tissue`, like the
+    /// option `--tissue`, or `thickness`, as earlier.
+    #[serde(alias = "tissue")]
     pub thickness: Option<PathBuf>,
 }
 
@@ -141,6 +143,15 @@ mod tests {
         assert_eq!(found.thickness.as_deref(), Some(Path::new("study/ann/../tissue.toml")));
         assert_eq!(found.size.map(InsoleSize::eur), Some(37));
         assert_eq!(parse(""), Ok(Participant::default()));
+    }
+
+    #[test]
+    fn the_file_with_measurements_of_the_tissue_has_two_names() {
+        let [tissue, thickness] = ["tissue", "thickness"].map(|name| parse(&format!("{name} = 'ann.toml'")));
+        assert_eq!(tissue.as_ref().expect("valid").thickness.as_deref(), Some(Path::new("study/ann/ann.toml")));
+        assert_eq!(tissue, thickness);
+        let both = parse("tissue = 'a.toml'\nthickness = 'b.toml'").expect_err("two files");
+        assert!(both.contains("duplicate"), "{both}");
     }
 
     #[test]

@@ -15,7 +15,7 @@ const SVG = "http://www.w3.org/2000/svg";
 /** The key of a button or another control among the children of an element; empty for other nodes. */
 const keyOf = (node: Node) => (typeof node === "string" ? "" : (node[1]["id"] ?? node[1]["data-action"] ?? ""));
 
-/** True if a child of the document can become the element or text of a node by changes of its attributes and its content. */
+/** True if a child of an element can become the element or text of a node by changes of its attributes and its content. */
 function fits(child: ChildNode, node: Node): boolean {
   if (typeof node === "string") return child.nodeType === document.TEXT_NODE;
   if (!(child instanceof Element) || child.localName !== node[0]) return false;
@@ -80,8 +80,9 @@ function removeSiblings(first: ChildNode | null, end: ChildNode | null): void {
 const filled = new WeakMap<Element, string>();
 
 /**
- * Replaces the content of an element, given by itself or by its id, unless it is unchanged since the last call. Controls with the
- * same id or the same `data-action` remain, with the keyboard focus.
+ * Replaces the content of an element, given by itself or by its id, unless it is unchanged since the last call; does nothing if
+ * `into` is `null`. Controls with the same id or the same `data-action` remain, with the keyboard focus, as long as their order
+ * and their parents stay the same.
  */
 export function fill(into: string | Element | null, nodes: readonly Node[]): void {
   const element = typeof into === "string" ? byId(into) : into;

@@ -35,7 +35,9 @@ use study::{Person, fits};
 ///   mass_kg = 70.5
 ///   height_cm = 168
 ///   zero = "zero.toml"           # zero file, from `plantar zero`
-///   thickness = "thickness.toml" # measurements of the tissue; replaces --tissue
+///   tissue = "tissue.toml"       # measurements of the tissue; replaces --tissue
+///
+/// The earlier name of `tissue` in this file, `thickness`, is accepted, too.
 ///
 /// The table is a folder with one file TABLE/participant=NAME/steps.parquet per
 /// participant. It has one row per step and region, and DuckDB, Spark and Dask

@@ -82,7 +82,8 @@ pub enum Import {
     },
     /// Import barefoot steps on a plate from the Python package jiku-data (data set SpeedPP2DS, GPLv3, 10 walkers).
     ///
-    /// Each trial of that data set is one footprint. The trials are joined to a walk, with unloaded swing phases between them.
+    /// Each trial of that data set is one footprint. The trials are joined to a walk, with unloaded swing phases between them. A
+    /// trial that cannot be used is left out; the source of the recording lists it with the reason.
     Jiku {
         /// The folder SpeedPP2DS of the installed package.
         #[arg(long, value_name = "FOLDER")]

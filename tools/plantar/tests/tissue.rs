@@ -94,8 +94,8 @@ fn measurements_of_the_tissue_determine_the_vertical_radius_and_are_named_in_eve
     assert!(replayed.contains("heel 0 %") && replayed.contains("toe_2 50 %"), "{replayed}");
     assert!(succeed(path, "replay walk.parquet").contains("100 % in all regions"));
     // A parameter file in which the scale of every region was measured: the line `deformation_scale = "measured"` is added at the
-    // end of each region's table, that is before the header of the next region, and at the end of the file. The lines
-    // `deformation_scale` that `fit` wrote are removed.
+    // end of each region's table, that is before the header of the next region, and at the end of the file. The one before the
+    // first header, `[regions.heel`, is removed again. The lines `deformation_scale` that `fit` wrote are removed.
     let text = text.replace("\n[regions", "\ndeformation_scale = \"measured\"\n[regions");
     let text: String = text.split_inclusive('\n').filter(|line| !line.contains("# scale of C")).collect();
     let text = text.replacen("\ndeformation_scale = \"measured\"\n[regions.heel", "\n[regions.heel", 1);

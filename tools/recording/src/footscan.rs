@@ -10,6 +10,7 @@ use crate::text::{decode, first_number, number, shortened};
 use crate::{Error, Export, Result, units, xls};
 use plantar::Side;
 use std::path::Path;
+use std::rc::Rc;
 
 /// Extent of a cell along the plate, mm.
 const CELL_LENGTH_MM: f64 = 7.62;
@@ -64,7 +65,7 @@ impl ReadFoot {
 }
 
 /// Checks that a line of the header states no unit of pressure: the export is read as forces.
-fn check_no_pressure_unit(fields: &[String], place: &dyn Fn() -> String) -> Result<()> {
+fn check_no_pressure_unit(fields: &[Rc<str>], place: &dyn Fn() -> String) -> Result<()> {
     let Some(unit) = units::stated(&fields.join(" "), place)? else { return Ok(()) };
     let problem = format!("the header states pressures in {}, expected forces in N", unit.name);
     Err(Error::content(place(), problem, "export the dynamic roll off with the force on each cell, in N"))
@@ -76,7 +77,7 @@ fn check_no_pressure_unit(fields: &[String], place: &dyn Fn() -> String) -> Resu
 /// Fails if the file is damaged or a line violates the format. The message names file, line and remedy.
 pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     let text;
-    let rows: Vec<Vec<String>> = if is_xls(bytes) {
+    let rows: Vec<Vec<Rc<str>>> = if is_xls(bytes) {
         xls::rows(bytes).map_err(|reason| {
             let problem = format!("not a readable Excel file ({reason})");
             Error::content(path.display().to_string(), problem, "export or copy the measurement again")
@@ -84,7 +85,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     } else {
         text = decode(bytes, path)?;
         text.lines()
-            .map(|line| line.split(['\t', ';']).map(|field| field.trim().trim_matches('"').to_owned()).collect())
+            .map(|line| line.split(['\t', ';']).map(|field| field.trim().trim_matches('"').into()).collect())
             .collect()
     };
     let mut feet: Vec<ReadFoot> = Vec::new();

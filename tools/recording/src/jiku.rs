@@ -42,16 +42,16 @@ const UNIT_N: f64 = 0.1;
 /// last one.
 ///
 /// Each step is shifted by whole native cells to the best overlap with the previous steps, so that no reading is interpolated.
-/// It is not rotated. The layout contains all cells that are loaded in at least one frame. A trial that is empty, or still
-/// loaded in its last frame, is left out; [`Recording::source`] lists these trials.
+/// It is not rotated. The layout contains all cells that are loaded in at least one frame. A trial that is empty, still loaded in
+/// its last frame, missing in the file or not readable, or with rows that were not resampled as expected, is left out;
+/// [`Recording::source`] lists these trials, each with the reason.
 ///
 /// `dir` is the folder of the data set, or its subfolder `data_y`. Walkers and trials are numbered from 0; the trials are
 /// imported in the given order. `progress` receives the size of the file, bytes, times the fraction of the trials that have been
 /// processed, and the size itself.
 ///
 /// # Errors
-/// Fails if the walker or a trial does not exist, a file cannot be read, the rows of a trial were not resampled as expected, or
-/// no trial is usable.
+/// Fails if the data set has no walker or trial of this number, the file cannot be read, or no trial is usable.
 pub fn import(
     dir: impl AsRef<Path>,
     walker: usize,
@@ -85,27 +85,37 @@ fn read(
     let file = file.map_err(|error| {
         Error::content(path.display().to_string(), format!("not a readable HDF5 file ({error})"), REMEDY)
     })?;
+    if let Some(trial) = trials.iter().find(|trial| **trial >= TRIALS) {
+        return Err(Error::content(
+            path.display().to_string(),
+            format!("no trial {trial}"),
+            format!("choose trials from 0 to {}", TRIALS - 1),
+        ));
+    }
     let mut used = Vec::new();
     let mut left_out = Vec::new();
     let mut steps = Vec::new();
     for (done, &trial) in trials.iter().enumerate() {
         progress(done as f64 / trials.len() as f64);
-        let step = native::read(&file, path, trial)?;
-        if step.is_empty() {
-            left_out.push(format!("{trial} (empty)"));
-        } else if step.is_cut_off() {
-            left_out.push(format!("{trial} (cut off)"));
-        } else {
-            used.push(trial.to_string());
-            steps.push(step);
+        match native::read(&file, trial) {
+            Ok(step) if step.is_empty() => left_out.push(format!("{trial} (empty)")),
+            Ok(step) if step.is_cut_off() => left_out.push(format!("{trial} (cut off)")),
+            Ok(step) => {
+                used.push(trial.to_string());
+                steps.push(step);
+            }
+            Err(reason) => left_out.push(format!("{trial} ({reason})")),
         }
     }
     progress(1.0);
     if steps.is_empty() {
         return Err(Error::content(
             path.display().to_string(),
-            format!("no usable step in {} trials", trials.len()),
-            format!("choose other trials, 0 to {}", TRIALS - 1),
+            format!(
+                "no usable step; trials left out: {}",
+                if left_out.is_empty() { "none".into() } else { left_out.join(", ") }
+            ),
+            format!("import other trials, 0 to {}, or another walker, or {REMEDY}", TRIALS - 1),
         ));
     }
     let shifts = registration::shifts(&steps);

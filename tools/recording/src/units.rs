@@ -55,10 +55,14 @@ pub fn stated(row: &str, place: &dyn Fn() -> String) -> Result<Option<StatedUnit
     let mut words = row.split_whitespace().rev();
     let (last, before) = (words.next().unwrap_or_default(), words.next().unwrap_or_default());
     let unit = last.trim_end_matches([':', '.', ',', ';']);
-    let of_pressure = ["pressure", "druck", "unit", "einheit"].iter().any(|word| row.to_lowercase().contains(word));
-    let is_stated =
-        before.eq_ignore_ascii_case("in") || unit.starts_with(['[', '(']) || (before.ends_with(':') && of_pressure);
-    let kpa = kpa_of(unit).filter(|_| is_stated);
+    let of_pressure = || {
+        let row = row.to_lowercase();
+        ["pressure", "druck", "unit", "einheit"].iter().any(|word| row.contains(word))
+    };
+    let is_stated = || {
+        before.eq_ignore_ascii_case("in") || unit.starts_with(['[', '(']) || (before.ends_with(':') && of_pressure())
+    };
+    let kpa = kpa_of(unit).filter(|_| is_stated());
     Ok(kpa.map(|kpa| StatedUnit { name: unit.trim_matches(['[', ']', '(', ')']).to_owned(), kpa }))
 }
 

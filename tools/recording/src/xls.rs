@@ -10,6 +10,7 @@
 use cfb::CompoundFile;
 use std::collections::BTreeMap;
 use std::io::{Cursor, Read};
+use std::rc::Rc;
 
 /// Types of records. Their names are those of [MS-XLS].
 const BOF: u16 = 0x0809;
@@ -26,11 +27,11 @@ const WORKSHEET: u16 = 0x0010;
 const MAX_COLUMNS: usize = 256;
 
 /// The rows of the first sheet, each with the contents of its cells as text. The text of an empty cell is empty. A row without
-/// cells is empty.
+/// cells is empty. Cells that refer to the same text share it: a small file may refer to a long text very often.
 ///
 /// # Errors
 /// Fails with the reason if the file is damaged.
-pub fn rows(bytes: &[u8]) -> Result<Vec<Vec<String>>, String> {
+pub fn rows(bytes: &[u8]) -> Result<Vec<Vec<Rc<str>>>, String> {
     let mut file = CompoundFile::open(Cursor::new(bytes)).map_err(|error| error.to_string())?;
     let stream = file.open_stream("/Workbook").map_err(|error| error.to_string())?;
     let mut workbook = Vec::new();
@@ -47,41 +48,40 @@ pub fn rows(bytes: &[u8]) -> Result<Vec<Vec<String>>, String> {
             workbook.len()
         )
     })?;
-    let texts = texts(&records[..sheet_start]);
-    let mut cells: BTreeMap<usize, Vec<String>> = BTreeMap::new();
+    let texts: Vec<Rc<str>> = texts(&records[..sheet_start]).into_iter().map(Rc::from).collect();
+    let empty: Rc<str> = Rc::from("");
+    let mut cells: BTreeMap<usize, Vec<Rc<str>>> = BTreeMap::new();
     for (id, data) in &records[sheet_start..sheet_start + sheet_length] {
         let (Some(row), Some(column)) = (u16_at(data, 0), u16_at(data, 2)) else { continue };
-        let mut set = |column: usize, text: String| {
+        let mut set = |column: usize, text: Rc<str>| {
             let fields = cells.entry(row.into()).or_default();
             if column < MAX_COLUMNS {
-                fields.resize(fields.len().max(column + 1), String::new());
+                fields.resize(fields.len().max(column + 1), Rc::clone(&empty));
                 fields[column] = text;
             }
         };
         match *id {
             NUMBER => {
                 if let Some(value) = data.get(6..14).and_then(|bytes| bytes.try_into().ok()).map(f64::from_le_bytes) {
-                    set(column.into(), value.to_string());
+                    set(column.into(), value.to_string().into());
                 }
             }
             RK => {
                 if let Some(rk) = u32_at(data, 6) {
-                    set(column.into(), rk_value(rk).to_string());
+                    set(column.into(), rk_value(rk).to_string().into());
                 }
             }
             // The numbers of successive columns, each after the index of its format.
             MULRK => {
                 let list = data.get(4..data.len().saturating_sub(2)).unwrap_or_default();
                 for (i, entry) in list.as_chunks::<6>().0.iter().enumerate() {
-                    set(usize::from(column) + i, rk_value(u32_at(entry, 2).unwrap_or(0)).to_string());
+                    set(usize::from(column) + i, rk_value(u32_at(entry, 2).unwrap_or(0)).to_string().into());
                 }
             }
             LABEL_SST => {
                 let text = u32_at(data, 6).and_then(|index| texts.get(index as usize));
-                set(
-                    column.into(),
-                    text.ok_or("a cell refers to a text that the table of texts does not contain")?.clone(),
-                );
+                let text = text.ok_or("a cell refers to a text that the table of texts does not contain")?;
+                set(column.into(), Rc::clone(text));
             }
             _ => {}
         }
@@ -189,6 +189,7 @@ fn u32_at(data: &[u8], at: usize) -> Option<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::io::Write;
 
     #[test]
     fn numbers_of_30_bits_are_decoded() {
@@ -206,5 +207,37 @@ mod tests {
         let second = [1, b'f', 0, 0x3b, 0x26];
         let texts = texts(&[(SST, &first), (CONTINUE, &second), (EOF, &[])]);
         assert_eq!(texts, ["abc", "def☻"]);
+    }
+
+    /// A record with this data.
+    fn record(id: u16, data: &[u8]) -> Vec<u8> {
+        [&id.to_le_bytes()[..], &(data.len() as u16).to_le_bytes(), data].concat()
+    }
+
+    /// An Excel file with one text in its table of texts, and a sheet with cells that refer to it, each at a row and a column.
+    fn file(text: &str, cells: &[[u16; 2]]) -> Vec<u8> {
+        // The number of references and of texts, and the number of characters, each of which has one byte.
+        let table = [&[1, 0, 0, 0, 1, 0, 0, 0][..], &(text.len() as u16).to_le_bytes(), &[0], text.as_bytes()].concat();
+        let mut workbook = [record(SST, &table), record(BOF, &[0, 6, WORKSHEET as u8, 0])].concat();
+        for [row, column] in cells {
+            // After row and column follow the index of the format and that of the text.
+            let place = [row.to_le_bytes(), column.to_le_bytes(), [0; 2], [0; 2], [0; 2]];
+            workbook.extend(record(LABEL_SST, place.as_flattened()));
+        }
+        workbook.extend(record(EOF, &[]));
+        let mut file = CompoundFile::create(Cursor::new(Vec::new())).unwrap();
+        file.create_stream("/Workbook").unwrap().write_all(&workbook).unwrap();
+        file.flush().unwrap();
+        file.into_inner().into_inner()
+    }
+
+    #[test]
+    fn cells_that_refer_to_the_same_text_share_it() {
+        let long = "Rectangle height ".repeat(400);
+        let rows = rows(&file(&long, &[[0, 0], [0, 2], [3, 1]])).unwrap();
+        assert_eq!(rows.iter().map(Vec::len).collect::<Vec<_>>(), [3, 0, 0, 2]);
+        let texts = [&rows[0][0], &rows[0][2], &rows[3][1]];
+        assert!(texts.iter().all(|text| ***text == *long && text.as_ptr() == texts[0].as_ptr()));
+        assert!(rows[0][1].is_empty() && rows[3][0].is_empty());
     }
 }

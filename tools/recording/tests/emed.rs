@@ -36,7 +36,7 @@ fn page(side: Side, frame: usize, title: &str, is_turned: bool) -> String {
     text + &format!("Force\t{}\t{:.2}\n\x0c", fields.join("\t"), force_n(side, frame, CELL_MM2))
 }
 
-/// A file with a step and a page without a frame, in Latin-1 as the vendor's program writes it.
+/// A file with a step and a summary page (MVP), which is no frame, in Latin-1 as the vendor's program writes it.
 fn file(side: Side, is_turned: bool) -> Vec<u8> {
     let mut text = String::new();
     for frame in 0..STANCE {

@@ -123,13 +123,46 @@ fn a_computed_trial_is_read() {
     assert_eq!(step_peaks_n(&walk).len(), 2);
 }
 
-/// The dimensions in the damaged header claim more values than the file has.
-#[test]
-fn a_trial_of_impossible_size_is_rejected() {
+/// The computed trials. The dimensions in the damaged header of the first one claim more values than a trial can have.
+fn with_a_trial_of_impossible_size() -> Vec<u8> {
     let mut bytes = COMPUTED.to_vec();
     let dimensions = [6u64, 2, 8].map(u64::to_le_bytes).concat();
     let at = bytes.windows(dimensions.len()).position(|window| window == dimensions).unwrap();
     bytes[at + 5] = 1;
-    let error = jiku::parse(&bytes, &[0]).unwrap_err().to_string();
-    assert!(error.contains("values, a trial has at most"), "{error}");
+    bytes
+}
+
+/// The computed trials, of which the second one was not resampled: a value of its second row is too large.
+fn with_a_trial_that_was_not_resampled() -> Vec<u8> {
+    let mut bytes = COMPUTED.to_vec();
+    let units = [57u16, 95, 95, 57].map(u16::to_le_bytes).concat();
+    let at = bytes.windows(units.len()).rposition(|window| window == units).unwrap();
+    bytes[at..at + 2].copy_from_slice(&5000u16.to_le_bytes());
+    bytes
+}
+
+#[test]
+fn a_trial_that_cannot_be_used_is_left_out_with_its_reason() {
+    for (bytes, trials, parts) in [
+        (with_a_trial_of_impossible_size(), [0, 1], ["(trials 1)", "left out: 0 (", "values, a trial has at most"]),
+        (with_a_trial_that_was_not_resampled(), [0, 1], ["(trials 0)", "left out: 1 (not resampled", "units)"]),
+        // The file has only two trials.
+        (COMPUTED.to_vec(), [1, 2], ["(trials 1)", "left out: 2 (not readable: ", "img002"]),
+    ] {
+        let walk = jiku::parse(&bytes, &trials).unwrap();
+        assert_eq!(step_peaks_n(&walk).len(), 1);
+        assert!(parts.iter().all(|part| walk.source.contains(part)), "{}", walk.source);
+    }
+}
+
+#[test]
+fn a_file_without_a_usable_trial_is_refused_with_the_reasons() {
+    for (bytes, trial, part) in [
+        (with_a_trial_of_impossible_size(), 0, "values, a trial has at most"),
+        (with_a_trial_that_was_not_resampled(), 1, "not resampled from 7.62 mm rows"),
+    ] {
+        let error = jiku::parse(&bytes, &[trial]).unwrap_err().to_string();
+        assert!(error.contains("no usable step") && error.contains(part), "{error}");
+        assert!(error.contains("another walker") && !error.contains("omit"), "{error}");
+    }
 }

@@ -1,6 +1,6 @@
 //! NRMSE (Eq. 20) by region, as bars (Fig. 7 of the paper) and as a table (Table 2 of the paper).
 
-use crate::drawing::{self, Drawing, Scale, paragraph, tick};
+use crate::drawing::{self, Drawing, Scale, Tick, paragraph, tick};
 use crate::format::{NONE, percent, signed_percent};
 use crate::region::{PAPER_NRMSE, TITLES, colour, fit_of, fitted};
 use fit::{Quality, Study};
@@ -38,9 +38,9 @@ pub fn bars(study: &Study) -> Drawing {
         height: bottom + 34.0,
         label: "NRMSE by region: fitted, own, predicted, floor, and the value of the paper for one participant".into(),
         body: html! {
-            @for value in scale.ticks(6) {
-                path.grid d={ "M" (scale.at(value)) " " (TOP) "V" (bottom) } {}
-                text.middle x=(scale.at(value)) y=(bottom + 14.0) { (tick(value)) }
+            @for Tick { position, label } in scale.ticks(6, tick) {
+                path.grid d={ "M" (position) " " (TOP) "V" (bottom) } {}
+                text.middle x=(position) y=(bottom + 14.0) { (label) }
             }
             text.soft.end x=(WIDTH - RIGHT) y=(bottom + 28.0) { "NRMSE, % of peak force" }
             @for region in 0..8 {

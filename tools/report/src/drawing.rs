@@ -6,6 +6,12 @@ use std::fmt::Write;
 
 /// The style sheet of the drawings, in the page and in the picture.
 pub const STYLE: &str = include_str!("drawing.css");
+/// Width of a character. The fonts of viewers differ; most characters are narrower.
+const CHARACTER: f64 = 6.6;
+/// Height of a line of text.
+const LINE: f64 = 13.0;
+/// Smallest distance between the labels of two ticks.
+const LABEL_GAP: f64 = 2.0;
 
 /// A drawing that can be used on its own or within a larger one.
 pub struct Drawing {
@@ -40,7 +46,7 @@ pub fn legend_entries<Text: AsRef<str>>(marks: impl IntoIterator<Item = (Markup,
 
 fn legend_entry(mark: Markup, meaning: &str) -> Drawing {
     Drawing {
-        width: 42.0 + 6.6 * meaning.chars().count() as f64,
+        width: 42.0 + width(meaning),
         height: 18.0,
         label: format!("Mark: {meaning}"),
         body: html! { (mark) text x="31" y="13" { (meaning) } },
@@ -80,6 +86,19 @@ pub fn unfitted(width: f64, height: f64, title: &str, reason: &str) -> Drawing {
             (paragraph(reason, 14.0, 46.0, (width / 6.2) as usize, ""))
         },
     }
+}
+
+/// Width of a text of one line.
+fn width(text: &str) -> f64 {
+    CHARACTER * text.chars().count() as f64
+}
+
+/// A tick of an axis.
+pub struct Tick {
+    /// Position on the axis.
+    pub position: f64,
+    /// The value as text.
+    pub label: String,
 }
 
 /// A mapping from values to positions.
@@ -138,27 +157,56 @@ impl Scale {
         !(self.values[0]..=self.values[1]).contains(&value) && !self.is_zero(value)
     }
 
-    /// Round values within the scale for about `wanted` ticks.
-    pub fn ticks(&self, wanted: usize) -> Vec<f64> {
+    /// The ticks of a horizontal axis at round values, about `wanted` and at least two, with labels that do not overlap. A linear
+    /// scale contains 0, and the ends of a logarithmic one differ by a factor of at least 5. The position for 0 of a logarithmic
+    /// scale, if it has one, is an additional tick. `label` is the text for a value.
+    pub fn ticks(&self, wanted: usize, label: fn(f64) -> String) -> Vec<Tick> {
+        self.ticks_along(wanted, label, width)
+    }
+
+    /// As [`Scale::ticks`]. `extent` is the length of a label along the axis: its width, or its height for a vertical axis.
+    fn ticks_along(&self, wanted: usize, label: fn(f64) -> String, extent: fn(&str) -> f64) -> Vec<Tick> {
+        let place = |value: f64| Tick { position: self.at(value), label: label(value) };
+        let are_apart = |pair: &[Tick]| {
+            let extents = extent(&pair[0].label) + extent(&pair[1].label);
+            (pair[1].position - pair[0].position).abs() >= extents / 2.0 + LABEL_GAP
+        };
+        let is_readable = |ticks: &Vec<Tick>| ticks.len() >= 2 && ticks.windows(2).all(are_apart);
+        let sets = self.round_values(wanted);
+        // If the labels of each set overlap, the first and the last value of a set have the most room.
+        let ends = sets.iter().filter_map(|set| Some(vec![*set.first()?, *set.last()?]));
+        let mut all = sets.iter().cloned().chain(ends).map(|values| values.into_iter().map(place).collect::<Vec<_>>());
+        let ticks = all.find(is_readable).unwrap_or_default();
+        let zero = (self.kind == Kind::LogarithmicAndZero).then(|| place(0.0));
+        zero.into_iter().chain(ticks).collect()
+    }
+
+    /// Sets of round values within the scale, in the order of preference for about `wanted` ticks.
+    fn round_values(&self, wanted: usize) -> Vec<Vec<f64>> {
         let [low, high] = self.values;
+        if self.kind == Kind::Linear {
+            let rough = (high - low) / wanted as f64;
+            let decade = 10f64.powf(rough.log10().floor());
+            let steps = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0].map(|step| step * decade);
+            let multiples = |step: &f64| -> Vec<f64> {
+                let (first, last) = ((low / step - 1e-6).ceil() as i64, (high / step + 1e-6).floor() as i64);
+                (first..=last).map(|i| i as f64 * step).collect()
+            };
+            // Larger steps leave more room for labels; with smaller steps, a short scale has more than one tick.
+            let (smaller, larger) = steps.split_at(steps.partition_point(|step| *step < 0.999 * rough));
+            return larger.iter().chain(smaller.iter().rev()).map(multiples).collect();
+        }
         let round = |digits: &[f64]| -> Vec<f64> {
             let decades = low.log10().floor() as i32..=high.log10().ceil() as i32;
             let all = decades.flat_map(|e| digits.iter().map(move |digit| digit * 10f64.powi(e)));
             all.filter(|tick| (low * 0.999..=high * 1.001).contains(tick)).collect()
         };
-        if self.kind != Kind::Linear {
-            let fine = round(&[1.0, 2.0, 5.0]);
-            let decades = round(&[1.0]);
-            let every = decades.len().div_ceil(wanted + 1).max(1);
-            return if fine.len() <= wanted + 1 { fine } else { decades.into_iter().step_by(every).collect() };
-        }
-        let rough = (high - low) / wanted as f64;
-        let decade = 10f64.powf(rough.log10().floor());
-        let step = [1.0, 2.0, 5.0, 10.0].map(|s| s * decade).into_iter().find(|s| *s >= 0.999 * rough);
-        let step = step.unwrap_or(rough);
-        let first = (low / step - 1e-6).ceil() as i64;
-        let last = (high / step + 1e-6).floor() as i64;
-        (first..=last).map(|i| i as f64 * step).collect()
+        let decades = round(&[1.0]);
+        let mut sets = vec![round(&[1.0, 2.0, 5.0]), round(&[1.0, 3.0])];
+        sets.extend((1..=decades.len()).map(|every| decades.iter().copied().step_by(every).collect::<Vec<_>>()));
+        sets.retain(|set| set.len() <= wanted + 1);
+        sets.push(round(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0]));
+        sets
     }
 }
 
@@ -185,15 +233,13 @@ impl Curves {
     pub fn axes(&self, x_title: &str, y_title: &str) -> Markup {
         let ([left, right], [bottom, top]) = (self.x.positions, self.y.positions);
         html! {
-            @for value in self.y.ticks(3) {
-                @let y = self.y.at(value);
+            @for Tick { position: y, label } in self.y.ticks_along(3, tick, |_| LINE) {
                 path.grid d={ "M" (left) " " (y) "H" (right) } {}
-                text.end x=(left - 5.0) y=(y + 3.5) { (tick(value)) }
+                text.end x=(left - 5.0) y=(y + 3.5) { (label) }
             }
-            @for value in self.x.ticks(4) {
-                @let x = self.x.at(value);
+            @for Tick { position: x, label } in self.x.ticks(4, tick) {
                 path.axis d={ "M" (x) " " (bottom) "v3" } {}
-                text.middle x=(x) y=(bottom + 14.0) { (tick(value)) }
+                text.middle x=(x) y=(bottom + 14.0) { (label) }
             }
             path.axis d={ "M" (left) " " (bottom) "H" (right) } {}
             text.soft x="2" y=(top - 8.0) { (y_title) }
@@ -220,5 +266,69 @@ impl Curves {
             let _ = write!(path, "{}{x:.1} {y:.1}{after}", before(i));
         }
         path
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::format::round_number;
+
+    /// Values in geometric progression.
+    fn values(first: f64, last: f64) -> impl Iterator<Item = f64> {
+        std::iter::successors(Some(first), |value| Some(value * 1.09)).take_while(move |value| *value < last)
+    }
+
+    /// Checks that a scale has at least two labelled ticks, and that no label overlaps the next one.
+    fn check(scale: &Scale, ticks: &[Tick], extent: fn(&str) -> f64) {
+        let labels: Vec<_> = ticks.iter().map(|tick| &tick.label).collect();
+        let zeros = usize::from(scale.kind == Kind::LogarithmicAndZero);
+        assert!(ticks.len() >= 2 + zeros, "{:?}: {labels:?}", scale.values);
+        for pair in ticks.windows(2) {
+            let distance = (pair[1].position - pair[0].position).abs();
+            let extents = extent(&pair[0].label) + extent(&pair[1].label);
+            assert!(distance >= extents / 2.0, "{:?} in {:?}: {labels:?}", scale.values, scale.positions);
+        }
+    }
+
+    /// The lengths of the horizontal axes of the report, with the wanted number of ticks and the text of a value.
+    const AXES: [(f64, usize, fn(f64) -> String); 6] = [
+        (134.0, 3, round_number),
+        (134.0, 4, round_number),
+        (206.0, 4, tick),
+        (216.0, 4, tick),
+        (296.0, 6, tick),
+        (334.0, 6, round_number),
+    ];
+
+    #[test]
+    fn a_linear_axis_has_two_or_more_labels_that_do_not_overlap() {
+        let below = [0.0, 0.001, 0.02, 0.1, 0.3, 0.5, 0.7, 0.8, 0.9, 1.0, 1.1, 1.5, 2.0, 5.0, 50.0, 1000.0];
+        for end in values(1e-4, 1e8) {
+            let ranges = below.map(|below| [-below * end, end]).into_iter().chain([[-end, 0.0]]);
+            for range in ranges {
+                for (length, wanted, label) in AXES {
+                    let scale = Scale::linear(range, [0.0, length]);
+                    check(&scale, &scale.ticks(wanted, label), width);
+                }
+            }
+            for height in [74.0, 108.0, 118.0] {
+                let scale = Scale::linear([0.0, end], [height, 0.0]);
+                check(&scale, &scale.ticks_along(3, tick, |_| LINE), |_| LINE);
+            }
+        }
+    }
+
+    #[test]
+    fn a_logarithmic_axis_has_two_or_more_labels_that_do_not_overlap() {
+        let ratios = [5.0, 5.5, 7.0, 9.9, 12.0, 20.0, 33.0, 50.0, 99.0, 150.0, 990.0, 1e4, 1e6, 1e8];
+        for low in values(1e-6, 1e8) {
+            for (ratio, has_zero) in ratios.into_iter().flat_map(|ratio| [(ratio, false), (ratio, true)]) {
+                for (length, wanted) in [(134.0, 3), (134.0, 4), (334.0, 6)] {
+                    let scale = Scale::logarithmic([low, ratio * low], [0.0, length], has_zero);
+                    check(&scale, &scale.ticks(wanted, round_number), width);
+                }
+            }
+        }
     }
 }

@@ -1,6 +1,7 @@
 //! A chart of one value by region, with its 95 % intervals.
 
-use crate::drawing::{Drawing, Scale, tick};
+use crate::drawing::{Drawing, Scale, Tick};
+use crate::format::round_number;
 use crate::region::{TITLES, colour};
 use maud::{Markup, html};
 
@@ -73,11 +74,11 @@ impl IntervalChart {
             label: format!("{}, by region with 95 % confidence intervals", self.title),
             body: html! {
                 text.strong x="2" y="13" { (self.title) }
-                @for value in scale.ticks(3) {
-                    path.grid d={ "M" (format!("{:.1}", scale.at(value))) " " (TOP) "V" (bottom) } {}
-                    text.middle x=(format!("{:.1}", scale.at(value))) y=(bottom + 14.0) { (tick(value)) }
+                @for Tick { position, label } in scale.ticks(3, round_number) {
+                    @let x = format!("{position:.1}");
+                    path.grid d={ "M" (x) " " (TOP) "V" (bottom) } {}
+                    text.middle x=(x) y=(bottom + 14.0) { (label) }
                 }
-                @if self.has_zero() { text.middle x=(scale.at(0.0)) y=(bottom + 14.0) { "0" } }
                 path.axis d={ "M" (LEFT) " " (bottom) "H" (WIDTH - RIGHT) } {}
                 @for (region, row) in self.rows.iter().enumerate() {
                     @let y = TOP + (region as f64 + 0.5) * ROW;
@@ -112,7 +113,7 @@ impl IntervalChart {
     }
 
     /// The scale. It covers all intervals, but extends at most a decade beyond the values, or three times their range on a linear
-    /// axis.
+    /// axis. The ends of a logarithmic axis differ by a factor of at least 5, so that it has two round values.
     fn scale(&self) -> Scale {
         let positions = [LEFT, WIDTH - RIGHT];
         let is_shown = |value: &f64| value.is_finite() && (*value > 0.0 || !self.is_logarithmic);
@@ -132,7 +133,7 @@ impl IntervalChart {
         match (ends[0] <= ends[1], self.is_logarithmic) {
             (true, true) => {
                 let low = ends[0].max(estimates[0] / 10.0) / 1.2;
-                let high = (ends[1].min(estimates[1] * 10.0) * 1.2).max(4.0 * low);
+                let high = (ends[1].min(estimates[1] * 10.0) * 1.2).max(5.0 * low);
                 Scale::logarithmic([low, high], positions, self.has_zero())
             }
             (true, false) => {
@@ -180,7 +181,7 @@ mod tests {
 
     #[test]
     fn a_logarithmic_axis_has_a_position_for_zero_if_a_value_is_zero() {
-        let zero = format!("x=\"{LEFT}\" y=\"{}\">0</text>", TOP + 8.0 * ROW + 14.0);
+        let zero = format!("x=\"{LEFT:.1}\" y=\"{}\">0</text>", TOP + 8.0 * ROW + 14.0);
         assert!(drawing_of(0.0).contains(&zero) && drawing_of(0.0).contains(&format!("cx=\"{LEFT:.1}\"")));
         assert!(!drawing_of(0.1).contains(&zero));
     }

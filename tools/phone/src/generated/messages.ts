@@ -115,11 +115,11 @@ sole: Sole, };
 export type Gatt = { service: string,
 /** The page writes requests to this characteristic, and the insole indicates the answers. */
 control: string,
-/** The insole notifies live frames and contact ellipses. */
+/** The insole notifies live frames and contact ellipses on this characteristic. */
 live: string,
-/** The insole notifies steps, load bouts and alerts. */
+/** The insole notifies steps, load bouts and alerts on this characteristic. */
 steps: string,
-/** As `control`, for requests that concern the wearer's parameters. The insole indicates all refusals here. */
+/** As `control`, for requests that set or read the wearer's parameters themselves. The insole indicates all refusals here. */
 parameters: string,
 /** The first bytes of the requests that are written to `parameters`. */
 parameter_requests: Array<number>, };

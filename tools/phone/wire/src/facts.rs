@@ -33,11 +33,11 @@ pub struct Gatt {
     service: String,
     /// The page writes requests to this characteristic, and the insole indicates the answers.
     control: String,
-    /// The insole notifies live frames and contact ellipses.
+    /// The insole notifies live frames and contact ellipses on this characteristic.
     live: String,
-    /// The insole notifies steps, load bouts and alerts.
+    /// The insole notifies steps, load bouts and alerts on this characteristic.
     steps: String,
-    /// As `control`, for requests that concern the wearer's parameters. The insole indicates all refusals here.
+    /// As `control`, for requests that set or read the wearer's parameters themselves. The insole indicates all refusals here.
     parameters: String,
     /// The first bytes of the requests that are written to `parameters`.
     parameter_requests: Vec<u8>,

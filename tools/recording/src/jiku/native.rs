@@ -10,11 +10,9 @@
 //! Hence n0 = r0, and n1 has two estimates: (3 r1 - r0)/2 and (3 r2 - r0')/2. The number of rows before the first full group of
 //! three differs between trials. The right number is the one for which both estimates agree to within rounding.
 
-use super::{REMEDY, TRIALS};
-use crate::{Error, Result};
 use hdf5_reader::Hdf5File;
+use hdf5_reader::error::Error;
 use std::ops::Range;
-use std::path::Path;
 
 /// Largest accepted difference between the doubled estimates. r0 and r0' are native integers and were not rounded. Rounding
 /// changed r1 and r2 by up to half a unit each, and each doubled estimate multiplies one of the two by three.
@@ -26,7 +24,7 @@ const MAX_VALUES: u64 = 1 << 22;
 /// Row and column of a cell on the native grid of one step.
 pub type NativeCell = (usize, usize);
 
-/// One step over the plate, from its first to its last loaded frame.
+/// A trial, all of its frames; the methods return those from the first to the last loaded one.
 pub struct Step {
     columns: usize,
     stored_frames: usize,
@@ -83,32 +81,18 @@ impl Step {
 /// Reads one trial, numbered from 0.
 ///
 /// # Errors
-/// Fails if the trial does not exist, cannot be read, or its rows were not resampled as expected.
-pub fn read(file: &Hdf5File, path: &Path, trial: usize) -> Result<Step> {
-    let node = format!("/img{trial:03}");
-    let place = || format!("{}: {node}", path.display());
-    if trial >= TRIALS {
-        return Err(Error::content(
-            place(),
-            format!("no trial {trial}"),
-            format!("choose trials from 0 to {}", TRIALS - 1),
-        ));
-    }
-    let unreadable = |error: hdf5_reader::error::Error| {
-        Error::content(place(), format!("trial {trial} cannot be read ({error})"), REMEDY)
-    };
-    let dataset = file.dataset(&node).map_err(unreadable)?;
+/// Fails with the reason if the file does not contain the trial, the trial cannot be read, or its rows were not resampled as
+/// expected.
+pub fn read(file: &Hdf5File, trial: usize) -> Result<Step, String> {
+    let unreadable = |error: Error| format!("not readable: {error}");
+    let dataset = file.dataset(&format!("/img{trial:03}")).map_err(unreadable)?;
     let values = dataset.num_elements().map_err(unreadable)?;
     if values > MAX_VALUES {
-        return Err(Error::content(place(), format!("{values} values, a trial has at most {MAX_VALUES}"), REMEDY));
+        return Err(format!("{values} values, a trial has at most {MAX_VALUES}"));
     }
     let stored = dataset.read_array::<u16>().map_err(unreadable)?;
     let &[rows, columns, frames] = stored.shape() else {
-        return Err(Error::content(
-            place(),
-            format!("{} dimensions, expected rows, columns and frames", stored.ndim()),
-            REMEDY,
-        ));
+        return Err(format!("{} dimensions, expected rows, columns and frames", stored.ndim()));
     };
     if stored.is_empty() {
         return Ok(Step::new(columns, frames.max(1), Vec::new()));
@@ -117,13 +101,8 @@ pub fn read(file: &Hdf5File, path: &Path, trial: usize) -> Result<Step> {
     let values: Vec<u16> = stored.iter().copied().collect();
     match native_rows(&values, rows, row_length) {
         Ok(units) => Ok(Step::new(columns, frames, units)),
-        Err(difference_units) => Err(Error::content(
-            place(),
-            format!(
-                "trial {trial} was not resampled from 7.62 mm rows: the estimates of a native row \
-                 differ by {difference_units:.1} units"
-            ),
-            "omit this trial",
+        Err(difference_units) => Err(format!(
+            "not resampled from 7.62 mm rows: the estimates of a native row differ by {difference_units:.1} units"
         )),
     }
 }
@@ -133,7 +112,7 @@ pub fn read(file: &Hdf5File, path: &Path, trial: usize) -> Result<Step> {
 /// # Errors
 /// Fails if the estimates do not agree for any number of rows before the first full group. The error is the largest difference
 /// between two estimates, in units, for the number of rows with the best agreement.
-fn native_rows(values: &[u16], rows: usize, row_length: usize) -> std::result::Result<Vec<u16>, f64> {
+fn native_rows(values: &[u16], rows: usize, row_length: usize) -> Result<Vec<u16>, f64> {
     let aligned = [0, 1, 2].map(|phase| Aligned::new(values, rows, row_length, phase));
     let mut best = (i32::MAX, &aligned[0]);
     for candidate in &aligned {

@@ -3,7 +3,7 @@
 
 use crate::cohort::participants::plus_minus;
 use crate::cohort::title;
-use crate::drawing::{self, Drawing, Scale};
+use crate::drawing::{self, Drawing, Scale, Tick};
 use crate::format::{NONE, round_number};
 use crate::region::TITLES;
 use fit::cohort::SizeGroup;
@@ -85,10 +85,10 @@ fn chart(groups: &[SizeGroup], variable: Variable, form: &Form) -> Drawing {
         label: format!("{title}, by region and insole size, mean with standard deviation"),
         body: html! {
             text.strong x="2" y="13" { (title) }
-            @for value in scale.ticks(if form.width > WIDTH { 6 } else { 4 }) {
-                @let x = format!("{:.1}", scale.at(value));
+            @for Tick { position, label } in scale.ticks(if form.width > WIDTH { 6 } else { 4 }, round_number) {
+                @let x = format!("{position:.1}");
                 path.grid d={ "M" (x) " " (TOP) "V" (bottom) } {}
-                text.middle x=(x) y=(bottom + 14.0) { (round_number(value)) }
+                text.middle x=(x) y=(bottom + 14.0) { (label) }
             }
             path.axis d={ "M" (LEFT) " " (bottom) "H" (form.width - RIGHT) } {}
             @for region in 0..8 {
@@ -105,8 +105,9 @@ fn chart(groups: &[SizeGroup], variable: Variable, form: &Form) -> Drawing {
     }
 }
 
-/// The scale of a chart. It ends above the ranges of the standard deviations. A linear scale begins at 0 or, if a mean is
-/// negative, below these ranges. A logarithmic scale begins below these ranges, but not far below a third of the smallest mean.
+/// The scale of a chart. It ends above the ranges of the standard deviations. A linear scale contains 0: it begins there or, if a
+/// mean is negative, below these ranges. A logarithmic scale begins below these ranges, but not far below a third of the smallest
+/// mean.
 fn scale(groups: &[SizeGroup], variable: Variable, width: f64) -> Scale {
     let positions = [LEFT, width - RIGHT];
     let (mut means, mut ends) = ([f64::MAX, f64::MIN], [f64::MAX, f64::MIN]);
@@ -121,9 +122,9 @@ fn scale(groups: &[SizeGroup], variable: Variable, width: f64) -> Scale {
     if means[0] > 0.0 && means[1] > LOGARITHMIC_FROM * means[0] {
         return Scale::logarithmic([ends[0].max(means[0] / 3.0) / 1.1, ends[1] * 1.1], positions, false);
     }
-    let low = if means[0] >= 0.0 { 0.0 } else { ends[0] };
-    let margin = 0.05 * (ends[1] - low).max(1e-3);
-    Scale::linear([if low < 0.0 { low - margin } else { low }, ends[1] + margin], positions)
+    let [low, high] = [if means[0] >= 0.0 { 0.0 } else { ends[0] }, ends[1].max(0.0)];
+    let margin = 0.05 * (high - low).max(1e-3);
+    Scale::linear([if low < 0.0 { low - margin } else { low }, high + margin], positions)
 }
 
 /// The mean, as a bar or a point, and the range of the standard deviation, with an arrow if the range begins below the scale.
