@@ -101,6 +101,9 @@ pub struct Tick {
     pub label: String,
 }
 
+/// A function that returns the text for a value.
+pub type Label = fn(f64) -> String;
+
 /// A mapping from values to positions.
 pub struct Scale {
     values: [f64; 2],
@@ -159,13 +162,13 @@ impl Scale {
 
     /// The ticks of a horizontal axis at round values, about `wanted` and at least two, with labels that do not overlap. A linear
     /// scale contains 0, and the ends of a logarithmic one differ by a factor of at least 5. The position for 0 of a logarithmic
-    /// scale, if it has one, is an additional tick. `label` is the text for a value.
-    pub fn ticks(&self, wanted: usize, label: fn(f64) -> String) -> Vec<Tick> {
+    /// scale, if it has one, is an additional tick.
+    pub fn ticks(&self, wanted: usize, label: Label) -> Vec<Tick> {
         self.ticks_along(wanted, label, width)
     }
 
     /// As [`Scale::ticks`]. `extent` is the length of a label along the axis: its width, or its height for a vertical axis.
-    fn ticks_along(&self, wanted: usize, label: fn(f64) -> String, extent: fn(&str) -> f64) -> Vec<Tick> {
+    fn ticks_along(&self, wanted: usize, label: Label, extent: fn(&str) -> f64) -> Vec<Tick> {
         let place = |value: f64| Tick { position: self.at(value), label: label(value) };
         let are_apart = |pair: &[Tick]| {
             let extents = extent(&pair[0].label) + extent(&pair[1].label);
@@ -292,7 +295,7 @@ mod tests {
     }
 
     /// The lengths of the horizontal axes of the report, with the wanted number of ticks and the text of a value.
-    const AXES: [(f64, usize, fn(f64) -> String); 6] = [
+    const AXES: [(f64, usize, Label); 6] = [
         (134.0, 3, round_number),
         (134.0, 4, round_number),
         (206.0, 4, tick),
