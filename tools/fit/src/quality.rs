@@ -17,7 +17,8 @@ pub struct Quality {
     /// As `fitted`, but against the measured force smoothed by the paper's polynomial of 5th order.
     pub fitted_smoothed: f64,
     /// NRMSE of each step with parameters that were fitted to it alone, against the measured force; of 200 evenly spaced steps if
-    /// there are more.
+    /// there are more. A prior draws these parameters strongly, because one step contains little, so `own` can exceed
+    /// `predicted`.
     pub own: f64,
     /// As `own`, but against the smoothed force.
     pub own_smoothed: f64,

@@ -105,8 +105,9 @@ pub(crate) struct Site<'s> {
 }
 
 impl Site<'_> {
-    /// The scale from the measurements; a measured peak strain takes precedence over a consistent curvature, because it is
-    /// the deformation itself. Without measurements, the scale is `assumed`.
+    /// The scale from the measurements. With a measured thickness, a peak strain takes precedence over a consistent curvature,
+    /// because it is the deformation itself; with a typical one, a curvature does, because it does not depend on the thickness.
+    /// Without measurements, the scale is `assumed`.
     ///
     /// # Errors
     /// The measurements contradict each other, or the properties of tissue.
@@ -127,7 +128,8 @@ impl Site<'_> {
             let typical_m = typical_m.filter(|_| [least.0, most.0].contains(&STRAIN));
             return Err(Contradiction::Between { least, most, typical_m });
         }
-        if let Some(strain) = measured.peak_strain {
+        let strain = measured.peak_strain.filter(|_| measured.has_thickness || measured.curvature_m == [None; 2]);
+        if let Some(strain) = strain {
             return Ok(Scale::PeakStrain(strain));
         }
         let scale = match measured.curvature_m {
@@ -241,6 +243,7 @@ mod tests {
         let none = Measured::NONE;
         for (measured, name) in [
             (all, "peak_strain"),
+            (Measured { has_thickness: false, ..all }, "curvature"),
             (Measured { peak_strain: all.peak_strain, ..none }, "peak_strain"),
             (Measured { curvature_m: all.curvature_m, ..none }, "curvature"),
             (Measured { curvature_m: [medial_lateral_m, None], ..none }, "curvature"),

@@ -66,7 +66,13 @@ pub fn instructions(options: &Options) -> Markup {
             "NRMSE is the root mean square of model minus measured force, divided by the largest measured force of the region in \
              the step (Eq. 20). "
             em { "Fitted" } ": one set of parameters for all steps. "
-            em { "Own" } ": parameters fitted to each step alone, as in the paper. "
+            em { "Own" } ": parameters fitted to each step alone"
+            @if options.prior.is_some() {
+                " and, because one step contains little, drawn strongly to their distribution among people (prior): a step can have \
+                 a smaller error with other parameters, also with those fitted to the other steps. "
+            } @else {
+                ", as in the paper. "
+            }
             em { "Predicted" } ": parameters fitted to the other steps (cross-validation); the error to expect for a new step. "
             em { "Floor" } ": the error of the best non-decreasing function of contact area in each step. No elastic law \
              of this area has a smaller error; a law with damping can have a smaller error. "
