@@ -11,7 +11,7 @@ import type { Wire } from "./wire";
 export interface InsoleEvents {
   /** A live frame arrived from the insole of this foot. */
   live(live: Live, side: Side): void;
-  /** The contact ellipses or the cells of the insole of this foot arrived. */
+  /** The contact ellipses or the cells of the insole of this foot arrived, or its hello, which clears the ellipses. */
   shape(session: Session, side: Side): void;
   /** A step, load bout or alert arrived. `bytes` is the encoded message. */
   record(message: RecordMessage, bytes: Uint8Array, session: Session): void;
@@ -96,7 +96,7 @@ export class Insoles {
     if (session.hello !== before.hello) this.hellos.set(insole, bytes.slice());
     this.recorder.add(insole, bytes, now_ms);
     const is_new_shape = session.ellipses !== before.ellipses || session.sole !== before.sole;
-    if (session.hello && is_new_shape) this.events.shape(session, session.hello.side);
+    if (session.hello && session.state !== "same-foot" && is_new_shape) this.events.shape(session, session.hello.side);
     if (session.live && session.hello && session.live !== before.live) this.events.live(session.live, session.hello.side);
   }
 }

@@ -91,7 +91,7 @@ export function remarks(insoles: Insoles, pause: { feet: string; rest: string } 
       const regions = typical.length < facts.regions.length ? typical.map((i) => regionTitle(facts.regions[i]?.name ?? "")) : [];
       const where = regions.length > 0 ? ` (${regions.join(", ").toLowerCase()})` : "";
       return hello?.has_parameters && typical.length > 0
-        ? [remark(`The model values of the ${side} foot${where} are computed with typical parameters, not with yours.`)]
+        ? [remark(`The model values of the ${side} foot${where} are computed with parameters that are not known to be yours.`)]
         : [];
     }),
     ...(waiting >= MANY_RECORDS

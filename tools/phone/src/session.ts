@@ -228,6 +228,8 @@ export class Session {
           return;
         }
         this.refuses_changes ||= message.is_final;
+        // Parameters that could not be stored are in force.
+        if (message.is_not_stored) this.send(this.wire.getIdentified());
         return this.onAnswer(message, this);
       case "tissue":
         // The object is changed and not replaced: if `hello` is another object after a message, `Insoles` stores this message as
@@ -237,6 +239,7 @@ export class Session {
         return this.onAnswer(message, this);
       case "identified":
         this.typical = message.typical;
+        if (this.hello && this.typical.length < this.wire.facts.regions.length) this.hello.has_parameters = true;
         return;
       case "ellipses":
         if (this.state === "live") this.ellipses = message.regions;
@@ -314,6 +317,7 @@ export class Session {
     this.live = undefined;
     this.is_resting = false;
     this.ellipses = [];
+    this.typical = [];
     this.cells = [];
     // The insole may be that of the other foot.
     this.daily = undefined;
@@ -331,7 +335,6 @@ export class Session {
     this.restartClockMapping(now_ms);
     this.has_alerts = undefined;
     this.send(this.wire.getAlertRules());
-    this.typical = [];
     this.send(this.wire.getIdentified());
     this.send(this.wire.stream(true));
     this.send(this.wire.streamEllipses(Math.ceil(hello.rate_hz / ELLIPSES_HZ)));

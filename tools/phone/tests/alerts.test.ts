@@ -3,7 +3,7 @@ import { Alerts } from "../src/alerts";
 import type { ToHost } from "../src/generated/messages";
 import type { Alert, Side } from "../src/generated/quantities";
 import type { Insoles } from "../src/insoles";
-import { Session } from "../src/session";
+import { type InsoleAnswer, Session } from "../src/session";
 import { loadSettings } from "../src/settings";
 import type { Wire } from "../src/wire";
 import { element } from "./elements";
@@ -37,14 +37,14 @@ afterEach(() => {
 });
 
 /** The session with an insole, its requests, and a function that passes it a message. */
-function connect(side: Side) {
+function connect(side: Side, answered: (answer: InsoleAnswer, session: Session) => void) {
   let next: ToHost;
   const sent: Uint8Array[] = [];
   const core = Object.assign(Object.create(wire), { decode: () => next }) as Wire;
   const send = (_: unknown, message: Uint8Array) => sent.push(message);
   const transport = { location: "", is_replay: false, can_lose_records: true, send, close: () => undefined };
   const [ignore, no] = [() => undefined, () => false];
-  const session = new Session(side === "left" ? 0 : 1, core, () => transport, ignore, ignore, no, no);
+  const session = new Session(side === "left" ? 0 : 1, core, () => transport, ignore, answered, no, no);
   const receive = (message: ToHost) => {
     next = message;
     session.receive(new Uint8Array(1), performance.now());
@@ -60,7 +60,8 @@ const rules = (is_on: boolean, after_min = 0): ToHost => ({
 
 /** The alerts of the page with two insoles, which do not raise alerts yet. */
 function start() {
-  const [left, right] = [connect("left"), connect("right")];
+  const answered = (answer: InsoleAnswer, session: Session): void => alerts.answered(answer, session);
+  const [left, right] = [connect("left", answered), connect("right", answered)];
   const sessions = [left.session, right.session];
   const insoles = { sessions, of: (side: Side) => sessions.find((session) => session.hello?.side === side) };
   const settings = loadSettings(() => ({ getItem: () => null }) as unknown as Storage);
@@ -95,7 +96,7 @@ test("an insole that did not accept a change of the switch is named, with what i
   all.right.receive(rules(false));
   all.alerts.update();
   expect([box.disabled, box.indeterminate]).toEqual([false, true]);
-  const refused = "The right insole did not accept the change: its alerts are off.";
+  const refused = "The right insole did not accept the change: its alerts are off. The reason: busy.";
   expect(note.content).toBe(JSON.stringify([`Alerts are on for the left foot only. ${refused}`]));
 });
 
@@ -113,7 +114,7 @@ test("the reason of a refusal is that of an insole that was asked", () => {
   const all = start();
   box.checked = true;
   box.onchange();
-  const other = connect("left").session;
+  const other = connect("left", () => undefined).session;
   all.alerts.answered({ kind: "refused", reason: "busy", is_other_host: false, is_not_stored: false, is_final: false }, all.right.session);
   all.alerts.answered({ kind: "refused", reason: "of another request", is_other_host: false, is_not_stored: false, is_final: false }, other);
   vi.advanceTimersByTime(3000);
@@ -132,7 +133,7 @@ test("rules that are in force although the insole refused the request are shown 
 
 test("the alerts of the insole of each foot are paused, but not those of a second insole for a foot", () => {
   const { alerts, left, right } = start();
-  const other = connect("left");
+  const other = connect("left", () => undefined);
   other.session.state = "same-foot";
   alerts["insoles"].sessions.push(other.session);
   element("alert-snooze").onclick();

@@ -6,15 +6,15 @@ import type { Session } from "../src/session";
 
 const FACTS = { regions: [{ name: "heel" }, { name: "hallux" }] } as Facts;
 
-test("regions with typical parameters are named", () => {
+test("regions with parameters that are not known to be the wearer's are named", () => {
   const remarksWith = (typical: number[]) => {
     const session = { state: "live", hello: { has_parameters: true }, typical, records_waiting: 0 };
     const insoles = { transport: {}, sessions: [session], of: (side: string) => (side === "right" ? session : undefined) };
     return JSON.stringify(remarks(insoles as unknown as Insoles, undefined, FACTS));
   };
   expect(remarksWith([])).toBe("[]");
-  expect(remarksWith([1])).toContain("The model values of the right foot (big toe) are computed with typical parameters");
-  expect(remarksWith([0, 1])).toContain("The model values of the right foot are computed with typical parameters");
+  expect(remarksWith([1])).toContain("The model values of the right foot (big toe) are computed with parameters that are not known to be yours");
+  expect(remarksWith([0, 1])).toContain("The model values of the right foot are computed with parameters that are not known to be yours");
 });
 
 test("all remarks that apply are shown", () => {

@@ -56,10 +56,7 @@ pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
             Ok(Event::Message(ToHost::Status(status))) => hub.status(index, status),
             Ok(Event::Message(ToHost::AlertRules(rules))) => hub.alert_rules(index, rules),
             Ok(Event::Message(ToHost::DailyLoad(daily))) => hub.daily_load(index, daily),
-            Ok(Event::Message(ToHost::Tissue(tissue))) => {
-                hub.tissue_answer(index, Ok(tissue));
-                insole.send(ToDevice::GetIdentified);
-            }
+            Ok(Event::Message(ToHost::Tissue(tissue))) => hub.tissue_answer(index, Ok(tissue)),
             Ok(Event::Message(ToHost::Identified(identified))) => hub.identified(index, identified),
             Ok(Event::Message(ToHost::Refused(refusal))) => hub.tissue_answer(index, Err(refusal)),
             // The hello of a repeated connect request, or the answer to a request that this loop does not send.
@@ -102,7 +99,6 @@ fn pass_hello(hub: &Hub, index: usize, insole: &mut Session) {
     client.forget_unacknowledged();
     // The values are unknown if the insole does not answer in time.
     let (status, tissue, alert_rules) = (client.status().ok(), client.tissue().ok(), client.alert_rules().ok());
-    let tissue = tissue.map(|tissue| (tissue, client.identified().ok().flatten()));
     let layout = hub.layout(index, client.hello().layout_id).or_else(|| {
         let (setup, cells) = (client.setup().ok()?, client.setup_cells().ok()?);
         Some((setup, &*cells.leak()))

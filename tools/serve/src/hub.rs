@@ -41,8 +41,10 @@ struct Insole {
     layout: Option<(u32, Layout)>,
     /// The stream of ellipses that was requested from the insole: the ellipses of one frame out of this number, or 0 for none.
     ellipses_every: u8,
-    /// The wearer's parameters and how they were identified, as far as both are known.
-    tissue: Option<(Tissue, Option<Identified>)>,
+    /// The wearer's parameters, if they are known.
+    tissue: Option<Tissue>,
+    /// How they were identified; the outer `None` if the insole has not told since they are in force.
+    identified: Option<Option<Identified>>,
     /// Requests of pages that were not sent to the insole yet, oldest first.
     to_send: VecDeque<ToDevice>,
     /// The number of the page that has requested a change and waits for the insole's answer, and the time of its request.
@@ -140,7 +142,7 @@ impl Hub {
         index: usize,
         hello: &Hello,
         status: Option<Status>,
-        tissue: Option<(Tissue, Option<Identified>)>,
+        tissue: Option<Tissue>,
         alert_rules: Option<AlertRules>,
         layout: Option<Layout>,
     ) {
@@ -159,7 +161,7 @@ impl Hub {
             insole.set_status(status, insole.session + 1);
         }
         insole.hello = Some(hello.clone());
-        (insole.tissue, insole.alert_rules) = (tissue, alert_rules);
+        (insole.tissue, insole.identified, insole.alert_rules) = (tissue, None, alert_rules);
         insole.layout = layout.map(|layout| (hello.layout_id, layout));
         insole.ellipses_every = 0;
         insole.session += 1;
@@ -170,7 +172,7 @@ impl Hub {
             // Connects on behalf of the page, which thereby receives the insole's new hello.
             let (is_streaming, every) = (link.next_live().is_some(), link.ellipses.every());
             set_layout(link, layout);
-            open_session(link, CONNECT, insole.tissue, insole.alert_rules);
+            open_session(link, CONNECT, insole.tissue, None, insole.alert_rules);
             link.receive(ToDevice::Stream { live: is_streaming }, NO_CLOCK_US);
             link.receive(ToDevice::StreamEllipses { every }, NO_CLOCK_US);
         }
@@ -196,17 +198,14 @@ impl Hub {
         insole.to_send.pop_front()
     }
 
-    /// Tells the pages how the parameters on the insole were identified, if the parameters are known.
+    /// Tells all pages how the parameters on the insole were identified, if the parameters are known.
     pub fn identified(&self, index: usize, identified: Option<Identified>) {
         let mut insole = self.insole(index);
         let insole = &mut *insole;
-        let Some((tissue, known)) = &mut insole.tissue else { return };
-        if *known == identified {
-            return;
-        }
-        *known = identified;
+        let Some(tissue) = insole.tissue else { return };
+        insole.identified = Some(identified);
         for (_, link) in &mut insole.pages {
-            link.restore_tissue(*tissue, identified);
+            link.restore_tissue(tissue, identified);
             link.receive(ToDevice::GetIdentified, NO_CLOCK_US);
         }
         self.changed.send_replace(());
@@ -232,8 +231,9 @@ impl Hub {
             Some((_, Command::AlertRules(sent))) if answer == Err(Refusal::NotStored) => rules = Some(sent),
             _ => {}
         }
-        // How these parameters were identified is not known until the insole has answered the bridge.
-        insole.tissue = tissue.map(|tissue| (tissue, None)).or(insole.tissue);
+        if tissue.is_some() {
+            (insole.tissue, insole.identified) = (tissue, None);
+        }
         insole.alert_rules = rules.or(insole.alert_rules);
         for (id, link) in &mut insole.pages {
             if waiting.is_some_and(|(waiting, _)| waiting == *id) {
@@ -410,15 +410,15 @@ fn set_layout(link: &mut Session, layout: Option<Layout>) {
 fn open_session(
     link: &mut Session,
     connect: ToDevice,
-    tissue: Option<(Tissue, Option<Identified>)>,
+    tissue: Option<Tissue>,
+    identified: Option<Identified>,
     alert_rules: Option<AlertRules>,
 ) {
     link.receive(connect, NO_CLOCK_US);
     if let Some(rules) = alert_rules {
         link.set_alert_rules(rules);
     }
-    let (tissue, identified) = tissue.unwrap_or((Tissue::NONE, None));
-    link.restore_tissue(tissue, identified);
+    link.restore_tissue(tissue.unwrap_or(Tissue::NONE), identified);
 }
 
 /// A page that is connected to the hub until this value is dropped.
@@ -491,6 +491,7 @@ impl Page {
             }
             // All pages receive the answer, too.
             Some(ToDevice::GetAlertRules) if insole.alert_rules.is_none() => insole.send_once(ToDevice::GetAlertRules),
+            Some(ToDevice::GetIdentified) if insole.identified.is_none() => insole.send_once(ToDevice::GetIdentified),
             // A page may not send these requests. Changes of parameters and of rules of alerts get here only if the hub does not
             // accept them. The hub does not request the cells from the insole, so it cannot confirm a stream of cells.
             Some(
@@ -520,7 +521,7 @@ impl Page {
                 }
             }
             Some(connect @ ToDevice::Connect { .. }) => {
-                open_session(link, connect, insole.tissue, insole.alert_rules);
+                open_session(link, connect, insole.tissue, insole.identified.flatten(), insole.alert_rules);
                 link.set_daily_load(insole.daily_load, false);
             }
             Some(acknowledgement @ ToDevice::Acknowledge { number }) => {

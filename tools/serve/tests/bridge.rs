@@ -589,9 +589,17 @@ async fn pages_learn_how_the_parameters_were_identified() {
         Identified { contact, filter: AreaFilter::Direct, side: Some(Side::Left), steps: 20, regions: 0b101 };
     pages[0].send(0, ToDevice::SetIdentifiedTissue { tissue, identified }).await;
     cable.answer_command(Ok(CommandResult::Stored));
-    for page in &mut pages {
-        assert_eq!(page.find(0, answer).await, Some(identified));
-    }
+    // The answer to the former parameters is not repeated for the new ones.
+    pages[0].find(0, |message| (message == ToHost::Tissue(tissue)).then_some(())).await;
+    pages[0].send(0, ToDevice::GetIdentified).await;
+    assert_eq!(pages[0].find(0, answer).await, Some(identified));
+    // The other page receives all answers of the insole.
+    pages[1].find(0, |message| (message == ToHost::Identified(Some(identified))).then_some(())).await;
+    // A page that opens its session later receives the answer, too.
+    let mut later = Page::open(address).await;
+    later.hello(0).await;
+    later.send(0, ToDevice::GetIdentified).await;
+    assert_eq!(later.find(0, answer).await, Some(identified));
 }
 
 /// Serves an insole to a page that has sent parameters. Returns the address of the server, the page and the parameters.

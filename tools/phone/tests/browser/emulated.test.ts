@@ -57,7 +57,7 @@ test.skipIf(!plantar || !firmware)("an emulated walk is shown in two pages, each
       expect(numbers).toEqual([...new Set(numbers)].sort((a, b) => a - b));
       expect(await page.locator("#chips").innerText()).toMatch(/^L \d+ Hz$/);
       // The only note: the insole of `plantar serve` has typical parameters.
-      const note = "The model values of the left foot are computed with typical parameters, not with yours.";
+      const note = "The model values of the left foot are computed with parameters that are not known to be yours.";
       expect(await page.locator("#notes").innerText()).toBe(note);
     }
     // Stored steps are shown again after a reload.
