@@ -97,7 +97,7 @@ pub fn store(keys: &Keys, insole: &dyn GattServer) {
 }
 
 /// Makes a bond the most recently used one, removes the least recently used bond if there are too many, and stores the bonds if
-/// they changed.
+/// they changed. The keys of a pairing without a bond are ignored.
 pub fn remember<C: Controller>(
     stack: &Stack<'_, C, DefaultPacketPool>,
     bond: BondInformation,

@@ -18,7 +18,7 @@ use plantar::firmware::ble::GattServer;
 /// The radio's progress since the set-up of the host began.
 #[derive(Default)]
 pub struct Progress {
-    /// Signalled when the radio completes a command.
+    /// Signalled when the radio completes a synchronous command without an error.
     pub answered: Signal<NoopRawMutex, ()>,
     /// Signalled when the radio can advertise with private addresses.
     pub is_private: Signal<NoopRawMutex, ()>,
@@ -38,7 +38,7 @@ impl Progress {
         self.resolution_switches.set(0);
     }
 
-    /// Signals that a command is complete, and counts the switches of the resolution of addresses.
+    /// Signals that a synchronous command is complete without an error, and counts the switches of the resolution of addresses.
     fn completed(&self, command: Opcode) {
         if command == LeSetAddrResolutionEnable::OPCODE {
             self.resolution_switches.set(self.resolution_switches.get().saturating_add(1));
@@ -102,9 +102,13 @@ const fn shortest_content(code: u8) -> Option<u16> {
 }
 
 impl<C> Gate<'_, C> {
-    /// Filters the first fragment of a packet. Replaces a fragment without a whole L2CAP header, a fragment without any content
-    /// on the channel of attributes or of pairing, malformed content of attributes, and, while bonding is not allowed, a pairing
-    /// request.
+    /// Filters the first fragment of a packet. Replaces
+    ///
+    /// - a fragment without a whole L2CAP header;
+    /// - a fragment without any content on the channel of attributes or of pairing;
+    /// - on the channel of attributes, content that is too short, messages of a server, and Read By Group Type with a UUID of 128
+    ///   bits;
+    /// - while bonding is not allowed, a pairing request.
     fn admit<'p>(&self, data: &'p [u8]) -> &'p [u8] {
         let &[length_low, length_high, low, high, ref body @ ..] = data else { return IGNORED };
         // The length of the content of the whole packet, without the L2CAP header. The host refuses more bytes, and waits for the

@@ -466,6 +466,17 @@ fn a_late_answer_to_a_chunk_is_not_taken_for_the_answer_to_an_offer() {
     assert_eq!(client.update(Request::Begin(offer)).expect("an answer"), Progress::Next(0));
 }
 
+/// The insole refuses requests of another host only after that host has given up.
+#[test]
+fn late_refusals_are_not_taken_for_the_answer_to_an_offer() {
+    let (cable, mut client) = connected();
+    for _ in 0..2 {
+        cable.insole().to_host.extend(framed(&ToHost::Refused(Refusal::NotStored)));
+    }
+    let offer = Offer { header: Header::new("test", "1.0.0"), chunks: 10, signature: Default::default() };
+    assert_eq!(client.update(Request::Begin(offer)).expect("an answer"), Progress::Next(0));
+}
+
 #[test]
 fn a_newer_minor_version_is_accepted() {
     let newer = Hello { minor: MINOR + 1, ..hello() };

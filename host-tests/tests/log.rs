@@ -40,13 +40,14 @@ fn the_log_contains_the_state_changes_of_the_firmware_with_their_levels() {
     let mut rest = log.iter();
     for (level, beginning) in [
         ("info", "start: firmware "),
-        ("info", "storage: boot 1"),
+        ("info", "storage: boot 1,"),
         ("info", "settings: layout "),
         ("info", "link: a host connects"),
         ("info", "settings: parameters "),
         ("warn", "fault: Short Cell(20)"),
         ("info", "restart: requested by the host"),
         ("info", "start: firmware "),
+        ("info", "storage: boot 2,"),
     ] {
         let is_found = rest.any(|entry| entry.level == level && entry.text.starts_with(beginning));
         assert!(is_found, "the log lacks \"{level} {beginning}\" after the previous entry of this list");

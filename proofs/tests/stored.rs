@@ -125,7 +125,7 @@ fn an_image_is_accepted_only_after_all_of_its_chunks_and_with_its_signature() {
             let received = usize::from(receiver.next) * CHUNK;
             assert_eq!(chip.bytes[OTHER.start as usize..][..received], image.bytes()[..received]);
         }
-        // An image that was not accepted is never swapped in.
+        // Only an accepted image is marked to be swapped in.
         assert_eq!(block_on(is_on_trial(&mut chip)), Ok(receiver.is_accepted));
         accepted += u32::from(receiver.is_accepted);
     };
@@ -209,18 +209,18 @@ fn the_chunks_of_the_longest_image_fill_its_area_and_nothing_else() {
 enum Event {
     /// A record is stored.
     Record,
-    /// The oldest stored record is acknowledged.
+    /// The oldest stored record is acknowledged. An acknowledgement is also that of all earlier records.
     AcknowledgeOldest,
-    /// The newest stored record is acknowledged.
+    /// The newest stored record is acknowledged, and with it all stored ones.
     AcknowledgeNewest,
-    /// A record is acknowledged that the log does not contain, because it could not be stored.
+    /// A later record is acknowledged that the log does not contain, because it could not be stored, and with it all stored ones.
     AcknowledgeMissing,
     /// The store is opened again, as after a reset.
     Restart,
 }
 
-/// After any sequence of events and a restart, the log has exactly the records that were not acknowledged, and the number of
-/// the next record follows the highest number that was stored or acknowledged.
+/// After any sequence of events and a restart, the log has exactly the records after the last acknowledged one, and the number
+/// of the next record follows the highest number that was stored or acknowledged.
 #[test]
 fn a_log_contains_exactly_the_records_that_were_not_acknowledged() {
     let alphabet =

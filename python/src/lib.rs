@@ -1,6 +1,6 @@
 //! The compiled part of the Python package `plantar`. The classes and functions of this module are wrapped by the modules in
-//! `python/package`, which have the documentation for users. Calls that compute or wait release the global interpreter lock, so
-//! that other Python threads continue.
+//! `python/package`, which have the documentation for users. Calls that read recordings, fit, replay or wait for an insole
+//! release the global interpreter lock, so that other Python threads continue.
 
 mod batch;
 mod fitting;

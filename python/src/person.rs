@@ -36,7 +36,8 @@ impl Person {
             .map_err(exception)
     }
 
-    /// The participant in a folder. `read` returns the content of a file; it raises a `FileNotFoundError` if there is none.
+    /// The participant in a folder, with the settings in its `participant.toml`, if there is one. `read` returns the content of a
+    /// file, and must raise a `FileNotFoundError` if there is none.
     #[staticmethod]
     fn open(folder: PathBuf, options: Options, read: Bound<'_, PyAny>) -> PyResult<Self> {
         let read = |path: &Path| -> io::Result<Vec<u8>> {
@@ -78,14 +79,14 @@ pub fn steps_path(participant: &str) -> String {
     format!("{}/{STEPS_FILE}", study::table::partition(participant))
 }
 
-/// The repeatability of the trials of people: one row for each foot, variable and region. `least_people` is 1 for the trials of
-/// one person, and otherwise 2.
+/// The repeatability of the trials of people: one row for each foot, variable and region that can be compared. `least_people` is
+/// 1 for the trials of one person, and otherwise 2.
 #[pyfunction]
-pub fn repeatability(people: Vec<(String, Vec<PyRef<Trial>>)>, least_people: usize) -> PyResult<Table> {
+pub fn repeatability(py: Python, people: Vec<(String, Vec<PyRef<Trial>>)>, least_people: usize) -> PyResult<Table> {
     let people: Vec<(String, Vec<trials::Trial>)> =
         people.into_iter().map(|(name, all)| (name, all.iter().map(|trial| trial.0.clone()).collect())).collect();
     let people: Vec<(&str, &[trials::Trial])> = people.iter().map(|(name, all)| (name.as_str(), &all[..])).collect();
-    let (feet, _) = agreement::repeatability(&people, least_people);
+    let (feet, _) = py.detach(|| agreement::repeatability(&people, least_people));
     let mut rows: Vec<Row> = Vec::new();
     for foot in &feet {
         for row in &foot.rows {
@@ -108,8 +109,14 @@ pub fn repeatability(people: Vec<(String, Vec<PyRef<Trial>>)>, least_people: usi
     }
     match rows.first() {
         Some(first) => Ok(PyArrowType(table(first, &rows)?)),
-        None => Err(PyValueError::new_err(format!(
-            "{least_people} or more people with two or more usable recordings of the same foot are needed: record another trial"
-        ))),
+        None => {
+            let people = match least_people {
+                1 => String::new(),
+                least => format!("{least} or more people with "),
+            };
+            Err(PyValueError::new_err(format!(
+                "{people}two or more usable recordings of the same foot are needed: record another trial"
+            )))
+        }
     }
 }

@@ -23,7 +23,7 @@ impl Frame {
     pub const EMPTY: Self = Self { seq: 0, codes: [0; DEVICE_CELLS] };
 }
 
-/// The counters of the scan. They are atomic because they are read at a lower priority.
+/// The counters of the scan. They are atomic because tasks of a lower priority read them, and write `interval`.
 pub struct ScanCounters {
     /// Number of frames that were due and not scanned completely, without those of the next two counters.
     pub(super) missed: AtomicU32,

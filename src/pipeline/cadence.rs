@@ -43,7 +43,7 @@ impl Cadence {
     }
 
     /// Steps of both feet per minute at the time `now_us`, up to 255; 0 at rest and after the first step of a walk. The wearer
-    /// rests if no toe off has followed the last one within the longest stride time.
+    /// rests if no step was added within the longest stride time after the last toe off, and 0.2 s for its confirmation.
     pub fn per_min(&self, now_us: u64) -> u8 {
         if now_us.saturating_sub(self.end_us) > PAUSE_US + CONFIRMED_US { 0 } else { self.cadence_per_min }
     }

@@ -1,6 +1,6 @@
-//! A load record: a step, a load bout or an alert. The insole stores it until a host has acknowledged it. Load records are
-//! numbered in the order in which the insole completes them: a step once its toe off is confirmed, a load bout some seconds
-//! after its end, an alert when it is raised.
+//! A load record: a step, a load bout or an alert. The insole stores it until a host has acknowledged it; without room, it drops
+//! records and counts them. Load records are numbered in the order in which the insole completes them: a step once its toe off is
+//! confirmed, a load bout some seconds after its end, an alert when it is raised.
 
 use super::{Alert, Bout, Step, ToHost};
 use serde::{Deserialize, Serialize};
@@ -83,8 +83,8 @@ impl LoadRecord {
 
     /// True if both are the same record, even if the insole restarted between them.
     ///
-    /// Two records with equal contents are the same. The number alone does not identify a record: an insole with a new flash chip
-    /// numbers its records from 0 again.
+    /// Records that are equal but for [`boots_since`](Step::boots_since) are the same. The number alone does not identify a
+    /// record: an insole with a new flash chip numbers its records from 0 again.
     #[must_use]
     pub fn is_same(&self, other: &Self) -> bool {
         self.with_boots_since(0) == other.with_boots_since(0)

@@ -48,7 +48,7 @@ use flash::Chip;
 use matrix::{ResistiveMatrix, ShiftRegister};
 use nrf_sdc::Peripherals as ControllerPeripherals;
 use nrf_sdc::mpsl::Peripherals as SchedulerPeripherals;
-use nrf52840_drivers::{wait_cycles, watchdog};
+use nrf52840_drivers::{ground_divider, wait_cycles, watchdog};
 use plantar::Side;
 use plantar::firmware::ble::GattSession;
 use plantar::firmware::board::{Gauges, Ticker};
@@ -152,7 +152,9 @@ const TICK: Int = Int(1);
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    // First of all, so that the board is reset if anything below hangs.
+    // The bootloader does this, too, but an earlier bootloader may not, and no update replaces it.
+    ground_divider();
+    // Now, so that the board is reset if anything below hangs.
     watchdog::start();
     let boot = cortex_m_platform::boot_report(Some(take_reset_reason()));
     // The compiler must not assume the content of the header, because a tool may have patched it in the image.
@@ -210,9 +212,6 @@ fn line(pin: Peri<'static, AnyPin>) -> Output<'static> {
 async fn run(boot: BootReport, image: &'static Header, p: Peripherals, has_crystal: bool) {
     // SAFETY: this task runs on an executor of this program, so its context is that of an `embassy-executor` task.
     let spawner = unsafe { Spawner::for_current_executor().await };
-    // P0.14, the lower end of the battery's divider, is always low. If it floated, the analogue input would have the voltage of
-    // the battery, up to 4.2 V, which is above the controller's supply. The driver of the pin is never dropped.
-    core::mem::forget(Output::new(p.P0_14, Level::Low, OutputDrive::Standard));
     // The strap is connected to ground on a right insole.
     let strap = Input::new(p.P0_05, Pull::Up);
     // The pull-up charges the line, and the components that protect it, in some microseconds.

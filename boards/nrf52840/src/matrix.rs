@@ -41,7 +41,8 @@ const SWITCH_US: u32 = 3;
 /// The core's clock, MHz.
 const CORE_MHZ: u32 = 64;
 
-/// About ten times the time of a row. A frame in which a row takes longer is abandoned and counted as missed.
+/// About ten times the time of a row. A frame in which a row takes longer is abandoned and counted as missed, provided that the
+/// converter can be stopped: the driver waits for this without a limit.
 const ROW_TIMEOUT: Duration = Duration::from_millis(5);
 /// Longest time to measure the battery.
 const BATTERY_TIMEOUT: Duration = Duration::from_millis(5);

@@ -31,9 +31,11 @@ use plantar::protocol::{
 };
 use recording::synthetic::{self, SyntheticWalk};
 use recording::{FootZero, Format, Recording, VirtualInsole, Zero};
+use std::collections::BTreeSet;
 use std::fmt::Debug;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 
 /// A stream with the cells of every frame.
 const CELLS: CellStream = CellStream { resolution: Resolution::Converter, every: 1 };
@@ -216,10 +218,17 @@ fn main() {
 }
 
 /// Writes one seed of a target.
+///
+/// # Panics
+/// Panics if this run has already written a seed of this name, which would be lost.
 fn seed(target: &str, name: &str, bytes: &[u8]) {
+    static WRITTEN: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../corpus").join(target);
+    let path = folder.join(name);
+    let is_first = WRITTEN.lock().expect("no panic").insert(path.clone());
+    assert!(is_first, "{target} has two seeds with the name {name}");
     fs::create_dir_all(&folder).expect("the folder can be created");
-    fs::write(folder.join(name), bytes).expect("the seed is written");
+    fs::write(path, bytes).expect("the seed is written");
 }
 
 /// The name of the seed with a message: `direction` and the name of the message, such as `to-host-daily-load`. That of a refusal

@@ -3,7 +3,7 @@
 //! from the other nine.
 
 use anyhow::{Context, Result};
-use bench::Figures;
+use bench::{Figures, raise};
 use bench::studies::{self, mean_percent};
 use fit::measures::Quantity;
 use fit::quality::Evaluated;
@@ -19,8 +19,8 @@ use std::path::Path;
 const FEW_STEPS: usize = 4;
 /// Number of these fits for each walker and region.
 const FEW_FITS: usize = 5;
-/// A quantity counts as determined if both ends of its 95 % interval differ from its value by at most this fraction of it.
-const DETERMINED: f64 = 0.3;
+/// A 95 % interval counts as narrow if both of its ends differ from the value by at most this fraction of it.
+const NARROW: f64 = 0.3;
 
 /// Measures the errors of each region with covered shares, which are the default, and with counted cells.
 pub fn measure(data: &Path, figures: &mut Figures) -> Result<()> {
@@ -43,7 +43,7 @@ fn errors(covered: &[Study], counted: &[Study], figures: &mut Figures) {
         let name = region.name();
         let of_covered = mean_percent(covered, i, predicted);
         let of_counted = mean_percent(counted, i, predicted);
-        worst = worst.max(of_covered);
+        raise(&mut worst, of_covered);
         means[0] += of_covered / 8.0;
         means[1] += of_counted / 8.0;
         let walkers = covered.iter().filter(|study| study.fits[i].is_ok()).count();
@@ -112,7 +112,7 @@ fn few_steps(studies: &[Study], figures: &mut Figures) {
     );
 }
 
-/// Measures the share of fits at a bound, and of quantities that are determined.
+/// Measures the share of fits at a bound, and of quantities with a narrow interval.
 fn shares(studies: &[Study], figures: &mut Figures) {
     let fits: Vec<&RegionFit> = studies.iter().flat_map(|study| study.fits.iter().flatten()).collect();
     let is_at_bound = |fit: &&&RegionFit| {
@@ -124,10 +124,10 @@ fn shares(studies: &[Study], figures: &mut Figures) {
         "at most 0.05: share of region fits with a parameter at a bound",
     );
     let measures: Vec<_> = fits.iter().flat_map(|fit| &fit.measures).collect();
-    let determined = measures.iter().filter(|measure| measure.is_within(DETERMINED)).count();
+    let narrow = measures.iter().filter(|measure| measure.is_within(NARROW)).count();
     figures.add(
         "fit_determined",
-        round(determined as f64 / measures.len() as f64),
+        round(narrow as f64 / measures.len() as f64),
         "at least 0.75: share of the mechanical quantities whose 95 % interval is within 30 % of the value",
     );
 }
@@ -141,7 +141,7 @@ fn repeatability(studies: &[Study], figures: &mut Figures) -> Result<()> {
     ];
     let halves = |study: &Study| {
         let (first, second) = study.steps.split_at(study.steps.len() / 2);
-        // The data set has right feet only.
+        // All steps of the data set are imported as right feet.
         [first, second].map(|steps| Trial::of(String::new(), Side::Right, &fit::fit(steps, &study.options, &|_| ())))
     };
     let trials: Vec<_> = studies.par_iter().map(halves).collect();

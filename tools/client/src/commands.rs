@@ -300,8 +300,8 @@ impl<C: Carrier> Client<C> {
     /// Restarts the insole and opens the session again within `patience`.
     ///
     /// # Errors
-    /// See the `impl` block, and [`Error::NoAnswer`]. If the restart closes the carrier, the error is that of the carrier: use
-    /// [`Client::reconnect_over`] then.
+    /// See the `impl` block, and [`Client::reconnect`]; [`Error::NotRestarted`] if the insole answers, but did not restart within
+    /// `patience`. If the restart closes the carrier, the error is that of the carrier: use [`Client::reconnect_over`] then.
     pub fn restart(&mut self, patience: Duration) -> Result<&Hello, Error> {
         let before = self.status()?;
         self.restart_after(&before, patience)
@@ -322,6 +322,6 @@ impl<C: Carrier> Client<C> {
                 Err(_) => answer_patience = ANSWER,
             }
         }
-        Err(Error::NoAnswer(patience, self.damaged()))
+        Err(Error::NotRestarted)
     }
 }

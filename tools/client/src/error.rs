@@ -24,12 +24,12 @@ pub enum Error {
     /// request.
     #[error(
         "the insole, which had answered before, did not answer a request within {seconds} s ({1} damaged or unknown frames): \
-         move closer to it, or check the cable, and repeat the request, which may have been executed nevertheless",
+         move closer to it, or check the cable; if the request changed something, it may have been executed nevertheless",
         seconds = .0.as_secs_f64()
     )]
     LostAnswer(Duration, u32),
-    /// The insole was expected to restart. It answers, but did not restart within the time of the
-    /// [`ReconnectPolicy`](crate::ReconnectPolicy).
+    /// The insole was expected to restart. It answers, but did not restart within the expected time: that of the request, or
+    /// that of the [`ReconnectPolicy`](crate::ReconnectPolicy).
     #[error("the insole answers, but it has not restarted")]
     NotRestarted,
     /// The other end closed the link before the insole answered, as a bridge with another client does.

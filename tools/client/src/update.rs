@@ -6,7 +6,7 @@ use plantar::protocol::update::{Progress, Request};
 use plantar::protocol::{Refusal, ToDevice, ToHost};
 use std::time::Duration;
 
-/// An insole stores a chunk and answers within this time.
+/// An insole answers any request but [`Request::Finish`] within this time.
 const ANSWER: Duration = Duration::from_secs(2);
 /// An insole verifies a whole image within this time.
 const VERIFICATION: Duration = Duration::from_secs(30);
@@ -16,12 +16,12 @@ const BUSY: Duration = Duration::from_millis(500);
 const ATTEMPTS: usize = 5;
 
 impl<C: Carrier> Client<C> {
-    /// Sends a request of an update, repeatedly if necessary, until it is answered. [`Client::receive`] returns other messages
-    /// that arrive meanwhile. [`Request::Finish`] is only repeated if it was refused because the insole is busy: if no answer
+    /// Sends a request of an update, at most five times, until it is answered. [`Client::receive`] returns other messages that
+    /// arrive meanwhile. [`Request::Finish`] is only repeated if it was refused because the insole is busy: if no answer
     /// arrived, the insole may have installed the image and restarted.
     ///
     /// # Errors
-    /// [`Error::LostAnswer`] if no attempt was answered; [`Error::Refused`]; errors of the carrier.
+    /// [`Error::LostAnswer`] if the last attempt was not answered; [`Error::Refused`]; errors of the carrier.
     pub fn update(&mut self, request: Request) -> Result<Progress, Error> {
         let is_answer = |progress: Progress| match (request, progress) {
             (Request::Begin(_), Progress::Next(_))
@@ -76,7 +76,14 @@ impl<C: Carrier> Client<C> {
     /// that to [`Request::Begin`], but may state the progress of another transfer. Answers that an insole has queued arrive
     /// before a status; that to a chunk which it is still storing arrives later, and is not recognised.
     fn discard_late_answers(&mut self) -> Result<(), Error> {
-        self.status()?;
+        let mut attempts = 1;
+        while let Err(error) = self.status() {
+            // A request for the status is never refused, so a refusal is a late answer as well.
+            if !matches!(error, Error::Refused(_)) || attempts == ATTEMPTS {
+                return Err(error);
+            }
+            attempts += 1;
+        }
         self.waiting.retain(|message| !matches!(message, ToHost::Update(_)));
         Ok(())
     }

@@ -2,8 +2,9 @@
 //! within the measured range.
 //!
 //! Single parameters of the force law compensate each other, so that they vary between two recordings of the same person
-//! although the law does not. These quantities, except for the two energies, are values of the law itself, and vary only as
-//! much as the law does. The energies are those of the measured force over the deformation of the law.
+//! although the law does not. These quantities, except for the two energies, are values of the law itself, so they do not have
+//! this ambiguity. Those at a reference area or a share of the peak force also vary with that reference, and stiffness and moduli
+//! with C. The energies are those of the measured force over the deformation of the law.
 
 use crate::fixed::FixedParameters;
 use crate::interval::{self, Noise};
@@ -327,7 +328,8 @@ impl Basis<'_> {
     }
 }
 
-/// Step of numerical derivatives: relative to g, and absolute in the coordinates of the prior, which have no unit.
+/// Step of numerical derivatives: relative to g and to the references, and absolute in the coordinates of the prior, which have
+/// no unit.
 const STEP: f64 = 1e-4;
 
 /// The normalised deformation g, 0 to 1, at which an increasing function reaches `value`, by bisection; `None` if the function
@@ -396,7 +398,7 @@ mod tests {
         assert!((dissipated - 3.0).abs() < 1e-12, "{dissipated}");
     }
 
-    /// A slightly smaller K cannot reach 75 % of the peak force, so the gradient of the area at this force is unknown.
+    /// With a slightly smaller K, the law does not reach 100 N, so the gradient of the area at this force is unknown.
     #[test]
     fn a_quantity_at_the_limit_of_the_law_has_no_interval() {
         let fixed = FixedParameters {
@@ -405,15 +407,17 @@ mod tests {
             is_thickness_measured: false,
             scale: crate::fixed::Scale::Assumed(0.457),
         };
-        let at = Coordinates::new(0.5, -0.5, 0.0, 13.0, 9.0);
         let area_max_m2 = 2e-3;
-        let law = prior::parameters(&at, 0.0, 0).law(area_max_m2, 1.0);
-        let peaks = Peaks { area_m2: area_max_m2, force_n: law.force_n(1.0, 0.0) * (1.0 - 1e-6) / 0.75 };
+        let mut at = Coordinates::new(0.5, -0.5, 0.0, 13.0, 9.0);
+        // The elastic force is proportional to K, whose logarithm is this coordinate.
+        let largest_n = prior::parameters(&at, 0.0, 0).law(area_max_m2, 1.0).force_n(1.0, 0.0);
+        at[3] += (100.0 * (1.0 + 1e-6) / largest_n).ln();
+        let peaks = Peaks { area_m2: area_max_m2, force_n: 100.0 };
         let basis = Basis { area_max_m2, steps: &[peaks; 2], reference: peaks, fixed: &fixed };
         let noise = Noise { variance: 1.0, degrees_of_freedom: 100.0 };
         let measures = basis.measures(&at, &(Matrix5::identity() * 1e-4), &noise, &[]);
-        let interval = |share| find(&measures, Quantity::AreaAtForce(share)).expect("reached").interval;
-        assert_eq!(interval(0.75), None);
-        assert!(interval(0.5).is_some_and(|[low, high]| low < high));
+        let interval = |force_n| find(&measures, Quantity::AreaAtFixedForce(force_n)).expect("reached").interval;
+        assert_eq!(interval(100.0), None);
+        assert!(interval(50.0).is_some_and(|[low, high]| low < high));
     }
 }

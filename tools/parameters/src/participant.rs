@@ -28,8 +28,8 @@ pub struct Participant {
     pub zero: Option<PathBuf>,
     /// Path of the file with measurements of the tissue; see [`crate::TissueMeasurements`]. The entry is named `tissue`, like the
     /// option `--tissue`, or `thickness`, as earlier.
-    #[serde(alias = "tissue")]
-    pub thickness: Option<PathBuf>,
+    #[serde(alias = "thickness")]
+    pub tissue: Option<PathBuf>,
 }
 
 /// Sex of a participant, as in Table 1 of the paper (DeBerardinis et al. 2019), with a third value for everyone whom the first
@@ -81,7 +81,7 @@ impl Participant {
     pub fn parse(text: &str, path: &Path) -> Result<Self, Error> {
         let mut participant: Self = toml::from_str(text)
             .map_err(|e| Error::Form { file: path.into(), problem: e.to_string().trim_end().into() })?;
-        for file in [&mut participant.zero, &mut participant.thickness].into_iter().flatten() {
+        for file in [&mut participant.zero, &mut participant.tissue].into_iter().flatten() {
             *file = path.with_file_name(&file);
         }
         Ok(participant)
@@ -140,7 +140,7 @@ mod tests {
         assert_eq!((found.age_years, found.sex), (Some(24.5), Some(Sex::Female)));
         assert_eq!((found.mass_kg, found.height_cm), (Some(55.0), Some(158.5)));
         assert_eq!(found.zero.as_deref(), Some(Path::new("study/ann/zero.toml")));
-        assert_eq!(found.thickness.as_deref(), Some(Path::new("study/ann/../tissue.toml")));
+        assert_eq!(found.tissue.as_deref(), Some(Path::new("study/ann/../tissue.toml")));
         assert_eq!(found.size.map(InsoleSize::eur), Some(37));
         assert_eq!(parse(""), Ok(Participant::default()));
     }
@@ -148,7 +148,7 @@ mod tests {
     #[test]
     fn the_file_with_measurements_of_the_tissue_has_two_names() {
         let [tissue, thickness] = ["tissue", "thickness"].map(|name| parse(&format!("{name} = 'ann.toml'")));
-        assert_eq!(tissue.as_ref().expect("valid").thickness.as_deref(), Some(Path::new("study/ann/ann.toml")));
+        assert_eq!(tissue.as_ref().expect("valid").tissue.as_deref(), Some(Path::new("study/ann/ann.toml")));
         assert_eq!(tissue, thickness);
         let both = parse("tissue = 'a.toml'\nthickness = 'b.toml'").expect_err("two files");
         assert!(both.contains("duplicate"), "{both}");

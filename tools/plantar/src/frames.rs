@@ -49,8 +49,10 @@ enum Table {
 
 impl FrameWriter {
     /// Creates a file; the extension of `path`, .csv or .parquet, selects the format. The file has another name until
-    /// [`FrameWriter::finish`] renames it to `path`, so that an interruption leaves an existing file as it is.
+    /// [`FrameWriter::finish`] renames it to `path`, so that an interruption leaves an existing file as it is. A device or a pipe
+    /// is written directly.
     pub fn create(path: &Path, rule: ContactRule) -> Result<Self> {
+        output::check_file_name(path)?;
         let names = frames::column_names();
         let (target, incomplete) = output::paths(path);
         let create = || File::create(&incomplete).with_context(|| format!("cannot write {}", path.display()));
@@ -119,8 +121,11 @@ impl FrameWriter {
     }
 }
 
-/// Writes the columns as one row group and empties them.
+/// Writes the columns as one row group and empties them. Without rows, no group is written.
 fn write_group(file: &mut SerializedFileWriter<File>, columns: &mut [Vec<Option<f64>>]) -> Result<()> {
+    if columns.first().is_none_or(Vec::is_empty) {
+        return Ok(());
+    }
     let mut group = file.next_row_group()?;
     for column in columns {
         // The schema has the same number of columns, so there is a next column.

@@ -85,7 +85,7 @@ pub fn files(study: &Path, names: &[String]) -> Vec<PathBuf> {
 fn named_by_settings(folder: &Path) -> Vec<PathBuf> {
     let path = folder.join(SETTINGS_FILE);
     let settings = fs::read_to_string(&path).ok().and_then(|text| Participant::parse(&text, &path).ok());
-    settings.into_iter().flat_map(|settings| [settings.zero, settings.thickness]).flatten().collect()
+    settings.into_iter().flat_map(|settings| [settings.zero, settings.tissue]).flatten().collect()
 }
 
 /// The reasons why files that may be recordings are not used: files outside of the participants' folders, files with an ending

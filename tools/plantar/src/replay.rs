@@ -10,7 +10,6 @@ use crate::summary;
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
 use client::{alert_to_json, bout_to_json, daily_load_to_json, step_to_json};
-use fit::steps::ExclusionReason;
 use indicatif::{ProgressBar, ProgressStyle};
 use plantar::Real;
 use plantar::insole::Insole;
@@ -117,11 +116,11 @@ impl Replay {
             let index = (recent_s.len() - 1).checked_sub(frames_ago);
             index.map_or(step.start_s(), |index| recent_s[index])
         };
-        let (mut last, mut was_lifted) = (0, false);
+        let (mut last, mut has_swing) = (0, false);
         // The repetitions of the last frame, which have no time, are not evaluated: their load was not recorded.
         while let Some(Scan { index: i, t_s: Some(t_s), codes }) = scans.next_scan()? {
             let toe_off = insole.frame(i as u32, codes);
-            was_lifted |= !insole.on_ground();
+            has_swing |= !insole.on_ground();
             if has_starts {
                 times_s.push(t_s);
             }
@@ -184,8 +183,11 @@ impl Replay {
         if let Some(frames) = frames {
             frames.finish()?;
         }
-        if !was_lifted {
-            eprintln!("note: the foot is {}", ExclusionReason::NeverLifted);
+        if !has_swing {
+            eprintln!(
+                "note: no swing was recognised: record a walk, in which the foot leaves the ground between the steps; if it did, \
+                 the cells read a load without the foot, which the zero file of `plantar zero` subtracts"
+            );
         }
         if let Some(line) = summary::rejected_line(&insole.rejected()) {
             println!("{line}");

@@ -3,16 +3,22 @@
 
 use crate::bluez::{Bus, FRAGMENT, Peripheral};
 use plantar::protocol::fragment::{Joiner, Splitter};
+use plantar::protocol::gatt::GattChannel;
 use plantar::protocol::session::Session;
 use plantar::protocol::{MAX_MESSAGE, ToDevice, ToHost, decode};
 use std::process::{Command, Output, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 use testkit::{hello, live, status, step};
 
-/// Number of live frames that the insole sends before its first step.
+/// Number of live frames that the insole sends when its live stream is turned on, the first time before its step.
 const FRAMES: u32 = 50;
+/// The error of an insole for a central without a bond.
+const NO_BOND: &str = "Insufficient Authentication";
+/// Longest time until the first program acknowledges a step.
+const TIMEOUT: Duration = Duration::from_secs(60);
 
 /// The simulated insole. All clones share its state.
 #[derive(Clone)]
@@ -21,6 +27,8 @@ struct Insole {
     connected: Arc<AtomicBool>,
     /// If true, the link breaks at the next acknowledgement, before the insole receives it.
     breaks_link: Arc<AtomicBool>,
+    /// True once the insole has completed its step.
+    has_stepped: Arc<AtomicBool>,
     session: Arc<Mutex<(Session, Joiner)>>,
     /// The values for the host in the order in which they are sent, each with the number of its characteristic.
     values: Sender<(u8, Vec<u8>)>,
@@ -47,7 +55,7 @@ impl Peripheral for Insole {
     }
 
     fn subscribe(&self, _: u8) -> Result<(), String> {
-        if self.is_bonded { Ok(()) } else { Err("Insufficient Authentication".into()) }
+        if self.is_bonded { Ok(()) } else { Err(NO_BOND.into()) }
     }
 
     /// Processes a fragment that the host writes to a characteristic.
@@ -56,8 +64,8 @@ impl Peripheral for Insole {
         let (session, joiner) = &mut *guard;
         let Some(message) = joiner.push(fragment).expect("in order") else { return Ok(()) };
         let message = decode::<ToDevice>(message).expect("a message");
-        // Of the requests, only those about tissue parameters use characteristic 4.
-        assert_eq!(number == 4, matches!(message, ToDevice::SetTissue(_) | ToDevice::GetTissue));
+        // The characteristic of each request: see docs/bluetooth.md.
+        assert_eq!(number == 4, GattChannel::of_request(&message) == GattChannel::Parameters);
         if matches!(message, ToDevice::Acknowledge { .. }) && self.breaks_link.swap(false, Ordering::SeqCst) {
             self.connected.store(false, Ordering::SeqCst);
             session.push_record(step(8));
@@ -76,7 +84,9 @@ impl Peripheral for Insole {
                 // Each frame is sent at once, because the session can queue only a few.
                 self.send(session);
             }
-            session.push_record(step(7));
+            if !self.has_stepped.swap(true, Ordering::SeqCst) {
+                session.push_record(step(7));
+            }
         }
         self.send(session);
         Ok(())
@@ -120,6 +130,7 @@ impl Simulated {
             is_bonded,
             connected: Arc::default(),
             breaks_link: Arc::default(),
+            has_stepped: Arc::default(),
             session: Arc::new(Mutex::new((Session::new(), Joiner::new()))),
             values,
             acknowledged,
@@ -145,7 +156,7 @@ fn text(bytes: &[u8]) -> &str {
     std::str::from_utf8(bytes).expect("text")
 }
 
-/// The objects of a JSON array. Asserts that each has a time of day, `start_unix_s`, and replaces it by null.
+/// The objects of a JSON array, with null instead of the time of day, `start_unix_s`, which each of them must have.
 fn without_time_of_day(json: &str) -> Vec<serde_json::Value> {
     let mut objects: Vec<serde_json::Value> = serde_json::from_str(json).expect("JSON");
     for object in &mut objects {
@@ -221,7 +232,9 @@ fn an_insole_without_a_bond_is_reported_with_the_remedy() {
     let simulated = Simulated::start(false);
     let output = simulated.plantar(&["monitor", "--ble", "left"]);
     assert!(!output.status.success());
-    assert!(text(&output.stderr).contains("pair it in this computer's Bluetooth settings"), "{}", text(&output.stderr));
+    let text = text(&output.stderr);
+    assert!(text.contains("pair it in this computer's Bluetooth settings"), "{text}");
+    assert!(text.contains(NO_BOND), "{text}");
 }
 
 /// An insole does not advertise while it is connected to another phone or computer.
@@ -241,9 +254,15 @@ fn a_second_program_on_this_computer_is_refused_and_the_first_one_loses_nothing(
     let folder = tempfile::tempdir().expect("a folder");
     let json = folder.path().join("steps.json");
     let arguments = ["monitor", "--ble", "left", "--steps", "2", "--json", json.to_str().expect("text")];
-    let first =
+    let mut first =
         command(&simulated.bus, &arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it runs");
-    assert_eq!(simulated.acknowledged.recv(), Ok(7));
+    let acknowledged = simulated.acknowledged.recv_timeout(TIMEOUT);
+    if acknowledged != Ok(7) {
+        // This fails if the program has already ended.
+        let _ = first.kill();
+        let output = first.wait_with_output().expect("it ends");
+        panic!("{acknowledged:?} instead of step 7: {}", text(&output.stderr));
+    }
     let second = simulated.plantar(&["monitor", "--ble", "C0:00:00:00:00:01"]);
     assert!(!second.status.success());
     let refusal = text(&second.stderr);

@@ -97,6 +97,7 @@ fn device(interface: &mut IfaceBuilder<Arc<dyn Peripheral>>) {
     interface.property("Connected").get(|_, insole| Ok(insole.is_connected()));
     interface.property("ServicesResolved").get(|_, insole| Ok(insole.is_connected()));
     constant(interface, "RSSI", -60_i16);
+    // The client's library requires this property, but the client does not read it.
     constant(interface, "Paired", true);
     constant(interface, "Trusted", false);
     constant(interface, "Blocked", false);

@@ -61,6 +61,7 @@ fn a_csv_recording_becomes_a_step_with_its_force_area_and_ellipse() {
     let (_folder, path) = folder();
     succeed(&path, IMPORT);
     assert!(succeed(&path, "info walk.parquet").contains("100 at 100.00 Hz"));
+    fail(&path, "replay walk.parquet --frames frames.csv/", &["frames.csv/", "name a file"]);
     succeed(&path, "replay walk.parquet --contact-full 0 --json steps.json --frames frames.parquet --picture step.svg");
     let steps = json(&path.join("steps.json"));
     assert_eq!(steps.as_array().map(Vec::len), Some(1));

@@ -233,9 +233,10 @@ fn a_recording_in_which_the_foot_is_never_lifted_is_named_as_such() {
     assert!(status == 1 && out.contains(&format!("left out: walk.parquet at 0.00 s, {reason}")), "{out}{err}");
     assert!(out.contains("heel: NOT FITTED, no whole step"), "{out}");
     let (status, out, err) = run(path, "replay walk.parquet");
-    assert!(status == 0 && out.contains("no steps") && err.contains(&format!("the foot is {reason}")), "{out}{err}");
+    let note = "no swing was recognised: record a walk";
+    assert!(status == 0 && out.contains("no steps") && err.contains(note), "{out}{err}");
     let walk = walk();
-    assert!(!run(walk.path(), "replay walk.parquet").2.contains(reason));
+    assert!(!run(walk.path(), "replay walk.parquet").2.contains(note));
 }
 
 #[test]

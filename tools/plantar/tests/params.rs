@@ -251,14 +251,14 @@ fn settings_are_set_shown_and_removed() {
 }
 
 #[test]
-fn a_note_names_parameters_of_another_size() {
+fn a_note_states_that_parameters_remain_in_use_if_the_size_changes() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
     let (address, _session) = insole();
     let has_note = |arguments: &str| {
         let (done, _, stderr) = run_insole(path, address, arguments);
         assert!(done, "{arguments}: {stderr}");
-        stderr.contains("those of its former size: identify the wearer again")
+        stderr.contains("the size has changed, and the parameters on the insole remain in use")
     };
     assert!(!has_note("set --size 41"), "the insole has no parameters");
     succeed(path, "typical --size 41 --out params.toml");

@@ -15,6 +15,8 @@ pub fn binned(recording: &Recording, max_cells: usize) -> Result<Recording> {
     }
     let loaded = loaded_cells(recording);
     let cells = &recording.layout.cells;
+    // If no cell was dropped, perhaps none carries load.
+    let kind = if loaded.len() < cells.len() { "loaded " } else { "" };
     if loaded.len() <= max_cells {
         let groups: Vec<_> = loaded.iter().map(|&i| vec![i]).collect();
         let processing = format!("Reduced to the {} cells that carry load in some frame.", groups.len());
@@ -24,7 +26,7 @@ pub fn binned(recording: &Recording, max_cells: usize) -> Result<Recording> {
     if max_cells < regions {
         return Err(Error::content(
             "reduction to fewer cells",
-            format!("{regions} loaded regions do not fit into {max_cells} cells"),
+            format!("{regions} {kind}regions do not fit into {max_cells} cells"),
             format!("allow at least {regions} cells"),
         ));
     }
@@ -34,7 +36,7 @@ pub fn binned(recording: &Recording, max_cells: usize) -> Result<Recording> {
         .find(|(_, groups)| groups.len() <= max_cells)
         .expect("with a square as large as the foot one cell for each region is left, and max_cells is at least their number");
     let processing = format!(
-        "Merged {} loaded cells into {} on a {pitch_mm:.1} mm grid within each region.",
+        "Merged {} {kind}cells into {} on a {pitch_mm:.1} mm grid within each region.",
         loaded.len(),
         groups.len()
     );

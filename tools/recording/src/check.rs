@@ -1,5 +1,7 @@
 //! The rules that every recording obeys. They are checked when a recording is read, imported or written.
 
+use crate::gaps::is_filled;
+use crate::table::check_later;
 use crate::{Error, Layout, MAX_CELLS, Recording, Result};
 use plantar::pipeline::region::{MAX_CELL_MM2, MIN_CELL_MM2};
 
@@ -186,17 +188,16 @@ pub fn intervals(t_s: &[f64], rate_hz: f64, place: &dyn Fn(At) -> String) -> Res
 
 /// Checks that the frame at `after_s` follows the frame at `before_s` after `1 / rate_hz`, to within half of this interval.
 fn interval(before_s: f64, after_s: f64, rate_hz: f64, place: &dyn Fn() -> String) -> Result<()> {
-    let interval_s = after_s - before_s;
-    let problem = if interval_s == 0.0 {
-        format!("time {after_s} s is repeated")
-    } else if interval_s < 0.0 {
-        format!("time runs backwards from {before_s} s to {after_s} s")
-    } else if (interval_s * rate_hz - 1.0).abs() > 0.5 {
-        format!("{interval_s:.6} s after the frame before, expected {:.6} s at {rate_hz:.6} Hz", 1.0 / rate_hz)
-    } else {
+    check_later(after_s, Some(before_s), place)?;
+    let (interval_s, expected_s) = (after_s - before_s, 1.0 / rate_hz);
+    if (interval_s * rate_hz - 1.0).abs() <= 0.5 {
         return Ok(());
-    };
-    Err(Error::content(place(), problem, format!("split the recording at this frame, or {RESAMPLE}")))
+    }
+    let problem = format!("{interval_s:.6} s after the frame before, expected {expected_s:.6} s at {rate_hz:.6} Hz");
+    let split = "split the recording at this frame";
+    // Resampling does not accept longer intervals.
+    let remedy = if is_filled(interval_s, expected_s) { format!("{split}, or {RESAMPLE}") } else { split.into() };
+    Err(Error::content(place(), problem, remedy))
 }
 
 /// Checks that all pressures are finite, not negative, and at most [`MAX_KPA`].

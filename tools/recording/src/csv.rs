@@ -8,7 +8,7 @@
 use crate::check::{self, At};
 use crate::table::{self, Lines, at_line, check_later, check_width, file_name, number, unreadable};
 use crate::text::shortened;
-use crate::{Cell, Error, Layout, Recording, Result, names, rate, template};
+use crate::{Cell, Error, Layout, Recording, Result, gaps, names, rate, template};
 use ::csv::{ByteRecord, StringRecord};
 use plantar::{Region, Side};
 use std::fs::File;
@@ -25,8 +25,8 @@ const ASPECTS: [f64; 5] = [1.0, 2.0, 0.5, 4.0, 0.25];
 const ROWS_PER_REPORT: usize = 1000;
 
 /// Imports one foot. With `rate_hz`, the frames are resampled to this rate ([`Recording::at_rate`]), so that the intervals
-/// between their times may differ. `progress` receives the number of bytes that have been read from the file of frames, and the
-/// size of that file.
+/// between their times may differ; [`Recording::source`] states how many are longer than usual. `progress` receives the number of
+/// bytes that have been read from the file of frames, and the size of that file.
 ///
 /// # Errors
 /// Fails if a file cannot be read, violates the format or contains impossible values. The message names the file and, if one
@@ -78,14 +78,11 @@ fn read(
         Some(_) => rate::of_uneven(&frames.t_s, &place)?,
     };
     check::pressures(&frames.pressure_kpa, layout.cells.len(), &place)?;
-    let recording = Recording {
-        side,
-        rate_hz,
-        source: format!("CSV import of {} with the layout {}.", file_name(frames_path), file_name(layout_path)),
-        layout,
-        t_s: frames.t_s,
-        pressure_kpa: frames.pressure_kpa,
-    };
+    let mut source = format!("CSV import of {} with the layout {}.", file_name(frames_path), file_name(layout_path));
+    if let Some(sentences) = resampled_hz.and_then(|_| gaps::long_intervals(&frames.t_s)) {
+        source += &format!(" {sentences}");
+    }
+    let recording = Recording { side, rate_hz, source, layout, t_s: frames.t_s, pressure_kpa: frames.pressure_kpa };
     match resampled_hz {
         None => Ok(recording),
         Some(rate_hz) => recording.at_rate(rate_hz),

@@ -18,6 +18,9 @@ const CELL_LENGTH_MM: f64 = 7.62;
 const CELL_WIDTH_MM: f64 = 5.08;
 /// The first bytes of an Excel file, version 97 to 2003.
 const XLS: &[u8] = &[0xd0, 0xcf, 0x11, 0xe0, 0xa1, 0xb1, 0x1a, 0xe1];
+/// Longest field of the header that may state a unit, bytes. The cells of an Excel file share their texts, so that a small file
+/// may have rows of very long ones.
+const LONGEST_FIELD: usize = 1000;
 /// The remedy for a frame without all of its values.
 const CUT_OFF: &str = "the export is cut off or damaged: export or copy it again";
 
@@ -64,9 +67,11 @@ impl ReadFoot {
     }
 }
 
-/// Checks that a line of the header states no unit of pressure: the export is read as forces.
+/// Checks that a line of the header states no unit of pressure: the export is read as forces. Fields of more than
+/// [`LONGEST_FIELD`] are ignored.
 fn check_no_pressure_unit(fields: &[Rc<str>], place: &dyn Fn() -> String) -> Result<()> {
-    let Some(unit) = units::stated(&fields.join(" "), place)? else { return Ok(()) };
+    let short: Vec<&str> = fields.iter().map(|field| &**field).filter(|field| field.len() <= LONGEST_FIELD).collect();
+    let Some(unit) = units::stated(&short.join(" "), place)? else { return Ok(()) };
     let problem = format!("the header states pressures in {}, expected forces in N", unit.name);
     Err(Error::content(place(), problem, "export the dynamic roll off with the force on each cell, in N"))
 }

@@ -2,8 +2,10 @@
 //! there are longer ones, only the longest part between them is imported. [`crate::pedar`] and [`crate::csv`] instead refuse an
 //! export with gaps; if the frames will be resampled, [`crate::csv`] refuses only the longer ones.
 
-/// Longest gap that is filled by interpolation, s. A heel strike takes about this time, so that a longer gap may hide the
-/// beginning of a step.
+use crate::text::seconds;
+
+/// Longest gap that is filled by interpolation, s, unless the rate is low; see [`longest_filled_s`]. A heel strike takes about
+/// this time, so that a longer gap may hide the beginning of a step.
 const LONGEST_FILLED_S: f64 = 0.1;
 /// If the time between two frames is longer than this number of median intervals, frames between them were lost.
 pub const GAP_INTERVALS: f64 = 1.5;
@@ -12,9 +14,9 @@ pub const GAP_INTERVALS: f64 = 1.5;
 /// rounded.
 const SHORTEST_FILLED_PERIOD_S: f64 = 7e-4;
 
-/// Fills gaps of up to [`LONGEST_FILLED_S`] linearly. In a longer gap the load is unknown: only the part without one
-/// that has the most frames remains. `kpa` contains the pressures of `cells` cells for each time. Returns sentences with the number of frames that were
-/// filled and left out; `None` without a gap.
+/// Fills gaps of up to [`longest_filled_s`] linearly. In a longer gap the load is unknown: only the part without one that has the
+/// most frames remains. `kpa` contains the pressures of `cells` cells for each time. Returns sentences with the number of frames
+/// that were filled and left out; `None` without a gap.
 ///
 /// Nothing is changed if the median interval is below [`SHORTEST_FILLED_PERIOD_S`]. Times that do not increase are left as they
 /// are; [`crate::rate::of`] rejects them.
@@ -25,7 +27,7 @@ pub fn fill(t_s: &mut Vec<f64>, kpa: &mut Vec<f32>, cells: usize) -> Option<Stri
         return None;
     }
     let longest_filled_s = longest_filled_s(period_s);
-    let part = longest_part(t_s, longest_filled_s + rounding_s(period_s));
+    let part = longest_part(t_s, period_s);
     let left_out = t_s.len() - part.len();
     let (old_s, old_kpa) = (t_s[part.clone()].to_vec(), kpa[part.start * cells..part.end * cells].to_vec());
     let mut filled = 0;
@@ -63,9 +65,26 @@ pub fn longest_filled_s(period_s: f64) -> f64 {
     LONGEST_FILLED_S.max(GAP_INTERVALS * period_s)
 }
 
-/// Because times are rounded, a gap of exactly [`longest_filled_s`] may appear longer, by at most this time, s.
-pub fn rounding_s(period_s: f64) -> f64 {
-    0.25 * period_s
+/// True if an interval between two frames is at most [`longest_filled_s`] long.
+pub fn is_filled(interval_s: f64, period_s: f64) -> bool {
+    /// Because times are rounded, the longest gap may appear longer, by at most this fraction of the median interval.
+    const ROUNDING: f64 = 0.25;
+    interval_s <= longest_filled_s(period_s) + ROUNDING * period_s
+}
+
+/// Sentences with the number of intervals that are longer than usual, and the longest one, for frames that are resampled; `None`
+/// if there are none.
+pub fn long_intervals(t_s: &[f64]) -> Option<String> {
+    let usual_s = GAP_INTERVALS * median_interval_s(t_s)?;
+    let mut long_s: Vec<f64> = t_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    long_s.retain(|interval_s| *interval_s > usual_s);
+    let longest_s = long_s.iter().copied().reduce(f64::max)?;
+    Some(format!(
+        "Intervals longer than {GAP_INTERVALS} times the median one, in which frames were interpolated linearly: {}. The longest \
+         one is {} s.",
+        long_s.len(),
+        seconds(longest_s)
+    ))
 }
 
 /// The median interval between these times, s; of an even number of intervals, the lower of the two in the middle. `None` for
@@ -76,11 +95,11 @@ pub fn median_interval_s(t_s: &[f64]) -> Option<f64> {
     Some(*intervals_s.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// The longest range of times without an interval of more than `most_s`.
-fn longest_part(t_s: &[f64], most_s: f64) -> std::ops::Range<usize> {
+/// The longest range of times without an interval that is too long to be filled. `period_s` is the median interval.
+fn longest_part(t_s: &[f64], period_s: f64) -> std::ops::Range<usize> {
     let (mut longest, mut start) = (0..0, 0);
     for i in 0..t_s.len() {
-        if i > 0 && t_s[i] - t_s[i - 1] > most_s {
+        if i > 0 && !is_filled(t_s[i] - t_s[i - 1], period_s) {
             start = i;
         }
         if i + 1 - start > longest.len() {

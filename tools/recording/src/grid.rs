@@ -3,7 +3,7 @@
 use crate::assembly::UncheckedRecording;
 use crate::footprint::Footprint;
 use crate::gaps::{GAP_INTERVALS, median_interval_s};
-use crate::text::seconds;
+use crate::text::{seconds, significant};
 use crate::{Cell, Error, MAX_CELLS, Recording, Result, check, template};
 use plantar::{Region, Side};
 use std::collections::{BTreeMap, BTreeSet};
@@ -236,11 +236,11 @@ impl Foot {
         }
         if frames.negatives > 0 {
             remarks.push(format!(
-                "Negative pressures of the {} foot, in all frames together, that were read as 0: {}. The lowest one is {:.2} \
+                "Negative pressures of the {} foot, in all frames together, that were read as 0: {}. The lowest one is {} \
                  kPa.",
                 side.name(),
                 frames.negatives,
-                frames.lowest_kpa
+                significant(frames.lowest_kpa.into())
             ));
         }
         place_at_origin(&mut cells, &under_foot, half_mm);

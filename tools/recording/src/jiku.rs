@@ -13,7 +13,7 @@ use crate::error::caught;
 use crate::table::file_name;
 use crate::{Cell, Error, Layout, Recording, Result, check, template};
 use hdf5_reader::Hdf5File;
-use native::Step;
+use native::{Step, Unusable};
 use plantar::{Region, Side};
 use registration::Shift;
 use std::collections::BTreeMap;
@@ -43,15 +43,16 @@ const UNIT_N: f64 = 0.1;
 ///
 /// Each step is shifted by whole native cells to the best overlap with the previous steps, so that no reading is interpolated.
 /// It is not rotated. The layout contains all cells that are loaded in at least one frame. A trial that is empty, still loaded in
-/// its last frame, missing in the file or not readable, or with rows that were not resampled as expected, is left out;
-/// [`Recording::source`] lists these trials, each with the reason.
+/// its last frame, or with rows that were not resampled as expected, is left out; [`Recording::source`] lists these trials, each
+/// with the reason.
 ///
 /// `dir` is the folder of the data set, or its subfolder `data_y`. Walkers and trials are numbered from 0; the trials are
 /// imported in the given order. `progress` receives the size of the file, bytes, times the fraction of the trials that have been
 /// processed, and the size itself.
 ///
 /// # Errors
-/// Fails if the data set has no walker or trial of this number, the file cannot be read, or no trial is usable.
+/// Fails if the data set has no walker or trial of this number, the file or a trial is missing or cannot be read, or no trial is
+/// usable.
 pub fn import(
     dir: impl AsRef<Path>,
     walker: usize,
@@ -92,6 +93,9 @@ fn read(
             format!("choose trials from 0 to {}", TRIALS - 1),
         ));
     }
+    if trials.is_empty() {
+        return Err(Error::content(path.display().to_string(), "no trials to import", "import at least one trial"));
+    }
     let mut used = Vec::new();
     let mut left_out = Vec::new();
     let mut steps = Vec::new();
@@ -104,18 +108,17 @@ fn read(
                 used.push(trial.to_string());
                 steps.push(step);
             }
-            Err(reason) => left_out.push(format!("{trial} ({reason})")),
+            Err(Unusable::NotResampled(reason)) => left_out.push(format!("{trial} ({reason})")),
+            // With fewer trials than in the data set, results would change without a message.
+            Err(Unusable::Damaged(reason)) => return Err(damaged(path, trial, &reason)),
         }
     }
     progress(1.0);
     if steps.is_empty() {
         return Err(Error::content(
             path.display().to_string(),
-            format!(
-                "no usable step; trials left out: {}",
-                if left_out.is_empty() { "none".into() } else { left_out.join(", ") }
-            ),
-            format!("import other trials, 0 to {}, or another walker, or {REMEDY}", TRIALS - 1),
+            format!("no usable step; trials left out: {}", left_out.join(", ")),
+            format!("import more trials, up to {TRIALS}, or another walker"),
         ));
     }
     let shifts = registration::shifts(&steps);
@@ -143,6 +146,15 @@ fn read(
         t_s: (0..frames).map(|frame| frame as f64 / RATE_HZ).collect(),
         pressure_kpa,
     })
+}
+
+/// The error for a trial that is missing in a file or cannot be read.
+fn damaged(path: &Path, trial: usize, reason: &str) -> Error {
+    let remedy = match trial {
+        0 => REMEDY.to_owned(),
+        _ => format!("{REMEDY}, or import only the trials before it (`--trials {trial}`)"),
+    };
+    Error::content(path.display().to_string(), format!("trial {trial} is missing or damaged ({reason})"), remedy)
 }
 
 /// The path of the file of a walker, in `dir` or in its subfolder `data_y`.

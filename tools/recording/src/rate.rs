@@ -1,7 +1,7 @@
 //! The frame rate of a recording, and resampling.
 
 use crate::check::{self, At};
-use crate::gaps::{longest_filled_s, median_interval_s, rounding_s};
+use crate::gaps::{is_filled, longest_filled_s, median_interval_s};
 use crate::{Error, Recording, Result};
 
 /// Lowest plausible rate, Hz. At a lower rate, a stance of half a second would have at most one frame, so the times must be in
@@ -55,14 +55,14 @@ pub fn of(t_s: &[f64], place: &dyn Fn(At) -> String) -> Result<f64> {
 pub fn of_uneven(t_s: &[f64], place: &dyn Fn(At) -> String) -> Result<f64> {
     check::times(t_s, place)?;
     let median_s = median_s(t_s, place)?;
-    let longest_s = longest_filled_s(median_s);
-    let is_too_long = |pair: &[f64]| pair[1] - pair[0] > longest_s + rounding_s(median_s);
+    let is_too_long = |pair: &[f64]| !is_filled(pair[1] - pair[0], median_s);
     if let Some(i) = t_s.windows(2).position(is_too_long) {
         return Err(Error::content(
             place(At::Frame(i + 1)),
             format!(
-                "{:.6} s after the frame before, at most {longest_s:.2} s can be interpolated",
-                t_s[i + 1] - t_s[i]
+                "{:.6} s after the frame before, at most {:.2} s can be interpolated",
+                t_s[i + 1] - t_s[i],
+                longest_filled_s(median_s)
             ),
             "split the recording at this frame",
         ));

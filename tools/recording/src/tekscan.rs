@@ -19,17 +19,18 @@ pub fn recognise(text: &str) -> bool {
     has("ROW_SPACING") && (has("ROWS") || has("ASCII_DATA"))
 }
 
-/// Splits a line of the header into its name and its value.
+/// Splits a line of the header into its name and its value, without their quotes.
 fn property(line: &str) -> Option<(&str, &str)> {
     let line = line.trim().trim_matches(['"', ',']);
     let (name, value) = line.split_once([' ', ',', '\t', ':']).unwrap_or((line, ""));
+    let name = name.trim_end_matches('"');
     (!name.is_empty()).then(|| (name, value.trim_matches([' ', ',', '\t', ':', '"'])))
 }
 
 /// Largest rounding error of SATURATION_PRESSURE and of a pressure, as a fraction.
 const SATURATION_ROUNDING: f64 = 1e-3;
 /// Names of lines that occur only in a header, by which a second measurement in the file is recognised.
-const HEADER: [&str; 4] = ["DATA_TYPE", "FILENAME", "SENSOR_TYPE", "ROWS"];
+const ONLY_IN_HEADER: [&str; 4] = ["DATA_TYPE", "FILENAME", "SENSOR_TYPE", "ROWS"];
 /// The remedy for raw values that cannot be converted.
 const CALIBRATE: &str = "calibrate the measurement in the vendor's program, and export it in kPa";
 
@@ -55,9 +56,9 @@ struct Header<'a> {
     sensor: &'a str,
 }
 
-/// Imports one foot, that of `side`. Without `side`, the end of the file's name in the header or in `path` states the foot: L, R,
-/// left or right. If neither name states it, the foot is determined from the shape of the footprint on a plate; for an insole,
-/// this is an error.
+/// Imports one foot, that of `side`. Without `side`, the ends of the file's names in the header and in `path` state the foot: L,
+/// R, left or right. If they state different feet, this is an error. If neither name states it, the foot is determined from the
+/// shape of the footprint on a plate; for an insole, this is an error.
 ///
 /// # Errors
 /// Fails if a line violates the format. The message names file, line and remedy.
@@ -254,7 +255,7 @@ fn read_frames<'a>(
     kpa_per_unit: f64,
 ) -> Result<(Frames, u64)> {
     let (mut frames, mut separators) = (Frames::default(), Separators::default());
-    let mut numbers: Vec<u64> = Vec::new();
+    let mut last: Option<u64> = None;
     // The number of rows that were read of the current frame; `rows` before the first frame.
     let mut rows_read = rows;
     let cut_off = |place: String, rows_read: usize| {
@@ -271,16 +272,15 @@ fn read_frames<'a>(
             if rows_read != rows {
                 return Err(cut_off(place(), rows_read));
             }
-            let next = numbers.last().map_or(1, |last| last + 1);
+            let next = last.map_or(1, |last| last + 1);
             let number = first_number(rest).filter(|n| *n < 1e12).map_or(next, |n| n as u64);
-            if numbers.last().is_some_and(|&last| number <= last) {
-                let problem = format!("frame {number} follows frame {}", numbers[numbers.len() - 1]);
+            if let Some(last) = last.filter(|&last| number <= last) {
+                let problem = format!("frame {number} follows frame {last}");
                 return Err(Error::content(place(), problem, "export the frames in order"));
             }
-            numbers.push(number);
-            // The times count from frame 1, or from frame 0 if the export begins with it, and not from the first frame of the
-            // export: the exports of both feet of a measurement can begin with different frames.
-            frames.begin((number - numbers[0].min(1)) as f64 * period_s);
+            last = Some(number);
+            // The time follows from the number alone: the exports of both feet of a measurement can begin with different frames.
+            frames.begin(number as f64 * period_s);
             rows_read = 0;
             continue;
         }
@@ -288,7 +288,7 @@ fn read_frames<'a>(
         let delimiters: &[char] = if row.contains([';', '\t']) { &[';', '\t'] } else { &[','] };
         let fields = row.split(delimiters).map(str::trim);
         if rows_read == rows {
-            if property(row).is_some_and(|(name, _)| HEADER.contains(&name)) {
+            if property(row).is_some_and(|(name, _)| ONLY_IN_HEADER.contains(&name)) {
                 return Err(another_measurement(place()));
             }
             let problem = format!("`{}`, expected the beginning of a frame", shortened(row));
@@ -313,7 +313,7 @@ fn read_frames<'a>(
     }
     separators.check(path)?;
     match rows_read == rows {
-        true => Ok((frames, numbers.last().copied().unwrap_or(0))),
+        true => Ok((frames, last.unwrap_or(0))),
         false => Err(cut_off(path.display().to_string(), rows_read)),
     }
 }

@@ -93,6 +93,14 @@ pub fn shortened(text: &str) -> String {
     }
 }
 
+/// A number for a message, with three significant digits; very small and very large ones in scientific notation.
+pub fn significant(value: f64) -> String {
+    match (1e-3..1e6).contains(&value.abs()) {
+        true => format!("{value:.*}", (2.0 - value.abs().log10().floor()).max(0.0) as usize),
+        false => format!("{value:.2e}"),
+    }
+}
+
 /// A time for a message, s, rounded to 0.1 ms; very short and very long ones in scientific notation.
 pub fn seconds(value_s: f64) -> String {
     match (1e-3..1e6).contains(&value_s) {

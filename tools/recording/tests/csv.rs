@@ -226,6 +226,17 @@ fn the_error_for_a_gap_in_time_names_its_line() {
     assert_refused(LAYOUT, &frames, &["frames.csv:6", "0.040000 s after", "split the recording"]);
 }
 
+/// Resampling would refuse the longer gap, too.
+#[test]
+fn the_error_for_a_gap_in_time_offers_resampling_only_if_it_accepts_the_gap() {
+    for (after_s, is_offered) in [(0.06, true), (0.2, false)] {
+        let frames = format!("{FRAMES}{after_s},1,1\n{},1,1\n", after_s + 0.01);
+        let error = import_at(None, LAYOUT, &frames).unwrap_err().to_string();
+        assert!(error.contains("frames.csv:5") && error.contains("split the recording at this frame"), "{error}");
+        assert_eq!(error.contains("--rate"), is_offered, "{error}");
+    }
+}
+
 /// Both pressures are linear functions of time, so that linear interpolation is exact.
 #[test]
 fn times_with_jitter_are_resampled_and_gaps_are_not() {
@@ -237,6 +248,8 @@ fn times_with_jitter_are_resampled_and_gaps_are_not() {
     assert_refused(LAYOUT, &text(&t_s), &["frames.csv:4:", "0.016000 s after", "plantar import csv", "--rate"]);
     let recording = import_at(Some(50.0), LAYOUT, &text(&t_s)).unwrap();
     assert_eq!((recording.rate_hz, recording.frames()), (50.0, 151));
+    assert!(recording.source.contains("times the median one"), "{}", recording.source);
+    assert!(recording.source.contains(": 100. The longest one is 0.016 s."), "{}", recording.source);
     for (i, now_s) in recording.t_s.iter().enumerate() {
         assert!((now_s - 0.02 * i as f64).abs() < 1e-9, "frame {i} at {now_s} s");
         let expected_kpa = [10.0 * now_s, 50.0 - now_s];

@@ -174,6 +174,17 @@ fn a_negative_force_is_read_as_a_pressure_of_zero_with_a_remark() {
 }
 
 #[test]
+fn a_unit_of_pressure_in_the_header_is_refused_also_after_a_long_field() {
+    let text = file(&foot(Side::Right, false));
+    let with_header = |row: &str| parse(&text.replacen("Right foot data\n", &format!("Right foot data\n{row}\n"), 1));
+    let long = "x".repeat(5000);
+    for row in ["unit: kPa".to_owned(), format!("{long}\tunit: kPa")] {
+        assert_message(with_header(&row), "step.txt:", &["pressures in kPa", "expected forces in N"]);
+    }
+    assert_eq!(with_header(&long).unwrap().feet, parse(&text).unwrap().feet);
+}
+
+#[test]
 fn damaged_files_are_refused_with_the_line_and_a_remedy() {
     let text = file(&foot(Side::Right, false));
     let first_row = text.lines().position(|line| line.starts_with("Frame 0")).unwrap() + 2;

@@ -103,7 +103,7 @@ fn errors_name_the_missing_walker_or_file() {
 #[ignore = "needs the data set SpeedPP2DS: cargo xtask test"]
 fn errors_name_the_missing_trials() {
     assert!(refused(&folder(), 0, &[60]).contains("trials from 0 to 59"));
-    assert!(refused(&folder(), 0, &[]).contains("no usable step"));
+    assert!(refused(&folder(), 0, &[]).contains("no trials to import"));
 }
 
 #[test]
@@ -142,27 +142,33 @@ fn with_a_trial_that_was_not_resampled() -> Vec<u8> {
 }
 
 #[test]
-fn a_trial_that_cannot_be_used_is_left_out_with_its_reason() {
-    for (bytes, trials, parts) in [
-        (with_a_trial_of_impossible_size(), [0, 1], ["(trials 1)", "left out: 0 (", "values, a trial has at most"]),
-        (with_a_trial_that_was_not_resampled(), [0, 1], ["(trials 0)", "left out: 1 (not resampled", "units)"]),
-        // The file has only two trials.
-        (COMPUTED.to_vec(), [1, 2], ["(trials 1)", "left out: 2 (not readable: ", "img002"]),
-    ] {
-        let walk = jiku::parse(&bytes, &trials).unwrap();
-        assert_eq!(step_peaks_n(&walk).len(), 1);
-        assert!(parts.iter().all(|part| walk.source.contains(part)), "{}", walk.source);
+fn a_trial_that_was_not_resampled_is_left_out_with_the_reason() {
+    let walk = jiku::parse(&with_a_trial_that_was_not_resampled(), &[0, 1]).unwrap();
+    assert_eq!(step_peaks_n(&walk).len(), 1);
+    for part in ["(trials 0)", "left out: 1 (not resampled", "units)"] {
+        assert!(walk.source.contains(part), "{}", walk.source);
     }
 }
 
 #[test]
-fn a_file_without_a_usable_trial_is_refused_with_the_reasons() {
-    for (bytes, trial, part) in [
-        (with_a_trial_of_impossible_size(), 0, "values, a trial has at most"),
-        (with_a_trial_that_was_not_resampled(), 1, "not resampled from 7.62 mm rows"),
+fn a_trial_that_is_missing_or_damaged_is_refused_with_a_remedy() {
+    for (bytes, trials, parts) in [
+        (with_a_trial_of_impossible_size(), [0, 1], ["trial 0 is", "values, a trial has at most", "install"]),
+        // The file has only two trials.
+        (COMPUTED.to_vec(), [1, 2], ["trial 2 is", "img002", "`--trials 2`"]),
     ] {
-        let error = jiku::parse(&bytes, &[trial]).unwrap_err().to_string();
-        assert!(error.contains("no usable step") && error.contains(part), "{error}");
-        assert!(error.contains("another walker") && !error.contains("omit"), "{error}");
+        let error = jiku::parse(&bytes, &trials).unwrap_err().to_string();
+        assert!(parts.iter().all(|part| error.contains(part)), "{error}");
+        assert!(!error.contains("`--trials 0`"), "{error}");
     }
+}
+
+#[test]
+fn a_request_without_a_usable_trial_is_refused_with_the_reason() {
+    let error = jiku::parse(&with_a_trial_that_was_not_resampled(), &[1]).unwrap_err().to_string();
+    for part in ["no usable step", "1 (not resampled from 7.62 mm rows", "another walker"] {
+        assert!(error.contains(part), "{error}");
+    }
+    let error = jiku::parse(COMPUTED, &[]).unwrap_err().to_string();
+    assert!(error.contains("no trials to import") && error.contains("at least one"), "{error}");
 }

@@ -139,6 +139,8 @@ fn negative_pressures_are_read_as_zero_with_a_remark() {
     let expected = "Negative pressures of the left foot, in all frames together, that were read as 0: 4. \
                     The lowest one is -4.00 kPa.";
     assert_eq!(remark("-4,10,-2.5").as_deref(), Some(expected));
+    let small = remark("-0.004,10,10").unwrap();
+    assert!(small.ends_with("The lowest one is -0.00400 kPa."), "{small}");
 }
 
 #[test]

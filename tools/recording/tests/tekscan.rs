@@ -75,11 +75,29 @@ fn load_in_front_of_the_foot_is_named() {
 /// The exports of both feet of a measurement can begin with different frames.
 #[test]
 fn times_follow_from_the_numbers_of_the_frames() {
-    let whole = text(Side::Right, "KPa", 1.0, "10.16 mm");
-    let (header, frames) = whole.split_once("\r\nFrame 1\r\n").unwrap();
-    let part = format!("{header}\r\nFrame 11\r\n{}", frames.split_once("\r\nFrame 11\r\n").unwrap().1);
-    let times = [&whole, &part].map(|text| parse(text).unwrap().feet.remove(0).t_s);
-    assert!(times[0][0] == 0.0 && (times[1][0] - times[0][10]).abs() < 1e-9, "{}", times[1][0]);
+    let from_1 = text(Side::Right, "KPa", 1.0, "10.16 mm");
+    let title = |number: usize| format!("\r\nFrame {number}\r\n");
+    let renumber = |text: String, number| text.replace(&title(number), &title(number - 1));
+    let from_0 = (1..=STANCE + SWING).fold(from_1.clone(), renumber);
+    for (whole, first) in [(from_1, 1), (from_0, 0)] {
+        let (header, frames) = whole.split_once(&title(first)).unwrap();
+        let part = format!("{header}{}{}", title(11), frames.split_once(&title(11)).unwrap().1);
+        for (text, number) in [(&whole, first), (&part, 11)] {
+            let t_s = parse(text).unwrap().feet.remove(0).t_s[0];
+            assert!((t_s - number as f64 * 0.01).abs() < 1e-9, "frame {number}: {t_s} s");
+        }
+    }
+}
+
+/// A program that stores the export as a table writes quotes around names and values.
+#[test]
+fn names_and_values_of_the_header_may_have_quotes() {
+    let plain = text(Side::Right, "KPa", 1.0, "10.16 mm");
+    let (header, frames) = plain.split_once("ASCII_DATA @@\r\n").unwrap();
+    let quoted = header.lines().map(|line| format!("\"{}\"\r\n", line.replacen(' ', "\",\"", 1)));
+    let quoted = format!("{}\"ASCII_DATA\",\"@@\"\r\n{frames}", quoted.collect::<String>());
+    assert!(quoted.contains("\"ROWS\",\"30\""));
+    assert_eq!(parse(&quoted).unwrap().feet, parse(&plain).unwrap().feet);
 }
 
 #[test]

@@ -119,8 +119,8 @@ enum Kind {
     LogarithmicAndZero,
 }
 
-/// Distance from the position of 0 to the start of a logarithmic scale.
-const ZERO_GAP: f64 = 24.0;
+/// Distance from the position of 0 to the start of a logarithmic scale. It has room for the label 0 and one of six characters.
+const ZERO_GAP: f64 = 26.0;
 
 impl Scale {
     /// A linear scale from the range of values to the range of positions.
@@ -162,7 +162,7 @@ impl Scale {
 
     /// The ticks of a horizontal axis at round values, about `wanted` and at least two, with labels that do not overlap. A linear
     /// scale contains 0, and the ends of a logarithmic one differ by a factor of at least 5. The position for 0 of a logarithmic
-    /// scale, if it has one, is an additional tick.
+    /// scale, if it has one, is an additional tick. A linear scale with equal ends has no ticks.
     pub fn ticks(&self, wanted: usize, label: Label) -> Vec<Tick> {
         self.ticks_along(wanted, label, width)
     }
@@ -174,14 +174,15 @@ impl Scale {
             let extents = extent(&pair[0].label) + extent(&pair[1].label);
             (pair[1].position - pair[0].position).abs() >= extents / 2.0 + LABEL_GAP
         };
-        let is_readable = |ticks: &Vec<Tick>| ticks.len() >= 2 && ticks.windows(2).all(are_apart);
+        let zero = (self.kind == Kind::LogarithmicAndZero).then_some(0.0);
+        let with_zero = |values: Vec<f64>| zero.into_iter().chain(values).map(place).collect::<Vec<_>>();
+        let least = 2 + usize::from(zero.is_some());
+        let is_readable = |ticks: &Vec<Tick>| ticks.len() >= least && ticks.windows(2).all(are_apart);
         let sets = self.round_values(wanted);
         // If the labels of each set overlap, the first and the last value of a set have the most room.
         let ends = sets.iter().filter_map(|set| Some(vec![*set.first()?, *set.last()?]));
-        let mut all = sets.iter().cloned().chain(ends).map(|values| values.into_iter().map(place).collect::<Vec<_>>());
-        let ticks = all.find(is_readable).unwrap_or_default();
-        let zero = (self.kind == Kind::LogarithmicAndZero).then(|| place(0.0));
-        zero.into_iter().chain(ticks).collect()
+        let mut all = sets.iter().cloned().chain(ends).map(with_zero);
+        all.find(is_readable).unwrap_or_else(|| with_zero(Vec::new()))
     }
 
     /// Sets of round values within the scale, in the order of preference for about `wanted` ticks.
@@ -189,6 +190,10 @@ impl Scale {
         let [low, high] = self.values;
         if self.kind == Kind::Linear {
             let rough = (high - low) / wanted as f64;
+            // The multiples of a smaller step cannot be counted.
+            if rough < f64::MIN_POSITIVE {
+                return Vec::new();
+            }
             let decade = 10f64.powf(rough.log10().floor());
             let steps = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0].map(|step| step * decade);
             let multiples = |step: &f64| -> Vec<f64> {
@@ -319,6 +324,13 @@ mod tests {
                 let scale = Scale::linear([0.0, end], [height, 0.0]);
                 check(&scale, &scale.ticks_along(3, tick, |_| LINE), |_| LINE);
             }
+        }
+    }
+
+    #[test]
+    fn a_linear_axis_without_extent_has_no_ticks() {
+        for end in [0.0, f64::from_bits(1)] {
+            assert!(Scale::linear([0.0, end], [0.0, 134.0]).ticks(4, tick).is_empty());
         }
     }
 

@@ -51,7 +51,7 @@ impl Person {
     /// Fails if a file cannot be read or used, or an option is out of range.
     pub fn new(settings: Participant, search: &Search, contact: ContactRule, read: ReadFile) -> Result<Self> {
         let size = settings.size.unwrap_or(search.size);
-        let search = Search { size, tissue: settings.thickness.clone().or(search.tissue.clone()), ..search.clone() };
+        let search = Search { size, tissue: settings.tissue.clone().or(search.tissue.clone()), ..search.clone() };
         let (tissue, notes) = search.tissue(read)?;
         let read_zero =
             |path: &PathBuf| Ok::<_, anyhow::Error>((path.clone(), Zero::parse(&text(path, read(path))?, path)?));

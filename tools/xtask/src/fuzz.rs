@@ -15,7 +15,7 @@ const HANG_S: u32 = 25;
 /// Runs every target; all of them together take `minutes` of one core.
 ///
 /// # Errors
-/// If a target fails; the message names the target and, if an input was written, its file.
+/// If targets fail, after all of them have run; the message names each target and, if an input was written, its file.
 pub fn run(minutes: f64) -> Result<()> {
     let tool = setup::cargo_fuzz()?;
     let cargo_fuzz = |arguments: &[&str]| {
@@ -35,6 +35,7 @@ pub fn run(minutes: f64) -> Result<()> {
     let seconds = (minutes * 60.0 / targets.len() as f64).ceil().max(1.0) as u64;
     // A fuzzer uses one core, so as many targets run at the same time as there are cores.
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let mut failures = Vec::new();
     for targets in targets.chunks(cores) {
         std::thread::scope(|scope| {
             let runs = targets.iter().map(|target| {
@@ -42,9 +43,11 @@ pub fn run(minutes: f64) -> Result<()> {
                 let found = folder.join("corpus").join(target);
                 scope.spawn(move || run_target(fuzzer, target, &found, seconds))
             });
-            runs.collect::<Vec<_>>().into_iter().try_for_each(join)
-        })?;
+            let failed = runs.collect::<Vec<_>>().into_iter().filter_map(|run| join(run).err());
+            failures.extend(failed.map(|failure| format!("{failure:#}")));
+        });
     }
+    ensure!(failures.is_empty(), "{}", failures.join("\n"));
     Ok(())
 }
 

@@ -1,8 +1,8 @@
 //! The bootloader of the nRF52840: swaps the images if a swap is due, and starts the active image.
 //!
-//! The watchdog starts first. A wait that may exceed its timeout, such as that for the supply, feeds it. If the flash chip does
-//! not answer, or if the state in it is not readable, the active image starts without a swap. The flash chip is changed only
-//! while its supply suffices.
+//! The watchdog starts before any wait. A wait that may exceed its timeout, such as that for the supply, feeds it. If the flash
+//! chip does not answer, or if the state in it is not readable, the active image starts without a swap. The flash chip is
+//! changed only while its supply suffices.
 //!
 //! Only the bootloader writes the controller's own flash; the radio does not run yet.
 #![no_std]
@@ -16,7 +16,7 @@ use embassy_sync::mutex::Mutex;
 use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use nrf52840_drivers::flash::Chip;
 use nrf52840_drivers::qspi::{Qspi, Wait};
-use nrf52840_drivers::{CHIP_BYTES, supply, wait_cycles, watchdog};
+use nrf52840_drivers::{CHIP_BYTES, ground_divider, supply, wait_cycles, watchdog};
 use plantar::protocol::SUFFICIENT_SUPPLY_MV;
 use plantar::storage::boot::{poll_at_most, swap_if_due};
 use plantar::storage::flash_map::{ACTIVE, MAX_IMAGE, NRF52_FLASH};
@@ -46,8 +46,9 @@ impl Wait for Busy {
     async fn until(&mut self, limit_ms: u32, is_ready: impl Fn() -> bool) -> bool {
         /// Time between two checks, us.
         const STEP_US: u32 = 10;
-        watchdog::feed();
         (0..limit_ms * 1000 / STEP_US).any(|_| {
+            // In each step, because without the instruction cache all steps may take longer than the watchdog's timeout.
+            watchdog::feed();
             wait_cycles(CORE_KHZ / 1000 * STEP_US);
             is_ready()
         })
@@ -106,6 +107,7 @@ impl NorFlash for Active {
 
 #[entry]
 fn main() -> ! {
+    ground_divider();
     watchdog::start();
     // SAFETY: `main` runs once, and nothing else of this program uses peripherals. `embassy_nrf::init` is not called, because it
     // would start the low-frequency clock, of which the application chooses the source, and wait for it without a limit.

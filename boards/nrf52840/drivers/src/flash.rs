@@ -24,6 +24,10 @@ const WRITE_LIMIT_MS: u32 = 20;
 const ERASE_LIMIT_MS: u32 = 600;
 /// Longest time for which a chip can be busy at the start: it may have been erasing a sector when the controller was reset.
 const OPEN_LIMIT_MS: u32 = ERASE_LIMIT_MS;
+/// Timeout of each operation of the bus, ms: the longest time for which a chip can be busy. Before the nRF52840's QSPI is active,
+/// and before a read, a write or an erase operation, it polls the status of the chip and waits until the chip is not busy
+/// (documentation of Nordic's driver `nrfx_qspi`). The transfer of a page takes 0.13 ms.
+pub const BUS_LIMIT_MS: u32 = OPEN_LIMIT_MS;
 /// Number of times that the identity of the chip is read, a millisecond apart.
 const IDENTITY_READS: usize = 5;
 
@@ -46,10 +50,11 @@ pub trait Bus {
     /// The buffer of all transfers. No transfer is in progress while a caller has access to it.
     fn page(&self) -> &Page;
 
-    /// Switches the bus on, before any of the following operations.
+    /// Switches the bus on, before any of the following operations. Waits for a chip that is busy: the controller may have been
+    /// reset during an erase operation, or the operation may have been cancelled.
     ///
     /// # Errors
-    /// If it does not start.
+    /// If the bus does not start, or if the chip is busy for longer than [`BUS_LIMIT_MS`].
     async fn activate(&mut self) -> Result<(), NoAnswer>;
 
     /// Switches the bus off, which saves power.

@@ -6,7 +6,7 @@
 //! The chip is used with one data line in each direction. Four lines would need a bit in a non-volatile register of the chip, and
 //! the board needs no higher rate: at 16 Mbit/s, it reads an image in a quarter of a second.
 
-use crate::flash::{Bus, NoAnswer, PAGE_WORDS, Page};
+use crate::flash::{BUS_LIMIT_MS, Bus, NoAnswer, PAGE_WORDS, Page};
 use core::sync::atomic::{AtomicU32, Ordering, compiler_fence};
 use embassy_nrf::Peri;
 use embassy_nrf::pac::gpio::vals::{Dir, Drive, Input, Pull};
@@ -29,8 +29,6 @@ const HOLD: usize = 23;
 const RATE: u8 = 1;
 /// Shortest time for which the select line is high between commands, in units of 62.5 ns. The chip needs 50 ns.
 const SELECT_HIGH: u8 = 2;
-/// Longest time of a transfer, ms. A page takes 0.13 ms.
-const TRANSFER_LIMIT_MS: u32 = 20;
 
 /// The buffer of the transfers. A cancelled transfer may still change it, which does no harm, because it has no other use.
 static PAGE: Page = [const { AtomicU32::new(0) }; PAGE_WORDS];
@@ -65,7 +63,8 @@ impl<W: Wait> Qspi<W> {
                 w.set_drive(Drive::H0h1);
             });
         }
-        // A missing chip reads 0. As a status, this means that it is not busy; as an identity, it is not valid.
+        // A missing chip reads 0, as does one in power-down. As a status, this means that it is not busy, so that the activation
+        // ends; as an identity, it is not valid.
         P0.pin_cnf(FROM_CHIP).write(|w| {
             w.set_input(Input::Connect);
             w.set_pull(Pull::Pulldown);
@@ -104,7 +103,7 @@ impl<W: Wait> Qspi<W> {
         // The buffer must be complete before the transfer begins, and must not be read before it has ended.
         compiler_fence(Ordering::SeqCst);
         start();
-        let is_ready = self.wait.until(TRANSFER_LIMIT_MS, || QSPI.events_ready().read() != 0).await;
+        let is_ready = self.wait.until(BUS_LIMIT_MS, || QSPI.events_ready().read() != 0).await;
         compiler_fence(Ordering::SeqCst);
         if is_ready { Ok(()) } else { Err(NoAnswer) }
     }
@@ -123,11 +122,13 @@ impl<W: Wait> Bus for Qspi<W> {
 
     async fn activate(&mut self) -> Result<(), NoAnswer> {
         if self.is_active {
-            // An operation was cancelled before it switched the bus off.
+            // An operation was cancelled before it switched the bus off. The chip may still be busy with it.
             self.deactivate();
         }
         self.is_active = true;
         QSPI.enable().write(|w| w.set_enable(true));
+        // The peripheral is not ready before the chip is. If it were activated without its pins, it would not wait, but then each
+        // operation would have to wait for the chip.
         self.run(|| QSPI.tasks_activate().write_value(1)).await
     }
 

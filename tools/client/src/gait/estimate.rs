@@ -5,7 +5,8 @@ use serde_json::{Value, json};
 /// A value, and whether it follows the previous value without a gap: only such pairs count in the correlation.
 pub(super) type Consecutive = (f64, bool);
 
-/// Mean of a measure over strides. Successive strides of a person are correlated, which the interval takes into account.
+/// Mean of a measure over strides or pairs of strides. Successive strides of a person are correlated, which the interval takes
+/// into account.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     /// Number of values.
@@ -14,7 +15,8 @@ pub struct Estimate {
     pub mean: f64,
     /// Standard deviation; `None` for a single value.
     pub sd: Option<f64>,
-    /// 95 % confidence interval of the mean; `None` if fewer than three of the values are effectively independent.
+    /// 95 % confidence interval of the mean; `None` if fewer than three of the values are effectively independent, or if all are
+    /// equal.
     pub interval: Option<[f64; 2]>,
 }
 
@@ -24,7 +26,7 @@ impl Estimate {
     /// The interval is that of Student's t, in which the number n of values is replaced by the number of independent values with
     /// the same variance of the mean, n (1 - r) / (1 + r). r is the correlation of successive values, at least 0, corrected for
     /// its bias in short series by (1 + 4 r) / n (Bayley and Hammersley, J. R. Stat. Soc. Suppl. 8, 1946; Marriott and Pope,
-    /// Biometrika 41, 1954).
+    /// Biometrika 41, 1954); 0 if no value follows another one without a gap.
     pub(super) fn new(values: &[Consecutive]) -> Option<Self> {
         let count = values.len();
         if count == 0 {
@@ -42,10 +44,15 @@ impl Estimate {
         let pairs = values.windows(2).filter(|pair| pair[1].1);
         let (products, pairs) =
             pairs.fold((0.0, 0), |(sum, count), pair| (sum + (pair[0].0 - mean) * (pair[1].0 - mean), count + 1));
-        let measured = if pairs > 0 && squares > 0.0 { products / f64::from(pairs) / (squares / n) } else { 0.0 };
-        let correlation = (measured + (1.0 + 4.0 * measured) / n).max(0.0);
+        let correlation = if pairs > 0 && squares > 0.0 {
+            let measured = products / f64::from(pairs) / (squares / n);
+            (measured + (1.0 + 4.0 * measured) / n).max(0.0)
+        } else {
+            0.0
+        };
         let independent = n * (1.0 - correlation) / (1.0 + correlation);
-        let interval = (independent >= 3.0).then(|| {
+        // Equal values do not show how far their mean may be from the true one.
+        let interval = (independent >= 3.0 && squares > 0.0).then(|| {
             let half = t_975(independent - 1.0) * sd / independent.sqrt();
             [mean - half, mean + half]
         });
@@ -91,13 +98,15 @@ mod tests {
         // A slow drift has fewer than three effectively independent values.
         let drift: Vec<_> = (0..30).map(|i| (f64::from(i), i > 0)).collect();
         assert_eq!(Estimate::new(&drift).and_then(|drift| drift.interval), None);
-        // Equal values, but for rounding errors, as of times that are multiples of a frame period.
-        let equal = [0.448, 0.448 + 2e-16, 0.448 - 3e-16, 0.448].map(|value| (value, true));
+        // Ten equal values, but for rounding errors, as of times that are multiples of a frame period.
+        let equal: Vec<_> = (0..10).map(|i| (0.448 + f64::from(i % 3) * 1e-16, i > 0)).collect();
         let estimate = Estimate::new(&equal).expect("values");
         assert_eq!((estimate.sd, estimate.interval), (Some(0.0), None));
-        // The same values from separate walks are independent.
+        // The same values as in the drift, but from separate walks, are independent, and also only three of them.
         let separate: Vec<_> = drift.iter().map(|(value, _)| (*value, false)).collect();
-        assert!(Estimate::new(&separate).and_then(|separate| separate.interval).is_some());
+        for count in [3, 30] {
+            assert!(Estimate::new(&separate[..count]).and_then(|separate| separate.interval).is_some(), "{count}");
+        }
     }
 
     /// Correlated series with a known mean of 0: a first-order autoregressive process with normally distributed noise.

@@ -69,8 +69,9 @@ impl SettingsArgs {
         let [scale_before, scale] = [before, settings].map(|settings| settings.map_or(1.0, |settings| settings.scale));
         if scale != scale_before && client.hello().tissue_id != 0 {
             eprintln!(
-                "note: the parameters on the insole are those of its former size: identify the wearer again, or send typical \
-                 parameters of the new size (`plantar params typical --size`, `plantar params push`)"
+                "note: the size has changed, and the parameters on the insole remain in use. If they are not those of the new \
+                 size, identify the wearer again, or send typical parameters of the new size (`plantar params typical --size`, \
+                 `plantar params push`)"
             );
         }
         Ok(())

@@ -78,21 +78,29 @@ impl Step {
     }
 }
 
+/// Why a trial cannot be used, with the reason as text.
+pub enum Unusable {
+    /// Its rows were not resampled as expected. This is a property of the data.
+    NotResampled(String),
+    /// The file does not contain the trial, or the trial cannot be read.
+    Damaged(String),
+}
+
 /// Reads one trial, numbered from 0.
 ///
 /// # Errors
-/// Fails with the reason if the file does not contain the trial, the trial cannot be read, or its rows were not resampled as
-/// expected.
-pub fn read(file: &Hdf5File, trial: usize) -> Result<Step, String> {
-    let unreadable = |error: Error| format!("not readable: {error}");
+/// See [`Unusable`].
+pub fn read(file: &Hdf5File, trial: usize) -> Result<Step, Unusable> {
+    let unreadable = |error: Error| Unusable::Damaged(format!("not readable: {error}"));
     let dataset = file.dataset(&format!("/img{trial:03}")).map_err(unreadable)?;
     let values = dataset.num_elements().map_err(unreadable)?;
     if values > MAX_VALUES {
-        return Err(format!("{values} values, a trial has at most {MAX_VALUES}"));
+        return Err(Unusable::Damaged(format!("{values} values, a trial has at most {MAX_VALUES}")));
     }
     let stored = dataset.read_array::<u16>().map_err(unreadable)?;
     let &[rows, columns, frames] = stored.shape() else {
-        return Err(format!("{} dimensions, expected rows, columns and frames", stored.ndim()));
+        let reason = format!("{} dimensions, expected rows, columns and frames", stored.ndim());
+        return Err(Unusable::Damaged(reason));
     };
     if stored.is_empty() {
         return Ok(Step::new(columns, frames.max(1), Vec::new()));
@@ -101,9 +109,9 @@ pub fn read(file: &Hdf5File, trial: usize) -> Result<Step, String> {
     let values: Vec<u16> = stored.iter().copied().collect();
     match native_rows(&values, rows, row_length) {
         Ok(units) => Ok(Step::new(columns, frames, units)),
-        Err(difference_units) => Err(format!(
+        Err(difference_units) => Err(Unusable::NotResampled(format!(
             "not resampled from 7.62 mm rows: the estimates of a native row differ by {difference_units:.1} units"
-        )),
+        ))),
     }
 }
 

@@ -20,9 +20,9 @@ pub struct SyntheticStanding {
     pub stand_s: f64,
     /// Duration of each of the two transitions between lifted and standing, s, above 0. It is not part of the other times.
     pub transition_s: f64,
-    /// Mean force on this foot while standing, N.
+    /// Force on this foot while standing, without the sway, N.
     pub standing_n: f64,
-    /// Amplitude of the sway as a fraction of the mean force. The period of the sway is three seconds.
+    /// Amplitude of the sway as a fraction of this force. The period of the sway is three seconds.
     pub sway: f64,
 }
 
@@ -50,7 +50,7 @@ pub fn standing(trial: &SyntheticStanding) -> Recording {
     let layout = insole(trial.cells);
     let kpa_of_frame = loaded_frame(&layout);
     let frame_n = layout.force_n(&kpa_of_frame);
-    // The force at a time, relative to the mean force while standing.
+    // The force at a time, relative to the force while standing without the sway.
     let load = |t_s: f64| {
         let standing_since_s = t_s - trial.lifted_s[0] - trial.transition_s;
         // Time until standing begins, or since it ended.

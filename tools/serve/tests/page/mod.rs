@@ -74,8 +74,9 @@ impl Page {
         self.find(insole, |m| if let ToHost::Hello(hello) = m { Some(hello) } else { None }).await
     }
 
-    /// Returns the first hello, and skips a second one of the same session: when an insole connects, the bridge opens the session
-    /// of each page, also of one that has not sent its connect request yet. It then answers this request as well.
+    /// Returns the first hello. Skips the messages after it up to the answer to a request for the status, perhaps also a second
+    /// hello of the same session: when an insole connects, the bridge opens the session of each page, also of one that has not
+    /// sent its connect request yet, and then answers this request as well.
     pub async fn first_hello(&mut self, insole: u8) -> Hello {
         let hello = self.hello(insole).await;
         self.status(insole).await;

@@ -18,7 +18,7 @@ struct Simulated {
     is_active: bool,
     /// Number of reads of the status after an operation until the chip is ready; all but the last report a busy chip.
     busy_polls: u32,
-    /// Number of these reads that remain until the chip is ready.
+    /// Number of these reads that remain until the chip is ready. The bus makes them, too, while it is switched on.
     busy: u32,
 }
 
@@ -41,7 +41,9 @@ impl Bus for Simulated {
 
     async fn activate(&mut self) -> Result<(), NoAnswer> {
         self.is_active = true;
-        Ok(())
+        // One read for each millisecond, as by the driver.
+        self.busy = self.busy.saturating_sub(BUS_LIMIT_MS);
+        if self.busy == 0 { Ok(()) } else { Err(NoAnswer) }
     }
 
     fn deactivate(&mut self) {
@@ -151,6 +153,15 @@ fn a_missing_a_small_and_a_stuck_chip_are_not_opened() {
     }
     assert!(open(Simulated::new([0xef, 0x40, 0x16], 0)).is_some(), "a larger chip must be opened");
     assert!(open(Simulated::new(P25Q16H, ERASE_LIMIT_MS + 1)).is_none(), "a chip that stays busy must not be opened");
+}
+
+#[test]
+fn a_chip_that_still_erases_after_a_reset_or_a_cancelled_operation_is_waited_for() {
+    let chip = open(Simulated::new(P25Q16H, ERASE_LIMIT_MS));
+    let mut chip = chip.expect("a chip that was erasing a sector when the controller was reset must be opened");
+    // A cancelled operation leaves the bus on.
+    (chip.0.busy, chip.0.is_active) = (ERASE_LIMIT_MS, true);
+    assert_eq!(block_on(chip.read(0, &mut [0])), Ok(()));
 }
 
 #[test]
