@@ -3,8 +3,8 @@
 //! from the other nine.
 
 use anyhow::{Context, Result};
-use bench::{Figures, raise};
 use bench::studies::{self, mean_percent};
+use bench::{Figures, raise};
 use fit::measures::Quantity;
 use fit::quality::Evaluated;
 use fit::trials::Trial;

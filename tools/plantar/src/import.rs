@@ -49,7 +49,7 @@ pub enum Import {
     /// from 0. x increases towards the lateral side of the foot, y from heel to toes. Without the column region, a template
     /// divides the foot into regions. The pressures are in a file with the columns t_s,c0,c1,...: time in s, and the pressure of
     /// each cell in kPa. The times must be uniform, unless --rate resamples the frames: the intervals between increasing times
-    /// may then differ, up to 0.1 s.
+    /// may then differ, up to 0.1 s, or 1.5 times the median interval if this is longer.
     Csv {
         /// The file with the layout of the cells.
         #[arg(long, value_name = "FILE")]
@@ -83,7 +83,8 @@ pub enum Import {
     /// Import barefoot steps on a plate from the Python package jiku-data (data set SpeedPP2DS, GPLv3, 10 walkers).
     ///
     /// Each trial of that data set is one footprint. The trials are joined to a walk, with unloaded swing phases between them. A
-    /// trial that cannot be used is left out; the source of the recording lists it with the reason.
+    /// trial that is empty, cut off or not resampled as expected is left out; the source of the recording lists it with the
+    /// reason.
     Jiku {
         /// The folder SpeedPP2DS of the installed package.
         #[arg(long, value_name = "FOLDER")]
