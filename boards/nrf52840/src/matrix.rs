@@ -174,8 +174,8 @@ impl ResistiveMatrix {
         }
     }
 
-    /// Measures the battery and the controller's supply at regular intervals. For the time before scans begin: the start may erase
-    /// the flash chip, for which the supply must be known.
+    /// Measures the battery and the controller's supply at regular intervals. For the time before scans begin: the start may
+    /// erase the flash chip, for which the supply must be known.
     pub async fn watch_supply(&mut self) -> Infallible {
         loop {
             Timer::at(self.measured_at + BATTERY_PERIOD).await;
