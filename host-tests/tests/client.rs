@@ -466,7 +466,7 @@ fn a_late_answer_to_a_chunk_is_not_taken_for_the_answer_to_an_offer() {
     assert_eq!(client.update(Request::Begin(offer)).expect("an answer"), Progress::Next(0));
 }
 
-/// The insole refuses requests of another host only after that host has given up.
+/// Refusals of the requests of an earlier host arrive only after that host has given up.
 #[test]
 fn late_refusals_are_not_taken_for_the_answer_to_an_offer() {
     let (cable, mut client) = connected();

@@ -311,17 +311,17 @@ impl<C: Carrier> Client<C> {
     pub(crate) fn restart_after(&mut self, before: &Status, patience: Duration) -> Result<&Hello, Error> {
         self.send(ToDevice::Restart)?;
         let sent_us = C::now_us();
-        let mut answer_patience = ANSWER_BEFORE_RESTART;
+        let (mut answer_patience, mut last) = (ANSWER_BEFORE_RESTART, Error::NotRestarted);
         while let Some(left) = patience.checked_sub(elapsed::<C>(sent_us)) {
             self.reconnect(left)?;
             // The hello may have been sent before the restart, so the counters decide.
             match self.status_within(answer_patience) {
                 Ok(status) if status.is_after_restart(before) => return Ok(&self.hello),
-                Ok(_) => {}
+                Ok(_) => last = Error::NotRestarted,
                 // The insole has restarted meanwhile, or the carrier is slow and needs the usual time.
-                Err(_) => answer_patience = ANSWER,
+                Err(error) => (answer_patience, last) = (ANSWER, error),
             }
         }
-        Err(Error::NotRestarted)
+        Err(last)
     }
 }

@@ -78,8 +78,9 @@ impl<C: Carrier> Client<C> {
     fn discard_late_answers(&mut self) -> Result<(), Error> {
         let mut attempts = 1;
         while let Err(error) = self.status() {
-            // A request for the status is never refused, so a refusal is a late answer as well.
-            if !matches!(error, Error::Refused(_)) || attempts == ATTEMPTS {
+            // A request for the status is refused only if another host has the session, so any other refusal is late.
+            let is_late = matches!(error, Error::Refused(refusal) if refusal != Refusal::OtherHost);
+            if !is_late || attempts == ATTEMPTS {
                 return Err(error);
             }
             attempts += 1;

@@ -246,8 +246,6 @@ export class Session {
         return;
       case "setup_cells":
         return this.receiveCells(message.first, message.cells, now_ms);
-      // The page does not use this message.
-      case "faults":
     }
   }
 

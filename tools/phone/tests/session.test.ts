@@ -1,4 +1,4 @@
-import { beforeAll, describe, expect, test } from "vitest";
+import { beforeAll, describe, expect, test, vi } from "vitest";
 import type { Status, ToHost } from "../src/generated/messages";
 import type { Side, Step } from "../src/generated/quantities";
 import { Insoles } from "../src/insoles";
@@ -329,7 +329,8 @@ test("a second insole for a foot is not used", () => {
 /** The insoles of the page, with an open link to both, and functions that open both links again and pass on a hello. */
 function startInsoles() {
   const none = () => undefined;
-  const events = { live: none, shape: none, record: none, isKnown: () => false, answer: none, message: none };
+  const shape = vi.fn();
+  const events = { live: none, shape, record: none, isKnown: () => false, answer: none, message: none };
   const insoles = new Insoles(wire, new Recorder(), events);
   insoles.use({ location: "in a test", is_replay: false, can_lose_records: true, send: none, close: none });
   const open = () => ([0, 1] as const).forEach((insole) => insoles.transportEvents.opened(insole));
@@ -337,14 +338,17 @@ function startInsoles() {
   const hellos = { left: messagesOf(0)[0]!, right: messagesOf(1)[0]! };
   /** The insole with this index states that it is the one for this foot. */
   const identify = (insole: 0 | 1, side: Side) => insoles.transportEvents.message(insole, hellos[side]);
-  return { insoles, open, identify, states: () => insoles.sessions.map(({ state }) => state) };
+  return { insoles, open, identify, shape, states: () => insoles.sessions.map(({ state }) => state) };
 }
 
 test("of two insoles for one foot, the one whose hello arrives later is not used, in either order", () => {
   for (const [first, second] of [[0, 1], [1, 0]] as const) {
-    const { insoles, identify, states } = startInsoles();
+    const { insoles, identify, shape, states } = startInsoles();
     identify(first, "left");
+    shape.mockClear();
     identify(second, "left");
+    // The hello of the second insole does not clear the ellipses of the first one.
+    expect(shape).not.toHaveBeenCalled();
     expect([states()[first], states()[second], insoles.of("left")?.insole]).toEqual(["live", "same-foot", first]);
   }
 });
@@ -440,6 +444,24 @@ test("a session that another host has taken waits until the insole no longer ans
   expect([connects(), sent.at(-1)?.[0]]).toEqual([1, wire.getTime(0)[0]]);
   for (let now_ms = 4250; now_ms < 4500 + TIMEOUT_MS; now_ms += 250) session.tick(now_ms);
   expect([session.state, connects()]).toEqual(["lost", 2]);
+});
+
+test("parameters that could not be stored are in force, and the insole is asked how they were identified", () => {
+  let next: ToHost = { ...hello(wire.facts.major), has_parameters: false } as ToHost;
+  const { session, sent } = start(() => next);
+  const receive = (message: ToHost) => {
+    next = message;
+    session.receive(new Uint8Array(1), 0);
+  };
+  session.opened(0);
+  receive(next);
+  receive({ kind: "refused", reason: "full", is_other_host: false, is_not_stored: true, is_final: false });
+  expect(sent.at(-1)).toEqual(wire.getIdentified());
+  receive({ kind: "identified", typical: [1, 2] });
+  expect([session.hello?.has_parameters, session.typical]).toEqual([true, [1, 2]]);
+  // The regions are those of another insole or firmware.
+  receive(hello(wire.facts.major + 1));
+  expect(session.typical).toEqual([]);
 });
 
 describe("an insole of another major version", () => {

@@ -86,8 +86,9 @@ pub struct Search {
     bounds: BoundsName,
     /// Measurements of the tissue: a TOML file with lines such as `heel = 17.5` for the thickness in mm, or with tables such as
     /// [heel] with thickness_mm = 17.5, peak_strain = 0.45 (largest deformation divided by thickness, from ultrasound or
-    /// fluoroscopy) and curvature_mm = [35, 60] (radii of the unloaded sole, medial-lateral and heel-toe). A peak strain or
-    /// a curvature determines the vertical radius C. Otherwise --size determines the thickness, and --compression C.
+    /// fluoroscopy) and curvature_mm = [35, 60] (radii of the unloaded sole, medial-lateral and heel-toe). A peak strain or a
+    /// curvature determines the vertical radius C; of both, the peak strain if the thickness is given. Otherwise --size
+    /// determines the thickness, and --compression C.
     #[arg(long, visible_alias = "thickness", value_name = "FILE")]
     pub(crate) tissue: Option<PathBuf>,
     /// European shoe size, 35 to 46, to which the typical tissue thickness is scaled.

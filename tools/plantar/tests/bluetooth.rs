@@ -3,7 +3,6 @@
 
 use crate::bluez::{Bus, FRAGMENT, Peripheral};
 use plantar::protocol::fragment::{Joiner, Splitter};
-use plantar::protocol::gatt::GattChannel;
 use plantar::protocol::session::Session;
 use plantar::protocol::{MAX_MESSAGE, ToDevice, ToHost, decode};
 use std::process::{Command, Output, Stdio};
@@ -65,7 +64,10 @@ impl Peripheral for Insole {
         let Some(message) = joiner.push(fragment).expect("in order") else { return Ok(()) };
         let message = decode::<ToDevice>(message).expect("a message");
         // The characteristic of each request: see docs/bluetooth.md.
-        assert_eq!(number == 4, GattChannel::of_request(&message) == GattChannel::Parameters);
+        assert_eq!(
+            number == 4,
+            matches!(message, ToDevice::SetTissue(_) | ToDevice::SetIdentifiedTissue { .. } | ToDevice::GetTissue)
+        );
         if matches!(message, ToDevice::Acknowledge { .. }) && self.breaks_link.swap(false, Ordering::SeqCst) {
             self.connected.store(false, Ordering::SeqCst);
             session.push_record(step(8));

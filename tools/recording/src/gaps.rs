@@ -2,7 +2,7 @@
 //! there are longer ones, only the longest part between them is imported. [`crate::pedar`] and [`crate::csv`] instead refuse an
 //! export with gaps; if the frames will be resampled, [`crate::csv`] refuses only the longer ones.
 
-use crate::text::seconds;
+use crate::text::significant;
 
 /// Longest gap that is filled by interpolation, s, unless the rate is low; see [`longest_filled_s`]. A heel strike takes about
 /// this time, so that a longer gap may hide the beginning of a step.
@@ -83,7 +83,7 @@ pub fn long_intervals(t_s: &[f64]) -> Option<String> {
         "Intervals longer than {GAP_INTERVALS} times the median one, in which frames were interpolated linearly: {}. The longest \
          one is {} s.",
         long_s.len(),
-        seconds(longest_s)
+        significant(longest_s)
     ))
 }
 

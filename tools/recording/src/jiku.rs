@@ -118,7 +118,7 @@ fn read(
         return Err(Error::content(
             path.display().to_string(),
             format!("no usable step; trials left out: {}", left_out.join(", ")),
-            format!("import more trials, up to {TRIALS}, or another walker"),
+            format!("import other trials, 0 to {}, or another walker", TRIALS - 1),
         ));
     }
     let shifts = registration::shifts(&steps);

@@ -93,7 +93,7 @@ pub fn shortened(text: &str) -> String {
     }
 }
 
-/// A number for a message, with three significant digits; very small and very large ones in scientific notation.
+/// A number for a message, with at least three significant digits; very small and very large ones in scientific notation.
 pub fn significant(value: f64) -> String {
     match (1e-3..1e6).contains(&value.abs()) {
         true => format!("{value:.*}", (2.0 - value.abs().log10().floor()).max(0.0) as usize),

@@ -249,7 +249,7 @@ fn times_with_jitter_are_resampled_and_gaps_are_not() {
     let recording = import_at(Some(50.0), LAYOUT, &text(&t_s)).unwrap();
     assert_eq!((recording.rate_hz, recording.frames()), (50.0, 151));
     assert!(recording.source.contains("times the median one"), "{}", recording.source);
-    assert!(recording.source.contains(": 100. The longest one is 0.016 s."), "{}", recording.source);
+    assert!(recording.source.contains(": 100. The longest one is 0.0160 s."), "{}", recording.source);
     for (i, now_s) in recording.t_s.iter().enumerate() {
         assert!((now_s - 0.02 * i as f64).abs() < 1e-9, "frame {i} at {now_s} s");
         let expected_kpa = [10.0 * now_s, 50.0 - now_s];

@@ -198,11 +198,12 @@ impl Hub {
         insole.to_send.pop_front()
     }
 
-    /// Tells all pages how the parameters on the insole were identified, if the parameters are known.
+    /// Tells all pages how the parameters on the insole were identified. If the parameters are not known, requests them: the
+    /// pages then ask again.
     pub fn identified(&self, index: usize, identified: Option<Identified>) {
         let mut insole = self.insole(index);
         let insole = &mut *insole;
-        let Some(tissue) = insole.tissue else { return };
+        let Some(tissue) = insole.tissue else { return insole.send_once(ToDevice::GetTissue) };
         insole.identified = Some(identified);
         for (_, link) in &mut insole.pages {
             link.restore_tissue(tissue, identified);
@@ -242,6 +243,7 @@ impl Hub {
             }
             if let Some(tissue) = tissue {
                 link.restore_tissue(tissue, None);
+                link.receive(ToDevice::GetTissue, NO_CLOCK_US);
             }
             if let Some(rules) = rules {
                 link.set_alert_rules(rules);

@@ -593,7 +593,8 @@ async fn pages_learn_how_the_parameters_were_identified() {
     pages[0].find(0, |message| (message == ToHost::Tissue(tissue)).then_some(())).await;
     pages[0].send(0, ToDevice::GetIdentified).await;
     assert_eq!(pages[0].find(0, answer).await, Some(identified));
-    // The other page receives all answers of the insole.
+    // The other page receives the new parameters, and all answers of the insole.
+    pages[1].find(0, |message| (message == ToHost::Tissue(tissue)).then_some(())).await;
     pages[1].find(0, |message| (message == ToHost::Identified(Some(identified))).then_some(())).await;
     // A page that opens its session later receives the answer, too.
     let mut later = Page::open(address).await;

@@ -1,6 +1,6 @@
 //! The hardware watchdog. It counts the low-frequency clock, for which it starts the internal RC oscillator if no other source
-//! runs. No program can stop it once it runs; a reset by the pin, System OFF and a loss of power do. Its timeout cannot be
-//! changed while it runs, so the bootloader and the application use the same timeout.
+//! runs. No program can stop it once it runs; among others, a reset by the pin, System OFF and a loss of power do. Its timeout
+//! cannot be changed while it runs, so the bootloader and the application use the same timeout.
 
 use embassy_nrf::pac::WDT;
 use embassy_nrf::pac::wdt::regs::Rren;

@@ -29,7 +29,7 @@ is_final: boolean, } | { "kind": "time",
 /** The page's time in the request. */
 host_us: number,
 /** The insole's time when the request arrived. */
-device_us: number, } | { "kind": "faults" } & Faults | { "kind": "ellipses",
+device_us: number, } | { "kind": "ellipses",
 /** Time of the scan since the first scan. */
 t_s: number,
 /** The ellipse of each region, in the order of `Facts.regions`, the list of the regions' names; null without contact. */
@@ -81,22 +81,6 @@ not_stored: number,
 faults: number,
 /** Number of times that the baseline of a cell was corrected. */
 rezeroed: number, };
-
-/** The faults of the sensor. */
-export type Faults = {
-/** Number of faults, including faults that exceed the capacity of the list. */
-found: number,
-/** Number of times that the baseline of a cell was corrected. */
-rezeroed: number, list: Array<Fault>, };
-
-/** A fault of the sensor. */
-export type Fault = {
-/** The kind of the fault, one word. */
-fault: string,
-/** The cell, row or column. */
-place: string,
-/** Time of detection since the first scan. */
-found_s: number, };
 
 /** Constants of the protocol and the geometry of the sole. */
 export type Facts = {

@@ -4,7 +4,6 @@
 use crate::sole::LayoutCell;
 use client::{alert_to_json, bout_to_json, daily_load_to_json, step_to_json};
 use plantar::checksum::crc32;
-use plantar::faults;
 use plantar::pipeline::setup::SetupCell;
 use plantar::protocol::{self, Alert, Bout, ContactEllipse, LiveRegion, MAX_MESSAGE, Quantity, Step, ToHost, encode};
 use plantar::{Region, Side};
@@ -83,7 +82,6 @@ pub(crate) enum Message {
         /// The insole's time when the request arrived.
         device_us: u64,
     },
-    Faults(Faults),
     /// The contact ellipses of one frame.
     Ellipses {
         /// Time of the scan since the first scan.
@@ -155,29 +153,6 @@ pub(crate) struct Status {
     rezeroed: u32,
 }
 
-/// The faults of the sensor.
-#[derive(Serialize)]
-#[cfg_attr(test, derive(ts_rs::TS))]
-pub(crate) struct Faults {
-    /// Number of faults, including faults that exceed the capacity of the list.
-    found: u32,
-    /// Number of times that the baseline of a cell was corrected.
-    rezeroed: u32,
-    list: Vec<Fault>,
-}
-
-/// A fault of the sensor.
-#[derive(Serialize)]
-#[cfg_attr(test, derive(ts_rs::TS))]
-pub(crate) struct Fault {
-    /// The kind of the fault, one word.
-    fault: &'static str,
-    /// The cell, row or column.
-    place: String,
-    /// Time of detection since the first scan.
-    found_s: f64,
-}
-
 /// The message as JSON. `None` for bytes that are not a message of this version, and for messages that the page does not use.
 pub fn decode_to_json(bytes: &[u8]) -> Option<String> {
     serde_json::to_string(&Message::new(protocol::decode(bytes)?)?).ok()
@@ -222,7 +197,6 @@ impl Message {
                 is_final: refusal == protocol::Refusal::NotUnderstood,
             },
             ToHost::Time { host_us, device_us } => Self::Time { host_us, device_us },
-            ToHost::Faults(faults) => Self::Faults(faults.into()),
             ToHost::Ellipses(ellipses) => Self::Ellipses {
                 t_s: ellipses.t_us as f64 / 1e6,
                 regions: ellipses.regions.iter().map(|&ellipse| ShownEllipse::new(ellipse)).collect(),
@@ -282,17 +256,6 @@ impl From<protocol::Status> for Status {
             faults: status.faults,
             rezeroed: status.rezeroed,
         }
-    }
-}
-
-impl From<faults::Faults> for Faults {
-    fn from(faults: faults::Faults) -> Self {
-        let fault = |fault: &faults::Fault| Fault {
-            fault: fault.kind.name(),
-            place: fault.place.to_string(),
-            found_s: f64::from(fault.found_ms) / 1000.0,
-        };
-        Self { found: faults.found, rezeroed: faults.rezeroed, list: faults.list.iter().map(fault).collect() }
     }
 }
 

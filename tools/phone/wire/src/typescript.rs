@@ -1,7 +1,7 @@
 //! Generates the page's TypeScript types from the Rust types and from the declared quantities.
 
 use crate::facts::{Facts, Gatt, RegionFacts};
-use crate::message::{Fault, Faults, Hello, LiveFrame, Message, Status};
+use crate::message::{Hello, LiveFrame, Message, Status};
 use crate::sole::{LayoutCell, RegionShape, Sole};
 use client::gait::{FootStep, Gait};
 use client::{alert_to_json, bout_to_json, daily_load_to_json, step_to_json};
@@ -117,8 +117,6 @@ fn messages() -> String {
     declare::<Message>(&mut text, &config);
     declare::<Hello>(&mut text, &config);
     declare::<Status>(&mut text, &config);
-    declare::<Faults>(&mut text, &config);
-    declare::<Fault>(&mut text, &config);
     declare::<Facts>(&mut text, &config);
     declare::<Gatt>(&mut text, &config);
     declare::<RegionFacts>(&mut text, &config);
