@@ -84,6 +84,17 @@ pub struct Identified {
 }
 
 impl Identified {
+    /// True if the parameters of this region were identified.
+    pub fn includes(&self, region: Region) -> bool {
+        self.regions & 1 << region as u8 != 0
+    }
+
+    /// The regions of which the parameters are typical values or, without knowledge of an identification (`None`), not known to
+    /// be the wearer's.
+    pub fn typical_regions(identified: Option<Self>) -> impl Iterator<Item = Region> {
+        Region::ALL.into_iter().filter(move |&region| identified.is_none_or(|identified| !identified.includes(region)))
+    }
+
     /// The regions with parameters that the insole can follow from step to step ([`super::track`]), with the bits of
     /// [`Identified::regions`]. The tracking compares the forces of steps with those of the filter of the step record, so
     /// parameters of another filter are not tracked.

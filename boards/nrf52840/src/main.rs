@@ -154,7 +154,7 @@ const TICK: Int = Int(1);
 fn main() -> ! {
     // The bootloader does this, too, but an earlier bootloader may not, and no update replaces it.
     ground_divider();
-    // Now, so that the board is reset if anything below hangs.
+    // Before anything that can hang, so that the board is then reset.
     watchdog::start();
     let boot = cortex_m_platform::boot_report(Some(take_reset_reason()));
     // The compiler must not assume the content of the header, because a tool may have patched it in the image.

@@ -409,7 +409,7 @@ mod tests {
         };
         let area_max_m2 = 2e-3;
         let mut at = Coordinates::new(0.5, -0.5, 0.0, 13.0, 9.0);
-        // The elastic force is proportional to K, whose logarithm is this coordinate.
+        // The elastic force is proportional to K, and this coordinate is the logarithm of K.
         let largest_n = prior::parameters(&at, 0.0, 0).law(area_max_m2, 1.0).force_n(1.0, 0.0);
         at[3] += (100.0 * (1.0 + 1e-6) / largest_n).ln();
         let peaks = Peaks { area_m2: area_max_m2, force_n: 100.0 };

@@ -162,6 +162,10 @@ pub struct ExcludedContact {
     pub reason: ExclusionReason,
 }
 
+/// The remedy for a recording in which the foot never leaves the ground.
+pub const LIFT_THE_FOOT: &str = "record a walk, in which the foot leaves the ground between the steps; if it did, the cells read a \
+                                 load without the foot, which the zero file of `plantar zero` subtracts";
+
 /// The reason why a contact was excluded.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ExclusionReason {
@@ -188,10 +192,7 @@ pub enum ExclusionReason {
 impl fmt::Display for ExclusionReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::NeverLifted => f.write_str(
-                "on the ground from the first to the last frame: record a walk, in which the foot leaves the ground between the \
-                 steps; if it did, the cells read a load without the foot, which the zero file of `plantar zero` subtracts",
-            ),
+            Self::NeverLifted => write!(f, "on the ground from the first to the last frame: {LIFT_THE_FOOT}"),
             Self::NoHeelStrike => f.write_str("on the ground from the first frame on: its heel strike is missing"),
             Self::NoToeOff => f.write_str("on the ground until the last frame: its toe off is missing"),
             Self::Short => f.write_str("shorter than a step"),

@@ -133,7 +133,7 @@ impl Identified {
             contact: stored.contact,
             side: stored.side.map_or(BOTH, Side::name).into(),
             steps: stored.steps,
-            regions: Region::ALL.into_iter().filter(|&region| stored.regions & 1 << region as u8 != 0).collect(),
+            regions: Region::ALL.into_iter().filter(|&region| stored.includes(region)).collect(),
         }
     }
 }

@@ -239,6 +239,7 @@ export class Session {
         return this.onAnswer(message, this);
       case "identified":
         this.typical = message.typical;
+        // An insole that could not store its parameters does not announce them by `tissue`.
         if (this.hello && this.typical.length < this.wire.facts.regions.length) this.hello.has_parameters = true;
         return;
       case "ellipses":

@@ -217,8 +217,7 @@ pub fn note_unless_identified(client: &mut AnyClient) {
     }
     // The note is not worth an end of the session.
     let Ok(identified) = client.identified() else { return };
-    let regions = identified.map_or(Vec::new(), |identified| Identified::from_insole(&identified).regions);
-    let typical: Vec<Region> = Region::ALL.into_iter().filter(|region| !regions.contains(region)).collect();
+    let typical: Vec<Region> = IdentifiedOnInsole::typical_regions(identified).collect();
     if !typical.is_empty() {
         eprintln!(
             "note: the insole computes model force and deformation with parameters that are not known to be the wearer's ({}): \

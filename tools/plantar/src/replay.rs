@@ -10,6 +10,7 @@ use crate::summary;
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
 use client::{alert_to_json, bout_to_json, daily_load_to_json, step_to_json};
+use fit::steps::LIFT_THE_FOOT;
 use indicatif::{ProgressBar, ProgressStyle};
 use plantar::Real;
 use plantar::insole::Insole;
@@ -184,10 +185,7 @@ impl Replay {
             frames.finish()?;
         }
         if !has_swing {
-            eprintln!(
-                "note: no swing was recognised: record a walk, in which the foot leaves the ground between the steps; if it did, \
-                 the cells read a load without the foot, which the zero file of `plantar zero` subtracts"
-            );
+            eprintln!("note: no swing was recognised: {LIFT_THE_FOOT}");
         }
         if let Some(line) = summary::rejected_line(&insole.rejected()) {
             println!("{line}");

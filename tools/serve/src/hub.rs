@@ -43,7 +43,7 @@ struct Insole {
     ellipses_every: u8,
     /// The wearer's parameters, if they are known.
     tissue: Option<Tissue>,
-    /// How they were identified; the outer `None` if the insole has not told since they are in force.
+    /// How they were identified; the outer `None` if the insole has not answered since they are in force.
     identified: Option<Option<Identified>>,
     /// Requests of pages that were not sent to the insole yet, oldest first.
     to_send: VecDeque<ToDevice>,
@@ -198,7 +198,7 @@ impl Hub {
         insole.to_send.pop_front()
     }
 
-    /// Tells all pages how the parameters on the insole were identified. If the parameters are not known, requests them: the
+    /// Passes to all pages how the parameters on the insole were identified. If the parameters are not known, requests them: the
     /// pages then ask again.
     pub fn identified(&self, index: usize, identified: Option<Identified>) {
         let mut insole = self.insole(index);

@@ -16,7 +16,7 @@ pub mod watchdog;
 /// the battery, up to 4.2 V, which is above the controller's supply.
 #[cfg(target_os = "none")]
 pub fn ground_divider() {
-    // After a reset, the output register of the port is 0, and nothing changes its bit of this pin.
+    // After a reset, the output register of the port is 0, and no code changes the bit of this pin.
     embassy_nrf::pac::P0.dirset().write(|w| w.set_pin(14, true));
 }
 

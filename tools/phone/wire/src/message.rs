@@ -3,10 +3,11 @@
 
 use crate::sole::LayoutCell;
 use client::{alert_to_json, bout_to_json, daily_load_to_json, step_to_json};
+use plantar::Side;
 use plantar::checksum::crc32;
 use plantar::pipeline::setup::SetupCell;
+use plantar::pipeline::tissue::Identified;
 use plantar::protocol::{self, Alert, Bout, ContactEllipse, LiveRegion, MAX_MESSAGE, Quantity, Step, ToHost, encode};
-use plantar::{Region, Side};
 use serde::ser::{SerializeMap, SerializeSeq};
 use serde::{Serialize, Serializer};
 use serde_json::Value;
@@ -61,7 +62,7 @@ pub(crate) enum Message {
         /// Identifies the parameters of the wearer's tissue; 0 if the insole has none.
         id: u32,
     },
-    /// Tells typical parameters from those of the wearer.
+    /// Distinguishes typical parameters from those of the wearer.
     Identified {
         /// Indices of the regions of which the parameters are typical values, or not known to be the wearer's.
         typical: Vec<usize>,
@@ -183,8 +184,8 @@ impl Message {
             ToHost::Status(status) => Self::Status(status.into()),
             ToHost::Tissue(tissue) => Self::Tissue { id: tissue.id },
             ToHost::Identified(identified) => {
-                let regions = identified.map_or(0, |identified| identified.regions);
-                Self::Identified { typical: (0..Region::ALL.len()).filter(|i| regions & 1 << i == 0).collect() }
+                let typical = Identified::typical_regions(identified);
+                Self::Identified { typical: typical.map(|region| region as usize).collect() }
             }
             ToHost::Refused(refusal) => Self::Refused {
                 reason: match refusal {
