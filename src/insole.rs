@@ -35,8 +35,6 @@ pub struct Insole<R, const N: usize> {
     cells: Vec<InsoleCell<R>, N>,
     division: Division,
     rows: MatrixRows,
-    /// Largest code of a baseline, above the zero: that of [`MAX_RESIDUAL_KPA`].
-    max_residual_code: u16,
     frame_rate_hz: R,
     limits: StanceLimits<R>,
     tissue_id: u32,
@@ -102,7 +100,6 @@ impl<R: Real, const N: usize> Insole<R, N> {
             cells: Vec::new(),
             division: Division::NONE,
             rows: MatrixRows::NONE,
-            max_residual_code: 0,
             frame_rate_hz: R::ZERO,
             limits: StanceLimits::NONE,
             tissue_id: 0,
@@ -176,8 +173,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
     #[cold]
     #[inline(never)]
     fn confirm_lift(&mut self, codes: &[u16]) -> bool {
-        is_unloaded(&self.cells, codes, self.max_residual_code, &self.curve, self.stance.standing_n())
-            && self.stance.lift(&self.limits)
+        is_unloaded(&self.cells, codes, &self.curve, self.stance.standing_n()) && self.stance.lift(&self.limits)
     }
 
     /// Stores the covered share of each cell in the regions with a bit in `at_peak`.

@@ -34,8 +34,10 @@ pub const MAX_BONDS: usize = 4;
 /// Longest value of a characteristic, bytes: a packet of 251 bytes without its L2CAP and ATT headers.
 pub const MAX_VALUE: usize = 244;
 
-/// Time before a radio that failed is set up again.
-const RADIO_RETRY: Duration = Duration::from_secs(1);
+/// Time before a radio that failed is set up again. Each set-up computes public keys, which delays the evaluation of the frames by
+/// some tenths of a second and costs most steps in which it falls. Several set-ups must fit into the time after which the
+/// supervision restarts the board.
+const RADIO_RETRY: Duration = Duration::from_secs(4);
 /// Time before a packet is requested again from an exhausted pool.
 const POOL_RETRY: Duration = Duration::from_millis(10);
 /// Time between two checks whether the radio answers.
@@ -58,8 +60,9 @@ type Connected<'s, 'v> = GattConnection<'s, 'v, DefaultPacketPool>;
 type Radio = ExternalController<SerialTransport<NoopRawMutex, &'static HciPipe, &'static HciPipe>, 4>;
 
 /// Advertises, and serves one central at a time. Never returns. As long as the radio has not responded, this task waits, and no
-/// other task is affected; if a radio that has responded stops for 30 s, the supervision restarts the board. It is a task and not
-/// an async function, because the future of a function would be compiled with its caller, for speed.
+/// other task is affected; for a radio that responds with errors, see [`RADIO_RETRY`]; if a radio that has responded stops for
+/// 30 s, the supervision restarts the board. It is a task and not an async function, because the future of a function would be
+/// compiled with its caller, for speed.
 #[embassy_executor::task]
 pub async fn run(from_radio: &'static HciPipe, to_radio: &'static HciPipe, insole: &'static dyn GattServer) -> ! {
     let radio: Radio = ExternalController::new(SerialTransport::new(from_radio, to_radio));

@@ -2,8 +2,8 @@
 
 use build_support::{Program, Region, STM32_FLASH, link, require_update_key};
 
-/// The memory that is shared with the radio's core, which expects the tables at the beginning of SRAM2A unless option byte
-/// IPCCDBA has another value.
+/// The memory that is shared with the radio's core. With the factory value of option byte IPCCDBA, that core expects the tables
+/// of the mailbox at the beginning of SRAM2A.
 const MAILBOX: Region = Region { name: "MAILBOX", origin: 0x2003_0000, bytes: 10 << 10 };
 
 fn main() {

@@ -178,6 +178,26 @@ fn a_snooze_delays_the_alert() {
 }
 
 #[test]
+fn a_snooze_does_not_shorten_the_pause_after_an_alert() {
+    let recording = day(&[Activity::Stand; 8], 4);
+    let rules = AlertRules { dose_kpa_s: 0.0, pause_s: 120, ..RULES };
+    let (alerts, _) = run(&recording, &rules, |_, _| ());
+    let raised_s = |alert: &AlertRecord| alert.start_us.div_ceil(1_000_000);
+    let snoozed_at = raised_s(&alerts[0]) as usize + 1;
+    let snoozed = |snoozed_s| {
+        let (alerts, _) = run(&recording, &rules, |seconds, insole| {
+            if seconds == snoozed_at {
+                insole.snooze_alerts(snoozed_s);
+            }
+        });
+        raised_s(&alerts[1]) - raised_s(&alerts[0])
+    };
+    assert_eq!(raised_s(&alerts[1]) - raised_s(&alerts[0]), 120);
+    assert_eq!(snoozed(30), 120);
+    assert!(snoozed(150) > 120);
+}
+
+#[test]
 fn an_alert_that_waits_for_room_in_the_queue_is_not_replaced() {
     let recording = day(&[Activity::Walk, Activity::Walk, Activity::Stand, Activity::Stand, Activity::Stand], 5);
     let rules = AlertRules { dose_kpa_s: 20.0, per_day: u8::MAX, ..RULES };

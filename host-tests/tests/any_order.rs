@@ -40,6 +40,8 @@ struct Schedule {
     walks_until_ms: u64,
     /// Number of crashes so far.
     crashes: u32,
+    /// Largest number of restarts that the events so far can cause.
+    restarts: usize,
     /// The link's task has stalled.
     has_link_stall: bool,
     /// The radio's task has stalled.
@@ -95,6 +97,16 @@ impl ReferenceStateMachine for AnyOrder {
     }
 
     fn apply(mut state: Schedule, transition: &Transition) -> Schedule {
+        state.restarts += usize::from(matches!(
+            transition.event,
+            Event::Restart
+                | Event::Insole(
+                    InsoleEvent::PowerCut { .. }
+                        | InsoleEvent::PowerCutInWrite { .. }
+                        | InsoleEvent::Stall(_)
+                        | InsoleEvent::Panic
+                )
+        ));
         match transition.event {
             Event::Insole(InsoleEvent::Walk { steps }) => {
                 state.walks_until_ms = state.now_ms + u64::from(steps) * STEP_MS;
@@ -176,9 +188,12 @@ impl StateMachineTest for AnyOrder {
             follow_checks(&mut hosts, START_CHECKS);
         }
         assert!(hosts[0].status().is_some(), "the insole must answer at the end");
-        if let Err(error) = Outcome::new(&world, hosts).verify() {
+        let outcome = Outcome::new(&world, hosts);
+        if let Err(error) = outcome.verify() {
             panic!("{error}");
         }
+        let resets = &outcome.insoles[0].resets;
+        assert!(resets.len() <= 1 + schedule.restarts, "{} events restart the insole: {resets:?}", schedule.restarts);
     }
 }
 

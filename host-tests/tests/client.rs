@@ -267,9 +267,9 @@ fn a_step_that_was_lost_in_transit_arrives_in_the_next_session() {
     assert_eq!(step_numbers(&receive_all(&mut client)), [0]);
 }
 
-/// After a gap, the client requests that the insole sends its unacknowledged records again, and ignores records until the hello
-/// with which they begin. If the request for the status discarded this hello, the client would wait for it in vain, and the steps
-/// would arrive only after another request.
+/// After a gap, the client requests all unacknowledged records again. The insole first sends a hello, until which the client
+/// ignores records. If the request for the status discarded this hello, the client would wait for it in vain, and the steps would
+/// arrive only after another request.
 #[test]
 fn records_that_are_sent_again_while_a_request_waits_are_delivered_at_once() {
     let (cable, mut client) = connected();
@@ -285,7 +285,7 @@ fn records_that_are_sent_again_while_a_request_waits_are_delivered_at_once() {
     assert_eq!(step_numbers(&receive_all(&mut client)), [1, 2]);
 }
 
-/// The host requests a damaged step by another connect request, which ends all streams of the insole.
+/// To receive a damaged step again, the host sends another connect request, which ends all streams of the insole.
 #[test]
 fn the_requested_streams_continue_after_a_damaged_step() {
     let (cable, mut client) = connected();
@@ -393,7 +393,7 @@ fn the_counter_of_lost_frames_saturates() {
     assert_eq!((client.counters().frames_received, client.counters().frames_lost), (7, u32::MAX));
 }
 
-/// The hello and the live frames of the session of a program that has ended are still in a buffer of the link.
+/// A program has ended, and a buffer of the link still contains the hello and the live frames of its session.
 #[test]
 fn messages_of_a_previous_session_are_not_counted_as_lost() {
     let cable = Cable::new(hello());

@@ -99,10 +99,23 @@ fn the_drift_of_seconds_does_not_count_for_hours() {
     }
 }
 
+/// The clocks of two insoles drift apart by up to 100 ppm, 10 ms in 100 s.
+#[test]
+fn times_more_than_100_s_from_the_answers_are_not_comparable() {
+    let mut mapping = ClockMapping::new();
+    assert!(!mapping.is_comparable(1_000_000_000));
+    for second in 1000..1030u64 {
+        mapping.answer(EPOCH_US + second * 1_000_000, second * 1_000_000);
+    }
+    for (second, is_comparable) in [(0, false), (899, false), (901, true), (1015, true), (1124, true), (1130, false)] {
+        assert_eq!(mapping.is_comparable(second * 1_000_000), is_comparable, "{second} s");
+    }
+}
+
 /// The host's clock is set after five minutes.
 #[test]
 fn a_clock_that_is_set_is_followed_within_35_s() {
-    for step_us in [-2e6, 2e6, -300e3] {
+    for step_us in [-2e6, 2e6, -300e3, -80e3, -50e3] {
         let mut mapping = ClockMapping::new();
         for request in 0..1400u32 {
             let passed_us = f64::from(request) * 250e3;

@@ -7,7 +7,7 @@ use crate::common;
 use crate::common::{connect, connect_within, firmware, replay, replay_faulty, replay_with, synthetic_walk, tissue};
 use client::{Client, Framed};
 use emulation::{EmulatorConfig, FLASH_BYTES};
-use emulator::{Board, Faulty, Hardware, Joined, Link, Looped, Recorded, Scan, Time, Walk};
+use emulator::{Board, Faulty, Hardware, Joined, Link, Recorded, Scan, Time, Walk};
 use fit::quality::Evaluated;
 use fit::{Filter, Options, Study};
 use parameters::{InsoleSize, Parameters};
@@ -18,7 +18,7 @@ use plantar::pipeline::bout::BoutKind;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::cumulative::LoadLimits;
 use plantar::pipeline::setup::DEVICE_CELLS;
-use plantar::pipeline::stance_rule::StanceRule;
+use plantar::pipeline::stance_rule::{Rejected, StanceRule};
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::{
     Alert, Bout, Live, MAX_FRAME, MAX_MESSAGE, Refusal, Reset, Settings, Status, Step, ToDevice, ToHost, encode, frame,
@@ -148,8 +148,9 @@ impl Session {
     fn finish_into(&mut self, received: &mut Received) {
         // While the board scans, requests would only slow it down.
         let mut silent = 0;
-        while self.board.plant().scans() < self.scans && silent < SILENT_READS {
+        while self.board.plant().scans() < self.scans {
             silent += 1;
+            assert!(silent < SILENT_READS, "{} of {} scans", self.board.plant().scans(), self.scans);
             if let Some(message) = self.client.receive().expect("the link works") {
                 self.store(message, received);
                 silent = 0;
@@ -213,12 +214,12 @@ fn assert_device_equals_host(recording: &Recording, contact: ContactRule, min_st
     assert_eq!((received.status.frames_missed, received.status.frames_overrun), (0, 0));
 }
 
-/// A walk of 1,000 scans, in each of which every cell has the number of the scan as its code.
-struct Numbered;
+/// A walk of this number of scans, in each of which every cell has the number of the scan as its code.
+struct Numbered(u32);
 
 impl Walk for Numbered {
     fn scans(&self) -> u32 {
-        1000
+        self.0
     }
 
     fn scan(&mut self, seq: u32, codes: &mut [u16]) -> Scan {
@@ -227,24 +228,37 @@ impl Walk for Numbered {
     }
 }
 
+/// Period of the scans in the tests of joined walks, long enough that the time between their lines is rounded away.
+const PERIOD: Duration = Duration::from_secs(90);
+
+/// The numbers of the scans that a board receives for its scans `seqs`.
+fn scans(walk: &mut Joined<Numbered>, seqs: [u32; 3]) -> [u16; 3] {
+    seqs.map(|seq| {
+        let mut codes = [0];
+        walk.scan(seq, &mut codes);
+        codes[0]
+    })
+}
+
 #[test]
 fn a_board_that_starts_later_joins_the_walk_where_it_is() {
-    // Long enough that the time between the following lines is rounded away.
-    let period = Duration::from_secs(100);
-    let scans = |walk: &mut Joined<_>, seqs: [u32; 3]| {
-        seqs.map(|seq| {
-            let mut codes = [0];
-            walk.scan(seq, &mut codes);
-            codes[0]
-        })
-    };
     let start = Arc::new(OnceLock::new());
-    let mut first = Joined::new(Looped(Numbered), period, start.clone());
+    let mut first = Joined::new(Numbered(1000), PERIOD, 1000 * PERIOD, start.clone());
     assert_eq!(scans(&mut first, [0, 1, 1002]), [0, 1, 2]);
     assert!(start.get().is_some(), "the first scan begins the walk");
-    let began = Instant::now().checked_sub(7 * period).expect("a time");
-    let mut late = Joined::new(Looped(Numbered), period, Arc::new(began.into()));
+    let began = Instant::now().checked_sub(7 * PERIOD).expect("a time");
+    let mut late = Joined::new(Numbered(1000), PERIOD, 1000 * PERIOD, Arc::new(began.into()));
     assert_eq!(scans(&mut late, [0, 1, 998]), [7, 8, 5]);
+}
+
+/// The second board has 1.5 times the frame rate.
+#[test]
+fn walks_of_different_lengths_begin_each_repetition_together() {
+    let (start, repeated_after) = (Arc::new(OnceLock::new()), 12 * PERIOD);
+    let mut longer = Joined::new(Numbered(12), PERIOD, repeated_after, start.clone());
+    let mut shorter = Joined::new(Numbered(15), PERIOD * 2 / 3, repeated_after, start);
+    assert_eq!(scans(&mut longer, [11, 12, 120]), [11, 0, 0]);
+    assert_eq!(scans(&mut shorter, [17, 18, 180]), [14, 0, 0]);
 }
 
 #[test]
@@ -258,6 +272,30 @@ fn an_error_of_a_file_names_the_folder_with_the_files_of_the_emulator() {
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn a_synthetic_walk_is_the_same_on_the_device_and_on_a_host() {
     assert_device_equals_host(&synthetic_walk(4, 100.0), ContactRule::COUNTED, 4);
+}
+
+/// A minute after the foot was lifted, the insole is not worn and skips most frames: the heel strike of the next contact, which is
+/// then no step, and the last frame.
+#[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
+fn a_walk_with_pauses_without_load_differs_from_a_replay_by_the_first_contact_after_the_pause() {
+    let mut walk = synthetic_walk(3, 100.0);
+    let steps = walk.pressure_kpa.clone();
+    // Its length is such that the last frame is skipped.
+    let pause = vec![0.0; 7_000 * walk.cells()];
+    walk.pressure_kpa.extend([&pause[..], &steps, &pause].concat());
+    walk.t_s = (0..walk.pressure_kpa.len() / walk.cells()).map(|i| i as f64 / walk.rate_hz).collect();
+    let mut session = Session::start(&walk, ContactRule::COUNTED, |_| None);
+    session.board.play();
+    let received = session.finish();
+    assert_eq!(session.board.plant().scans(), session.scans);
+    assert!(!received.status.is_worn && !(session.scans - 1).is_multiple_of(50), "the last frame is skipped");
+    let starts = |steps: &[Step]| steps.iter().map(|step| step.start_us).collect::<Vec<_>>();
+    let (_, replayed) = replay(&walk, ContactRule::COUNTED, |_| false);
+    let mut expected = starts(&replayed);
+    expected.remove(3);
+    assert_eq!((starts(&received.steps), replayed.len()), (expected, 6));
+    assert_eq!(received.status.rejected, Rejected { broken: 1, ..Rejected::default() });
 }
 
 #[test]

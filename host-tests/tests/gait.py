@@ -1,9 +1,9 @@
 """The measures of both feet in NumPy, computed directly from their definitions in docs/measures.md.
 
-Reads from the standard input, as JSON, the steps of the "left" and of the "right" foot in the order of time: number, heel strike
-(s), stance time (s), peak force (N) and force-time integral (N s). Prints a JSON object: for each measure of each foot, each
-symmetry index and the cadence, the number of values, their mean and standard deviation, and the two limits of the 95 %
-confidence interval of the mean; null for what cannot be computed.
+Reads from the standard input, as JSON, the steps of the "left" and of the "right" foot in the order of time: number (steps only;
+load bouts and alerts are not counted), heel strike (s), stance time (s), peak force (N) and force-time integral (N s). Prints a
+JSON object: for each measure of each foot, each symmetry index and the cadence, a list of the number of values, their mean and
+standard deviation, and the two limits of the 95 % confidence interval of the mean. What cannot be computed is null.
 """
 
 import json
@@ -13,7 +13,7 @@ import numpy as np
 from scipy import stats
 
 data = json.load(sys.stdin)
-# Longest stride, as in docs/measures.md.
+# The longest stride time that counts, from the stride times of both feet, as in docs/measures.md.
 times_s = [
     after[1] - before[1]
     for steps in (data["left"], data["right"])
@@ -25,7 +25,10 @@ SYMMETRIC = ["step_time_s", "stance_time_s", "swing_time_s", "peak_force_n", "fo
 
 
 def estimate(values, consecutive):
-    """The estimate of a mean. consecutive[i] is true if the stride of value i directly follows that of value i - 1."""
+    """The estimate of a mean: number of values, mean, standard deviation, and the limits of the 95 % interval.
+
+    consecutive[i] is true if the stride of value i directly follows that of value i - 1.
+    """
     x = np.array(values, float)
     n = len(x)
     if n < 2:

@@ -29,9 +29,9 @@ use testkit::insole::{BOARD, Defect, INITIAL_VERSION, image};
 use testkit::virtual_time::{now_us, with_origin};
 use testkit::world::{SharedWorld, World};
 
-/// Version of the image that runs at first on an insole on the host.
+/// Version of the image that a simulated insole runs at first.
 const OLD: &str = INITIAL_VERSION;
-/// Version of the image that a tool sends to this insole.
+/// Version of the image that a tool sends to a simulated insole.
 const NEW: &str = "99.0.1";
 /// Longest time until an answer, us.
 const ANSWER_US: u64 = 60_000_000;
@@ -140,8 +140,8 @@ impl Tool {
     fn part(&mut self, file: &[u8], offset: usize, len: usize, upgrade: bool) -> Result<usize, u64> {
         let data = Value::Bytes(file[offset..file.len().min(offset + len)].to_vec());
         let fields = match offset {
-            // The insole only compares this `sha` with that of the transfer before, interrupted or complete, so any checksum
-            // serves.
+            // The insole uses `sha` only to recognise the file of the previous transfer, whether that was interrupted or
+            // complete. So any checksum suffices, here a repeated CRC-32.
             0 => cbor!({
                 "image" => 0, "len" => file.len(), "off" => 0, "sha" => Value::Bytes(crc32(file).to_le_bytes().repeat(8)),
                 "data" => data, "upgrade" => upgrade,
@@ -263,12 +263,12 @@ fn an_image_is_uploaded_tested_and_confirmed_over_both_links() {
 }
 
 #[test]
-fn an_image_that_is_not_confirmed_or_not_tested_does_not_remain() {
+fn an_unmarked_image_does_not_run_and_an_unconfirmed_one_is_replaced_by_the_previous_one() {
     let file = image(NEW, Defect::None).file();
     let mut tool = Tool::new(LinkKind::Serial);
     assert_eq!(tool.upload(&file), Ok(()));
     tool.reset();
-    assert_eq!(tool.states(), [running(OLD, true)], "an image that is not tested does not run");
+    assert_eq!(tool.states(), [running(OLD, true)], "an image that is not marked does not run");
     assert_eq!(tool.upload(&file), Ok(()));
     tool.set(Some(name(&file)), false).expect("the image is accepted");
     tool.reset();
@@ -354,7 +354,7 @@ fn images_that_must_not_run_are_refused_and_a_client_connects_afterwards() {
 fn repeated_and_lost_parts_do_no_harm_and_a_transfer_continues() {
     let file = image(NEW, Defect::None).file();
     let mut tool = Tool::new(LinkKind::Serial);
-    assert_eq!(tool.part(&file, 500, 100, false), Err(3), "a transfer begins at the beginning");
+    assert_eq!(tool.part(&file, 500, 100, false), Err(3), "a transfer must begin with the part at offset 0");
     let first = tool.part(&file, 0, 180, false).expect("the part is accepted");
     let second = tool.part(&file, first, 200, false).expect("the part is accepted");
     for (offset, len) in [(first, second - first), (first, 10), (second + 64, 100), (file.len() - 10, 10)] {

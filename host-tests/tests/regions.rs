@@ -53,8 +53,8 @@ struct Reference {
 impl Reference {
     fn new(setup: Setup, cells: &[SetupCell]) -> Self {
         let curve = curve(&setup.sensor);
-        // The code of a threshold is one below the first code with at least the pressure of the threshold, because each code
-        // stands for an interval of pressures.
+        // The code of a threshold is one below the first code with at least the pressure of the threshold, so that a cell with
+        // exactly this pressure is in contact even if its code was rounded down.
         let code_at = |kpa: f32, c: &CellCalibration| {
             let reads = |code: &u16| curve.pressure_kpa::<f32>(i32::from(*code) + 1) >= kpa / c.gain;
             (1..FULL_CODE).find(reads).unwrap_or(FULL_CODE).saturating_add(c.offset).min(FULL_CODE)
@@ -271,8 +271,9 @@ fn mixed_layout(count: usize) -> Vec<SetupCell> {
         .collect()
 }
 
-/// The sums of a frame, without the largest counted area of the last stance.
-fn without_peak(load: &RegionLoad<f32>) -> RegionFrame<f32> {
+/// The values of a frame, except for the largest counted area since the last heel strike, and whether a cell came into contact or
+/// lost it. Those two also depend on the frames before.
+fn without_largest_count(load: &RegionLoad<f32>) -> RegionFrame<f32> {
     RegionFrame { counted: (load.frame.counted.0, 0), is_count_changed: false, ..load.frame }
 }
 
@@ -291,15 +292,15 @@ fn areas_and_forces_do_not_drift() {
         used.frame(100_000 + seq as u32, codes);
         fresh.frame(seq as u32, codes);
         for (a, b) in used.loads().iter().zip(fresh.loads()) {
-            assert_eq!(without_peak(a), without_peak(b));
+            assert_eq!(without_largest_count(a), without_largest_count(b));
         }
     }
     used.frame(100_002, &[0; 64]);
-    assert!(used.loads().iter().all(|load| without_peak(load) == RegionLoad::NONE.frame));
+    assert!(used.loads().iter().all(|load| without_largest_count(load) == RegionLoad::NONE.frame));
 }
 
 #[test]
-fn a_new_set_up_resets_everything_except_the_tissue() {
+fn a_new_set_up_resets_the_measurement_but_not_the_tissue_parameters() {
     let cells = mixed_layout(64);
     let mut insole = new_insole::<f32>(SETUP, &cells);
     insole.set_tissue(&TISSUE).expect("the parameters are accepted");
@@ -330,7 +331,7 @@ fn try_set_up(setup: Setup, cells: &[SetupCell]) -> Result<(), SetupError> {
 }
 
 #[test]
-fn invalid_rules_are_refused_with_the_kind_of_rule() {
+fn an_invalid_period_sensor_law_or_rule_is_refused_with_its_kind() {
     let one = [cell(Region::Heel, 0.0, 0.0, 25.0)];
     assert_eq!(try_set_up(SETUP, &one), Ok(()));
     for period_us in [0, 1_999, 50_001, u32::MAX] {
@@ -343,15 +344,15 @@ fn invalid_rules_are_refused_with_the_kind_of_rule() {
     assert_eq!(try_set_up(Setup { sensor, ..SETUP }, &one), Err(SetupError::Sensor));
     let contact = ContactRule { off_kpa: 11.0, ..ContactRule::COUNTED };
     assert_eq!(try_set_up(Setup { contact, ..SETUP }, &one), Err(SetupError::Contact));
-    let walking = StanceRule::ADAPTIVE;
+    let valid = StanceRule::ADAPTIVE;
     for stance in [
-        StanceRule { release_n: 1001.0, ..walking },
-        StanceRule { release_n: 0.0, ..walking },
-        StanceRule { strike_n: 0.0, ..walking },
-        StanceRule { strike_n: f32::NAN, ..walking },
-        StanceRule { strike_n: 1001.0, ..walking },
-        StanceRule { min_swing_ms: 0, ..walking },
-        StanceRule { min_stance_ms: 2500, ..walking },
+        StanceRule { release_n: 1001.0, ..valid },
+        StanceRule { release_n: 0.0, ..valid },
+        StanceRule { strike_n: 0.0, ..valid },
+        StanceRule { strike_n: f32::NAN, ..valid },
+        StanceRule { strike_n: 1001.0, ..valid },
+        StanceRule { min_swing_ms: 0, ..valid },
+        StanceRule { min_stance_ms: 2500, ..valid },
     ] {
         assert_eq!(try_set_up(Setup { stance, ..SETUP }, &one), Err(SetupError::Stance), "{stance:?}");
     }
@@ -409,7 +410,7 @@ fn invalid_tissue_is_refused_with_its_reason_and_changes_nothing() {
 }
 
 #[test]
-fn any_changed_bit_changes_the_id() {
+fn any_changed_bit_of_the_tissue_parameters_changes_their_id() {
     let ids: HashSet<u32> = (0..8 * 6 * 32)
         .map(|bit| {
             let mut force_laws = TISSUE.force_laws;
@@ -458,7 +459,8 @@ fn the_sums_of_the_largest_region_do_not_overflow() {
     assert!((trace / (truth.variance_x + truth.variance_y) - 1.0).abs() < 1e-9, "{ellipse:?} {truth:?}");
 }
 
-/// An ellipsoid is pressed onto cells at random positions. The pressure is proportional to the local deformation (Eq. 3).
+/// An ellipsoid is pressed at random positions onto a regular grid of cells. The pressure is proportional to the local
+/// deformation (Eq. 3 of the paper that [`plantar::pipeline::model`] implements).
 #[test]
 fn covered_shares_give_a_more_accurate_area_than_counted_cells() {
     /// Size of a cell along x and y, mm.
@@ -478,8 +480,8 @@ fn covered_shares_give_a_more_accurate_area_than_counted_cells() {
     let (r_mm, _) = e.contact_radii_m(deformation_m);
     let r_mm = r_mm * 1e3;
     let true_mm2 = std::f64::consts::PI * r_mm * r_mm;
-    // The pressure at the centre is 700 kPa. A cell at the edge that is just covered then reads 180 to 280 kPa, so it counts
-    // whole, as every covered cell with at least 150 kPa does.
+    // The pressure at the centre is 700 kPa. A cell at the edge of the contact that is just fully covered then reads 180 to
+    // 280 kPa. It counts with its whole area, as every cell does from 150 kPa on.
     let stiffness_kpa_m = 700.0 / deformation_m;
     let area_mm2 = |rule: ContactRule, dx_mm: f64, dy_mm: f64| {
         let mut insole = new_insole::<f64>(Setup { contact: rule, ..SETUP }, &cells);

@@ -3,7 +3,7 @@
 
 use rstest::rstest;
 use std::path::PathBuf;
-use testkit::scenario::{Scenario, ScenarioError};
+use testkit::scenario::{InsoleOutcome, Scenario, ScenarioError};
 
 #[rstest]
 fn scenario_has_the_expected_outcome(#[files("scenarios/*.toml")] file: PathBuf) {
@@ -67,6 +67,20 @@ fn an_expectation_about_an_insole_that_no_host_observes_is_not_met() {
     for (_, name) in expectations {
         assert!(differences.contains(&format!("{name}: expected Some(")), "{name} is not in: {differences}");
     }
+}
+
+#[test]
+fn an_insole_that_does_not_answer_at_the_end_or_restarts_on_its_own_is_reported() {
+    let events = "[[at]]\ns = 0.5\nevent.connect = { over = \"serial\" }\n";
+    let scenario = Scenario::parse(&format!("{HEADER}{events}")).expect("the scenario is valid");
+    let differences = |change: fn(&mut InsoleOutcome)| {
+        let mut outcome = scenario.run();
+        change(&mut outcome.insoles[0]);
+        outcome.compare(&scenario.expect).err().unwrap_or_default()
+    };
+    assert_eq!(differences(|_| ()), "");
+    assert!(differences(|insole| insole.status = None).contains("does not answer at the end"));
+    assert!(differences(|insole| insole.resets.push("watchdog".into())).contains("resets"));
 }
 
 #[test]

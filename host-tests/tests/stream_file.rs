@@ -1,4 +1,5 @@
-//! A stream file synchronises steps with the disk, and returns an error if this fails; live frames are not synchronised.
+//! Steps, load bouts and alerts in a stream file are synchronised with the disk, and a failure of this is an error; live frames
+//! are not synchronised.
 #![cfg(unix)]
 
 use client::StreamFile;

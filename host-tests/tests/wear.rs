@@ -159,6 +159,30 @@ fn the_peak_pressure_is_that_above_the_baseline() {
     }
 }
 
+/// The pressure of a lifted foot counts with the gain of its cells: a shoe that presses with 12 kPa from the first frame on is
+/// recognised, and a constant load of 20 kPa is not.
+#[test]
+fn a_lifted_foot_is_recognised_by_pressures_and_not_by_codes() {
+    for gain in [0.5, 1.0, 2.0] {
+        let cells = (0..64u8).map(|i| {
+            let at = cell(Region::Heel, f32::from(i % 8) * 10.0, f32::from(i / 8) * 10.0, 100.0);
+            SetupCell { row_column: i, calibration: CellCalibration { offset: 0, gain }, ..at }
+        });
+        let mut insole = Box::new(Insole::<f64, 64>::new());
+        let mut steps_with = |shoe_kpa: f64| {
+            insole.set_up(SETUP, cells.clone()).expect("the set-up is accepted");
+            let stances = (0..6).flat_map(|_| [(60, 100.0), (40, 0.0)]);
+            let phases = [(40, 0.0)].into_iter().chain(stances);
+            let frames = phases.flat_map(|(frames, load_kpa)| (0..frames).map(move |_| load_kpa));
+            let codes = frames.map(|load_kpa| code_of(&LAW, (shoe_kpa + load_kpa) / f64::from(gain)));
+            (0..).zip(codes).filter(|&(seq, code)| insole.frame(seq, &[code; 64])).count()
+        };
+        // The shoe presses with 77 N, which is more than the force of toe off.
+        assert_eq!(steps_with(12.0), 6, "gain {gain}");
+        assert_eq!(steps_with(20.0), 0, "gain {gain}");
+    }
+}
+
 /// The zero follows the sensor downwards, as in the cold, but not a single disturbed reading, because it never rises again.
 #[test]
 fn two_successive_swings_lower_the_zero() {

@@ -66,7 +66,8 @@ fn the_reading_of_a_lifted_foot_becomes_the_baseline_at_once() {
     assert_eq!(result.with_former_baseline, [0; 8]);
     let shoe_n = recording.layout.force_n(&vec![SHOE_KPA; recording.cells()]);
     let found_n: f64 = result.residual_dn.iter().map(|dn| f64::from(*dn) / 10.0).sum();
-    // The noise of the computed readings is at most 12 codes, and a baseline follows changes of more than 32 codes, 0.07 kPa.
+    // The shoe changes every code by hundreds, and a baseline ignores changes of up to 32 codes. The noise, 12 codes of an
+    // unloaded cell, is at most 0.02 kPa.
     assert!((found_n - shoe_n).abs() < 0.02 * shoe_n, "{found_n} N for {shoe_n} N");
     assert!(total_n.abs() < 0.02 * shoe_n, "{total_n} N remain of {shoe_n} N");
 }

@@ -173,8 +173,8 @@ pub fn session(first: u32, events: &[Event]) {
         received: -1,
         acknowledged: None,
     };
-    // The host has received the hello, and so many records that two more fill the queue. So even short sequences of events
-    // reach a full queue.
+    // First, the host receives the hello and `RECORD_QUEUE - 2` records. Two more records fill the queue, so that even short
+    // sequences of events reach a full queue.
     observed.apply(Event::Connect);
     observed.apply(Event::Send);
     for _ in 0..RECORD_QUEUE - 2 {

@@ -5,11 +5,13 @@ use plantar::firmware::supervise::{Heartbeats, MOST_CHECKS, PARTS, Part, START_C
 /// The parts, in the order of [`PARTS`].
 pub const ALL: [Part; PARTS.len()] = [Part::Scan, Part::Process, Part::Link, Part::Storage, Part::Radio];
 
-/// Once a part has had no heartbeat for its allowed number of checks ([`MOST_CHECKS`]), the watchdog reports all parts that
-/// have had none for at least their own allowed number minus two. The checks are counted from the first heartbeat of the link
-/// on, or from check [`START_CHECKS`] on, and for the radio not before its own first heartbeat. `has_heartbeat` states whether a
-/// part has a heartbeat before a check; at each check, a frame waits for processing unless processing, [`Part::Process`], has a
-/// heartbeat.
+/// The watchdog reports nothing until a part has had no heartbeat in as many successive checks as [`MOST_CHECKS`] states for it.
+/// It then reports every part that has had none in at least its own number of checks minus two. Checks are counted from that of
+/// the link's first heartbeat on, or from the [`START_CHECKS`]th check on if that is earlier; those of the radio not before its
+/// own first heartbeat.
+///
+/// `has_heartbeat` states whether a part has a heartbeat before a check; the checks are numbered from 0. Before each check, a
+/// frame is queued for processing. The queued frames wait until [`Part::Process`] has a heartbeat.
 pub fn watchdog(checks: u32, has_heartbeat: impl Fn(Part, u32) -> bool) {
     let (heartbeats, mut watchdog) = (Heartbeats::new(), Watchdog::new());
     let mut silent_checks = [0; PARTS.len()];

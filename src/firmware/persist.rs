@@ -42,8 +42,8 @@ struct Persist<'a> {
     shared: &'a Shared,
     /// The log may contain load records after the newest one in RAM.
     has_more_in_log: bool,
-    /// Whether the last attempt to read from the log succeeded; `None` before the first attempt that did.
-    is_log_readable: Option<bool>,
+    /// The log was read at least once since the start.
+    was_log_read: bool,
     /// Number of the last record that a host has acknowledged since the start. The log still contains this record if it could
     /// not be deleted.
     acknowledged: Option<u32>,
@@ -90,7 +90,7 @@ pub async fn persist(
     let mut state = Persist {
         shared,
         has_more_in_log: true,
-        is_log_readable: None,
+        was_log_read: false,
         acknowledged: None,
         is_deleting: false,
         update: Update::new(),

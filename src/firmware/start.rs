@@ -100,8 +100,8 @@ const CHIP_TIMEOUT: Duration = Duration::from_secs(2);
 /// needs a second start, which continues the erasure. This time is shorter than the one in which the supervision expects the
 /// parts to start ([`super::supervise::START_CHECKS`]).
 const STORE_TIMEOUT: Duration = Duration::from_secs(110);
-/// The text of [`Hello::fault`] after a start without the chip.
-const NO_CHIP: &str = "the flash chip does not answer: nothing is stored, check the chip and its supply";
+/// The text of [`Hello::fault`] after a start without the chip, or with a chip that returns changing data.
+const NO_CHIP: &str = "the flash chip does not answer reliably: nothing is stored, check chip and supply";
 /// The text of [`Hello::fault`] if the store was not opened in [`STORE_TIMEOUT`].
 const NO_STORE: &str = "the flash chip was not opened in 110 s: nothing is stored; restart, or replace the chip";
 /// The text of [`Hello::fault`] if the stored settings cannot be used.
@@ -163,6 +163,9 @@ async fn start_with<F: MultiwriteNorFlash, const FRAMES: usize>(
     if !is_open {
         store.give_up();
         no_chip = Some(NO_STORE);
+    } else if no_chip.is_none() && !boot.is_recovery() && !store.is_in_full_use() {
+        // Its surveys have contradicted each other.
+        no_chip = Some(NO_CHIP);
     }
     let is_radio_delayed = boot.failures.is_radio_delayed()
         && match store.flash() {
@@ -219,11 +222,13 @@ async fn start_with<F: MultiwriteNorFlash, const FRAMES: usize>(
         &setup,
         insole,
         boot.reset,
-        boot.fault
-            .clone()
-            .or_else(|| fault.clone())
+        // If nothing is stored, the wearer must know this first. The log has the failure that ended the previous run.
+        no_chip
+            .filter(|_| !boot.is_recovery())
+            .map(truncated)
+            .or_else(|| boot.fault.clone().or_else(|| fault.clone()))
             .or(refused.map(truncated))
-            .or_else(|| no_chip.or(other_settings).or(other_rule).map(truncated)),
+            .or_else(|| other_settings.or(other_rule).map(truncated)),
     );
     hello.layout_id = settings.map_or(setup.layout_id, |settings| settings.id(setup.layout_id));
     let (to_process, scanned) = memory.channel.init(Channel::new(memory.frames.take())).split();

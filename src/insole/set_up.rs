@@ -3,7 +3,6 @@
 use super::Insole;
 use crate::num::Real;
 use crate::pipeline::alert::AlertRules;
-use crate::pipeline::baseline::MAX_RESIDUAL_KPA;
 use crate::pipeline::calibrate::CellCalibration;
 use crate::pipeline::cell::InsoleCell;
 use crate::pipeline::live::{LiveModel, RegionLoad};
@@ -34,7 +33,6 @@ impl<R: Real, const N: usize> Insole<R, N> {
             let _ = self.cells.push(InsoleCell::new(&cell, &setup.contact, &self.curve, &division));
         }
         self.rows.set(&self.cells);
-        self.max_residual_code = self.curve.first_code_at(MAX_RESIDUAL_KPA);
         self.sum_residuals();
         self.detector.set_up(&self.cells, setup.period_us);
         self.frame_rate_hz = R::of(1e6) / R::of_u32(setup.period_us);

@@ -16,12 +16,13 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.detector.request_zero(true);
     }
 
-    /// True while a requested measurement is in progress.
+    /// True from a request until [`Insole::take_zero`] has returned its outcome.
     pub fn is_zero_requested(&self) -> bool {
         self.zero_s > 0
     }
 
-    /// The outcome of a requested measurement; `None` without a request, and while it is in progress. To be called once a second.
+    /// The outcome of a requested measurement; `None` if none was requested, or if the outcome is not known yet. To be called
+    /// once a second, because its calls count the seconds of [`ZERO_S`].
     pub fn take_zero(&mut self) -> Option<Result<ZeroResult, NotLifted>> {
         if self.zero_s == 0 {
             return None;

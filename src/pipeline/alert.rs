@@ -166,9 +166,9 @@ impl Alerts {
         }
     }
 
-    /// Suppresses alerts for the next `snoozed_s` seconds.
+    /// Suppresses alerts for the next `snoozed_s` seconds, or until the end of a longer pause; 0 ends a pause.
     pub(crate) fn snooze(&mut self, snoozed_s: u16) {
-        self.snoozed_s = snoozed_s;
+        self.snoozed_s = if snoozed_s == 0 { 0 } else { self.snoozed_s.max(snoozed_s) };
     }
 
     /// The alert that was raised since the last call, as a record with this side and number. `period_us` is the time between

@@ -50,17 +50,17 @@ impl<R: Real> Constancy<R> {
     }
 }
 
-/// True if at most one in [`EXCEEDED_PART`] cells reads more than `most` codes above its zero, and these cells together carry
-/// less than `most_n`, N: a foot can stand on few cells. A saturated cell does not count as load, because it may be shorted.
-pub(crate) fn is_unloaded<R: Real>(
-    cells: &[InsoleCell<R>],
-    codes: &[u16],
-    most: u16,
-    curve: &Curve,
-    most_n: R,
-) -> bool {
-    let exceeded = || cells.iter().zip(codes).filter(|(cell, code)| code.saturating_sub(cell.baseline.zero) > most);
-    let loaded = exceeded().filter(|(_, code)| !is_saturated(u32::from(**code)));
-    let force_n: R = loaded.map(|(cell, &code)| cell.force_above_zero_n(code, curve)).sum();
-    EXCEEDED_PART * exceeded().count() <= cells.len() && force_n < most_n
+/// True if at most one in [`EXCEEDED_PART`] cells has more pressure than a baseline can have, and these cells together carry less
+/// than `most_n`, N: a foot can stand on few cells. A saturated cell does not count as load, because it may be shorted.
+pub(crate) fn is_unloaded<R: Real>(cells: &[InsoleCell<R>], codes: &[u16], curve: &Curve, most_n: R) -> bool {
+    let (mut exceeded, mut force_n) = (0, R::ZERO);
+    for (cell, &code) in cells.iter().zip(codes) {
+        if cell.baseline.is_exceeded(code, curve) {
+            exceeded += 1;
+            if !is_saturated(code.into()) {
+                force_n += cell.force_above_zero_n(code, curve);
+            }
+        }
+    }
+    EXCEEDED_PART * exceeded <= cells.len() && force_n < most_n
 }

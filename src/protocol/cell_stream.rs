@@ -88,7 +88,8 @@ impl CellSender {
         self.len += 1;
     }
 
-    /// Moves the oldest message to `buffer`, and returns it; `None` if the queue is empty.
+    /// Moves the oldest message to `buffer`, and returns it; `None` if the queue is empty. A message that does not fit into
+    /// `buffer` is dropped, and `None` is returned as well.
     pub fn pop<'b>(&mut self, buffer: &'b mut [u8]) -> Option<&'b mut [u8]> {
         self.len = self.len.checked_sub(1)?;
         let message = &self.messages[self.first];

@@ -1,4 +1,4 @@
-//! The encoding of messages as bytes, and the frames of messages on a byte carrier.
+//! The encoding of messages as bytes, and their framing on a carrier of bytes, such as a serial port.
 
 use crate::checksum::crc32;
 use heapless::Vec;
@@ -14,7 +14,7 @@ pub const MAX_FRAME: usize = MAX_MESSAGE + 4 + (MAX_MESSAGE + 4) / 254 + 1 + 1;
 // The buffers for messages and frames can also hold the longest message of a management tool and its lines.
 const _: () = assert!(line::MAX_LINES <= MAX_FRAME && line::MAX_WRAPPED <= MAX_MESSAGE);
 
-/// The message does not fit its buffer, which cannot happen with [`MAX_MESSAGE`] bytes.
+/// The message does not fit into its buffer. This cannot happen with a buffer of [`MAX_MESSAGE`] bytes.
 pub type EncodeError = postcard::Error;
 
 /// Encodes a message without a frame; returns the used part of `buffer`.
@@ -25,7 +25,7 @@ pub fn encode<'b, T: Serialize>(message: &T, buffer: &'b mut [u8]) -> Result<&'b
     postcard::to_slice(message, buffer)
 }
 
-/// Encodes `value` without a frame and appends it to `message`, which is already in its place in a queue.
+/// Encodes `value` without a frame and appends it to `message`. A caller can thus build a message in its place in a queue.
 ///
 /// # Errors
 /// If `message` has too little room.
@@ -91,7 +91,8 @@ pub fn frame(message: &[u8], out: &mut [u8; MAX_FRAME]) -> usize {
 pub struct Decoder {
     buffer: [u8; MAX_FRAME],
     len: usize,
-    /// Number of frames, and of messages of a management tool, that were too long or damaged.
+    /// Number of frames, and of messages of a management tool, that were too long or damaged. A damaged message of a tool can
+    /// count more than once: at each of its lines, and as a frame at the next zero.
     pub bad_frames: u32,
 }
 
@@ -104,7 +105,7 @@ impl Decoder {
     /// Processes one byte; returns the message, without its frame, if the byte completes one.
     pub fn push(&mut self, byte: u8) -> Option<&[u8]> {
         if byte != 0 {
-            // A length one past the end marks a frame that is too long.
+            // The length `MAX_FRAME + 1` marks a frame that is too long.
             if let Some(slot) = self.buffer.get_mut(self.len) {
                 *slot = byte;
             }
@@ -122,20 +123,21 @@ impl Decoder {
         message_len.map(|len| &self.buffer[..len])
     }
 
-    /// Returns the message of a management tool ([`mcumgr`]) that the last byte has completed. To be called after
-    /// [`Decoder::push`] of a line feed, on an insole.
+    /// Returns the message of a management tool ([`mcumgr`]) that the last byte has completed; `None` if there is none. An insole
+    /// calls this function after each [`Decoder::push`] of a line feed; a host does not call it.
     pub fn management_message(&mut self) -> Option<&[u8]> {
         let len = core::mem::take(&mut self.len);
-        // Management tools send no zero, which would end a frame that is too long. If the bytes of such a frame were not
-        // discarded here, no message of a tool would be found any more.
+        // Management tools send no zero byte, and only a zero byte ends a frame that is too long. If the bytes of such a frame
+        // were not discarded here, no message of a tool would be found any more.
         let Some(bytes) = self.buffer.get_mut(..len) else {
             self.bad_frames = self.bad_frames.wrapping_add(1);
             return None;
         };
         match line::unwrap(bytes) {
             Lines::Message(message) => return Some(message),
-            // The bytes remain, because they may be a part of a frame. The next message of a tool is found nevertheless,
-            // because bytes before its first line are ignored.
+            // The bytes are not discarded, because they may be a part of a frame. If only the checksum of the message was wrong,
+            // `unwrap` has overwritten them. The next message of a tool is found nevertheless, because bytes before its first
+            // line are ignored.
             Lines::Damaged => self.bad_frames = self.bad_frames.wrapping_add(1),
             Lines::Incomplete => {}
         }

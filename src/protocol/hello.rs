@@ -39,9 +39,10 @@ pub struct Hello {
     /// If a failure ended the previous run: its cause, its time, and addresses in the program, which `cargo xtask explain`
     /// translates to source lines. In recovery mode, after several failed starts in a row, the text begins with the word
     /// "recovery"; the insole then ignores the stored data, except the bonds in the first such start. After several stalls of the
-    /// radio, it states that Bluetooth starts an hour later. Without such a failure:
-    /// a fault of this start, such as a chip that does not answer, or stored parameters of another contact rule. If the set-up
-    /// of the board was refused, [`Hello::cells`] is 0, and the insole does not measure.
+    /// radio, it states that Bluetooth starts an hour later. Except in recovery mode, a flash chip that cannot be used takes
+    /// precedence: the text states that nothing is stored. Without any of these: another fault of this start, such as stored
+    /// parameters of another contact rule. If the set-up of the board was refused, [`Hello::cells`] is 0, and the insole does not
+    /// measure.
     #[serde(deserialize_with = "printable_option")]
     pub fault: Option<String<MAX_FAULT_TEXT>>,
 }

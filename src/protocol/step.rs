@@ -85,22 +85,22 @@ quantities! {
         /// Valley between the two peaks of the total force.
         #[serde(with = "le")]
         valley_dn: u16 = (foot.valley.force_n * R::of(10.0)).round_u16()
-            => foot_valley_n [10 per "N"] if valley_dn,
+            => foot_valley_n [10 per "N"] if second_peak_dn,
             "Smallest total force between the two peaks, at least 5 % below both.";
         /// Time from heel strike to the valley.
         #[serde(with = "le")]
         valley_ms: u16 = (foot.valley.t_s * R::of(1e3)).round_u16()
-            => foot_valley_time_s [1000 per "s"] if valley_dn,
+            => foot_valley_time_s [1000 per "s"] if second_peak_dn,
             "Smallest total force between the two peaks.";
         /// Second peak of the total force.
         #[serde(with = "le")]
         second_peak_dn: u16 = (foot.second_peak.force_n * R::of(10.0)).round_u16()
-            => foot_second_peak_n [10 per "N"] if valley_dn,
+            => foot_second_peak_n [10 per "N"] if second_peak_dn,
             "Largest total force in the second half of stance.";
         /// Time from heel strike to the second peak.
         #[serde(with = "le")]
         second_peak_ms: u16 = (foot.second_peak.t_s * R::of(1e3)).round_u16()
-            => foot_second_peak_time_s [1000 per "s"] if valley_dn,
+            => foot_second_peak_time_s [1000 per "s"] if second_peak_dn,
             "Largest total force in the second half of stance.";
         /// Force-time integral of the total force.
         #[serde(with = "le")]

@@ -1,5 +1,5 @@
-//! Code that the bootloaders share: a limited wait for a future, and the swap of the images by `embassy-boot`, which supports
-//! blocking chips only; [`Blocking`] makes the asynchronous partitions of the flash chip such chips.
+//! Code that the bootloaders share: a limited wait for a future, and the swap of the images by `embassy-boot`. That package
+//! supports only blocking drivers; [`Blocking`] adapts the asynchronous partitions of the flash chip to it.
 
 use super::flash_map::{OTHER, SECTOR};
 use super::partition::{Partition, state_partition};
@@ -28,7 +28,7 @@ pub fn poll_at_most<T>(polls: u32, future: impl Future<Output = T>) -> Option<T>
     })
 }
 
-/// A chip, with blocking operations.
+/// An asynchronous chip or partition, as a blocking one.
 pub struct Blocking<F>(pub F);
 
 impl<F: ErrorType> ErrorType for Blocking<F> {
@@ -63,13 +63,13 @@ impl<F: asynchronous::NorFlash> NorFlash for Blocking<F> {
 /// Swaps the image in `active` with the one in [`OTHER`], or swaps them back, if the state of the bootloader in the flash chip
 /// demands it. Returns the state before.
 ///
-/// If the state cannot be read, nothing changes, and the result is [`State::Boot`]: the active image is to be started, as without
-/// a chip. It is incomplete if a loss of power or a reset interrupted a swap before; it then ends in a reset by the watchdog, or
-/// by a fault, and the next call can continue the swap.
+/// If no attempt to read the state succeeds, nothing changes, and the result is [`State::Boot`]: the active image is to be
+/// started, as without a chip. This image is incomplete if a loss of power or a reset has interrupted a swap. It then fails, the
+/// watchdog or a fault resets the controller, and the next call can continue the swap.
 ///
 /// # Errors
-/// If the chip or the flash of `active` fails within the swap. The active image may be a mixture of both images; the next call
-/// continues the swap.
+/// If the chip fails after the state was read for the first time, or the flash of `active` fails within the swap. The active
+/// image may be a mixture of both images; the next call continues the swap.
 pub fn swap_if_due<F, A>(chip: &Mutex<NoopRawMutex, F>, active: A) -> Result<State, BootError>
 where
     F: asynchronous::MultiwriteNorFlash,

@@ -1,6 +1,6 @@
 //! The entries of the log of steps, load bouts and alerts.
 
-use super::BUFFER;
+use super::MAX_ITEM_BYTES;
 use super::migration::{OldEntry, StepV1, StepV2};
 use crate::protocol::{Alert, Bout, LoadRecord, Step, decode, encode};
 use serde::de::DeserializeOwned;
@@ -55,9 +55,9 @@ impl Entry {
         decode::<OldEntry<S>>(entry).map(Self::from)
     }
 
-    pub(super) fn encode<'b>(&self, buffer: &'b mut [u8; BUFFER]) -> &'b [u8] {
+    pub(super) fn encode<'b>(&self, buffer: &'b mut [u8; MAX_ITEM_BYTES]) -> &'b [u8] {
         buffer[0] = VERSION;
-        // BUFFER has room for the longest entry, so the length is never 0.
+        // `buffer` has room for the longest entry, so the length is never 0.
         let len = encode(self, &mut buffer[1..]).map_or(0, |entry| 1 + entry.len());
         &buffer[..len]
     }

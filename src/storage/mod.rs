@@ -46,4 +46,4 @@ impl<E> From<Error<E>> for StorageError {
 
 /// Longest item that any version of the firmware may store, bytes: an encoded record with its key, or an entry of the log. Older
 /// firmware with the same limit can then skip the items of a newer version (`docs/storage.md`).
-const BUFFER: usize = 512;
+const MAX_ITEM_BYTES: usize = 512;

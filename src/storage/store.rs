@@ -4,7 +4,7 @@ use super::flash_map::{self, RECORDS};
 use super::guard::{Guard, Guarded};
 use super::log::Entry;
 use super::records::{Bonds, BootCounters, CalibrationRecord, CellsRecord, Key, Record};
-use super::{BUFFER, StorageError, migration};
+use super::{MAX_ITEM_BYTES, StorageError, migration};
 use crate::protocol::{BLOCK_CELLS, CalibrationBlock, CalibrationId, Contents, LoadRecord, Reset, decode, encode};
 use crate::sequence::is_after;
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
@@ -46,7 +46,7 @@ pub struct Store<F> {
     guard: Guard,
     used_for: Use,
     log: Sectors,
-    buffer: [u8; BUFFER],
+    buffer: [u8; MAX_ITEM_BYTES],
     contents: Contents,
     /// The number in the last mark that [`Store::acknowledge`] has appended to the log in this boot.
     marked: Option<u32>,
@@ -66,7 +66,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
             guard: Guard::default(),
             used_for: Use::None,
             log: Sectors::new(log),
-            buffer: [0; BUFFER],
+            buffer: [0; MAX_ITEM_BYTES],
             contents: Contents::default(),
             marked: None,
             boot_due: None,
@@ -150,7 +150,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// # Errors
     /// See [`StorageError`].
     pub async fn put<R: Record>(&mut self, part: u8, record: &R) -> Result<(), StorageError> {
-        let mut bytes = [0; BUFFER - size_of::<Key>()];
+        let mut bytes = [0; MAX_ITEM_BYTES - size_of::<Key>()];
         let bytes: &[u8] = encode(record, &mut bytes).map_err(|_| StorageError::Contents)?;
         self.store([R::KIND, part, R::VERSION], bytes).await
     }
@@ -260,7 +260,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
     pub async fn push_record(&mut self, record: impl Into<LoadRecord>) -> Result<u32, StorageError> {
         // The record refers to this boot.
         self.count_boot().await?;
-        let mut bytes = [0; BUFFER];
+        let mut bytes = [0; MAX_ITEM_BYTES];
         // The entry goes out of scope in this block, so that it takes no RAM while its bytes are written.
         let (len, next_record) = {
             let entry = Entry::of(self.contents.start, record.into());
@@ -293,7 +293,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
 
     /// Appends a mark to the log: all load records before number `next` are acknowledged.
     async fn push_mark(&mut self, next: u32) -> Result<(), StorageError> {
-        self.push(Entry::Acknowledged { next }.encode(&mut [0; BUFFER])).await.map(drop)
+        self.push(Entry::Acknowledged { next }.encode(&mut [0; MAX_ITEM_BYTES])).await.map(drop)
     }
 
     /// Removes the load records up to and including this number, the oldest first, but at most 64 of them. True if some of

@@ -1,8 +1,8 @@
-//! A simulated insole that listens on a TCP port, for tests of other programs. The command is `cargo run -p testkit --example
-//! simulated_insole -- STEPS`. The insole serves one host after the other with the code of the firmware's session. It accepts
-//! parameters, but computes nothing with them. It sends STEPS steps, a load bout and an alert; of more than four steps only
-//! the last four, because the session holds six records. The program prints the address on which it listens, and then the
-//! record number of each acknowledgement that arrives.
+//! A simulated insole that listens on a TCP port, for tests of other programs. The command is
+//! `cargo run -p testkit --example simulated_insole -- STEPS`. The insole serves one host after the other with the code of the
+//! firmware's session. It accepts parameters, but computes nothing with them. It sends STEPS steps, a load bout and an alert; of
+//! more than four steps only the last four, because the session holds six records. The program prints the address on which it
+//! listens, and then the record number of each acknowledgement that arrives.
 
 use plantar::protocol::session::{CommandResult, Session};
 use plantar::protocol::{Decoder, MAX_FRAME, MAX_MESSAGE, ToDevice, decode, frame};
@@ -56,10 +56,10 @@ fn serve(session: &mut Session, mut host: TcpStream) -> io::Result<()> {
 }
 
 /// The insole's time at which a message arrives, us: 0, except for a request for the time. Such a request arrives at the moment
-/// at which the host sent it, and the insole's time began 1.7e9 s after the Unix epoch.
+/// at which the host sent it, and the insole's time began 1.7e9 s after the Unix epoch; before, it is 0.
 fn device_us(message: &ToDevice) -> u64 {
     match message {
-        ToDevice::GetTime { host_us } => host_us - 1_700_000_000_000_000,
+        ToDevice::GetTime { host_us } => host_us.saturating_sub(1_700_000_000_000_000),
         _ => 0,
     }
 }

@@ -75,8 +75,8 @@ impl MultiwriteNorFlash for SharedChip {}
 /// Runs the pipeline on the frames of one boot, as a reference for the steps and load bouts that arrive.
 pub struct Reference {
     insole: Box<Insole<f32, DEVICE_CELLS>>,
-    /// The steps and load bouts of this boot, numbered from 0.
-    pub records: Vec<LoadRecord>,
+    /// The steps and load bouts of this boot, numbered from 0, and the time at which each was computed, us.
+    pub records: Vec<(LoadRecord, u64)>,
     /// Number of complete frames of this boot.
     pub frames: u32,
     /// Number of frames of this boot, from its first complete scan to its last, without a complete scan, whatever the cause.
@@ -123,9 +123,9 @@ impl Reference {
         self.frames_without_scan += self.last_seq.replace(seq).map_or(0, |last| seq - last - 1);
         if self.insole.frame(seq, codes) {
             let step = self.insole.whole_step().expect("the insole is set up");
-            self.records.push(Step::new(&step).into());
+            self.records.push((Step::new(&step).into(), now_us()));
         }
-        self.records.extend(self.insole.take_bout().map(|bout| LoadRecord::from(Bout::new(&bout))));
+        self.records.extend(self.insole.take_bout().map(|bout| (Bout::new(&bout).into(), now_us())));
         if let Some(ellipses) = &mut self.ellipses {
             ellipses.insert(seq, std::array::from_fn(|region| self.insole.ellipse(region)));
         }

@@ -81,8 +81,10 @@ pub struct Boot {
     pub reset: Reset,
     /// The results of the pipeline for the frames that this boot scanned.
     pub reference: Rc<RefCell<Reference>>,
-    /// True if a loss of power, a crash or a stalled task ended the boot: its last steps may be lost.
-    pub is_cut_short: bool,
+    /// Version of the firmware.
+    pub version: String,
+    /// Time at which a loss of power, a crash or a stalled task ended the boot, us: its last records may be lost.
+    pub cut_us: Option<u64>,
     /// Time of the start of the firmware, us.
     pub from_us: u64,
 }
@@ -180,7 +182,7 @@ impl HostInsole {
         let mut cable = self.cable.borrow_mut();
         cable.to_host.clear();
         if let Some(boot) = self.boots.last_mut() {
-            boot.is_cut_short |= is_cut_short;
+            boot.cut_us = boot.cut_us.or(is_cut_short.then(now_us));
         }
     }
 
@@ -245,7 +247,8 @@ impl HostInsole {
         let settings = self.settings.filter(|_| !failures.lead_to_recovery());
         let reference = Rc::new(RefCell::new(Reference::new(&self.wearer.borrow(), settings)));
         let from_us = now_us();
-        self.boots.push(Boot { reset: reason, reference: reference.clone(), is_cut_short: false, from_us });
+        let version = header.version().to_owned();
+        self.boots.push(Boot { reset: reason, reference: reference.clone(), version, cut_us: None, from_us });
         let resources = BootResources {
             chip: self.chip.clone(),
             is_chip_silent: self.is_chip_silent,

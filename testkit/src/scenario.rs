@@ -19,7 +19,7 @@ use plantar::pipeline::cumulative::LoadLimits;
 use plantar::pipeline::setup::PERIOD_US;
 use plantar::pipeline::tissue::{AreaFilter, Identified};
 use plantar::protocol::update::{Progress, Request};
-use plantar::protocol::{Alert, Bout, LoadRecord, Serial, Settings, Status, Step, StepRegion, ToDevice};
+use plantar::protocol::{Alert, Bout, LoadRecord, Reset, Serial, Settings, Status, Step, StepRegion, ToDevice};
 use plantar::sequence::is_after;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
@@ -256,6 +256,11 @@ fn default_settings_rate_hz() -> NonZeroU32 {
     const { NonZeroU32::new(100).unwrap() }
 }
 
+/// The reset reasons of an insole that starts only once.
+fn one_start() -> Vec<String> {
+    vec![Reset::Power.name().to_owned()]
+}
+
 /// All regions.
 fn default_regions() -> u8 {
     u8::MAX
@@ -299,10 +304,11 @@ pub struct Expect {
     pub bouts: Option<Vec<String>>,
     /// Times of the alerts that arrive from the first insole, since the first scan of its boot, s.
     pub alerts: Option<Vec<f64>>,
-    /// Largest number of computed steps and load bouts that may be lost, by losses of power and crashes, from all insoles.
+    /// Largest number of computed steps and load bouts of the first insole that may be lost, by losses of power and crashes. The
+    /// other insole must lose none.
     #[serde(default)]
     pub lost_at_most: usize,
-    /// The reset reasons of all starts of the first insole.
+    /// The reset reasons of all starts of the first insole; by default, it starts only once. The other insole must start only once.
     pub resets: Option<Vec<String>>,
     /// The sensor faults that the first insole reports, each as its kind and place.
     pub faults: Option<Vec<String>>,
@@ -323,9 +329,9 @@ pub struct Expect {
     /// Numbers of contacts of the first insole since its last start that were rejected as steps: too short, too long, interrupted
     /// by missing frames.
     pub rejected: Option<[u32; 3]>,
-    /// Firmware version of the first insole at the end; `initial` stands for that of the image that runs at first, which is the
-    /// version of this workspace.
-    pub version: Option<String>,
+    /// Versions of the first insole's firmware, beginning with the first one, one for each change; `initial` stands for that of the
+    /// image that runs at first, which is the version of this workspace.
+    pub versions: Option<Vec<String>>,
     /// Serial number of the first insole at the end.
     pub serial: Option<String>,
     /// `full_kpa` of the contact rule of the first insole at the end.
@@ -338,8 +344,9 @@ pub struct Expect {
     pub is_tracked: Option<bool>,
     /// A part of the text of one of the errors of the first insole's host.
     pub error: Option<String>,
-    /// Number of requests to the first insole that are refused or not answered.
-    pub failed_requests: Option<usize>,
+    /// Number of requests of all hosts that are refused or not answered.
+    #[serde(default)]
+    pub failed_requests: usize,
     /// A part of the fault text in the last hello of the first insole: the crash that ended its previous boot or, without one,
     /// what failed at its start.
     pub last_fault: Option<String>,
@@ -607,8 +614,9 @@ pub struct InsoleOutcome {
     pub host: Host,
     /// The counters of the last boot; `None` if the host has ended its session or the insole did not answer.
     pub status: Option<Status>,
-    /// For each boot, the steps and load bouts that the pipeline computed, and whether the boot was cut short.
-    computed: Vec<(Vec<LoadRecord>, bool)>,
+    /// For each boot, the steps and load bouts that the pipeline computed, and the index of the first one that may be lost, because
+    /// the boot was cut short soon after it.
+    computed: Vec<(Vec<LoadRecord>, usize)>,
     /// Number of frames that the last boot scanned.
     frames: u32,
     /// Number of frames without a complete scan, in all boots, each from the first complete scan to the last.
@@ -617,7 +625,13 @@ pub struct InsoleOutcome {
     elapsed_frames: u32,
     /// The reset reason of each start.
     pub resets: Vec<String>,
+    /// The version of the firmware of each start.
+    pub versions: Vec<String>,
 }
+
+/// A record that was computed this long before a loss of power or a crash is stored, us. Most of the time is that until the
+/// supervision detects a stalled task.
+const STORED_WITHIN_US: u64 = 3_000_000;
 
 /// The outcome of a scenario.
 pub struct Outcome {
@@ -635,8 +649,15 @@ impl Outcome {
             let world = world.borrow();
             let insole = &world.insoles[index];
             let computed = insole.boots.iter().map(|boot| {
-                let records = boot.reference.borrow().records.clone();
-                (records, boot.is_cut_short)
+                let (records, computed_us): (Vec<_>, Vec<_>) = boot.reference.borrow().records.iter().copied().unzip();
+                let may_be_lost = match boot.cut_us {
+                    None => records.len(),
+                    Some(cut_us) => {
+                        let stored = computed_us.partition_point(|&at_us| at_us + STORED_WITHIN_US < cut_us);
+                        stored.max(records.len().saturating_sub(STORAGE_QUEUE + 1))
+                    }
+                };
+                (records, may_be_lost)
             });
             let last = insole.boots.last();
             // A start waits two seconds for a silent chip.
@@ -653,6 +674,7 @@ impl Outcome {
                     (now_us().saturating_sub(boot.from_us + start_us) / period_us) as u32
                 }),
                 resets: insole.boots.iter().map(|boot| boot.reset.name().to_owned()).collect(),
+                versions: insole.boots.iter().map(|boot| boot.version.clone()).collect(),
                 host,
             }
         };
@@ -662,19 +684,22 @@ impl Outcome {
     /// Checks the invariants of all scenarios: every computed step and load bout arrives once, in order and unchanged, except the
     /// last ones of a boot that was cut short, and those of the last boot if the host has ended its session or does not
     /// acknowledge, or if the insole counts as many dropped records; numbers increase; counters are consistent. Returns the
-    /// number of steps and load bouts that did not arrive.
+    /// number of steps and load bouts of each insole that did not arrive.
     ///
     /// # Errors
     /// The first invariant that is violated.
-    pub fn verify(&self) -> Result<usize, String> {
-        let mut lost = 0;
-        for (index, insole) in self.insoles.iter().enumerate() {
-            lost += insole.verify_records().map_err(|error| format!("insole {index}: {error}"))?;
-            if let Some(status) = &insole.status {
-                insole.verify_counters(status).map_err(|error| format!("insole {index}: {error}"))?;
+    pub fn verify(&self) -> Result<Vec<usize>, String> {
+        let verify = |insole: &InsoleOutcome| {
+            let lost = insole.verify_records()?;
+            match &insole.status {
+                Some(status) => insole.verify_counters(status)?,
+                None if insole.host.is_following => return Err("the insole does not answer at the end".to_owned()),
+                None => {}
             }
-        }
-        Ok(lost)
+            Ok(lost)
+        };
+        let numbered = self.insoles.iter().enumerate();
+        numbered.map(|(index, insole)| verify(insole).map_err(|error| format!("insole {index}: {error}"))).collect()
     }
 
     /// Compares the outcome with the expected one.
@@ -688,6 +713,7 @@ impl Outcome {
                 differences.push(format!("{name}: expected {expected}, found {found}"));
             }
         };
+        let failed_requests: usize = self.insoles.iter().map(|insole| insole.host.failed_requests).sum();
         let steps_of_all: usize = self.insoles.iter().map(|insole| insole.host.steps().count()).sum();
         if let Some(steps) = expect.steps {
             compare("steps", steps.to_string(), steps_of_all.to_string());
@@ -701,14 +727,22 @@ impl Outcome {
             compare("alerts", format!("{alerts:?}"), format!("{found:?}"));
         }
         match self.verify() {
-            Ok(lost) if lost <= expect.lost_at_most => {}
-            Ok(lost) => compare("lost steps and bouts", format!("at most {}", expect.lost_at_most), lost.to_string()),
+            Ok(lost) if lost[0] <= expect.lost_at_most && lost[1..].iter().all(|&lost| lost == 0) => {}
+            Ok(lost) => {
+                compare(
+                    "lost steps and bouts",
+                    format!("at most {}, only of the first insole", expect.lost_at_most),
+                    format!("{lost:?}"),
+                );
+            }
             Err(error) => compare("invariants", "hold".into(), error),
         }
-        let first = &mut self.insoles[0];
-        if let Some(resets) = &expect.resets {
-            compare("resets", format!("{resets:?}"), format!("{:?}", first.resets));
+        for other in &self.insoles[1..] {
+            compare("resets of the other insole", format!("{:?}", one_start()), format!("{:?}", other.resets));
         }
+        let first = &mut self.insoles[0];
+        let resets = expect.resets.clone().unwrap_or_else(one_start);
+        compare("resets", format!("{resets:?}"), format!("{:?}", first.resets));
         if let Some(sessions) = expect.sessions {
             compare("sessions", sessions.to_string(), first.host.hellos.len().to_string());
         }
@@ -743,9 +777,12 @@ impl Outcome {
             compare("rejected contacts", format!("{:?}", Some(rejected)), format!("{found:?}"));
         }
         let hello = first.host.hellos.last();
-        if let Some(version) = &expect.version {
-            let version = if version == "initial" { INITIAL_VERSION } else { version.as_str() };
-            compare("version", version.into(), hello.map_or(String::new(), |hello| hello.firmware.as_str().into()));
+        if let Some(versions) = &expect.versions {
+            let mut found: Vec<_> = first.versions.iter().map(String::as_str).collect();
+            found.dedup();
+            let name = |version| if version == INITIAL_VERSION { "initial" } else { version };
+            let found: Vec<_> = found.into_iter().map(name).collect();
+            compare("versions", format!("{versions:?}"), format!("{found:?}"));
         }
         if let Some(text) = &expect.last_fault {
             let fault = hello.and_then(|hello| hello.fault.as_deref()).unwrap_or("none");
@@ -781,8 +818,13 @@ impl Outcome {
             let has = first.host.errors.iter().any(|error| error.contains(text));
             compare("error", text.clone(), if has { text.clone() } else { format!("{:?}", first.host.errors) });
         }
-        if let Some(failed) = expect.failed_requests {
-            compare("failed requests", failed.to_string(), first.host.failed_requests.to_string());
+        if expect.failed_requests != failed_requests {
+            let errors: Vec<_> = self.insoles.iter().flat_map(|insole| &insole.host.errors).collect();
+            compare(
+                "failed requests",
+                expect.failed_requests.to_string(),
+                format!("{failed_requests} among {errors:?}"),
+            );
         }
         if differences.is_empty() { Ok(()) } else { Err(differences.join("\n")) }
     }
@@ -821,7 +863,7 @@ impl InsoleOutcome {
         let arrived = self.host.records.iter().filter(|record| !matches!(record, LoadRecord::Alert(_)));
         let mut arrived = arrived.map(measured).peekable();
         let mut lost = 0;
-        for (boot, (computed, is_cut_short)) in self.computed.iter().enumerate() {
+        for (boot, (computed, may_be_lost)) in self.computed.iter().enumerate() {
             let mut missing = Vec::new();
             for (index, record) in computed.iter().enumerate() {
                 if arrived.next_if(|arrived| *arrived == measured(record)).is_none() {
@@ -830,13 +872,11 @@ impl InsoleOutcome {
             }
             // Records of the last boot may still wait on the insole if the host has ended its session or does not acknowledge.
             let is_last = boot + 1 == self.computed.len();
-            let may_lose = if *is_cut_short { STORAGE_QUEUE + 1 } else { 0 };
-            let from = computed.len().saturating_sub(may_lose);
             let is_waiting = !self.host.is_following || !self.host.acknowledges;
             // The insole counts the records that it drops since its start.
             let are_counted = self.status.is_some_and(|status| status.records_dropped as usize == missing.len());
             let may_miss = is_last && (is_waiting || are_counted);
-            if let Some(index) = missing.iter().find(|index| **index < from && !may_miss) {
+            if let Some(index) = missing.iter().find(|index| *index < may_be_lost && !may_miss) {
                 return Err(format!(
                     "boot {boot}: the record with index {index} did not arrive; {} records of this boot are missing",
                     missing.len()

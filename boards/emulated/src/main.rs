@@ -156,7 +156,8 @@ async fn run(boot: BootReport, image: &'static Header) {
     // A panic that is due at once occurs here, before the loops start.
     inject(&[InjectedFault::Panic]);
     let chip = async {
-        // The chips of real boards need time until they answer, so their start is suspended here, too.
+        // On a real board, `start` is suspended until the chip answers. This board waits for a timer, so that its `start` is
+        // suspended at the same place.
         Timer::after_millis(1).await;
         Some(FlashFile::open(config.power_cut))
     };

@@ -27,11 +27,13 @@ const HEARTBEAT: Duration = Duration::from_millis(100);
 /// Sends a request of this kind to the plant; `seq` is the number of the scan or of the tick.
 fn request(port: &Port, kind: u8, seq: u32) {
     let [a, b, c, d] = seq.to_le_bytes();
-    // The supervision must not reset the board within a request, because the plant would take the next one for its rest.
+    // The supervision must not reset the board within a request, because the plant would then read the beginning of the next
+    // request as the end of this one.
     cortex_m::interrupt::free(|_| port.write(&[kind, a, b, c, d]));
 }
 
-/// Joins the answers of the plant. The variable is static, because a caller may give up within an answer.
+/// Joins the bytes of the plant's answers. The variable is static, because a caller may time out between the two bytes of an
+/// answer.
 static ANSWERS: CriticalSectionMutex<Cell<Answers>> = CriticalSectionMutex::new(Cell::new(Answers::new()));
 
 /// Waits for the next answer of the plant: [`answer_number`] of a tick and [`TICK`], or that of a scan and the number of its rows

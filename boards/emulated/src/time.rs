@@ -1,7 +1,7 @@
 //! The time driver: it reads the time from the counter of TIM5, and has a queue with the times at which tasks must be woken.
 //!
-//! SysTick only causes the regular checks of the queue. It does not count the time, because on a busy host the emulator drops
-//! some of its interrupts, and the time would be slow.
+//! For this driver, SysTick only causes the regular checks of the queue. It does not count the time, because on a busy host the
+//! emulator drops some of its interrupts, so that the time would run slow.
 
 use core::cell::RefCell;
 use core::task::Waker;
@@ -19,7 +19,7 @@ const TIMER_HZ: u64 = 1_000_000_000;
 /// SysTick counts down from this value to 0 once in a millisecond, the granularity of the timers of `embassy-time` on this board.
 pub const RELOAD: u32 = CORE_HZ / 1_000 - 1;
 
-/// The time driver; SysTick's exception must call [`Time::on_interrupt`].
+/// The time driver; the handler of the exception SysTick must call [`Time::on_interrupt`].
 pub struct Time(CriticalSectionMutex<RefCell<State>>);
 
 struct State {

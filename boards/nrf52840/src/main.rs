@@ -133,7 +133,8 @@ fn config(has_crystal: bool) -> Config {
     // The module has the inductor of the step-down converter of the core's supply.
     config.dcdc.reg1 = true;
     config.time_interrupt_priority = Priority::P2;
-    // With the development key anyone can replace the firmware anyway. A product keeps the protection of its debug port.
+    // The feature permits the development key, with which anyone can replace the firmware, so the debug port needs no protection.
+    // Firmware for a product is built without the feature, and does not change the protection of the debug port.
     config.debug = if cfg!(feature = "development-key") { Debug::Allowed } else { Debug::NotConfigured };
     config
 }
@@ -147,12 +148,12 @@ fn start_supervision() {
     pac::RTC2.tasks_start().write_value(1);
 }
 
-/// The interrupt for the event of each tick.
+/// The bit that enables the interrupt of the event TICK, which occurs whenever the counter is incremented.
 const TICK: Int = Int(1);
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    // The bootloader does this, too, but an earlier bootloader may not, and no update replaces it.
+    // The present bootloader has done this already, but an older one has not, and no update replaces the bootloader.
     ground_divider();
     // Before anything that can hang, so that the board is then reset.
     watchdog::start();
@@ -164,10 +165,10 @@ fn main() -> ! {
     watchdog::feed();
     // Without its cache, the flash delays the core. No driver of this program enables it.
     pac::NVMC.icachecnf().write(|w| w.set_cacheen(true));
-    // Erratum 246: otherwise the controller may draw additional current in sleep.
+    // Erratum 246: otherwise the microcontroller may draw additional current in sleep.
     // SAFETY: the erratum prescribes address and value, and nothing else uses this register.
     unsafe { (0x4007_ac84 as *mut u32).write_volatile(2) };
-    // SAFETY: `main` runs once and other code of this program only reads the cycle counter and requests a reset.
+    // SAFETY: `main` runs once and uses DCB and DWT only, of which other code of this program only reads the cycle counter.
     let mut core = unsafe { cortex_m::Peripherals::steal() };
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
@@ -194,7 +195,7 @@ fn main() -> ! {
     EXECUTOR.start(interrupt::EGU3_SWI3).spawn(run(boot, image, p, has_crystal).unwrap());
     // All tasks run in interrupts, so that this loop can prepare each sleep.
     loop {
-        // While a flag of a floating-point operation is set, the controller does not sleep (erratum 87).
+        // While a flag of a floating-point operation is set, the microcontroller does not sleep (erratum 87).
         // SAFETY: no code depends on these flags. This loop uses no floating-point numbers, and a handler has flags of its own.
         unsafe { fpscr::write(Fpscr::from_bits(0)) };
         NVIC::unpend(interrupt::FPU);
@@ -237,7 +238,7 @@ async fn run(boot: BootReport, image: &'static Header, p: Peripherals, has_cryst
         cells: layout::cells(),
         // A byte takes ten bits: a start bit, eight data bits and a stop bit.
         serial_bytes_per_s: LINK_BIT_HZ / 10,
-        // The text is short enough.
+        // The text fits into the hello, so the conversion cannot fail.
         fault: if has_crystal { None } else { NO_CRYSTAL.try_into().ok() },
         restart: SCB::sys_reset,
     };
@@ -344,7 +345,7 @@ unsafe fn EGU3_SWI3() {
     unsafe { EXECUTOR.on_interrupt() }
 }
 
-/// The interrupt RTC2: calls [`tick`] with the address of the registers that it put on the stack.
+/// The interrupt RTC2: calls [`tick`] with the address of the registers that the core has put on the stack.
 #[unsafe(naked)]
 #[unsafe(export_name = "RTC2")]
 extern "C" fn supervise() {

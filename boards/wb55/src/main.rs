@@ -55,9 +55,10 @@ const CORE_KHZ: u32 = 64_000;
 /// The independent watchdog resets the board after this time without a check by the supervision, ms.
 const WATCHDOG_MS: u16 = 1_000;
 
-/// Number of checks whether the crystal oscillates, and number of iterations of the delay loop between them, of three cycles
-/// each. The bootloader starts this program with a clock of 16 MHz, at which all checks take 100 ms; a crystal needs 2 ms.
+/// Largest number of times that the oscillation of the crystal is checked. The bootloader starts this program with a clock of
+/// 16 MHz, at which all checks take 100 ms; a crystal needs 2 ms.
 const CRYSTAL_CHECKS: u32 = 1_000;
+/// Number of iterations of the delay loop between two checks, of three cycles each.
 const CRYSTAL_CHECK_LOOPS: u32 = 533;
 
 /// The trim of the crystal's load capacitance, 0 to 63, from `PLANTAR_HSE_TUNE`; without it, that of [`programmed_trim`] applies.
@@ -97,8 +98,9 @@ static FROM_RADIO: HciPipe = HciPipe::new();
 static TO_RADIO: HciPipe = HciPipe::new();
 static SCAN_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 static SCAN_COUNTERS: ScanCounters = ScanCounters::new();
-/// The static memory of the firmware. Its queue holds three frames: at the built-in 100 Hz they last 30 ms, longer than the
-/// evaluation of a step takes.
+/// The static memory of the firmware. Its queue holds three frames. At the built-in 100 Hz they last 30 ms, longer than the
+/// evaluation of a step takes. At 400 Hz they last 7.5 ms; frames that become due while the queue is full are not scanned, but
+/// counted.
 static MEMORY: Memory<Chip, 3> = Memory::new();
 /// The transmit buffer of the link: while one part of a message is transmitted, the next one is written.
 static TO_SEND: ConstStaticCell<[u8; 2 * WRITE_BYTES]> = ConstStaticCell::new([0; 2 * WRITE_BYTES]);
@@ -224,9 +226,10 @@ async fn main(spawner: Spawner) {
     let has_crystal = start_crystal();
     config.rcc = clocks(has_crystal);
     let p = embassy_stm32::init(config);
-    // The bootloader's oscillator, which `init` leaves on.
+    // Switches off MSI, the oscillator from which the bootloader ran and which `init` leaves on.
     pac::RCC.cr().modify(|w| w.set_msion(false));
-    // SAFETY: `main` runs once and other code of this program only reads the cycle counter and requests a reset.
+    // SAFETY: `main` runs once and uses MPU, DCB, DWT and SYST only, of which other code of this program only reads the cycle
+    // counter.
     let mut core = unsafe { cortex_m::Peripherals::steal() };
     guard_stack(&mut core.MPU);
     core.DCB.enable_trace();
@@ -275,7 +278,7 @@ async fn main(spawner: Spawner) {
         cells: layout::cells(),
         // A byte takes ten bits: a start bit, eight data bits and a stop bit.
         serial_bytes_per_s: LINK_BIT_HZ / 10,
-        // The text is short enough.
+        // The text fits into the hello, so the conversion cannot fail.
         fault: if has_crystal { None } else { NO_CRYSTAL.try_into().ok() },
         restart: cortex_m::peripheral::SCB::sys_reset,
     };
@@ -335,7 +338,7 @@ async fn run_radio(delay: Duration, ipcc: Peri<'static, IPCC>) {
     radio::run(delay, ipcc, &FROM_RADIO, &TO_RADIO, &SCAN_COUNTERS).await;
 }
 
-/// The interrupt of a peripheral that is not used otherwise. It runs the scan executor.
+/// Runs the executor of the scan. The interrupt belongs to a peripheral that this program does not use.
 #[interrupt]
 unsafe fn SAI1() {
     // SAFETY: the executor was started before this interrupt was unmasked.
@@ -345,7 +348,7 @@ unsafe fn SAI1() {
 cortex_m_platform::on_systick!(tick);
 
 /// Runs the supervision, then feeds the hardware watchdog, which resets the board if interrupts do not run any more.
-extern "C" fn tick(frame: u32) {
-    cortex_m_platform::check(frame, &SCAN_COUNTERS.heartbeats);
+extern "C" fn tick(stack_frame: u32) {
+    cortex_m_platform::check(stack_frame, &SCAN_COUNTERS.heartbeats);
     pac::IWDG.kr().write(|w| w.set_key(Key::RESET));
 }

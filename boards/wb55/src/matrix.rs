@@ -1,8 +1,8 @@
 //! The resistive matrix: a row at ground through its transistor, all columns through ADC1 into memory by DMA.
 //!
 //! Time of a row at 64 MHz (`docs/hardware.md`): 37 us for settling, 16 columns x 16 conversions x 25 cycles = 100 us for the
-//! conversions, and an allowance of 15 us for set-up and wake-ups. 16 rows take 2.43 ms, and 2.45 ms with the first conversion,
-//! which is discarded, of the 2.5 ms of a frame at 400 Hz. After a longer scan, the next scan starts late, and a frame
+//! conversions, and an allowance of 15 us for set-up and wake-ups. 16 rows take 2.43 ms; with the first conversion, which is
+//! discarded, a scan takes 2.45 ms. At 400 Hz, a frame has 2.5 ms. After a longer scan, the next scan starts late, and a frame
 //! time that has passed by then counts as missed. At 400 Hz the next scan starts late every ten seconds, after the measurement of
 //! the supply.
 //!
@@ -127,14 +127,15 @@ impl ResistiveMatrix {
         Ok(codes)
     }
 
-    /// Converts all columns of a row. Before the first row, switches the front end on.
+    /// Converts all columns of a row. Before the first row, switches the front end on if it is off between scans, and discards
+    /// one conversion.
     async fn convert_row(&mut self, row: usize) -> Result<[u16; COLUMNS], MatrixTimeout> {
         if row == 0 {
             if self.is_switched {
                 self.front_end.set_high();
                 Timer::after(FRONT_END_START).await;
             }
-            // The first conversion after a pause of more than 1 ms may be wrong (an erratum of this family of converters).
+            // The first conversion after a pause of more than 1 ms may be wrong (errata sheet of the STM32WB55, ADC).
             self.convert::<1>().await?;
         }
         self.select(row);

@@ -1,4 +1,5 @@
-//! Messages without framing: a decoded message can be encoded in at most as many bytes, and is the same after decoding again.
+//! Messages without framing: a decoded message can be encoded again, in at most as many bytes as the input has, and these bytes
+//! are decoded to the same message.
 
 use plantar::protocol::{MAX_MESSAGE, ToDevice, ToHost, decode, encode};
 use serde::Serialize;
@@ -6,12 +7,12 @@ use serde::de::DeserializeOwned;
 
 /// Checks one input.
 pub fn check(data: &[u8]) {
-    read_and_write::<ToDevice>(data);
-    read_and_write::<ToHost>(data);
+    round_trip::<ToDevice>(data);
+    round_trip::<ToHost>(data);
 }
 
-/// Decodes a message, and encodes and decodes it again.
-fn read_and_write<T: Serialize + DeserializeOwned>(data: &[u8]) {
+/// Decodes a message, encodes it, and decodes and encodes it once more.
+fn round_trip<T: Serialize + DeserializeOwned>(data: &[u8]) {
     let Some(message) = decode::<T>(data) else { return };
     let mut buffers = [[0; MAX_MESSAGE]; 2];
     let [once, twice] = &mut buffers;

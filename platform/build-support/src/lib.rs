@@ -1,4 +1,4 @@
-//! Code that the build scripts share: the linker's memory regions of a board, and the version of a build.
+//! Code that the build scripts share: the memory regions of a board, the check of the update key, and the version.
 
 use plantar::storage::flash_map::{ACTIVE, BOOTLOADER, HEADER, HEADER_BYTES};
 pub use plantar::storage::flash_map::{NRF52_FLASH, STM32_FLASH};

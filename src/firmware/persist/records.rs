@@ -34,7 +34,7 @@ impl Persist<'_> {
             }
             Err(_) => {
                 self.shared.count_not_stored();
-                let may_be_in_log = self.is_log_readable.unwrap_or_else(|| store.may_have_records());
+                let may_be_in_log = self.was_log_read || store.may_have_records();
                 let mut session = self.shared.session.borrow_mut();
                 // If this record were in RAM, only those after it would be loaded from the log. It is dropped, because those
                 // before it, which are in the log only or would have to leave the RAM, are more numerous. A log that cannot be
@@ -83,7 +83,7 @@ impl Persist<'_> {
             has_room
         };
         let has_more = store.records(newest, push).await;
-        self.is_log_readable = if has_more.is_ok() { Some(true) } else { self.is_log_readable.and(Some(false)) };
+        self.was_log_read |= has_more.is_ok();
         // A failed read is repeated with the next event.
         self.has_more_in_log = has_more.unwrap_or(true);
     }

@@ -61,8 +61,8 @@ struct Count {
 struct Area {
     checksum: u32,
     is_blank: bool,
-    /// The area is not blank after its first [`BUFFER`](crate::storage::BUFFER) bytes, to which an interrupted first boot may
-    /// have written an entry.
+    /// The area is not blank after its first [`MAX_ITEM_BYTES`](crate::storage::MAX_ITEM_BYTES) bytes, to which an interrupted
+    /// first boot may have written an entry.
     has_data_after_first_entry: bool,
 }
 

@@ -24,7 +24,7 @@ pub fn measure_speed(figures: &mut Figures) -> Result<()> {
     let start = Instant::now();
     let (outcome, duration) = LongWalk { rounds: 1, rests: &[], steps: SPEED_STEPS, rate_hz: RATE_HZ }.run(|_| ());
     let speed = duration.as_secs_f64() / start.elapsed().as_secs_f64();
-    let lost = outcome.verify().map_err(|error| anyhow!("{error}"))?;
+    let lost: usize = outcome.verify().map_err(|error| anyhow!("{error}"))?.iter().sum();
     ensure!(lost == 0, "{lost} steps of the walk through the firmware's loops were lost");
     figures.add(
         "scenario_speed",
@@ -47,7 +47,7 @@ pub fn soak(is_short: bool, figures: &mut Figures) -> Result<()> {
             eprintln!("{arrived} of {} steps after {} h", 2 * steps, minutes / 60);
         }
     });
-    let lost = outcome.verify().map_err(|error| anyhow!("{error}"))?;
+    let lost: usize = outcome.verify().map_err(|error| anyhow!("{error}"))?.iter().sum();
     let arrived: usize = outcome.insoles.iter().map(|insole| insole.host.steps().count()).sum();
     ensure!(lost == 0 && arrived == 2 * steps as usize, "{arrived} of {} steps arrived, {lost} were lost", 2 * steps);
     figures.add(

@@ -46,7 +46,8 @@ struct Arguments {
     /// recording are also measured.
     #[arg(long)]
     recordings: Option<PathBuf>,
-    /// The program `plantar`, to measure the time of `plantar cohort` and the memory of `plantar replay`.
+    /// The program `plantar`. With this option and `--jiku`, the time of `plantar cohort` is also measured; with this option and
+    /// `--package-python`, the memory of `plantar replay`.
     #[arg(long)]
     plantar: Option<PathBuf>,
     /// Also write the figures to this file, as one JSON object with a number for each key.

@@ -10,11 +10,15 @@ const WINDOWS: usize = 60;
 /// Largest plausible drift, us per us: that between two crystals with a tolerance of 50 ppm.
 const MAX_DRIFT: f64 = 100e-6;
 /// If all recent requests are above the line by more than this, us, the clock of the host was set back, and the line is not used.
-const FAR_US: f64 = 100e3;
+/// The least delay within [`RECENT_US`] is shorter, also on a slow link.
+const FAR_US: f64 = 40e3;
 /// A request is recent if it arrived at most this time before the last one, us. If no line is plausible, for example because the
 /// drift exceeds [`MAX_DRIFT`], as that of an insole without a running crystal, only recent requests are used, without drift: a
 /// drift of 500 ppm is 15 ms in this time.
 const RECENT_US: u64 = 30_000_000;
+/// Longest time before the first or after the last request, us, at which the times of two insoles can be compared: within it, two
+/// clocks that differ by [`MAX_DRIFT`] drift apart by 10 ms.
+const COMPARABLE_US: u64 = 100_000_000;
 
 /// Offset and drift of an insole's clock, from [`plantar::protocol::ToDevice::GetTime`] and its answers.
 ///
@@ -94,11 +98,26 @@ impl ClockMapping {
         Some(device_us.wrapping_sub(offset_us as u64))
     }
 
+    /// True if [`Self::host_us`] of this time is exact enough to compare it with that of another insole: the requests in use began
+    /// at most 100 s after it, and ended at most 100 s before it. The drift of the clock at other times is not known.
+    pub fn is_comparable(&self, device_us: u64) -> bool {
+        let (Some(first), Some(last)) = (self.samples.front(), self.samples.back()) else { return false };
+        let begin_us = first.device_us.saturating_sub(COMPARABLE_US);
+        (begin_us..=last.device_us.saturating_add(COMPARABLE_US)).contains(&device_us)
+    }
+
     /// The host's time at the start of a load record (a step, a load bout or an alert), us; `None` before the first answer.
     /// For a record of an earlier boot it is the time of the insole's own wall clock; `None` if that clock was not set.
     pub fn start_us(&self, record: &LoadRecord) -> Option<u64> {
         let (boots_since, start_us, start_unix_us) = record.start();
         if boots_since == 0 { self.host_us(start_us) } else { start_unix_us }
+    }
+
+    /// True if [`Self::start_us`] is exact enough to compare the step with those of another insole; see [`Self::is_comparable`].
+    /// The wall clock of an insole, which counts for earlier boots, is not.
+    pub fn is_start_comparable(&self, record: &LoadRecord) -> bool {
+        let (boots_since, start_us, _) = record.start();
+        boots_since == 0 && self.is_comparable(start_us)
     }
 
     /// The time on the insole's clock at `host_us`; `None` before the first answer.

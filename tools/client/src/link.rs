@@ -1,7 +1,7 @@
 //! A session that is opened again after its link was lost: how long to wait, when to try again, when to give up.
 
 use crate::{Carrier, Client, Error};
-use plantar::protocol::{Hello, Refusal, ToDevice, ToHost};
+use plantar::protocol::{Hello, Refusal, Status, ToDevice, ToHost};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
@@ -13,8 +13,8 @@ pub struct ReconnectPolicy {
     /// Time within which a silent insole must answer a connect request over the carrier in use; otherwise the carrier is opened
     /// again.
     pub probe: Duration,
-    /// Longest time without a message while the live stream is on. After a longer silence the insole may have restarted, so a
-    /// connect request is sent.
+    /// Longest time without a message, not counting cells and ellipses, while the live stream is on. After a longer silence the
+    /// insole may have restarted, so a connect request is sent.
     pub silence: Duration,
     /// Time between two attempts.
     pub retry: Duration,
@@ -32,8 +32,8 @@ impl ReconnectPolicy {
         give_up: None,
     };
 
-    /// For an insole that restarts on request. The bootloader of a real board is expected to need some 12 s (`wb55`) or less than
-    /// 30 s (`nrf52840`) to install an image (`docs/bring-up.md`).
+    /// For an insole that restarts, on request or to install an update. The bootloader of a real board is expected to need some
+    /// 12 s (`wb55`) or less than 30 s (`nrf52840`) to install an image (`docs/bring-up.md`).
     pub const RESTART: Self = Self {
         probe: Duration::from_secs(1),
         retry: Duration::from_millis(500),
@@ -53,6 +53,10 @@ pub struct Link<C> {
     state: State,
     /// A message could not be sent, or a request had no answer; the next event reports it.
     failure: Option<Error>,
+    /// The status at the start of this session.
+    status: Option<Status>,
+    /// See [`Link::misses_frames`].
+    misses_frames: bool,
 }
 
 enum State {
@@ -60,12 +64,16 @@ enum State {
     Open(SessionStart),
     Streaming {
         last_message: Instant,
-        /// Another host has the session, and the insole refuses the messages of this host. Once the insole does not answer any
-        /// more, this host sends a connect request, as after any silence.
+        /// Another host has the session, and the insole refuses the messages of this host. A connect request would end the
+        /// session of that host, so this host sends one only after the insole has stopped answering, which means that the other
+        /// session has ended.
         is_superseded: bool,
     },
     Lost {
         since: Instant,
+        /// Another host had the session when the carrier failed. The new carrier is opened without a connect request, which would
+        /// end the session of that host.
+        is_superseded: bool,
     },
 }
 
@@ -90,11 +98,13 @@ pub enum Event {
     Started(SessionStart),
     /// A message arrived.
     Message(ToHost),
-    /// No message for the caller arrived (see [`Client::receive`]), the insole refused a further message because another host has
-    /// the session, the link is still lost, or it was just opened again and the next event is `Started`.
+    /// No message for the caller arrived (see [`Client::receive`]); the insole refused a further message, because another host
+    /// has the session; the link is still lost; or it was just opened again. In the last case, the next event is
+    /// [`Event::Started`], or [`Event::Lost`] if the live stream cannot be requested, unless another host has the session.
     Timeout,
     /// The session ended for this reason. The next calls open it again. If it ended with [`Refusal::OtherHost`], they first wait
-    /// until the session of the other host has ended.
+    /// until the session of the other host has ended, also if the carrier fails meanwhile. For this, the caller must continue to
+    /// send requests, which the insole refuses during that session.
     Lost(Error),
 }
 
@@ -106,7 +116,7 @@ impl<C: Carrier + 'static> Link<C> {
     pub fn connect(mut open: Open<C>, policy: ReconnectPolicy) -> Result<Self, Error> {
         let client = Client::connect(open()?, policy.answer)?;
         let state = State::Open(SessionStart::Connected);
-        Ok(Self { client, open, policy, state, failure: None })
+        Ok(Self { client, open, policy, state, failure: None, status: None, misses_frames: false })
     }
 
     /// The session.
@@ -119,7 +129,10 @@ impl<C: Carrier + 'static> Link<C> {
     /// # Errors
     /// Those of [`Client::stream`].
     pub fn start(&mut self) -> Result<(), Error> {
-        self.client.stream()?;
+        let status = self.client.stream()?;
+        let before = self.status.replace(status);
+        self.misses_frames =
+            before.is_some_and(|before| !status.is_after_restart(&before) && status.frames == before.frames);
         self.state = State::Streaming { last_message: Instant::now(), is_superseded: false };
         Ok(())
     }
@@ -132,7 +145,8 @@ impl<C: Carrier + 'static> Link<C> {
     /// as well.
     pub fn next_event(&mut self) -> Result<Event, Error> {
         if let Some(error) = self.failure.take() {
-            return Ok(self.lose(error));
+            let is_superseded = matches!(self.state, State::Streaming { is_superseded: true, .. });
+            return Ok(self.lose(error, is_superseded));
         }
         match self.state {
             State::Open(reason) => Ok(match self.start() {
@@ -142,12 +156,17 @@ impl<C: Carrier + 'static> Link<C> {
                     self.state = State::Streaming { last_message: Instant::now(), is_superseded: true };
                     Event::Lost(error)
                 }
-                Err(error) => self.lose(error),
+                Err(error) => self.lose(error, false),
             }),
             State::Streaming { last_message, is_superseded } => Ok(match self.client.receive() {
                 Ok(Some(message)) => {
                     let is_refused = matches!(message, ToHost::Refused(Refusal::OtherHost));
-                    self.state = State::Streaming { last_message: Instant::now(), is_superseded: is_refused };
+                    // Messages from before the refusal, which arrived during a request, do not end the session of the other host.
+                    let is_still_superseded = is_refused || is_superseded;
+                    // Frames of another stream do not show that the live stream is on: its request may have been lost.
+                    let is_other_stream = matches!(message, ToHost::Cells(_) | ToHost::Ellipses(_));
+                    let last_message = if is_other_stream { last_message } else { Instant::now() };
+                    self.state = State::Streaming { last_message, is_superseded: is_still_superseded };
                     match message {
                         ToHost::Refused(_) if is_refused && is_superseded => Event::Timeout,
                         ToHost::Refused(refusal) if is_refused => Event::Lost(Error::Refused(refusal)),
@@ -164,13 +183,21 @@ impl<C: Carrier + 'static> Link<C> {
                         self.state = State::Open(SessionStart::AfterSilence);
                         Event::Timeout
                     }
-                    Err(error) => self.lose(error),
+                    // The session of another host has ended: the insole does not refuse messages any more.
+                    Err(error) => self.lose(error, false),
                 },
-                Err(error) => self.lose(error),
+                Err(error) => self.lose(error, is_superseded),
             }),
-            State::Lost { since } => {
+            State::Lost { since, is_superseded } => {
                 sleep(self.policy.retry);
-                match self.client.reconnect_over(&mut self.open, self.policy.answer).map(drop) {
+                let result = match is_superseded {
+                    true => self.client.reopen(&mut self.open),
+                    false => self.client.reconnect_over(&mut self.open, self.policy.answer).map(drop),
+                };
+                match result {
+                    Ok(()) if is_superseded => {
+                        self.state = State::Streaming { last_message: Instant::now(), is_superseded };
+                    }
                     Ok(()) => self.state = State::Open(SessionStart::Reconnected),
                     Err(error) if !error.is_link_failure() || self.gives_up(since) => return Err(error),
                     Err(_) => {}
@@ -178,6 +205,12 @@ impl<C: Carrier + 'static> Link<C> {
                 Ok(Event::Timeout)
             }
         }
+    }
+
+    /// True if the insole has neither restarted nor processed a frame from the start of the last session to that of this one: its
+    /// matrix does not answer.
+    pub fn misses_frames(&self) -> bool {
+        self.misses_frames
     }
 
     /// Sends a message. A failure ends the session, and the next event reports it.
@@ -194,9 +227,9 @@ impl<C: Carrier + 'static> Link<C> {
         }
     }
 
-    /// Ends the session after a request of its caller failed because of the link: the next event reports `error`, and a later one
-    /// the start of another session, in which the request can be repeated. If another host has the session, a later event
-    /// reports this.
+    /// To be called with the error of a request that has failed. If the link has failed and an event has not reported this yet,
+    /// ends the session: the next event reports `error`, and a later one the start of another session, in which the request can
+    /// be repeated. If another host has the session, a later event reports this.
     ///
     /// # Errors
     /// Returns any other error.
@@ -210,8 +243,8 @@ impl<C: Carrier + 'static> Link<C> {
         Ok(())
     }
 
-    fn lose(&mut self, error: Error) -> Event {
-        self.state = State::Lost { since: Instant::now() };
+    fn lose(&mut self, error: Error, is_superseded: bool) -> Event {
+        self.state = State::Lost { since: Instant::now(), is_superseded };
         Event::Lost(error)
     }
 
@@ -237,7 +270,8 @@ impl<C: Carrier + 'static> Link<C> {
     }
 
     /// Waits for an insole that restarts by itself: sends connect requests, over a newly opened carrier if the one in use fails,
-    /// until `check` returns a value. `check` receives the insole's hello, and whether the insole was silent at any time before.
+    /// until `check` returns a value. `check` receives the insole's hello, and whether at least one attempt of this call has
+    /// failed.
     ///
     /// # Errors
     /// Once the policy gives up: the error of the last attempt, or [`Error::NotRestarted`] if the insole answered it.

@@ -6,7 +6,7 @@ use crate::delivered::Delivered;
 use crate::order::{Arrival, RecordOrder};
 use crate::{Carrier, ClockMapping, Error};
 use plantar::protocol::session::CLOCK_US;
-use plantar::protocol::{CellStream, Hello, LiveCounter, LoadRecord, MAJOR, MINOR, Refusal, ToDevice, ToHost};
+use plantar::protocol::{CellStream, Hello, LiveCounter, LoadRecord, MAJOR, MINOR, Refusal, Status, ToDevice, ToHost};
 use std::collections::VecDeque;
 use std::io;
 use std::time::Duration;
@@ -47,6 +47,8 @@ pub struct Client<C> {
     pub(crate) ellipses_every: u8,
     /// The stream of cells.
     pub(crate) cells: Option<CellStream>,
+    /// When a retransmission requested the stream of cells again, by [`Carrier::now_us`]; `None` once the insole has answered.
+    cells_requested_us: Option<u64>,
 }
 
 impl<C: Carrier> Client<C> {
@@ -73,6 +75,7 @@ impl<C: Carrier> Client<C> {
             is_streaming: false,
             ellipses_every: 0,
             cells: None,
+            cells_requested_us: None,
         })
     }
 
@@ -86,7 +89,7 @@ impl<C: Carrier> Client<C> {
         self.waiting.clear();
         self.clock_mapping = ClockMapping::new();
         self.live.new_session();
-        (self.is_streaming, self.ellipses_every, self.cells) = (false, 0, None);
+        (self.is_streaming, self.ellipses_every, self.cells, self.cells_requested_us) = (false, 0, None, None);
         self.order.begin();
         Ok(&self.hello)
     }
@@ -100,12 +103,22 @@ impl<C: Carrier> Client<C> {
         open: impl FnOnce() -> Result<C, Error>,
         patience: Duration,
     ) -> Result<&Hello, Error> {
+        self.reopen(open)?;
+        self.reconnect(patience)
+    }
+
+    /// Opens another carrier after one failed, without a connect request.
+    ///
+    /// # Errors
+    /// Those of `open`.
+    pub(crate) fn reopen(&mut self, open: impl FnOnce() -> Result<C, Error>) -> Result<(), Error> {
         self.damaged_before = self.damaged();
         // The old carrier is closed first: a serial port has one user, and closing a Bluetooth link later would close the new one
         // too.
         self.carrier = None;
         self.carrier = Some(open()?);
-        self.reconnect(patience)
+        self.waiting.clear();
+        Ok(())
     }
 
     /// The insole's hello.
@@ -113,16 +126,16 @@ impl<C: Carrier> Client<C> {
         &self.hello
     }
 
-    /// Sets the insole's clock, requests its time, and turns the live stream on. Returns once the stream is on.
+    /// Sets the insole's clock, requests its time, and turns the live stream on. Returns the status of the insole after the request.
     /// [`Client::receive`] returns other messages that arrive meanwhile.
     ///
     /// # Errors
     /// [`Error::LostAnswer`]; [`Error::Refused`]; errors of the carrier.
-    pub fn stream(&mut self) -> Result<(), Error> {
+    pub fn stream(&mut self) -> Result<Status, Error> {
         self.set_clock()?;
         self.device_us()?;
         self.send(ToDevice::Stream { live: true })?;
-        self.status().map(drop)
+        self.status()
     }
 
     /// Sends a request and waits for the message for which `answer` returns a value. [`Client::receive`] returns other messages
@@ -270,6 +283,9 @@ impl<C: Carrier> Client<C> {
             // The request for the retransmission, or its answer, was lost on the way.
             self.request_retransmission()?;
         }
+        if self.cells_requested_us.is_some_and(|requested_us| elapsed::<C>(requested_us) >= ANSWER) {
+            self.request_cells_again()?;
+        }
         let Some(message) = self.next()? else { return Ok(None) };
         if let Some(record) = LoadRecord::of(&message) {
             return Ok(self.deliver(&record)?.then_some(message));
@@ -284,7 +300,12 @@ impl<C: Carrier> Client<C> {
                 self.frames_sent = status.live_sent;
                 // A status follows all frames that its `live_due` counts.
                 self.live.due(status.live_due);
+                // No frame was due in this session: the request for the stream may have been lost on the way.
+                if self.is_streaming && status.live_due == 0 {
+                    self.send(ToDevice::Stream { live: true })?;
+                }
             }
+            ToHost::CellStream(_) => self.cells_requested_us = None,
             ToHost::Hello(_) => {
                 self.live.new_session();
                 if self.order.begin() {
@@ -331,10 +352,13 @@ impl<C: Carrier> Client<C> {
         if self.ellipses_every > 0 {
             self.send(ToDevice::StreamEllipses { every: self.ellipses_every })?;
         }
-        if self.cells.is_some() {
-            self.send(ToDevice::StreamCells(self.cells))?;
-        }
-        Ok(())
+        self.request_cells_again()
+    }
+
+    /// Requests the stream of cells again if it was on, until the insole answers.
+    fn request_cells_again(&mut self) -> Result<(), Error> {
+        self.cells_requested_us = self.cells.map(|_| C::now_us());
+        if self.cells.is_some() { self.send(ToDevice::StreamCells(self.cells)) } else { Ok(()) }
     }
 
     pub(crate) fn next(&mut self) -> Result<Option<ToHost>, Error> {

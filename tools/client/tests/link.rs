@@ -6,7 +6,8 @@ use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::session::Session;
 use plantar::protocol::update::Request;
 use plantar::protocol::{
-    Contents, Hello, Live, MAJOR, MAX_MESSAGE, MINOR, Refusal, Reset, Status, ToDevice, ToHost, decode,
+    Alert, CellStream, Contents, Hello, Live, MAJOR, MAX_MESSAGE, MINOR, Refusal, Reset, Resolution, Status, ToDevice,
+    ToHost, decode,
 };
 use std::cell::{Cell, RefCell};
 use std::io;
@@ -21,6 +22,8 @@ const POLICY: ReconnectPolicy = ReconnectPolicy {
     retry: Duration::from_millis(5),
     give_up: Some(Duration::from_millis(100)),
 };
+
+const CELLS: CellStream = CellStream { resolution: Resolution::Converter, every: 1 };
 
 /// An insole in memory, with the firmware's own session. It also serves as the carrier of the client.
 #[derive(Clone)]
@@ -37,13 +40,26 @@ struct State {
     opened: u32,
     /// Number of connect requests.
     connects: u32,
+    /// True while requests for the live stream are lost on the way.
+    loses_stream: bool,
+    /// Number of processed frames in the status.
+    frames: u32,
 }
 
 impl Insole {
     fn new() -> Self {
         let (session, firmware) = (Session::new(), "1.0.0");
-        let state =
-            State { session, firmware, major: MAJOR, is_unplugged: false, is_silent: false, opened: 0, connects: 0 };
+        let state = State {
+            session,
+            firmware,
+            major: MAJOR,
+            is_unplugged: false,
+            is_silent: false,
+            opened: 0,
+            connects: 0,
+            loses_stream: false,
+            frames: 0,
+        };
         Self(Arc::new(Mutex::new(state)))
     }
 
@@ -68,7 +84,8 @@ impl Carrier for Insole {
         if state.is_unplugged {
             return Err(io::ErrorKind::BrokenPipe.into());
         }
-        if !state.is_silent {
+        let is_lost = state.loses_stream && matches!(message, ToDevice::Stream { .. });
+        if !state.is_silent && !is_lost {
             state.connects += u32::from(matches!(message, ToDevice::Connect { .. }));
             state.session.receive(message, 1);
         }
@@ -82,9 +99,11 @@ impl Carrier for Insole {
         }
         let hello = Hello { major: state.major, ..hello(state.firmware) };
         let mut buffer = [0; MAX_MESSAGE];
+        let frames = state.frames;
+        let status = || Status { frames, ..Status::default() };
         let message = match state.is_silent {
             true => None,
-            false => state.session.next(&hello, Status::default, &mut buffer).and_then(decode),
+            false => state.session.next(&hello, status, &mut buffer).and_then(decode),
         };
         drop(state);
         if message.is_none() {
@@ -191,6 +210,53 @@ fn a_silent_insole_is_first_connected_over_the_same_carrier() {
     assert!(matches!(next(&insole, &mut link), Ok(Event::Started(SessionStart::Reconnected))));
 }
 
+/// The insole answers and sends no live frame. If its status counts frames, only the stream was off.
+#[test]
+fn a_silence_without_a_measured_frame_is_distinguished_from_a_lost_stream() {
+    let insole = Insole::new();
+    let mut link = insole.connect().expect("an insole");
+    link.start().expect("the insole streams");
+    for (frames, misses_frames) in [(0, true), (0, true), (100, false)] {
+        insole.state().frames = frames;
+        while !matches!(link.next_event(), Ok(Event::Started(SessionStart::AfterSilence))) {}
+        assert_eq!(link.misses_frames(), misses_frames, "{frames}");
+    }
+}
+
+/// A session of which the request for the live stream was lost.
+fn without_stream() -> (Insole, Link<Insole>) {
+    let insole = Insole::new();
+    let mut link = insole.connect().expect("an insole");
+    insole.state().loses_stream = true;
+    link.start().expect("the insole answers the other requests");
+    insole.state().loses_stream = false;
+    (insole, link)
+}
+
+/// `plantar serve` requests the status every second, so the insole is never silent.
+#[test]
+fn a_lost_request_for_the_live_stream_is_repeated_after_a_status() {
+    let (insole, mut link) = without_stream();
+    let has_frame = (0..100).any(|_| {
+        link.send(ToDevice::GetStatus);
+        matches!(next(&insole, &mut link), Ok(Event::Message(ToHost::Live(_))))
+    });
+    assert!(has_frame && insole.state().connects == 1);
+}
+
+#[test]
+fn a_lost_request_for_the_live_stream_is_noticed_while_cells_arrive() {
+    let (insole, mut link) = without_stream();
+    link.send(ToDevice::StreamCells(Some(CELLS)));
+    let is_noticed = (0..1000).any(|scan| {
+        insole.state().session.push_cells(scan, &[1000; 240]);
+        std::thread::sleep(Duration::from_millis(1));
+        matches!(link.next_event(), Ok(Event::Started(SessionStart::AfterSilence)))
+    });
+    assert!(is_noticed);
+    expect_live(&insole, &mut link);
+}
+
 /// While the other host's session lasts, the insole refuses each message. After it has ended, the insole sends nothing until a
 /// host connects.
 #[test]
@@ -227,8 +293,29 @@ fn a_session_that_another_host_takes_before_the_stream_is_on_is_not_taken_back()
             event => assert!(matches!(event, Ok(Event::Timeout | Event::Message(_))), "{event:?}"),
         }
     }
-    assert!(reports > 0);
-    assert_eq!(insole.state().connects, 1);
+    assert_eq!((reports, insole.state().connects), (1, 1));
+}
+
+#[test]
+fn a_session_of_another_host_is_not_taken_back_after_the_carrier_failed() {
+    let insole = Insole::new();
+    let mut link = insole.connect().expect("an insole");
+    link.start().expect("the insole streams");
+    insole.state().session.refuse(Refusal::OtherHost);
+    assert!(matches!(link.next_event(), Ok(Event::Lost(Error::Refused(Refusal::OtherHost)))));
+    insole.state().is_unplugged = true;
+    assert!(matches!(link.next_event(), Ok(Event::Lost(error)) if error.is_link_failure()));
+    insole.state().is_unplugged = false;
+    for _ in 0..40 {
+        insole.state().session.refuse(Refusal::OtherHost);
+        assert!(matches!(link.next_event(), Ok(Event::Timeout)));
+    }
+    let mut state = insole.state();
+    assert_eq!((state.connects, state.opened), (1, 2));
+    state.session = Session::new();
+    drop(state);
+    assert!(matches!(next(&insole, &mut link), Ok(Event::Started(SessionStart::AfterOtherHost))));
+    expect_live(&insole, &mut link);
 }
 
 #[test]
@@ -390,6 +477,68 @@ fn the_times_of_an_insole_follow_a_wall_clock_that_is_set() {
         assert!(host_us.abs_diff(unix_us) < 1_000, "{step_s} s: {host_us} {unix_us}");
         assert_eq!(session.borrow().unix_us(now_us), Some(unix_us), "{step_s} s");
     }
+}
+
+/// An insole with the virtual clock. The second request for its cells is lost on the way.
+struct Lossy {
+    session: Rc<RefCell<Session>>,
+    /// Number of requests for the cells.
+    requests: u32,
+}
+
+impl Carrier for Lossy {
+    fn send(&mut self, message: ToDevice) -> io::Result<()> {
+        let is_request = matches!(message, ToDevice::StreamCells(_));
+        self.requests += u32::from(is_request);
+        if !is_request || self.requests != 2 {
+            self.session.borrow_mut().receive(message, NOW_US.get());
+        }
+        Ok(())
+    }
+
+    fn receive(&mut self) -> io::Result<Option<ToHost>> {
+        Ok(read(&mut self.session.borrow_mut(), Status::default()))
+    }
+
+    fn damaged(&self) -> u32 {
+        0
+    }
+
+    fn now_us() -> u64 {
+        NOW_US.get()
+    }
+}
+
+fn alert(number: u32) -> Alert {
+    Alert {
+        number,
+        side: Side::Left,
+        start_us: 0,
+        sustained: 1,
+        dose: 0,
+        window_s: 900,
+        today: 1,
+        boots_since: 0,
+        start_unix_us: None,
+    }
+}
+
+/// The client opens the session again after the loss of a record, which ends all streams.
+#[test]
+fn a_lost_request_to_continue_the_cells_is_repeated() {
+    let session = Rc::new(RefCell::new(Session::new()));
+    let carrier = Lossy { session: session.clone(), requests: 0 };
+    let mut client = Client::connect(carrier, Duration::from_secs(5)).expect("an insole");
+    client.stream_cells(Some(CELLS)).expect("an answer");
+    let mut receive = || (0..100).for_each(|_| drop(client.receive().expect("the carrier has no errors")));
+    let push = |number| session.borrow_mut().push_record(alert(number));
+    push(0);
+    receive();
+    push(1);
+    session.borrow_mut().next(&hello("1.0.0"), Status::default, &mut [0; MAX_MESSAGE]).expect("the lost record");
+    push(2);
+    receive();
+    assert!(session.borrow().streams_cells());
 }
 
 /// A client usually waits two seconds for a status. After a request to restart it waits less, because an insole that restarts

@@ -26,6 +26,8 @@ is an empty cell in CSV. These columns and keys are no quantities:
 - `unix_s` of a frame and `start_unix_s` of a step, load bout or alert are the times `t_s` and `start_s` in s since 1970: by the
   host's clock or, for a record from before the insole's last start, by that of the insole. They are null if unknown. In Python,
   use `event.unix_s` instead.
+- `is_start_comparable`, in files of `plantar record`, is true if `start_unix_s` is exact enough to compare the record with one of
+  the other foot ([measures.md](measures.md#both-feet)).
 
 `start_s` is the time since the insole's first scan; in files of `plantar replay` and in Python's `Replay.steps`, it is the time
 in the recording.

@@ -110,6 +110,11 @@ impl Plant {
                             .and_then(|_| file.write_all(&bytes))
                             .and_then(|()| port.write_all(&[answer_number(seq), rows]))
                     }
+                    // The walk is over. The board may have skipped its last scans, because it is not worn.
+                    TICK => {
+                        count.store(walk.scans(), Ordering::Relaxed);
+                        Ok(())
+                    }
                     _ => Ok(()),
                 };
                 if answered.is_err() {
@@ -132,7 +137,7 @@ impl Plant {
     }
 
     /// The number after that of the last requested scan: the number of requested scans if they are numbered from 0.
-    /// Before the first request it is 0.
+    /// Before the first request it is 0. Once the clock of the plant has stopped, it is the number of scans of the walk.
     pub fn scans(&self) -> u32 {
         self.requested.load(Ordering::Relaxed)
     }

@@ -42,11 +42,13 @@ impl<W: Walk> Walk for Looped<W> {
     }
 }
 
-/// A walk without end in real time that several boards play together, although they start one after the other: it begins with
-/// the first scan of any of them, and the other boards join it where it is.
+/// A walk that several boards play together in real time, repeatedly and without end, although they start one after the other:
+/// it begins with the first scan of any of them, and the other boards join it where it is.
 pub struct Joined<W> {
-    walk: Looped<W>,
+    walk: W,
     period: Duration,
+    /// The time after which the walk is repeated.
+    repeated_after: Duration,
     /// The time of the first scan of any board.
     start: Arc<OnceLock<Instant>>,
     /// Number of scans of the walk before the first scan of this board.
@@ -54,9 +56,10 @@ pub struct Joined<W> {
 }
 
 impl<W> Joined<W> {
-    /// `walk` with a scan in each `period`. `start` is common to the boards.
-    pub fn new(walk: Looped<W>, period: Duration, start: Arc<OnceLock<Instant>>) -> Self {
-        Self { walk, period, start, missed: None }
+    /// `walk` with a scan in each `period`. `repeated_after`, the duration of the longest walk of any board, and `start` are
+    /// common to the boards. A shorter walk stays at its last scan until then.
+    pub fn new(walk: W, period: Duration, repeated_after: Duration, start: Arc<OnceLock<Instant>>) -> Self {
+        Self { walk, period, repeated_after, start, missed: None }
     }
 }
 
@@ -70,6 +73,9 @@ impl<W: Walk> Walk for Joined<W> {
             let since_start = self.start.get_or_init(Instant::now).elapsed();
             (since_start.as_secs_f64() / self.period.as_secs_f64()).round() as u32
         });
-        self.walk.scan(seq.wrapping_add(missed), codes)
+        let played = self.period * seq.wrapping_add(missed);
+        let played_us = played.as_micros() % self.repeated_after.as_micros();
+        let index = (played_us / self.period.as_micros()) as u32;
+        self.walk.scan(index.min(self.walk.scans() - 1), codes)
     }
 }

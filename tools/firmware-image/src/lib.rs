@@ -19,7 +19,7 @@ pub const DEVELOPMENT_KEY: &str = include_str!("../development.key");
 const SIGNATURE_BYTES: usize = 64;
 const KEY_BYTES: usize = 32;
 
-/// The reason why an image or a key cannot be made or read.
+/// Why an image cannot be made or read, or a key cannot be read.
 #[derive(Debug, Error)]
 pub enum Error {
     /// A file cannot be read.
@@ -152,8 +152,8 @@ pub fn flash_image(firmware: &Path) -> Result<Vec<u8>, Error> {
     loaded_bytes(&data).filter(|bytes| header(bytes).is_some()).ok_or_else(|| Error::NotFirmware(firmware.into()))
 }
 
-/// The loaded segments of an ELF file, each at its offset in the image. The image begins with the segment at the lowest address,
-/// the vector table, because the address of the flash depends on the controller.
+/// The loaded segments of an ELF file, each at its offset in the image. The address of the flash depends on the controller, so
+/// offsets count from the segment at the lowest address, which begins with the vector table.
 fn loaded_bytes(elf: &[u8]) -> Option<Vec<u8>> {
     let file = object::read::elf::ElfFile32::<object::Endianness>::parse(elf).ok()?;
     let mut segments = Vec::new();

@@ -90,9 +90,10 @@ fn data_sheet_figures() -> Result<String> {
 pub fn figures_table(figures: &[Figure]) -> String {
     let mut text = String::from(
         "# Figures of the simulated front end\n\n`cargo xtask hardware` writes this file. \
-         [docs/hardware.md](../docs/hardware.md) explains the figures. Full load is a cell of 3.4 kohm, 855 kPa.\n\
-         A step is one of the converter's 12 bits, 16 codes. The largest offset is 1.6 mV, with opposite signs in the\n\
-         measured column and in all others. Differences are stated without their sign.\n\n\
+         [docs/hardware.md](../docs/hardware.md) explains the figures.\n\
+         A cell at full load has 3.4 kohm, at 855 kPa. A step is the least significant bit of the 12-bit converter,\n\
+         16 codes. The largest offset is 1.6 mV, with opposite signs in the measured column and in all others.\n\
+         Differences are stated without their sign.\n\n\
          | Figure | Value | Limit | Meaning |\n|---|---|---|---|\n",
     );
     for figure in figures {

@@ -24,7 +24,7 @@ const APPLICATION: u32 = STM32_FLASH + ACTIVE.start;
 fn main() -> ! {
     // The file exists if the host started the emulator again after a swap.
     let is_continued = fs::remove_file(SWAPPED_FILE).is_ok();
-    // If no swap is due, without a chip, or if the swap fails, the active image starts.
+    // The active image starts if no swap is due, if there is no chip, or if the swap fails.
     if !is_continued && swap() == Ok(State::Swap) {
         semihosting::process::exit(SWAPPED);
     }

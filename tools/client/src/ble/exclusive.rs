@@ -16,7 +16,7 @@ pub(super) struct InUse;
 /// # Errors
 /// If another program has reserved the insole.
 pub(super) fn reserve(id: &str) -> Result<Option<File>, InUse> {
-    // The file is not truncated: others can predict its path, and place a link to another file of this user there.
+    // The file is not truncated: other users can predict its path, and place a link to another file of this user there.
     let opened = File::options().write(true).create(true).truncate(false).open(lock_file(id));
     let Ok(file) = opened else { return Ok(None) };
     match file.try_lock() {

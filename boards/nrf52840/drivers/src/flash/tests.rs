@@ -9,16 +9,17 @@ use std::vec::Vec;
 
 const BYTES: u32 = 2 << 20;
 
-/// A chip with its bus. It is busy for some polls after each operation. An operation that a real chip cannot execute fails the
-/// test.
+/// A chip with its bus. The chip is busy for some reads of its status at the start, and after each write or erase operation. An
+/// operation that a real chip cannot execute fails the test.
 struct Simulated {
     page: Page,
     bytes: Vec<u8>,
     identity: [u8; 3],
     is_active: bool,
-    /// Number of reads of the status after an operation until the chip is ready; all but the last report a busy chip.
+    /// Number of reads of the status after a write or erase operation until the chip is ready; all but the last report a busy
+    /// chip.
     busy_polls: u32,
-    /// Number of these reads that remain until the chip is ready. The bus makes them, too, while it is switched on.
+    /// Number of these reads that remain until the chip is ready. [`Bus::activate`] makes up to [`BUS_LIMIT_MS`] of them itself.
     busy: u32,
 }
 
@@ -41,7 +42,8 @@ impl Bus for Simulated {
 
     async fn activate(&mut self) -> Result<(), NoAnswer> {
         self.is_active = true;
-        // One read for each millisecond, as by the driver.
+        // The bus waits for at most `BUS_LIMIT_MS`. In this simulation, each read of the status takes a millisecond, as in the
+        // driver.
         self.busy = self.busy.saturating_sub(BUS_LIMIT_MS);
         if self.busy == 0 { Ok(()) } else { Err(NoAnswer) }
     }
@@ -102,33 +104,40 @@ fn open(bus: Simulated) -> Option<Chip<Simulated, BYTES>> {
 }
 
 #[test]
-fn bytes_at_any_address_are_written_and_read_and_their_neighbours_stay() {
+fn bytes_at_any_address_are_written_and_read_and_their_neighbours_are_unchanged() {
     let mut chip = open(Simulated::new(P25Q16H, 3)).expect("the chip answers");
     let mut expected = vec![0xff; 3 * SECTOR as usize];
-    let mut next = 1_u8;
+    // A linear congruential generator. Its highest byte repeats only after 2^32 numbers.
+    let mut state = 1_u32;
+    let mut next = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 24) as u8
+    };
     // All alignments, lengths around those of words and pages, and a place across the border of a page and of a sector.
     for base in [0, 200, 250, 4090, 5000] {
         for first in 0..5 {
             for len in [1, 2, 3, 4, 5, 7, 255, 256, 257, 600] {
-                let bytes: Vec<u8> = (0..len)
-                    .map(|_| {
-                        next = next.wrapping_mul(31).wrapping_add(7);
-                        next
-                    })
-                    .collect();
+                block_on(chip.erase(0, expected.len() as u32)).expect("the chip answers");
+                expected.fill(0xff);
                 let at = base + first;
-                block_on(chip.write(at, &bytes)).expect("the chip answers");
-                for (old, new) in expected[at as usize..].iter_mut().zip(&bytes) {
-                    *old &= new;
+                // The second write clears further bits of the same bytes.
+                for _ in 0..2 {
+                    let bytes: Vec<u8> = (0..len).map(|_| next()).collect();
+                    block_on(chip.write(at, &bytes)).expect("the chip answers");
+                    for (old, new) in expected[at as usize..].iter_mut().zip(&bytes) {
+                        *old &= new;
+                    }
+                    let mut read = vec![0; bytes.len()];
+                    block_on(chip.read(at, &mut read)).expect("the chip answers");
+                    assert_eq!(read, expected[at as usize..][..bytes.len()], "{len} bytes at {at}");
+                    assert_eq!(chip.0.bytes[..expected.len()], expected, "{len} bytes at {at}");
                 }
-                let mut read = vec![0; bytes.len()];
-                block_on(chip.read(at, &mut read)).expect("the chip answers");
-                assert_eq!(read, expected[at as usize..][..bytes.len()], "{len} bytes at {at}");
             }
         }
     }
-    assert_eq!(chip.0.bytes[..expected.len()], expected);
     assert!(!chip.0.is_active, "the bus must be off between operations");
+    block_on(chip.write(0, &vec![0; expected.len()])).expect("the chip answers");
+    expected.fill(0);
     block_on(chip.erase(SECTOR, 2 * SECTOR)).expect("the chip answers");
     expected[SECTOR as usize..2 * SECTOR as usize].fill(0xff);
     assert_eq!(chip.0.bytes[..expected.len()], expected);
@@ -159,16 +168,16 @@ fn a_missing_a_small_and_a_stuck_chip_are_not_opened() {
 fn a_chip_that_still_erases_after_a_reset_or_a_cancelled_operation_is_waited_for() {
     let chip = open(Simulated::new(P25Q16H, ERASE_LIMIT_MS));
     let mut chip = chip.expect("a chip that was erasing a sector when the controller was reset must be opened");
-    // A cancelled operation leaves the bus on.
-    (chip.0.busy, chip.0.is_active) = (ERASE_LIMIT_MS, true);
+    // The chip continues an operation that was cancelled.
+    chip.0.busy = ERASE_LIMIT_MS;
     assert_eq!(block_on(chip.read(0, &mut [0])), Ok(()));
 }
 
 #[test]
 fn a_chip_that_stays_busy_fails_a_write_within_a_limited_time() {
     let mut chip = open(Simulated::new(P25Q16H, 0)).expect("the chip answers");
-    // The driver reads the status once a millisecond.
-    chip.0.busy_polls = WRITE_LIMIT_MS + 2;
+    // The driver reads the status `WRITE_LIMIT_MS` times, once a millisecond. The last of these reads must report a busy chip.
+    chip.0.busy_polls = WRITE_LIMIT_MS + 1;
     assert_eq!(block_on(chip.write(0, &[0])), Err(Error::NoAnswer));
     assert!(!chip.0.is_active, "the bus must be off after an error, too");
 }
