@@ -1,10 +1,10 @@
 //! MATLAB's format version 7, which GNU Octave and SciPy read, too.
 
-use crate::session::content;
+use crate::session::{content, of_whole_step};
 use crate::{Foot, Session};
 use matrw::{CellArray, MatFile, MatVariable, MatlabType, NumericArray, Structure, save_matfile_v7};
 use plantar::Region;
-use plantar::protocol::{Quantity, Step, StepFoot, StepRegion};
+use plantar::protocol::{Step, StepFoot, StepRegion};
 use recording::{Result, output};
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
@@ -82,13 +82,9 @@ fn layout(foot: &Foot) -> Vec<(&'static str, MatVariable)> {
 }
 
 /// The quantities of steps: a column for each quantity of the foot, a matrix for each quantity and each flag of the regions.
-/// `start_s` is omitted, because the time of the heel strike is a field of the foot, on the clock of the session. `starts_ago` is
-/// omitted, because it is 0 in every recording.
 fn steps(steps: &[Step]) -> Vec<(&'static str, MatVariable)> {
     let value = |of: Option<f64>| of.unwrap_or(f64::NAN);
-    let of_step = Step::QUANTITIES.iter().filter(|quantity| !["start_s", "starts_ago"].contains(&quantity.name));
-    let of_step =
-        of_step.map(|q: &Quantity<Step>| (q.name, column(steps.iter().map(|s| value(q.in_unit(s))).collect())));
+    let of_step = of_whole_step().map(|q| (q.name, column(steps.iter().map(|s| value(q.in_unit(s))).collect())));
     let of_foot = StepFoot::QUANTITIES
         .iter()
         .map(|q| (q.name, column(steps.iter().map(|step| value(q.in_unit(&step.foot))).collect())));

@@ -1,6 +1,6 @@
 //! MCAP, for Foxglove and other programs that show recordings of robots: messages in JSON with schemas.
 
-use crate::session::content;
+use crate::session::{content, of_whole_step};
 use crate::{Channel, EventKind, Foot, Quantity, Session, TimedStep};
 use ::mcap::records::{MessageHeader, Metadata};
 use ::mcap::{Compression, McapResult, WriteOptions, Writer};
@@ -180,7 +180,7 @@ fn of_region(region: Region, name: &str) -> String {
 
 /// Name, unit and meaning of the quantities of a step.
 fn step_quantities() -> impl Iterator<Item = (String, &'static str, &'static str)> {
-    let step = Step::QUANTITIES.iter().map(|q| (q.name.into(), q.unit, q.meaning));
+    let step = of_whole_step().map(|q| (q.name.into(), q.unit, q.meaning));
     let foot = StepFoot::QUANTITIES.iter().map(|q| (q.name.into(), q.unit, q.meaning));
     let of = |region| StepRegion::QUANTITIES.iter().map(move |q| (of_region(region, q.name), q.unit, q.meaning));
     step.chain(foot).chain(Region::ALL.into_iter().flat_map(of))
@@ -195,7 +195,7 @@ fn step_flags() -> impl Iterator<Item = (String, &'static str)> {
 /// A step as an object without the absent quantities.
 fn step_to_json(step: &TimedStep) -> Value {
     let TimedStep { heel_strike_s, toe_off_s, step } = step;
-    let of_step = Step::QUANTITIES.iter().map(|q| q.in_unit(step));
+    let of_step = of_whole_step().map(|q| q.in_unit(step));
     let of_foot = StepFoot::QUANTITIES.iter().map(|q| q.in_unit(&step.foot));
     let of_regions = step.regions.iter().flat_map(|region| StepRegion::QUANTITIES.iter().map(|q| q.in_unit(region)));
     let names = step_quantities().map(|(name, ..)| name);

@@ -290,6 +290,12 @@ impl Session {
     }
 }
 
+/// The quantities of a step as a whole, without `start_s`, which is not on the clock of the session (`heel_strike_s` is), and
+/// `starts_ago`, which is 0 in every recording.
+pub(crate) fn of_whole_step() -> impl Iterator<Item = &'static plantar::protocol::Quantity<Step>> {
+    Step::QUANTITIES.iter().filter(|quantity| !["start_s", "starts_ago"].contains(&quantity.name))
+}
+
 /// An error in the content of a recording or in an option of the export. `place` is the recording or the output.
 pub(crate) fn content(place: &str, problem: String, remedy: &str) -> Error {
     Error::Content { place: place.into(), problem, remedy: remedy.into() }

@@ -84,7 +84,7 @@ pub fn geometry(layout: &Layout, place: &str) -> Result<()> {
             return Err(Error::content(
                 place,
                 format!("cell {i} has an area of {} mm²", cell.area_mm2),
-                format!("state the area of each cell in mm2, {least_mm2} to {most_mm2}"),
+                format!("state the area of each cell in mm², {least_mm2} to {most_mm2}"),
             ));
         }
     }
@@ -107,7 +107,7 @@ pub fn cell_count(cells: usize, place: &str) -> Result<()> {
 }
 
 /// Checks the times of a recording, which can come in blocks: each frame follows the previous one after `1 / rate_hz`, to within
-/// half of this interval, and the mean rate is `rate_hz`.
+/// half of this interval, and the mean rate is `rate_hz`, to within 1 % (in a short recording, to within half an interval).
 #[derive(Clone)]
 pub struct TimeCheck {
     rate_hz: f64,
@@ -173,7 +173,7 @@ pub fn times(t_s: &[f64], place: &dyn Fn(At) -> String) -> Result<()> {
     let Some(i) = t_s.iter().position(|t| !(-MAX_TIME_S..=MAX_TIME_S).contains(t)) else { return Ok(()) };
     Err(Error::content(
         place(At::Frame(i)),
-        format!("time {} is not a finite number of seconds up to {MAX_TIME_S:e}", t_s[i]),
+        format!("time {} is not a number of seconds from -{MAX_TIME_S:e} to {MAX_TIME_S:e}", t_s[i]),
         "state the time of each frame in seconds",
     ))
 }

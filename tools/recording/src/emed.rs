@@ -74,7 +74,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     let foot = Foot {
         side,
         grid: Grid { row_mm: height_mm, column_mm: width_mm, toes: Toes::AlongMovement },
-        frames: frames.with_swing(path, &mut remarks)?,
+        frames: frames.with_swing(side, path, &mut remarks)?,
         name: "emed plate".to_owned(),
         source: format!(
             "emed measurement {}, {SWING_S} s without load added before and after, regions by template.",

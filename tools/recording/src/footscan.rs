@@ -154,13 +154,16 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     let wanted = feet
         .into_iter()
         .filter(|foot| !foot.rows.is_empty() && (foot.side.is_none() || side.is_none() || foot.side == side));
+    let mut starts_s = Vec::new();
     for foot in wanted {
         foot.check_rows(path)?;
         let ReadFoot { side: stated, frames, .. } = foot;
+        let side = stated.or(side);
+        starts_s.extend(frames.loaded_start_s());
         let foot = Foot {
-            side: stated.or(side),
+            side,
             grid: Grid { row_mm: CELL_LENGTH_MM, column_mm: CELL_WIDTH_MM, toes: Toes::AlongMovement },
-            frames: frames.with_swing(path, &mut export.remarks)?,
+            frames: frames.with_swing(side, path, &mut export.remarks)?,
             name: "footscan plate".to_owned(),
             source: format!(
                 "footscan measurement {}, {SWING_S} s without load added before and after, regions by template.",
@@ -168,6 +171,15 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
             ),
         };
         export.feet.push(foot.recording(path, &mut export.remarks)?);
+    }
+    if let [left_s, right_s] = starts_s[..]
+        && left_s == right_s
+    {
+        export.remarks.push(
+            "Both feet carry load in their first frames, which have the same time: the times of each foot may begin with its own \
+             contact. Do not compare times between the feet."
+                .to_owned(),
+        );
     }
     if export.feet.is_empty() {
         let problem =

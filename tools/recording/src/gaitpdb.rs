@@ -41,8 +41,8 @@ fn numbers(line: &str) -> Option<Vec<f64>> {
     line.split_whitespace().map(parse_number).collect()
 }
 
-/// True for the text of a walk: lines of 19 numbers, in which each total force is the sum of the forces on the sensors of its
-/// foot.
+/// True for the text of a walk: its first 20 lines that are not blank have 19 numbers each, and each total force agrees with the
+/// sum of the forces on the sensors of its foot to within 1 N plus 1 %.
 pub fn recognise(text: &str) -> bool {
     let mut lines = text.lines().filter(|line| !line.trim().is_empty()).take(20).peekable();
     let is_walk = |line: &str| {
@@ -81,7 +81,8 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
             let first = 1 + foot * SENSORS;
             let mut sum_n = 0.0;
             for (sensor, field) in fields[first..first + SENSORS].iter().enumerate() {
-                // A sensor without load may have a small negative force.
+                // A sensor without load may have a small negative force. It is read as 0, because a recording has no negative
+                // pressures.
                 let force_n = number(field, &format!("the force on sensor {}", sensor + 1), &place)?.max(0.0);
                 sum_n += force_n;
                 forces_n[foot].push(force_n);

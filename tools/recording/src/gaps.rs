@@ -14,9 +14,9 @@ pub const GAP_INTERVALS: f64 = 1.5;
 /// rounded.
 const SHORTEST_FILLED_PERIOD_S: f64 = 7e-4;
 
-/// Fills gaps of up to [`longest_filled_s`] linearly. In a longer gap the load is unknown: only the part without one that has the
-/// most frames remains. `kpa` contains the pressures of `cells` cells for each time. Returns sentences with the number of frames
-/// that were filled and left out; `None` without a gap.
+/// Fills gaps of up to [`longest_filled_s`] by linear interpolation. In a longer gap the load is unknown, so the recording is
+/// divided there, and only the part with the most frames remains. `kpa` contains the pressures of `cells` cells for each time.
+/// Returns sentences with the numbers of frames that were interpolated and left out; `None` without a gap.
 ///
 /// Nothing is changed if the median interval is below [`SHORTEST_FILLED_PERIOD_S`]. Times that do not increase are left as they
 /// are; [`crate::rate::of`] rejects them.
@@ -49,7 +49,7 @@ pub fn fill(t_s: &mut Vec<f64>, kpa: &mut Vec<f32>, cells: usize) -> Option<Stri
         t_s.push(now_s);
         kpa.extend(frame(i));
     }
-    let filled = (filled > 0).then(|| format!("Lost frames that were filled linearly: {filled}."));
+    let filled = (filled > 0).then(|| format!("Lost frames that were interpolated linearly: {filled}."));
     let left_out = (left_out > 0).then(|| {
         format!(
             "Frames are missing for more than {longest_filled_s:.2} s: only the longest part without such a gap was imported. \
@@ -65,7 +65,7 @@ pub fn longest_filled_s(period_s: f64) -> f64 {
     LONGEST_FILLED_S.max(GAP_INTERVALS * period_s)
 }
 
-/// True if an interval between two frames is at most [`longest_filled_s`] long.
+/// True if an interval between two frames is at most [`longest_filled_s`] long, apart from the rounding of the times.
 pub fn is_filled(interval_s: f64, period_s: f64) -> bool {
     /// Because times are rounded, the longest gap may appear longer, by at most this fraction of the median interval.
     const ROUNDING: f64 = 0.25;
@@ -117,7 +117,7 @@ mod tests {
     fn a_short_gap_is_filled_on_the_line_between_its_neighbours() {
         let (mut t_s, mut kpa) = (vec![0.0, 0.01, 0.04, 0.05], vec![0.0, 10.0, 40.0, 50.0]);
         let note = fill(&mut t_s, &mut kpa, 1).expect("a gap");
-        assert_eq!(note, "Lost frames that were filled linearly: 2.");
+        assert_eq!(note, "Lost frames that were interpolated linearly: 2.");
         for (i, (t_s, kpa)) in t_s.iter().zip(&kpa).enumerate() {
             assert!((t_s - i as f64 * 0.01).abs() < 1e-12 && (kpa - i as f32 * 10.0).abs() < 1e-4);
         }
@@ -132,7 +132,7 @@ mod tests {
             let mut t_s: Vec<f64> = frames().map(|i| f64::from(i) / 100.0).collect();
             let mut kpa: Vec<f32> = frames().map(f32::from).collect();
             let note = fill(&mut t_s, &mut kpa, 1).expect("a gap");
-            let is_filled = note == "Lost frames that were filled linearly: 9.";
+            let is_filled = note == "Lost frames that were interpolated linearly: 9.";
             assert_eq!((t_s.len(), is_filled), if lost == 9 { (300, true) } else { (189, false) }, "{note}");
         }
     }
@@ -145,7 +145,7 @@ mod tests {
         let mut kpa: Vec<f32> = frames().map(f32::from).collect();
         assert!(median_interval_s(&t_s).is_some_and(|median_s| median_s < 1e-3));
         let note = fill(&mut t_s, &mut kpa, 1).expect("a gap");
-        assert_eq!(note, "Lost frames that were filled linearly: 1.");
+        assert_eq!(note, "Lost frames that were interpolated linearly: 1.");
         assert!((t_s[5] - 1.005).abs() < 1e-9 && (kpa[5] - 5.0).abs() < 1e-4, "{} s, {} kPa", t_s[5], kpa[5]);
     }
 

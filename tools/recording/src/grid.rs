@@ -1,10 +1,12 @@
 //! Matrix sensors: equal cells in rows and columns, in an insole or a pressure plate.
 
 use crate::assembly::UncheckedRecording;
-use crate::footprint::Footprint;
+use crate::footprint::{Footprint, capitalised};
 use crate::gaps::{GAP_INTERVALS, median_interval_s};
+use crate::rate::MIN_HZ;
 use crate::text::{seconds, significant};
 use crate::{Cell, Error, MAX_CELLS, Recording, Result, check, template};
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::{Region, Side};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -22,8 +24,8 @@ pub const SWING_S: f64 = crate::jiku::SWING_S;
 /// Shortest plausible time between frames, s. No matrix sensor records faster, and with a shorter time the number of frames that
 /// [`Frames::with_swing`] adds would have no limit.
 const SHORTEST_PERIOD_S: f64 = 1e-4;
-/// Longest time between frames of a measurement over time, s.
-const LONGEST_PERIOD_S: f64 = 1.0;
+/// Longest time between frames of a measurement over time, s: that at the lowest plausible rate.
+const LONGEST_PERIOD_S: f64 = 1.0 / MIN_HZ;
 
 /// Checks that the time between frames, s, is plausible. Messages begin with `place`.
 pub fn check_period(period_s: f64, place: &dyn Fn() -> String) -> Result<()> {
@@ -105,20 +107,20 @@ impl Frames {
     /// This method must be called before gaps are filled. If the recording is then cut at a long gap, there are no unloaded
     /// frames at the cut, so that the cut is not mistaken for a heel strike or toe off.
     ///
-    /// Adds to `remarks` if the export may be cut off within the contact.
+    /// Adds to `remarks` if the export may be cut off within the contact of the foot `side`.
     ///
     /// # Errors
     /// Fails if the time between frames is not plausible: see [`check_period`]. The message names `path`.
-    pub fn with_swing(mut self, path: &Path, remarks: &mut Vec<String>) -> Result<Self> {
+    pub fn with_swing(mut self, side: Option<Side>, path: &Path, remarks: &mut Vec<String>) -> Result<Self> {
         let (Some(&first_s), Some(&last_s)) = (self.t_s.first(), self.t_s.last()) else { return Ok(self) };
         // A single frame has no rate. The check of the rate in `Foot::recording` reports this.
         let Some(median_s) = median_interval_s(&self.t_s) else { return Ok(self) };
         let mut intervals_s: Vec<f64> = self.t_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
         intervals_s.retain(|interval_s| *interval_s <= GAP_INTERVALS * median_s);
-        // If the times are rounded, the mean interval is still exact; the median is not.
+        // If the times are rounded, the mean interval is hardly affected; the median is.
         let period_s = intervals_s.iter().sum::<f64>() / intervals_s.len() as f64;
         check_period(period_s, &|| path.display().to_string())?;
-        self.note_cut(remarks);
+        self.note_cut(side, None, remarks);
         // The small addend includes a frame that would be left out only because of rounding.
         let added = ((SWING_S / period_s + 1e-6).floor() as usize).max(1);
         let mut t_s = Vec::with_capacity(self.t_s.len() + 2 * added);
@@ -130,7 +132,8 @@ impl Frames {
         Ok(self)
     }
 
-    /// The numbers of frames and of cells with a pressure of at least `kpa` in some frame.
+    /// The number of frames in which some cell has a pressure of at least `kpa`, and the number of cells that reach this pressure
+    /// in some frame.
     pub fn count_reaching(&self, kpa: f32) -> [usize; 2] {
         let reaching = || self.loads.iter().filter(|load| load.kpa >= kpa);
         let frames: BTreeSet<_> = reaching().map(|load| load.frame).collect();
@@ -138,27 +141,43 @@ impl Frames {
         [frames.len(), cells.len()]
     }
 
-    /// Adds to `remarks` if the first or last frame carries more than [`CUT_SHARE`] of the largest load.
-    pub fn note_cut(&self, remarks: &mut Vec<String>) {
+    /// The time of the first frame, s, if it carries load.
+    pub fn loaded_start_s(&self) -> Option<f64> {
+        self.t_s.first().copied().filter(|_| self.loads.iter().any(|load| load.frame == 0))
+    }
+
+    /// Adds to `remarks` if the first or last frame carries more than [`CUT_SHARE`] of the largest load or, without added
+    /// frames, so much that stance detection finds no heel strike or no toe off. `cell_mm2` is the area of a cell, mm2; `None`
+    /// if unloaded frames are added. The remark names the foot `side`, if it is known.
+    pub fn note_cut(&self, side: Option<Side>, cell_mm2: Option<f64>, remarks: &mut Vec<String>) {
         let mut sums = vec![0.0; self.t_s.len()];
         self.loads.iter().for_each(|load| sums[load.frame] += load.kpa);
         let most = sums.iter().copied().fold(0.0, f32::max);
-        for (name, sum) in [("first", sums.first()), ("last", sums.last())] {
-            if let Some(&sum) = sum.filter(|sum| **sum > CUT_SHARE * most) {
-                remarks.push(format!(
-                    "The {name} frame carries {:.0} % of the largest load: a part of the contact may be missing; export \
-                     all of it.",
-                    100.0 * sum / most
-                ));
-            }
+        let newtons = |sum: f32| cell_mm2.map_or(0.0, |mm2| f64::from(sum) * mm2 * 1e-3);
+        let the = side.map_or("The".to_owned(), |side| format!("{} foot: the", capitalised(side)));
+        let ends = [("first", "heel strike", "before", sums.first()), ("last", "toe off", "after", sums.last())];
+        for (name, event, place, sum) in ends {
+            let Some(&sum) = sum else { continue };
+            let advice = if newtons(sum) >= f64::from(StanceRule::ADAPTIVE.release_n) {
+                format!(
+                    "the contact does not become a step, because its {event} is missing; export unloaded frames {place} \
+                     it"
+                )
+            } else if sum > CUT_SHARE * most {
+                "a part of the contact may be missing; export all of it".to_owned()
+            } else {
+                continue;
+            };
+            let percent = 100.0 * sum / most;
+            remarks.push(format!("{the} {name} frame carries {percent:.0} % of the largest load: {advice}."));
         }
     }
 }
 
 /// A foot on a matrix sensor.
 pub struct Foot {
-    /// The foot; `None` if the export does not state it. The shape of the footprint then decides; if it does not show the foot,
-    /// the right foot is assumed.
+    /// The foot; `None` if the export does not state it. It is then determined from the shape of the footprint; if the shape does
+    /// not show which foot it is, the right foot is assumed.
     pub side: Option<Side>,
     pub grid: Grid,
     pub frames: Frames,
@@ -236,9 +255,9 @@ impl Foot {
         }
         if frames.negatives > 0 {
             remarks.push(format!(
-                "Negative pressures of the {} foot, in all frames together, that were read as 0: {}. The lowest one is {} \
+                "{} foot: negative pressures that were read as 0, in all frames together: {}. The lowest one is {} \
                  kPa.",
-                side.name(),
+                capitalised(side),
                 frames.negatives,
                 significant(frames.lowest_kpa.into())
             ));
@@ -261,7 +280,7 @@ impl Foot {
 /// For each cell, whether it belongs to a square of two by two loaded cells. A single row or column of cells may respond to
 /// noise, and must not extend the foot. If there is no such square, all cells belong to the foot.
 fn under_foot(indices: &BTreeMap<(usize, usize), usize>, pressure_kpa: &[f32]) -> Vec<bool> {
-    /// Fraction of the largest pressure that a cell under the foot exceeds at some time.
+    /// A cell under the foot exceeds this fraction of the largest pressure in at least one frame.
     const LOADED: f32 = 0.02;
     let mut most_kpa = vec![0.0f32; indices.len()];
     for frame in pressure_kpa.chunks_exact(indices.len()) {
@@ -279,7 +298,7 @@ fn under_foot(indices: &BTreeMap<(usize, usize), usize>, pressure_kpa: &[f32]) -
     if under_foot.contains(&true) { under_foot } else { vec![true; indices.len()] }
 }
 
-/// Checks that a plate has no more than one footprint. Two feet side by side are not recognised.
+/// Checks that a plate has no more than one footprint. Two feet side by side are not detected.
 fn check_one_foot(cells: &[Cell], under_foot: &[bool], file: &str) -> Result<()> {
     /// Length of the longest plausible foot, mm: about EU size 60.
     const LONGEST_MM: f64 = 400.0;
@@ -291,7 +310,7 @@ fn check_one_foot(cells: &[Cell], under_foot: &[bool], file: &str) -> Result<()>
     if length_mm <= LONGEST_MM {
         return Ok(());
     }
-    let problem = format!("the loaded cells extend over {length_mm:.0} mm, which is more than one foot");
+    let problem = format!("the loaded cells extend over {length_mm:.0} mm, more than the length of a foot");
     Err(Error::content(file, problem, "select one step in the vendor's program, and export it alone"))
 }
 
@@ -333,10 +352,10 @@ fn note_partial_foot(cells: &[Cell], under_foot: &[bool], half_mm: [f64; 2], rem
     }
 }
 
-/// Adds to `remarks` if cells in front of the foot or behind it carry a part of the load of a region, as by crosstalk: they do not
-/// belong to the extent of the foot, but count in the outermost regions.
+/// Adds to `remarks` if cells in front of the foot or behind it carry a considerable part of the load of a region, for example by
+/// crosstalk. The extent of the foot does not include these cells, but their load counts in the regions next to them.
 fn note_cells_beyond_foot(cells: &[Cell], under_foot: &[bool], pressure_kpa: &[f32], remarks: &mut Vec<String>) {
-    /// Share of a region's load from which on it is named.
+    /// A region is named if cells beyond the foot carry at least this share of its load.
     const LEAST_SHARE: f64 = 0.1;
     let foot = || cells.iter().zip(under_foot).filter(|(_, is_under)| **is_under).map(|(cell, _)| cell.y_mm);
     let extent_mm = foot().fold(f64::INFINITY, f64::min)..=foot().fold(f64::NEG_INFINITY, f64::max);
@@ -358,8 +377,9 @@ fn note_cells_beyond_foot(cells: &[Cell], under_foot: &[bool], pressure_kpa: &[f
         let text = |(region, share): &(Region, f64)| format!("{:.0} % of {}", share * 100.0, region.name());
         let cells: usize = shares.iter().map(|(region, _)| beyond[*region as usize]).sum();
         remarks.push(format!(
-            "{cells} loaded cells are in front of the foot or behind it, where crosstalk of the sensor can be the cause. They carry a \
-             part of the load: {}. If they are not under the foot, mask them in the vendor's program, and export again.",
+            "Loaded cells in front of the foot or behind it, perhaps because of crosstalk of the sensor: {cells}. They \
+             carry a part of the load: {}. If they are not under the foot, mask them in the vendor's program, and \
+             export again.",
             shares.iter().map(text).collect::<Vec<_>>().join(", ")
         ));
     }

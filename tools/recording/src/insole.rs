@@ -25,22 +25,24 @@ pub struct VirtualInsole {
     pub cells: Vec<SetupCell>,
     /// For each cell of the recording, its index in [`VirtualInsole::cells`].
     insole_index: Vec<usize>,
-    /// True if the reading of an unloaded cell adds to its code; see [`crate::Layout::is_of_codes`].
+    /// True if the reading of an unloaded cell is an offset of its code, not of its pressure; see
+    /// [`crate::Layout::is_of_codes`].
     has_code_offsets: bool,
-    /// The readings of the unloaded cells, kPa, in the order of the recording, which are subtracted from the pressures; empty
-    /// without such readings, and if `has_code_offsets`: the offsets are then in the calibration of the cells.
+    /// The readings of the unloaded cells, kPa, in the order of the recording. They are subtracted from the pressures. Empty if
+    /// no readings were set, and if `has_code_offsets` is true, because the calibration of the cells then contains the offsets.
     zero_kpa: Vec<f32>,
     law: LawTable,
     curve: Curve,
 }
 
-/// The sensor law as a table, which is accurate to a hundredth of a code. The leading bits of a pressure, as an f32, select the
-/// entry. Without the table, `powf` would take most of the time of a replay.
+/// The sensor law as a table. Before it is rounded, a code is accurate to a hundredth, except that the entry of [`MIN_KPA`]
+/// results in the code 0. The leading bits of a pressure, as an f32, select the entry. Without the table, `powf` would take most
+/// of the time of a replay.
 #[derive(Clone, Debug)]
 struct LawTable {
     /// For each value of the leading bits, modulo the length: the straight line that approximates the law, as its code at
-    /// pressure 0 and its slope in codes per kPa. The entry of [`MIN_KPA`], which all lower pressures use, is the line of the
-    /// code 0.
+    /// pressure 0 and its slope in codes per kPa. The entry of [`MIN_KPA`], which all lower pressures use, is the constant line
+    /// with the code 0.
     lines: Box<[(f32, f32); ENTRIES]>,
 }
 
@@ -67,8 +69,8 @@ impl LawTable {
         Self { lines }
     }
 
-    /// The code of a cell without an offset under a pressure below the full scale. It has no branch for unloaded cells, because
-    /// processors would often predict this branch wrongly.
+    /// The code of a cell without an offset under a pressure of at most the full scale. The function has no branch for unloaded
+    /// cells, because processors would often predict this branch wrongly.
     #[inline(always)]
     fn code(&self, kpa: f32) -> u16 {
         let selecting_kpa = if kpa > MIN_KPA { kpa } else { MIN_KPA };
@@ -137,7 +139,7 @@ impl VirtualInsole {
         Self { setup, cells, insole_index, has_code_offsets, zero_kpa: Vec::new(), law, curve }
     }
 
-    /// Number of repetitions of the last frame of a recording that confirm a toe off at its end.
+    /// Number of times that the last frame of a recording is repeated, so that a toe off at its end is confirmed.
     pub fn repetitions(&self) -> usize {
         let confirm_us = u32::from(self.setup.stance.min_swing_ms) * 1000;
         confirm_us.div_ceil(self.setup.period_us) as usize + 1

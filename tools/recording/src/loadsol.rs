@@ -1,16 +1,18 @@
 //! Import of forces under zones of the foot by novel's loadsol insoles, from the text export.
 //!
-//! Below a description, a line names the columns, and the next one has their units; tabs separate the fields. Each insole has a
-//! column with its time in s and one with the force in N for each zone, with heel, medial or lateral in its name. The name also
-//! contains the foot, such as `-L`. The total, the column of which has the name of the insole alone, is compared with the sum of
-//! the zones. Columns of motion are not read. `-` or an empty field means that a frame was lost.
+//! Below a description, a line names the columns, and the next one has their units, such as `[N]` or `Force[N]`; tabs separate
+//! the fields. Each insole has a column with its time in s and one with the force in N for each zone, with heel, medial or
+//! lateral in its name. The name also contains the foot, such as `-L`. The total, the column of which has the name of the insole
+//! alone, is compared with the sum of the zones. Columns of motion are not read.
 //!
-//! This importer follows published programs that read such exports. It was not tested with a real export. The positions and
-//! areas of the zones are nominal: forces are measured, and pressures, areas and ellipses are not.
+//! A frame was lost if a field is empty or `-`, or if the forces of all zones are -1. About every 0.2 s, the app writes the time
+//! and the forces of a frame also to the row before it, in place of another frame, which is lost, too.
+//!
+//! The positions and areas of the zones are nominal: forces are measured, and pressures, areas and ellipses are not.
 
 use crate::assembly::UncheckedRecording;
 use crate::separators::Separators;
-use crate::table::{another_measurement, at_line, check_later, file_name};
+use crate::table::{another_measurement, at_line, check_later, check_width, file_name};
 use crate::text::{decode, number, parse_number, shortened};
 use crate::totals::Totals;
 use crate::{Cell, Error, Export, Result, units};
@@ -29,6 +31,11 @@ const ZONES: [(&str, [f64; 2], Region); 3] = [
 
 /// The remedy for forces with unknown names.
 const ENGLISH_NAMES: &str = "export the zones heel, medial and lateral with their English names";
+/// The remedy for an insole without a known zone.
+const NO_ZONE: &str = "insoles that measure their total force alone are not supported; if this one has zones, export heel, \
+                       medial and lateral with their English names";
+/// The force on each zone in a lost frame, N.
+const LOST_N: f64 = -1.0;
 /// Words in the name of a total besides those of the insole.
 const TOTAL: [&str; 4] = ["total", "sum", "force", "gesamt"];
 
@@ -42,7 +49,7 @@ struct Insole {
     total: Option<usize>,
 }
 
-/// The index of the line with the units: fields such as `[sec]` and `[N]`, between which there is this separator.
+/// The index of the line with the units: fields such as `Time[secs]` and `[N]`, between which there is this separator.
 fn units_line(text: &str, separator: char) -> Option<usize> {
     text.lines().take(20).position(|line| has_units(line, separator))
 }
@@ -59,9 +66,10 @@ fn is_other_force(unit: &str) -> bool {
     ["kn", "%bw", "bw"].contains(&unit) || (!["n", "g"].contains(&unit) && units::newtons_of(unit).is_some())
 }
 
-/// The unit in a field, without brackets and in lower case.
+/// The unit in a field, in lower case: the text in the last brackets, or all of it.
 fn unit(field: &str) -> String {
-    field.trim().trim_matches(['[', ']', '(', ')']).to_lowercase()
+    let field = field.trim().trim_end_matches([']', ')']);
+    field.rsplit(['[', '(']).next().unwrap_or(field).to_lowercase()
 }
 
 fn is_time(unit: &str) -> bool {
@@ -71,11 +79,14 @@ fn is_time(unit: &str) -> bool {
 /// Separators by which a file is recognised. Only tabs are read.
 const SEPARATORS: [char; 3] = ['\t', ';', ','];
 
-/// True for the text of a loadsol export.
+/// True for the text of a loadsol export, also of insoles without zones: [`parse`] refuses them with the reason.
 pub fn recognise(text: &str) -> bool {
     let Some(units) = SEPARATORS.iter().find_map(|separator| units_line(text, *separator)) else { return false };
-    let names = units.checked_sub(1).and_then(|line| text.lines().nth(line)).unwrap_or_default().to_lowercase();
-    ZONES.iter().any(|(zone, ..)| names.contains(zone))
+    let names = units.checked_sub(1).and_then(|line| text.lines().nth(line)).unwrap_or_default();
+    names
+        .split(SEPARATORS)
+        .map(ColumnName::of)
+        .any(|name| name.zone.is_some() || !matches!(foot_of(&name.words, name.words.len()), Foot::None))
 }
 
 /// Imports the feet of an export. `side` restricts the import to one foot.
@@ -95,7 +106,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     };
     let lines: Vec<&str> = text.lines().collect();
     let names: Vec<&str> = lines[units_index - 1].split('\t').map(str::trim).collect();
-    let units: Vec<String> = lines[units_index].split('\t').map(unit).collect();
+    let units: Vec<String> = lines[units_index].trim_end().split('\t').map(unit).collect();
     let mut export = Export { feet: Vec::new(), remarks: Vec::new() };
     for foot in [Side::Left, Side::Right] {
         if side.is_some_and(|side| side != foot) {
@@ -104,17 +115,25 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         let Some(insole) = insole(&names, &units, foot, &at_line(path, units_index as u64))? else { continue };
         let (mut t_s, mut pressure_kpa): (Vec<f64>, Vec<f32>) = Default::default();
         let (mut totals, mut separators) = (Totals::default(), Separators::default());
+        let mut before: Vec<&str> = Vec::new();
         for (line, row) in (units_index as u64 + 2..).zip(&lines[units_index + 1..]) {
             let fields: Vec<&str> = row.split('\t').map(str::trim).collect();
             let field = |column: usize| fields.get(column).copied().unwrap_or("");
             if has_units(row, '\t') {
                 return Err(another_measurement(at_line(path, line)));
             }
+            let place = || at_line(path, line);
+            // A row of a frame begins with its time. Behind its last field, there may be empty ones.
+            if fields.len() < units.len() && parse_number(field(0)).is_some() {
+                check_width(fields.len(), units.len(), &place)?;
+            }
             let columns = insole.zones.iter().map(|(column, _)| *column);
-            if columns.clone().chain([insole.time_column]).any(|column| ["", "-"].contains(&field(column))) {
+            let values: Vec<&str> = columns.clone().chain([insole.time_column]).map(field).collect();
+            let is_lost = columns.clone().all(|column| parse_number(field(column)) == Some(LOST_N));
+            if is_lost || values.iter().any(|value| ["", "-"].contains(value)) || values == before {
                 continue;
             }
-            let place = || at_line(path, line);
+            before = values;
             let now_s = number(field(insole.time_column), "the time", &place)?;
             check_later(now_s, t_s.last().copied(), &place)?;
             t_s.push(now_s);
@@ -213,7 +232,7 @@ fn insole(names: &[&str], units: &[String], side: Side, place: &str) -> Result<O
     if let (Some((column, _)), true) = (others.first(), zones.is_empty()) {
         let problem =
             format!("the column `{}` has a force of the {} foot, but no zone", shortened(names[*column]), side.name());
-        return refused(problem, ENGLISH_NAMES);
+        return refused(problem, NO_ZONE);
     }
     let mut total = None;
     for (column, words) in others {

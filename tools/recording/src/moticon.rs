@@ -42,14 +42,15 @@ const CENTRES: [[f64; 2]; CELLS] = [
     [0.359, -0.312],
 ];
 /// Typical areas of the cells as fractions of their sum. They replace areas that a measurement does not determine, because the
-/// cells are hardly loaded, and limit the other areas.
+/// cells are hardly loaded. The other areas differ from them by at most half.
 const AREAS: [f64; CELLS] = [
     0.0604, 0.0540, 0.0652, 0.0641, 0.0641, 0.0636, 0.0877, 0.0889, 0.0765, 0.0607, 0.0611, 0.0619, 0.0500, 0.0495,
     0.0611, 0.0312,
 ];
-/// Length of an insole relative to the square root of the total area of its cells, and width relative to its length. A typical
-/// insole of size 45 is 297 mm long, its width is about 0.35 of this, and its cells have 20,480 mm² in total.
+/// Length of an insole divided by the square root of the total area of its cells. A typical insole of size 45 is 297 mm long, and
+/// its cells have 20,480 mm² in total.
 const LENGTH: f64 = 2.07;
+/// Width of an insole divided by its length.
 const WIDTH: f64 = 0.345;
 /// Assumed total area of the cells if the recording contains no load that determines it, mm2: about size 42.
 const TYPICAL_MM2: f64 = 18_000.0;
@@ -148,7 +149,7 @@ fn columns(names: &[&str], side: Side, place: &str) -> Result<Option<Columns>> {
         Some(total) if pressures.len() == CELLS => Ok(Some(Columns { pressures, total })),
         _ => Err(Error::content(
             place,
-            format!("not all of the {CELLS} pressures and the total force of the {} foot", side.name()),
+            format!("columns of the {} foot are missing: expected {CELLS} pressures and the total force", side.name()),
             "export the measurement with all pressures and the total force",
         )),
     }

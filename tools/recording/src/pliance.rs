@@ -2,8 +2,8 @@
 //! sensors.
 //!
 //! Below the line that begins with `time[secs]` and names the sensors, each line has the time and the pressures. Further tables
-//! may follow. The lines `x[1]`, `y[1]`, `x[2]`, ... state the corners of the sensors in cm, x to the right and y to the top,
-//! as seen from above. The sensors of a mat for feet are equal rectangles in rows and columns.
+//! may follow. The lines from `x[0]` to `y[3]`, or from `x[1]` to `y[4]`, state the corners of the sensors in cm, x to the right
+//! and y to the top, as seen from above. The sensors of a mat for feet are equal rectangles in rows and columns.
 
 use crate::grid::{Foot, Frames, Grid, MAX_LINES, Toes};
 use crate::separators::Separators;
@@ -16,15 +16,20 @@ use std::path::Path;
 
 /// First word of the line that names the sensors.
 const TIME_COLUMN: &str = "time[secs]";
-/// The lines with the corners.
-const CORNERS: [&str; 8] = ["x[1]", "y[1]", "x[2]", "y[2]", "x[3]", "y[3]", "x[4]", "y[4]"];
+/// The first line with the corners, if they are numbered from 0 or from 1 on.
+const FIRST_CORNER: [&str; 2] = ["x[0]", "x[1]"];
 
 /// True for the text of a pliance export with the corners of the sensors.
 pub fn recognise(text: &str) -> bool {
     // Only the first 40 lines are searched for the table, because its header is short, and the text of another format may be
     // long. The corners are below the table, at any line.
     text.lines().take(40).any(|line| strip_name(line, TIME_COLUMN).is_some())
-        && text.lines().any(|line| strip_name(line, CORNERS[0]).is_some())
+        && FIRST_CORNER.iter().any(|name| has_line(text, name))
+}
+
+/// True if a line begins with `name`.
+fn has_line(text: &str, name: &str) -> bool {
+    text.lines().any(|line| strip_name(line, name).is_some())
 }
 
 /// Imports one foot. `side` states which; without it, the shape of the footprint decides.
@@ -88,7 +93,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     }
     separators.check(path)?;
     let mut remarks = Vec::new();
-    frames.note_cut(&mut remarks);
+    frames.note_cut(side, Some(places.row_mm * places.column_mm), &mut remarks);
     let foot = Foot {
         side,
         grid: Grid { row_mm: places.row_mm, column_mm: places.column_mm, toes: Toes::AlongMovement },
@@ -130,8 +135,10 @@ struct Places {
 
 /// The places of the sensors from their corners.
 fn places(text: &str, sensors: usize, path: &Path) -> Result<Places> {
-    let corners = CORNERS.map(|name| {
-        let line = text.lines().find_map(|row| strip_name(row, name));
+    let first = usize::from(!has_line(text, FIRST_CORNER[0]));
+    let corners: [_; 8] = std::array::from_fn(|i| {
+        let name = format!("{}[{}]", ["x", "y"][i % 2], first + i / 2);
+        let line = text.lines().find_map(|row| strip_name(row, &name));
         let values = line.map(|row| row.split_whitespace().filter_map(parse_number).collect::<Vec<f64>>());
         let values = values.filter(|values| values.len() == sensors && sensors > 0);
         values.ok_or_else(|| {
@@ -143,7 +150,7 @@ fn places(text: &str, sensors: usize, path: &Path) -> Result<Places> {
             )
         })
     });
-    let mut coordinates = Vec::with_capacity(CORNERS.len());
+    let mut coordinates = Vec::with_capacity(corners.len());
     for corner in corners {
         coordinates.push(corner?);
     }

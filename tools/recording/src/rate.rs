@@ -6,7 +6,7 @@ use crate::{Error, Recording, Result};
 
 /// Lowest plausible rate, Hz. At a lower rate, a stance of half a second would have at most one frame, so the times must be in
 /// another unit, such as ms.
-const MIN_HZ: f64 = 2.0;
+pub(crate) const MIN_HZ: f64 = 2.0;
 /// Largest distance of a frame from its place at the mean rate, in frames: this fraction of the number of frames, or
 /// [`LINE_FRAMES`] if this is more.
 const LINE_SHARE: f64 = 0.01;

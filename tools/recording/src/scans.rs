@@ -143,7 +143,8 @@ impl<'a> Scans<'a> {
                         }
                         break;
                     };
-                    (*block, *next) = (received?, 0);
+                    // No repetitions of the last frame follow after an error.
+                    (*block, *next) = (received.inspect_err(|_| self.repetitions = 0)?, 0);
                 }
                 let t_s = block.t_s.get(*next).copied();
                 if t_s.is_some() {

@@ -138,8 +138,7 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         ));
     }
     if !is_insole {
-        // A contact in the first frame is no step, because its heel strike is not in the export.
-        frames.note_cut(&mut remarks);
+        frames.note_cut(side, Some(row_mm * column_mm), &mut remarks);
     }
     let foot = Foot {
         side,

@@ -202,9 +202,10 @@ impl FootZero {
             return Err(Error::content(
                 name,
                 format!("the {found} offsets are of other cells than the {cells} cells of this recording"),
-                "import the standing trial and this recording with the same layout and the same --cells; an import of a matrix \
-                 sensor has only the cells that were loaded in that measurement, so two measurements have different cells: \
-                 for such a sensor, let the vendor's program subtract the zero before the export",
+                "import the standing trial and this recording with the same layout and without --cells, which leaves out cells \
+                 that are never loaded; an import of a matrix sensor has only the cells that were loaded in that measurement, so \
+                 two measurements have different cells: for such a sensor, let the vendor's program subtract the zero before the \
+                 export",
             ));
         }
         for (cell, &kpa) in insole.cells.iter().zip(&self.offset_kpa) {

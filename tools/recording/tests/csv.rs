@@ -279,5 +279,5 @@ fn the_error_names_a_missing_file() {
 #[test]
 fn times_that_cannot_be_seconds_are_rejected() {
     let frames = "t_s,c0,c1\n-1e308,0,0\n1e308,0,0\n";
-    assert_refused(LAYOUT, frames, &["frames.csv:2", "-1", "finite number of seconds up to 1e10"]);
+    assert_refused(LAYOUT, frames, &["frames.csv:2", "-1", "number of seconds from -1e10 to 1e10"]);
 }

@@ -163,6 +163,41 @@ fn both_feet_of_a_file_are_imported() {
     assert_eq!(export.feet.len(), 2);
 }
 
+#[test]
+fn two_feet_that_begin_loaded_at_the_same_time_lead_to_a_remark() {
+    let has_remark = |right: &str| {
+        let export = parse(&file(&(foot(Side::Left, false) + right))).unwrap();
+        export.remarks.iter().any(|remark| remark.contains("Do not compare times between the feet"))
+    };
+    let right = foot(Side::Right, false);
+    assert!(has_remark(&right));
+    // The right foot begins 1 s later, or with a frame without load.
+    let later = (0..STANCE).rev().fold(right.clone(), |text, frame| {
+        let ms = frame as f64 * 2.0;
+        text.replacen(&format!("({ms:.2} ms)"), &format!("({:.2} ms)", ms + 1000.0), 1)
+    });
+    assert!(!has_remark(&later));
+    let frame = right.find("Frame 0").expect("a frame")..right.find("Frame 1 ").expect("a second frame");
+    let values = right[frame.clone()].replace(|c: char| ('1'..='9').contains(&c), "0");
+    let unloaded = right.replacen(&right[frame], &values, 1);
+    assert!(!has_remark(&unloaded));
+    let one =
+        |side| common::parse(Format::Footscan, "step.txt", file(&right).as_bytes(), side).unwrap().remarks.join(" ");
+    assert!(!one(None).contains("between the feet"));
+}
+
+/// Both feet are cut off in the middle of their steps.
+#[test]
+fn the_remark_on_a_cut_contact_names_the_foot() {
+    let half = |side: Side| foot(side, false).split_inclusive("\n\nFrame ").take(STANCE / 2).collect::<String>();
+    let half = |side: Side| half(side).trim_end_matches("Frame ").to_owned() + "\n";
+    let remarks = parse(&file(&(half(Side::Left) + &half(Side::Right)))).unwrap().remarks;
+    for foot in ["Left", "Right"] {
+        let begin = format!("{foot} foot: the last frame carries ");
+        assert_eq!(remarks.iter().filter(|remark| remark.starts_with(&begin)).count(), 1, "{remarks:?}");
+    }
+}
+
 /// The export has forces: -0.1 N on a cell of 7.62 mm by 5.08 mm.
 #[test]
 fn a_negative_force_is_read_as_a_pressure_of_zero_with_a_remark() {
@@ -170,7 +205,7 @@ fn a_negative_force_is_read_as_a_pressure_of_zero_with_a_remark() {
     let export = parse(&text.replacen("(0.00 ms)\n0.00000", "(0.00 ms)\n-0.10000", 1)).unwrap();
     assert_eq!(export.feet, parse(&text).unwrap().feet);
     let remarks = export.remarks.join(" ");
-    assert!(remarks.contains("read as 0: 1. The lowest one is -2.58 kPa"), "{remarks}");
+    assert!(remarks.contains("in all frames together: 1. The lowest one is -2.58 kPa"), "{remarks}");
 }
 
 #[test]

@@ -46,6 +46,43 @@ fn parse(format: Format, text: &str) -> Result<Export> {
     common::parse(format, "walk.txt", text.as_bytes(), None)
 }
 
+/// The force on a zone in [`app_file`], N: in the stance it increases by 1 N from frame to frame.
+fn app_force_n(frame: usize, zone: usize) -> f64 {
+    if (100..260).contains(&frame) { (frame + 50 * zone) as f64 } else { 0.0 }
+}
+
+/// A loadsol export of both feet at 200 Hz with the structure of the app's files: units behind the names of the quantities, a
+/// second time and motion for each foot, and empty fields at the end. In each foot, two rows have the time and the forces of the
+/// row after them, and 11 frames of the left foot are lost within the stance.
+fn app_file() -> String {
+    let foot = |name: &str, zones: [&str; 3]| {
+        let zones = zones.map(|zone| format!("\t{name}::{zone}")).concat();
+        let motion = ["xAcc", "yAcc", "zAcc", "xGyro", "yGyro", "zGyro"].map(|of| format!("\t{name}::{of}")).concat();
+        format!("{zones}\t{name}\t{motion}\t")
+    };
+    let units =
+        format!("Time[secs]{}\tTime[secs]{}{}\t", "\tForce[N]".repeat(4), "\t[g]".repeat(3), "\t[rad/s]".repeat(3));
+    let left = foot("ABC123-L", ["heel", "medial", "lateral"]);
+    let mut text =
+        format!("walk.loadflux\ncomment walk\n{left}{}\t\n", foot("ABC124-R", ["lateral", "medial", "heel"]));
+    text += &format!("{}\n", units.repeat(2));
+    for frame in 0..400 {
+        let foot = |repeated: [usize; 2], zones: [usize; 3], is_lost: bool| {
+            let frame = frame + usize::from(repeated.contains(&frame));
+            let time = format!("{:.3}", frame as f64 * 0.005);
+            if is_lost {
+                return format!("{time}{}\t0.000\t{time}{}\t", "\t-1.000".repeat(3), "\t-".repeat(6));
+            }
+            let forces = zones.map(|zone| format!("\t{:.3}", app_force_n(frame, zone))).concat();
+            let total_n: f64 = zones.iter().map(|zone| app_force_n(frame, *zone)).sum();
+            format!("{time}{forces}\t{total_n:.3}\t{time}{}\t", "\t0.125".repeat(6))
+        };
+        let left = foot([39, 199], [0, 1, 2], (150..161).contains(&frame));
+        text += &format!("{left}{}\t\n", foot([120, 320], [2, 1, 0], false));
+    }
+    text + "\n"
+}
+
 /// Checks the feet, times and forces of an import from `sensors` sensors of each foot. Frame 40 is not compared, because it is
 /// lost in the loadsol file.
 fn assert_both_feet(export: &Export, sensors: usize) {
@@ -82,7 +119,7 @@ fn forces_of_loadsol_are_conserved_and_a_lost_frame_is_interpolated() {
     let export = parse(Format::Loadsol, &text).unwrap();
     assert_both_feet(&export, 3);
     assert!(
-        export.remarks.iter().any(|remark| remark.starts_with("Right foot: Lost frames that were filled linearly: 1")),
+        export.remarks.iter().any(|r| r.starts_with("Right foot: Lost frames that were interpolated linearly: 1")),
         "{:?}",
         export.remarks
     );
@@ -92,6 +129,53 @@ fn forces_of_loadsol_are_conserved_and_a_lost_frame_is_interpolated() {
         let most = recording.layout.cells.iter().zip(recording.frame(frame)).max_by(|a, b| a.1.total_cmp(b.1)).unwrap();
         assert_eq!(most.0.region, Region::Heel);
     }
+}
+
+#[test]
+fn lost_frames_and_repeated_rows_of_the_loadsol_app_are_interpolated() {
+    let text = app_file();
+    assert_eq!(Format::recognise(text.as_bytes(), "walk.txt".as_ref()).unwrap(), Format::Loadsol);
+    let export = parse(Format::Loadsol, &text).unwrap();
+    assert_eq!(export.feet.iter().map(|foot| foot.side).collect::<Vec<_>>(), [Side::Left, Side::Right]);
+    for recording in &export.feet {
+        assert_eq!((recording.frames(), recording.cells()), (400, 3));
+        assert!((recording.rate_hz - 200.0).abs() < 1e-6);
+        for frame in 0..400 {
+            assert!((recording.t_s[frame] - frame as f64 * 0.005).abs() < 1e-9);
+            let true_n: f64 = (0..3).map(|zone| app_force_n(frame, zone)).sum();
+            assert!((recording.force_n(frame) - true_n).abs() < 0.01, "frame {frame}: {}", recording.force_n(frame));
+        }
+    }
+    for (foot, frames) in [("Left", 13), ("Right", 2)] {
+        let remark = format!("{foot} foot: Lost frames that were interpolated linearly: {frames}.");
+        assert!(export.remarks.contains(&remark), "{:?}", export.remarks);
+        let agrees = |remark: &String| remark.starts_with(foot) && remark.contains("+0.00 %");
+        assert!(export.remarks.iter().any(agrees), "{:?}", export.remarks);
+    }
+}
+
+#[test]
+fn loadsol_rows_that_are_cut_off_or_repeat_only_the_time_are_refused() {
+    let text = app_file();
+    let other = text.replacen("\n1.000\t200.000\t", "\n1.000\t201.000\t", 1);
+    assert_message(parse(Format::Loadsol, &other), "walk.txt:205: ", &["time 1 s is repeated"]);
+    // The last row ends within its first force, or behind it.
+    let (whole, _) = text.rsplit_once("0.000\t0.000\t0.000\t0.000\t1.995").expect("a last row");
+    for end in ["0.0", "0.000\t"] {
+        assert_message(
+            parse(Format::Loadsol, &format!("{whole}{end}")),
+            "walk.txt:404: ",
+            &["columns, the header has 24"],
+        );
+    }
+}
+
+#[test]
+fn loadsol_insoles_without_zones_are_named_as_such() {
+    let text = "walk.loadflux\ncomment walk\n\tABC123-L\t\tABC124-R\t\t\nTime[secs]\tForce[N]\tTime[secs]\tForce[N]\t\n\
+                0.000\t25.000\t0.000\t877.500\t\t\n0.005\t25.000\t0.005\t873.990\t\t\n";
+    assert_eq!(Format::recognise(text.as_bytes(), "walk.txt".as_ref()).unwrap(), Format::Loadsol);
+    assert_message(parse(Format::Loadsol, text), "walk.txt:3: ", &["ABC123-L", "no zone", "total force alone"]);
 }
 
 #[test]

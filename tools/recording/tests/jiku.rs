@@ -79,7 +79,7 @@ fn a_walk_has_the_documented_layout_and_provenance() {
 
 #[test]
 #[ignore = "needs the data set SpeedPP2DS: cargo xtask test"]
-fn ten_aligned_steps_load_few_more_cells_than_one() {
+fn ten_aligned_steps_load_less_than_half_as_many_more_cells_as_one() {
     let folder = folder();
     // If the steps were not shifted onto each other, ten steps together would load far more cells than one step.
     let one_step = import(&folder, 1, [0]).cells();
@@ -132,7 +132,8 @@ fn with_a_trial_of_impossible_size() -> Vec<u8> {
     bytes
 }
 
-/// The computed trials, of which the second one was not resampled: a value of its second row is too large.
+/// The computed trials. The stored rows of a trial are interpolated from the rows of the plate. A value in the second row of the
+/// second trial is too large for such an interpolation, so the import assumes that this trial was not resampled.
 fn with_a_trial_that_was_not_resampled() -> Vec<u8> {
     let mut bytes = COMPUTED.to_vec();
     let units = [57u16, 95, 95, 57].map(u16::to_le_bytes).concat();
@@ -159,6 +160,7 @@ fn a_trial_that_is_missing_or_damaged_is_refused_with_a_remedy() {
     ] {
         let error = jiku::parse(&bytes, &trials).unwrap_err().to_string();
         assert!(parts.iter().all(|part| error.contains(part)), "{error}");
+        // An import of no trials is not a remedy.
         assert!(!error.contains("`--trials 0`"), "{error}");
     }
 }

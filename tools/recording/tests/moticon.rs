@@ -83,7 +83,7 @@ fn lost_frames_are_interpolated_and_those_at_the_beginning_are_left_out() {
     let expected = |share: f64| total_n(59) * (1.0 - share) + total_n(62) * share;
     assert!((right.force_n(57) - expected(1.0 / 3.0)).abs() < 1.0);
     assert!(
-        export.remarks.iter().any(|r| r.starts_with("Right foot: Lost frames that were filled linearly: 2")),
+        export.remarks.iter().any(|r| r.starts_with("Right foot: Lost frames that were interpolated linearly: 2")),
         "{:?}",
         export.remarks
     );

@@ -1,4 +1,5 @@
-//! The file format: a written recording is read back unchanged. For invalid files the error names the row or column.
+//! The file format: a written recording is read back unchanged, for invalid files the error names the row or column, and a failed
+//! output leaves existing files as they are. Also: recordings in several parts, and the scans of a file.
 
 use parquet::data_type::{DoubleType, FloatType};
 use parquet::file::metadata::KeyValue;
@@ -172,7 +173,7 @@ fn output_to_a_link_whose_target_does_not_exist_creates_the_target() {
 }
 
 #[test]
-fn a_folder_of_a_user_with_the_temporary_name_remains() {
+fn a_users_folder_that_has_the_name_of_the_temporary_file_remains() {
     let (_folder, path) = in_folder();
     let walk = synthetic::walk(&SyntheticWalk { steps: 1, ..SyntheticWalk::default() }).recording;
     let incomplete = path.with_extension("parquet.incomplete");
@@ -343,8 +344,9 @@ fn pages_that_claim_more_values_than_they_hold_are_rejected() {
     recording.pressure_kpa.truncate(24 * 8);
     recording.write(&path).unwrap();
     let mut bytes = std::fs::read(&path).unwrap();
-    // In the header of the dictionary page of the times, the number of values lies between two other fields. It is stored as a
-    // zigzag varint, which is twice its value.
+    // In the header of the dictionary page of the times (Thrift's compact protocol), the number of values follows the header of
+    // its struct, 0x4c, and that of its own field, 0x15, and precedes the header of the next field, 0x15. It is stored as a
+    // zigzag varint, which contains twice the number.
     let at = bytes.windows(4).position(|window| window == [0x4c, 0x15, 2 * 24, 0x15]).unwrap();
     bytes[at + 2] = 2 * 25;
     std::fs::write(&path, bytes).unwrap();
@@ -404,7 +406,7 @@ fn times_that_are_not_uniform_and_increasing_are_rejected() {
     refused([0.0, 0.01, 0.005, 0.03], &["row 3", "backwards"]);
     refused([0.0, 0.01, 0.01, 0.02], &["row 3", "repeated"]);
     refused([0.0, 0.01, 0.04, 0.05], &["row 3", "0.030000 s after", "0.010000 s"]);
-    refused([0.0, f64::NAN, 0.02, 0.03], &["row 2", "finite"]);
+    refused([0.0, f64::NAN, 0.02, 0.03], &["row 2", "time NaN is not"]);
     refused([0.0, 0.012, 0.024, 0.039], &["stated rate is 100.000 Hz"]);
     assert_frames_refused(&[], &[], &[], &["no frames"]);
 }
@@ -453,7 +455,7 @@ fn the_scans_of_a_file_equal_those_of_the_recording_in_memory() {
 }
 
 #[test]
-fn all_threads_of_a_program_can_wait_for_scans_at_once() {
+fn waiting_for_scans_on_all_global_threads_does_not_deadlock() {
     let (_folder, path) = in_folder();
     let walk = synthetic::walk(&SyntheticWalk { cells: 37, steps: 1, ..SyntheticWalk::default() }).recording;
     walk.write(&path).unwrap();
@@ -492,13 +494,15 @@ fn pressures_above_the_statistics_of_their_column_are_rejected() {
 }
 
 #[test]
-fn the_scans_of_a_file_end_with_its_error() {
+fn an_error_in_a_file_is_returned_by_its_scans() {
     let (_folder, path) = in_folder();
     write(&path, Some(TWO_CELLS), ["t_s", "c0_kpa", "c1_kpa"], &[0.0, 0.03], [&[1.0, 2.0], &[4.0, 3.0]]);
     let reader = RecordingReader::open(&path).unwrap();
     let insole = VirtualInsole::up_to(4.0, &reader.head, ContactRule::COUNTED, StanceRule::ADAPTIVE);
-    let error = insole.scans(reader).next_scan().err().expect("an error").to_string();
+    let mut scans = insole.scans(reader);
+    let error = scans.next_scan().err().expect("an error").to_string();
     assert!(error.contains("row 2, column t_s: 0.030000 s after"), "{error}");
+    assert!(matches!(scans.next_scan(), Ok(None)));
 }
 
 #[test]

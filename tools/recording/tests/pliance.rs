@@ -24,14 +24,21 @@ fn text(side: Side) -> String {
             sensors.iter().map(|&(row, column)| format!("{:.3}", pressure_kpa(side, frame, row, column))).collect();
         text += &format!("{:.5} {}\n", 5.0 + frame as f64 * 0.01, values.join(" "));
     }
-    text += "MVP 1 2 3\n\nmasks:\ntime[secs] 1\n5.0 1\n\ncorner\n";
-    for (corner, right, up) in [(1, 0.0, 0.0), (2, 1.0, 0.0), (3, 1.0, 1.0), (4, 0.0, 1.0)] {
+    text += "MVP 1 2 3\n\nmasks:\ntime[secs] 1\n5.0 1\n\ncorner[cm]\n";
+    for (corner, right, up) in [("0", 0.0, 1.0), ("1", 0.0, 0.0), ("2", 1.0, 0.0), ("3", 1.0, 1.0), ("c", 0.5, 0.5)] {
         let x = sensors.iter().map(|(_, column)| format!("{:.4}", (*column as f64 + right) * WIDTH_CM));
         let y = sensors.iter().map(|(row, _)| format!("{:.4}", ((ROWS - 1 - row) as f64 + up) * HEIGHT_CM));
         text += &format!("x[{corner}] {}\n", x.collect::<Vec<_>>().join(" "));
         text += &format!("y[{corner}] {}\n", y.collect::<Vec<_>>().join(" "));
     }
-    text
+    text + "area" + &format!(" {:.4}", WIDTH_CM * HEIGHT_CM).repeat(sensors.len()) + "\n"
+}
+
+/// The text with corners that are numbered from 1 on.
+fn from_one(text: &str) -> String {
+    (0..4)
+        .rev()
+        .fold(text.to_owned(), |text, corner| text.replace(&format!("[{corner}]"), &format!("[{}]", corner + 1)))
 }
 
 fn parse(text: &str) -> Result<Export> {
@@ -47,6 +54,15 @@ fn a_step_is_imported_and_its_foot_is_recognised() {
         assert!((export.feet[0].rate_hz - 100.0).abs() < 0.01);
         assert_step(&export.feet[0], side, 100.0 * WIDTH_CM * HEIGHT_CM, 1e-3);
     }
+}
+
+#[test]
+fn corners_are_numbered_from_zero_or_one() {
+    let text = text(Side::Right);
+    let from_one = from_one(&text);
+    assert!(from_one.contains("\ny[4] ") && !from_one.contains("[0]"));
+    assert_eq!(Format::recognise(from_one.as_bytes(), "step.asc".as_ref()).unwrap(), Format::Pliance);
+    assert_eq!(parse(&from_one).unwrap().feet, parse(&text).unwrap().feet);
 }
 
 #[test]
@@ -88,12 +104,12 @@ fn damaged_files_are_refused_with_the_place_and_a_remedy() {
     assert_message(changed("kPa", "stone"), "step.asc:3: ", &["stone"]);
     // Without its header, the table of pressures is skipped, and the table of masks, which has one sensor, is taken for it. The
     // lines with the corners then have too many coordinates.
-    assert_message(changed("time[secs]", "time"), "step.asc: ", &["x[1]", "corners"]);
+    assert_message(changed("time[secs]", "time"), "step.asc: ", &["x[0]", "corners"]);
     assert_message(changed("y[3]", "z[3]"), "step.asc: ", &["y[3]", "corners"]);
     assert_message(changed("x[2] 0.8000", "x[2] 1.6000"), "step.asc: ", &["rectangles"]);
     // A sensor that is 4095.9 rows above the lowest one: the index of its row is rounded to 4096, one more than the largest.
     let raised = text.replacen("y[1] 26.1000", "y[1] 3686.3100", 1).replacen("y[2] 26.1000", "y[2] 3686.3100", 1);
-    let raised = raised.replacen("y[3] 27.0000", "y[3] 3687.2100", 1).replacen("y[4] 27.0000", "y[4] 3687.2100", 1);
+    let raised = raised.replacen("y[3] 27.0000", "y[3] 3687.2100", 1).replacen("y[0] 27.0000", "y[0] 3687.2100", 1);
     assert_message(parse(&raised), "step.asc: ", &["rectangles"]);
     // The first sensor gets the corners of the second one.
     let doubled = text.lines().map(|line| match *line.split(' ').collect::<Vec<_>>() {

@@ -132,11 +132,11 @@ fn negative_pressures_are_read_as_zero_with_a_remark() {
     let remark = |row: &str| {
         let text = tekscan(&[row, "10,10,10", "10,10,10", "10,10,10", "10,10,10", "10,10,10", "10,10,10", "10,10,10"]);
         let export = parse(Format::Tekscan, "walkL.asf", text.as_bytes(), None).unwrap();
-        export.remarks.into_iter().find(|remark| remark.starts_with("Negative pressures"))
+        export.remarks.into_iter().find(|remark| remark.contains("negative pressures"))
     };
     assert_eq!(remark("0,10,10"), None);
     // The export has two frames.
-    let expected = "Negative pressures of the left foot, in all frames together, that were read as 0: 4. \
+    let expected = "Left foot: negative pressures that were read as 0, in all frames together: 4. \
                     The lowest one is -4.00 kPa.";
     assert_eq!(remark("-4,10,-2.5").as_deref(), Some(expected));
     let small = remark("-0.004,10,10").unwrap();
@@ -162,6 +162,32 @@ fn a_contact_on_a_tekscan_plate_that_is_cut_off_leads_to_a_remark() {
         export.remarks.iter().filter(|remark| remark.contains("frame carries")).count()
     };
     assert_eq!((remarks(&plate), remarks(&insole)), (2, 0));
+}
+
+/// On 3 x 8 cells of 100 mm2, 333.3 kPa are 800 N, 50 kPa 120 N, and 25 kPa 60 N.
+#[test]
+fn a_contact_on_a_plate_that_cannot_become_a_step_leads_to_a_remark() {
+    let frame = |kpa: &str| [[kpa; 3].join(",").as_str(); 8].join("\n");
+    let text = tekscan(&["0,0,0"; 8]).replace("SENSOR_TYPE FSCAN", "SENSOR_TYPE 5101");
+    let (header, _) = text.split_once("Frame 1").expect("a frame");
+    let remarks = |first: &str, last: &str| {
+        let frames = [first, "333.3", last].map(frame);
+        let frames: String = (1..).zip(frames).map(|(i, frame)| format!("Frame {i}\n{frame}\n")).collect();
+        let text = format!("{header}{frames}");
+        let export = parse(Format::Tekscan, "step.asf", text.as_bytes(), Some(Side::Left)).unwrap();
+        export.remarks.into_iter().filter(|remark| remark.contains("frame carries")).collect::<Vec<_>>().join(" ")
+    };
+    assert_eq!(remarks("25", "25"), "");
+    assert_eq!(
+        remarks("50", "25"),
+        "Left foot: the first frame carries 15 % of the largest load: the contact does not become a step, because its heel \
+         strike is missing; export unloaded frames before it."
+    );
+    assert_eq!(
+        remarks("25", "50"),
+        "Left foot: the last frame carries 15 % of the largest load: the contact does not become a step, because its toe \
+         off is missing; export unloaded frames after it."
+    );
 }
 
 #[test]

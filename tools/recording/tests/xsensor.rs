@@ -167,7 +167,7 @@ fn a_foot_that_is_missing_in_a_frame_is_interpolated() {
     lines.drain(begin..end);
     let export = parse(&text(USUAL, &lines)).unwrap();
     assert!(
-        export.remarks.iter().any(|r| r.starts_with("Right foot: Lost frames that were filled linearly: 1")),
+        export.remarks.iter().any(|r| r.starts_with("Right foot: Lost frames that were interpolated linearly: 1")),
         "{:?}",
         export.remarks
     );

@@ -307,6 +307,19 @@ fn a_zero_of_other_cells_or_above_half_of_the_scale_is_rejected() {
     assert!(error.contains("500 kPa unloaded"), "{error}");
 }
 
+/// A system that reads small pressures as 0: other cells are never loaded in the trial than in the walk.
+#[test]
+fn cells_that_differ_because_of_a_merge_are_rejected_with_the_remedy() {
+    let clipped = |unloaded: usize| {
+        let mut recording = synthetic::standing(&SyntheticStanding { cells: 300, ..Default::default() });
+        recording.pressure_kpa.iter_mut().skip(unloaded).step_by(300).for_each(|kpa| *kpa = 0.0);
+        recording.binned(256).expect("256 cells")
+    };
+    let (_, zero) = measured(&clipped(0));
+    let error = zero.apply_to(&mut virtual_insole(&clipped(150)), "zero.toml").expect_err("refused").to_string();
+    assert!(error.contains("other cells") && error.contains("without --cells"), "{error}");
+}
+
 #[test]
 fn the_error_for_a_malformed_file_names_the_line() {
     let zero = FootZero { layout_id: 7, offset_kpa: vec![0.25; 20] };

@@ -3,7 +3,7 @@
 use super::native::{NativeCell, Step};
 use std::collections::BTreeMap;
 
-/// Largest shift along an axis, cells. A few cells suffice, because the images are roughly centred.
+/// Largest shift along an axis, cells. A few cells suffice, because the footprints are roughly centred in the stored images.
 const MAX_SHIFT: isize = 6;
 
 /// A translation of a step's cells.
