@@ -95,17 +95,23 @@ impl Insole {
         })
     }
 
-    /// Sends the parameters in a file to the insole, which stores them.
-    fn push(&self, py: Python, path: PathBuf) -> PyResult<()> {
+    /// Sends the parameters in a file to the insole, which stores them. Returns notes for the user.
+    fn push(&self, py: Python, path: PathBuf) -> PyResult<Vec<String>> {
         let parameters = Parameters::read(&path).map_err(exception)?;
         let tissue = parameters.tissue();
+        let mut notes: Vec<String> = parameters.typical_note().into_iter().collect();
         match &parameters.identified {
-            None => self.with_link(py, |link| link.client().set_tissue(&tissue)),
+            None => self.with_link(py, |link| link.client().set_tissue(&tissue))?,
             Some(identified) => {
                 let on_insole = identified.on_insole().map_err(exception)?;
-                self.with_link(py, |link| link.client().set_identified_tissue(&tissue, on_insole))
+                let side = self.with_link(py, |link| {
+                    link.client().set_identified_tissue(&tissue, on_insole)?;
+                    Ok(link.client().hello().side)
+                })?;
+                notes.extend(identified.notes_for_insole(side));
             }
         }
+        Ok(notes)
     }
 
     /// Closes the link.

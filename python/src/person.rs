@@ -22,7 +22,12 @@ pub struct Person(study::Person);
 
 /// The fitted values of one recording.
 #[pyclass(frozen, module = "plantar._core")]
-pub struct Trial(trials::Trial);
+pub struct Trial {
+    trial: trials::Trial,
+    /// The defects of the fits, with the names of recording and region.
+    #[pyo3(get)]
+    defects: Vec<String>,
+}
 
 #[pymethods]
 impl Person {
@@ -69,7 +74,10 @@ impl Person {
 
     /// Fits one set of parameters for each region to all steps of a recording together.
     fn trial(&self, py: Python, recording: &Recording) -> PyResult<Trial> {
-        py.detach(|| fits::trial(&self.0, &*recording.inner, &recording.path)).map(Trial).map_err(exception)
+        let (trial, defects) =
+            py.detach(|| fits::trial(&self.0, &*recording.inner, &recording.path)).map_err(exception)?;
+        let defects = defects.iter().map(|defect| format!("{}, {defect}", trial.name)).collect();
+        Ok(Trial { trial, defects })
     }
 }
 
@@ -80,13 +88,18 @@ pub fn steps_path(participant: &str) -> String {
 }
 
 /// The repeatability of the trials of people: one row for each foot, variable and region that can be compared. `least_people` is
-/// 1 for the trials of one person, and otherwise 2.
+/// 1 for the trials of one person, and otherwise 2. Also returns the reasons why people are left out.
 #[pyfunction]
-pub fn repeatability(py: Python, people: Vec<(String, Vec<PyRef<Trial>>)>, least_people: usize) -> PyResult<Table> {
+pub fn repeatability(
+    py: Python,
+    people: Vec<(String, Vec<PyRef<Trial>>)>,
+    least_people: usize,
+) -> PyResult<(Table, Vec<String>)> {
     let people: Vec<(String, Vec<trials::Trial>)> =
-        people.into_iter().map(|(name, all)| (name, all.iter().map(|trial| trial.0.clone()).collect())).collect();
+        people.into_iter().map(|(name, all)| (name, all.iter().map(|trial| trial.trial.clone()).collect())).collect();
     let people: Vec<(&str, &[trials::Trial])> = people.iter().map(|(name, all)| (name.as_str(), &all[..])).collect();
-    let (feet, _) = py.detach(|| agreement::repeatability(&people, least_people));
+    let (feet, single) = py.detach(|| agreement::repeatability(&people, least_people));
+    let left_out = agreement::left_out(&people, least_people, &feet, &single);
     let mut rows: Vec<Row> = Vec::new();
     for foot in &feet {
         for row in &foot.rows {
@@ -108,7 +121,7 @@ pub fn repeatability(py: Python, people: Vec<(String, Vec<PyRef<Trial>>)>, least
         }
     }
     match rows.first() {
-        Some(first) => Ok(PyArrowType(table(first, &rows)?)),
+        Some(first) => Ok((PyArrowType(table(first, &rows)?), left_out)),
         None => {
             let people = match least_people {
                 1 => String::new(),

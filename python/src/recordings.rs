@@ -19,7 +19,8 @@ pub struct Recording {
     pub path: PathBuf,
 }
 
-/// Holds a recording in memory while an array uses its times or pressures, which the function returns as bytes.
+/// The owner of an Arrow buffer. It holds the recording in memory as long as an array uses the buffer. The function returns the
+/// bytes of the buffer: those of the times or of the pressures.
 struct Shared(Arc<recording::Recording>, fn(&recording::Recording) -> &[u8]);
 
 impl AsRef<[u8]> for Shared {

@@ -45,13 +45,7 @@ pub fn replay(
         None => Parameters::typical(options.size()?),
     };
     let contact = options.contact(Some(&parameters))?;
-    let mut notes = Vec::new();
-    if !parameters.personal {
-        notes.push(format!(
-            "parameters \"{}\" are not personal: model force and deformation are rough estimates",
-            parameters.subject
-        ));
-    }
+    let mut notes: Vec<String> = parameters.typical_note().into_iter().collect();
     if let Some(identified) = parameters.identified.as_ref().filter(|identified| identified.contact != contact) {
         notes.push(format!(
             "the parameters were identified with another contact rule (contact_on_kpa {}, contact_off_kpa {}, \

@@ -393,6 +393,23 @@ def test_a_study_in_object_storage_has_equal_rows(
     pd.testing.assert_frame_equal(table(tmp_path / "table"), expected)
 
 
+def test_incomplete_results_are_named_and_a_shared_file_in_object_storage_is_read(
+    study_folder: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    memory = fsspec.filesystem("memory")
+    memory.put(str(study_folder / "ann"), "/shared/study/ann", recursive=True)
+    memory.pipe("/shared/study/ann/participant.toml", b'tissue = "../tissue.toml"')
+    contradiction = b"[heel]\nthickness_mm = 17\npeak_strain = 0.4\ncurvature_mm = [400, 400]\n"
+    memory.pipe("/shared/study/tissue.toml", contradiction)
+    # The second run reads the defects from the table.
+    for _ in range(2):
+        assert cohort.main(["memory://shared/study", "--out", "memory://shared/table"]) == 3
+        text = capsys.readouterr().err
+        assert "incomplete: ann, 0.parquet, heel: measurements contradict each other" in text and "left out" not in text
+    memory.pipe("/shared/study/tissue.toml", b"heel = 17")
+    assert cohort.main(["memory://shared/study", "--out", "memory://shared/table"]) == 0
+
+
 def test_a_study_without_participants_is_an_error(tmp_path: pathlib.Path) -> None:
     with pytest.raises(OSError, match="one folder per participant"):
         cohort.run(tmp_path / "nowhere", tmp_path / "table")

@@ -138,6 +138,29 @@ def test_repeatability_is_that_of_the_first_trials_given(study_folder: pathlib.P
     assert not package.repeat({"ann": ann, "cid": [other, *cid]}).equals(expected)
 
 
+def test_people_who_are_left_out_of_a_comparison_are_named(study_folder: pathlib.Path) -> None:
+    people = recordings_of(study_folder)
+    people = {"ann": people["ann"], "cid": people["cid"], "dan": people["dan"][:1]}
+    with pytest.warns(UserWarning, match="left out: dan, right foot: only one usable recording"):
+        package.repeat(people)
+
+
+def test_each_incomplete_result_of_a_trial_and_of_a_step_is_a_warning(
+    study_folder: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
+    tissue = tmp_path / "tissue.toml"
+    tissue.write_text("[heel]\nthickness_mm = 17\npeak_strain = 0.4\ncurvature_mm = [400, 400]\n")
+    options = package.Options(tissue=tissue)
+    trials = recordings_of(study_folder)["ann"]
+    with pytest.warns(UserWarning, match="incomplete: the person, 1, heel: measurements contradict each other"):
+        package.repeat(trials, options=options)
+    with pytest.warns(UserWarning, match="incomplete: 0.parquet, heel: measurements contradict each other"):
+        rows = package.fit_steps(trials[0], options=options).to_pandas()
+    heel = rows[rows["region"] == "heel"]
+    assert heel["c_by"].eq("assumed_compression").all() and heel["defects"].notna().all()
+    assert rows[rows["region"] != "heel"]["defects"].isna().all() and rows["masked_cells"].eq(0).all()
+
+
 def test_a_single_step_has_no_predicted_error(tmp_path: pathlib.Path) -> None:
     path = walk(tmp_path / "one.parquet", "--steps", 1)
     with pytest.warns(UserWarning, match="only one step could be used"):

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 from conftest import plantar as command
+from conftest import walk
 
 import plantar
 
@@ -136,11 +137,26 @@ def test_pushed_parameters_are_those_that_the_command_line_reads_from_the_insole
     command("params", "typical", "--size", 38, "--out", tmp_path / "params.toml")
     with simulated(0) as (address, _):
         with plantar.Insole.connect(tcp=address) as insole:
-            insole.push(tmp_path / "params.toml")
+            with pytest.warns(UserWarning, match="are not personal"):
+                insole.push(tmp_path / "params.toml")
         command("params", "pull", "--tcp", address, "--out", tmp_path / "pulled.toml")
     pushed, pulled = (tomllib.loads((tmp_path / name).read_text())["regions"] for name in ("params.toml", "pulled.toml"))
     for region in plantar.REGIONS:
         assert force_law(pulled[region]) == pytest.approx(force_law(pushed[region]), rel=1e-6), region
+
+
+@needs_insole
+def test_pushed_parameters_of_the_other_foot_and_typical_ones_are_named(tmp_path: pathlib.Path) -> None:
+    params = tmp_path / "params.toml"
+    plantar.fit(walk(tmp_path / "walk.parquet", "--steps", 6, "--side", "right")).write(params)
+    with simulated(0) as (address, _), plantar.Insole.connect(tcp=address) as insole:
+        with pytest.warns(UserWarning) as caught:
+            insole.push(params)
+        notes = [str(warning.message) for warning in caught]
+        assert notes == ["the parameters were identified from the right foot, but this is the left foot"]
+        params.write_text(params.read_text().replace('"toe_2", ', ""))
+        with pytest.warns(UserWarning, match="the parameters of toe_2 are typical values"):
+            insole.push(params)
 
 
 def force_law(values: dict[str, float]) -> tuple[float, float, float]:

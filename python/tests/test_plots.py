@@ -38,7 +38,7 @@ def test_the_names_of_the_regions_do_not_overlap(tmp_path: pathlib.Path, side: s
         cells.loc[is_in_region, ["x_mm", "y_mm"]] += np.array([-20.0, 230.0]) - centre_mm
     figure = recording.plot()
     figure.canvas.draw()
-    # Without the line to the region, which the extent of an annotation contains.
+    # `Text.get_window_extent` returns the extent of the name alone. That of the annotation would include the line to the region.
     names = [Text.get_window_extent(text) for text in figure.axes[0].texts]
     assert len(names) == 8
     for index, name in enumerate(names):
@@ -48,14 +48,15 @@ def test_the_names_of_the_regions_do_not_overlap(tmp_path: pathlib.Path, side: s
 def test_places_are_spread_in_their_order_and_no_farther_than_necessary() -> None:
     spread = plots._spread(np.array([50.0, 0.0, 52.0, 9.0]), 9.0)
     np.testing.assert_allclose(spread, [46.5, 0.0, 55.5, 9.0])
-    # The third place is pushed into the second, and all three are then placed around their mean.
+    # Spreading the second and the third place moves the second one too close to the first one, so all three are placed around
+    # their mean.
     np.testing.assert_allclose(plots._spread(np.array([0.0, 10.0, 10.0]), 9.0), [-7.0 / 3, 20.0 / 3, 47.0 / 3])
     np.testing.assert_array_equal(plots._spread(np.array([30.0, 10.0]), 9.0), [30.0, 10.0])
 
 
 def test_a_missing_step_between_others_is_explained(walk_file: pathlib.Path) -> None:
     replay = plantar.replay(walk_file)
-    # As if the record with this number were a load bout.
+    # Step 3 is then missing, as if a load bout had this number.
     replay.steps = replay.steps.drop(index=3, level="step")
     with pytest.raises(ValueError, match="no step 3: the steps are 0 to 5; the load bouts and alerts between them are no steps"):
         replay.plot(step=3)

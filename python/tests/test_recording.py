@@ -101,6 +101,10 @@ def test_typical_parameters_are_reported_and_personal_ones_are_not(
     package.fit(walk_file).write(tmp_path / "params.toml")
     package.replay(walk_file, params=tmp_path / "params.toml")
     assert not recwarn.list
+    text = (tmp_path / "params.toml").read_text()
+    (tmp_path / "partly.toml").write_text(text.replace('"toe_2", ', ""))
+    package.replay(walk_file, params=tmp_path / "partly.toml")
+    assert "parameters of toe_2 are typical values" in str(recwarn.pop().message)
 
 
 @pytest.mark.filterwarnings("ignore:parameters .* are not personal")

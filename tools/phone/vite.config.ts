@@ -26,7 +26,8 @@ self.addEventListener("install", (event) => {
   event.waitUntil(caches.open(VERSION).then((cache) => cache.addAll(requests)).then(() => self.skipWaiting()));
 });
 self.addEventListener("activate", (event) => {
-  // The names are in the order of creation. A page of the previous version that is still open loads further files of its cache.
+  // The names are in the order of creation. The newest of the old caches remains, because a page of the previous version that is
+  // still open can load further files from it.
   const old = (names) => names.filter((name) => name.startsWith("plantar-") && name !== VERSION).slice(0, -1);
   event.waitUntil(
     caches.keys().then((names) => Promise.all(old(names).map((name) => caches.delete(name)))).then(() => self.clients.claim()),

@@ -12,6 +12,7 @@ import contextlib
 import dataclasses
 import os
 import pathlib
+import posixpath
 import sys
 import time
 import uuid
@@ -25,8 +26,10 @@ import fsspec
 import pyarrow
 import pyarrow.parquet
 from dask.system import CPU_COUNT
+from fsspec.implementations.local import LocalFileSystem
 
 from plantar import _core
+from plantar.fitting import defects_of
 from plantar.options import Options
 from plantar.recording import REGIONS
 
@@ -49,6 +52,8 @@ class Outcome:
     """True if the rows in the table were already up to date."""
     left_out: tuple[str, ...] = ()
     """The reasons why recordings or the participant could not be used, also files in sub-folders of the participant."""
+    incomplete: tuple[str, ...] = ()
+    """The defects of the fits, with the names of participant, recording and region."""
     notes: tuple[str, ...] = ()
     """A note on each value of the tissue measurements that is out of range and therefore not used."""
 
@@ -210,11 +215,18 @@ def _evaluate(
     file systems of these two. ``table`` is the folder of the table, if it is in the file system of the study."""
     opened: set[str] = set()
     tissue = None if options.tissue is None else os.fspath(options.tissue)
+    is_local = isinstance(files, LocalFileSystem)
 
     def read(path: str) -> bytes:
+        if path == tissue:
+            # This file is on this worker, all others are in the study.
+            return pathlib.Path(path).read_bytes()
+        if not is_local:
+            # In an object storage, `..` is part of a name.
+            protocol, mark, rest = path.rpartition("://")
+            path = protocol + mark + posixpath.normpath(rest)
         opened.add(path)
-        # The file of `options.tissue` is on this worker, all others are in the study.
-        return pathlib.Path(path).read_bytes() if path == tissue else bytes(files.cat_file(path))
+        return bytes(files.cat_file(path))
 
     person = _core.Person.open(folder, options, read)
     # The files of each recording, by the path of the recording: the file itself, or the parts in a folder.
@@ -227,7 +239,7 @@ def _evaluate(
     stamps = [f"\n{entry['name']} {[(key, entry[key]) for key in _STAMPS if key in entry]}" for entry in entries]
     made_from = f"{_core.version} python {person.description}{''.join(stamps)}".encode()
     if (rows := _up_to_date_rows(table_files, target, made_from)) is not None:
-        return Outcome(participant, rows // len(REGIONS), True, tuple(unused), tuple(person.notes))
+        return _outcome(participant, rows, True, unused, person.notes)
     batches, left_out = [], []
     for path, parts in recordings.items():
         try:
@@ -247,17 +259,26 @@ def _evaluate(
     metadata = {_MADE_FROM: b"" if left_out else made_from}
     rows_table = pyarrow.Table.from_batches(batches).replace_schema_metadata(metadata)
     _write(table_files, target, rows_table)
-    return Outcome(participant, steps, False, (*left_out, *unused), tuple(person.notes))
+    return _outcome(participant, rows_table, False, left_out + unused, person.notes)
 
 
-def _up_to_date_rows(files: Any, path: str, made_from: bytes) -> int | None:
-    """The number of rows of a file that was made from these inputs. ``None`` if it is missing, out of date or unreadable."""
+def _outcome(participant: str, rows: pyarrow.Table, is_cached: bool, left_out: list[str], notes: list[str]) -> Outcome:
+    """The outcome of a participant with these rows."""
+    incomplete = tuple(f"{participant}, {defect}" for defect in defects_of(rows))
+    return Outcome(participant, rows.num_rows // len(REGIONS), is_cached, tuple(left_out), incomplete, tuple(notes))
+
+
+def _up_to_date_rows(files: Any, path: str, made_from: bytes) -> pyarrow.Table | None:
+    """The rows of a file that was made from these inputs, with the columns that name their defects. ``None`` if the file is
+    missing, out of date or unreadable."""
     try:
         with files.open(path, "rb") as file:
-            metadata = pyarrow.parquet.read_metadata(file)
+            table = pyarrow.parquet.ParquetFile(file)
+            if (table.metadata.metadata or {}).get(_MADE_FROM) != made_from:
+                return None
+            return table.read(columns=["recording", "region", "defects"])
     except (OSError, pyarrow.ArrowInvalid):
         return None
-    return metadata.num_rows if (metadata.metadata or {}).get(_MADE_FROM) == made_from else None
 
 
 def _write(files: Any, path: str, table: pyarrow.Table) -> None:
@@ -397,8 +418,8 @@ def _options(parser: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs the command. Exit status: 0 if all participants and recordings were used, 3 if some could not be used, 2 for invalid
-    arguments, 1 otherwise."""
+    """Runs the command. Exit status: 0 if all participants and recordings were used, 3 if some could not be used or have
+    incomplete results, 2 for invalid arguments, 1 otherwise."""
     parser = argparse.ArgumentParser(prog="python -m plantar.cohort", description=__doc__)
     parser.add_argument("study", metavar="STUDY", help="the folder with one folder per participant")
     parser.add_argument("--out", required=True, metavar="TABLE", help="the folder of the table to write")
@@ -423,6 +444,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"note: {note}", file=sys.stderr)
     for reason in left_out:
         print(f"left out: {reason}", file=sys.stderr)
+    incomplete = [defect for outcome in outcomes for defect in outcome.incomplete]
+    for defect in incomplete:
+        print(f"incomplete: {defect}", file=sys.stderr)
     cached_count = sum(outcome.is_cached for outcome in outcomes)
     fitted = [outcome for outcome in outcomes if outcome.steps and not outcome.is_cached]
     if cached_count == len(fitted) == 0:
@@ -435,7 +459,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         f"wrote {out}: {sum(outcome.steps for outcome in fitted)} steps of {len(fitted)} participants in "
         f"{time.monotonic() - start_s:.1f} s; {cached_count} participants were already up to date"
     )
-    return 3 if left_out else 0
+    return 3 if left_out or incomplete else 0
 
 
 if __name__ == "__main__":

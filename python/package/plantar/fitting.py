@@ -82,7 +82,8 @@ def fit_steps(recording: Recording | Path, *, options: Options = Options()) -> p
     """Fits each region of each step of a recording separately, like ``plantar cohort``.
 
     The table has one row for each region of each step. The function needs no other recording and has no state, so that many
-    recordings can be evaluated in parallel, for example by Dask or Spark.
+    recordings can be evaluated in parallel, for example by Dask or Spark. A ``UserWarning`` names each defect of a region, which
+    the column ``defects`` has, too.
     """
     import pyarrow
 
@@ -91,7 +92,21 @@ def fit_steps(recording: Recording | Path, *, options: Options = Options()) -> p
         raise ValueError(f"{len(opened)} recordings, but fit_steps fits one recording: call it for each of them")
     person = _core.Person(options)
     _warn(person.notes)
-    return pyarrow.Table.from_batches([person.rows(opened[0]._core)])
+    table = pyarrow.Table.from_batches([person.rows(opened[0]._core)])
+    _warn([f"incomplete: {defect}" for defect in defects_of(table)])
+    return table
+
+
+def defects_of(rows: pyarrow.Table) -> list[str]:
+    """The different defects in the rows of steps, each with the names of its recording and region."""
+    columns = (rows.column(name).to_pylist() for name in ("recording", "region", "defects"))
+    found = (
+        f"{recording}, {region}: {defect}"
+        for recording, region, defects in zip(*columns, strict=True)
+        for defect in (defects or "").split(" | ")
+        if defect
+    )
+    return list(dict.fromkeys(found))
 
 
 def repeat(
@@ -108,7 +123,8 @@ def repeat(
     ``tissue`` and ``zero``, the values of ``participant.toml``.
 
     Raises a ``ValueError`` if a recording is given twice, also for different people, and if there are too few trials to compare:
-    by name, at least two people need two trials of the same foot.
+    by name, at least two people need two trials of the same foot. A ``UserWarning`` names each person who is left out of the
+    comparison of a foot, and each region of a recording with an incomplete result.
     """
     recordings_of = people if isinstance(people, Mapping) else {"the person": people}
     options_of = options if isinstance(options, Mapping) else dict.fromkeys(recordings_of, options)
@@ -125,20 +141,22 @@ def repeat(
     # A copy would be a trial without any error of measurement.
     known: dict[bytes, str] = {}
 
-    def trials(name: str) -> list[_core.Trial]:
+    def fitted(name: str) -> list[_core.Trial]:
         opened = _recordings(recordings_of[name])
         _check_distinct(opened, known)
         return [persons[options_of[name]].trial(recording._core) for recording in opened]
 
     least_people = 2 if isinstance(people, Mapping) else 1
-    trials_of = [(name, trials(name)) for name in recordings_of]
+    trials_of = [(name, fitted(name)) for name in recordings_of]
     try:
-        table = _core.repeatability(trials_of, least_people)
+        table, left_out = _core.repeatability(trials_of, least_people)
     except ValueError as error:
         if least_people == 1 or not any(map(_is_comparable, trials_of)):
             raise
         # The recordings of one person are sufficient: a list of them is compared without other people.
         raise ValueError(f"{error}, or give the recordings of one person as a list, without the name") from error
+    defects = [f"incomplete: {name}, {defect}" for name, trials in trials_of for trial in trials for defect in trial.defects]
+    _warn([f"left out: {reason}" for reason in left_out] + defects)
     frame: pd.DataFrame = table.to_pandas()
     return frame.set_index(["side", "variable", "region"])
 

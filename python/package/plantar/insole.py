@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import warnings
 from collections.abc import AsyncIterator, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -66,9 +67,12 @@ class Insole:
     def push(self, params: Path) -> None:
         """Sends a parameter file to the insole, which uses it from its next frame on and stores it.
 
-        An insole refuses parameters of another contact rule than its own; ``plantar params push`` sets the rule first.
+        An insole refuses parameters of another contact rule than its own; ``plantar params push`` sets the rule first. A
+        ``UserWarning`` names parameters of the other foot, of another filter than that of step records, and those that are not
+        personal.
         """
-        self._core.push(params)
+        for note in self._core.push(params):
+            warnings.warn(note, stacklevel=2)
 
     def next_event(self) -> Event | None:
         """The next event, or ``None`` if none arrived. Waits for about 50 ms, and longer while it opens a lost link again."""

@@ -116,7 +116,8 @@ class Recording:
         return pd.DataFrame(self.pressure_kpa, index=pd.Index(self.t_s, name="t_s"), columns=names, copy=False)
 
     def to_xarray(self) -> xarray.Dataset:
-        """A data set with ``pressure_kpa`` along ``t_s`` and ``cell``; the cells have coordinates."""
+        """A data set with ``pressure_kpa`` along ``t_s`` and ``cell``, and with ``x_mm``, ``y_mm``, ``area_mm2`` and
+        ``region`` as coordinates along ``cell``."""
         import xarray
 
         coordinates: dict[str, Any] = {str(name): ("cell", column.to_numpy()) for name, column in self.cells.items()}
@@ -215,7 +216,7 @@ class Replay:
     def _period_s(self) -> float:
         """The frame period of the insole, s. It is rounded to whole microseconds, so the times of an insole drift from those of
         a recording whose period is not a whole number of microseconds."""
-        # As the insole, and unlike `round`, half a microsecond is rounded up.
+        # Half a microsecond is rounded up, as on the insole; `round` would round it to the even number.
         return math.floor(1e6 / self.recording.rate_hz + 0.5) / 1e6
 
     def plot(self, step: int | None = None) -> Figure:

@@ -68,6 +68,7 @@ pub fn isolate(
                     force_n: force_n.to_vec(),
                     sample_s,
                     saturated: record.saturated >> region & 1 == 1,
+                    masked_cells: record.regions[region].masked_cells,
                     has_single_cell: cells[region] == 1,
                     ..curves
                 }

@@ -52,7 +52,7 @@ pub use fixed::Measured;
 pub use identify::Bounds;
 pub use prior::Prior;
 pub use quality::Quality;
-pub use region::{RegionFit, fit_force_law, fit_step};
+pub use region::{RegionFit, fit_each_step, fit_force_law};
 pub use samples::Samples;
 pub use screen::{MIN_FORCE_N, MIN_SAMPLES, NotFitted};
 pub use steps::{Filter, RegionCurves, Step};
@@ -84,7 +84,7 @@ impl Method {
 /// The options of a fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
-    /// The filter of the contact area. Use the filter with which the device will evaluate the parameters.
+    /// The filter of the contact area. Use the filter with which the insole will evaluate the model with these parameters.
     pub filter: Filter,
     /// The method of search.
     pub method: Method,

@@ -75,26 +75,47 @@ impl RegionFit {
     }
 }
 
-/// Fits one region to one step alone, as the paper does before it averages.
-///
-/// # Errors
-/// Returns the reason if the region cannot be fitted to the step.
-pub fn fit_step(step: &Step, region: usize, options: &Options) -> Result<(RegionFit, Evaluated), NotFitted> {
-    let steps = std::slice::from_ref(step);
-    let used = usable(steps, region, options.filter)?;
-    let curves = &steps[used[0]].regions[region];
+/// Fits one region to each step of a recording alone, as the paper does before it averages. Whether measurements of the tissue
+/// contradict each other is determined from all steps together, so that the same measurement determines C in all of them.
+/// The result of a step that cannot be fitted is the reason.
+pub fn fit_each_step(steps: &[Step], region: usize, options: &Options) -> Vec<Result<RegionFit, NotFitted>> {
+    let contradiction = contradiction(steps, region, options);
+    steps.iter().map(|step| fit_step(step, region, options, contradiction)).collect()
+}
+
+/// The contradiction between the measurements of a region, from all steps that pass the screening.
+fn contradiction(steps: &[Step], region: usize, options: &Options) -> Option<Contradiction> {
+    // Nothing can contradict a peak strain alone.
+    if options.measured[region].curvature_m == [None; 2] {
+        return None;
+    }
+    let used = usable(steps, region, options.filter).ok()?;
+    let curves: Vec<_> = used.iter().map(|&i| &steps[i].regions[region]).collect();
+    search(curves.iter().copied(), region, options).fixed_parameters(&curves, region, options).1
+}
+
+/// Fits one region to one step alone.
+fn fit_step(
+    step: &Step,
+    region: usize,
+    options: &Options,
+    contradiction: Option<Contradiction>,
+) -> Result<RegionFit, NotFitted> {
+    let used = usable(std::slice::from_ref(step), region, options.filter)?;
+    let curves = &step.regions[region];
     let best = search([curves], region, options);
-    let (fixed, contradiction) = best.fixed_parameters(&[curves], region, options);
+    let fixed = best.fixed_parameters_with(&[curves], region, options, contradiction.is_some());
     let evaluated = Evaluated::new(curves, options.filter, &best.law).ok_or(NotFitted::NeverLoaded)?;
-    let one = std::slice::from_ref(&evaluated);
-    let quality = Quality::new(one, one, &[]);
+    let one = [evaluated];
+    let quality = Quality::new(&one, &one, &[]);
     let covariance = best.covariance();
     let uncertainty = best.uncertainty(covariance.as_ref());
     let measures = best.measures(&[curves], &fixed, covariance.as_ref(), &[], options);
     let mut fit = best.into_fit(used, fixed, uncertainty, measures, quality)?;
     fit.ellipse_misfit = steps::ellipse_misfit([curves]);
     fit.defects.extend(contradiction.map(|contradiction| contradiction.to_string()));
-    Ok((fit, evaluated))
+    fit.defects.extend(verdict::masked(&[curves]));
+    Ok(fit)
 }
 
 /// The force law of one region, fitted to all steps that pass the screening, without quality and intervals. Its C is a
@@ -141,6 +162,7 @@ pub(crate) fn fit_region(steps: &[Step], region: usize, options: &Options) -> Re
     fit.ellipse_misfit = steps::ellipse_misfit(curves.iter().copied());
     fit.defects.extend(contradiction.map(|contradiction| contradiction.to_string()));
     fit.defects.extend(change.map(|change| change.to_string()));
+    fit.defects.extend(verdict::masked(curves));
     fit.defects.extend(verdict::defects(fit.steps.len(), all_steps_equal));
     Ok(RegionFit { predicted_nrmse, recordings_ratio, change, ..fit })
 }
@@ -392,19 +414,43 @@ impl SearchResult {
         region: usize,
         options: &Options,
     ) -> (FixedParameters, Option<Contradiction>) {
+        // The method of the paper uses no measurements.
+        let contradiction = match self.ellipsoid {
+            None => self.site(curves, region, options).contradiction(&options.measured[region]),
+            Some(_) => None,
+        };
+        (self.fixed_parameters_with(curves, region, options, contradiction.is_some()), contradiction)
+    }
+
+    /// As [`Self::fixed_parameters`], if it is known whether measurements contradict each other.
+    fn fixed_parameters_with(
+        &self,
+        curves: &[&RegionCurves],
+        region: usize,
+        options: &Options,
+        is_contradictory: bool,
+    ) -> FixedParameters {
         #[cfg(feature = "paper")]
         if let Some(ellipsoid) = &self.ellipsoid {
             let g_max = self.law.area_ratio(self.samples.area_max_m2).normalised_deformation();
-            return (paper::fixed_parameters(ellipsoid, &self.law, g_max), None);
+            return paper::fixed_parameters(ellipsoid, &self.law, g_max);
         }
-        let aspect = FootEllipse::of_steps(curves.iter().copied()).map_or(1.0, |e| e.r_a_mm / e.r_b_mm);
-        let (thickness_m, measured) = (options.thickness_m[region], &options.measured[region]);
-        let site = Site { law: &self.law, area_max_m2: self.samples.area_max_m2, thickness_m, aspect };
-        let (scale, contradiction) = match site.scale(measured, options.compression) {
-            Ok(scale) => (scale, None),
-            Err(contradiction) => (Scale::Assumed(options.compression), Some(contradiction)),
-        };
-        (FixedParameters { aspect, thickness_m, is_thickness_measured: measured.has_thickness, scale }, contradiction)
+        let Site { aspect, thickness_m, .. } = self.site(curves, region, options);
+        let measured = &options.measured[region];
+        let is_thickness_measured = measured.has_thickness;
+        let scale = if is_contradictory { None } else { measured.scale(aspect) };
+        let scale = scale.unwrap_or(Scale::Assumed(options.compression));
+        FixedParameters { aspect, thickness_m, is_thickness_measured, scale }
+    }
+
+    /// The data from which C follows.
+    fn site(&self, curves: &[&RegionCurves], region: usize, options: &Options) -> Site<'_> {
+        Site {
+            law: &self.law,
+            area_max_m2: self.samples.area_max_m2,
+            thickness_m: options.thickness_m[region],
+            aspect: FootEllipse::of_steps(curves.iter().copied()).map_or(1.0, |e| e.r_a_mm / e.r_b_mm),
+        }
     }
 
     /// The fit with these fixed parameters, without cross-validation and without a comparison of recordings. `steps` are the

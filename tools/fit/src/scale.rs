@@ -45,6 +45,25 @@ pub enum Scale {
 impl Measured {
     /// Nothing was measured.
     pub const NONE: Self = Self { has_thickness: false, peak_strain: None, curvature_m: [None; 2] };
+
+    /// The scale from the measurements; `None` if there are none. With a measured thickness, a peak strain takes precedence over a
+    /// consistent curvature, because it is the deformation itself; with a typical one, a curvature does, because it does not
+    /// depend on the thickness. `aspect` is A divided by B.
+    pub(crate) fn scale(&self, aspect: f64) -> Option<Scale> {
+        let curvature = match self.curvature_m {
+            [Some(medial_lateral_m), Some(heel_toe_m)] => Some((medial_lateral_m * heel_toe_m).sqrt()),
+            _ => self.mean_radii_m(aspect).into_iter().flatten().next(),
+        };
+        let strain = self.peak_strain.filter(|_| self.has_thickness || curvature.is_none());
+        strain.map(Scale::PeakStrain).or(curvature.map(Scale::Curvature))
+    }
+
+    /// The geometric mean of the two radii of curvature, m, that follows from each of them and from A divided by B, `aspect`: the
+    /// radii are A^2/C and B^2/C, and the mean is A B/C.
+    fn mean_radii_m(&self, aspect: f64) -> [Option<f64>; 2] {
+        let [medial_lateral_m, heel_toe_m] = self.curvature_m;
+        [medial_lateral_m.map(|r| r / aspect), heel_toe_m.map(|r| r * aspect)]
+    }
 }
 
 impl Scale {
@@ -105,45 +124,31 @@ pub(crate) struct Site<'s> {
 }
 
 impl Site<'_> {
-    /// The scale from the measurements. With a measured thickness, a peak strain takes precedence over a consistent curvature,
-    /// because it is the deformation itself; with a typical one, a curvature does, because it does not depend on the thickness.
-    /// Without measurements, the scale is `assumed`.
-    ///
-    /// # Errors
-    /// The measurements contradict each other, or the properties of tissue.
-    pub fn scale(&self, measured: &Measured, assumed: f64) -> Result<Scale, Contradiction> {
+    /// The contradiction of the measurements to each other, or to the properties of tissue; `None` if there is none.
+    pub fn contradiction(&self, measured: &Measured) -> Option<Contradiction> {
         let c_m = |scale: Scale| scale.c_m(self.law, self.area_max_m2, self.thickness_m);
         let typical_m = (!measured.has_thickness).then_some(self.thickness_m);
-        // The radii are A^2/C and B^2/C. Each of them and A/B determine their geometric mean, A B/C.
-        let [medial_lateral_m, heel_toe_m] = measured.curvature_m;
-        let means_m = [medial_lateral_m.map(|r| r / self.aspect), heel_toe_m.map(|r| r * self.aspect)];
         let strain = measured.peak_strain.map(|strain| (STRAIN, c_m(Scale::PeakStrain(strain))));
-        let radii =
-            DIRECTIONS.into_iter().zip(means_m).filter_map(|(name, mean)| Some((name, c_m(Scale::Curvature(mean?)))));
-        let candidates: Vec<(&'static str, f64)> = strain.into_iter().chain(radii).collect();
-        let by_c = |a: &&(&str, f64), b: &&(&str, f64)| a.1.total_cmp(&b.1);
-        if let (Some(&least), Some(&most)) = (candidates.iter().min_by(by_c), candidates.iter().max_by(by_c))
-            && most.1 > CONTRADICTION * least.1
-        {
-            let typical_m = typical_m.filter(|_| [least.0, most.0].contains(&STRAIN));
-            return Err(Contradiction::Between { least, most, typical_m });
+        let radii: Vec<_> = DIRECTIONS
+            .into_iter()
+            .zip(measured.mean_radii_m(self.aspect))
+            .filter_map(|(name, mean)| Some((name, c_m(Scale::Curvature(mean?)))))
+            .collect();
+        let all: Vec<_> = strain.into_iter().chain(radii.iter().copied()).collect();
+        // Radii that contradict each other do so with any thickness. A peak strain may contradict them only with the typical one.
+        for (values, typical_m) in [(&radii, None), (&all, typical_m)] {
+            let by_c = |a: &&(&str, f64), b: &&(&str, f64)| a.1.total_cmp(&b.1);
+            if let (Some(&least), Some(&most)) = (values.iter().min_by(by_c), values.iter().max_by(by_c))
+                && most.1 > CONTRADICTION * least.1
+            {
+                return Some(Contradiction::Between { least, most, typical_m });
+            }
         }
-        let strain = measured.peak_strain.filter(|_| measured.has_thickness || measured.curvature_m == [None; 2]);
-        if let Some(strain) = strain {
-            return Ok(Scale::PeakStrain(strain));
-        }
-        let scale = match measured.curvature_m {
-            [None, None] => return Ok(Scale::Assumed(assumed)),
-            [Some(medial_lateral_m), Some(heel_toe_m)] => Scale::Curvature((medial_lateral_m * heel_toe_m).sqrt()),
-            _ => Scale::Curvature(means_m.into_iter().flatten().sum()),
-        };
+        let scale = measured.scale(self.aspect).filter(|scale| matches!(scale, Scale::Curvature(_)))?;
         let g_max = self.law.area_ratio(self.area_max_m2).normalised_deformation();
         let strain = c_m(scale) * g_max / self.thickness_m;
-        if (POSSIBLE_STRAIN[0]..=POSSIBLE_STRAIN[1]).contains(&strain) {
-            Ok(scale)
-        } else {
-            Err(Contradiction::Strain { scale, strain, typical_m })
-        }
+        let is_possible = (POSSIBLE_STRAIN[0]..=POSSIBLE_STRAIN[1]).contains(&strain);
+        (!is_possible).then_some(Contradiction::Strain { scale, strain, typical_m })
     }
 }
 
@@ -171,7 +176,7 @@ impl fmt::Display for Contradiction {
         match self {
             Self::Between { least: (one, least_m), most: (other, most_m), .. } => write!(
                 f,
-                "measurements contradict each other: C is {:.1} mm by the {one} and {:.1} mm by the {other}, a factor of {:.1} \
+                "measurements contradict each other: C is {:.1} mm by the {one} and {:.1} mm by the {other}, a factor of {:.2} \
                  (at most {CONTRADICTION} is accepted)",
                 least_m * 1e3,
                 most_m * 1e3,
@@ -179,7 +184,7 @@ impl fmt::Display for Contradiction {
             ),
             Self::Strain { scale, strain, .. } => write!(
                 f,
-                "{scale} contradicts the thickness: the tissue would be compressed by {:.0} % of it ({:.0} to {:.0} % are possible)",
+                "{scale} contradicts the thickness: the tissue would be compressed by {:.1} % of it ({:.0} to {:.0} % are possible)",
                 strain * 100.0,
                 POSSIBLE_STRAIN[0] * 100.0,
                 POSSIBLE_STRAIN[1] * 100.0
@@ -233,7 +238,11 @@ mod tests {
     fn chosen(measured: &Measured) -> Result<(Scale, f64), Contradiction> {
         let (law, area_max_m2, _) = heel();
         let site = Site { law: &law, area_max_m2, thickness_m: THICKNESS_M, aspect: ASPECT };
-        site.scale(measured, 0.457).map(|scale| (scale, scale.c_m(&law, area_max_m2, THICKNESS_M)))
+        if let Some(contradiction) = site.contradiction(measured) {
+            return Err(contradiction);
+        }
+        let scale = measured.scale(ASPECT).unwrap_or(Scale::Assumed(0.457));
+        Ok((scale, scale.c_m(&law, area_max_m2, THICKNESS_M)))
     }
 
     #[test]
@@ -269,6 +278,9 @@ mod tests {
         let problem = chosen(&both(1.6)).expect_err("a contradiction").to_string();
         assert!(problem.contains("C is 7.5 mm") && problem.contains("12.0 mm by the peak strain"), "{problem}");
         assert!(chosen(&both(1.0 / 1.6)).is_err());
+        // Rounded to one decimal, the factor would equal the limit.
+        let problem = chosen(&both(1.53)).expect_err("a contradiction").to_string();
+        assert!(problem.contains("a factor of 1.53 (at most 1.5 is accepted)"), "{problem}");
         // The radii contradict the measured A/B.
         let sole = Measured { peak_strain: None, curvature_m: [medial_lateral_m, larger(heel_toe_m, 1.6)], ..all };
         let problem = chosen(&sole).expect_err("a contradiction").to_string();
@@ -296,9 +308,12 @@ mod tests {
                 assert_eq!(problem.contains("measure this region again"), has_thickness, "{problem}");
             }
         }
-        // The two radii contradict each other, whatever the thickness is.
-        let sole = Measured { peak_strain: None, curvature_m: [all.curvature_m[0], larger_m[1]], has_thickness: false };
-        let problem = chosen(&sole).expect_err("a contradiction").to_string();
-        assert!(!problem.contains("thickness") && problem.contains("measure this region again"), "{problem}");
+        // The two radii contradict each other, whatever the thickness is, also beside a peak strain with a smaller C than both.
+        for peak_strain in [None, all.peak_strain.map(|strain| 0.5 * strain)] {
+            let sole = Measured { peak_strain, curvature_m: [all.curvature_m[0], larger_m[1]], has_thickness: false };
+            let problem = chosen(&sole).expect_err("a contradiction").to_string();
+            assert!(problem.contains("by the heel-toe curvature") && !problem.contains("thickness"), "{problem}");
+            assert!(problem.contains("measure this region again"), "{problem}");
+        }
     }
 }

@@ -62,7 +62,7 @@ impl fmt::Display for NotFitted {
             Self::HardlyLoaded(peak_n) => {
                 write!(
                     f,
-                    "hardly loaded: at most {peak_n:.1} N in any step, at least {MIN_FORCE_N} N are needed; check the calibration"
+                    "hardly loaded: at most {peak_n:.2} N in any step, at least {MIN_FORCE_N} N are needed; check the calibration"
                 )
             }
             Self::TooFewFrames(samples) => {

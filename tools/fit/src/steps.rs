@@ -49,6 +49,8 @@ pub struct RegionCurves {
     pub frame_s: f64,
     /// True if a cell of the region was saturated.
     pub saturated: bool,
+    /// Number of faulty cells of the region, of which the insole has replaced the readings.
+    pub masked_cells: u8,
     /// True if the region has a single cell: its area then follows from its force by the contact rule.
     pub has_single_cell: bool,
     /// Mean contact ellipse over the stance, weighted by force; for a live stream, the contact ellipse at the peak force.

@@ -128,6 +128,18 @@ impl Study {
         !self.fits.is_empty() && self.fits.iter().all(|fit| fit.as_ref().is_ok_and(|fit| fit.defects.is_empty()))
     }
 
+    /// A note if the prior was learnt from areas of another contact rule than that of the study; otherwise `None`.
+    pub fn prior_note(&self) -> Option<String> {
+        (self.options.prior.is_some() && self.contact != ContactRule::COVERED).then(|| {
+            format!(
+                "the prior was learnt from areas by the contact rule {} (on / off / full), and force grows differently with areas of \
+                 another rule: parameters, intervals and marks may be less accurate than with the default rule; --bounds paper \
+                 uses no prior",
+                in_words(&ContactRule::COVERED)
+            )
+        })
+    }
+
     /// Fits all regions. `progress` receives each region when its fit is complete; regions may complete in any order.
     pub fn fit(&mut self, progress: &(dyn Fn(Region) + Sync)) {
         self.fits = crate::fit(&self.steps, &self.options, progress).into();
@@ -143,15 +155,19 @@ pub struct OtherContactRule {
     pub expected: ContactRule,
 }
 
+/// The pressures of a contact rule: on / off / full.
+fn in_words(rule: &ContactRule) -> String {
+    format!("{} / {} / {} kPa", rule.on_kpa, rule.off_kpa, rule.full_kpa)
+}
+
 impl fmt::Display for OtherContactRule {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let rule = |rule: &ContactRule| format!("{} / {} / {} kPa", rule.on_kpa, rule.off_kpa, rule.full_kpa);
         write!(
             f,
             "some steps were measured by the contact rule {} (on / off / full) and others by {}: areas of different rules \
              cannot be fitted together; record and fit the steps of each rule separately",
-            rule(&self.found),
-            rule(&self.expected)
+            in_words(&self.found),
+            in_words(&self.expected)
         )
     }
 }

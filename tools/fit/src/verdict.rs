@@ -1,8 +1,8 @@
 //! Assessment of a fit in sentences.
 
-use crate::RegionFit;
 use crate::interval::{FIVE, Interval};
 use crate::measures::{self, Quantity};
+use crate::{RegionCurves, RegionFit};
 
 /// Two parameters cannot be separated if the absolute correlation of their estimates is larger than this.
 const INSEPARABLE: f64 = 0.95;
@@ -71,6 +71,18 @@ pub(crate) fn defects(steps: usize, all_steps_equal: bool) -> Option<String> {
          step"
             .into()
     })
+}
+
+/// The defect of a result that follows from faulty cells in its steps; `None` without any. Steps from before a fault was found
+/// are not counted.
+pub(crate) fn masked(curves: &[&RegionCurves]) -> Option<String> {
+    let cells = curves.iter().map(|curves| curves.masked_cells).max().filter(|&cells| cells > 0)?;
+    let steps = curves.iter().filter(|curves| curves.masked_cells > 0).count();
+    let steps = if curves.len() > 1 { format!(" in {steps} of {} steps", curves.len()) } else { String::new() };
+    Some(format!(
+        "faulty cells ({cells}) were replaced by their neighbours{steps}, and earlier steps may contain their readings, so area, \
+         force and all results of the region are affected; repair or replace the sensor, and record again"
+    ))
 }
 
 /// The limitations of a fit, in sentences.

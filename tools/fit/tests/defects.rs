@@ -3,7 +3,7 @@
 
 use fit::fixed::Scale;
 use fit::synthetic::{Noise, curves, law, walk};
-use fit::{Filter, Measured, Options, RegionFit, Step, fit};
+use fit::{Filter, Measured, Options, RegionFit, Step, fit, fit_each_step};
 use std::f64::consts::PI;
 
 const OPTIONS: Options = Options::usual([0.012; 8]);
@@ -40,6 +40,16 @@ fn equal_steps_are_a_defect_and_have_finite_results() {
     let fits = fitted(&steps, &OPTIONS);
     assert!(defect_of_heel(&fits).contains("all steps are equal"));
     assert!(fits[0].measures.iter().all(|measure| measure.value.is_finite()));
+}
+
+#[test]
+fn faulty_cells_of_a_region_are_a_defect() {
+    let mut steps = walk(6, 100.0, Filter::Direct, 0.01, 1);
+    steps[3..].iter_mut().for_each(|step| step.regions[0].masked_cells = 2);
+    let fits = fitted(&steps, &OPTIONS);
+    assert!(defect_of_heel(&fits).starts_with("faulty cells (2) were replaced by their neighbours in 3 of 6 steps"));
+    let each = fit_each_step(&steps, 0, &OPTIONS);
+    assert_eq!(each.iter().flatten().map(|fit| fit.defects.len()).collect::<Vec<_>>(), [0, 0, 0, 1, 1, 1]);
 }
 
 /// Twelve steps with little noise. In the last six, `heel` replaces the curves of the heel; it receives the index of the step
@@ -130,6 +140,31 @@ fn contradicting_measurements_are_named_and_the_assumption_is_used() {
     let defect = defect_of_heel(&fits);
     assert!(defect.contains("contradict each other") && defect.contains("peak strain"), "{defect}");
     assert_eq!(fits[0].fixed.scale, Scale::Assumed(OPTIONS.compression));
+}
+
+/// The radius and the peak strain yield values of C that differ by a factor close to the limit of 1.5, so that single steps may
+/// be on both sides of it.
+#[test]
+fn all_steps_of_a_recording_have_the_same_source_of_c() {
+    let steps = walk(12, 100.0, Filter::Direct, 0.05, 1);
+    let (strain, [medial_lateral_m, _]) = measured(&steps, 0.009, 0.012);
+    let sources = |steps: &[Step], factor: f64| {
+        let mut options = OPTIONS;
+        let curvature_m = [medial_lateral_m.map(|m| factor * m), None];
+        options.measured[0] = Measured { peak_strain: Some(strain), curvature_m, has_thickness: true };
+        let fits = fit_each_step(steps, 0, &options);
+        fits.iter().flatten().map(|fit| fit.fixed.scale.name()).collect::<Vec<_>>()
+    };
+    let mut differ = 0;
+    for percent in (100..200).step_by(5) {
+        let factor = f64::from(percent) / 100.0;
+        let found = sources(&steps, factor);
+        assert!(found.len() == 12 && found.iter().all(|name| *name == found[0]), "{factor}: {found:?}");
+        // On their own, as recordings of one step, they can have different sources.
+        let alone = steps.iter().flat_map(|step| sources(std::slice::from_ref(step), factor));
+        differ += usize::from(alone.collect::<std::collections::BTreeSet<_>>().len() > 1);
+    }
+    assert!(differ > 0);
 }
 
 /// C is proportional to the assumed compression, which is changed by 20 %. The expected secant stiffness and secant modulus

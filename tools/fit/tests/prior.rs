@@ -77,8 +77,9 @@ fn a_fit_that_ends_at_the_largest_ellipsoid_is_marked() {
     for region in 0..8 {
         let mut step = walk(1, 100.0, Filter::Direct, 0.0, 1).remove(0);
         for marked in &mut marked {
-            let (fit, _) = fit::fit_step(&step, region, &options).expect("a fit");
-            let at_bound = fit.uncertainty.expect("intervals").intervals[0].at_bound;
+            let fits = fit::fit_each_step(std::slice::from_ref(&step), region, &options);
+            let [Ok(fit)] = &fits[..] else { panic!("no fit: {fits:?}") };
+            let at_bound = fit.uncertainty.as_ref().expect("intervals").intervals[0].at_bound;
             let ratio = PI * fit.law.ab_m2 / fit.area_max_m2;
             assert_eq!(at_bound, ratio > 0.99 * (1.0 + 2f64.exp()), "region {region}: {ratio}");
             let is_named = |warning: &String| warning.starts_with("at a bound of the search: A B");
@@ -114,8 +115,9 @@ fn a_fit_that_ends_at_the_largest_exponent_is_marked() {
                 _ => ForceLaw { m: 30.0, ..law(region) },
             };
             replace_forces(&mut step.regions[region], &steep);
-            let (fit, _) = fit::fit_step(&step, region, &options).expect("a fit");
-            let interval = fit.uncertainty.expect("intervals").intervals[i];
+            let fits = fit::fit_each_step(std::slice::from_ref(&step), region, &options);
+            let [Ok(fit)] = &fits[..] else { panic!("no fit: {fits:?}") };
+            let interval = fit.uncertainty.as_ref().expect("intervals").intervals[i];
             assert_eq!(
                 interval.at_bound,
                 interval.value > 0.99 * largest,

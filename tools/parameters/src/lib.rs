@@ -109,12 +109,27 @@ impl Identified {
         self.side != side.name() && self.side != "both"
     }
 
+    /// A note if the parameters were identified from the other foot only; otherwise `None`.
+    pub fn other_foot_note(&self, side: Side) -> Option<String> {
+        self.is_of_other_foot(side).then(|| {
+            format!("the parameters were identified from the {} foot, but this is the {} foot", self.side, side.name())
+        })
+    }
+
+    /// Notes for the user who sends the parameters to an insole of the foot `side`.
+    pub fn notes_for_insole(&self, side: Side) -> Vec<String> {
+        let untracked = self
+            .invalid_for_steps()
+            .map(|reason| format!("{reason}; the insole does not follow changes of the tissue with these parameters"));
+        self.other_foot_note(side).into_iter().chain(untracked).collect()
+    }
+
     /// Why the parameters are not valid for step records; `None` if they were identified with the filter of step records.
     pub fn invalid_for_steps(&self) -> Option<String> {
         match self.filter.as_str() {
             LIVE => Some(
                 "the parameters were identified with the filter of the live stream: they are valid for it, but not for step \
-                 records"
+                 records; for step records, identify them again with `plantar fit --filter direct`"
                     .into(),
             ),
             SMOOTHED => Some(SmoothedArea.to_string()),
@@ -146,7 +161,7 @@ pub const LIVE: &str = "live";
 pub const SMOOTHED: &str = "smoothed";
 /// The former name of [`SMOOTHED`], in files that were written when insoles smoothed as in the paper.
 const FORMERLY_SMOOTHED: &str = "step";
-/// [`Identified::side`] of both feet.
+/// [`Identified::side`] of parameters that were identified from both feet.
 const BOTH: &str = "both";
 
 /// The field `version`, which is checked before all others, because a file of another version may have other fields.
@@ -175,7 +190,7 @@ struct FileIdentified {
     contact_full_kpa: f32,
     side: String,
     steps: u32,
-    /// Names of regions; all of them if the entry is missing, as in former files.
+    /// Names of regions; all of them if the entry is missing, as in files of earlier versions.
     regions: Option<Vec<String>>,
 }
 
@@ -204,9 +219,9 @@ impl Parameters {
         let bytes = std::fs::read(path).map_err(|e| Error::Io(path.into(), e))?;
         let text = String::from_utf8(bytes).map_err(|_| Error::Form {
             file: path.into(),
-            problem:
-                "this is no text: expected a file of parameters (TOML), as `plantar fit` and `plantar params` write it"
-                    .into(),
+            problem: "the file is not UTF-8 text: expected a file of parameters (TOML), as `plantar fit` and \
+                 `plantar params` write it"
+                .into(),
         })?;
         Self::parse(&text, path)
     }
@@ -287,9 +302,37 @@ impl Parameters {
         Ok(Self { subject: file.subject, personal: file.personal, identified, regions, deformation })
     }
 
+    /// The regions with parameters that are typical values, or not known to be the wearer's.
+    pub fn typical_regions(&self) -> Vec<Region> {
+        let is_typical = |region: &Region| match &self.identified {
+            _ if !self.personal => true,
+            Some(identified) => !identified.regions.contains(region),
+            None => false,
+        };
+        Region::ALL.into_iter().filter(is_typical).collect()
+    }
+
+    /// A note if parameters are typical values, or not known to be the wearer's; otherwise `None`.
+    pub fn typical_note(&self) -> Option<String> {
+        if !self.personal {
+            let subject = &self.subject;
+            return Some(format!(
+                "parameters \"{subject}\" are not personal: model force and deformation are rough estimates"
+            ));
+        }
+        let typical: Vec<_> = self.typical_regions().into_iter().map(Region::name).collect();
+        (!typical.is_empty()).then(|| {
+            format!(
+                "the parameters of {} are typical values, or not known to be the wearer's: model force and deformation are rough \
+                 estimates there",
+                typical.join(", ")
+            )
+        })
+    }
+
     /// The force laws of an insole as ellipsoids with the same force. A force law determines neither A / B nor d0, so A = B and
-    /// d0 = C are assumed. [`Parameters::tissue`] of the result is equal to `tissue` to the bit, also after a file was written
-    /// and read: the rounding errors of double precision are far below half a unit in the last place of single precision.
+    /// d0 = C are assumed. [`Parameters::tissue`] of the result equals `tissue` bit by bit, also after a file was written and
+    /// read: the rounding errors of double precision are far below half a unit in the last place of single precision.
     pub fn from_tissue(tissue: &Tissue, identified: Option<&tissue::Identified>) -> Self {
         let regions = tissue.force_laws.map(|law| {
             let law = ForceLaw::<f64>::of(&law);
@@ -372,7 +415,7 @@ impl Parameters {
                     DeformationScale::AssumedCompression => "the peak strain is assumed, the thickness measured",
                     DeformationScale::Assumed => "thickness and peak strain are assumed",
                 };
-                let _ = writeln!(text, "deformation_scale = {:?} # scale of C: {source}", scale.name());
+                let _ = writeln!(text, "deformation_scale = {:?} # source of C: {source}", scale.name());
             }
         }
         text
@@ -419,8 +462,7 @@ impl FileRegion {
         for (name, value) in lengths {
             if !is_within(value * mm, &LENGTH_M) {
                 let (least, most) = (LENGTH_M.start() / mm, LENGTH_M.end() / mm);
-                let reason = if matches!(name, "a_mm" | "b_mm") { ", so that pi A B is positive" } else { "" };
-                return Err(format!("{name} = {value}: expected a length from {least} to {most} mm{reason}"));
+                return Err(format!("{name} = {value}: expected a length from {least} to {most} mm; check the unit"));
             }
         }
         for (name, value) in [("k_n_m3", self.k_n_m3), ("c_n_s_m3", self.c_n_s_m3)] {

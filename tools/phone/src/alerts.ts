@@ -5,6 +5,7 @@ import { PhoneCues } from "./cues";
 import { isToday } from "./days";
 import { type Node, byId, fill } from "./dom";
 import { regionTitle, timeOfDayText, timeText } from "./format";
+import type { Hello } from "./generated/messages";
 import type { Alert, DailyLoad, DailyRegion, Side } from "./generated/quantities";
 import type { Insoles } from "./insoles";
 import type { InsoleAnswer, Session } from "./session";
@@ -86,8 +87,8 @@ export class Alerts {
   private readonly pauses = new Map<Side, number>();
   /** The load of the day that a session had when it was last sent a pause. The next one may confirm it. */
   private readonly known_at_pause = new WeakMap<Session, DailyLoad | undefined>();
-  /** The last start of the day, minutes from midnight UTC, that {@link followTimeZone} sent to the insole of a session. */
-  private readonly asked_day_start = new WeakMap<Session, number>();
+  /** The last start of the day, minutes from midnight UTC, that {@link followTimeZone} sent after a hello. */
+  private readonly asked_day_start = new WeakMap<Hello, number>();
   /** True once the alerts of the last visit were shown. */
   private is_restored = false;
 
@@ -301,11 +302,11 @@ export class Alerts {
   followTimeZone(): void {
     const present_min = dayStartMinutes();
     for (const session of this.connected()) {
-      const { alert_rules, has_alerts, day_start_min } = session;
-      if (!alert_rules || has_alerts === undefined || day_start_min === undefined || day_start_min === present_min) continue;
-      // An insole that refuses this is not asked again.
-      if (!isOwnDayStart(day_start_min) || this.asked_day_start.get(session) === present_min) continue;
-      this.asked_day_start.set(session, present_min);
+      const { hello, alert_rules, has_alerts, day_start_min } = session;
+      if (!hello || !alert_rules || has_alerts === undefined || day_start_min === undefined || day_start_min === present_min) continue;
+      // An insole that refuses this, or did not receive it, is asked again after its next hello.
+      if (!isOwnDayStart(day_start_min) || this.asked_day_start.get(hello) === present_min) continue;
+      this.asked_day_start.set(hello, present_min);
       this.setRules(session, alert_rules, has_alerts);
     }
   }

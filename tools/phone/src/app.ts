@@ -25,13 +25,16 @@ import { WebSocketTransport } from "./transport/websocket";
 import { gaitOf } from "./walk";
 import type { Wire } from "./wire";
 
-/** True for localhost and IP addresses, at which `plantar serve` serves the page. A server with a domain name has no insoles. */
+/**
+ * True for localhost and IP addresses, at which `plantar serve` usually serves the page. A server with a domain name is assumed
+ * to have no insoles.
+ */
 const isAddress = (host: string) => host === "localhost" || /^[\d.]+$|^\[/.test(host);
 /** Time between two updates of the sessions and of the texts on the page. */
 const UPDATE_MS = 100;
 /** Least time between two updates of the steps view, which take up to 0.1 s on a slow phone. */
 const STEPS_MS = 1000;
-/** The key under which the browser stores when the data of the wearer were last deleted, so that other tabs show it. */
+/** The key under which the browser stores the time of the last deletion of the wearer's data. Other tabs notice its change. */
 const CLEARED_KEY = "plantar.cleared_ms";
 /** The beginning of 2020, s since 1970. A clock that shows an earlier time was not set. */
 const SET_CLOCK_UNIX_S = 1_577_836_800;
@@ -57,17 +60,22 @@ export class App {
   private readonly identify: IdentifyController;
   private readonly alerts: Alerts;
   private store: StepStore;
-  /** Resolves when no stored data are being loaded. Until then, records would only be stored temporarily. */
+  /**
+   * Resolves once the stored data that are being loaded, if any, are available. Records that arrived earlier would be stored in
+   * memory only.
+   */
   private loaded = Promise.resolve();
+  /** True if `store` is that of the wearer, or will be once `loaded` resolves. */
+  private is_of_wearer = false;
   /** The last error, as a sentence for the wearer; empty without an error. */
   private problem = "";
   private store_retried_ms = 0;
   /** The time at which the recording that is played was loaded. */
   private loaded_unix_s = 0;
-  /** The steps view does not show the present records. */
+  /** True if the steps view does not show the present records. */
   private is_outdated = false;
   private steps_drawn_ms = -Infinity;
-  /** The steps view shows all days, and not only the last ones. */
+  /** True if the steps view shows all days, and not only the last ones. */
   private shows_all_days = false;
   /** The day on which the steps view was updated last. */
   private drawn_day = "";
@@ -102,7 +110,7 @@ export class App {
     this.listen();
     const query = new URLSearchParams(location.search);
     const replay = query.get("replay");
-    if (replay !== null) await this.replay(replay);
+    if (replay !== null) void this.replay(replay);
     else {
       await this.loadStored();
       if (query.has("serve") || (isAddress(location.hostname) && !query.has("bluetooth"))) this.serve();
@@ -121,6 +129,7 @@ export class App {
 
   /** Loads what earlier visits have stored: the wearer's steps, and an interrupted guided session. */
   private loadStored(): Promise<void> {
+    this.is_of_wearer = true;
     this.loaded = this.loadSteps().then(() => this.identify.load(this.databaseBlocked));
     return this.loaded;
   }
@@ -166,6 +175,7 @@ export class App {
       const transport = await ReplayTransport.load(url, this.insoles.transportEvents);
       if (is_replaced()) return transport.close();
       this.loaded_unix_s = Date.now() / 1000;
+      this.is_of_wearer = false;
       this.show(StepStore.ofRecording(this.wire));
       this.identify.useRecording();
       this.use(transport);
@@ -187,10 +197,9 @@ export class App {
       this.problem = "";
       // If the wearer cancels the choice, the insoles in use or the recording continue.
       const device = await transport.choose();
-      const { transport: in_use } = this.insoles;
-      if (transport !== in_use) this.use(transport);
-      // The data of the recording are replaced by the wearer's.
-      if (in_use?.is_replay) void this.loadStored();
+      if (transport !== this.insoles.transport) this.use(transport);
+      // The data of a recording, which may still be loading, are replaced by the wearer's.
+      if (!this.is_of_wearer) void this.loadStored();
       await this.loaded;
       await transport.connect(device);
     } catch (error) {
@@ -221,13 +230,14 @@ export class App {
   private readonly onRecord = (message: RecordMessage, bytes: Uint8Array, session: Session): void => {
     if (message.kind === "step") this.identify.step(message.step.side, message.step, message.key);
     const { record, number } = recordOf(message);
-    const mapped_unix_s = (record.starts_ago === 0 ? session.clock_mapping.unix_s(record.start_s) : null) ?? record.start_unix_s;
+    const mapping = record.starts_ago === 0 ? session.clock_mapping : undefined;
+    const mapped_unix_s = mapping?.unix_s(record.start_s) ?? record.start_unix_s;
     // The clock of a computed recording begins in 1970. The recording is shown as if it began when it was loaded.
     const is_computed = mapped_unix_s !== null && mapped_unix_s < SET_CLOCK_UNIX_S;
     const start_unix_s = is_computed ? this.loaded_unix_s + mapped_unix_s : mapped_unix_s;
     // An alert that the page has already stored is a repetition, because its acknowledgement was lost.
     if (message.kind === "alert" && !this.store.has(message)) this.alerts.raise(message.alert, start_unix_s, session.live?.t_s);
-    this.store.add(message, bytes, start_unix_s).then(
+    this.store.add(message, bytes, start_unix_s, mapping?.is_comparable(record.start_s)).then(
       () => {
         session.acknowledge(number);
         if (this.problem === CANNOT_STORE) this.problem = "";
@@ -260,7 +270,11 @@ export class App {
     );
   }
 
-  /** Shows the stored records and their measures. To be called after each change of the records, the settings or the day. */
+  /**
+   * Shows the stored records and their measures. To be called after a change of the settings or the day, and after the records
+   * were loaded or deleted. A new record only sets `is_outdated`; `update` then calls this function once the steps view is
+   * visible and an update is due.
+   */
   private stepsChanged(): void {
     const { latest, days } = this.store;
     this.is_outdated = false;
@@ -298,7 +312,8 @@ export class App {
     this.identify.tick(now_ms);
     this.retryStoring(now_ms);
     this.alerts.sendPauses();
-    // A refusal of these rules must not be taken for one of new parameters.
+    // `followTimeZone` may send rules of alerts. A refusal does not name its request, so while the answer to new parameters is
+    // awaited, a refusal of the rules would be taken for a refusal of the parameters.
     if (!this.identify.awaits_answer) this.alerts.followTimeZone();
     // While the page is in the background, the sessions continue, but the texts are not visible.
     if (!document.hidden) this.update(now_ms);
@@ -307,7 +322,7 @@ export class App {
   private update(now_ms: number): void {
     const { insoles, live_view } = this;
     live_view.update(insoles, this.settings);
-    // New records are shown where they can be seen, so that the live view remains fluent.
+    // New records are drawn only while the steps view is visible, so that drawing them does not slow the live view.
     const is_visible = byId("steps").offsetParent !== null;
     const is_due = this.is_outdated && is_visible && now_ms - this.steps_drawn_ms >= STEPS_MS;
     if (is_due || dayOf(Date.now() / 1000) !== this.drawn_day) this.stepsChanged();

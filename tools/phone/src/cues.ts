@@ -39,7 +39,7 @@ export class PhoneCues implements Cues {
 const RETRY_MS = 2000;
 
 /** Keeps the screen on from `hold` to `release`. Browsers without this function switch the screen off as usual. */
-export class ScreenLock {
+export class ScreenWakeLock {
   private lock: WakeLockSentinel | undefined;
   private is_held = false;
   private is_requested = false;

@@ -1,6 +1,6 @@
 /** Connects the guided session with the insoles, the worker, the storage and the buttons of its view. */
 
-import { PhoneCues, ScreenLock } from "./cues";
+import { PhoneCues, ScreenWakeLock } from "./cues";
 import { byId, download, fill } from "./dom";
 import type { Live, Side, Step } from "./generated/quantities";
 import { IdentifySession, type IdentifyStorage } from "./identify_session";
@@ -40,7 +40,7 @@ export class IdentifyController {
   /** The messages of a session that was interrupted before this visit. */
   private stored: Uint8Array<ArrayBuffer>[] = [];
   private worker: Worker | undefined;
-  private readonly screen = new ScreenLock();
+  private readonly screen = new ScreenWakeLock();
   /** The Web Locks; `undefined` if the browser has none, or does not allow them. */
   private locks: LockManager | undefined = navigator.locks;
   /** True while this tab holds the lock. */

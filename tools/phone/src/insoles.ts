@@ -17,7 +17,7 @@ export interface InsoleEvents {
   record(message: RecordMessage, bytes: Uint8Array, session: Session): void;
   /** True if this record has arrived before. */
   isKnown(message: RecordMessage): boolean;
-  /** An insole reported its parameters, or refused a request of any kind. A refusal because of another host is no answer. */
+  /** An insole reported its parameters, or refused a request of any kind. A refusal because of another host is not reported. */
   answer(answer: InsoleAnswer, session: Session): void;
   /** An encoded message of the insole of this foot arrived. */
   message(bytes: Uint8Array, side: Side): void;
@@ -89,10 +89,17 @@ export class Insoles {
     // A stream file that contains a message of an impossible length would count as damaged.
     if (!isMessageLength(bytes.length)) return this.transportEvents.damaged(insole);
     const before = { hello: session.hello, live: session.live, ellipses: session.ellipses, sole: session.sole };
-    // When `receive` reports a step, the guided session passes its messages to the worker, so it must already have the message of
-    // the step.
-    if (session.hello && session.state !== "same-foot") this.events.message(bytes, session.hello.side);
+    const passOn = () => {
+      if (session.hello && session.state !== "same-foot") this.events.message(bytes, session.hello.side);
+    };
+    // The insole that sends its hello after a reconnection may be for the other foot, and the second insole for a foot is used
+    // once the first one is away.
+    const is_unidentified = session.state === "waiting" || session.state === "same-foot";
+    // `receive` may report a step. The guided session of the identification then passes all messages that it has collected to its
+    // worker, and the message of this step must be among them.
+    if (!is_unidentified) passOn();
     session.receive(bytes, now_ms);
+    if (is_unidentified && session.hello !== before.hello) passOn();
     if (session.hello !== before.hello) this.hellos.set(insole, bytes.slice());
     this.recorder.add(insole, bytes, now_ms);
     const is_new_shape = session.ellipses !== before.ellipses || session.sole !== before.sole;

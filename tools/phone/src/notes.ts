@@ -15,7 +15,7 @@ const remark = (...content: Node[]): Node => ["p", { class: "note remark" }, ...
 
 /** Problems that affect the measurement. */
 export function problems(insoles: Insoles, live_view: LiveView, facts: Facts): string[] {
-  const notes = insoles.sessions.flatMap((session) => sessionProblems(session, facts));
+  const notes = insoles.sessions.flatMap((session) => sessionProblems(session, facts, insoles.transport?.is_replay));
   const { saturatedRegions: saturated, maskedRegions: masked } = live_view;
   if (saturated.length > 0) {
     notes.push(`The sensor reached its limit here: ${saturated.join(", ")}. The true forces are higher than the ones shown (▲).`);
@@ -28,8 +28,8 @@ export function problems(insoles: Insoles, live_view: LiveView, facts: Facts): s
 
 const capitalised = (text: string) => text.charAt(0).toUpperCase() + text.slice(1);
 
-/** The problems of one session. */
-export function sessionProblems({ hello, state, reason }: Session, facts: Facts): string[] {
+/** The problems of one session. `is_replay` is that of its transport. */
+export function sessionProblems({ hello, state, reason }: Session, facts: Facts, is_replay = false): string[] {
   if (!hello) return [];
   const insole = `The ${hello.side} insole`;
   switch (state) {
@@ -43,6 +43,7 @@ export function sessionProblems({ hello, state, reason }: Session, facts: Facts)
     case "same-foot":
       return [`Both insoles are for the ${hello.side} foot. Reload the page, and connect one for each foot.`];
     case "lost":
+      if (is_replay) return [`The recording has no data of the ${hello.side} insole here.`];
       return [
         `The connection to the ${hello.side} insole is lost (${reason}). The page tries to connect again. ` +
           "The insole stores your steps until then.",
@@ -68,17 +69,35 @@ export function sessionProblems({ hello, state, reason }: Session, facts: Facts)
   }
 }
 
+/** Remarks on the regions of which the parameters are not known to be the wearer's. */
+function typicalParameters(insoles: Insoles, facts: Facts): Node[] {
+  return SIDES.flatMap((side) => {
+    const { hello, typical = [] } = insoles.of(side) ?? {};
+    if (!hello?.has_parameters || typical.length === 0) return [];
+    const regions = typical.length < facts.regions.length ? typical.map((i) => regionTitle(facts.regions[i]?.name ?? "")) : [];
+    const where = regions.length > 0 ? ` (${regions.join(", ").toLowerCase()})` : "";
+    const owner = insoles.transport?.is_replay ? "the wearer's" : "yours";
+    const values = `The model values of the ${side} foot${where}`;
+    return [remark(`${values} are computed with parameters that are not known to be ${owner}.`)];
+  });
+}
+
 /** Remarks that require no action. `pause` states the pause of the alerts, see `Alerts.pauseText`. */
 export function remarks(insoles: Insoles, pause: { feet: string; rest: string } | undefined, facts: Facts): Node[] {
   const { transport, sessions } = insoles;
   const leave: Node = ["button", { "data-action": "leave-recording" }, "Leave the recording"];
-  if (transport?.is_replay) return [["p", { id: "recording-note", class: "note remark" }, "This is a recording.", leave]];
+  if (transport?.is_replay) {
+    return [
+      ["p", { id: "recording-note", class: "note remark" }, "This is a recording.", leave],
+      ...typicalParameters(insoles, facts),
+    ];
+  }
   // Screen readers announce each change of these notes. Numbers that change often are not announced.
   const counting = (text: string): Node => ["span", { "aria-hidden": "true" }, text];
   const without_parameters = SIDES.filter((side) => insoles.of(side)?.hello?.has_parameters === false);
   const waiting = sessions.reduce((sum, session) => sum + session.records_waiting, 0);
   const changed = SIDES.filter((side) => insoles.of(side)?.state === "live" && insoles.of(side)?.needs_refit);
-  const is_waiting = transport && sessions.every(({ state }) => state === "closed" || state === "waiting");
+  const is_waiting = transport && !transport.is_idle && sessions.every(({ state }) => state === "closed" || state === "waiting");
   const reason = sessions.find((session) => session.state === "closed" && session.reason)?.reason;
   const bare = without_parameters.join(" and ") + (without_parameters.length > 1 ? " insoles" : " insole");
   return [
@@ -86,14 +105,7 @@ export function remarks(insoles: Insoles, pause: { feet: string; rest: string } 
     ...(without_parameters.length > 0
       ? [remark(`Your personal parameters are not on the ${bare}, so no model values are shown.`)]
       : []),
-    ...SIDES.flatMap((side) => {
-      const { hello, typical = [] } = insoles.of(side) ?? {};
-      const regions = typical.length < facts.regions.length ? typical.map((i) => regionTitle(facts.regions[i]?.name ?? "")) : [];
-      const where = regions.length > 0 ? ` (${regions.join(", ").toLowerCase()})` : "";
-      return hello?.has_parameters && typical.length > 0
-        ? [remark(`The model values of the ${side} foot${where} are computed with parameters that are not known to be yours.`)]
-        : [];
-    }),
+    ...typicalParameters(insoles, facts),
     ...(waiting >= MANY_RECORDS
       ? [remark("Stored steps are arriving.", counting(` ${waiting} steps, load bouts and alerts are still to come.`))]
       : []),

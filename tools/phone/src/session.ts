@@ -10,10 +10,12 @@ import type { ClockMapping, LiveCounter, RecordOrder, Wire } from "./wire";
 const STATUS_MS = 1000;
 /** Interval of the requests for the time of the insole. */
 const TIME_MS = 250;
-/** Interval of the requests for the load of the day. */
-const DAILY_LOAD_MS = 5000;
+/** Interval of the requests for the load of the day, and for what has not arrived yet. */
+const SUMMARY_MS = 5000;
 /** Interval of the requests for the next cells of the insole while it does not answer. */
 const CELLS_MS = 1000;
+/** Number of answers after which the time of the insole's clock is known well: the first one may be late. */
+const TIME_ANSWERS = 3;
 /** Longest time for which records wait for the time of the insole's clock. It is shorter than {@link TIMEOUT_MS}. */
 const RECORDS_WAIT_MS = 1000;
 /** Highest rate of the stream of ellipses. */
@@ -126,6 +128,8 @@ export class Session {
   private readonly order: RecordOrder;
   /** Records, decoded and encoded, that wait for the time of the insole's clock. */
   private untimed: [RecordMessage, Uint8Array][] = [];
+  /** Number of answers with the time of the insole's clock since the wait for it began. */
+  private time_answers = 0;
   /** Time of this device at which the wait for the time of the insole's clock began. */
   private untimed_since_ms = 0;
   /**
@@ -135,12 +139,16 @@ export class Session {
   private clock_since_us = 0;
   /** Number of requests for the time of the insole's clock since the last message. */
   private unanswered = 0;
+  /** True while another host has the session: a connect request would end it, also after the link was opened again. */
+  private is_superseded = false;
   private hello_received_ms = 0;
   private last_message_ms = 0;
   private connect_requested_ms = -Infinity;
   private status_requested_ms = -Infinity;
   private time_requested_ms = -Infinity;
-  private daily_requested_ms = -Infinity;
+  private summary_requested_ms = -Infinity;
+  /** True until the insole has answered how its parameters were identified. */
+  private awaits_identified = true;
   private cells_requested_ms = -Infinity;
 
   constructor(
@@ -164,7 +172,9 @@ export class Session {
 
   /** To be called when the transport has opened the link. */
   opened(now_ms: number): void {
-    this.state = "waiting";
+    this.state = this.is_superseded ? "other-host" : "waiting";
+    // The insole has two seconds to refuse a request, before it counts as silent.
+    [this.unanswered, this.last_message_ms] = [0, now_ms];
     this.connect_requested_ms = -Infinity;
     this.tick(now_ms);
   }
@@ -181,8 +191,8 @@ export class Session {
   /** To be called when the clock of this device has changed. */
   clockChanged(now_ms: number): void {
     if (this.state !== "live") return;
-    this.send(this.wire.setClock(unix_us(now_ms)));
     this.restartClockMapping(now_ms);
+    this.send(this.wire.setClock(unix_us(now_ms)));
   }
 
   /** Handles a message of the insole. */
@@ -220,25 +230,29 @@ export class Session {
       case "time":
         if (!this.isOfPresentClock(message.host_us)) return;
         this.clock_mapping.answer(message);
-        return this.releaseUntimed(now_ms);
+        this.time_answers += 1;
+        if (this.time_answers >= TIME_ANSWERS) this.releaseUntimed(now_ms);
+        return;
       case "refused":
         if (message.is_other_host) {
           if (this.state === "live") this.state = "other-host";
+          this.is_superseded = this.state === "other-host";
           this.order.interrupt();
           return;
         }
         this.refuses_changes ||= message.is_final;
         // Parameters that could not be stored are in force.
-        if (message.is_not_stored) this.send(this.wire.getIdentified());
+        if (message.is_not_stored) this.requestIdentified();
         return this.onAnswer(message, this);
       case "tissue":
         // The object is changed and not replaced: if `hello` is another object after a message, `Insoles` stores this message as
         // the hello.
         if (this.hello) this.hello.has_parameters = message.id !== 0;
-        this.send(this.wire.getIdentified());
+        this.requestIdentified();
         return this.onAnswer(message, this);
       case "identified":
         this.typical = message.typical;
+        this.awaits_identified = false;
         // An insole that could not store its parameters does not announce them by `tissue`.
         if (this.hello && this.typical.length < this.wire.facts.regions.length) this.hello.has_parameters = true;
         return;
@@ -255,7 +269,7 @@ export class Session {
     if (this.state === "other-version" || this.state === "same-foot") return;
     this.last_record = recordOf(message).number;
     // An insole sends its stored records before it answers requests. They are processed in order once it has sent its time.
-    const is_untimed = this.clock_mapping.unix_s(0) === null && now_ms - this.untimed_since_ms < RECORDS_WAIT_MS;
+    const is_untimed = this.time_answers < TIME_ANSWERS && now_ms - this.untimed_since_ms < RECORDS_WAIT_MS;
     if (is_untimed && !this.transport()?.is_replay) {
       this.untimed.push([message, bytes.slice()]);
       return;
@@ -284,6 +298,7 @@ export class Session {
   /** Discards the known times of the insole's clock, and requests the present one. */
   private restartClockMapping(now_ms: number): void {
     this.clock_mapping.clear();
+    this.time_answers = 0;
     this.clock_since_us = unix_us(performance.now());
     this.untimed_since_ms = now_ms;
     this.requestTime(now_ms);
@@ -303,6 +318,7 @@ export class Session {
 
   private receiveHello(hello: Hello, now_ms: number): void {
     this.hello = hello;
+    this.is_superseded = false;
     this.hello_received_ms = now_ms;
     this.untimed = [];
     this.refuses_changes = false;
@@ -317,10 +333,11 @@ export class Session {
     this.is_resting = false;
     this.ellipses = [];
     this.typical = [];
+    this.awaits_identified = true;
+    this.has_alerts = undefined;
     this.cells = [];
     // The insole may be that of the other foot.
     this.daily = undefined;
-    this.daily_requested_ms = -Infinity;
     if (hello.major !== this.wire.facts.major) {
       this.state = "other-version";
       return;
@@ -330,13 +347,10 @@ export class Session {
       return;
     }
     this.state = "live";
-    this.send(this.wire.setClock(unix_us(now_ms)));
+    // The request for the time states when it was made, so no other request must delay it.
     this.restartClockMapping(now_ms);
-    this.has_alerts = undefined;
-    this.send(this.wire.getAlertRules());
-    this.send(this.wire.getIdentified());
-    this.send(this.wire.stream(true));
-    this.send(this.wire.streamEllipses(Math.ceil(hello.rate_hz / ELLIPSES_HZ)));
+    this.send(this.wire.setClock(unix_us(now_ms)));
+    this.requestSummary(now_ms);
     this.requestCells(now_ms);
   }
 
@@ -348,6 +362,24 @@ export class Session {
     if (now_ms - this.connect_requested_ms < CONNECT_REQUEST_MS) return;
     this.connect_requested_ms = now_ms;
     this.send(this.wire.connect());
+  }
+
+  /** Requests the load of the day, and what has not arrived yet: answers and streams. */
+  private requestSummary(now_ms: number): void {
+    this.summary_requested_ms = now_ms;
+    this.send(this.wire.getDailyLoad());
+    if (this.has_alerts === undefined) this.send(this.wire.getAlertRules());
+    if (this.awaits_identified) this.requestIdentified();
+    // An insole without cells measures nothing.
+    const { cells, rate_hz } = this.hello ?? { cells: 0, rate_hz: 0 };
+    if (cells > 0 && !this.live) this.send(this.wire.stream(true));
+    if (cells > 0 && this.ellipses.length === 0) this.send(this.wire.streamEllipses(Math.ceil(rate_hz / ELLIPSES_HZ)));
+  }
+
+  /** Asks the insole how its parameters were identified. */
+  requestIdentified(): void {
+    this.awaits_identified = true;
+    this.send(this.wire.getIdentified());
   }
 
   /** Requests the next part of the insole's cells. */
@@ -407,6 +439,7 @@ export class Session {
     const is_silent = this.unanswered >= UNANSWERED_REQUESTS && now_ms - this.last_message_ms > TIMEOUT_MS;
     if ((this.state === "live" || this.state === "other-host") && is_silent) {
       this.state = "lost";
+      this.is_superseded = false;
       this.reason = "no data for two seconds";
       // The insole may have restarted. Then it waits for a connect request.
       this.connect_requested_ms = -Infinity;
@@ -423,10 +456,7 @@ export class Session {
       this.requestTime(now_ms);
     }
     if (now_ms - this.untimed_since_ms >= RECORDS_WAIT_MS) this.releaseUntimed(now_ms);
-    if (this.state === "live" && now_ms - this.daily_requested_ms >= DAILY_LOAD_MS) {
-      this.daily_requested_ms = now_ms;
-      this.send(this.wire.getDailyLoad());
-    }
+    if (this.state === "live" && now_ms - this.summary_requested_ms >= SUMMARY_MS) this.requestSummary(now_ms);
     const has_all_cells = this.cells.length >= (this.hello?.cells ?? 0);
     if (this.state === "live" && !has_all_cells && now_ms - this.cells_requested_ms >= CELLS_MS) this.requestCells(now_ms);
   }

@@ -108,6 +108,8 @@ export function listenToExport(
     if (recorder.isRecording) recorder.stop();
     else if (!recorder.is_unsaved || confirm("The last recording was not exported. Replace it by a new one?")) {
       recorder.start(performance.now(), insoles.hellos);
+      // The recording then contains how the parameters were identified.
+      for (const session of insoles.sessions) if (session.state === "live") session.requestIdentified();
     }
     updateRecording(recorder, insoles);
   };
@@ -196,14 +198,14 @@ function insoleDetails(session: Session, now_ms: number): Node[] {
   const details = [
     session.is_resting && session.state === "live" ? "Rests until it is loaded"
       : `${session.rate_hz(now_ms).toFixed(0)} of ${hello.rate_hz.toFixed(0)} frames per second`,
-    `${counter.received} frames received, ${counter.lost} lost, ${damaged} damaged`,
+    `${counter.received} frames received, ${counter.lost} lost; ${damaged} damaged messages`,
     `Firmware ${hello.firmware}, ${hello.board} board, ${hello.cells} cells`,
   ];
   if (battery_percent !== undefined) details.push(`Battery ${battery_percent} %`);
   if (status && status.records_dropped > 0) {
     details.push(
       `${status.records_dropped} steps, load bouts and alerts were lost, because the insole's memory was full, or because ` +
-        "it could not store them (low battery, or a fault of its memory).",
+        "it could not store them (low battery, or a fault of its memory), or because this page was too far behind.",
     );
   }
   const title: Node = ["dt", { class: hello.side }, sideTitle(hello.side)];

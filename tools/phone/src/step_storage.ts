@@ -8,6 +8,8 @@ export interface StepRecord {
   /** The encoded message. */
   message: Uint8Array;
   start_unix_s: number | null;
+  /** That of `StoredStep`. */
+  is_comparable?: boolean | undefined;
 }
 
 /** A record to store. */
@@ -150,8 +152,8 @@ export class DatabaseStorage implements StepStorage {
 }
 
 /** Adds a record without its load, which the totals of its day contain. */
-function store(transaction: IDBTransaction, { key, message, start_unix_s }: NewRecord): void {
-  transaction.objectStore(RECORDS).add({ key, message, start_unix_s });
+function store(transaction: IDBTransaction, { key, message, start_unix_s, is_comparable }: NewRecord): void {
+  transaction.objectStore(RECORDS).add({ key, message, start_unix_s, is_comparable });
 }
 
 /**

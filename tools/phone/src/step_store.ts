@@ -21,6 +21,8 @@ export interface StoredStep {
   step: Step;
   /** Time of the heel strike on the browser's clock, s since 1970; `null` if it is unknown. */
   start_unix_s: number | null;
+  /** True if this time is exact enough to compare it with those of the other foot. */
+  is_comparable?: boolean | undefined;
 }
 
 /** A load bout, and when it began. */
@@ -53,8 +55,8 @@ export class Records {
   readonly bouts: StoredBout[] = [];
   readonly alerts: StoredAlert[] = [];
 
-  add(decoded: RecordMessage, start_unix_s: number | null): void {
-    if (decoded.kind === "step") this.steps.push({ step: decoded.step, start_unix_s });
+  add(decoded: RecordMessage, { start_unix_s, is_comparable }: StepRecord): void {
+    if (decoded.kind === "step") this.steps.push({ step: decoded.step, start_unix_s, is_comparable });
     else if (decoded.kind === "bout") this.bouts.push({ bout: decoded.bout, start_unix_s });
     else this.alerts.push({ alert: decoded.alert, start_unix_s });
   }
@@ -82,8 +84,8 @@ function decodeRecord(wire: Wire, { message }: StepRecord): RecordMessage | unde
 }
 
 /** A record with its key and its load. `arrived_unix_s` is the time of its arrival. */
-function withKey(decoded: RecordMessage, { message, start_unix_s }: StepRecord, arrived_unix_s: number): NewRecord {
-  return { message, start_unix_s, key: decoded.key, load: loadOf(decoded, start_unix_s, arrived_unix_s) };
+function withKey(decoded: RecordMessage, record: StepRecord, arrived_unix_s: number): NewRecord {
+  return { ...record, key: decoded.key, load: loadOf(decoded, record.start_unix_s, arrived_unix_s) };
 }
 
 const now_unix_s = () => Date.now() / 1000;
@@ -137,7 +139,7 @@ export class StepStore {
       // Records of another protocol version are not shown, but remain in the storage.
       const decoded = decodeRecord(this.wire, record);
       if (!decoded) continue;
-      this.latest.add(decoded, record.start_unix_s);
+      this.latest.add(decoded, record);
       this.remember(decoded);
     }
   }
@@ -156,7 +158,7 @@ export class StepStore {
     this.fill(days, latest);
     for (const record of this.pending) {
       const decoded = decodeRecord(this.wire, record);
-      if (decoded) this.latest.add(decoded, record.start_unix_s);
+      if (decoded) this.latest.add(decoded, record);
       addLoad(this.days, record.load);
     }
   }
@@ -175,7 +177,7 @@ export class StepStore {
     for (const record of part) {
       const decoded = decodeRecord(this.wire, record);
       if (!decoded) continue;
-      records.add(decoded, record.start_unix_s);
+      records.add(decoded, record);
       pending.delete(decoded.key);
     }
     return records;
@@ -192,10 +194,10 @@ export class StepStore {
   }
 
   /** Adds a record, unless it was added before. Resolves once this one and all earlier ones are stored. */
-  add(decoded: RecordMessage, message: Uint8Array, start_unix_s: number | null): Promise<void> {
+  add(decoded: RecordMessage, message: Uint8Array, start_unix_s: number | null, is_comparable?: boolean): Promise<void> {
     if (!this.has(decoded)) {
-      const record = withKey(decoded, { message: message.slice(), start_unix_s }, now_unix_s());
-      this.latest.add(decoded, start_unix_s);
+      const record = withKey(decoded, { message: message.slice(), start_unix_s, is_comparable }, now_unix_s());
+      this.latest.add(decoded, record);
       // Removing one record at a time would copy all others each time.
       const { steps, bouts, alerts } = this.latest;
       if (Math.max(steps.length, bouts.length, alerts.length) >= 2 * LOADED) this.latest.trimTo(LOADED);

@@ -9,6 +9,9 @@ import type { Wire } from "./wire";
 /** The measures are computed from this number of the last steps of each foot. */
 export const LATEST_STEPS = 100;
 
+/** Number of steps of each foot with exact times from which on the feet are compared, as in `plantar gait`. */
+const COMPARED_STEPS = 10;
+
 /** The steps of one foot. */
 export const stepsOf = (steps: readonly StoredStep[], side: Side) => steps.filter(({ step }) => step.side === side);
 
@@ -25,13 +28,19 @@ function comparable(steps: readonly StoredStep[]): StoredStep[] {
 
 /**
  * The measures of both feet. Steps of a foot that cannot be compared in time with its other ones are not used. The feet are
- * compared only if the times of all remaining steps are on the clock of the browser. If the steps of one foot are all earlier
- * than those of the other one, only the foot that walked last is measured.
+ * compared if the times of the newest step of each foot, and of {@link COMPARED_STEPS} or of half of its steps, are exact enough;
+ * only those are used then. If the steps of one foot are all earlier than those of the other one, only the foot that walked last
+ * is measured.
  */
 export function gaitOf(wire: Wire, { steps, bouts, alerts }: Pick<Records, "steps" | "bouts" | "alerts">, settings: Settings): Gait {
-  const feet = SIDES.map((side) => comparable(stepsOf(steps, side)).slice(-LATEST_STEPS));
+  const latest = SIDES.map((side) => comparable(stepsOf(steps, side)).slice(-LATEST_STEPS));
+  const exact = latest.map((steps) => steps.filter(({ is_comparable }) => is_comparable));
+  const has_common_clock = latest.every((steps, i) => {
+    const { length } = exact[i]!;
+    return steps.at(-1)?.is_comparable && length >= Math.min(COMPARED_STEPS, steps.length - length);
+  });
+  const feet = has_common_clock ? exact : latest;
   const are_timed = feet.map((steps) => steps.every(({ start_unix_s }) => start_unix_s !== null));
-  const has_common_clock = are_timed.every(Boolean);
   // The times of a foot are all on the clock of the browser, or all on that of its insole.
   const start_s = ({ step, start_unix_s }: StoredStep) => start_unix_s ?? step.start_s;
   const stride_m = (settings.stride_cm ?? 0) / 100;
@@ -51,7 +60,7 @@ export function gaitOf(wire: Wire, { steps, bouts, alerts }: Pick<Records, "step
     const before = others[i]!.filter(({ number }) => number < stored.step.step);
     return { ...stored, number: stored.step.step - before.length, start_s: start_s(stored) };
   };
-  const is_apart = has_common_clock && Math.max(...first_s) > Math.min(...last_s);
+  const is_apart = are_timed.every(Boolean) && Math.max(...first_s) > Math.min(...last_s);
   // With older steps of the other foot, no stride of the foot that walked last would contain one of them, and `wire.gait` would
   // omit all of its strides as unpaired.
   const measured = feet.map((steps, i) => (is_apart && last_s[i] !== Math.max(...last_s) ? [] : steps));

@@ -31,6 +31,7 @@ interface Exports {
   clock_mapping_clear(index: number): void;
   clock_mapping_answer(index: number, asked_us: number, device_us: number): void;
   clock_mapping_unix_us(index: number, device_us: number): number;
+  clock_mapping_is_comparable(index: number, device_us: number): number;
   counter_clear(index: number): void;
   counter_new_session(index: number): void;
   counter_frame(index: number, sequence: number): void;
@@ -67,6 +68,11 @@ export class ClockMapping {
   unix_s(device_s: number): number | null {
     const unix_us = this.core.clock_mapping_unix_us(this.index, Math.round(device_s * 1e6));
     return Number.isNaN(unix_us) ? null : unix_us / 1e6;
+  }
+
+  /** True if {@link unix_s} of this time is exact enough to compare it with that of the other insole. */
+  is_comparable(device_s: number): boolean {
+    return Boolean(this.core.clock_mapping_is_comparable(this.index, Math.round(device_s * 1e6)));
   }
 }
 

@@ -190,6 +190,12 @@ test("an insole with a day from midnight UTC, or as this page has set it before,
   // The wearer travels.
   offset_min.mockReturnValue(360);
   expect(counts()).toEqual([of_left + 2, of_right]);
+  // The request or what it has changed was lost, and the insole connects again.
+  left.receive(hello(wire.facts.major));
+  const connected = left.sent.length;
+  expect(counts()).toEqual([connected, of_right]);
+  left.receive({ kind: "alert_rules", is_on: true, day_start_min: 0 });
+  expect(counts()).toEqual([connected + 1, of_right]);
   offset_min.mockRestore();
 });
 

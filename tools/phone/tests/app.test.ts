@@ -1,9 +1,10 @@
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
 import { App } from "../src/app";
 import { NOT_DELETED } from "../src/identify_controller";
-import { type NewRecord, TemporaryStorage } from "../src/step_storage";
+import { DatabaseStorage, type NewRecord, TemporaryStorage } from "../src/step_storage";
 import { StepStore } from "../src/step_store";
-import { loadWire, messagesOf } from "./wire";
+import { BluetoothTransport } from "../src/transport/bluetooth";
+import { loadWire, messagesOf, step } from "./wire";
 
 vi.mock("../src/dom", async () => (await import("./elements")).dom);
 vi.mock("../src/live_view");
@@ -101,4 +102,47 @@ test("the steps are deleted although those of an identification in another tab r
   vi.spyOn(app["identify"], "deleteStored").mockRejectedValue(new Error(NOT_DELETED));
   await expect(app["clear"]()).rejects.toThrow(NOT_DELETED);
   expect([storage.records.size, items.has("plantar.cleared_ms")]).toEqual([0, true]);
+});
+
+test("steps that were walked without this device are stored with the remark that their times are not exact", async () => {
+  const { app, storage } = await start();
+  storage.is_full = false;
+  const session = app["insoles"].sessions[0]!;
+  session.clock_mapping.clear();
+  session.clock_mapping.answer({ host_us: Date.now() * 1000, device_us: 7200e6 });
+  // Two hours ago; one second ago; in an earlier run of the insole.
+  for (const values of [{ start_s: 0 }, { start_s: 7199 }, { start_s: 7199, starts_ago: 1, start_unix_s: 1.8e9 }]) {
+    const walked = step({ step: 100, ...values });
+    app["onRecord"]({ kind: "step", key: JSON.stringify(values), step: walked }, new Uint8Array(1), session);
+  }
+  await vi.advanceTimersByTimeAsync(1);
+  expect(app["store"].latest.steps.slice(-3).map(({ is_comparable }) => Boolean(is_comparable))).toEqual([false, true, false]);
+  const stored = [...storage.records.values()].slice(-3);
+  expect(stored.map(({ is_comparable }) => Boolean(is_comparable))).toEqual([false, true, false]);
+});
+
+test("an insole that is connected while a recording is loading does not lose its steps", async () => {
+  const storage = new TestStorage();
+  storage.is_full = false;
+  const opened = vi.spyOn(DatabaseStorage, "open").mockResolvedValue(storage as unknown as DatabaseStorage);
+  vi.stubGlobal("fetch", () => new Promise(() => undefined));
+  vi.stubGlobal("location", { search: "?replay=slow.plantar" });
+  const app = new App(wire);
+  vi.spyOn(app as unknown as { listen(): void }, "listen").mockReturnValue();
+  vi.spyOn(app["identify"], "load").mockResolvedValue();
+  await app.start();
+  const prototype = BluetoothTransport.prototype;
+  vi.spyOn(prototype, "choose").mockResolvedValue({} as BluetoothDevice);
+  let is_opened = false;
+  vi.spyOn(prototype, "connect").mockImplementation(async () => void (is_opened = opened.mock.calls.length === 1));
+  const send = vi.spyOn(prototype, "send");
+  await app["bluetooth"]();
+  expect(is_opened).toBe(true);
+  const events = app["insoles"].transportEvents;
+  events.opened(0);
+  messagesOf(0).forEach((message) => events.message(0, message));
+  await vi.advanceTimersByTimeAsync(2000);
+  expect(storage.records.size).toBe(6);
+  expect(send).toHaveBeenCalledWith(0, wire.acknowledge(5));
+  vi.restoreAllMocks();
 });

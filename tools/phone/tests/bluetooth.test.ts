@@ -1,9 +1,13 @@
 import { afterEach, expect, test, vi } from "vitest";
+import type { Facts } from "../src/generated/messages";
+import type { Insoles } from "../src/insoles";
+import { remarks } from "../src/notes";
 import { BluetoothTransport, explain } from "../src/transport/bluetooth";
 import type { TransportEvents } from "../src/transport/transport";
 import { loadWire } from "./wire";
 
-const { gatt } = (await loadWire()).facts;
+const wire = await loadWire();
+const { gatt } = wire.facts;
 
 afterEach(() => void vi.unstubAllGlobals());
 
@@ -94,4 +98,78 @@ test("a device without a link is reported with the remedy, and so is an error wi
   const device = { id: "1", addEventListener: ignore };
   expect(await explanation({ requestDevice: async () => device })).toMatch(/Close other programs/);
   expect(explain({})).toMatch(/Switch Bluetooth off and on/);
+});
+
+/** A time after which all operations that are due have ended, ms. */
+const LONG_MS = 1000;
+
+/**
+ * An insole that is connected, and measures its battery. As on Android, an operation takes some time, and fails while another
+ * one is in progress. `writes` lists the first byte of each request that was written; `hold` delays the writes until it resolves.
+ */
+async function connectBusy(opened: (transport: BluetoothTransport) => void = ignore) {
+  const writes: number[] = [];
+  const control = { hold: Promise.resolve() };
+  let is_busy = false;
+  const operate = async <T>(result: T): Promise<T> => {
+    if (is_busy) await networkError();
+    is_busy = true;
+    await new Promise((resolve) => setTimeout(resolve, 10));
+    await control.hold;
+    is_busy = false;
+    return result;
+  };
+  const characteristic = {
+    startNotifications: () => operate(undefined),
+    readValue: () => operate(new DataView(Uint8Array.of(70).buffer)),
+    // The byte before the message is the header of its fragment.
+    writeValueWithResponse: (value: Uint8Array) => operate(undefined).then(() => writes.push(value[1]!)),
+  };
+  const service = { getCharacteristic: () => operate({ ...characteristic }) };
+  const server = { connected: true, connect: async () => server, disconnect: ignore, getPrimaryService: () => operate(service) };
+  const device = Object.assign(new EventTarget(), { id: "1", gatt: server }) as unknown as BluetoothDevice;
+  const battery = vi.fn();
+  const transport = new BluetoothTransport(gatt, { ...events, battery, opened: () => opened(transport) });
+  const connected = transport.connect(device);
+  await vi.advanceTimersByTimeAsync(LONG_MS);
+  await connected;
+  return { transport, writes, control, battery };
+}
+
+test("the battery and the requests are not accessed at the same time, because one of both would fail on Android", async () => {
+  vi.useFakeTimers();
+  const requests = [wire.connect(), wire.getStatus()];
+  const { writes, battery, transport } = await connectBusy((opened) => requests.forEach((request) => opened.send(0, request)));
+  expect(battery.mock.calls).toEqual([[0, 70]]);
+  expect(writes).toEqual(requests.map(([kind]) => kind));
+  transport.close();
+  vi.useRealTimers();
+});
+
+test("requests of one kind do not pile up while a write is not answered", async () => {
+  vi.useFakeTimers();
+  const { transport, writes, control } = await connectBusy();
+  let release = ignore as () => void;
+  control.hold = new Promise((resolve) => (release = resolve));
+  for (let i = 0; i < 10; i++) [wire.getTime(i), wire.connect()].forEach((request) => transport.send(0, request));
+  await vi.advanceTimersByTimeAsync(LONG_MS);
+  transport.send(0, wire.getTime(10));
+  release();
+  await vi.advanceTimersByTimeAsync(LONG_MS);
+  const [time, connect] = [wire.getTime(0)[0], wire.connect()[0]];
+  expect(writes).toEqual([time, connect, time]);
+  transport.close();
+  vi.useRealTimers();
+});
+
+test("the page does not wait for an insole of which the first connection failed", async () => {
+  const transport = new BluetoothTransport(gatt, events);
+  const text = () => {
+    const sessions = [{ state: "closed", records_waiting: 0 }];
+    return JSON.stringify(remarks({ transport, sessions, of: ignore } as unknown as Insoles, undefined, {} as Facts));
+  };
+  const connected = transport.connect(insole(networkError).device as unknown as BluetoothDevice);
+  expect(text()).toContain("Waiting for an insole over Bluetooth");
+  await expect(connected).rejects.toThrow(/did not accept this phone/);
+  expect(text()).toBe("[]");
 });

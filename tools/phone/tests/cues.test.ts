@@ -1,7 +1,7 @@
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
-import { ScreenLock } from "../src/cues";
+import { ScreenWakeLock } from "../src/cues";
 
-/** The locks that the browser has granted. */
+/** The wake locks that the browser has granted. */
 let locks: { released: boolean; release: () => Promise<void> }[];
 let is_refused: boolean;
 let requests: number;
@@ -28,18 +28,18 @@ afterEach(() => {
 });
 
 /** Keeps the screen on for this number of tenths of a second. */
-async function hold(screen: ScreenLock, count: number): Promise<void> {
+async function hold(screen: ScreenWakeLock, count: number): Promise<void> {
   for (let i = 0; i < count; i++) {
     screen.hold();
     await vi.advanceTimersByTimeAsync(100);
   }
 }
 
-/** The number of locks that are in force. */
+/** The number of wake locks that are in force. */
 const held = () => locks.filter(({ released }) => !released).length;
 
-test("the screen lock is requested again after the page was hidden", async () => {
-  const screen = new ScreenLock();
+test("the screen wake lock is requested again after the page was hidden", async () => {
+  const screen = new ScreenWakeLock();
   await hold(screen, 10);
   expect([held(), requests]).toEqual([1, 1]);
   page.hidden = true;
@@ -52,7 +52,7 @@ test("the screen lock is requested again after the page was hidden", async () =>
 });
 
 test("a refused request is repeated, but not with each call", async () => {
-  const screen = new ScreenLock();
+  const screen = new ScreenWakeLock();
   is_refused = true;
   await hold(screen, 50);
   expect(requests).toBeGreaterThan(1);
@@ -62,8 +62,8 @@ test("a refused request is repeated, but not with each call", async () => {
   expect(held()).toBe(1);
 });
 
-test("the screen lock is released, also before the browser has granted it", async () => {
-  const screen = new ScreenLock();
+test("the screen wake lock ends with `release`, also if the browser grants it only afterwards", async () => {
+  const screen = new ScreenWakeLock();
   await hold(screen, 1);
   screen.release();
   screen.hold();

@@ -1,19 +1,21 @@
 import { expect, test } from "vitest";
 import type { Facts } from "../src/generated/messages";
 import type { Insoles } from "../src/insoles";
-import { remarks, sessionProblems } from "../src/notes";
+import type { LiveView } from "../src/live_view";
+import { problems, remarks, sessionProblems } from "../src/notes";
 import type { Session } from "../src/session";
 
 const FACTS = { regions: [{ name: "heel" }, { name: "hallux" }] } as Facts;
 
 test("regions with parameters that are not known to be the wearer's are named", () => {
-  const remarksWith = (typical: number[]) => {
+  const remarksWith = (typical: number[], transport = {}) => {
     const session = { state: "live", hello: { has_parameters: true }, typical, records_waiting: 0 };
-    const insoles = { transport: {}, sessions: [session], of: (side: string) => (side === "right" ? session : undefined) };
+    const insoles = { transport, sessions: [session], of: (side: string) => (side === "right" ? session : undefined) };
     return JSON.stringify(remarks(insoles as unknown as Insoles, undefined, FACTS));
   };
   expect(remarksWith([])).toBe("[]");
   expect(remarksWith([1])).toContain("The model values of the right foot (big toe) are computed with parameters that are not known to be yours");
+  expect(remarksWith([1], { is_replay: true })).toContain("parameters that are not known to be the wearer's");
   expect(remarksWith([0, 1])).toContain("The model values of the right foot are computed with parameters that are not known to be yours");
 });
 
@@ -39,4 +41,12 @@ test("two insoles without parameters are named as insoles", () => {
   const session = { state: "live", hello: { has_parameters: false }, typical: [], records_waiting: 0 };
   const insoles = { transport: {}, sessions: [session], of: () => session };
   expect(JSON.stringify(remarks(insoles as unknown as Insoles, undefined, FACTS))).toContain("not on the left and right insoles, so");
+});
+
+test("a gap in a recording is not reported as a lost connection", () => {
+  const sessions = [{ state: "lost", hello: { side: "left" }, reason: "no data for two seconds" }];
+  const live_view = { saturatedRegions: [], maskedRegions: [] } as unknown as LiveView;
+  const text = (is_replay: boolean) => problems({ transport: { is_replay }, sessions } as unknown as Insoles, live_view, FACTS).join();
+  expect(text(false)).toMatch(/connection to the left insole is lost.*stores your steps/);
+  expect(text(true)).toBe("The recording has no data of the left insole here.");
 });

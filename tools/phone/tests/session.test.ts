@@ -170,7 +170,7 @@ test("an insole has parameters as long as its last tissue message has an id othe
   expect(session.hello).toBe(first);
 });
 
-test("steps that arrive before the time of the insole wait for it in their order, but not for long", () => {
+test("steps that arrive before the time of the insole is known wait for it in their order, but not for long", () => {
   const walked = [0, 1, 2].map((number): ToHost => ({ kind: "step", key: String(number), step: step({ step: number }) }));
   const time = (host_us: number): ToHost => ({ kind: "time", host_us, device_us: 500_000 });
   const messages = [hello(wire.facts.major), ...walked];
@@ -182,7 +182,11 @@ test("steps that arrive before the time of the insole wait for it in their order
   receive(1, 10);
   receive(2, 20);
   expect(numbers()).toEqual([]);
+  // A single answer may be late.
   receive(4, 30);
+  receive(4, 31);
+  expect(numbers()).toEqual([]);
+  receive(4, 32);
   expect(numbers()).toEqual([0, 1]);
   expect(session.clock_mapping.unix_s(0.5)).toBeCloseTo(requested_us.at(-1)! / 1e6, 5);
   receive(3, 40);
@@ -194,6 +198,14 @@ test("steps that arrive before the time of the insole wait for it in their order
   expect(numbers()).toEqual([0, 1, 2]);
   session.tick(6000);
   expect(numbers()).toEqual([0, 1, 2, 0]);
+});
+
+test("after a hello, no other request delays the one for the time, which states when it was made", () => {
+  const { session, sent } = start(() => hello(wire.facts.major));
+  session.opened(0);
+  const before = sent.length;
+  session.receive(new Uint8Array(1), 0);
+  expect(sent.slice(before, before + 2).map(([kind]) => kind)).toEqual([wire.getTime(0)[0], wire.setClock(0)[0]]);
 });
 
 test("an answer to a request from before the clock was set is not used", () => {
@@ -330,7 +342,8 @@ test("a second insole for a foot is not used", () => {
 function startInsoles() {
   const none = () => undefined;
   const shape = vi.fn();
-  const events = { live: none, shape, record: none, isKnown: () => false, answer: none, message: none };
+  const message = vi.fn();
+  const events = { live: none, shape, record: none, isKnown: () => false, answer: none, message };
   const insoles = new Insoles(wire, new Recorder(), events);
   insoles.use({ location: "in a test", is_replay: false, can_lose_records: true, send: none, close: none });
   const open = () => ([0, 1] as const).forEach((insole) => insoles.transportEvents.opened(insole));
@@ -338,7 +351,7 @@ function startInsoles() {
   const hellos = { left: messagesOf(0)[0]!, right: messagesOf(1)[0]! };
   /** The insole with this index states that it is the one for this foot. */
   const identify = (insole: 0 | 1, side: Side) => insoles.transportEvents.message(insole, hellos[side]);
-  return { insoles, open, identify, shape, states: () => insoles.sessions.map(({ state }) => state) };
+  return { insoles, open, identify, shape, message, states: () => insoles.sessions.map(({ state }) => state) };
 }
 
 test("of two insoles for one foot, the one whose hello arrives later is not used, in either order", () => {
@@ -363,6 +376,26 @@ test("two insoles that have changed places are both used after the links were op
     identify(second, "left");
     expect(states()).toEqual(["live", "live"]);
   }
+});
+
+test("a hello after a reconnection is passed on with the foot that it names", () => {
+  const { open, identify, message } = startInsoles();
+  identify(0, "left");
+  open();
+  identify(0, "right");
+  expect(message.mock.calls.map(([, side]) => side)).toEqual(["left", "right"]);
+});
+
+test("the hello of a second insole for a foot is passed on once the first one is away", () => {
+  const { insoles, open, identify, message } = startInsoles();
+  identify(0, "left");
+  identify(1, "left");
+  expect(message).toHaveBeenCalledOnce();
+  insoles.transportEvents.closed(0, "out of reach");
+  insoles.transportEvents.opened(0);
+  identify(1, "left");
+  expect([insoles.sessions[1]!.state, message.mock.calls.length]).toEqual(["live", 2]);
+  open();
 });
 
 test("after two insoles have changed places, the one that is back has its foot although the other one is still away", () => {
@@ -446,6 +479,24 @@ test("a session that another host has taken waits until the insole no longer ans
   expect([session.state, connects()]).toEqual(["lost", 2]);
 });
 
+test("a session of another host is not ended after the link was opened again, unless the insole is silent", () => {
+  let next: ToHost = hello(wire.facts.major);
+  const { session, sent } = start(() => next);
+  const connects = () => sent.filter((message) => message[0] === wire.connect()[0]).length;
+  session.opened(0);
+  session.receive(new Uint8Array(1), 0);
+  next = { kind: "refused", reason: "another host", is_other_host: true, is_not_stored: false, is_final: false };
+  session.receive(new Uint8Array(1), 100);
+  session.closed("out of reach");
+  expect(session.state).toBe("lost");
+  session.opened(60_000);
+  session.tick(60_250);
+  session.receive(new Uint8Array(1), 60_300);
+  expect([session.state, connects()]).toEqual(["other-host", 1]);
+  for (let now_ms = 60_500; now_ms < 60_750 + TIMEOUT_MS; now_ms += 250) session.tick(now_ms);
+  expect([session.state, connects()]).toEqual(["lost", 2]);
+});
+
 test("parameters that could not be stored are in force, and the insole is asked how they were identified", () => {
   let next: ToHost = { ...hello(wire.facts.major), has_parameters: false } as ToHost;
   const { session, sent } = start(() => next);
@@ -459,9 +510,54 @@ test("parameters that could not be stored are in force, and the insole is asked 
   expect(sent.at(-1)).toEqual(wire.getIdentified());
   receive({ kind: "identified", typical: [1, 2] });
   expect([session.hello?.has_parameters, session.typical]).toEqual([true, [1, 2]]);
+  // No further request is due.
+  const requests = () => sent.filter((message) => message[0] === wire.getIdentified()[0]).length;
+  const before = requests();
+  session.tick(60_000);
+  expect(requests()).toBe(before);
   // The regions are those of another insole or firmware.
   receive(hello(wire.facts.major + 1));
   expect(session.typical).toEqual([]);
+});
+
+test("questions to which the answers were lost are asked again", () => {
+  let next: ToHost = hello(wire.facts.major);
+  const { session, sent } = start(() => next);
+  session.opened(0);
+  session.receive(new Uint8Array(1), 0);
+  const asked = (question: Uint8Array) => sent.filter((message) => message[0] === question[0]).length;
+  const questions = [wire.getIdentified(), wire.getAlertRules()];
+  expect(questions.map(asked)).toEqual([1, 1]);
+  next = live({ sequence: 1 });
+  for (let now_ms = 0; now_ms <= 5000; now_ms += 250) {
+    session.receive(new Uint8Array(1), now_ms);
+    session.tick(now_ms);
+  }
+  expect(questions.map(asked)).toEqual([2, 2]);
+});
+
+test("requests for the streams that were lost are sent again until the streams arrive", () => {
+  let next: ToHost = hello(wire.facts.major);
+  const { session, sent, requested_us } = start(() => next);
+  const requests = () => [wire.stream(true), wire.streamEllipses(0)].map(([kind]) => sent.filter((message) => message[0] === kind).length);
+  const wait = (from_ms: number) => {
+    for (let now_ms = from_ms; now_ms <= from_ms + 5000; now_ms += 250) {
+      session.receive(new Uint8Array(1), now_ms);
+      session.tick(now_ms);
+    }
+  };
+  session.opened(0);
+  session.receive(new Uint8Array(1), 0);
+  expect(requests()).toEqual([1, 1]);
+  next = { kind: "time", host_us: requested_us[0]!, device_us: 500_000 };
+  wait(0);
+  expect([session.state, requests()]).toEqual(["live", [2, 2]]);
+  next = live();
+  wait(5250);
+  expect(requests()).toEqual([2, 3]);
+  next = { kind: "ellipses", t_s: 0, regions: [null] };
+  wait(10_500);
+  expect(requests()).toEqual([2, 3]);
 });
 
 describe("an insole of another major version", () => {

@@ -32,7 +32,7 @@ test("the details of an insole state how many records it lost, and the possible 
   expect(details(0)).not.toContain("lost, because");
   expect(details(7)).toContain(
     "7 steps, load bouts and alerts were lost, because the insole's memory was full, or because it could not " +
-      "store them (low battery, or a fault of its memory).",
+      "store them (low battery, or a fault of its memory), or because this page was too far behind.",
   );
 });
 
@@ -41,13 +41,17 @@ test("a recording that was not exported is replaced only if the wearer agrees", 
   const confirm = vi.fn(() => is_confirmed);
   vi.stubGlobal("confirm", confirm);
   const recorder = new Recorder();
-  const insoles = { hellos: new Map([[0, new Uint8Array(1)]]), transport: undefined } as unknown as Insoles;
+  const requestIdentified = vi.fn();
+  const sessions = [{ state: "live", requestIdentified }, { state: "closed" }];
+  const insoles = { hellos: new Map([[0, new Uint8Array(1)]]), transport: undefined, sessions } as unknown as Insoles;
   listenToExport(wire, recorder, insoles, () => StepStore.ofRecording(wire), () => Promise.resolve(), () => undefined);
   const press = () => {
     element("record").onclick();
     return recorder.isRecording;
   };
   expect([press(), press(), confirm.mock.calls.length]).toEqual([true, false, 0]);
+  // The answer becomes a part of the recording.
+  expect(requestIdentified).toHaveBeenCalledOnce();
   expect([press(), confirm.mock.calls.length]).toEqual([false, 1]);
   is_confirmed = true;
   expect([press(), press(), confirm.mock.calls.length]).toEqual([true, false, 2]);

@@ -13,7 +13,7 @@ const STRIDE_S = 1.2;
 function foot(side: Side, lag_s: number, duration_s: number, count: number): StoredStep[] {
   return Array.from({ length: count }, (_, n) => {
     const start_unix_s = 1_800_000_000 + lag_s + n * STRIDE_S;
-    return { step: step({ side, step: n, start_s: start_unix_s - 1_799_999_930, duration_s }), start_unix_s };
+    return { step: step({ side, step: n, start_s: start_unix_s - 1_799_999_930, duration_s }), start_unix_s, is_comparable: true };
   });
 }
 
@@ -21,6 +21,7 @@ function foot(side: Side, lag_s: number, duration_s: number, count: number): Sto
 const ofEarlierBoot = ({ step }: StoredStep, starts_ago: number): StoredStep => ({
   step: { ...step, starts_ago },
   start_unix_s: null,
+  is_comparable: false,
 });
 
 const measure = (gait: ReturnType<typeof gaitOf>, key: string) => gait.measures.find((measure) => measure.key === key);
@@ -42,7 +43,7 @@ test("the measures of both feet are computed from their steps on the clock of th
 });
 
 test("without times on the browser's clock, each foot is measured alone", () => {
-  const steps = [...foot("left", 0, 0.8, 5), ...foot("right", 0.5, 0.7, 5)].map((stored) => ({ ...stored, start_unix_s: null }));
+  const steps = [...foot("left", 0, 0.8, 5), ...foot("right", 0.5, 0.7, 5)].map((stored) => ofEarlierBoot(stored, 0));
   const gait = gaitOf(wire, { steps, bouts: [], alerts: [] }, SETTINGS);
   expect(gait.has_both_feet).toBe(false);
   expect(gait.cadence_per_min?.mean).toBeCloseTo(100, 5);
@@ -90,7 +91,7 @@ test("if only some steps of a foot have a time on the browser's clock, only thos
   expect([gait.has_both_feet, gait.strides]).toEqual([true, { left: 39, right: 39 }]);
   expect(measure(gait, "step_time_s")?.right?.mean).toBeCloseTo(0.5, 5);
   // The right foot has no time at all: the feet are not compared, and the left one is still measured by its 40 steps.
-  const right = feet[1]!.map((stored) => ({ ...stored, start_unix_s: null }));
+  const right = feet[1]!.map((stored) => ofEarlierBoot(stored, stored.step.starts_ago));
   const apart = gaitOf(wire, { steps: [...feet[0]!, ...right], bouts: [], alerts: [] }, SETTINGS);
   expect([apart.has_both_feet, apart.strides]).toEqual([false, { left: 39, right: 39 }]);
 });
@@ -99,4 +100,32 @@ test("if no step of a foot has a time on the browser's clock, only those of the 
   const steps = foot("left", 0, 0.7, 30).map((stored, n) => ofEarlierBoot(stored, n < 10 ? 3 : n < 18 ? 2 : 1));
   const gait = gaitOf(wire, { steps, bouts: [], alerts: [] }, SETTINGS);
   expect(gait.strides).toEqual({ left: 11, right: 0 });
+});
+
+test("feet that walked without this device are not compared, because their clocks have drifted apart since", () => {
+  // A symmetric walk two hours ago, with clocks that differ by 20 ppm.
+  const walked = [...foot("left", 0, 0.8, 60), ...foot("right", STRIDE_S / 2 + 0.144, 0.8, 60)];
+  const before = walked.map((stored) => ({ ...stored, is_comparable: false }));
+  const gait = gaitOf(wire, { steps: before, bouts: [], alerts: [] }, SETTINGS);
+  expect([gait.has_both_feet, gait.strides]).toEqual([false, { left: 59, right: 59 }]);
+  expect(measure(gait, "step_time_s")).toMatchObject({ left: null, right: null, symmetry_percent: null });
+  // Then the wearer walks with this device. Once there are ten steps of each foot, only these of the last 100 are used.
+  const after = (count: number) => {
+    const now = [...foot("left", 7200, 0.8, count), ...foot("right", 7200 + STRIDE_S / 2, 0.8, count)];
+    for (const { step } of now) step.step += 60;
+    return gaitOf(wire, { steps: [...before, ...now], bouts: [], alerts: [] }, SETTINGS);
+  };
+  expect([after(9).has_both_feet, after(9).strides.left]).toEqual([false, 67]);
+  expect([after(10).has_both_feet, after(10).strides]).toEqual([true, { left: 9, right: 9 }]);
+  expect(measure(after(10), "step_time_s")?.symmetry_percent?.mean).toBeCloseTo(0, 3);
+  // Steps that are walked without it later are newer, so they are used.
+  const later = walked.map((stored) => ({ step: { ...stored.step, step: stored.step.step + 60 }, start_unix_s: stored.start_unix_s! + 9e4 }));
+  const last = gaitOf(wire, { steps: [...walked, ...later], bouts: [], alerts: [] }, SETTINGS);
+  expect([last.has_both_feet, last.strides.left]).toEqual([false, 98]);
+});
+
+test("of feet that walked at different times without this device, only the one that walked last is measured", () => {
+  const steps = [...foot("left", 0, 0.8, 20), ...foot("right", 7200, 0.8, 20)].map((stored) => ({ ...stored, is_comparable: false }));
+  const gait = gaitOf(wire, { steps, bouts: [], alerts: [] }, SETTINGS);
+  expect([gait.has_both_feet, gait.strides]).toEqual([false, { left: 0, right: 19 }]);
 });

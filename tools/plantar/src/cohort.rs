@@ -52,8 +52,10 @@ use study::{Person, fits};
 /// to all steps of a recording together.
 ///
 /// Exit status: 0 if all participants and recordings were used, 3 if some could
-/// not be used, 2 if the arguments are wrong, 1 otherwise, for example if no step
-/// of any participant was found.
+/// not be used or have incomplete results, for example because measurements of
+/// the tissue contradict each other (column `defects` of the table), 2 if the
+/// arguments are wrong, 1 otherwise, for example if no step of any participant
+/// was found.
 #[derive(Args)]
 #[command(verbatim_doc_comment)]
 pub struct Cohort {
@@ -85,10 +87,12 @@ struct Processed {
     person: cohort::Person,
     /// True if the rows in the table were already up to date.
     is_cached: bool,
+    /// The defects of the fits, with the names of participant, recording and region.
+    incomplete: Vec<String>,
 }
 
 impl Cohort {
-    /// Runs the command. Returns true if all participants and recordings were used.
+    /// Runs the command. Returns true if all participants and recordings were used, and no result has a defect.
     pub fn run(&self) -> Result<bool> {
         let start = Instant::now();
         self.search.check()?;
@@ -131,8 +135,10 @@ impl Cohort {
         if done.is_empty() {
             bail!("{}: no step of any participant was found, for the reasons above", self.participants.display());
         }
-        self.report(done, start)?;
-        Ok(left_out.is_empty())
+        let incomplete: Vec<String> = done.iter().flat_map(|done| done.incomplete.clone()).collect();
+        incomplete.iter().for_each(|defect| eprintln!("incomplete: {defect}"));
+        self.report(done, &incomplete, start)?;
+        Ok(left_out.is_empty() && incomplete.is_empty())
     }
 
     /// The path of a participant's file in the table.
@@ -171,6 +177,7 @@ impl Cohort {
                 trials: table::trials(rows),
             },
             is_cached,
+            incomplete: table::defects(rows).iter().map(|defect| format!("{name}, {defect}")).collect(),
         };
         let made_from = made_from(&person, &recordings)?;
         // A file that cannot be read counts as out of date and is replaced.
@@ -205,9 +212,9 @@ impl Cohort {
         Ok(processed(&table::read(path)?.1, false))
     }
 
-    /// Prints the means and the counts of the run, and writes the summary, the report and its pictures. `start` is the time at
-    /// which the run began.
-    fn report(&self, done: Vec<Processed>, start: Instant) -> Result<()> {
+    /// Prints the means and the counts of the run, and writes the summary, the report and its pictures. `incomplete` are the
+    /// defects of the fits, and `start` is the time at which the run began.
+    fn report(&self, done: Vec<Processed>, incomplete: &[String], start: Instant) -> Result<()> {
         let count = |is: fn(&Processed) -> bool| done.iter().filter(|done| is(done)).count();
         let (cached, of_unknown_size) =
             (count(|done| done.is_cached), count(|done| done.person.settings.size.is_none()));
@@ -235,7 +242,7 @@ impl Cohort {
             summary::write(path, &people)?;
             println!("wrote {}", path.display());
         }
-        let cohort = report::Cohort { people: &people, feet: &feet, contact: self.contact.rule(None)? };
+        let cohort = report::Cohort { people: &people, feet: &feet, incomplete, contact: self.contact.rule(None)? };
         if let Some(path) = &self.report {
             write(path, report::cohort_html(&cohort).as_bytes())?;
             println!("wrote {}", path.display());

@@ -103,6 +103,11 @@ impl EmulatedInsole {
         accepted.with_context(|| format!("{} cannot be played into an insole", path.display()))?;
         Ok(Self { recording, insole })
     }
+
+    /// The duration of all frames that are played.
+    pub fn duration(&self) -> Duration {
+        Duration::from_micros(self.insole.frames(&self.recording) as u64 * u64::from(self.insole.setup.period_us))
+    }
 }
 
 /// The steps, load bouts and alerts of a walk, and the insole's counters after the walk.
@@ -300,7 +305,7 @@ impl Emulate {
                 }
                 Some(message) if let Some(record) = LoadRecord::of(&message) => {
                     client.send(ToDevice::Acknowledge { number: record.number() })?;
-                    view.load_record(&record);
+                    view.load_record(&record, Some(Duration::ZERO));
                     records.push(&record);
                 }
                 // The insole sends its status after all messages that were due before, so none of them is missing.

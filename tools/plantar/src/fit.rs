@@ -17,6 +17,7 @@ use parameters::{InsoleSize, TissueMeasurements};
 use plantar::checksum::crc32;
 use plantar::pipeline::contact::ContactRule;
 use recording::{FrameSource, RecordingReader, output};
+use std::collections::BTreeSet;
 use std::fs;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -259,6 +260,7 @@ impl Fit {
                 }
                 Input::Live(sources) => sources.into_iter().try_for_each(|source| add_live(&mut study, source))?,
             }
+            check_distinct_walks(&study)?;
         }
         if let Some(StepRange(first, last)) = self.steps {
             let numbers = || study.steps.iter().map(|step| step.number);
@@ -387,6 +389,31 @@ impl Fit {
         }
         Ok(rule)
     }
+}
+
+/// Refuses a live stream and a recording of the cells of the same walk, as in the folder of `plantar identify`: each step would then
+/// be predicted from its copy. Both have the times of the insole's clock.
+fn check_distinct_walks(study: &Study) -> Result<()> {
+    let is_live = |source: usize| study.sources[source].layout.cells.is_empty();
+    let us = |s: f64| (s * 1e6).round() as i64;
+    let times = |source: usize| -> BTreeSet<(i64, i64)> {
+        let steps = study.steps.iter().filter(|step| step.recording == source);
+        steps.map(|step| (us(step.start_s), us(step.duration_s))).collect()
+    };
+    for second in 1..study.sources.len() {
+        for first in (0..second).filter(|&first| is_live(first) != is_live(second)) {
+            let [of_first, of_second] = [first, second].map(|source| &study.sources[source]);
+            // A single step may begin at the same time by chance.
+            if of_first.side == of_second.side && times(first).intersection(&times(second)).count() > 1 {
+                bail!(
+                    "{} has steps of the same walk as {}: give either the live stream or the recording of the cells",
+                    of_second.name,
+                    of_first.name
+                );
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Adds the steps of a live stream to the study. A stream may not be given twice, for example as the file of the page and as

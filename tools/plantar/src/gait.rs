@@ -56,12 +56,20 @@ fn length(text: &str) -> Result<f64, String> {
 /// The steps and other load records of one file or folder.
 #[derive(Default)]
 struct Walk {
-    /// The steps, with the times of their heel strikes, us; `None` if the time on a common clock is unknown.
-    steps: Vec<(Step, Option<u64>)>,
+    /// The steps, with the times of their heel strikes; `None` if the time on a common clock is unknown.
+    steps: Vec<(Step, Option<Start>)>,
     /// The load bouts and alerts, which are numbered together with the steps: the foot and the number of each.
     others: Vec<(Side, u32)>,
     /// The recording that was replayed; `None` if the steps are those of an insole.
     origin: Option<Origin>,
+}
+
+/// The time of a heel strike on a common clock.
+#[derive(Clone, Copy)]
+struct Start {
+    us: u64,
+    /// True if the time is exact enough to compare the feet.
+    is_exact: bool,
 }
 
 /// Where a recording comes from.
@@ -138,12 +146,17 @@ impl GaitCommand {
             let numbers: Vec<_> = others.iter().filter(|(of, _)| *of == side).map(|(_, number)| *number).collect();
             let steps = steps.iter().filter(|(step, _)| step.side == side);
             // The times of a foot are all on the common clock, or all on the clock of its insole.
-            steps.map(|(step, common_us)| FootStep::new(step, common_us.unwrap_or(step.start_us), &numbers)).collect()
+            let start_us = |step: &Step, common: &Option<Start>| common.map_or(step.start_us, |start| start.us);
+            steps.map(|(step, common)| FootStep::new(step, start_us(step, common), &numbers)).collect()
         };
         let gait = Gait::new([steps_of(Side::Left), steps_of(Side::Right)], has_common_clock);
         let length = self.stride_length.map(Length::Stride).or(self.distance.map(Length::Walk));
         if has_steps(&steps, Side::Left) && has_steps(&steps, Side::Right) && !has_common_clock {
-            eprintln!("note: the steps have no common clock, so the feet are not compared");
+            eprintln!(
+                "note: the steps have no common clock, so the feet are not compared: the clocks of two insoles drift apart, and \
+                 are not compared for steps that are stored while no host is connected, nor in recordings of all cells. Record \
+                 both feet during the walk with `plantar serve --record`, `plantar record` or the page"
+            );
         }
         print(&gait, length);
         match &self.json {
@@ -153,44 +166,62 @@ impl GaitCommand {
     }
 }
 
-fn has_steps(steps: &[(Step, Option<u64>)], side: Side) -> bool {
+fn has_steps(steps: &[(Step, Option<Start>)], side: Side) -> bool {
     steps.iter().any(|(step, _)| step.side == side)
 }
 
-/// Removes the steps of each foot that cannot be compared in time with its other steps, with a note on stderr: those without a
-/// time on the common clock, if another step of the foot has one; otherwise those of all boots of the insole but the newest one
-/// with steps, because its clock begins with each boot. Returns true if all remaining steps are on the common clock.
-fn retain_comparable(steps: &mut Vec<(Step, Option<u64>)>) -> bool {
+/// The feet are compared if at least this number of steps of each foot, or half of its steps, have exact times.
+const COMPARED_STEPS: usize = 10;
+
+/// Removes the steps of each foot that cannot be compared in time with the others, with a note on stderr. Returns true if the
+/// feet can be compared; the remaining steps then have exact times on the common clock. Otherwise, those of each foot are the
+/// ones with a time on the common clock; if none has one, those of the newest boot of the insole with steps, because its clock
+/// begins with each boot.
+fn retain_comparable(steps: &mut Vec<(Step, Option<Start>)>) -> bool {
+    let is_exact = |start: &Option<Start>| start.is_some_and(|start| start.is_exact);
+    let has_exact_times = |side| {
+        let of_side = || steps.iter().filter(move |(step, _)| step.side == side);
+        let exact = of_side().filter(|(_, start)| is_exact(start)).count();
+        exact > 0 && exact >= COMPARED_STEPS.min(of_side().count() - exact)
+    };
+    let has_common_clock = [Side::Left, Side::Right].into_iter().all(has_exact_times);
     for side in [Side::Left, Side::Right] {
         let of_side = || steps.iter().filter(move |(step, _)| step.side == side);
-        let has_times = of_side().any(|(_, start_us)| start_us.is_some());
+        let has_times = of_side().any(|(_, start)| start.is_some());
         let newest_boot = of_side().map(|(step, _)| step.boots_since).min();
         let before = steps.len();
-        steps.retain(|(step, start_us)| {
-            let is_of_newest_boot = newest_boot == Some(step.boots_since);
-            let is_comparable = if has_times { start_us.is_some() } else { is_of_newest_boot };
+        steps.retain(|(step, start)| {
+            let is_comparable = match (has_common_clock, has_times) {
+                (true, _) => is_exact(start),
+                (false, true) => start.is_some(),
+                (false, false) => newest_boot == Some(step.boots_since),
+            };
             step.side != side || is_comparable
         });
         let removed = before - steps.len();
         if removed > 0 {
-            let which =
-                if has_times { "without a time on the common clock" } else { "from earlier boots of the insole" };
+            let which = match (has_common_clock, has_times) {
+                (true, _) => "without an exact time on the common clock, as those stored while no host was connected,",
+                (false, true) => "without a time on the common clock",
+                (false, false) => "from earlier boots of the insole",
+            };
             eprintln!(
                 "note: {} foot: steps {which} cannot be compared in time with the others and are not used: {removed}",
                 side.name()
             );
         }
     }
-    steps.iter().all(|(_, start_us)| start_us.is_some())
+    has_common_clock
 }
 
 /// Reads the steps of a stream file, of a folder of `plantar record`, or of a recording, which is replayed.
 fn read(path: &Path) -> Result<Walk> {
     // A folder without a table of steps is a recording of all cells in parts, which is replayed.
     if path.join("steps").is_dir() {
-        let steps = session::timed_steps(path)?.into_iter();
-        let steps = steps.map(|(step, start_s)| (step, start_s.map(|s| (s * 1e6).round() as u64))).collect();
-        return Ok(Walk { steps, others: session::other_records(path)?, origin: None });
+        let steps = session::timed_steps(path)?.into_iter().map(|(step, start_s, is_exact)| {
+            (step, start_s.map(|start_s| Start { us: (start_s * 1e6).round() as u64, is_exact }))
+        });
+        return Ok(Walk { steps: steps.collect(), others: session::other_records(path)?, origin: None });
     }
     if live::is_stream(path) { from_stream(path) } else { from_recording(RecordingReader::open(path)?) }
 }
@@ -200,7 +231,7 @@ fn read(path: &Path) -> Result<Walk> {
 const COMPARED_TIMES: u32 = 20;
 
 /// The load records in a stream file. The times of the steps are on the clock of the host: they follow from the time messages
-/// of the insoles or, without such messages, from the wall clocks of the insoles, which the host set.
+/// of the insoles or, without such messages and for earlier boots, from the wall clocks of the insoles, which the host set.
 fn from_stream(path: &Path) -> Result<Walk> {
     let bytes = std::fs::read(path)?;
     let mut messages = live::StreamMessages::new(&bytes);
@@ -211,10 +242,15 @@ fn from_stream(path: &Path) -> Result<Walk> {
     let mut untimed: [(Vec<usize>, u32); STREAM_INSOLES] = [const { (Vec::new(), 0) }; STREAM_INSOLES];
     let Walk { mut steps, mut others, .. } = Walk::default();
     let mut known_others = HashSet::new();
-    let set_times = |steps: &mut [(Step, Option<u64>)], untimed: &mut Vec<usize>, mapping: &ClockMapping| {
+    let start = |record: &LoadRecord, mapping: &ClockMapping| {
+        let is_exact = mapping.is_start_comparable(record);
+        mapping.start_us(record).map(|us| Start { us, is_exact })
+    };
+    let set_times = |steps: &mut [(Step, Option<Start>)], untimed: &mut Vec<usize>, mapping: &ClockMapping| {
         for index in untimed.drain(..) {
-            let (step, start_us) = &mut steps[index];
-            *start_us = mapping.start_us(&LoadRecord::from(*step)).or(step.start_unix_us);
+            let (step, time) = &mut steps[index];
+            let wall_clock = || step.start_unix_us.map(|us| Start { us, is_exact: false });
+            *time = start(&LoadRecord::from(*step), mapping).or_else(wall_clock);
         }
     };
     for message in &mut messages {
@@ -246,11 +282,11 @@ fn from_stream(path: &Path) -> Result<Walk> {
                 let same_foot = steps.iter().rev().filter(|(known, _)| known.side == step.side);
                 let is_known = same_foot.take(2 * RECORD_QUEUE).any(|(known, _)| is_same(known));
                 if !is_known {
-                    let start_us = mapping.start_us(&record);
-                    if start_us.is_none() {
+                    let start = start(&record, mapping);
+                    if start.is_none() {
                         untimed.push(steps.len());
                     }
-                    steps.push((step, start_us));
+                    steps.push((step, start));
                 }
             }
             Some(ToHost::Bout(Bout { side, number, .. }) | ToHost::Alert(Alert { side, number, .. }))
@@ -289,7 +325,8 @@ fn from_recording(reader: RecordingReader) -> Result<Walk> {
         if let Some(step) = completed_step(toe_off, insole) {
             let start_us = time_us(step.start_us);
             let duration_us = time_us(step.start_us + u64::from(step.duration_us)).saturating_sub(start_us) as u32;
-            walk.steps.push((Step { start_us, duration_us, ..step }, (!is_of_insole).then_some(start_us)));
+            let start = (!is_of_insole).then_some(Start { us: start_us, is_exact: true });
+            walk.steps.push((Step { start_us, duration_us, ..step }, start));
         }
         walk.others.extend(insole.take_bout().map(|bout| (bout.side, bout.number)));
     };

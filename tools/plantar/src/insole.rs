@@ -160,7 +160,8 @@ impl Insole {
                 let mut insole = connection.open(ReconnectPolicy::RESTART)?;
                 insole.client().erase_wearer()?;
                 println!(
-                    "the data of the wearer are erased, and the insole restarts: pair your phones and computers again"
+                    "the data of the wearer are erased, and the insole restarts: switch it off for some seconds and on \
+                     again, then pair phones and computers within a minute"
                 );
                 Ok(())
             }

@@ -14,6 +14,7 @@ use plantar::protocol::{CellFrame, Live, LoadRecord, ToDevice, ToHost};
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// Shows the live loads of the eight regions, alerts, and tables of the steps and the load bouts at the end.
 ///
@@ -76,12 +77,18 @@ pub fn follow(connection: &Connection, insole: &mut InsoleLink, view: &mut View,
                 view.live(&live, client.counters())?;
             }
             Event::Message(message) if let Some(record) = LoadRecord::of(&message) => {
-                sink.load_record(&record, insole.client().clock_mapping())?;
-                view.load_record(&record);
+                let mapping = insole.client().clock_mapping();
+                sink.load_record(&record, mapping)?;
+                let start_us = mapping.start_us(&record);
+                view.load_record(
+                    &record,
+                    start_us.map(|us| Duration::from_micros(client::unix_us().saturating_sub(us))),
+                );
             }
             Event::Message(ToHost::Cells(frame)) => sink.cells(&frame)?,
             Event::Message(_) | Event::Started(SessionStart::Connected) | Event::Timeout => {}
             Event::Started(start) => {
+                let misses_frames = insole.misses_frames();
                 let hello = insole.client().hello();
                 ensure!(
                     hello.side == side,
@@ -91,7 +98,7 @@ pub fn follow(connection: &Connection, insole: &mut InsoleLink, view: &mut View,
                     side.name()
                 );
                 match start {
-                    SessionStart::AfterSilence => view.answered_after_silence(hello),
+                    SessionStart::AfterSilence => view.answered_after_silence(hello, misses_frames),
                     SessionStart::Connected | SessionStart::Reconnected | SessionStart::AfterOtherHost => {
                         view.reconnected(hello);
                     }

@@ -110,10 +110,8 @@ pub fn send(insole: &mut InsoleLink, parameters: &Parameters) -> Result<()> {
     let tissue = parameters.tissue();
     let Some(identified) = &parameters.identified else { return Ok(insole.client().set_tissue(&tissue)?) };
     let on_insole = identified.on_insole()?;
-    note_unless_same_foot(Some(identified), insole.client().hello().side);
-    if let Some(reason) = identified.invalid_for_steps() {
-        eprintln!("note: {reason}; the insole does not follow changes of the tissue with them");
-    }
+    let notes = identified.notes_for_insole(insole.client().hello().side);
+    notes.iter().for_each(|note| eprintln!("note: {note}"));
     set_rule(insole, identified.contact)?;
     Ok(insole.client().set_identified_tissue(&tissue, on_insole)?)
 }

@@ -258,6 +258,7 @@ impl Sink for Recorder<'_> {
             let mut row: Row = vec![("session", self.session.into())];
             row.extend(columns);
             row.push(("start_unix_s", start.clone()));
+            row.push(("is_start_comparable", mapping.is_start_comparable(record).into()));
             rows.push(row);
         }
         self.complete_file_if_due()
@@ -310,4 +311,37 @@ fn alert_row(alert: &Alert, i: usize, region: &str) -> Row {
     row.push(("region", region.into()));
     row.extend(flag_columns(Alert::FLAGS, alert, i));
     row
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::live::session::timed_steps;
+    use clap::Parser;
+    use plantar::protocol::Step;
+
+    #[derive(Parser)]
+    struct Arguments {
+        #[command(flatten)]
+        record: Record,
+    }
+
+    /// Steps of the last seconds, of an hour ago, and of an earlier boot.
+    #[test]
+    fn a_folder_states_which_steps_have_times_that_can_be_compared_with_those_of_the_other_foot() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let out = folder.path().to_str().expect("UTF-8");
+        let arguments = Arguments::parse_from(["plantar", "--tcp", "127.0.0.1:9", "--out", out]);
+        let mut mapping = ClockMapping::new();
+        mapping.answer(1_700_000_000_000_000, 3_700_000_000);
+        let mut recorder = Recorder::new(&arguments.record, Side::Left);
+        for (number, start_s, boots_since) in [(0, 3_690, 1), (1, 100, 0), (2, 3_690, 0)] {
+            let step = Step { start_us: start_s * 1_000_000, boots_since, ..testkit::step(number) };
+            recorder.load_record(&step.into(), &mapping).expect("collected");
+        }
+        recorder.complete_file().expect("written");
+        let steps = timed_steps(folder.path()).expect("steps");
+        let comparable: Vec<_> = steps.iter().map(|(step, _, is_comparable)| (step.step, *is_comparable)).collect();
+        assert_eq!(comparable, [(0, false), (1, false), (2, true)]);
+    }
 }

@@ -79,7 +79,8 @@ fn integral_n_s(bout: &Bout) -> f64 {
 
 /// An alert in one line.
 pub fn alert_line(alert: &Alert) -> String {
-    format!("alert {} at {:.0} s: {}", alert.number, alert.start_s(), client::alert_advice(alert))
+    let boot = if alert.boots_since > 0 { " of an earlier start of the insole" } else { "" };
+    format!("alert {} at {:.0} s{boot}: {}", alert.number, alert.start_s(), client::alert_advice(alert))
 }
 
 /// A load bout in one line.

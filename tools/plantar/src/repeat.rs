@@ -9,7 +9,7 @@ use crate::replay::progress;
 use crate::setup::{ContactArgs, rule_in_words};
 use anyhow::{Context, Result, bail};
 use clap::Args;
-use fit::agreement::{FootRepeatability, SingleTrial, repeatability};
+use fit::agreement::{self, repeatability};
 use fit::trials::Trial;
 use parameters::Participant;
 use rayon::prelude::*;
@@ -34,8 +34,9 @@ use study::{Person, fits};
 /// each, in the order of the names of the recordings, are used.
 ///
 /// Exit status: 0 if all participants and recordings can be used, 3 if some
-/// cannot, 2 if the arguments are wrong, and 1 after another error, for example
-/// if there are too few trials to compare.
+/// cannot, or if a trial has an incomplete result, as by `plantar fit`, 2 if the
+/// arguments are wrong, and 1 after another error, for example if there are too
+/// few trials to compare.
 #[derive(Args)]
 #[command(verbatim_doc_comment)]
 pub struct Repeat {
@@ -63,9 +64,16 @@ struct Trials {
     name: String,
     trials: Vec<Trial>,
     left_out: Vec<String>,
+    /// The defects of the fits, with the names of person, recording and region.
+    incomplete: Vec<String>,
 }
 
 impl Trials {
+    /// Without trials, for this reason.
+    fn none(name: &str, reason: String) -> Self {
+        Self { name: name.into(), trials: Vec::new(), left_out: vec![reason], incomplete: Vec::new() }
+    }
+
     /// The name of the person, and the trials.
     fn named(&self) -> (&str, &[Trial]) {
         (&self.name, &self.trials)
@@ -73,7 +81,7 @@ impl Trials {
 }
 
 impl Repeat {
-    /// Runs the command. Returns true if all participants and recordings can be used.
+    /// Runs the command. Returns true if all participants and recordings can be used, and no result has a defect.
     pub fn run(&self) -> Result<bool> {
         self.search.check()?;
         let rule = self.contact.rule(None)?;
@@ -102,9 +110,10 @@ impl Repeat {
         let people: Vec<(&str, &[Trial])> = all.iter().map(Trials::named).collect();
         let least_people = if study.is_some() { 2 } else { 1 };
         let (feet, single) = repeatability(&people, least_people);
-        left_out.extend(single.iter().map(single_trial_reason));
-        left_out.extend(lone_people_reasons(&people, &feet, least_people));
+        left_out.extend(agreement::left_out(&people, least_people, &feet, &single));
         left_out.iter().for_each(|reason| eprintln!("left out: {reason}"));
+        let incomplete: Vec<String> = all.iter().flat_map(|person| person.incomplete.clone()).collect();
+        incomplete.iter().for_each(|defect| eprintln!("incomplete: {defect}"));
         if feet.is_empty() {
             match study {
                 Some(folder) => bail!(
@@ -122,11 +131,11 @@ impl Repeat {
             println!("wrote {}", path.display());
         }
         if let Some(path) = &self.json {
-            let text = serde_json::to_string_pretty(&output::to_json(&feet, &left_out))? + "\n";
+            let text = serde_json::to_string_pretty(&output::to_json(&feet, &left_out, &incomplete))? + "\n";
             write(path, text.as_bytes())?;
             println!("wrote {}", path.display());
         }
-        Ok(left_out.is_empty())
+        Ok(left_out.is_empty() && incomplete.is_empty())
     }
 
     /// The folder of a study, if one was given: a single folder that is not a recording in parts. Such a recording is a folder
@@ -151,13 +160,11 @@ impl Repeat {
         let all = names.par_iter().with_max_len(1).map(|name| {
             let folder = study.join(name);
             let trials = match people::open(&folder, &self.search, &self.contact) {
-                Ok((_, recordings)) if recordings.is_empty() => Trials {
-                    name: name.clone(),
-                    trials: Vec::new(),
-                    left_out: vec![format!("{}: no recordings (*.parquet)", folder.display())],
-                },
+                Ok((_, recordings)) if recordings.is_empty() => {
+                    Trials::none(name, format!("{}: no recordings (*.parquet)", folder.display()))
+                }
                 Ok((person, recordings)) => trials_of(name, &person, &recordings),
-                Err(error) => Trials { name: name.clone(), trials: Vec::new(), left_out: vec![format!("{error:#}")] },
+                Err(error) => Trials::none(name, format!("{error:#}")),
             };
             bar.inc(1);
             trials
@@ -185,12 +192,16 @@ impl Repeat {
 
 /// Fits each recording of a person.
 fn trials_of(name: &str, person: &Person, recordings: &[PathBuf]) -> Trials {
-    let results: Vec<Result<Trial>> =
+    let results: Vec<Result<_>> =
         recordings.par_iter().map(|path| fits::trial(person, RecordingReader::open(path)?, path)).collect();
-    let mut of_person = Trials { name: name.into(), trials: Vec::new(), left_out: Vec::new() };
+    let mut of_person = Trials { name: name.into(), trials: Vec::new(), left_out: Vec::new(), incomplete: Vec::new() };
     for result in results {
         match result {
-            Ok(trial) => of_person.trials.push(trial),
+            Ok((trial, defects)) => {
+                let named = |defect: String| format!("{name}, {}, {defect}", trial.name);
+                of_person.incomplete.extend(defects.into_iter().map(named));
+                of_person.trials.push(trial);
+            }
             Err(error) => of_person.left_out.push(format!("{error:#}")),
         }
     }
@@ -222,30 +233,4 @@ pub fn copies(people: &[(&str, &[Trial])]) -> Vec<CopiedTrial> {
         }
     }
     copies
-}
-
-/// The reason why a person's only trial of a foot is left out, with the remedy.
-fn single_trial_reason(single: &SingleTrial) -> String {
-    let side = single.side.name();
-    format!(
-        "{}, {side} foot: only one usable recording, and repeatability needs two or more: record another trial of the {side} foot",
-        single.person
-    )
-}
-
-/// The reasons why people with repeated trials of a foot are left out: this foot is not evaluated, because fewer than
-/// `least_people` people have repeated trials of it.
-fn lone_people_reasons(people: &[(&str, &[Trial])], feet: &[FootRepeatability], least_people: usize) -> Vec<String> {
-    let (possible, _) = repeatability(people, 1);
-    let lone = possible.into_iter().filter(|foot| foot.people.len() < least_people);
-    let lone = lone.filter(|foot| feet.iter().all(|evaluated| evaluated.side != foot.side));
-    lone.map(|foot| {
-        let side = foot.side.name();
-        format!(
-            "{}, {side} foot: nobody else has two or more usable recordings of the {side} foot: record other people, too, or \
-             give the recordings of this person as files",
-            foot.people.join(", ")
-        )
-    })
-    .collect()
 }

@@ -26,7 +26,9 @@ use std::time::Instant;
 /// Computes the steps and load bouts of a recording as the insole would, with the same code.
 ///
 /// Recorded pressures are first converted to the codes of a virtual sensor, exactly as in `plantar emulate`. In f32, the steps
-/// are therefore equal to those of the emulated insole, to the last digit. A replay in f64 shows the error of single precision.
+/// are therefore equal to those of the emulated insole, to the last digit, except the first contact after more than a minute
+/// without load: an insole that is not worn scans two frames a second, and records this contact as a load bout. A replay in f64
+/// shows the error of single precision.
 #[derive(Args)]
 pub struct Replay {
     /// The recording.

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, bail};
 use clap::Args;
 use client::{Carrier, Framed, READ_TIMEOUT};
 use emulation::EmulatorConfig;
-use emulator::{Board, Joined, Looped, Recorded, Time};
+use emulator::{Board, Joined, Recorded, Time};
 use serve::{MAX_INSOLES, Options, Source};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
@@ -22,7 +22,8 @@ use std::time::Duration;
 pub struct Serve {
     #[command(flatten)]
     ports: Ports,
-    /// Play this recording into an emulated insole, repeatedly and without end. The recordings of two feet are played together.
+    /// Play this recording into an emulated insole, repeatedly and without end. The recordings of two feet are played together:
+    /// the shorter one stays at its last frame until the longer one ends.
     #[arg(long, value_name = "RECORDING")]
     emulate: Vec<PathBuf>,
     #[command(flatten)]
@@ -85,15 +86,19 @@ impl Serve {
         }
         // An emulated board runs until it is dropped, so the boards are held until the program ends.
         let mut boards = Vec::new();
-        // The recordings of both feet are played from a common start, because they are of one walk.
-        let start = Arc::new(OnceLock::new());
+        let mut emulated = Vec::new();
         for path in &self.emulate {
             let parameters = self.insole.wearer.parameters()?;
-            let EmulatedInsole { recording, insole } = EmulatedInsole::new(path, &parameters, &self.insole)?;
+            emulated.push((path, EmulatedInsole::new(path, &parameters, &self.insole)?, parameters));
+        }
+        // Each repetition of the recordings of both feet has a common start, because they are of one walk.
+        let start = Arc::new(OnceLock::new());
+        let repeated_after = emulated.iter().map(|(_, insole, _)| insole.duration()).max().unwrap_or_default();
+        for (path, EmulatedInsole { recording, insole }, parameters) in emulated {
             let config = EmulatorConfig::new(insole.setup);
             let cells = insole.cells.clone();
             let period = Duration::from_micros(insole.setup.period_us.into());
-            let walk = Joined::new(Looped(Recorded::new(recording, insole)), period, start.clone());
+            let walk = Joined::new(Recorded::new(recording, insole), period, repeated_after, start.clone());
             let board = Board::start(&self.firmware, &config, &cells, Time::Real, walk)?;
             let link = board.link()?;
             let mut source = source(path.display().to_string(), move || {

@@ -3,9 +3,9 @@
 use anyhow::{Context, Result};
 use clap::Args;
 use parameters::{Identified, InsoleSize, Parameters, TypicalRange};
+use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::{Step, StepRegion};
-use plantar::{Region, Side};
 use recording::{FrameSource, VirtualInsole, Zero};
 use std::path::{Path, PathBuf};
 use study::ContactOptions;
@@ -59,7 +59,7 @@ pub struct WearerArgs {
 }
 
 impl WearerArgs {
-    /// Returns the parameters, and prints a note on stderr if they are not personal.
+    /// Returns the parameters, and prints a note on stderr if they are not personal in all regions.
     pub fn parameters(&self) -> Result<Parameters> {
         let parameters = self.parameters_without_note()?;
         note_unless_personal(&parameters);
@@ -75,23 +75,17 @@ impl WearerArgs {
     }
 }
 
-/// Prints a note on stderr if parameters are not personal.
+/// Prints a note on stderr if parameters are not personal in all regions.
 pub fn note_unless_personal(parameters: &Parameters) {
-    if !parameters.personal {
-        eprintln!(
-            "note: parameters \"{}\" are not personal: model force and deformation are rough estimates",
-            parameters.subject
-        );
-    }
+    parameters.typical_note().iter().for_each(|note| eprintln!("note: {note}"));
 }
 
-/// Prints a note on stderr if areas or pressures of the steps are outside of those from which the typical parameters were
-/// determined, as with another sensor or in a shoe.
+/// Prints a note on stderr if, in a region with typical parameters, areas or pressures of the steps are outside of those from
+/// which these were determined, as with another sensor or in a shoe.
 pub fn note_unless_applicable(parameters: &Parameters, size: InsoleSize, steps: &[Step]) {
-    if parameters.personal {
-        return;
-    }
-    let outside = Region::ALL.iter().zip(TypicalRange::of(size)).enumerate().filter_map(|(i, (region, range))| {
+    let ranges = TypicalRange::of(size);
+    let outside = parameters.typical_regions().into_iter().filter_map(|region| {
+        let (i, range) = (region as usize, &ranges[region as usize]);
         let median = |of: fn(&StepRegion) -> f64| {
             let mut values: Vec<f64> = steps.iter().map(|step| of(&step.regions[i])).filter(|v| *v > 0.0).collect();
             values.sort_by(f64::total_cmp);
@@ -168,13 +162,8 @@ impl ContactArgs {
 
 /// Prints a note on stderr if parameters were identified from the other foot only.
 pub fn note_unless_same_foot(identified: Option<&Identified>, side: Side) {
-    if let Some(identified) = identified.filter(|identified| identified.is_of_other_foot(side)) {
-        eprintln!(
-            "note: the parameters were identified from the {} foot, but this is the {} foot",
-            identified.side,
-            side.name()
-        );
-    }
+    let note = identified.and_then(|identified| identified.other_foot_note(side));
+    note.iter().for_each(|note| eprintln!("note: {note}"));
 }
 
 /// Prints a note on stderr if parameters were identified with another contact rule than the rule in use.

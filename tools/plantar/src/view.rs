@@ -8,19 +8,27 @@ use anyhow::Result;
 use client::LinkCounters;
 use parameters::{DeformationScale, deformation_title};
 use plantar::protocol::{Hello, Live, LoadRecord, Step};
+use ratatui::buffer::Buffer;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyModifiers};
 use ratatui::layout::{Constraint, Layout};
 use ratatui::style::{Color, Style, Stylize};
 use ratatui::text::{Line, Span};
-use ratatui::widgets::{Block, Paragraph, Wrap};
+use ratatui::widgets::{Block, Borders, Paragraph, Widget, Wrap};
 use ratatui::{DefaultTerminal, Frame};
+use std::collections::VecDeque;
 use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
 
 /// Shortest time between two redraws.
 const REDRAW: Duration = Duration::from_millis(33);
-/// Number of the newest steps that the screen lists.
-const LISTED: usize = 6;
+/// Largest number of steps that the screen lists; few terminals have lines for as many.
+const LISTED: usize = 100;
+/// An alert is shown until it has this age, as on the page; an older one is no present advice.
+const FRESH: Duration = Duration::from_secs(300);
+
+/// The notice if the insole answers and has no frames.
+const NO_FRAMES: &str = "the insole answers, but measures no frames, because its sensor matrix does not answer: check the matrix \
+                         and its converter";
 
 /// The display of a session.
 pub struct View {
@@ -38,11 +46,14 @@ pub struct View {
     counters: LinkCounters,
     /// Force at the end of the bars' scale, 0.1 N: the largest force so far, but at least 100 N.
     scale_dn: u16,
-    steps: Vec<Step>,
-    /// The advice of the last alert; empty before the first alert.
-    alert: String,
-    /// Why the link is lost, and the remedy; empty while there is a link.
-    loss: String,
+    /// The newest steps, at most [`LISTED`], newest first.
+    steps: VecDeque<Step>,
+    /// Number of steps so far.
+    step_count: usize,
+    /// The advice of the last alert, and when it ends.
+    alert: Option<(String, Instant)>,
+    /// Why the link is lost, and the remedy; or that the insole answers again after a silence; otherwise empty.
+    notice: String,
     /// True once the user has ended the session, by a key or a signal.
     has_ended: bool,
 }
@@ -82,36 +93,46 @@ impl View {
             live: Live::default(),
             counters: LinkCounters::default(),
             scale_dn: 1000,
-            steps: Vec::new(),
-            alert: String::new(),
-            loss: String::new(),
+            steps: VecDeque::new(),
+            step_count: 0,
+            alert: None,
+            notice: String::new(),
             has_ended: false,
         }
     }
 
-    /// Shows that the insole answers again after it has sent nothing for some time, and the reason of its last restart, which may
-    /// have been the cause.
-    pub fn answered_after_silence(&mut self, hello: &Hello) {
+    /// Shows that the insole answers again after a silence, and the reason for its last reset, because a restart may have
+    /// caused the silence; or that its matrix does not answer, if `misses_frames`.
+    pub fn answered_after_silence(&mut self, hello: &Hello, misses_frames: bool) {
         self.column_names = column_names(hello);
         let failure = hello.fault.as_deref().unwrap_or("no failure reported");
         let reset = hello.reset.name();
-        let restart = format!("answers again, and may have restarted (last reset: {reset}, {failure})");
-        self.title = format!(" the insole {restart} ");
-        if self.terminal.is_none() {
-            println!("the insole {restart}");
+        let notice = match misses_frames {
+            true => NO_FRAMES.into(),
+            false => format!("the insole answers again, and may have restarted (last reset: {reset}, {failure})"),
+        };
+        // A matrix that does not answer causes a new session every two seconds.
+        if self.terminal.is_none() && !(misses_frames && notice == self.notice) {
+            println!("{notice}");
         }
+        self.notice = notice;
     }
 
     /// Shows that the link is lost.
     pub fn lost(&mut self, reason: &str) -> Result<()> {
-        match self.terminal.take() {
-            Some(mut terminal) => {
-                self.title = " the link is lost ".into();
-                self.loss = reason.into();
-                terminal.draw(|frame| self.draw(frame))?;
-                self.terminal = Some(terminal);
-            }
-            None => eprintln!("{reason}"),
+        if self.terminal.is_none() {
+            eprintln!("{reason}");
+        }
+        self.title = " the link is lost ".into();
+        self.notice = reason.into();
+        self.redraw()
+    }
+
+    /// Draws the display if stdout is a terminal.
+    fn redraw(&mut self) -> Result<()> {
+        if let Some(mut terminal) = self.terminal.take() {
+            terminal.draw(|frame| self.draw(frame))?;
+            self.terminal = Some(terminal);
         }
         Ok(())
     }
@@ -119,7 +140,7 @@ impl View {
     /// Shows that the link is open again.
     pub fn reconnected(&mut self, hello: &Hello) {
         self.title = title(hello);
-        self.loss.clear();
+        self.notice.clear();
         self.column_names = column_names(hello);
         if self.terminal.is_none() {
             println!("{}", self.title.trim());
@@ -129,45 +150,63 @@ impl View {
     /// Shows a live frame.
     pub fn live(&mut self, live: &Live, counters: LinkCounters) -> Result<()> {
         self.live = *live;
+        if self.notice == NO_FRAMES {
+            self.notice.clear();
+        }
         self.counters = counters;
         for region in &live.regions {
             self.scale_dn = self.scale_dn.max(region.measured_dn).max(region.model_dn);
         }
-        let is_due = self.last_redraw.is_none_or(|last| last.elapsed() >= REDRAW);
-        if let Some(mut terminal) = self.terminal.take_if(|_| is_due) {
-            self.last_redraw = Some(Instant::now());
-            terminal.draw(|frame| self.draw(frame))?;
-            self.terminal = Some(terminal);
+        if self.last_redraw.is_some_and(|last| last.elapsed() < REDRAW) {
+            return Ok(());
         }
-        Ok(())
+        self.last_redraw = Some(Instant::now());
+        self.redraw()
     }
 
-    /// Lists a step, or shows an alert until the next one and rings the terminal's bell. If stdout is not a terminal, prints the
-    /// step, load bout or alert.
-    pub fn load_record(&mut self, record: &LoadRecord) {
+    /// Lists a step; shows an alert that began less than five minutes ago, and rings the terminal's bell. If stdout is not a
+    /// terminal, prints the step, load bout or alert. `age` is the time since the start of the record; `None` if it is unknown.
+    pub fn load_record(&mut self, record: &LoadRecord, age: Option<Duration>) {
         match record {
             LoadRecord::Step(step) => self.step(step),
             LoadRecord::Bout(bout) if self.terminal.is_none() => println!("{}", bout_line(bout)),
             LoadRecord::Bout(_) => {}
-            LoadRecord::Alert(alert) if self.terminal.is_none() => println!("{}", alert_line(alert)),
             LoadRecord::Alert(alert) => {
-                self.alert = client::alert_advice(alert);
-                // The session continues even if the bell cannot be written.
-                let _ = std::io::stdout().write_all(b"\x07");
+                let remaining = age.and_then(|age| FRESH.checked_sub(age));
+                if self.terminal.is_none() {
+                    let when = match (remaining, age) {
+                        (Some(_), _) => String::new(),
+                        (None, Some(age)) => format!("{} min ago: ", age.as_secs() / 60),
+                        (None, None) => "at an unknown time: ".into(),
+                    };
+                    println!("{when}{}", alert_line(alert));
+                } else if remaining.is_some() {
+                    // The session continues even if the bell cannot be written.
+                    let _ = std::io::stdout().write_all(b"\x07");
+                }
+                if let Some(remaining) = remaining {
+                    self.alert = Some((client::alert_advice(alert), Instant::now() + remaining));
+                }
             }
         }
     }
 
     /// Lists a step.
     pub fn step(&mut self, step: &Step) {
-        self.steps.push(*step);
+        self.steps.push_front(*step);
+        self.steps.truncate(LISTED);
+        self.step_count += 1;
         if self.terminal.is_none() {
             println!("{}", step_line(step));
         }
     }
 
-    /// True once q, Esc or Ctrl-C was pressed, or a signal has arrived.
+    /// True once q, Esc or Ctrl-C was pressed, or a signal has arrived. To be called repeatedly: also removes an alert that is no
+    /// longer fresh.
     pub fn wants_to_end(&mut self) -> Result<bool> {
+        if self.alert.take_if(|(_, end)| *end <= Instant::now()).is_some() {
+            self.redraw()?;
+        }
         self.has_ended |= self.signals.as_ref().is_some_and(Signals::have_arrived);
         while self.terminal.is_some() && event::poll(Duration::ZERO)? {
             self.has_ended |= ends_session(&event::read()?);
@@ -175,7 +214,7 @@ impl View {
         Ok(self.has_ended)
     }
 
-    /// Restores the terminal and the effect of signals.
+    /// Restores the terminal and the default handling of signals.
     pub fn close(&mut self) {
         self.signals = None;
         if self.terminal.take().is_some() {
@@ -184,26 +223,31 @@ impl View {
     }
 
     fn draw(&self, frame: &mut Frame) {
-        // A loss of the link is more urgent than an alert, because no further alert would arrive.
-        let (message, lines) = match (self.loss.as_str(), self.alert.as_str()) {
-            ("", "") => ("", 0),
-            ("", alert) => (alert, 3),
-            (loss, _) => (loss, 5),
-        };
-        // The loads have a header, eight regions and a border. If the terminal is too low for everything, the list of steps is
-        // shorter.
+        // The loss of the link comes first: it is more urgent than an alert, because no further alert would arrive.
+        let alert = self.alert.as_ref().map_or("", |(advice, _)| advice);
+        let message = format!("{}\n{alert}", self.notice);
+        let message = Paragraph::new(message.trim()).red().bold().wrap(Wrap { trim: true });
+        // A draft shows how many lines the message needs.
+        let mut draft = Buffer::empty(frame.area());
+        (&message).render(draft.area, &mut draft);
+        let last_character = draft.content.iter().rposition(|cell| cell.symbol() != " ");
+        let lines = last_character.map_or(0, |last| last / usize::from(draft.area.width) + 1);
+        // The loads have a header, eight regions and a border. The list of steps has the remaining lines.
         let [loads, steps, message_area, footer] = Layout::vertical([
             Constraint::Length(11),
-            Constraint::Max(LISTED as u16 + 2),
-            Constraint::Length(lines),
+            Constraint::Fill(1),
+            Constraint::Length(lines as u16),
             Constraint::Length(1),
         ])
         .areas(frame.area());
         // A line has 62 characters beside the bar: 2 for the border, 49 for the numbers, and 11 for the longest flag.
         let width = usize::from(loads.width).saturating_sub(62).max(10);
         let mut lines = vec![
-            Line::from(format!("{:<10} {:>8} {:>8} {:>9} {:>8}  ", "", "force N", "model N", "area mm2", "deform mm"))
-                .dim(),
+            Line::from(format!(
+                "{:<10} {:>8} {:>8} {:>8} {:>9}  bar: measured, |: model",
+                "", "force N", "model N", "area mm2", "deform mm"
+            ))
+            .dim(),
         ];
         for (i, (name, r)) in REGION_LABELS.iter().zip(&self.live.regions).enumerate() {
             let characters = |dn: u16| usize::from(dn) * width / usize::from(self.scale_dn);
@@ -222,7 +266,7 @@ impl View {
                 _ => "",
             };
             let numbers = format!(
-                "{name:<10} {:>8.1} {:>8.1} {:>9} {:>8.2}  ",
+                "{name:<10} {:>8.1} {:>8.1} {:>8} {:>9.2}  ",
                 f64::from(r.measured_dn) / 10.0,
                 f64::from(r.model_dn) / 10.0,
                 r.area_mm2,
@@ -237,13 +281,23 @@ impl View {
                 .block(Block::bordered().title(self.title.as_str()).title_bottom(self.column_names.as_str())),
             loads,
         );
-        let listed = self.steps.iter().rev().take(LISTED).map(|step| Line::from(step_line(step))).collect::<Vec<_>>();
-        let title = format!(" {} steps, newest first: measured peak force, N ", self.steps.len());
-        frame.render_widget(Paragraph::new(listed).block(Block::bordered().title(title)), steps);
-        frame.render_widget(Paragraph::new(message).red().bold().wrap(Wrap { trim: true }), message_area);
+        // A step needs 79 characters. The full labels would need eight more.
+        let labels = REGION_LABELS.map(|label| label.replace("midfoot", "mid"));
+        let header = format!("{:>7} {:>9} {:>6} {}", "step", "start", "stance", labels.join(" "));
+        let rows = self.steps.iter().map(|step| {
+            let peaks = labels.iter().zip(&step.regions);
+            let peaks: Vec<_> =
+                peaks.map(|(label, r)| format!("{:>1$.0}", r.measured_force_peak_n(), label.len())).collect();
+            let (start_s, stance_s) = (step.start_s(), step.duration_s());
+            Line::from(format!("{:>7} {start_s:>9.1} {stance_s:>6.2} {}", step.step, peaks.join(" ")))
+        });
+        let list: Vec<_> = std::iter::once(Line::from(header).dim()).chain(rows).collect();
+        let title = format!(" steps: {}, newest first; times in s, measured peak forces in N ", self.step_count);
+        frame.render_widget(Paragraph::new(list).block(Block::new().borders(Borders::TOP).title(title)), steps);
+        frame.render_widget(message, message_area);
         let c = &self.counters;
         let text = format!(
-            " q: end   {:.2} s   frames: {} received, {} lost   messages: {} damaged   bar: measured, |: model",
+            " q: end  time {:.0} s  frames: {} received, {} lost  messages: {} damaged",
             self.live.t_us as f64 / 1e6,
             c.frames_received,
             c.frames_lost,
@@ -304,35 +358,161 @@ fn step_line(step: &Step) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::View;
-    use plantar::protocol::Live;
+    use super::*;
+    use plantar::protocol::{Alert, MAX_FAULT_TEXT};
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
 
-    #[test]
-    fn no_flag_is_cut_off_in_a_terminal_of_80_columns() {
-        let mut view = View::new(&testkit::hello(), None);
-        view.live = Live { saturated: 1, masked: 2, clamped: 4, ..Live::default() };
+    /// The display before the first frame.
+    fn view() -> View {
+        View::new(&testkit::hello(), None)
+    }
+
+    /// The alert with the longest advice.
+    fn longest_alert() -> Alert {
+        Alert { sustained: 0xff, dose: 0xff, ..testkit::alert(0) }
+    }
+
+    /// Shows the alert with the longest advice. Returns this advice.
+    fn show_longest_alert(view: &mut View) -> String {
+        view.load_record(&LoadRecord::Alert(longest_alert()), Some(Duration::ZERO));
+        client::alert_advice(&longest_alert())
+    }
+
+    /// What a terminal of 80 columns and 24 lines shows.
+    fn screen(view: &View) -> String {
         let mut terminal = Terminal::new(TestBackend::new(80, 24)).expect("a terminal");
         terminal.draw(|frame| view.draw(frame)).expect("a picture");
-        let screen = terminal.backend().to_string();
+        let screen = terminal.backend().to_string().replace('"', "");
+        println!("{screen}");
+        screen
+    }
+
+    /// True if the screen shows all words of a text. A line may break between two words.
+    fn shows(screen: &str, text: &str) -> bool {
+        let words = |text: &str| text.replace(|c: char| !c.is_ascii_alphanumeric(), "");
+        words(screen).contains(&words(text))
+    }
+
+    #[test]
+    fn no_flag_is_cut_off_in_a_terminal_of_80_columns() {
+        let mut view = view();
+        view.live = Live { saturated: 1, masked: 2, clamped: 4, ..Live::default() };
+        let screen = screen(&view);
         for flag in ["saturated", "masked", "> ellipsoid"] {
-            assert!(screen.contains(flag), "{flag}: {screen}");
+            assert!(screen.contains(flag), "{flag}");
         }
     }
 
     #[test]
+    fn legend_and_counters_are_not_cut_off_in_a_terminal_of_80_columns() {
+        let mut view = view();
+        // A session of 100 hours at 100 Hz.
+        view.live.t_us = 360_000_000_000;
+        view.counters = LinkCounters { frames_received: 36_000_000, frames_lost: 123, ..LinkCounters::default() };
+        let screen = screen(&view);
+        for text in ["bar: measured, |: model", "q: end", "36000000 received, 123 lost", "messages: 0 damaged"] {
+            assert!(screen.contains(text), "{text}");
+        }
+    }
+
+    #[test]
+    fn the_peak_force_of_each_region_is_below_its_label_in_a_terminal_of_80_columns() {
+        let mut view = view();
+        let mut step = testkit::step(9_999_999);
+        step.start_us = 9_999_999_900_000;
+        for (region, peak_dn) in step.regions.iter_mut().zip([65_530, 1_230, 40, 3_450, 5_670, 780, 90, 12_340]) {
+            region.measured_peak_dn = peak_dn;
+        }
+        view.step(&step);
+        let screen = screen(&view);
+        let mut lines = screen.lines().skip_while(|line| !line.contains("A.mid ")).map(str::trim_end);
+        let (header, row) = (lines.next().expect("a header"), lines.next().expect("a step"));
+        let labels =
+            ["step", "start", "stance", "Heel", "P.mid", "A.mid", "Met 1-2", "Met 3-5", "Hallux", "Toe 2", "Toes 3-5"];
+        let values = ["9999999", "9999999.9", "0.68", "6553", "123", "4", "345", "567", "78", "9", "1234"];
+        let mut end = 0;
+        for (label, value) in labels.into_iter().zip(values) {
+            let column = end;
+            end += header[column..].find(label).expect(label) + label.len();
+            assert_eq!(row[column..end].trim_start(), value, "{label}");
+        }
+        assert_eq!(row.len(), end);
+    }
+
+    #[test]
+    fn the_list_of_steps_is_bounded_and_uses_the_lines_that_remain() {
+        let mut view = view();
+        for number in 0..=LISTED {
+            view.step(&testkit::step(number as u32));
+        }
+        assert_eq!(view.steps.len(), LISTED);
+        let lines_of_steps = |screen: &str| screen.lines().filter(|line| line.contains(" 5000.0 ")).count();
+        let without_alert = screen(&view);
+        assert!(without_alert.contains(&format!("steps: {}, newest first", LISTED + 1)));
+        assert_eq!(lines_of_steps(&without_alert), 10);
+        show_longest_alert(&mut view);
+        assert_eq!(lines_of_steps(&screen(&view)), 4);
+    }
+
+    #[test]
+    fn the_longest_alert_is_not_cut_off_in_a_terminal_of_80_columns() {
+        let mut view = view();
+        let advice = show_longest_alert(&mut view);
+        let screen = screen(&view);
+        assert!(shows(&screen, &advice) && screen.contains("q: end"));
+    }
+
+    #[test]
+    fn neither_an_alert_nor_the_failure_that_ended_a_silence_is_cut_off_in_a_terminal_of_80_columns() {
+        let mut view = view();
+        let advice = show_longest_alert(&mut view);
+        view.step(&testkit::step(4321));
+        let failure = "a long failure, ".repeat(MAX_FAULT_TEXT / 16);
+        view.answered_after_silence(&Hello { fault: Some(testkit::text(&failure)), ..testkit::hello() }, false);
+        let screen = screen(&view);
+        for text in ["4321", "q: end", &failure, &advice] {
+            assert!(shows(&screen, text), "{text}");
+        }
+    }
+
+    /// The insole stored them while no host was connected. The advice of an alert is to unload the foot now.
+    #[test]
+    fn alerts_are_shown_for_five_minutes_and_old_ones_are_not() {
+        let advice = client::alert_advice(&longest_alert());
+        let minutes = |minutes: u64| Some(Duration::from_secs(60 * minutes));
+        for (age, is_shown) in [(None, false), (minutes(10), false), (minutes(1), true)] {
+            let mut view = view();
+            view.load_record(&LoadRecord::Alert(longest_alert()), age);
+            view.wants_to_end().expect("no terminal");
+            assert_eq!(shows(&screen(&view), &advice), is_shown, "{age:?}");
+        }
+        let mut view = view();
+        view.load_record(&LoadRecord::Alert(longest_alert()), Some(FRESH));
+        view.wants_to_end().expect("no terminal");
+        assert!(!shows(&screen(&view), &advice));
+    }
+
+    #[test]
+    fn a_matrix_that_does_not_answer_is_named_instead_of_a_restart_until_a_frame_arrives() {
+        let mut view = view();
+        view.answered_after_silence(&testkit::hello(), true);
+        let before = screen(&view);
+        assert!(shows(&before, NO_FRAMES) && !before.contains("restarted"));
+        view.live(&Live::default(), LinkCounters::default()).expect("no terminal");
+        assert!(!screen(&view).contains("matrix"));
+    }
+
+    #[test]
     fn the_remedy_for_a_lost_link_is_not_cut_off_in_a_terminal_of_80_columns() {
-        let mut view = View::new(&testkit::hello(), None);
-        view.alert = "unload the heel".into();
+        let mut view = view();
+        let advice = show_longest_alert(&mut view);
         let remedy = "which must be closed first; trying again";
-        view.loss =
+        view.notice =
             format!("{} {remedy}", "no answer arrived within 2 s, and the cause is explained in many words".repeat(4));
-        let mut terminal = Terminal::new(TestBackend::new(80, 24)).expect("a terminal");
-        terminal.draw(|frame| view.draw(frame)).expect("a picture");
-        // A line may break between two words.
-        let screen = terminal.backend().to_string().replace(|c: char| !c.is_ascii_alphanumeric(), "");
-        assert!(screen.contains(&remedy.replace(|c: char| !c.is_ascii_alphanumeric(), "")), "{screen}");
-        assert!(screen.contains("qend"), "{screen}");
+        let screen = screen(&view);
+        for text in [remedy, &advice, "q: end"] {
+            assert!(shows(&screen, text), "{text}");
+        }
     }
 }

@@ -178,7 +178,7 @@ fn errors_for_parameters_name_the_file_the_region_and_the_remedy() {
     let (before_hallux, hallux) = good.split_once("[regions.hallux]").expect("a hallux");
     let after_hallux = hallux.split_once("[regions.").map(|(_, rest)| format!("[regions.{rest}")).expect("toes");
     for (text, words) in [
-        (good.replacen(&a_of_heel, "a_mm = -30.0", 1), ["regions.heel", "pi A B"]),
+        (good.replacen(&a_of_heel, "a_mm = -30.0", 1), ["regions.heel", "a length from 0.1 to 200 mm"]),
         (format!("{before_hallux}{after_hallux}"), ["hallux", "missing"]),
         (good.replacen("[regions.hallux]", "[regions.thumb]", 1), ["thumb", "hallux"]),
         (good.replacen(&a_of_heel, "a_mm = wide", 1), ["params.toml", "a_mm"]),

@@ -5,7 +5,7 @@ use parquet::record::Field;
 use plantar::{Region, Side};
 use recording::Recording;
 use recording::synthetic::{self, SyntheticWalk};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -96,7 +96,7 @@ fn each_region_of_each_step_is_a_row_with_a_fit_of_its_own() {
     let of = |recording: &str| ann.iter().filter(|row| text(row, "recording") == recording).count();
     assert_eq!(["a.parquet", "b.parquet", "c.parquet"].map(of), [16, 24, 8]);
     for (row, region) in ann.iter().zip(Region::ALL.iter().cycle()) {
-        assert_eq!((text(row, "region"), row.len(), row.contains_key("participant")), (region.name(), 65, false));
+        assert_eq!((text(row, "region"), row.len(), row.contains_key("participant")), (region.name(), 68, false));
         assert_eq!((number(row, "insole_size"), number(row, "mass_kg")), (36.0, 60.5));
         assert_eq!((number(row, "height_cm"), number(row, "age_years"), text(row, "sex")), (160.0, 30.0, "female"));
         assert_eq!((text(row, "filter"), text(row, "method")), ("live", "projection"));
@@ -357,6 +357,43 @@ fn thickness_and_zero_file_of_a_participant_are_used() {
     let (status, text_of_run) = outcome(&cohort(&path, ""));
     assert_eq!(status, Some(3), "{text_of_run}");
     assert!(text_of_run.contains("ann/zero.toml:3"), "{text_of_run}");
+}
+
+/// The measurements of the heel are close to a contradiction, so that single steps are on both sides of the limit; then they
+/// clearly contradict each other.
+#[test]
+fn contradicting_measurements_are_decided_for_a_recording_and_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    let ann = path.join("people/ann");
+    fs::create_dir_all(&ann).expect("made");
+    synthetic::walk(&SyntheticWalk { steps: 12, ..Default::default() })
+        .recording
+        .write(ann.join("walk.parquet"))
+        .expect("written");
+    fs::write(ann.join("participant.toml"), "tissue = 'tissue.toml'").expect("written");
+    let run = |radii: &str| {
+        let tissue = format!("[heel]\nthickness_mm = 18\npeak_strain = 0.6\ncurvature_mm = {radii}\n");
+        fs::write(ann.join("tissue.toml"), tissue).expect("written");
+        let (status, text_of_run) = outcome(&cohort(path, "--report cohort.html"));
+        let rows = rows(path, "ann");
+        let heel = rows.iter().filter(|row| text(row, "region") == "heel");
+        let sources: BTreeSet<String> = heel.map(|row| text(row, "c_by").into()).collect();
+        (status, text_of_run, sources)
+    };
+    let (_, text_of_run, sources) = run("[59, 90]");
+    assert_eq!(sources.len(), 1, "{sources:?}: {text_of_run}");
+    let (status, text_of_run, sources) = run("[41, 62]");
+    assert_eq!((status, sources), (Some(0), ["peak_strain".into()].into()), "{text_of_run}");
+    // The second run reads the defects from the table.
+    for _ in 0..2 {
+        let (status, text_of_run, sources) = run("[400, 400]");
+        assert_eq!((status, sources), (Some(3), ["assumed_compression".into()].into()), "{text_of_run}");
+        let named = "incomplete: ann, walk.parquet, heel: measurements contradict each other";
+        assert_eq!(text_of_run.matches(named).count(), 1, "{text_of_run}");
+        let report = fs::read_to_string(path.join("cohort.html")).expect("a report");
+        assert!(report.contains("ann, walk.parquet, heel: measurements contradict each other"));
+    }
 }
 
 #[test]

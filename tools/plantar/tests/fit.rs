@@ -98,7 +98,13 @@ fn the_reported_error_with_counted_cells_equals_that_of_a_fit_with_counted_cells
     let path = folder.path();
     let text = succeed(path, "fit walk.parquet --steps 1-5 --out p.toml --json covered.json");
     assert!(text.contains("counted %"), "{text}");
-    succeed(path, "fit walk.parquet --steps 1-5 --out p.toml --json counted.json --contact-full 0");
+    assert!(!text.contains("the prior was learnt"), "{text}");
+    let text =
+        succeed(path, "fit walk.parquet --steps 1-5 --out p.toml --json counted.json --contact-full 0 --report r.html");
+    let report = std::fs::read_to_string(path.join("r.html")).expect("a report");
+    for text in [&text, &report] {
+        assert!(text.contains("the prior was learnt from areas by the contact rule 10 / 7.5 / 150 kPa"), "{text}");
+    }
     let [covered, counted] = ["covered.json", "counted.json"].map(|name| json(&path.join(name)));
     for (region, fit) in counted["regions"].as_object().expect("regions") {
         let errors = &fit["nrmse_percent"];
@@ -175,6 +181,13 @@ fn regions_that_cannot_be_fitted_are_named_and_set_the_exit_status() {
     // An insole tracks only the regions in this list.
     let identified = Parameters::read(&path.join("p.toml")).expect("valid").identified.expect("known");
     assert_eq!(identified.regions, [Region::Heel]);
+    let (_, _, err) = run(path, "replay walk.parquet --params p.toml");
+    assert!(err.contains("note: the parameters of posterior_midfoot, ") && err.contains("are typical values"), "{err}");
+    let all: Vec<_> = Region::ALL.iter().map(|region| format!("{:?}", region.name())).collect();
+    std::fs::write(path.join("all.toml"), text.replace("[\"heel\"]", &format!("[{}]", all.join(", "))))
+        .expect("written");
+    let (_, _, err) = run(path, "replay walk.parquet --params all.toml");
+    assert!(!err.contains("typical values"), "{err}");
 
     // With all cells loaded at once, the area is constant, and no region can be fitted.
     write(&|_, load| if load > 0.0 { 50.0 + 300.0 * load } else { 0.0 });
@@ -183,6 +196,28 @@ fn regions_that_cannot_be_fitted_are_named_and_set_the_exit_status() {
     assert_eq!(status, 1, "{out}{err}");
     assert!(out.contains("heel: NOT FITTED, constant area") && err.contains("no region could be fitted"), "{out}{err}");
     assert!(!path.join("p.toml").exists());
+}
+
+/// One cell of the heel reads 180 kPa all the time. The stream and the recording of all cells have the defect.
+#[test]
+fn a_region_with_a_faulty_cell_is_named() {
+    let folder = walk();
+    let path = folder.path();
+    let mut stuck = recording(path);
+    let heel: Vec<_> = (0..stuck.cells()).filter(|&i| stuck.layout.cells[i].region == Region::Heel).collect();
+    let cells = stuck.cells();
+    stuck.pressure_kpa.iter_mut().skip(heel[heel.len() / 2]).step_by(cells).for_each(|kpa| *kpa = 180.0);
+    stuck.write(path.join("stuck.parquet")).expect("written");
+    std::fs::write(path.join("stuck.plantar"), stream(&messages(&stuck, ContactRule::COVERED), 0)).expect("written");
+    for (file, is_stuck) in [("walk.parquet", false), ("stuck.parquet", true), ("stuck.plantar", true)] {
+        let (status, out, err) = run(path, &format!("fit {file} --json fit.json"));
+        assert_eq!(status, if is_stuck { 3 } else { 0 }, "{file}: {out}{err}");
+        for (name, region) in json(&path.join("fit.json"))["regions"].as_object().expect("regions") {
+            let defects = region["defects"].as_array().expect("defects");
+            let is_named = |defect: &Value| defect.as_str().is_some_and(|text| text.starts_with("faulty cells (1)"));
+            assert_eq!(defects.iter().any(is_named), is_stuck && name == "heel", "{file}: {name}: {defects:?}");
+        }
+    }
 }
 
 #[test]
@@ -407,6 +442,10 @@ fn errors_of_live_streams_name_the_file_and_the_remedy() {
     fail(path, "fit a.plantar --contact-full 100", &["--contact-full 100 contradicts a.plantar", "omit the option"]);
     fail(path, "fit a.plantar --zero zero.toml", &["--zero zero.toml", "omit the option"]);
     fail(path, "fit a.plantar copy.plantar", &["copy.plantar", "same steps as a.plantar", "once"]);
+    // The stream and the cells of the same walk.
+    for sources in ["walk.parquet a.plantar", "a.plantar walk.parquet"] {
+        fail(path, &format!("fit {sources}"), &["a.plantar", "walk.parquet", "steps of the same walk"]);
+    }
     fail(path, "fit text.plantar", &["text.plantar", "not a recorded stream", "plantar serve --record"]);
     fail(path, "fit empty.plantar", &["empty.plantar", "no live frames"]);
     fail(path, "fit unknown.plantar", &["unknown.plantar", "the foot is not known", "record a walk"]);
@@ -418,7 +457,8 @@ fn errors_of_live_streams_name_the_file_and_the_remedy() {
     // Options that state the rule of the stream do not contradict it. A recording that is fitted together with a stream is
     // evaluated by the stream's rule.
     succeed(path, "fit a.plantar --contact-full 150 --contact-on 10");
-    let out = succeed(path, "fit walk.parquet a.plantar --steps 0-2");
+    succeed(path, "import synthetic --side left --steps 6 --out left.parquet");
+    let out = succeed(path, "fit left.parquet a.plantar --steps 0-2");
     assert!(out.contains("fraction sqrt(p / 150 kPa)"), "{out}");
 }
 

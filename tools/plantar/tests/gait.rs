@@ -272,7 +272,7 @@ fn a_step_that_is_sent_again_after_many_steps_of_the_other_foot_counts_once() {
 fn a_step_of_an_earlier_boot_without_a_time_of_day_is_left_out() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("walk.plantar");
-    for (has_times, reason) in [(true, "without a time on the common clock"), (false, "from earlier boots")] {
+    for (has_times, reason) in [(true, "without an exact time on the common clock"), (false, "from earlier boots")] {
         write_stream(&path, has_times);
         let (expected, _) = measures(folder.path(), "walk.plantar");
         let mut file = std::fs::read(&path).expect("a file");
@@ -282,6 +282,49 @@ fn a_step_of_an_earlier_boot_without_a_time_of_day_is_left_out() {
         let text = String::from_utf8_lossy(&gait(folder.path(), "walk.plantar").stderr).into_owned();
         assert!(text.contains("left foot") && text.contains(reason) && text.contains("not used: 1"), "{text}");
         assert_eq!(measures(folder.path(), "walk.plantar").0, expected);
+    }
+}
+
+/// Writes a stream file with the ten steps of each foot from one hour before the host connected, and `live` more of each foot
+/// from afterwards. The clock of the right insole is 40 ppm fast, so it has gained 144 ms since the walk.
+fn write_stored(path: &Path, live: u32) {
+    let mut file = Vec::new();
+    let mut append = |insole, message: &ToHost| client::append(&mut file, 0, insole, message).expect("it fits");
+    for (insole, side, rate) in [(0, Side::Left, 1.0), (1, Side::Right, 1.000_04)] {
+        let device_us = |host_us: u64| (host_us as f64 * rate) as u64;
+        let step = |number| {
+            let step = step(side, number, if number < 10 { 0 } else { 3_600_000_000 });
+            ToHost::Step(Step { start_us: device_us(step.start_us), ..step })
+        };
+        (0..10).for_each(|number| append(insole, &step(number)));
+        for second in 3600..3630 {
+            append(insole, &ToHost::Time { host_us: second * 1_000_000, device_us: device_us(second * 1_000_000) });
+        }
+        (10..10 + live).for_each(|number| append(insole, &step(number)));
+    }
+    std::fs::write(path, file).expect("written");
+}
+
+/// Steps that are stored while no host is connected have no time on the common clock that is exact enough for both feet.
+#[test]
+fn stored_steps_are_not_compared_with_those_of_the_other_foot() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (live, strides) in [(0, 9), (3, 12), (10, 9)] {
+        write_stored(&folder.path().join("walk.plantar"), live);
+        let (gait, _) = measures(folder.path(), "walk.plantar");
+        let text = String::from_utf8_lossy(&self::gait(folder.path(), "walk.plantar").stderr).into_owned();
+        let has_both_feet = live == 10;
+        assert_eq!(gait["has_both_feet"], has_both_feet, "{gait:#}");
+        let (counted, gaps) = (gait["strides"]["left"].as_u64(), gait["gaps"]["left"].as_u64());
+        // An hour passes between the stored steps and the others.
+        assert_eq!(counted.zip(gaps), Some(if live == 3 { (strides - 1, 1) } else { (strides, 0) }), "{gait:#}");
+        assert!((mean(&gait, "stride_time_s", "right") - 1.1).abs() < 1e-4, "{gait:#}");
+        if has_both_feet {
+            assert!(text.contains("stored while no host was connected") && text.contains("not used: 10"), "{text}");
+            assert!((mean(&gait, "step_time_s", "left") - 0.6).abs() < 1e-3, "{gait:#}");
+        } else {
+            assert!(text.contains("the feet are not compared") && text.contains("plantar serve --record"), "{text}");
+        }
     }
 }
 

@@ -77,7 +77,7 @@ fn walk() -> Recording {
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn monitor_shows_and_stores_the_steps_of_an_insole_on_the_network() {
+fn monitor_names_an_insole_on_the_network_and_stores_its_steps() {
     let folder = tempfile::tempdir().expect("a folder");
     let json = folder.path().join("steps.json");
     let arguments = ["monitor", "--steps", "3", "--json", json.to_str().expect("text")];
@@ -145,7 +145,8 @@ fn record_stores_the_session_as_tables() {
     for (i, row) in stored.iter().enumerate() {
         // The live stream need not begin with the first frame. A frame takes 10 ms, so its time gives its number in the walk.
         let Field::Double(t_s) = value(row, "t_s") else { panic!("{row:?}") };
-        // This time cannot be compared exactly: the clocks were synchronised before the walk, and the emulated one runs faster.
+        // `unix_s` cannot be compared exactly: the clocks were synchronised before the walk, and that of the emulated insole runs
+        // faster.
         let Field::Double(unix_s) = value(row, "unix_s") else { panic!("{row:?}") };
         assert!(*unix_s > 1.7e9);
         let computed = &live[(t_s * 100.0).round() as usize].regions[i % 8];

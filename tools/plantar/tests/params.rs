@@ -11,7 +11,7 @@ use plantar::pipeline::region::{Region, Side};
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::CalibrationId;
 use plantar::protocol::session::{Command, CommandResult, Session};
-use plantar::protocol::{self, Decoder, Hello, Identity, MAX_FRAME, MAX_MESSAGE, Reset, Status, ToDevice};
+use plantar::protocol::{self, Decoder, Hello, Identity, MAX_FRAME, MAX_MESSAGE, Reset, Settings, Status, ToDevice};
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener};
 use std::path::Path;
@@ -24,13 +24,20 @@ const ZERO_RESULT: ZeroResult =
 
 /// Starts an insole that serves one host after the other until the test ends. Returns its address and its session.
 fn insole() -> (SocketAddr, Arc<Mutex<Session>>) {
+    insole_with(None)
+}
+
+/// As [`insole`], with settings that it has stored and does not use before its next restart.
+fn insole_with(mut stored: Option<Settings>) -> (SocketAddr, Arc<Mutex<Session>>) {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = listener.local_addr().expect("an address");
     let session = Arc::new(Mutex::new(Session::new()));
-    session.lock().expect("no panic").set_layout(testkit::SETUP, &[], None);
+    session.lock().expect("no panic").set_layout(testkit::SETUP, &[], stored);
     let insole = session.clone();
     std::thread::spawn(move || {
         let mut status = Status::default();
+        // The settings since the last restart.
+        let mut in_use: Option<Settings> = None;
         for mut host in listener.incoming().map(|host| host.expect("a host")) {
             let mut decoder = Decoder::new();
             let mut received = [0; 64];
@@ -47,6 +54,10 @@ fn insole() -> (SocketAddr, Arc<Mutex<Session>>) {
                             Some(Command::Calibration { id, .. }) => {
                                 CommandResult::Identity(Identity { calibration_id: id, ..identity })
                             }
+                            Some(Command::Settings(settings)) => {
+                                stored = settings;
+                                CommandResult::Stored
+                            }
                             _ => CommandResult::Stored,
                         };
                         session.complete(Ok(result));
@@ -59,17 +70,17 @@ fn insole() -> (SocketAddr, Arc<Mutex<Session>>) {
                         }
                         if message == ToDevice::Restart {
                             status.contents.start += 1;
-                        }
-                        if let ToDevice::SetSettings(settings) = message {
-                            // A real insole adopts new settings at a restart, which `plantar` always requests next.
-                            let setup = settings.map_or(testkit::SETUP, |settings| settings.apply_to(testkit::SETUP));
-                            session.set_layout(setup, &[], settings);
+                            in_use = stored;
+                            let setup = in_use.map_or(testkit::SETUP, |settings| settings.apply_to(testkit::SETUP));
+                            session.set_layout(setup, &[], in_use);
                         }
                     }
                 }
                 let (mut buffer, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
                 let contact_rule = session.setup().expect("it has a layout").contact;
-                let hello = Hello { contact_rule, ..hello() };
+                let layout_id = testkit::SETUP.layout_id;
+                let layout_id = in_use.map_or(layout_id, |settings| settings.id(layout_id));
+                let hello = Hello { contact_rule, layout_id, ..hello() };
                 while let Some(message) = session.next(&hello, || status, &mut buffer) {
                     let len = protocol::frame(message, &mut framed);
                     host.write_all(&framed[..len]).expect("the host is connected");
@@ -248,6 +259,22 @@ fn settings_are_set_shown_and_removed() {
     let (done, text, _) = run("set --reset");
     assert!(done && text.contains("of the firmware") && text.contains("100 frames/s"), "{text}");
     assert_eq!(session.lock().expect("no panic").setup(), Some(&testkit::SETUP));
+}
+
+/// The restart after the size was set has failed.
+#[test]
+fn a_size_that_is_not_in_force_yet_is_shown_as_such_and_can_be_set_again() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let stored = Settings { scale: 39.0 / 42.0, ..Settings::of(&testkit::SETUP) };
+    let (address, _session) = insole_with(Some(stored));
+    let run = |arguments: &str| run_insole(folder.path(), address, arguments);
+    let pending = "in force once the insole restarts";
+    let (done, text, _) = run("show");
+    assert!(done && text.contains("92.9 %") && text.contains(pending), "{text}");
+    let (done, text, error) = run("set --size 39");
+    assert!(done && text.contains("92.9 %") && !text.contains(pending), "{text}{error}");
+    let (done, _, text) = run("set --size 39");
+    assert!(!done && text.contains("nothing to change"), "{text}");
 }
 
 #[test]

@@ -123,6 +123,23 @@ fn single_trials_are_left_out_with_the_remedy_and_extra_trials_are_not_used() {
 
 /// A copy would be a trial without an error of measurement.
 #[test]
+fn incomplete_results_of_trials_are_named() {
+    let (_folder, path) = study();
+    fs::write(path.join("people/ann/participant.toml"), "tissue = 'tissue.toml'").expect("written");
+    let tissue = "[heel]\nthickness_mm = 18\npeak_strain = 0.6\ncurvature_mm = [400, 400]\n";
+    fs::write(path.join("people/ann/tissue.toml"), tissue).expect("written");
+    let (status, text) = plantar(&path, "repeat people --json r.json");
+    assert_eq!(status, Some(3), "{text}");
+    for trial in ["a", "b"] {
+        assert!(
+            text.contains(&format!("incomplete: ann, {trial}, heel: measurements contradict each other")),
+            "{text}"
+        );
+    }
+    assert_eq!(json(&path.join("r.json"))["incomplete"].as_array().map(Vec::len), Some(2));
+}
+
+#[test]
 fn copies_of_recordings_are_left_out_and_named() {
     let (_folder, path) = study();
     plantar(&path, "repeat people --csv before.csv");

@@ -97,7 +97,7 @@ fn measurements_of_the_tissue_determine_the_vertical_radius_and_are_named_in_eve
     // end of each region's table, that is before the header of the next region, and at the end of the file. The one before the
     // first header, `[regions.heel`, is removed again. The lines `deformation_scale` that `fit` wrote are removed.
     let text = text.replace("\n[regions", "\ndeformation_scale = \"measured\"\n[regions");
-    let text: String = text.split_inclusive('\n').filter(|line| !line.contains("# scale of C")).collect();
+    let text: String = text.split_inclusive('\n').filter(|line| !line.contains("# source of C")).collect();
     let text = text.replacen("\ndeformation_scale = \"measured\"\n[regions.heel", "\n[regions.heel", 1);
     std::fs::write(path.join("all.toml"), text + "deformation_scale = \"measured\"\n").expect("written");
     let replayed = succeed(path, "replay walk.parquet --params all.toml");

@@ -24,6 +24,8 @@ pub struct Cohort<'c> {
     /// The repeatability for the left and for the right foot, each only if enough people have two or more trials of it; see
     /// [`fit::agreement::repeatability`].
     pub feet: &'c [FootRepeatability],
+    /// The defects of the fits, with the names of participant, recording and region.
+    pub incomplete: &'c [String],
     /// The contact rule by which the areas were measured.
     pub contact: ContactRule,
 }

@@ -17,6 +17,7 @@ pub fn protocol(study: &Study) -> Markup {
             dt { "Method" } dd { (method(&study.options)) }
             @if study.options.method == Method::Projection {
                 dt { "Bounds" } dd { (bounds(study)) }
+                @if let Some(note) = study.prior_note() { dt { "Prior" } dd { (note) } }
                 dt { "Assumed compression" }
                 dd {
                     (number(study.options.compression * 100.0)) " % of the thickness: it determines C of regions without a measured \

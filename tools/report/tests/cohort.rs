@@ -35,7 +35,10 @@ fn table_1_and_the_errors_have_means_and_deviations_by_size() {
     let people = people();
     let trials: Vec<_> = people.iter().map(|person| (person.name.as_str(), &person.trials[..])).collect();
     let (feet, _) = repeatability(&trials, 2);
-    let html = report::cohort_html(&Cohort { people: &people, feet: &feet, contact: ContactRule::COVERED });
+    let incomplete = ["bob, walk, heel: measurements contradict each other".to_string()];
+    let cohort = Cohort { people: &people, feet: &feet, incomplete: &incomplete, contact: ContactRule::COVERED };
+    let html = report::cohort_html(&cohort);
+    assert!(html.contains("<dt>Incomplete results</dt><dd>bob, walk, heel: measurements contradict each other.</dd>"));
     let cells = |words: &[&str]| words.iter().map(|word| format!("<td>{word}</td>")).collect::<String>();
     // The standard deviation of 20 and 30 is sqrt(50) = 7.07.
     assert!(html.contains(&format!("<th scope=\"row\">37–38</th>{}", cells(&["2", "1/1", "25.0 ± 7.1", "–", "–"]))));
@@ -47,8 +50,8 @@ fn table_1_and_the_errors_have_means_and_deviations_by_size() {
     assert!(
         html.contains("left foot: 2 trials of 2 people") && html.contains("&lt;i&gt;ann") && !html.contains("<i>ann")
     );
-    let none = Cohort { people: &people[2..], feet: &[], contact: ContactRule::COUNTED };
-    assert!(report::cohort_html(&none).contains("are needed to compare trials"));
+    let none = Cohort { people: &people[2..], feet: &[], incomplete: &[], contact: ContactRule::COUNTED };
+    assert!(report::cohort_html(&none).contains("at least two recordings each of the left foot"));
     // A chart of the errors, one for each quantity and parameter, and one of the repeatability.
     assert_eq!(html.matches("<figure").count(), 1 + 15 + 8 + 1);
 }
@@ -58,7 +61,8 @@ fn table_1_and_the_errors_have_means_and_deviations_by_size() {
 fn the_picture_is_large_and_not_blank() {
     let people = people();
     for people in [&people[..], &people[..1]] {
-        let png = report::cohort_png(&Cohort { people, feet: &[], contact: ContactRule::COUNTED }).expect("a picture");
+        let cohort = Cohort { people, feet: &[], incomplete: &[], contact: ContactRule::COUNTED };
+        let png = report::cohort_png(&cohort).expect("a picture");
         let picture = Pixmap::decode_png(&png).expect("a valid PNG");
         assert!((2000..3000).contains(&picture.width()) && (3000..9000).contains(&picture.height()));
         let inked = picture.pixels().iter().filter(|pixel| pixel.red() < 128).count();

@@ -5,7 +5,7 @@ use client::{ClockMapping, StreamFile, unix_us};
 use plantar::pipeline::alert::{AlertRules, DailyLoad};
 use plantar::pipeline::setup::{Setup, SetupCell};
 use plantar::pipeline::tissue::{Identified, Tissue};
-use plantar::protocol::session::{Command, CommandResult, RECORD_QUEUE, Session};
+use plantar::protocol::session::{Command, CommandResult, Session};
 use plantar::protocol::{
     Ellipses, Hello, Live, LoadRecord, MAX_MESSAGE, Refusal, Status, ToDevice, ToHost, decode, encode,
 };
@@ -18,6 +18,9 @@ use tokio::sync::watch;
 
 /// Time after which a request of a page counts as lost. An insole answers within a second.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(3);
+
+/// Number of the latest records of an insole that are held for the pages: those of half an hour of walking.
+const HELD_RECORDS: usize = 2_000;
 
 /// The state of all insoles, and the sessions of all pages.
 pub(crate) struct Hub {
@@ -57,14 +60,16 @@ struct Insole {
     clock_mapping: ClockMapping,
     /// Number of sessions with the insole so far. Numbers of records can be compared only within one session.
     session: u64,
-    /// Records that no page has acknowledged, at most as many as the insole holds in RAM.
-    pending: VecDeque<Pending>,
-    /// The last records that a page acknowledged. The insole sends such a record again if it did not receive the acknowledgement.
-    acknowledged: VecDeque<LoadRecord>,
+    /// The latest records, at most [`HELD_RECORDS`], oldest first. The position of a record is its index plus `removed`, which
+    /// does not change.
+    records: VecDeque<Held>,
+    /// Number of records that were removed from `records`.
+    removed: usize,
+    /// The position after the last record that a page has acknowledged.
+    acknowledged: usize,
     /// Number of the record to acknowledge to the insole next.
     to_acknowledge: Option<u32>,
-    /// The number of each page, and its session.
-    pages: Vec<(u64, Session)>,
+    pages: Vec<PageSession>,
     /// The streams of the Lab Streaming Layer, if the messages are published.
     outlets: Option<Outlets>,
 }
@@ -73,20 +78,21 @@ struct Insole {
 /// This takes little memory, because a server reads few layouts.
 pub(crate) type Layout = (Setup, &'static [SetupCell]);
 
-/// A record that no page has acknowledged.
-struct Pending {
+/// A record that is held for the pages.
+struct Held {
     record: LoadRecord,
     /// The session with the insole in which the record arrived last.
     session: u64,
     is_recorded: bool,
 }
 
-/// Pushes to a queue with at most [`RECORD_QUEUE`] items; a full queue drops its oldest item.
-fn push<T>(queue: &mut VecDeque<T>, item: T) {
-    if queue.len() == RECORD_QUEUE {
-        queue.pop_front();
-    }
-    queue.push_back(item);
+/// The session of a page with an insole.
+struct PageSession {
+    /// The number of the page.
+    id: u64,
+    link: Session,
+    /// The position of the record that `link` receives next, once it has room.
+    next: usize,
 }
 
 impl Hub {
@@ -168,7 +174,7 @@ impl Hub {
         insole.clock_mapping = ClockMapping::new();
         insole.to_acknowledge = None;
         insole.forget_requests();
-        for (_, link) in &mut insole.pages {
+        for PageSession { link, .. } in &mut insole.pages {
             // Connects on behalf of the page, which thereby receives the insole's new hello.
             let (is_streaming, every) = (link.next_live().is_some(), link.ellipses.every());
             set_layout(link, layout);
@@ -205,7 +211,7 @@ impl Hub {
         let insole = &mut *insole;
         let Some(tissue) = insole.tissue else { return insole.send_once(ToDevice::GetTissue) };
         insole.identified = Some(identified);
-        for (_, link) in &mut insole.pages {
+        for PageSession { link, .. } in &mut insole.pages {
             link.restore_tissue(tissue, identified);
             link.receive(ToDevice::GetIdentified, NO_CLOCK_US);
         }
@@ -236,7 +242,7 @@ impl Hub {
             (insole.tissue, insole.identified) = (tissue, None);
         }
         insole.alert_rules = rules.or(insole.alert_rules);
-        for (id, link) in &mut insole.pages {
+        for PageSession { id, link, .. } in &mut insole.pages {
             if waiting.is_some_and(|(waiting, _)| waiting == *id) {
                 link.complete(answer.map(|_| CommandResult::Stored));
                 continue;
@@ -258,7 +264,7 @@ impl Hub {
         let insole = &mut *insole;
         insole.alert_rules = Some(rules);
         let waiting = insole.take_waiting(|command| matches!(command, Command::AlertRules(sent) if *sent == rules));
-        for (id, link) in &mut insole.pages {
+        for PageSession { id, link, .. } in &mut insole.pages {
             if waiting.is_some_and(|(waiting, _)| waiting == *id) {
                 link.complete(Ok(CommandResult::Stored));
             } else {
@@ -273,7 +279,7 @@ impl Hub {
     pub fn daily_load(&self, index: usize, daily: DailyLoad) {
         let mut insole = self.insole(index);
         insole.daily_load = daily;
-        for (_, link) in &mut insole.pages {
+        for PageSession { link, .. } in &mut insole.pages {
             link.set_daily_load(daily, true);
         }
         drop(insole);
@@ -293,7 +299,7 @@ impl Hub {
     /// Records a live frame, and passes it to the pages that requested the live stream.
     pub fn live(&self, index: usize, live: Live) {
         self.record(index, &ToHost::Live(live));
-        for (_, link) in &mut self.insole(index).pages {
+        for PageSession { link, .. } in &mut self.insole(index).pages {
             // The frame has the insole's sequence number, so that a page detects gaps on both links.
             if link.next_live().is_some() {
                 link.push_live(live);
@@ -305,7 +311,7 @@ impl Hub {
     /// The request for another rate of the stream of ellipses, if the highest rate that a page requested has changed.
     pub fn ellipses_to_request(&self, index: usize) -> Option<ToDevice> {
         let mut insole = self.insole(index);
-        let rates = insole.pages.iter().map(|(_, link)| link.ellipses.every());
+        let rates = insole.pages.iter().map(|page| page.link.ellipses.every());
         let every = rates.filter(|&every| every > 0).min().unwrap_or(0);
         let is_changed = std::mem::replace(&mut insole.ellipses_every, every) != every;
         is_changed.then_some(ToDevice::StreamEllipses { every })
@@ -314,8 +320,8 @@ impl Hub {
     /// Passes ellipses to the pages that requested them.
     pub fn ellipses(&self, index: usize, ellipses: Ellipses) {
         let mut insole = self.insole(index);
-        for (_, link) in insole.pages.iter_mut().filter(|(_, link)| link.ellipses.every() > 0) {
-            link.ellipses.push(ellipses);
+        for page in insole.pages.iter_mut().filter(|page| page.link.ellipses.every() > 0) {
+            page.link.ellipses.push(ellipses);
         }
         drop(insole);
         self.changed.send_replace(());
@@ -323,32 +329,31 @@ impl Hub {
 
     /// Records a new record and passes it to the pages. A record that is already stored is acknowledged to the insole again.
     pub fn load_record(&self, index: usize, record: LoadRecord) {
-        let mut insole = self.insole(index);
+        let mut guard = self.insole(index);
+        let insole = &mut *guard;
         let session = insole.session;
-        if insole.acknowledged.iter().any(|acknowledged| acknowledged.is_same(&record)) {
-            insole.acknowledge(record.number());
-            return;
-        }
-        if let Some(pending) = insole.pending.iter_mut().find(|pending| pending.record.is_same(&record)) {
+        if let Some(found) = insole.records.iter().rposition(|held| held.record.is_same(&record)) {
+            let held = &mut insole.records[found];
             // The insole's own number of boots since the record replaces that of the hub.
-            pending.record = record;
-            pending.session = session;
-            // If the record is in the recording, the insole has not received its acknowledgement.
-            if pending.is_recorded {
+            (held.record, held.session) = (record, session);
+            // If the record is stored, the insole has not received its acknowledgement.
+            if held.is_recorded || insole.removed + found < insole.acknowledged {
                 insole.acknowledge(record.number());
             }
             insole.update_pages();
             return;
         }
         let is_recorded = self.record(index, &record.into());
-        push(&mut insole.pending, Pending { record, session, is_recorded });
-        for (_, link) in &mut insole.pages {
-            link.push_record(record);
+        if insole.records.len() == HELD_RECORDS {
+            insole.records.pop_front();
+            insole.removed += 1;
         }
+        insole.records.push_back(Held { record, session, is_recorded });
+        insole.refill_pages();
         if is_recorded {
             insole.acknowledge(record.number());
         }
-        drop(insole);
+        drop(guard);
         self.changed.send_replace(());
     }
 
@@ -387,10 +392,9 @@ impl Hub {
             let mut insole = insole.lock().unwrap_or_else(PoisonError::into_inner);
             let mut link = Session::new();
             set_layout(&mut link, insole.layout.map(|(_, layout)| layout));
-            for pending in &insole.pending {
-                link.push_record(pending.record);
-            }
-            insole.pages.push((*last_page, link));
+            let next = insole.acknowledged.max(insole.removed);
+            insole.pages.push(PageSession { id: *last_page, link, next });
+            insole.refill_pages();
         }
         Page { hub: self.clone(), id: *last_page, turn: 0, changed: self.changed.subscribe() }
     }
@@ -457,7 +461,9 @@ impl Page {
         if insole.waiting.is_some_and(|(_, requested_at)| requested_at.elapsed() > ANSWER_TIMEOUT) {
             insole.forget_requests();
         }
-        let Some((_, link)) = insole.pages.iter_mut().find(|(id, _)| *id == self.id) else { return };
+        let Some(PageSession { link, next, .. }) = insole.pages.iter_mut().find(|page| page.id == self.id) else {
+            return;
+        };
         match request {
             Some(ToDevice::SetIdentifiedTissue { identified, .. })
                 if self.hub.accepts_parameters
@@ -527,10 +533,11 @@ impl Page {
                 link.set_daily_load(insole.daily_load, false);
             }
             Some(acknowledgement @ ToDevice::Acknowledge { number }) => {
-                let has_sent = link.has_sent(number);
-                link.receive(acknowledgement, NO_CLOCK_US);
-                if has_sent {
-                    insole.acknowledged_by_page(number);
+                if link.has_sent(number) {
+                    let is_later = |record: &&mut LoadRecord| record.number() != number;
+                    let position = *next - link.records_mut().skip_while(is_later).count();
+                    link.receive(acknowledgement, NO_CLOCK_US);
+                    insole.acknowledged_by_page(position);
                 }
             }
             Some(message) => link.receive(message, NO_CLOCK_US),
@@ -551,13 +558,14 @@ impl Page {
     fn next_of(&self, index: usize) -> Option<Vec<u8>> {
         let mut insole = self.hub.insole(index);
         let insole = &mut *insole;
-        let (_, link) = insole.pages.iter_mut().find(|(id, _)| *id == self.id)?;
+        let PageSession { link, .. } = insole.pages.iter_mut().find(|page| page.id == self.id)?;
         let mut buffer = [0; MAX_MESSAGE];
         let insole_status = insole.status.unwrap_or_default();
         let message = link.next(insole.hello.as_ref()?, || insole_status, &mut buffer)?;
         let Some(ToHost::Status(own)) = decode(message) else { return Some([&[index as u8], message].concat()) };
-        // The session counts the live frames of the page; all else is the insole's.
-        let status = Status { live_due: own.live_due, live_sent: own.live_sent, ..insole_status };
+        // The session counts the live frames of the page, and the records that it lost; all else is the insole's.
+        let records_dropped = insole_status.records_dropped.wrapping_add(own.records_dropped);
+        let status = Status { live_due: own.live_due, live_sent: own.live_sent, records_dropped, ..insole_status };
         let message = encode(&ToHost::Status(status), &mut buffer).ok()?;
         Some([&[index as u8], &*message].concat())
     }
@@ -570,25 +578,40 @@ impl Insole {
         let Some(before) = self.status.replace(status).filter(|before| status.is_after_restart(before)) else { return };
         // An insole without working storage does not count its boots.
         let boots = status.contents.start.saturating_sub(before.contents.start).max(1);
-        for Pending { record, .. } in self.pending.iter_mut().filter(|pending| pending.session != session) {
+        for Held { record, .. } in self.records.iter_mut().filter(|held| held.session != session) {
             *record = record.with_boots_since(record.start().0.saturating_add(boots));
         }
         self.update_pages();
     }
 
-    /// Replaces the records that wait for pages by the pending ones, whose number of boots may be another one now.
+    /// Replaces the records in the sessions of pages by the held ones, the number of boots of which may be another one now.
     fn update_pages(&mut self) {
-        for record in self.pages.iter_mut().flat_map(|(_, link)| link.records_mut()) {
-            if let Some(pending) = self.pending.iter().find(|pending| pending.record.is_same(record)) {
-                *record = pending.record;
+        for record in self.pages.iter_mut().flat_map(|page| page.link.records_mut()) {
+            if let Some(held) = self.records.iter().find(|held| held.record.is_same(record)) {
+                *record = held.record;
+            }
+        }
+    }
+
+    /// Passes held records to the sessions of pages that have room for them. Counts those that a page has lost, because they were
+    /// removed before.
+    fn refill_pages(&mut self) {
+        for PageSession { link, next, .. } in &mut self.pages {
+            let lost = self.removed.saturating_sub(*next);
+            link.count_dropped(lost as u32);
+            *next += lost;
+            while link.has_room()
+                && let Some(held) = self.records.get(*next - self.removed)
+            {
+                link.push_record(held.record);
+                *next += 1;
             }
         }
     }
 
     /// True for a record that has arrived before.
     fn is_known(&self, record: &LoadRecord) -> bool {
-        let pending = self.pending.iter().map(|pending| &pending.record);
-        pending.chain(&self.acknowledged).any(|known| known.is_same(record))
+        self.records.iter().any(|held| held.record.is_same(record))
     }
 
     /// True if this page has sent these parameters or rules before and waits for the answer.
@@ -607,7 +630,7 @@ impl Insole {
     /// The command of the page that waits for an answer; `None` if no page waits, or if it has closed its connection.
     fn waiting_command(&self) -> Option<Command> {
         let (waiting, _) = self.waiting?;
-        self.pages.iter().find(|(id, _)| *id == waiting).and_then(|(_, link)| link.command())
+        self.pages.iter().find(|page| page.id == waiting).and_then(|page| page.link.command())
     }
 
     /// Sends a request to the insole, unless the same request already waits to be sent.
@@ -622,7 +645,7 @@ impl Insole {
         self.to_send.clear();
         self.waiting = None;
         // The pages can repeat their requests.
-        self.pages.iter_mut().for_each(|(_, link)| link.complete(Err(Refusal::Busy)));
+        self.pages.iter_mut().for_each(|page| page.link.complete(Err(Refusal::Busy)));
     }
 
     /// Returns the page that waits for an answer and its command, and ends its wait, if `is_answered` is true for the command.
@@ -643,32 +666,22 @@ impl Insole {
         }
     }
 
-    /// Removes the record with this number and all earlier ones from the pending records, because an acknowledgement covers
-    /// them, too, and acknowledges them to the insole.
-    fn acknowledged_by_page(&mut self, number: u32) {
-        let is_acknowledged = |pending: &Pending| pending.record.number() == number;
-        let Some(position) = self.pending.iter().position(is_acknowledged) else { return };
+    /// Acknowledges the record at this position to the insole, because a page has acknowledged it, and with it all earlier ones.
+    fn acknowledged_by_page(&mut self, position: usize) {
+        self.acknowledged = self.acknowledged.max(position + 1);
+        let held = position.checked_sub(self.removed).and_then(|index| self.records.get(index));
         // In a later session the insole may use this number for another record.
-        if self.pending[position].session == self.session {
-            self.acknowledge(number);
+        if let Some(held) = held.filter(|held| held.session == self.session) {
+            self.acknowledge(held.record.number());
         }
-        let mut index = 0;
-        self.pending.retain(|Pending { record, .. }| {
-            // Records of an earlier session may come first with later numbers.
-            let is_covered = index <= position && !sequence::is_after(record.number(), number);
-            index += 1;
-            if is_covered {
-                push(&mut self.acknowledged, *record);
-            }
-            !is_covered
-        });
+        self.refill_pages();
     }
 }
 
 impl Drop for Page {
     fn drop(&mut self) {
         for insole in &self.hub.insoles {
-            insole.lock().unwrap_or_else(PoisonError::into_inner).pages.retain(|(id, _)| *id != self.id);
+            insole.lock().unwrap_or_else(PoisonError::into_inner).pages.retain(|page| page.id != self.id);
         }
     }
 }
@@ -676,6 +689,7 @@ impl Drop for Page {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use plantar::protocol::session::RECORD_QUEUE;
     use plantar::protocol::{CellStream, Resolution, Step};
 
     /// Passes a message of a page to the hub.
@@ -730,6 +744,70 @@ mod tests {
         }
         let expected = [Step { boots_since: 1, ..testkit::step(36) }, testkit::step(37)];
         assert_eq!(records_of(hub.join()), expected.map(LoadRecord::from));
+    }
+
+    /// Acknowledges all records that a page receives, and returns their numbers, each with the number of boots since the record.
+    fn store(page: &mut Page) -> Vec<(u32, u32)> {
+        let mut stored = Vec::new();
+        while let Some(message) = page.next() {
+            let Some(record) = decode(&message[1..]).and_then(|message| LoadRecord::of(&message)) else { continue };
+            send(page, 0, ToDevice::Acknowledge { number: record.number() });
+            stored.push((record.number(), record.start().0));
+        }
+        stored
+    }
+
+    #[test]
+    fn a_page_that_stalls_receives_the_records_that_another_page_has_stored() {
+        let hub = Arc::new(Hub::new(vec![None], false, None));
+        let (mut stalled, mut other) = (hub.join(), hub.join());
+        let mut status = Status::default();
+        hub.hello(0, &testkit::hello(), Some(status), None, None, None);
+        for number in 0..20 {
+            hub.load_record(0, testkit::step(number).into());
+            assert_eq!(store(&mut other), [(number, 0)]);
+            assert_eq!(hub.acknowledgement(0), Some(number));
+        }
+        // The insole has restarted.
+        status.contents.start += 1;
+        hub.hello(0, &testkit::hello(), Some(status), None, None, None);
+        hub.load_record(0, testkit::step(20).into());
+        let expected: Vec<_> = (0..20).map(|number| (number, 1)).chain([(20, 0)]).collect();
+        assert_eq!(store(&mut stalled), expected);
+        assert_eq!(records_of(hub.join()).len(), 0, "all records are stored");
+    }
+
+    #[test]
+    fn a_page_that_opens_late_receives_all_records_that_no_page_has_stored() {
+        let hub = Arc::new(Hub::new(vec![None], false, None));
+        hub.hello(0, &testkit::hello(), None, None, None, None);
+        (0..20).for_each(|number| hub.load_record(0, testkit::step(number).into()));
+        let mut closed = hub.join();
+        send(&closed, 0, CONNECT);
+        while closed.next().is_some() {}
+        send(&closed, 0, ToDevice::Acknowledge { number: 2 });
+        drop(closed);
+        let mut page = hub.join();
+        send(&page, 0, CONNECT);
+        assert_eq!(store(&mut page), (3..20).map(|number| (number, 0)).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn records_that_a_page_loses_are_counted_in_its_status() {
+        let hub = Arc::new(Hub::new(vec![None], false, None));
+        let mut page = hub.join();
+        hub.hello(0, &testkit::hello(), None, None, None, None);
+        // The session of the page has the first six.
+        let (sent, lost) = (RECORD_QUEUE as u32, 4);
+        let count = sent + lost + HELD_RECORDS as u32;
+        (0..count).for_each(|number| hub.load_record(0, testkit::step(number).into()));
+        let expected = (0..sent).chain(sent + lost..count).map(|number| (number, 0));
+        assert!(store(&mut page).into_iter().eq(expected));
+        send(&page, 0, ToDevice::GetStatus);
+        let Some(ToHost::Status(status)) = page.next().and_then(|message| decode(&message[1..])) else {
+            panic!("no status")
+        };
+        assert_eq!(status.records_dropped, lost);
     }
 
     /// A page that could store several records only together acknowledges the last of them.

@@ -4,8 +4,10 @@
 //! queues records (steps, load bouts and alerts) until they are acknowledged. Each page has a session of its own with each
 //! insole, which uses the firmware's [`plantar::protocol::session::Session`]. A slow page loses live frames without an effect
 //! on other pages; the status that it receives counts them. The bridge acknowledges a record to the insole once a page has
-//! acknowledged the record or, if the messages are recorded, once the record is in the recording; the queue then contains only
-//! the last six records. Publishing a record over the Lab Streaming Layer does not acknowledge it.
+//! acknowledged the record or, if the messages are recorded, once the record is in the recording. It holds the last records of
+//! each insole for pages that are slower, and for those that open later: these receive the records that no page has acknowledged.
+//! A page that is further behind loses records, which its status counts. Publishing a record over the Lab Streaming Layer does
+//! not acknowledge it.
 //!
 //! A binary WebSocket message is the index of the insole, one byte, followed by one unframed message.
 

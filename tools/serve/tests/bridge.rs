@@ -7,7 +7,7 @@ use page::{Page, TIMEOUT};
 use parameters::{InsoleSize, Parameters};
 use plantar::Side;
 use plantar::pipeline::tissue::{AreaFilter, Identified, Tissue};
-use plantar::protocol::session::{CommandResult, Session};
+use plantar::protocol::session::{CommandResult, RECORD_QUEUE, Session};
 use plantar::protocol::{
     ContactEllipse, Contents, Decoder, Ellipses, Hello, Live, MAX_FRAME, MAX_MESSAGE, Refusal, Reset, Status, Step,
     ToDevice, ToHost, decode, frame,
@@ -329,23 +329,32 @@ async fn a_page_that_connects_later_receives_the_steps_that_no_page_acknowledged
 #[tokio::test]
 async fn a_slow_page_loses_counted_live_frames_and_no_step() {
     let cable = Cable::new(Side::Left);
-    let address = serve(&[&cable], None);
+    let folder = tempfile::tempdir().expect("a folder");
+    let address = serve(&[&cable], Some(folder.path().join("walk.plantar")));
     let (mut slow, mut quick) = (Page::open(address).await, Page::open(address).await);
     slow.status(0).await;
     quick.status(0).await;
+    // More steps than the insole holds in RAM.
+    const STEPS: u32 = RECORD_QUEUE as u32 + 2;
     // These are far more frames than fit into the buffers of a socket, and the slow page reads none of them before the end.
     const FRAMES: u32 = 100_000;
     for sequence in 0..FRAMES {
         cable.live();
         if sequence == FRAMES / 2 {
-            cable.step(0);
+            for number in 0..STEPS {
+                cable.step(number);
+                assert!(cable.acknowledged(number), "a recorded step is acknowledged");
+            }
         }
         // Waiting for the quick page ensures that it loses no frame.
         assert_eq!(quick.live(0).await.sequence, sequence);
     }
-    assert_eq!(slow.step(0).await.step, 0);
+    for number in 0..STEPS {
+        assert_eq!(slow.step(0).await.step, number);
+        slow.send(0, ToDevice::Acknowledge { number }).await;
+    }
     let status = slow.status(0).await;
-    assert_eq!(status.live_due, FRAMES);
+    assert_eq!((status.live_due, status.records_dropped), (FRAMES, 0));
     assert!(status.live_sent < FRAMES, "{} of {FRAMES} frames", status.live_sent);
     assert_eq!(quick.status(0).await.live_sent, FRAMES);
 }

@@ -5,7 +5,7 @@ use crate::table::{Row, Value};
 use anyhow::{Result, bail};
 use fit::trials::Trial;
 use fit::variable::Variable;
-use fit::{NotFitted, RegionFit, Step, fit_step};
+use fit::{NotFitted, RegionFit, Step, fit_each_step};
 use plantar::{Region, Side};
 use recording::FrameSource;
 use std::borrow::Cow;
@@ -13,6 +13,9 @@ use std::path::Path;
 
 /// A row: the names of the columns with their values.
 pub type FitRow = Row<Cow<'static, str>>;
+
+/// Separates the defects in the column `defects`. They are sentences that contain commas and semicolons.
+pub const DEFECT_SEPARATOR: &str = " | ";
 
 /// The columns of the five identified parameters, four for each: the value, the two ends of its 95 % interval, and whether the
 /// value is at a bound of the search.
@@ -32,20 +35,22 @@ const PARAMETER_COLUMNS: [[&str; 4]; 5] = [
 pub fn rows<'a>(person: &Person, recording: impl Into<FrameSource<'a>>, path: &Path) -> Result<Vec<FitRow>> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let steps = person.steps(recording.into(), path)?;
-    let regions = steps.iter().flat_map(|step| Region::ALL.map(|region| (step, region)));
-    let row = |(step, region): (&Step, Region)| {
-        let fit = fit_step(step, region as usize, &person.options).map(|(fit, _)| fit);
-        row(person, &name, step, region, fit)
-    };
-    Ok(regions.map(row).collect())
+    let mut fits = Region::ALL.map(|region| fit_each_step(&steps, region as usize, &person.options).into_iter());
+    let mut rows = Vec::new();
+    for step in &steps {
+        for (region, fits) in Region::ALL.into_iter().zip(&mut fits) {
+            rows.extend(fits.next().map(|fit| row(person, &name, step, region, fit)));
+        }
+    }
+    Ok(rows)
 }
 
-/// The values of a recording of a person. Each region is fitted to all steps of the recording. `path` is the file of the
-/// recording.
+/// The values of a recording of a person, and the defects of the fits ([`RegionFit::defects`]), each with the name of its region.
+/// Each region is fitted to all steps of the recording. `path` is the file of the recording.
 ///
 /// # Errors
 /// Fails if the recording cannot be evaluated, has no complete step, or no region could be fitted. The message names `path`.
-pub fn trial<'a>(person: &Person, recording: impl Into<FrameSource<'a>>, path: &Path) -> Result<Trial> {
+pub fn trial<'a>(person: &Person, recording: impl Into<FrameSource<'a>>, path: &Path) -> Result<(Trial, Vec<String>)> {
     let source = recording.into();
     let side = source.head().side;
     let steps = person.steps(source, path)?;
@@ -57,7 +62,12 @@ pub fn trial<'a>(person: &Person, recording: impl Into<FrameSource<'a>>, path: &
         bail!("{}: no region could be fitted; `plantar fit` of this recording states the reasons", path.display());
     }
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
-    Ok(Trial::of(name.into_owned(), side, &fits))
+    let defects = Region::ALL.iter().zip(&fits).flat_map(|(region, fit)| {
+        let defects = fit.iter().flat_map(|fit| &fit.defects);
+        defects.map(|defect| format!("{}: {defect}", region.name()))
+    });
+    let defects = defects.collect();
+    Ok((Trial::of(name.into_owned(), side, &fits), defects))
 }
 
 /// A placeholder row, for the names and types of the columns of a table that may have no rows.
@@ -81,8 +91,9 @@ fn row(person: &Person, recording: &str, step: &Step, region: Region, fit: Resul
     let real = |value: Option<f64>| Value::Real(value.filter(|v| v.is_finite()));
     let kpa = |value: f32| real(Some(value.into()));
     let Person { contact, options, settings, .. } = person;
-    let (_, force_n, _) = step.regions[region as usize].of(options.filter);
-    let origin: [(&'static str, Value); 19] = [
+    let curves = &step.regions[region as usize];
+    let (_, force_n, _) = curves.of(options.filter);
+    let origin: [(&'static str, Value); 20] = [
         ("insole_size", integer(Some(person.size.eur().into()))),
         ("age_years", real(settings.age_years)),
         ("sex", Value::Text(settings.sex.map(|sex| sex.name().into()))),
@@ -101,6 +112,7 @@ fn row(person: &Person, recording: &str, step: &Step, region: Region, fit: Resul
         ("contact_full_kpa", kpa(contact.full_kpa)),
         ("filter", text(options.filter.name())),
         ("method", text(options.method.name())),
+        ("masked_cells", integer(Some(curves.masked_cells.into()))),
         ("measured_peak_n", real(Some(force_n.iter().copied().fold(0.0, f64::max)))),
     ];
     let mut row: FitRow = origin.map(|(name, value)| (name.into(), value)).into();
@@ -126,5 +138,8 @@ fn row(person: &Person, recording: &str, step: &Step, region: Region, fit: Resul
     row.push(("floor_percent".into(), real(quality.map(|q| q.floor * 100.0))));
     row.push(("peak_bias_percent".into(), real(quality.map(|q| q.peak_bias * 100.0))));
     row.push(("evaluations".into(), integer(fit.map(|fit| fit.evaluations))));
+    row.push(("c_by".into(), Value::Text(fit.map(|fit| fit.fixed.scale.name().into()))));
+    let defects = fit.map(|fit| fit.defects.join(DEFECT_SEPARATOR)).filter(|defects| !defects.is_empty());
+    row.push(("defects".into(), Value::Text(defects)));
     row
 }

@@ -1,7 +1,7 @@
 //! The identification of a wearer's tissue parameters on the page for a phone, as WebAssembly.
 //!
 //! It runs in a Web Worker of the page. While a guided session collects steps, the page passes the messages of the session's
-//! insoles, unchanged and in the order of their arrival; [`collected`] returns how many steps can be used, and [`identify`] fits
+//! insoles, unchanged and in the order of their arrival; [`collected`] reports how many steps can be used, and [`identify`] fits
 //! the parameters of one foot with the code of `plantar fit`. As in `phone-wire`, the page calls plain WebAssembly exports,
 //! shares one buffer with them, and receives results as JSON.
 
@@ -13,7 +13,7 @@ use parameters::InsoleSize;
 use phone_buffer::put;
 use std::sync::{Mutex, PoisonError};
 
-/// The messages of the insoles so far.
+/// The session, with the messages of the insoles since the last [`clear`].
 static SESSION: Mutex<Option<Session>> = Mutex::new(None);
 
 /// Calls `act` with the session.

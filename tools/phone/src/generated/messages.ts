@@ -14,7 +14,7 @@ key: string, alert: Alert, } | { "kind": "alert_rules",
 is_on: boolean,
 /** Minutes from midnight UTC to the start of the wearer's day. */
 day_start_min: number, } | { "kind": "daily_load", load: DailyLoad, } | { "kind": "status" } & Status | { "kind": "tissue",
-/** Identifies the parameters of the wearer's tissue; 0 if the insole has none. */
+/** Identifies the tissue parameters of the insole; 0 if the insole has none. */
 id: number, } | { "kind": "identified",
 /** Indices of the regions of which the parameters are typical values, or not known to be the wearer's. */
 typical: Array<number>, } | { "kind": "refused",
@@ -24,7 +24,8 @@ reason: string,
 is_other_host: boolean,
 /** True if the insole could not store what was requested: parameters and rules of alerts are in force until it restarts. */
 is_not_stored: boolean,
-/** True if the same request would be refused again: `plantar serve` accepts no changes, or the insole does not know it. */
+/** True if the same request would be refused again, because `plantar serve` accepts no changes, or the insole does not
+ * know this request. */
 is_final: boolean, } | { "kind": "time",
 /** The page's time in the request. */
 host_us: number,
@@ -53,7 +54,8 @@ cells: number,
 rate_hz: number,
 /** True if areas are sums of covered shares: effective areas instead of contact areas. */
 has_effective_areas: boolean,
-/** True if the insole has the wearer's parameters. Without them it computes no deformation and no model force. */
+/** True if the insole has tissue parameters, whether the wearer's or typical ones. Without them it computes no deformation
+ * and no model force. */
 has_parameters: boolean,
 /** The reason of the last reset, one word. */
 reset: string,
@@ -69,7 +71,7 @@ frames_missed: number,
 live_due: number,
 /** Live frames that the insole handed to its link in this session. */
 live_sent: number, steps: number,
-/** Number of the next record. */
+/** Number that the next step, load bout or alert will have. The numbering continues after a restart. */
 next_record: number,
 /** Unacknowledged records that were dropped, because there was no space or they could not be stored. */
 records_dropped: number,
@@ -105,7 +107,7 @@ live: string,
 steps: string,
 /** As `control`, for requests that set or read the wearer's parameters themselves. The insole indicates all refusals here. */
 parameters: string,
-/** The first bytes of the requests that are written to `parameters`. */
+/** For each kind of request that is written to `parameters`, the first byte of the encoded request. */
 parameter_requests: Array<number>, };
 
 /** A region. */

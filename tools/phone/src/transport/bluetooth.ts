@@ -31,8 +31,10 @@ interface Connected {
   control?: BluetoothRemoteGATTCharacteristic | undefined;
   /** The characteristic to which requests for parameters are written; `undefined` while there is no connection. */
   parameters?: BluetoothRemoteGATTCharacteristic | undefined;
-  /** Resolves after the last write. The next write waits for it, because writes must not overlap. */
+  /** Resolves after the last operation. The next write waits for it, because operations must not overlap. */
   writing: Promise<void>;
+  /** The requests that wait to be written, by their kinds. */
+  waiting: Map<number, Uint8Array>;
 }
 
 /** The insoles that the wearer chose. */
@@ -46,6 +48,10 @@ export class BluetoothTransport implements Transport {
     private readonly gatt: Gatt,
     private readonly events: TransportEvents,
   ) {}
+
+  get is_idle(): boolean {
+    return this.insoles.size === 0;
+  }
 
   static isSupported(): boolean {
     return "bluetooth" in navigator;
@@ -78,7 +84,7 @@ export class BluetoothTransport implements Transport {
   async connect(device: BluetoothDevice): Promise<void> {
     const insole = this.freeIndex();
     const reconnect = new Reconnect(() => this.open(insole, connected));
-    const connected: Connected = { device, reconnect, reason: OUT_OF_REACH, writing: Promise.resolve() };
+    const connected: Connected = { device, reconnect, reason: OUT_OF_REACH, writing: Promise.resolve(), waiting: new Map() };
     this.insoles.set(insole, connected);
     device.addEventListener("gattserverdisconnected", () => {
       connected.control = undefined;
@@ -128,11 +134,12 @@ export class BluetoothTransport implements Transport {
       });
     }
     connected.reason = OUT_OF_REACH;
+    // The battery service is optional. The first request waits for it, because Android rejects operations that overlap.
+    connected.writing = this.followBattery(insole, server).catch(() => undefined);
+    connected.waiting = new Map();
     connected.control = control;
     connected.parameters = parameters;
     this.events.opened(insole);
-    // The battery service is optional.
-    await this.followBattery(insole, server).catch(() => undefined);
   }
 
   /** Reports the charge of the battery now and whenever it changes. */
@@ -147,11 +154,19 @@ export class BluetoothTransport implements Transport {
 
   send(insole: Insole, message: Uint8Array): void {
     const connected = this.insoles.get(insole);
-    const isOfParameters = this.gatt.parameter_requests.includes(message[0] ?? -1);
+    const kind = message[0] ?? -1;
+    const isOfParameters = this.gatt.parameter_requests.includes(kind);
     const channel = isOfParameters ? connected?.parameters : connected?.control;
     if (!connected || !channel) return;
+    const { waiting } = connected;
+    // A request replaces a waiting one of the same kind, so that few wait when a poor link recovers.
+    const is_queued = waiting.has(kind);
+    waiting.set(kind, message);
+    if (is_queued) return;
     const write = async () => {
-      for (const value of fragments(message, VALUE_BYTES)) await channel.writeValueWithResponse(value);
+      const latest = waiting.get(kind) ?? message;
+      waiting.delete(kind);
+      for (const value of fragments(latest, VALUE_BYTES)) await channel.writeValueWithResponse(value);
     };
     // A write fails if the insole refuses it, or if the link breaks. In the second case, the handler of `gattserverdisconnected`
     // opens the link again.

@@ -39,7 +39,7 @@ pub struct Gatt {
     steps: String,
     /// As `control`, for requests that set or read the wearer's parameters themselves. The insole indicates all refusals here.
     parameters: String,
-    /// The first bytes of the requests that are written to `parameters`.
+    /// For each kind of request that is written to `parameters`, the first byte of the encoded request.
     parameter_requests: Vec<u8>,
 }
 

@@ -181,6 +181,12 @@ pub extern "C" fn clock_mapping_unix_us(index: usize, device_us: f64) -> f64 {
     with(&CLOCK_MAPPINGS, index, |mapping| mapping.host_us(device_us as u64).map_or(f64::NAN, |us| us as f64))
 }
 
+/// See [`ClockMapping::is_comparable`].
+#[unsafe(no_mangle)]
+pub extern "C" fn clock_mapping_is_comparable(index: usize, device_us: f64) -> bool {
+    with(&CLOCK_MAPPINGS, index, |mapping| mapping.is_comparable(device_us as u64))
+}
+
 /// Resets the counter of the live frames of an insole.
 #[unsafe(no_mangle)]
 pub extern "C" fn counter_clear(index: usize) {

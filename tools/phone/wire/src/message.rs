@@ -59,7 +59,7 @@ pub(crate) enum Message {
     },
     Status(Status),
     Tissue {
-        /// Identifies the parameters of the wearer's tissue; 0 if the insole has none.
+        /// Identifies the tissue parameters of the insole; 0 if the insole has none.
         id: u32,
     },
     /// Distinguishes typical parameters from those of the wearer.
@@ -74,7 +74,8 @@ pub(crate) enum Message {
         is_other_host: bool,
         /// True if the insole could not store what was requested: parameters and rules of alerts are in force until it restarts.
         is_not_stored: bool,
-        /// True if the same request would be refused again: `plantar serve` accepts no changes, or the insole does not know it.
+        /// True if the same request would be refused again, because `plantar serve` accepts no changes, or the insole does not
+        /// know this request.
         is_final: bool,
     },
     Time {
@@ -119,7 +120,8 @@ pub(crate) struct Hello {
     rate_hz: f64,
     /// True if areas are sums of covered shares: effective areas instead of contact areas.
     has_effective_areas: bool,
-    /// True if the insole has the wearer's parameters. Without them it computes no deformation and no model force.
+    /// True if the insole has tissue parameters, whether the wearer's or typical ones. Without them it computes no deformation
+    /// and no model force.
     has_parameters: bool,
     /// The reason of the last reset, one word.
     reset: &'static str,
@@ -140,7 +142,7 @@ pub(crate) struct Status {
     /// Live frames that the insole handed to its link in this session.
     live_sent: u32,
     steps: u32,
-    /// Number of the next record.
+    /// Number that the next step, load bout or alert will have. The numbering continues after a restart.
     next_record: u32,
     /// Unacknowledged records that were dropped, because there was no space or they could not be stored.
     records_dropped: u32,

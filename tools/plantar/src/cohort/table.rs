@@ -10,6 +10,7 @@ use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
 use std::fs::File;
 use std::path::Path;
+use study::fits::DEFECT_SEPARATOR;
 
 /// The metadata key under which a file stores the description of its inputs. A later run compares the description with the
 /// present inputs to determine whether the file is up to date.
@@ -28,6 +29,21 @@ pub fn read(path: &Path) -> Result<(String, Vec<HashMap<String, Field>>)> {
     std::panic::catch_unwind(read)
         .unwrap_or_else(|_| bail!("the file is damaged"))
         .with_context(|| format!("cannot read {}: delete it and run the command again", path.display()))
+}
+
+/// The different defects in the rows, each with the names of its recording and region.
+pub fn defects(rows: &[HashMap<String, Field>]) -> Vec<String> {
+    let mut found = Vec::new();
+    for row in rows {
+        let text = |column: &str| if let Some(Field::Str(text)) = row.get(column) { text.as_str() } else { "" };
+        for defect in text("defects").split(DEFECT_SEPARATOR).filter(|defect| !defect.is_empty()) {
+            let defect = format!("{}, {}: {defect}", text("recording"), text("region"));
+            if !found.contains(&defect) {
+                found.push(defect);
+            }
+        }
+    }
+    found
 }
 
 /// The values of each recording: the means over its fitted steps.

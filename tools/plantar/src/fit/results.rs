@@ -65,6 +65,7 @@ pub fn print(study: &Study) {
          for the measured areas. In parentheses: 95 % intervals. A value with ! is at a bound of the search. A value\n\
          with * is not determined by the force: {undetermined}."
     );
+    study.prior_note().iter().for_each(|note| println!("Note: {note}."));
     for (region, fit) in Region::ALL.iter().zip(&study.fits) {
         match fit {
             Ok(fit) => {

@@ -81,7 +81,7 @@ impl SettingsArgs {
     fn checked(&self, client: &mut AnyClient, before: Settings) -> Result<Settings> {
         let settings = self.changed(before);
         // If the restart after an earlier change failed, the stored settings are not in force yet: the insole restarts now.
-        let is_change = settings != before || !are_used(&settings, setup_in_use(client)?.as_ref());
+        let is_change = settings != before || !are_used(client)?;
         ensure!(is_change, "nothing to change: these settings are in force, or no option was given");
         Ok(settings)
     }
@@ -116,13 +116,12 @@ fn setup_in_use(client: &mut AnyClient) -> Result<Option<Setup>> {
     }
 }
 
-/// True if these settings are those of the set-up in use, as far as they can be compared: a set-up does not contain the size.
-/// Also true if there is no set-up in use.
-fn are_used(settings: &Settings, in_use: Option<&Setup>) -> bool {
-    let used = |setup: &Setup| {
-        (setup.contact, setup.stance, setup.period_us) == (settings.contact, settings.stance, settings.period_us)
-    };
-    in_use.is_none_or(used)
+/// True if the insole uses the settings that it stores since its last start: its hello identifies the settings in use. Also true
+/// for an insole without a valid layout.
+fn are_used(client: &mut AnyClient) -> Result<bool> {
+    let Some(Setup { layout_id, .. }) = setup_in_use(client)? else { return Ok(true) };
+    let stored_id = client.settings()?.map_or(layout_id, |settings| settings.id(layout_id));
+    Ok(client.hello().layout_id == stored_id)
 }
 
 /// The settings of an insole: those that a host has stored, or else those of its firmware; `None` if it has no valid layout.
@@ -141,10 +140,9 @@ pub fn print_settings(client: &mut AnyClient) -> Result<()> {
         println!("settings: none, because the insole has no valid layout; the note below has the reason");
         return Ok(());
     };
-    let is_used = are_used(&settings, setup_in_use(client)?.as_ref());
     let Settings { contact, stance, period_us, scale } = settings;
     let origin = if is_stored { "set by a host" } else { "of the firmware" };
-    let since = if is_used { "" } else { ", in force once the insole restarts" };
+    let since = if are_used(client)? { "" } else { ", in force once the insole restarts" };
     println!("settings {layout_id:08x}, {origin}{since}:");
     println!("  contact: {}", rule_in_words(&contact));
     println!(

@@ -117,8 +117,9 @@ pub fn write_csv(path: &Path, feet: &[FootRepeatability]) -> Result<()> {
     Ok(written?)
 }
 
-/// Makes the JSON object with all values. `left_out` has the reasons why people and recordings were not used.
-pub fn to_json(feet: &[FootRepeatability], left_out: &[String]) -> Value {
+/// Makes the JSON object with all values. `left_out` has the reasons why people and recordings were not used, and `incomplete` the
+/// defects of the fits.
+pub fn to_json(feet: &[FootRepeatability], left_out: &[String], incomplete: &[String]) -> Value {
     let foot = |foot: &FootRepeatability| {
         let mut variables = Map::new();
         for (row, region, agreement) in values(foot) {
@@ -133,5 +134,5 @@ pub fn to_json(feet: &[FootRepeatability], left_out: &[String]) -> Value {
             "variables": variables,
         })
     };
-    json!({ "feet": feet.iter().map(foot).collect::<Vec<_>>(), "left_out": left_out })
+    json!({ "feet": feet.iter().map(foot).collect::<Vec<_>>(), "left_out": left_out, "incomplete": incomplete })
 }

@@ -28,6 +28,9 @@ fn people(cohort: &Cohort) -> Markup {
     html! {
         (wide("Participants by insole size", participants::by_size(cohort.people)))
         (wide("Each participant", participants::each(cohort.people)))
+        @if !cohort.incomplete.is_empty() {
+            dl.warnings { div { dt { "Incomplete results" } @for defect in cohort.incomplete { dd { (defect) "." } } } }
+        }
     }
 }
 
@@ -37,9 +40,9 @@ fn errors(groups: &[SizeGroup]) -> Markup {
         figure.beside {
             (by_size::errors(groups).svg())
             figcaption {
-                "As Fig. 7 of the paper: NRMSE of the model force against the measured force, each step with parameters of its own. \
-                 Bars: mean over the participants of a pair of insole sizes. Lines: one standard deviation to each side. The number of \
-                 participants is in brackets."
+                "As Fig. 7 of the paper (see Source): NRMSE of the model force against the measured force, each step with \
+                 parameters of its own. Bars: mean over the participants of a pair of insole sizes. Lines: one standard \
+                 deviation to each side. The number of participants is in brackets."
             }
         }
         (wide("Errors by region and insole size", by_size::table(groups)))
@@ -59,8 +62,9 @@ fn quantities(groups: &[SizeGroup]) -> Markup {
 fn parameters(groups: &[SizeGroup]) -> Markup {
     html! {
         p {
-            "As Fig. 8 of the paper. Of the eight parameters, the force determines only five combinations. d₀, C and A/B are \
-             fixed or measured, and single parameters can compensate each other. Compare people by the quantities above."
+            "As Fig. 8 of the paper (see Source). Of the eight parameters, the force determines only five combinations. \
+             d₀, C and A/B are fixed or measured, and single parameters can compensate each other. Compare people by the \
+             quantities above."
         }
         (charts(groups, Variable::parameters()))
     }
@@ -76,7 +80,10 @@ fn charts(groups: &[SizeGroup], variables: impl Iterator<Item = Variable>) -> Ma
 fn repeated(cohort: &Cohort) -> Markup {
     html! {
         @if cohort.feet.is_empty() {
-            p { "Two participants with two recordings of the same foot are needed to compare trials." }
+            p {
+                "To compare trials, at least two participants with at least two recordings each of the left foot, or each of \
+                 the right foot, are needed."
+            }
         } @else {
             (legend(&repeatability::legend()))
         }
@@ -105,16 +112,16 @@ fn reading(cohort: &Cohort) -> Markup {
         }
         p {
             strong { "Repeatability. " }
-            "A trial is one recording of one foot, with the mean over its steps. The standard error of measurement (SEM) is the \
-             standard deviation of a trial about the mean of the participant. Two trials that differ by less than the minimal detectable \
-             change (MDC, 95 %) may be of an unchanged person. With few participants the ICC itself is uncertain. The thickness d₀ is \
-             assumed or measured, and does not follow from the trials."
+            "A trial is one recording of one foot; its value is the mean over the steps. The standard error of measurement \
+             (SEM) is the standard deviation of a trial about the mean of the participant. Two trials that differ by less \
+             than the minimal detectable change (MDC, 95 %) may be of an unchanged person. With few participants the ICC \
+             itself is uncertain. The thickness d₀ is assumed or measured, and does not follow from the trials."
         }
         p {
             strong { "Limits. " }
-            "Contact from " (rule.on_kpa) " kPa; "
-            @if rule.full_kpa > 0.0 { "a cell counts with the fraction √(p / " (rule.full_kpa) " kPa) of its area, at most 1. " }
-            @else { "a cell counts with its whole area. " }
+            "A cell is in contact from " (rule.on_kpa) " kPa on, until its pressure falls below " (rule.off_kpa) " kPa; "
+            @if rule.full_kpa > 0.0 { "it counts with the fraction √(p / " (rule.full_kpa) " kPa) of its area, at most 1. " }
+            @else { "it counts with its whole area. " }
             "Values are comparable only for the same contact rule, sensor, and sources of thickness and C. Deformations, and \
              with them stiffness, moduli and energies, are scaled by assumption unless thickness and strain of the tissue, or a \
              curvature of the sole, were measured. This is not a medical device; it must not be used for diagnosis."

@@ -123,17 +123,19 @@ fn records(folder: &Path) -> Result<BTreeMap<i32, Vec<Step>>> {
     Ok(sessions)
 }
 
-/// The steps in the folder with the times of their heel strikes on the clock of the host, s since 1970, in the order of their
-/// arrival. Only the quantities that the measures of both feet use are read.
-pub fn timed_steps(folder: &Path) -> Result<Vec<(Step, Option<f64>)>> {
-    let columns = [&STEP_COLUMNS[..], &["start_unix_s", "foot_force_peak_n", "foot_force_integral_n_s"]].concat();
-    let mut steps: Vec<(Step, Option<f64>)> = Vec::new();
+/// The steps in the folder with the times of their heel strikes on the clock of the host, s since 1970, and whether these are
+/// exact enough to compare the feet, in the order of their arrival. Only the quantities that the measures of both feet use are
+/// read.
+pub fn timed_steps(folder: &Path) -> Result<Vec<(Step, Option<f64>, bool)>> {
+    let times = ["start_unix_s", "is_start_comparable"];
+    let columns = [&STEP_COLUMNS[..], &times, &["foot_force_peak_n", "foot_force_integral_n_s"]].concat();
+    let mut steps = Vec::new();
     for_each_row(&folder.join("steps"), &columns, |row| {
         if row.region()? == 0 {
             let mut step = step_of(row, row.integer("step")? as u32)?;
             step.foot.peak_dn = (row.real("foot_force_peak_n")? * 10.0).round() as u16;
             step.foot.integral_dns = (row.real("foot_force_integral_n_s")? * 10.0).round() as u16;
-            steps.push((step, row.optional("start_unix_s")?));
+            steps.push((step, row.optional("start_unix_s")?, row.flag("is_start_comparable")?));
         }
         Ok(())
     })?;
