@@ -128,6 +128,21 @@ fn a_clock_that_is_set_is_followed_within_35_s() {
     }
 }
 
+/// A page in the background sends one request a minute, and each of them arrives 60 ms late.
+#[test]
+fn a_single_late_request_does_not_count_as_a_clock_that_was_set() {
+    let mut mapping = ClockMapping::new();
+    for request in 0..1200u64 {
+        mapping.answer(EPOCH_US + request * 250_000, 1_000_000_000 + request * 250_000);
+    }
+    for minute in 6..9u64 {
+        let passed_us = minute * 60_000_000;
+        mapping.answer(EPOCH_US + passed_us, 1_000_060_000 + passed_us);
+        let found_us = mapping.host_us(1_000_000_000 + passed_us).expect("the mapping has answers");
+        assert!(found_us.abs_diff(EPOCH_US + passed_us) < 1000, "minute {minute}: {found_us}");
+    }
+}
+
 /// The clock of an insole without a crystal, 500 ppm fast or slow; and a correct clock of which the first answer is wrong by
 /// 0.8 s, because the host's clock was changed between the request and its answer.
 #[test]

@@ -336,6 +336,16 @@ fn a_stream_that_is_turned_off_stops_at_once() {
     assert_eq!(all(&mut session), [Sent::Live(1)], "the frame that was discarded must leave a gap");
 }
 
+/// A host repeats the request if it has received no frame.
+#[test]
+fn a_repeated_request_for_the_stream_discards_no_frame() {
+    let mut session = streaming();
+    push_live(&mut session);
+    session.receive(ToDevice::Stream { live: true }, 0);
+    push_live(&mut session);
+    assert_eq!(all(&mut session), [Sent::Live(0), Sent::Live(1)]);
+}
+
 #[test]
 fn steps_are_sent_before_live_frames_and_live_frames_before_the_status() {
     let mut session = streaming();

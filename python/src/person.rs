@@ -98,8 +98,8 @@ pub fn repeatability(
     let people: Vec<(String, Vec<trials::Trial>)> =
         people.into_iter().map(|(name, all)| (name, all.iter().map(|trial| trial.trial.clone()).collect())).collect();
     let people: Vec<(&str, &[trials::Trial])> = people.iter().map(|(name, all)| (name.as_str(), &all[..])).collect();
-    let (feet, single) = py.detach(|| agreement::repeatability(&people, least_people));
-    let left_out = agreement::left_out(&people, least_people, &feet, &single);
+    let (feet, _) = py.detach(|| agreement::repeatability(&people, least_people));
+    let left_out = agreement::left_out(&people, least_people);
     let mut rows: Vec<Row> = Vec::new();
     for foot in &feet {
         for row in &foot.rows {

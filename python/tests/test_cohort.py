@@ -402,9 +402,10 @@ def test_incomplete_results_are_named_and_a_shared_file_in_object_storage_is_rea
     contradiction = b"[heel]\nthickness_mm = 17\npeak_strain = 0.4\ncurvature_mm = [400, 400]\n"
     memory.pipe("/shared/study/tissue.toml", contradiction)
     # The second run reads the defects from the table.
-    for _ in range(2):
+    for cached in range(2):
         assert cohort.main(["memory://shared/study", "--out", "memory://shared/table"]) == 3
-        text = capsys.readouterr().err
+        out, text = capsys.readouterr()
+        assert f"; {cached} participants were already up to date" in out
         assert "incomplete: ann, 0.parquet, heel: measurements contradict each other" in text and "left out" not in text
     memory.pipe("/shared/study/tissue.toml", b"heel = 17")
     assert cohort.main(["memory://shared/study", "--out", "memory://shared/table"]) == 0

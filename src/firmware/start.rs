@@ -222,7 +222,8 @@ async fn start_with<F: MultiwriteNorFlash, const FRAMES: usize>(
         &setup,
         insole,
         boot.reset,
-        // If nothing is stored, the wearer must know this first. The log has the failure that ended the previous run.
+        // If nothing is stored, the wearer must know this first. A failure that ended the previous run was written to the debug
+        // output above.
         no_chip
             .filter(|_| !boot.is_recovery())
             .map(truncated)

@@ -166,7 +166,7 @@ impl Alerts {
         }
     }
 
-    /// Suppresses alerts for the next `snoozed_s` seconds, or until the end of a longer pause; 0 ends a pause.
+    /// Suppresses alerts for at least `snoozed_s` more seconds. A pause or snooze that lasts longer continues; 0 ends both.
     pub(crate) fn snooze(&mut self, snoozed_s: u16) {
         self.snoozed_s = if snoozed_s == 0 { 0 } else { self.snoozed_s.max(snoozed_s) };
     }

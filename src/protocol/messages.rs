@@ -211,7 +211,8 @@ pub enum ToDevice {
     /// Raises no alerts for this time; answered by [`ToHost::DailyLoad`], or by [`ToHost::Refused`] if the insole has no valid
     /// layout.
     SnoozeAlerts {
-        /// The time, s; 0 ends a snooze. A time above [`MAX_SNOOZE_S`](crate::pipeline::alert::MAX_SNOOZE_S) is limited to it.
+        /// The time, s; a longer pause or snooze in progress is not shortened; 0 ends both. A time above
+        /// [`MAX_SNOOZE_S`](crate::pipeline::alert::MAX_SNOOZE_S) is limited to it.
         snoozed_s: u16,
     },
     /// Turns the stream of ellipses on or off; answered only by [`ToHost::Refused`], if the rate is above 25 Hz or the insole

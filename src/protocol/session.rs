@@ -116,7 +116,9 @@ impl Session {
             _ if !self.is_open => {}
             ToDevice::Stream { live } => {
                 self.is_streaming = live;
-                self.live.clear();
+                if !live {
+                    self.live.clear();
+                }
             }
             ToDevice::Acknowledge { number } => {
                 // Only a record that was sent can have arrived.

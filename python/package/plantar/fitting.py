@@ -82,8 +82,9 @@ def fit_steps(recording: Recording | Path, *, options: Options = Options()) -> p
     """Fits each region of each step of a recording separately, like ``plantar cohort``.
 
     The table has one row for each region of each step. The function needs no other recording and has no state, so that many
-    recordings can be evaluated in parallel, for example by Dask or Spark. A ``UserWarning`` names each defect of a region, which
-    the column ``defects`` has, too.
+    recordings can be evaluated in parallel, for example by Dask or Spark. A ``UserWarning`` with the path of the recording names
+    each defect of a fitted region, which the column ``defects`` has, too. A region that was not fitted is in the column
+    ``reason``.
     """
     import pyarrow
 
@@ -93,7 +94,9 @@ def fit_steps(recording: Recording | Path, *, options: Options = Options()) -> p
     person = _core.Person(options)
     _warn(person.notes)
     table = pyarrow.Table.from_batches([person.rows(opened[0]._core)])
-    _warn([f"incomplete: {defect}" for defect in defects_of(table)])
+    # Python shows equal warnings of the same line only once. The recordings of several people can have equal file names, so the
+    # path makes the warnings different.
+    _warn([f"incomplete: {opened[0].path}: {defect}" for defect in defects_of(table)])
     return table
 
 
@@ -124,7 +127,8 @@ def repeat(
 
     Raises a ``ValueError`` if a recording is given twice, also for different people, and if there are too few trials to compare:
     by name, at least two people need two trials of the same foot. A ``UserWarning`` names each person who is left out of the
-    comparison of a foot, and each region of a recording with an incomplete result.
+    comparison of a foot, and each fitted region of a recording with an incomplete result. A region that was not fitted has no
+    values in this recording, and no warning.
     """
     recordings_of = people if isinstance(people, Mapping) else {"the person": people}
     options_of = options if isinstance(options, Mapping) else dict.fromkeys(recordings_of, options)

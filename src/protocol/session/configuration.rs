@@ -17,7 +17,7 @@ pub const CLOCK_US: RangeInclusive<u64> = 1_577_836_800_000_000..=4_102_444_799_
 pub struct ToInsole {
     /// New rules of alerts.
     pub rules: Option<AlertRules>,
-    /// Raise no alerts for this time, s; 0 ends a snooze.
+    /// Raise no alerts for at least this time, s; 0 ends a snooze and a pause.
     pub snooze_s: Option<u16>,
     /// The host of the session waits for the load of the day as the answer to such a request.
     pub is_load_awaited: bool,

@@ -9,15 +9,19 @@ const WINDOW_US: u64 = 5_000_000;
 const WINDOWS: usize = 60;
 /// Largest plausible drift, us per us: that between two crystals with a tolerance of 50 ppm.
 const MAX_DRIFT: f64 = 100e-6;
-/// If all recent requests are above the line by more than this, us, the clock of the host was set back, and the line is not used.
-/// The least delay within [`RECENT_US`] is shorter, also on a slow link.
+/// If all recent samples, at least [`FAR_SAMPLES`], are above the line by more than this, us, the clock of the host was set back,
+/// and the line is not used. The least delay of the requests within [`RECENT_US`] is shorter, if there are several, also on a
+/// slow link.
 const FAR_US: f64 = 40e3;
+/// Least number of recent samples from which it is concluded that the clock of the host was set back: a page in the background
+/// sends so few requests that the only recent one may be delayed by more than [`FAR_US`].
+const FAR_SAMPLES: usize = 3;
 /// A request is recent if it arrived at most this time before the last one, us. If no line is plausible, for example because the
 /// drift exceeds [`MAX_DRIFT`], as that of an insole without a running crystal, only recent requests are used, without drift: a
 /// drift of 500 ppm is 15 ms in this time.
 const RECENT_US: u64 = 30_000_000;
-/// Longest time before the first or after the last request, us, at which the times of two insoles can be compared: within it, two
-/// clocks that differ by [`MAX_DRIFT`] drift apart by 10 ms.
+/// Longest time before the first or after the last request in use, us, at which the times of two insoles can be compared: within
+/// it, two clocks that differ by [`MAX_DRIFT`] drift apart by 10 ms.
 const COMPARABLE_US: u64 = 100_000_000;
 
 /// Offset and drift of an insole's clock, from [`plantar::protocol::ToDevice::GetTime`] and its answers.
@@ -113,8 +117,9 @@ impl ClockMapping {
         if boots_since == 0 { self.host_us(start_us) } else { start_unix_us }
     }
 
-    /// True if [`Self::start_us`] is exact enough to compare the step with those of another insole; see [`Self::is_comparable`].
-    /// The wall clock of an insole, which counts for earlier boots, is not.
+    /// True if [`Self::start_us`] is exact enough to compare the record with those of another insole; see
+    /// [`Self::is_comparable`]. It never is for a record of an earlier boot, because the wall clock of the insole is not exact
+    /// enough.
     pub fn is_start_comparable(&self, record: &LoadRecord) -> bool {
         let (boots_since, start_us, _) = record.start();
         boots_since == 0 && self.is_comparable(start_us)
@@ -149,11 +154,12 @@ fn line_below(samples: &VecDeque<Sample>) -> Option<Line> {
     let edge = hull.windows(2).find(|edge| point(edge[1]).0 >= mean_us);
     let edge = edge.map(|edge| (edge[0], slope(edge[0], edge[1])));
     let recent = || samples.iter().filter(|q| last.device_us - q.device_us <= RECENT_US);
-    // The slope can be implausible for samples within a short time. If all recent requests are far above the line, the clock of
-    // the host was set back.
+    // The slope can be implausible for samples within a short time. If several samples are recent, and all of them are far above
+    // the line, the clock of the host was set back.
     let is_plausible = |(from, drift): &(&Sample, f64)| {
         let above_us = |q: &Sample| point(q).1 - point(from).1 - drift * (point(q).0 - point(from).0);
-        drift.abs() <= MAX_DRIFT && recent().any(|q| above_us(q) <= FAR_US)
+        let is_near = || recent().count() < FAR_SAMPLES || recent().any(|q| above_us(q) <= FAR_US);
+        drift.abs() <= MAX_DRIFT && is_near()
     };
     let (on_line, drift) = match edge.filter(is_plausible) {
         Some(edge) => edge,

@@ -273,9 +273,12 @@ impl<C: Carrier> Client<C> {
         let answer = self.request(ToDevice::StreamCells(stream), |message| {
             matches!(message, ToHost::CellStream(running) if *running == stream).then_some(())
         });
-        if let Err(Error::Refused(_)) = answer {
+        match &answer {
+            // This also answers a request of a retransmission.
+            Ok(()) => self.cells_requested_us = None,
             // The former stream continues.
-            self.cells = former;
+            Err(Error::Refused(_)) => self.cells = former,
+            Err(_) => {}
         }
         answer
     }

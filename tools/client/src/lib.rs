@@ -27,7 +27,7 @@ pub use counters::LinkCounters;
 pub use error::Error;
 pub use file::{create_or_open_empty, reserve};
 pub use json::{bout_to_json, step_to_json};
-pub use link::{Event, Link, Open, ReconnectPolicy, SessionStart};
+pub use link::{Event, Link, Meanwhile, Open, ReconnectPolicy, SessionStart};
 pub use order::{Arrival, RecordOrder};
 pub use session::Client;
 pub use stream_file::{DamagedAt, Entries, Entry, STREAM_INSOLES, StreamFile, append};

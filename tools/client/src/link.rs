@@ -55,8 +55,8 @@ pub struct Link<C> {
     failure: Option<Error>,
     /// The status at the start of this session.
     status: Option<Status>,
-    /// See [`Link::misses_frames`].
-    misses_frames: bool,
+    /// See [`Link::meanwhile`].
+    meanwhile: Meanwhile,
 }
 
 enum State {
@@ -68,6 +68,9 @@ enum State {
         /// session of that host, so this host sends one only after the insole has stopped answering, which means that the other
         /// session has ended.
         is_superseded: bool,
+        /// Since when the link is lost, if the carrier was opened again during the session of another host, and no message has
+        /// arrived over it yet.
+        lost_since: Option<Instant>,
     },
     Lost {
         since: Instant,
@@ -90,6 +93,17 @@ pub enum SessionStart {
     AfterOtherHost,
 }
 
+/// What the insole has done from the start of the last session to that of this one, by its status at both times.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Meanwhile {
+    /// It has restarted.
+    Restarted,
+    /// It has neither restarted nor processed a frame: its matrix does not answer.
+    NoFrames,
+    /// It has processed frames, and has not restarted. Also the value in the first session.
+    Frames,
+}
+
 /// The result of [`Link::next_event`].
 #[derive(Debug)]
 #[allow(clippy::large_enum_variant, reason = "events exist one at a time")]
@@ -103,8 +117,8 @@ pub enum Event {
     /// [`Event::Started`], or [`Event::Lost`] if the live stream cannot be requested, unless another host has the session.
     Timeout,
     /// The session ended for this reason. The next calls open it again. If it ended with [`Refusal::OtherHost`], they first wait
-    /// until the session of the other host has ended, also if the carrier fails meanwhile. For this, the caller must continue to
-    /// send requests, which the insole refuses during that session.
+    /// until the session of the other host has ended, also if the carrier fails meanwhile. For this, the caller only needs to
+    /// continue to call [`Link::next_event`], which requests the time; the insole refuses these requests during that session.
     Lost(Error),
 }
 
@@ -116,7 +130,7 @@ impl<C: Carrier + 'static> Link<C> {
     pub fn connect(mut open: Open<C>, policy: ReconnectPolicy) -> Result<Self, Error> {
         let client = Client::connect(open()?, policy.answer)?;
         let state = State::Open(SessionStart::Connected);
-        Ok(Self { client, open, policy, state, failure: None, status: None, misses_frames: false })
+        Ok(Self { client, open, policy, state, failure: None, status: None, meanwhile: Meanwhile::Frames })
     }
 
     /// The session.
@@ -130,10 +144,12 @@ impl<C: Carrier + 'static> Link<C> {
     /// Those of [`Client::stream`].
     pub fn start(&mut self) -> Result<(), Error> {
         let status = self.client.stream()?;
-        let before = self.status.replace(status);
-        self.misses_frames =
-            before.is_some_and(|before| !status.is_after_restart(&before) && status.frames == before.frames);
-        self.state = State::Streaming { last_message: Instant::now(), is_superseded: false };
+        self.meanwhile = match self.status.replace(status) {
+            Some(before) if status.is_after_restart(&before) => Meanwhile::Restarted,
+            Some(before) if status.frames == before.frames => Meanwhile::NoFrames,
+            Some(_) | None => Meanwhile::Frames,
+        };
+        self.state = State::Streaming { last_message: Instant::now(), is_superseded: false, lost_since: None };
         Ok(())
     }
 
@@ -145,20 +161,24 @@ impl<C: Carrier + 'static> Link<C> {
     /// as well.
     pub fn next_event(&mut self) -> Result<Event, Error> {
         if let Some(error) = self.failure.take() {
-            let is_superseded = matches!(self.state, State::Streaming { is_superseded: true, .. });
-            return Ok(self.lose(error, is_superseded));
+            let (is_superseded, lost_since) = match self.state {
+                State::Streaming { is_superseded, lost_since, .. } => (is_superseded, lost_since),
+                State::Open(_) | State::Lost { .. } => (false, None),
+            };
+            return self.lose(error, is_superseded, lost_since);
         }
         match self.state {
             State::Open(reason) => Ok(match self.start() {
                 Ok(()) => Event::Started(reason),
                 Err(error @ Error::Refused(Refusal::OtherHost)) => {
                     // The other host keeps its session: a new connect request would end it.
-                    self.state = State::Streaming { last_message: Instant::now(), is_superseded: true };
+                    self.state =
+                        State::Streaming { last_message: Instant::now(), is_superseded: true, lost_since: None };
                     Event::Lost(error)
                 }
-                Err(error) => self.lose(error, false),
+                Err(error) => self.lose(error, false, None)?,
             }),
-            State::Streaming { last_message, is_superseded } => Ok(match self.client.receive() {
+            State::Streaming { last_message, is_superseded, lost_since } => Ok(match self.client.receive() {
                 Ok(Some(message)) => {
                     let is_refused = matches!(message, ToHost::Refused(Refusal::OtherHost));
                     // Messages from before the refusal, which arrived during a request, do not end the session of the other host.
@@ -166,7 +186,8 @@ impl<C: Carrier + 'static> Link<C> {
                     // Frames of another stream do not show that the live stream is on: its request may have been lost.
                     let is_other_stream = matches!(message, ToHost::Cells(_) | ToHost::Ellipses(_));
                     let last_message = if is_other_stream { last_message } else { Instant::now() };
-                    self.state = State::Streaming { last_message, is_superseded: is_still_superseded };
+                    self.state =
+                        State::Streaming { last_message, is_superseded: is_still_superseded, lost_since: None };
                     match message {
                         ToHost::Refused(_) if is_refused && is_superseded => Event::Timeout,
                         ToHost::Refused(refusal) if is_refused => Event::Lost(Error::Refused(refusal)),
@@ -184,21 +205,22 @@ impl<C: Carrier + 'static> Link<C> {
                         Event::Timeout
                     }
                     // The session of another host has ended: the insole does not refuse messages any more.
-                    Err(error) => self.lose(error, false),
+                    Err(error) => self.lose(error, false, lost_since)?,
                 },
-                Err(error) => self.lose(error, is_superseded),
+                Err(error) => self.lose(error, is_superseded, lost_since)?,
             }),
             State::Lost { since, is_superseded } => {
                 sleep(self.policy.retry);
-                let result = match is_superseded {
-                    true => self.client.reopen(&mut self.open),
-                    false => self.client.reconnect_over(&mut self.open, self.policy.answer).map(drop),
+                let (result, next) = if is_superseded {
+                    let result = self.client.reopen(&mut self.open);
+                    let last_message = Instant::now();
+                    (result, State::Streaming { last_message, is_superseded, lost_since: Some(since) })
+                } else {
+                    let result = self.client.reconnect_over(&mut self.open, self.policy.answer).map(drop);
+                    (result, State::Open(SessionStart::Reconnected))
                 };
                 match result {
-                    Ok(()) if is_superseded => {
-                        self.state = State::Streaming { last_message: Instant::now(), is_superseded };
-                    }
-                    Ok(()) => self.state = State::Open(SessionStart::Reconnected),
+                    Ok(()) => self.state = next,
                     Err(error) if !error.is_link_failure() || self.gives_up(since) => return Err(error),
                     Err(_) => {}
                 }
@@ -207,10 +229,9 @@ impl<C: Carrier + 'static> Link<C> {
         }
     }
 
-    /// True if the insole has neither restarted nor processed a frame from the start of the last session to that of this one: its
-    /// matrix does not answer.
-    pub fn misses_frames(&self) -> bool {
-        self.misses_frames
+    /// What the insole has done from the start of the last session to that of this one.
+    pub fn meanwhile(&self) -> Meanwhile {
+        self.meanwhile
     }
 
     /// Sends a message. A failure ends the session, and the next event reports it.
@@ -243,9 +264,12 @@ impl<C: Carrier + 'static> Link<C> {
         Ok(())
     }
 
-    fn lose(&mut self, error: Error, is_superseded: bool) -> Event {
-        self.state = State::Lost { since: Instant::now(), is_superseded };
-        Event::Lost(error)
+    /// Ends the session. Returns the event that reports this, or the error if the link has already been lost since `lost_since`
+    /// and the policy gives up.
+    fn lose(&mut self, error: Error, is_superseded: bool, lost_since: Option<Instant>) -> Result<Event, Error> {
+        let since = lost_since.unwrap_or_else(Instant::now);
+        self.state = State::Lost { since, is_superseded };
+        if lost_since.is_some() && self.gives_up(since) { Err(error) } else { Ok(Event::Lost(error)) }
     }
 
     fn gives_up(&self, since: Instant) -> bool {

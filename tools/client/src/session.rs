@@ -48,7 +48,7 @@ pub struct Client<C> {
     /// The stream of cells.
     pub(crate) cells: Option<CellStream>,
     /// When a retransmission requested the stream of cells again, by [`Carrier::now_us`]; `None` once the insole has answered.
-    cells_requested_us: Option<u64>,
+    pub(crate) cells_requested_us: Option<u64>,
 }
 
 impl<C: Carrier> Client<C> {
@@ -357,8 +357,12 @@ impl<C: Carrier> Client<C> {
 
     /// Requests the stream of cells again if it was on, until the insole answers.
     fn request_cells_again(&mut self) -> Result<(), Error> {
-        self.cells_requested_us = self.cells.map(|_| C::now_us());
-        if self.cells.is_some() { self.send(ToDevice::StreamCells(self.cells)) } else { Ok(()) }
+        let Some(stream) = self.cells else {
+            self.cells_requested_us = None;
+            return Ok(());
+        };
+        self.cells_requested_us = Some(C::now_us());
+        self.send(ToDevice::StreamCells(Some(stream)))
     }
 
     pub(crate) fn next(&mut self) -> Result<Option<ToHost>, Error> {

@@ -1,6 +1,6 @@
 //! Reconnecting: when a link counts as lost, how it is opened again, and when the host gives up.
 
-use client::{Carrier, Client, Error, Event, Link, ReconnectPolicy, SessionStart};
+use client::{Carrier, Client, Error, Event, Link, Meanwhile, ReconnectPolicy, SessionStart};
 use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::session::Session;
@@ -44,6 +44,10 @@ struct State {
     loses_stream: bool,
     /// Number of processed frames in the status.
     frames: u32,
+    /// Number of the boot in the status.
+    boot: u32,
+    /// True while each carrier can be opened, and fails when it is read.
+    is_broken: bool,
 }
 
 impl Insole {
@@ -59,6 +63,8 @@ impl Insole {
             connects: 0,
             loses_stream: false,
             frames: 0,
+            boot: 1,
+            is_broken: false,
         };
         Self(Arc::new(Mutex::new(state)))
     }
@@ -94,13 +100,13 @@ impl Carrier for Insole {
 
     fn receive(&mut self) -> io::Result<Option<ToHost>> {
         let mut state = self.state();
-        if state.is_unplugged {
+        if state.is_unplugged || state.is_broken {
             return Err(io::ErrorKind::UnexpectedEof.into());
         }
         let hello = Hello { major: state.major, ..hello(state.firmware) };
         let mut buffer = [0; MAX_MESSAGE];
-        let frames = state.frames;
-        let status = || Status { frames, ..Status::default() };
+        let (frames, contents) = (state.frames, Contents { start: state.boot, ..Contents::default() });
+        let status = || Status { frames, contents, ..Status::default() };
         let message = match state.is_silent {
             true => None,
             false => state.session.next(&hello, status, &mut buffer).and_then(decode),
@@ -210,16 +216,24 @@ fn a_silent_insole_is_first_connected_over_the_same_carrier() {
     assert!(matches!(next(&insole, &mut link), Ok(Event::Started(SessionStart::Reconnected))));
 }
 
-/// The insole answers and sends no live frame. If its status counts frames, only the stream was off.
+/// The insole answers and sends no live frame. If its status counts frames, only the stream was off, or the matrix has failed
+/// since the start of the last session.
 #[test]
-fn a_silence_without_a_measured_frame_is_distinguished_from_a_lost_stream() {
+fn a_silence_without_a_measured_frame_is_distinguished_from_a_lost_stream_and_from_a_restart() {
     let insole = Insole::new();
     let mut link = insole.connect().expect("an insole");
     link.start().expect("the insole streams");
-    for (frames, misses_frames) in [(0, true), (0, true), (100, false)] {
+    for (boot, frames, meanwhile) in [
+        (1, 0, Meanwhile::NoFrames),
+        (1, 0, Meanwhile::NoFrames),
+        (1, 100, Meanwhile::Frames),
+        (1, 100, Meanwhile::NoFrames),
+        (2, 100, Meanwhile::Restarted),
+    ] {
+        insole.state().boot = boot;
         insole.state().frames = frames;
         while !matches!(link.next_event(), Ok(Event::Started(SessionStart::AfterSilence))) {}
-        assert_eq!(link.misses_frames(), misses_frames, "{frames}");
+        assert_eq!(link.meanwhile(), meanwhile, "boot {boot}, {frames} frames");
     }
 }
 
@@ -316,6 +330,20 @@ fn a_session_of_another_host_is_not_taken_back_after_the_carrier_failed() {
     drop(state);
     assert!(matches!(next(&insole, &mut link), Ok(Event::Started(SessionStart::AfterOtherHost))));
     expect_live(&insole, &mut link);
+}
+
+#[test]
+fn a_carrier_that_fails_after_each_opening_in_the_session_of_another_host_is_given_up() {
+    let insole = Insole::new();
+    let mut link = insole.connect().expect("an insole");
+    link.start().expect("the insole streams");
+    insole.state().session.refuse(Refusal::OtherHost);
+    assert!(matches!(link.next_event(), Ok(Event::Lost(Error::Refused(Refusal::OtherHost)))));
+    insole.state().is_broken = true;
+    let error = (0..1000).find_map(|_| link.next_event().err());
+    assert!(matches!(error, Some(Error::Carrier(_))), "{error:?}");
+    let state = insole.state();
+    assert!(state.connects == 1 && state.opened > 2, "{} {}", state.connects, state.opened);
 }
 
 #[test]

@@ -115,15 +115,11 @@ pub fn repeatability(people: &[(&str, &[Trial])], least_people: usize) -> (Vec<F
     (feet, single)
 }
 
-/// The reasons why people are left out of the comparison of a foot, with the remedies. `feet` and `single` are the results of
-/// [`repeatability`] with the same arguments.
-pub fn left_out(
-    people: &[(&str, &[Trial])],
-    least_people: usize,
-    feet: &[FootRepeatability],
-    single: &[SingleTrial],
-) -> Vec<String> {
-    let single = single.iter().map(|SingleTrial { person, side }| {
+/// The reasons why people are left out of the comparison of a foot by [`repeatability`] with the same arguments, with the
+/// remedies.
+pub fn left_out(people: &[(&str, &[Trial])], least_people: usize) -> Vec<String> {
+    let (feet, single) = repeatability(people, 1);
+    let single = single.into_iter().map(|SingleTrial { person, side }| {
         let side = side.name();
         format!(
             "{person}, {side} foot: only one usable recording, and repeatability needs two or more: record another trial of the \
@@ -131,14 +127,12 @@ pub fn left_out(
         )
     });
     // People with repeated trials of a foot of which fewer than `least_people` people have repeated trials.
-    let (possible, _) = repeatability(people, 1);
-    let lone = possible.into_iter().filter(|foot| foot.people.len() < least_people);
-    let lone = lone.filter(|foot| feet.iter().all(|evaluated| evaluated.side != foot.side));
+    let lone = feet.into_iter().filter(|foot| foot.people.len() < least_people);
     let lone = lone.map(|foot| {
         let side = foot.side.name();
         format!(
             "{}, {side} foot: nobody else has two or more usable recordings of the {side} foot: record other people, too, or \
-             give the recordings of this person as files",
+             compare the recordings of this person alone, without other people",
             foot.people.join(", ")
         )
     });

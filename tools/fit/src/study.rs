@@ -133,8 +133,8 @@ impl Study {
         (self.options.prior.is_some() && self.contact != ContactRule::COVERED).then(|| {
             format!(
                 "the prior was learnt from areas by the contact rule {} (on / off / full), and force grows differently with areas of \
-                 another rule: parameters, intervals and marks may be less accurate than with the default rule; --bounds paper \
-                 uses no prior",
+                 another rule: parameters, their intervals, and the marks for undetermined values may be less \
+                 accurate than with the default rule; --bounds paper uses no prior",
                 in_words(&ContactRule::COVERED)
             )
         })

@@ -80,8 +80,9 @@ pub(crate) fn masked(curves: &[&RegionCurves]) -> Option<String> {
     let steps = curves.iter().filter(|curves| curves.masked_cells > 0).count();
     let steps = if curves.len() > 1 { format!(" in {steps} of {} steps", curves.len()) } else { String::new() };
     Some(format!(
-        "faulty cells ({cells}) were replaced by their neighbours{steps}, and earlier steps may contain their readings, so area, \
-         force and all results of the region are affected; repair or replace the sensor, and record again"
+        "the readings of faulty cells (up to {cells}) were replaced by those of neighbouring cells{steps}; steps before \
+         the fault was found may still contain faulty readings, so area, force and all results of the region are \
+         affected; repair or replace the sensor, and record again"
     ))
 }
 

@@ -237,7 +237,8 @@ export class App {
     const start_unix_s = is_computed ? this.loaded_unix_s + mapped_unix_s : mapped_unix_s;
     // An alert that the page has already stored is a repetition, because its acknowledgement was lost.
     if (message.kind === "alert" && !this.store.has(message)) this.alerts.raise(message.alert, start_unix_s, session.live?.t_s);
-    this.store.add(message, bytes, start_unix_s, mapping?.is_comparable(record.start_s)).then(
+    const is_comparable = session.has_exact_time && mapping?.is_comparable(record.start_s);
+    this.store.add(message, bytes, start_unix_s, is_comparable).then(
       () => {
         session.acknowledge(number);
         if (this.problem === CANNOT_STORE) this.problem = "";

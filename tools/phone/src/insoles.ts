@@ -23,6 +23,9 @@ export interface InsoleEvents {
   message(bytes: Uint8Array, side: Side): void;
 }
 
+/** First byte of an encoded hello, in every major version of the protocol. */
+const HELLO = 0;
+
 /** True if the last hello of a session was for this foot, and its insole is not a second one for this foot. */
 const isOf = ({ hello, state }: Session, side: Side) => hello?.side === side && state !== "same-foot";
 
@@ -92,14 +95,12 @@ export class Insoles {
     const passOn = () => {
       if (session.hello && session.state !== "same-foot") this.events.message(bytes, session.hello.side);
     };
-    // The insole that sends its hello after a reconnection may be for the other foot, and the second insole for a foot is used
-    // once the first one is away.
-    const is_unidentified = session.state === "waiting" || session.state === "same-foot";
-    // `receive` may report a step. The guided session of the identification then passes all messages that it has collected to its
-    // worker, and the message of this step must be among them.
-    if (!is_unidentified) passOn();
+    // A hello can name another foot, so it is passed on afterwards. Any other message is passed on first: `receive` may report a
+    // step, and the guided session then passes its collected messages, with that of the step, to the worker.
+    const is_hello = bytes[0] === HELLO;
+    if (!is_hello) passOn();
     session.receive(bytes, now_ms);
-    if (is_unidentified && session.hello !== before.hello) passOn();
+    if (is_hello && session.hello !== before.hello) passOn();
     if (session.hello !== before.hello) this.hellos.set(insole, bytes.slice());
     this.recorder.add(insole, bytes, now_ms);
     const is_new_shape = session.ellipses !== before.ellipses || session.sole !== before.sole;

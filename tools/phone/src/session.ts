@@ -14,7 +14,7 @@ const TIME_MS = 250;
 const SUMMARY_MS = 5000;
 /** Interval of the requests for the next cells of the insole while it does not answer. */
 const CELLS_MS = 1000;
-/** Number of answers after which the time of the insole's clock is known well: the first one may be late. */
+/** Number of answers after which the offset of the insole's clock is known well: a single request may have been delayed. */
 const TIME_ANSWERS = 3;
 /** Longest time for which records wait for the time of the insole's clock. It is shorter than {@link TIMEOUT_MS}. */
 const RECORDS_WAIT_MS = 1000;
@@ -139,7 +139,10 @@ export class Session {
   private clock_since_us = 0;
   /** Number of requests for the time of the insole's clock since the last message. */
   private unanswered = 0;
-  /** True while another host has the session: a connect request would end it, also after the link was opened again. */
+  /**
+   * True while another host has the session. A connect request would end the session of that host, so none is sent, also after
+   * the link was opened again.
+   */
   private is_superseded = false;
   private hello_received_ms = 0;
   private last_message_ms = 0;
@@ -231,7 +234,7 @@ export class Session {
         if (!this.isOfPresentClock(message.host_us)) return;
         this.clock_mapping.answer(message);
         this.time_answers += 1;
-        if (this.time_answers >= TIME_ANSWERS) this.releaseUntimed(now_ms);
+        if (this.has_exact_time) this.releaseUntimed(now_ms);
         return;
       case "refused":
         if (message.is_other_host) {
@@ -269,7 +272,7 @@ export class Session {
     if (this.state === "other-version" || this.state === "same-foot") return;
     this.last_record = recordOf(message).number;
     // An insole sends its stored records before it answers requests. They are processed in order once it has sent its time.
-    const is_untimed = this.time_answers < TIME_ANSWERS && now_ms - this.untimed_since_ms < RECORDS_WAIT_MS;
+    const is_untimed = !this.has_exact_time && now_ms - this.untimed_since_ms < RECORDS_WAIT_MS;
     if (is_untimed && !this.transport()?.is_replay) {
       this.untimed.push([message, bytes.slice()]);
       return;
@@ -310,6 +313,11 @@ export class Session {
     return is_replay || (host_us >= this.clock_since_us && host_us <= unix_us(performance.now()));
   }
 
+  /** True if enough answers have arrived since the hello, or since a change of the clock of this device, for exact times. */
+  get has_exact_time(): boolean {
+    return this.time_answers >= TIME_ANSWERS;
+  }
+
   private requestTime(now_ms: number): void {
     this.time_requested_ms = now_ms;
     this.unanswered += 1;
@@ -347,7 +355,7 @@ export class Session {
       return;
     }
     this.state = "live";
-    // The request for the time states when it was made, so no other request must delay it.
+    // The request for the time states when it was made, so it is sent before the other requests, which would delay it.
     this.restartClockMapping(now_ms);
     this.send(this.wire.setClock(unix_us(now_ms)));
     this.requestSummary(now_ms);
@@ -371,9 +379,9 @@ export class Session {
     if (this.has_alerts === undefined) this.send(this.wire.getAlertRules());
     if (this.awaits_identified) this.requestIdentified();
     // An insole without cells measures nothing.
-    const { cells, rate_hz } = this.hello ?? { cells: 0, rate_hz: 0 };
-    if (cells > 0 && !this.live) this.send(this.wire.stream(true));
-    if (cells > 0 && this.ellipses.length === 0) this.send(this.wire.streamEllipses(Math.ceil(rate_hz / ELLIPSES_HZ)));
+    if (!this.hello?.cells) return;
+    if (!this.live) this.send(this.wire.stream(true));
+    if (this.ellipses.length === 0) this.send(this.wire.streamEllipses(Math.ceil(this.hello.rate_hz / ELLIPSES_HZ)));
   }
 
   /** Asks the insole how its parameters were identified. */

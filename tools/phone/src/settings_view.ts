@@ -205,7 +205,8 @@ function insoleDetails(session: Session, now_ms: number): Node[] {
   if (status && status.records_dropped > 0) {
     details.push(
       `${status.records_dropped} steps, load bouts and alerts were lost, because the insole's memory was full, or because ` +
-        "it could not store them (low battery, or a fault of its memory), or because this page was too far behind.",
+        "it could not store them (low battery, or a fault of its memory), or because plantar serve had to delete them before " +
+        "this page received them.",
     );
   }
   const title: Node = ["dt", { class: hello.side }, sideTitle(hello.side)];

@@ -124,8 +124,8 @@ function drawGait(gait: Gait, settings: Settings): void {
   const { strides, gaps, unpaired } = gait;
   const both = ({ left, right }: { left: number; right: number }) => `${left} left, ${right} right`;
   const compared = gait.has_both_feet ? ""
-    : "The feet are not compared, because a foot has no steps, or walked at another time, or without this device, so that its times " +
-      "are not exact. ";
+    : "The feet are not compared, because a foot has no steps, or walked at another time, or has too few steps with exact " +
+      "times: steps that an insole stored while it was not connected have inexact times. ";
   fill("both-feet-note", [
     `${compared}Strides in use: ${both(strides)}, of the last ${LATEST_STEPS} steps of each foot. Not used, because of a pause ` +
       `or a missing step: ${both(gaps)}; without exactly one step of the other foot: ${both(unpaired)}.`,

@@ -9,7 +9,7 @@ import type { Wire } from "./wire";
 /** The measures are computed from this number of the last steps of each foot. */
 export const LATEST_STEPS = 100;
 
-/** Number of steps of each foot with exact times from which on the feet are compared, as in `plantar gait`. */
+/** The feet are compared if this number of the steps of each foot, or half of them, have exact times, as in `plantar gait`. */
 const COMPARED_STEPS = 10;
 
 /** The steps of one foot. */
@@ -28,9 +28,9 @@ function comparable(steps: readonly StoredStep[]): StoredStep[] {
 
 /**
  * The measures of both feet. Steps of a foot that cannot be compared in time with its other ones are not used. The feet are
- * compared if the times of the newest step of each foot, and of {@link COMPARED_STEPS} or of half of its steps, are exact enough;
- * only those are used then. If the steps of one foot are all earlier than those of the other one, only the foot that walked last
- * is measured.
+ * compared if the time of the newest step of each foot is exact, and those of at least {@link COMPARED_STEPS} or of half of its
+ * steps; then only steps with exact times are used. If the steps of one foot are all earlier than those of the other one, only
+ * the foot that walked last is measured.
  */
 export function gaitOf(wire: Wire, { steps, bouts, alerts }: Pick<Records, "steps" | "bouts" | "alerts">, settings: Settings): Gait {
   const latest = SIDES.map((side) => comparable(stepsOf(steps, side)).slice(-LATEST_STEPS));

@@ -1,5 +1,6 @@
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
 import { App } from "../src/app";
+import type { Step } from "../src/generated/quantities";
 import { NOT_DELETED } from "../src/identify_controller";
 import { DatabaseStorage, type NewRecord, TemporaryStorage } from "../src/step_storage";
 import { StepStore } from "../src/step_store";
@@ -20,6 +21,7 @@ beforeEach(() => {
 });
 
 afterEach(() => {
+  vi.restoreAllMocks();
   vi.useRealTimers();
   vi.unstubAllGlobals();
 });
@@ -104,21 +106,34 @@ test("the steps are deleted although those of an identification in another tab r
   expect([storage.records.size, items.has("plantar.cleared_ms")]).toEqual([0, true]);
 });
 
-test("steps that were walked without this device are stored with the remark that their times are not exact", async () => {
+test("steps that were walked without this device are marked as having inexact times", async () => {
   const { app, storage } = await start();
   storage.is_full = false;
   const session = app["insoles"].sessions[0]!;
   session.clock_mapping.clear();
-  session.clock_mapping.answer({ host_us: Date.now() * 1000, device_us: 7200e6 });
-  // Two hours ago; one second ago; in an earlier run of the insole.
-  for (const values of [{ start_s: 0 }, { start_s: 7199 }, { start_s: 7199, starts_ago: 1, start_unix_s: 1.8e9 }]) {
+  /** The insole answers requests for its time, which were sent after its hello. */
+  const answer = (count: number) => {
+    const time = { kind: "time", host_us: session["clock_since_us"], device_us: 7200e6 } as const;
+    const decode = vi.spyOn(wire, "decode").mockReturnValue(time);
+    for (let i = 0; i < count; i++) session.receive(new Uint8Array(1), performance.now());
+    decode.mockRestore();
+  };
+  const receive = (values: Partial<Step>) => {
     const walked = step({ step: 100, ...values });
     app["onRecord"]({ kind: "step", key: JSON.stringify(values), step: walked }, new Uint8Array(1), session);
-  }
+  };
+  // A single request may have been delayed.
+  answer(1);
+  receive({ start_s: 7198 });
+  answer(2);
+  // Two hours ago; one second ago; in an earlier run of the insole.
+  const later: Partial<Step>[] = [{ start_s: 0 }, { start_s: 7199 }, { start_s: 7199, starts_ago: 1, start_unix_s: 1.8e9 }];
+  later.forEach(receive);
   await vi.advanceTimersByTimeAsync(1);
-  expect(app["store"].latest.steps.slice(-3).map(({ is_comparable }) => Boolean(is_comparable))).toEqual([false, true, false]);
-  const stored = [...storage.records.values()].slice(-3);
-  expect(stored.map(({ is_comparable }) => Boolean(is_comparable))).toEqual([false, true, false]);
+  const expected = [false, false, true, false];
+  expect(app["store"].latest.steps.slice(-4).map(({ is_comparable }) => Boolean(is_comparable))).toEqual(expected);
+  const stored = [...storage.records.values()].slice(-4);
+  expect(stored.map(({ is_comparable }) => Boolean(is_comparable))).toEqual(expected);
 });
 
 test("an insole that is connected while a recording is loading does not lose its steps", async () => {
@@ -144,5 +159,4 @@ test("an insole that is connected while a recording is loading does not lose its
   await vi.advanceTimersByTimeAsync(2000);
   expect(storage.records.size).toBe(6);
   expect(send).toHaveBeenCalledWith(0, wire.acknowledge(5));
-  vi.restoreAllMocks();
 });

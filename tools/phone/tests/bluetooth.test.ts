@@ -9,7 +9,10 @@ import { loadWire } from "./wire";
 const wire = await loadWire();
 const { gatt } = wire.facts;
 
-afterEach(() => void vi.unstubAllGlobals());
+afterEach(() => {
+  vi.useRealTimers();
+  vi.unstubAllGlobals();
+});
 
 const notFound = () => Promise.reject(new DOMException("", "NotFoundError"));
 const ignore = () => undefined;
@@ -91,7 +94,6 @@ test("an insole that refuses the pairing when the page connects again does not c
   const out_of_reach = "out of reach or switched off";
   expect(log).toEqual(["opened", out_of_reach, refused, refused, "opened", out_of_reach]);
   transport.close();
-  vi.useRealTimers();
 });
 
 test("a device without a link is reported with the remedy, and so is an error without a message", async () => {
@@ -105,10 +107,11 @@ const LONG_MS = 1000;
 
 /**
  * An insole that is connected, and measures its battery. As on Android, an operation takes some time, and fails while another
- * one is in progress. `writes` lists the first byte of each request that was written; `hold` delays the writes until it resolves.
+ * one is in progress. `writes` lists the requests that were written; `hold` delays the writes until it resolves.
+ * `opened` is called when the page reports the link as open, with the number of reports of the battery so far.
  */
-async function connectBusy(opened: (transport: BluetoothTransport) => void = ignore) {
-  const writes: number[] = [];
+async function connectBusy(opened: (transport: BluetoothTransport, reports: number) => void = ignore) {
+  const writes: Uint8Array[] = [];
   const control = { hold: Promise.resolve() };
   let is_busy = false;
   const operate = async <T>(result: T): Promise<T> => {
@@ -122,14 +125,15 @@ async function connectBusy(opened: (transport: BluetoothTransport) => void = ign
   const characteristic = {
     startNotifications: () => operate(undefined),
     readValue: () => operate(new DataView(Uint8Array.of(70).buffer)),
-    // The byte before the message is the header of its fragment.
-    writeValueWithResponse: (value: Uint8Array) => operate(undefined).then(() => writes.push(value[1]!)),
+    // The byte before the message is the header of its only fragment.
+    writeValueWithResponse: (value: Uint8Array) => operate(undefined).then(() => writes.push(value.slice(1))),
   };
   const service = { getCharacteristic: () => operate({ ...characteristic }) };
   const server = { connected: true, connect: async () => server, disconnect: ignore, getPrimaryService: () => operate(service) };
   const device = Object.assign(new EventTarget(), { id: "1", gatt: server }) as unknown as BluetoothDevice;
   const battery = vi.fn();
-  const transport = new BluetoothTransport(gatt, { ...events, battery, opened: () => opened(transport) });
+  const reportOpened = () => opened(transport, battery.mock.calls.length);
+  const transport: BluetoothTransport = new BluetoothTransport(gatt, { ...events, battery, opened: reportOpened });
   const connected = transport.connect(device);
   await vi.advanceTimersByTimeAsync(LONG_MS);
   await connected;
@@ -139,11 +143,28 @@ async function connectBusy(opened: (transport: BluetoothTransport) => void = ign
 test("the battery and the requests are not accessed at the same time, because one of both would fail on Android", async () => {
   vi.useFakeTimers();
   const requests = [wire.connect(), wire.getStatus()];
-  const { writes, battery, transport } = await connectBusy((opened) => requests.forEach((request) => opened.send(0, request)));
-  expect(battery.mock.calls).toEqual([[0, 70]]);
-  expect(writes).toEqual(requests.map(([kind]) => kind));
+  let reports_before = 0;
+  const { writes, battery, transport } = await connectBusy((opened, reports) => {
+    reports_before = reports;
+    requests.forEach((request) => opened.send(0, request));
+  });
+  expect([battery.mock.calls, reports_before]).toEqual([[[0, 70]], 1]);
+  expect(writes).toEqual(requests);
   transport.close();
-  vi.useRealTimers();
+});
+
+test("a link that breaks while the battery is read does not count as open", async () => {
+  const { device, gatt: link, end } = insole(() => Promise.resolve());
+  const { getPrimaryService } = link;
+  link.getPrimaryService = (uuid) => {
+    if (uuid === "battery_service") end();
+    return getPrimaryService(uuid);
+  };
+  const opened = vi.fn();
+  const transport = new BluetoothTransport(gatt, { ...events, opened });
+  const error = await transport.connect(device as unknown as BluetoothDevice).catch((error: unknown) => error);
+  expect(explain(error)).toMatch(/did not answer. Move it closer/);
+  expect(opened).not.toHaveBeenCalled();
 });
 
 test("requests of one kind do not pile up while a write is not answered", async () => {
@@ -156,10 +177,9 @@ test("requests of one kind do not pile up while a write is not answered", async 
   transport.send(0, wire.getTime(10));
   release();
   await vi.advanceTimersByTimeAsync(LONG_MS);
-  const [time, connect] = [wire.getTime(0)[0], wire.connect()[0]];
-  expect(writes).toEqual([time, connect, time]);
+  // Of the requests that waited, the newest one of each kind was written.
+  expect(writes).toEqual([wire.getTime(9), wire.connect(), wire.getTime(10)]);
   transport.close();
-  vi.useRealTimers();
 });
 
 test("the page does not wait for an insole of which the first connection failed", async () => {

@@ -182,7 +182,7 @@ test("steps that arrive before the time of the insole is known wait for it in th
   receive(1, 10);
   receive(2, 20);
   expect(numbers()).toEqual([]);
-  // A single answer may be late.
+  // A single request may have been delayed.
   receive(4, 30);
   receive(4, 31);
   expect(numbers()).toEqual([]);
@@ -382,6 +382,16 @@ test("a hello after a reconnection is passed on with the foot that it names", ()
   const { open, identify, message } = startInsoles();
   identify(0, "left");
   open();
+  identify(0, "right");
+  expect(message.mock.calls.map(([, side]) => side)).toEqual(["left", "right"]);
+});
+
+test("a hello without a reconnection is passed on with the foot that it names, after the insole was silent", () => {
+  const { insoles, identify, message, states } = startInsoles();
+  identify(0, "left");
+  const begin_ms = performance.now();
+  for (let passed_ms = 250; passed_ms < TIMEOUT_MS + 1000; passed_ms += 250) insoles.tick(begin_ms + passed_ms);
+  expect(states()).toEqual(["lost", "waiting"]);
   identify(0, "right");
   expect(message.mock.calls.map(([, side]) => side)).toEqual(["left", "right"]);
 });

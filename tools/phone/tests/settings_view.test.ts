@@ -32,7 +32,8 @@ test("the details of an insole state how many records it lost, and the possible 
   expect(details(0)).not.toContain("lost, because");
   expect(details(7)).toContain(
     "7 steps, load bouts and alerts were lost, because the insole's memory was full, or because it could not " +
-      "store them (low battery, or a fault of its memory), or because this page was too far behind.",
+      "store them (low battery, or a fault of its memory), or because plantar serve had to delete them before this page " +
+      "received them.",
   );
 });
 

@@ -153,9 +153,9 @@ impl GaitCommand {
         let length = self.stride_length.map(Length::Stride).or(self.distance.map(Length::Walk));
         if has_steps(&steps, Side::Left) && has_steps(&steps, Side::Right) && !has_common_clock {
             eprintln!(
-                "note: the steps have no common clock, so the feet are not compared: the clocks of two insoles drift apart, and \
-                 are not compared for steps that are stored while no host is connected, nor in recordings of all cells. Record \
-                 both feet during the walk with `plantar serve --record`, `plantar record` or the page"
+                "note: the feet are not compared, because too few steps of each foot have an exact time on a common \
+                 clock. Steps that an insole stored without a host, and recordings of all cells, have no such time. \
+                 Record both feet during the walk with `plantar serve --record`, `plantar record` or the page"
             );
         }
         print(&gait, length);

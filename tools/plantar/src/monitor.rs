@@ -88,7 +88,7 @@ pub fn follow(connection: &Connection, insole: &mut InsoleLink, view: &mut View,
             Event::Message(ToHost::Cells(frame)) => sink.cells(&frame)?,
             Event::Message(_) | Event::Started(SessionStart::Connected) | Event::Timeout => {}
             Event::Started(start) => {
-                let misses_frames = insole.misses_frames();
+                let meanwhile = insole.meanwhile();
                 let hello = insole.client().hello();
                 ensure!(
                     hello.side == side,
@@ -98,7 +98,7 @@ pub fn follow(connection: &Connection, insole: &mut InsoleLink, view: &mut View,
                     side.name()
                 );
                 match start {
-                    SessionStart::AfterSilence => view.answered_after_silence(hello, misses_frames),
+                    SessionStart::AfterSilence => view.answered_after_silence(hello, meanwhile),
                     SessionStart::Connected | SessionStart::Reconnected | SessionStart::AfterOtherHost => {
                         view.reconnected(hello);
                     }

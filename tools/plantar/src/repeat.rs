@@ -33,8 +33,13 @@ use study::{Person, fits};
 /// If people have different numbers of trials of a foot, the first trials of
 /// each, in the order of the names of the recordings, are used.
 ///
+/// Incomplete results of fitted regions are named, with recording and region. A
+/// region that was not fitted has no values in this trial and is not named, and a
+/// measurement of the tissue that is out of range is a note; neither changes the
+/// exit status. `plantar fit` of the recording states why a region was not fitted.
+///
 /// Exit status: 0 if all participants and recordings can be used, 3 if some
-/// cannot, or if a trial has an incomplete result, as by `plantar fit`, 2 if the
+/// cannot, or if the result of a fitted region of a trial is incomplete, 2 if the
 /// arguments are wrong, and 1 after another error, for example if there are too
 /// few trials to compare.
 #[derive(Args)]
@@ -109,8 +114,8 @@ impl Repeat {
         left_out.extend(all.iter().flat_map(|person| person.left_out.clone()));
         let people: Vec<(&str, &[Trial])> = all.iter().map(Trials::named).collect();
         let least_people = if study.is_some() { 2 } else { 1 };
-        let (feet, single) = repeatability(&people, least_people);
-        left_out.extend(agreement::left_out(&people, least_people, &feet, &single));
+        let (feet, _) = repeatability(&people, least_people);
+        left_out.extend(agreement::left_out(&people, least_people));
         left_out.iter().for_each(|reason| eprintln!("left out: {reason}"));
         let incomplete: Vec<String> = all.iter().flat_map(|person| person.incomplete.clone()).collect();
         incomplete.iter().for_each(|defect| eprintln!("incomplete: {defect}"));

@@ -5,7 +5,7 @@ use crate::records::{alert_line, bout_line};
 use crate::signals::Signals;
 use crate::summary::REGION_LABELS;
 use anyhow::Result;
-use client::LinkCounters;
+use client::{LinkCounters, Meanwhile};
 use parameters::{DeformationScale, deformation_title};
 use plantar::protocol::{Hello, Live, LoadRecord, Step};
 use ratatui::buffer::Buffer;
@@ -52,7 +52,7 @@ pub struct View {
     step_count: usize,
     /// The advice of the last alert, and when it ends.
     alert: Option<(String, Instant)>,
-    /// Why the link is lost, and the remedy; or that the insole answers again after a silence; otherwise empty.
+    /// Why the link is lost, and the remedy; or why the insole sent no frames before it answered again; otherwise empty.
     notice: String,
     /// True once the user has ended the session, by a key or a signal.
     has_ended: bool,
@@ -101,18 +101,19 @@ impl View {
         }
     }
 
-    /// Shows that the insole answers again after a silence, and the reason for its last reset, because a restart may have
-    /// caused the silence; or that its matrix does not answer, if `misses_frames`.
-    pub fn answered_after_silence(&mut self, hello: &Hello, misses_frames: bool) {
+    /// Shows why the insole sent no frames before it answered again: a restart, with its reason, or its matrix, which does not
+    /// answer. If neither is known, shows that the insole has not restarted.
+    pub fn answered_after_silence(&mut self, hello: &Hello, meanwhile: Meanwhile) {
         self.column_names = column_names(hello);
         let failure = hello.fault.as_deref().unwrap_or("no failure reported");
         let reset = hello.reset.name();
-        let notice = match misses_frames {
-            true => NO_FRAMES.into(),
-            false => format!("the insole answers again, and may have restarted (last reset: {reset}, {failure})"),
+        let notice = match meanwhile {
+            Meanwhile::Restarted => format!("the insole has restarted (last reset: {reset}, {failure})"),
+            Meanwhile::NoFrames => NO_FRAMES.into(),
+            Meanwhile::Frames => "the insole sent no frames for 2 s, and has not restarted".into(),
         };
         // A matrix that does not answer causes a new session every two seconds.
-        if self.terminal.is_none() && !(misses_frames && notice == self.notice) {
+        if self.terminal.is_none() && !(meanwhile == Meanwhile::NoFrames && notice == self.notice) {
             println!("{notice}");
         }
         self.notice = notice;
@@ -176,7 +177,7 @@ impl View {
                 if self.terminal.is_none() {
                     let when = match (remaining, age) {
                         (Some(_), _) => String::new(),
-                        (None, Some(age)) => format!("{} min ago: ", age.as_secs() / 60),
+                        (None, Some(age)) => format!("{} ago: ", age_text(age)),
                         (None, None) => "at an unknown time: ".into(),
                     };
                     println!("{when}{}", alert_line(alert));
@@ -340,6 +341,15 @@ fn column_names(hello: &Hello) -> String {
     format!(" area: {area}; deform: {deformation} ")
 }
 
+/// An age in minutes up to two hours, then in hours up to two days, then in days.
+fn age_text(age: Duration) -> String {
+    match age.as_secs() / 60 {
+        minutes if minutes <= 120 => format!("{minutes} min"),
+        minutes if minutes <= 2880 => format!("{} h", minutes / 60),
+        minutes => format!("{} days", minutes / 1440),
+    }
+}
+
 /// A line with a step's number, its times, and the measured peak force of each region, N.
 fn step_line(step: &Step) -> String {
     let peaks: Vec<_> = REGION_LABELS
@@ -469,7 +479,8 @@ mod tests {
         let advice = show_longest_alert(&mut view);
         view.step(&testkit::step(4321));
         let failure = "a long failure, ".repeat(MAX_FAULT_TEXT / 16);
-        view.answered_after_silence(&Hello { fault: Some(testkit::text(&failure)), ..testkit::hello() }, false);
+        let hello = Hello { fault: Some(testkit::text(&failure)), ..testkit::hello() };
+        view.answered_after_silence(&hello, Meanwhile::Restarted);
         let screen = screen(&view);
         for text in ["4321", "q: end", &failure, &advice] {
             assert!(shows(&screen, text), "{text}");
@@ -494,9 +505,15 @@ mod tests {
     }
 
     #[test]
+    fn ages_of_alerts_are_in_minutes_hours_or_days() {
+        let texts = [7, 120, 121, 2880, 2881, 20_000].map(|minutes| age_text(Duration::from_secs(60 * minutes)));
+        assert_eq!(texts, ["7 min", "120 min", "2 h", "48 h", "2 days", "13 days"]);
+    }
+
+    #[test]
     fn a_matrix_that_does_not_answer_is_named_instead_of_a_restart_until_a_frame_arrives() {
         let mut view = view();
-        view.answered_after_silence(&testkit::hello(), true);
+        view.answered_after_silence(&testkit::hello(), Meanwhile::NoFrames);
         let before = screen(&view);
         assert!(shows(&before, NO_FRAMES) && !before.contains("restarted"));
         view.live(&Live::default(), LinkCounters::default()).expect("no terminal");

@@ -121,7 +121,6 @@ fn single_trials_are_left_out_with_the_remedy_and_extra_trials_are_not_used() {
     assert_eq!(csv_rows(&path.join("before.csv")), csv_rows(&path.join("after.csv")), "{before}");
 }
 
-/// A copy would be a trial without an error of measurement.
 #[test]
 fn incomplete_results_of_trials_are_named() {
     let (_folder, path) = study();
@@ -139,6 +138,7 @@ fn incomplete_results_of_trials_are_named() {
     assert_eq!(json(&path.join("r.json"))["incomplete"].as_array().map(Vec::len), Some(2));
 }
 
+/// A copy would be a trial without an error of measurement.
 #[test]
 fn copies_of_recordings_are_left_out_and_named() {
     let (_folder, path) = study();
@@ -215,7 +215,12 @@ fn the_recordings_of_one_person_are_compared_without_an_icc() {
     fs::remove_file(path.join("people/cid/b.parquet")).expect("removed");
     let (status, text) = plantar(&path, "repeat people");
     assert_eq!(status, Some(1), "{text}");
-    for words in ["ann, left foot: nobody else", "cid, left foot: only one", "two or more people with two or more"] {
+    for words in [
+        "ann, left foot: nobody else",
+        "compare the recordings of this person alone, without other people",
+        "cid, left foot: only one",
+        "two or more people with two or more",
+    ] {
         assert!(text.contains(words), "{words}: {text}");
     }
 }

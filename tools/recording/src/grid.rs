@@ -158,18 +158,19 @@ impl Frames {
         let ends = [("first", "heel strike", "before", sums.first()), ("last", "toe off", "after", sums.last())];
         for (name, event, place, sum) in ends {
             let Some(&sum) = sum else { continue };
-            let advice = if newtons(sum) >= f64::from(StanceRule::ADAPTIVE.release_n) {
-                format!(
-                    "the contact does not become a step, because its {event} is missing; export unloaded frames {place} \
-                     it"
-                )
+            let (force_n, release_n) = (newtons(sum), f64::from(StanceRule::ADAPTIVE.release_n));
+            if force_n >= release_n {
+                remarks.push(format!(
+                    "{the} {name} frame carries {force_n:.0} N: from {release_n:.0} N on, the contact does not become \
+                     a step, because its {event} is missing; export unloaded frames {place} it."
+                ));
             } else if sum > CUT_SHARE * most {
-                "a part of the contact may be missing; export all of it".to_owned()
-            } else {
-                continue;
-            };
-            let percent = 100.0 * sum / most;
-            remarks.push(format!("{the} {name} frame carries {percent:.0} % of the largest load: {advice}."));
+                let percent = 100.0 * sum / most;
+                remarks.push(format!(
+                    "{the} {name} frame carries {percent:.0} % of the largest load: a part of the contact may be \
+                     missing; export all of it."
+                ));
+            }
         }
     }
 }

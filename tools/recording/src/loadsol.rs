@@ -12,7 +12,7 @@
 
 use crate::assembly::UncheckedRecording;
 use crate::separators::Separators;
-use crate::table::{another_measurement, at_line, check_later, check_width, file_name};
+use crate::table::{another_measurement, at_line, check_later, file_name};
 use crate::text::{decode, number, parse_number, shortened};
 use crate::totals::Totals;
 use crate::{Cell, Error, Export, Result, units};
@@ -79,14 +79,15 @@ fn is_time(unit: &str) -> bool {
 /// Separators by which a file is recognised. Only tabs are read.
 const SEPARATORS: [char; 3] = ['\t', ';', ','];
 
-/// True for the text of a loadsol export, also of insoles without zones: [`parse`] refuses them with the reason.
+/// True for the text of a loadsol export. Between tabs, also that of insoles without zones: [`parse`] refuses them with the
+/// reason.
 pub fn recognise(text: &str) -> bool {
-    let Some(units) = SEPARATORS.iter().find_map(|separator| units_line(text, *separator)) else { return false };
+    let found = SEPARATORS.into_iter().find_map(|separator| units_line(text, separator).map(|line| (separator, line)));
+    let Some((separator, units)) = found else { return false };
     let names = units.checked_sub(1).and_then(|line| text.lines().nth(line)).unwrap_or_default();
-    names
-        .split(SEPARATORS)
-        .map(ColumnName::of)
-        .any(|name| name.zone.is_some() || !matches!(foot_of(&name.words, name.words.len()), Foot::None))
+    let has_foot = |name: &ColumnName| !matches!(foot_of(&name.words, name.words.len()), Foot::None);
+    // A table of another program, with commas or semicolons, can have forces of the left and the right foot, too.
+    names.split(SEPARATORS).map(ColumnName::of).any(|name| name.zone.is_some() || separator == '\t' && has_foot(&name))
 }
 
 /// Imports the feet of an export. `side` restricts the import to one foot.
@@ -125,7 +126,9 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
             let place = || at_line(path, line);
             // A row of a frame begins with its time. Behind its last field, there may be empty ones.
             if fields.len() < units.len() && parse_number(field(0)).is_some() {
-                check_width(fields.len(), units.len(), &place)?;
+                let problem = format!("the row ends after {} of {} fields", fields.len(), units.len());
+                let remedy = "the file is incomplete: export or copy the measurement again";
+                return Err(Error::content(place(), problem, remedy));
             }
             let columns = insole.zones.iter().map(|(column, _)| *column);
             let values: Vec<&str> = columns.clone().chain([insole.time_column]).map(field).collect();

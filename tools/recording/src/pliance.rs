@@ -136,7 +136,7 @@ struct Places {
 /// The places of the sensors from their corners.
 fn places(text: &str, sensors: usize, path: &Path) -> Result<Places> {
     let first = usize::from(!has_line(text, FIRST_CORNER[0]));
-    let corners: [_; 8] = std::array::from_fn(|i| {
+    let corner = |i: usize| {
         let name = format!("{}[{}]", ["x", "y"][i % 2], first + i / 2);
         let line = text.lines().find_map(|row| strip_name(row, &name));
         let values = line.map(|row| row.split_whitespace().filter_map(parse_number).collect::<Vec<f64>>());
@@ -149,11 +149,8 @@ fn places(text: &str, sensors: usize, path: &Path) -> Result<Places> {
                 "export the measurement with the corners of the sensors",
             )
         })
-    });
-    let mut coordinates = Vec::with_capacity(corners.len());
-    for corner in corners {
-        coordinates.push(corner?);
-    }
+    };
+    let coordinates = (0..8).map(corner).collect::<Result<Vec<Vec<f64>>>>()?;
     let extent = |axis: usize, sensor: usize| {
         let values = [0, 2, 4, 6].map(|corner| 10.0 * coordinates[corner + axis][sensor]);
         let fold = |start: f64, combine: fn(f64, f64) -> f64| values.into_iter().fold(start, combine);

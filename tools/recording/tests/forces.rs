@@ -161,11 +161,11 @@ fn loadsol_rows_that_are_cut_off_or_repeat_only_the_time_are_refused() {
     assert_message(parse(Format::Loadsol, &other), "walk.txt:205: ", &["time 1 s is repeated"]);
     // The last row ends within its first force, or behind it.
     let (whole, _) = text.rsplit_once("0.000\t0.000\t0.000\t0.000\t1.995").expect("a last row");
-    for end in ["0.0", "0.000\t"] {
+    for (end, fields) in [("0.0", 2), ("0.000\t", 3)] {
         assert_message(
             parse(Format::Loadsol, &format!("{whole}{end}")),
             "walk.txt:404: ",
-            &["columns, the header has 24"],
+            &[format!("the row ends after {fields} of 24 fields").as_str(), "export or copy the measurement again"],
         );
     }
 }
@@ -176,6 +176,8 @@ fn loadsol_insoles_without_zones_are_named_as_such() {
                 0.000\t25.000\t0.000\t877.500\t\t\n0.005\t25.000\t0.005\t873.990\t\t\n";
     assert_eq!(Format::recognise(text.as_bytes(), "walk.txt".as_ref()).unwrap(), Format::Loadsol);
     assert_message(parse(Format::Loadsol, text), "walk.txt:3: ", &["ABC123-L", "no zone", "total force alone"]);
+    // Without zones, a table with commas can be that of any program.
+    assert!(Format::recognise(text.replace('\t', ",").as_bytes(), "walk.txt".as_ref()).is_err());
 }
 
 #[test]

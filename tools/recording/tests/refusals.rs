@@ -180,12 +180,12 @@ fn a_contact_on_a_plate_that_cannot_become_a_step_leads_to_a_remark() {
     assert_eq!(remarks("25", "25"), "");
     assert_eq!(
         remarks("50", "25"),
-        "Left foot: the first frame carries 15 % of the largest load: the contact does not become a step, because its heel \
+        "Left foot: the first frame carries 120 N: from 70 N on, the contact does not become a step, because its heel \
          strike is missing; export unloaded frames before it."
     );
     assert_eq!(
         remarks("25", "50"),
-        "Left foot: the last frame carries 15 % of the largest load: the contact does not become a step, because its toe \
+        "Left foot: the last frame carries 120 N: from 70 N on, the contact does not become a step, because its toe \
          off is missing; export unloaded frames after it."
     );
 }

@@ -534,8 +534,9 @@ impl Page {
             }
             Some(acknowledgement @ ToDevice::Acknowledge { number }) => {
                 if link.has_sent(number) {
-                    let is_later = |record: &&mut LoadRecord| record.number() != number;
-                    let position = *next - link.records_mut().skip_while(is_later).count();
+                    // True for all records but the acknowledged one, at which the search for its position ends.
+                    let is_other = |record: &&mut LoadRecord| record.number() != number;
+                    let position = *next - link.records_mut().skip_while(is_other).count();
                     link.receive(acknowledgement, NO_CLOCK_US);
                     insole.acknowledged_by_page(position);
                 }

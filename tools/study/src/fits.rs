@@ -46,7 +46,8 @@ pub fn rows<'a>(person: &Person, recording: impl Into<FrameSource<'a>>, path: &P
 }
 
 /// The values of a recording of a person, and the defects of the fits ([`RegionFit::defects`]), each with the name of its region.
-/// Each region is fitted to all steps of the recording. `path` is the file of the recording.
+/// Each region is fitted to all steps of the recording. A region that could not be fitted has no values and no defects. `path` is
+/// the file of the recording.
 ///
 /// # Errors
 /// Fails if the recording cannot be evaluated, has no complete step, or no region could be fitted. The message names `path`.

@@ -73,7 +73,8 @@ live_due: number,
 live_sent: number, steps: number,
 /** Number that the next step, load bout or alert will have. The numbering continues after a restart. */
 next_record: number,
-/** Unacknowledged records that were dropped, because there was no space or they could not be stored. */
+/** Unacknowledged records that were dropped, because there was no space or they could not be stored; with `plantar serve`
+ * also those that it deleted before this page received them. */
 records_dropped: number,
 /** Damaged or unknown messages that the insole received. */
 bad_frames: number,

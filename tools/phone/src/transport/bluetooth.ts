@@ -31,9 +31,9 @@ interface Connected {
   control?: BluetoothRemoteGATTCharacteristic | undefined;
   /** The characteristic to which requests for parameters are written; `undefined` while there is no connection. */
   parameters?: BluetoothRemoteGATTCharacteristic | undefined;
-  /** Resolves after the last operation. The next write waits for it, because operations must not overlap. */
+  /** Resolves after the last write. The next one waits for it, because operations must not overlap. */
   writing: Promise<void>;
-  /** The requests that wait to be written, by their kinds. */
+  /** The requests that wait to be written, by kind, which is the first byte of the encoded request. */
   waiting: Map<number, Uint8Array>;
 }
 
@@ -134,8 +134,11 @@ export class BluetoothTransport implements Transport {
       });
     }
     connected.reason = OUT_OF_REACH;
-    // The battery service is optional. The first request waits for it, because Android rejects operations that overlap.
-    connected.writing = this.followBattery(insole, server).catch(() => undefined);
+    // The battery service is optional. The link counts as open only after its operations, because the page then sends requests,
+    // and Android rejects operations that overlap.
+    await this.followBattery(insole, server).catch(() => undefined);
+    if (!server.connected) throw new DOMException("The link broke.", "NetworkError");
+    connected.writing = Promise.resolve();
     connected.waiting = new Map();
     connected.control = control;
     connected.parameters = parameters;
@@ -159,12 +162,13 @@ export class BluetoothTransport implements Transport {
     const channel = isOfParameters ? connected?.parameters : connected?.control;
     if (!connected || !channel) return;
     const { waiting } = connected;
-    // A request replaces a waiting one of the same kind, so that few wait when a poor link recovers.
+    // A request replaces a waiting one of the same kind, so that few wait when a poor link recovers. A later request of a kind
+    // makes the earlier one unnecessary: for example, an acknowledgement covers all earlier records.
     const is_queued = waiting.has(kind);
     waiting.set(kind, message);
     if (is_queued) return;
     const write = async () => {
-      const latest = waiting.get(kind) ?? message;
+      const latest = waiting.get(kind)!;
       waiting.delete(kind);
       for (const value of fragments(latest, VALUE_BYTES)) await channel.writeValueWithResponse(value);
     };

@@ -31,7 +31,7 @@ export interface Transport {
   readonly location: string;
   /** True if the messages come from a recording. Their steps must not be stored as the wearer's steps. */
   readonly is_replay: boolean;
-  /** True if no insole is connected, and none is awaited. */
+  /** True if no insole is connected, and none is awaited. Absent for transports that always await insoles. */
   readonly is_idle?: boolean;
   /**
    * True if the page must detect missing records, and request them again. Not for `plantar serve`: while its link is open, no

@@ -144,7 +144,8 @@ pub(crate) struct Status {
     steps: u32,
     /// Number that the next step, load bout or alert will have. The numbering continues after a restart.
     next_record: u32,
-    /// Unacknowledged records that were dropped, because there was no space or they could not be stored.
+    /// Unacknowledged records that were dropped, because there was no space or they could not be stored; with `plantar serve`
+    /// also those that it deleted before this page received them.
     records_dropped: u32,
     /// Damaged or unknown messages that the insole received.
     bad_frames: u32,

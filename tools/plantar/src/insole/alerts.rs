@@ -48,7 +48,8 @@ pub struct AlertArgs {
     /// Time at which the wearer's day begins, minutes after midnight UTC, below 1440.
     #[arg(long, value_name = "MIN", value_parser = clap::value_parser!(u16).range(..1440))]
     day_start: Option<u16>,
-    /// Raise no alerts for this time from now, minutes, up to 720; with 0, alerts can be raised again at once.
+    /// Raise no alerts for at least this time from now, minutes, up to 720; a longer pause or snooze continues. With 0, both end
+    /// at once.
     #[arg(long, value_name = "MIN", value_parser = clap::value_parser!(u16).range(0..=720))]
     snooze: Option<u16>,
 }

@@ -116,7 +116,7 @@ fn setup_in_use(client: &mut AnyClient) -> Result<Option<Setup>> {
     }
 }
 
-/// True if the insole uses the settings that it stores since its last start: its hello identifies the settings in use. Also true
+/// True if the stored settings are those that the insole adopted at its last start; its hello identifies those in use. Also true
 /// for an insole without a valid layout.
 fn are_used(client: &mut AnyClient) -> Result<bool> {
     let Some(Setup { layout_id, .. }) = setup_in_use(client)? else { return Ok(true) };

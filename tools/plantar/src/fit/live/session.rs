@@ -29,6 +29,9 @@ const STEP_COLUMNS: [&str; 11] = [
     "contact_off_kpa",
     "contact_full_kpa",
 ];
+/// True if the start of the step is exact enough to compare the feet. Tables of earlier versions of this program do not have this
+/// column, so it is read from the tables that have it.
+const IS_COMPARABLE: &str = "is_start_comparable";
 
 /// Reads the live frames and the steps in the folder; `None` if it has neither table. Fails if only one of the two is missing, or
 /// if there are no steps in sessions with live frames.
@@ -125,17 +128,17 @@ fn records(folder: &Path) -> Result<BTreeMap<i32, Vec<Step>>> {
 
 /// The steps in the folder with the times of their heel strikes on the clock of the host, s since 1970, and whether these are
 /// exact enough to compare the feet, in the order of their arrival. Only the quantities that the measures of both feet use are
-/// read.
+/// read. In a table without the column `is_start_comparable`, no time is exact enough.
 pub fn timed_steps(folder: &Path) -> Result<Vec<(Step, Option<f64>, bool)>> {
-    let times = ["start_unix_s", "is_start_comparable"];
-    let columns = [&STEP_COLUMNS[..], &times, &["foot_force_peak_n", "foot_force_integral_n_s"]].concat();
+    let columns = [&STEP_COLUMNS[..], &["start_unix_s", "foot_force_peak_n", "foot_force_integral_n_s"]].concat();
     let mut steps = Vec::new();
     for_each_row(&folder.join("steps"), &columns, |row| {
         if row.region()? == 0 {
             let mut step = step_of(row, row.integer("step")? as u32)?;
             step.foot.peak_dn = (row.real("foot_force_peak_n")? * 10.0).round() as u16;
             step.foot.integral_dns = (row.real("foot_force_integral_n_s")? * 10.0).round() as u16;
-            steps.push((step, row.optional("start_unix_s")?, row.flag("is_start_comparable")?));
+            let is_comparable = row.flag(IS_COMPARABLE).unwrap_or(false);
+            steps.push((step, row.optional("start_unix_s")?, is_comparable));
         }
         Ok(())
     })?;
@@ -223,7 +226,7 @@ fn files(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
 fn read_file(path: &Path, columns: &[&'static str], act: &mut impl FnMut(&Row) -> Result<()>) -> Result<()> {
     let reader = SerializedFileReader::new(File::open(path)?)?;
     let schema = reader.metadata().file_metadata().schema();
-    let is_needed = |name: &str| columns.contains(&name);
+    let is_needed = |name: &str| columns.contains(&name) || name == IS_COMPARABLE;
     let fields: Vec<_> = schema.get_fields().iter().filter(|field| is_needed(field.name())).cloned().collect();
     if let Some(missing) = columns.iter().find(|column| fields.iter().all(|field| field.name() != **column)) {
         bail!("it has no column {missing}");
@@ -285,7 +288,7 @@ impl Row {
 
 #[cfg(test)]
 mod tests {
-    use super::frames;
+    use super::{REGION, STEP_COLUMNS, frames, timed_steps};
     use study::table::{self, Row};
 
     #[test]
@@ -306,5 +309,27 @@ mod tests {
         let sessions = frames(folder.path()).expect("frames");
         let times: Vec<u64> = sessions[&0].iter().map(|frame| frame.t_us).collect();
         assert_eq!(times, [10_000, 20_000]);
+    }
+
+    #[test]
+    fn the_steps_of_an_earlier_version_are_read_without_times_that_can_be_compared() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut row: Row = Vec::new();
+        for column in STEP_COLUMNS {
+            let value: table::Value = match column {
+                "session" | "step" | "starts_ago" => 0.into(),
+                "side" => "left".into(),
+                REGION => "heel".into(),
+                _ => 1.0.into(),
+            };
+            row.push((column, value));
+        }
+        for column in ["start_unix_s", "foot_force_peak_n", "foot_force_integral_n_s"] {
+            row.push((column, 1.0.into()));
+        }
+        table::write(&folder.path().join("steps/part-00000.parquet"), None, &[row]).expect("written");
+        let steps = timed_steps(folder.path()).expect("steps");
+        let times: Vec<_> = steps.iter().map(|(_, start_s, is_comparable)| (*start_s, *is_comparable)).collect();
+        assert_eq!(times, [(Some(1.0), false)]);
     }
 }
