@@ -148,7 +148,9 @@ def test_pushed_parameters_are_those_that_the_command_line_reads_from_the_insole
 @needs_insole
 def test_pushed_parameters_of_the_other_foot_and_typical_ones_are_named(tmp_path: pathlib.Path) -> None:
     params = tmp_path / "params.toml"
-    plantar.fit(walk(tmp_path / "walk.parquet", "--steps", 6, "--side", "right")).write(params)
+    # The simulated insole counts whole cells.
+    counted = plantar.Options(contact_full_kpa=0)
+    plantar.fit(walk(tmp_path / "walk.parquet", "--steps", 6, "--side", "right"), options=counted).write(params)
     with simulated(0) as (address, _), plantar.Insole.connect(tcp=address) as insole:
         with pytest.warns(UserWarning) as caught:
             insole.push(params)

@@ -242,8 +242,9 @@ fn the_area_at_half_of_the_force_repeats_better_than_the_exponent_n() {
             recording.write(person.join(format!("{first}.parquet"))).expect("written");
         }
     }
+    // The results of some regions are incomplete: their steps change within a recording, or only one of them could be used.
     let (status, text) = plantar(path, "repeat people --csv r.csv");
-    assert_eq!(status, Some(0), "{text}");
+    assert!(status == Some(3) && text.contains("incomplete: walker-1, 0, toe_2: only one step"), "{text}");
     println!("{text}");
     let rows = csv_rows(&path.join("r.csv"));
     let median_icc = |variable: &str| {
