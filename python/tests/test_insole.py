@@ -150,12 +150,12 @@ def test_pushed_parameters_of_the_other_foot_and_typical_ones_are_named(tmp_path
     params = tmp_path / "params.toml"
     # The simulated insole counts whole cells.
     counted = plantar.Options(contact_full_kpa=0)
-    plantar.fit(walk(tmp_path / "walk.parquet", "--steps", 6, "--side", "right"), options=counted).write(params)
+    plantar.fit(walk(tmp_path / "walk.parquet", "--steps", 6, "--side", "left"), options=counted).write(params)
     with simulated(0) as (address, _), plantar.Insole.connect(tcp=address) as insole:
         with pytest.warns(UserWarning) as caught:
             insole.push(params)
         notes = [str(warning.message) for warning in caught]
-        assert notes == ["the parameters were identified from the right foot, but this is the left foot"]
+        assert notes == ["the parameters were identified from the left foot, but this is the right foot"]
         params.write_text(params.read_text().replace('"toe_2", ', ""))
         with pytest.warns(UserWarning, match="the parameters of toe_2 are typical values"):
             insole.push(params)

@@ -15,6 +15,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let listener = TcpListener::bind("127.0.0.1:0")?;
     println!("{}", listener.local_addr()?);
     let mut session = Session::new();
+    // Without a contact rule of its own, the insole would refuse identified parameters.
+    session.set_layout(testkit::SETUP, &[], None);
     (0..steps).for_each(|number| session.push_record(testkit::step(number)));
     session.push_record(testkit::bout(steps));
     session.push_record(testkit::alert(steps + 1));

@@ -161,7 +161,7 @@ fn loadsol_rows_that_are_cut_off_or_repeat_only_the_time_are_refused() {
     assert_message(parse(Format::Loadsol, &other), "walk.txt:205: ", &["time 1 s is repeated"]);
     // The last row ends within its first force, or behind it.
     let (whole, _) = text.rsplit_once("0.000\t0.000\t0.000\t0.000\t1.995").expect("a last row");
-    for (end, fields) in [("0.0", 2), ("0.000\t", 3)] {
+    for (end, fields) in [("0.0", 14), ("0.000\t", 15)] {
         assert_message(
             parse(Format::Loadsol, &format!("{whole}{end}")),
             "walk.txt:404: ",
