@@ -264,7 +264,7 @@ def _evaluate(
 
 def _outcome(participant: str, rows: pyarrow.Table, is_cached: bool, left_out: list[str], notes: list[str]) -> Outcome:
     """The outcome of a participant with these rows."""
-    incomplete = tuple(f"{participant}, {defect}" for defect in defects_of(rows))
+    incomplete = tuple(f"{participant}, {recording}, {region}: {defect}" for recording, region, defect in defects_of(rows))
     return Outcome(participant, rows.num_rows // len(REGIONS), is_cached, tuple(left_out), incomplete, tuple(notes))
 
 

@@ -96,15 +96,15 @@ def fit_steps(recording: Recording | Path, *, options: Options = Options()) -> p
     table = pyarrow.Table.from_batches([person.rows(opened[0]._core)])
     # Python shows equal warnings of the same line only once. The recordings of several people can have equal file names, so the
     # path makes the warnings different.
-    _warn([f"incomplete: {opened[0].path}: {defect}" for defect in defects_of(table)])
+    _warn([f"incomplete: {opened[0].path}, {region}: {defect}" for _, region, defect in defects_of(table)])
     return table
 
 
-def defects_of(rows: pyarrow.Table) -> list[str]:
-    """The different defects in the rows of steps, each with the names of its recording and region."""
+def defects_of(rows: pyarrow.Table) -> list[tuple[str, str, str]]:
+    """The different defects in the rows of steps, each after the names of its recording and region."""
     columns = (rows.column(name).to_pylist() for name in ("recording", "region", "defects"))
     found = (
-        f"{recording}, {region}: {defect}"
+        (recording, region, defect)
         for recording, region, defects in zip(*columns, strict=True)
         for defect in (defects or "").split(" | ")
         if defect

@@ -23,6 +23,14 @@ const RECENT_US: u64 = 30_000_000;
 /// Longest time before the first or after the last request in use, us, at which the times of two insoles can be compared: within
 /// it, two clocks that differ by [`MAX_DRIFT`] drift apart by 10 ms.
 const COMPARABLE_US: u64 = 100_000_000;
+/// Number of steps of a foot that suffices to compare it with the other foot.
+const COMPARED_STEPS: usize = 10;
+
+/// True if the steps of a foot with times that can be compared (see [`ClockMapping::is_start_comparable`]), `comparable` of
+/// `steps`, suffice to compare the feet by them alone: at least 10, or at least half of the steps, and not none.
+pub fn are_feet_comparable(comparable: usize, steps: usize) -> bool {
+    comparable > 0 && comparable >= COMPARED_STEPS.min(steps.saturating_sub(comparable))
+}
 
 /// Offset and drift of an insole's clock, from [`plantar::protocol::ToDevice::GetTime`] and its answers.
 ///

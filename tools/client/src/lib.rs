@@ -22,7 +22,7 @@ mod update;
 pub use alert::{alert_advice, alert_to_json, daily_load_to_json};
 pub use carrier::{Carrier, Framed, READ_TIMEOUT};
 pub use cells::{CellReceiver, StartedCells};
-pub use clock_mapping::ClockMapping;
+pub use clock_mapping::{ClockMapping, are_feet_comparable};
 pub use counters::LinkCounters;
 pub use error::Error;
 pub use file::{create_or_open_empty, reserve};

@@ -9,9 +9,6 @@ import type { Wire } from "./wire";
 /** The measures are computed from this number of the last steps of each foot. */
 export const LATEST_STEPS = 100;
 
-/** The feet are compared if this number of the steps of each foot, or half of them, have exact times, as in `plantar gait`. */
-const COMPARED_STEPS = 10;
-
 /** The steps of one foot. */
 export const stepsOf = (steps: readonly StoredStep[], side: Side) => steps.filter(({ step }) => step.side === side);
 
@@ -28,17 +25,16 @@ function comparable(steps: readonly StoredStep[]): StoredStep[] {
 
 /**
  * The measures of both feet. Steps of a foot that cannot be compared in time with its other ones are not used. The feet are
- * compared if the time of the newest step of each foot is exact, and those of at least {@link COMPARED_STEPS} or of half of its
- * steps; then only steps with exact times are used. If the steps of one foot are all earlier than those of the other one, only
- * the foot that walked last is measured.
+ * compared if the time of the newest step of each foot is exact, and those of enough others ({@link Wire.areFeetComparable}); then
+ * only steps with exact times are used. If the steps of one foot are all earlier than those of the other one, only the foot that
+ * walked last is measured.
  */
 export function gaitOf(wire: Wire, { steps, bouts, alerts }: Pick<Records, "steps" | "bouts" | "alerts">, settings: Settings): Gait {
   const latest = SIDES.map((side) => comparable(stepsOf(steps, side)).slice(-LATEST_STEPS));
   const exact = latest.map((steps) => steps.filter(({ is_comparable }) => is_comparable));
-  const has_common_clock = latest.every((steps, i) => {
-    const { length } = exact[i]!;
-    return steps.at(-1)?.is_comparable && length >= Math.min(COMPARED_STEPS, steps.length - length);
-  });
+  const has_common_clock = latest.every(
+    (steps, i) => steps.at(-1)?.is_comparable && wire.areFeetComparable(exact[i]!.length, steps.length),
+  );
   const feet = has_common_clock ? exact : latest;
   const are_timed = feet.map((steps) => steps.every(({ start_unix_s }) => start_unix_s !== null));
   // The times of a foot are all on the clock of the browser, or all on that of its insole.

@@ -32,6 +32,7 @@ interface Exports {
   clock_mapping_answer(index: number, asked_us: number, device_us: number): void;
   clock_mapping_unix_us(index: number, device_us: number): number;
   clock_mapping_is_comparable(index: number, device_us: number): number;
+  are_feet_comparable(comparable: number, steps: number): number;
   counter_clear(index: number): void;
   counter_new_session(index: number): void;
   counter_frame(index: number, sequence: number): void;
@@ -219,6 +220,11 @@ export class Wire {
       }
     });
     return this.json(this.core.gait_measures(has_common_clock, stride_m)) as Gait;
+  }
+
+  /** True if steps with comparable times, `comparable` of `steps` of a foot, suffice to compare the feet by them alone. */
+  areFeetComparable(comparable: number, steps: number): boolean {
+    return Boolean(this.core.are_feet_comparable(comparable, steps));
   }
 
   private write(bytes: Uint8Array): void {

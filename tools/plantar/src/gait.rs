@@ -7,7 +7,7 @@ use crate::summary::{align, table};
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use client::gait::{Estimate, FootStep, Gait, Length, MEASURES};
-use client::{ClockMapping, STREAM_INSOLES};
+use client::{ClockMapping, STREAM_INSOLES, are_feet_comparable};
 use plantar::Side;
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
@@ -170,9 +170,6 @@ fn has_steps(steps: &[(Step, Option<Start>)], side: Side) -> bool {
     steps.iter().any(|(step, _)| step.side == side)
 }
 
-/// The feet are compared if at least this number of steps of each foot, or half of its steps, have exact times.
-const COMPARED_STEPS: usize = 10;
-
 /// Removes the steps of each foot that cannot be compared in time with the others, with a note on stderr. Returns true if the
 /// feet can be compared; the remaining steps then have exact times on the common clock. Otherwise, those of each foot are the
 /// ones with a time on the common clock; if none has one, those of the newest boot of the insole with steps, because its clock
@@ -182,7 +179,7 @@ fn retain_comparable(steps: &mut Vec<(Step, Option<Start>)>) -> bool {
     let has_exact_times = |side| {
         let of_side = || steps.iter().filter(move |(step, _)| step.side == side);
         let exact = of_side().filter(|(_, start)| is_exact(start)).count();
-        exact > 0 && exact >= COMPARED_STEPS.min(of_side().count() - exact)
+        are_feet_comparable(exact, of_side().count())
     };
     let has_common_clock = [Side::Left, Side::Right].into_iter().all(has_exact_times);
     for side in [Side::Left, Side::Right] {

@@ -54,6 +54,8 @@ pub struct View {
     alert: Option<(String, Instant)>,
     /// Why the link is lost, and the remedy; or why the insole sent no frames before it answered again; otherwise empty.
     notice: String,
+    /// True if the notice is [`NO_FRAMES`], which a frame removes.
+    has_no_frames: bool,
     /// True once the user has ended the session, by a key or a signal.
     has_ended: bool,
 }
@@ -97,6 +99,7 @@ impl View {
             step_count: 0,
             alert: None,
             notice: String::new(),
+            has_no_frames: false,
             has_ended: false,
         }
     }
@@ -113,9 +116,11 @@ impl View {
             Meanwhile::Frames => "the insole sent no frames for 2 s, and has not restarted".into(),
         };
         // A matrix that does not answer causes a new session every two seconds.
-        if self.terminal.is_none() && !(meanwhile == Meanwhile::NoFrames && notice == self.notice) {
+        let has_no_frames = meanwhile == Meanwhile::NoFrames;
+        if self.terminal.is_none() && !(has_no_frames && self.has_no_frames) {
             println!("{notice}");
         }
+        self.has_no_frames = has_no_frames;
         self.notice = notice;
     }
 
@@ -125,6 +130,7 @@ impl View {
             eprintln!("{reason}");
         }
         self.title = " the link is lost ".into();
+        self.has_no_frames = false;
         self.notice = reason.into();
         self.redraw()
     }
@@ -141,6 +147,7 @@ impl View {
     /// Shows that the link is open again.
     pub fn reconnected(&mut self, hello: &Hello) {
         self.title = title(hello);
+        self.has_no_frames = false;
         self.notice.clear();
         self.column_names = column_names(hello);
         if self.terminal.is_none() {
@@ -151,7 +158,8 @@ impl View {
     /// Shows a live frame.
     pub fn live(&mut self, live: &Live, counters: LinkCounters) -> Result<()> {
         self.live = *live;
-        if self.notice == NO_FRAMES {
+        if self.has_no_frames {
+            self.has_no_frames = false;
             self.notice.clear();
         }
         self.counters = counters;

@@ -55,7 +55,7 @@ enum Item {
 pub struct StandingResult {
     /// The calibration with the offsets of this trial.
     pub cells: Vec<CellCalibration>,
-    /// Mean force while standing, N, above the new offsets.
+    /// Mean force while standing, N, above that of the lifted foot.
     pub standing_n: f64,
 }
 
@@ -473,9 +473,25 @@ const TRIAL_HZ: f64 = 20.0;
 /// Longest time between two frames of a standing trial, s. The trial's means are over several seconds.
 const TRIAL_GAP_S: f64 = 1.0;
 
+/// Largest increase of a cell's code without load since its calibration, for example by warming. With the law of the reference
+/// insole, it is a pressure of 1.7 kPa at the zero.
+const MAX_INCREASE: u16 = 400;
+
+/// The offset of a cell after a standing trial, in which its mean code under the lifted foot was `measured`. `calibrated` is its
+/// offset in a calibration that the insole stores; `None` without one.
+///
+/// The insole is in the shoe during the trial. Subtracting the code of the shoe's pressure from that of a higher pressure is not
+/// subtracting the pressures, because the sensor law is not linear. The insole itself subtracts the pressure of the shoe, so a code
+/// that is higher by more than [`MAX_INCREASE`] does not change a calibrated offset.
+fn offset_in_shoe(measured: u16, calibrated: Option<u16>) -> u16 {
+    calibrated.filter(|offset| measured > offset.saturating_add(MAX_INCREASE)).unwrap_or(measured)
+}
+
 /// The cells of a standing trial.
 pub struct Trial {
     started: StartedCells,
+    /// True if the insole stores a calibration, which an earlier session or `plantar insole calibrate` has sent.
+    is_calibrated: bool,
     /// The insole sends one of this number of scans.
     every: u8,
     /// The scan number and the codes of each frame that arrived.
@@ -485,6 +501,7 @@ pub struct Trial {
 impl Trial {
     /// Starts the stream of cells, at [`TRIAL_HZ`] if the carrier can send as many frames.
     fn begin(client: &mut AnyClient) -> Result<Self, Error> {
+        let is_calibrated = client.identity()?.calibration_id != 0;
         let every = 1e6 / (TRIAL_HZ * f64::from(client.hello().period_us));
         let mut stream = CellStream { resolution: Resolution::Oversampled, every: every.clamp(1.0, 255.0) as u8 };
         let started = match client.start_cells(stream) {
@@ -494,7 +511,7 @@ impl Trial {
             }
             started => started?,
         };
-        Ok(Self { started, every: stream.every, frames: Vec::new() })
+        Ok(Self { started, is_calibrated, every: stream.every, frames: Vec::new() })
     }
 
     fn frame(&mut self, frame: &CellFrame) {
@@ -544,8 +561,9 @@ impl Trial {
         let mut calibrations = Vec::new();
         for (i, cell) in self.started.cells.iter().enumerate() {
             // A standing trial always has frames with a lifted foot, so the offset 0 is never used.
-            let offset = zero_offset(lifted().map(|(_, codes)| codes[i])).unwrap_or(0);
-            let calibration = CellCalibration { offset, ..cell.calibration };
+            let measured = zero_offset(lifted().map(|(_, codes)| codes[i])).unwrap_or(0);
+            let calibrated = self.is_calibrated.then_some(cell.calibration.offset);
+            let calibration = CellCalibration { offset: offset_in_shoe(measured, calibrated), ..cell.calibration };
             if !calibration.is_valid() {
                 bail!(
                     "{name}: cell {i} reads a code of at least half of its scale without load: it is shorted, or the foot was \
@@ -555,16 +573,75 @@ impl Trial {
             calibrations.push(calibration);
         }
         let corrected = self.recording(name, Some(&calibrations))?;
-        let standing = trial.standing;
-        let standing_n = standing.clone().map(|i| corrected.force_n(i)).sum::<f64>() / standing.len() as f64;
-        Ok(StandingResult { cells: calibrations, standing_n })
+        let mean_n = |frames: &mut dyn Iterator<Item = usize>| {
+            let (sum_n, count) = frames.fold((0.0, 0), |(sum_n, count), i| (sum_n + corrected.force_n(i), count + 1));
+            sum_n / f64::from(count)
+        };
+        let lifted_n = mean_n(&mut trial.lifted.into_iter().flatten());
+        Ok(StandingResult { cells: calibrations, standing_n: mean_n(&mut trial.standing.into_iter()) - lifted_n })
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::ensure_supply;
+    use super::{Trial, ensure_supply};
+    use client::{CellReceiver, StartedCells};
     use plantar::Side;
+    use plantar::pipeline::calibrate::CellCalibration;
+    use plantar::pipeline::contact::ContactRule;
+    use plantar::pipeline::stance_rule::StanceRule;
+    use plantar::protocol::{CellStream, Resolution};
+    use recording::VirtualInsole;
+    use recording::synthetic::{self, SyntheticStanding};
+
+    /// Evaluates a computed standing trial in which the wearer stands with 400 N on the foot. Without load, each cell reads the
+    /// code `unloaded`; in the calibration of the insole, this code is `offset`. The shoe presses on each cell with `shoe_kpa`.
+    /// Returns the new offset of the cells, which is the same for all, and the force while standing, N.
+    fn evaluate(unloaded: u16, offset: u16, shoe_kpa: f32, is_calibrated: bool) -> (u16, f64) {
+        let standing = synthetic::standing(&SyntheticStanding { standing_n: 400.0, ..Default::default() });
+        let mut insole = VirtualInsole::new(&standing, ContactRule::COUNTED, StanceRule::ADAPTIVE);
+        let frame = |i: usize| {
+            let pressed_kpa: Vec<f32> = standing.frame(i).iter().map(|kpa| kpa + shoe_kpa).collect();
+            let mut codes = vec![0; insole.cells.len()];
+            insole.codes(&pressed_kpa, &mut codes);
+            (i as u32, codes.iter().map(|code| code + unloaded).collect())
+        };
+        let frames = (0..standing.frames()).map(frame).collect();
+        for cell in &mut insole.cells {
+            cell.calibration = CellCalibration { offset, ..CellCalibration::IDEAL };
+        }
+        let stream = CellStream { resolution: Resolution::Oversampled, every: 1 };
+        let receiver = CellReceiver::new(&stream, insole.cells.len());
+        let started = StartedCells { setup: insole.setup, cells: insole.cells, receiver };
+        let trial = Trial { started, is_calibrated, every: 1, frames };
+        let recording = trial.recording("trial", None).expect("a recording");
+        let result = trial.evaluate("trial", &recording).expect("a standing trial");
+        let [first, ..] = result.cells[..] else { panic!("the insole has cells") };
+        assert!(result.cells.iter().all(|cell| *cell == first), "all cells have the same offset and gain");
+        (first.offset, result.standing_n)
+    }
+
+    #[test]
+    fn the_pressure_of_the_shoe_does_not_become_an_offset_of_a_calibrated_insole() {
+        let (without_shoe, expected_n) = evaluate(1500, 1500, 0.0, true);
+        assert_eq!(without_shoe, 1500);
+        assert!((expected_n - 400.0).abs() < 4.0, "{expected_n:.1} N of 400 N");
+        for shoe_kpa in [4.0, 8.0, 16.0] {
+            let (offset, standing_n) = evaluate(1500, 1500, shoe_kpa, true);
+            assert_eq!(offset, 1500, "in a shoe that presses with {shoe_kpa} kPa");
+            assert!((standing_n - expected_n).abs() < 0.01 * expected_n, "{standing_n:.1} of {expected_n:.1} N");
+        }
+        // The reading of an unloaded cell has changed since its calibration.
+        assert_eq!(evaluate(1200, 1500, 0.0, true).0, 1200);
+        assert_eq!(evaluate(1800, 1500, 0.0, true).0, 1800);
+    }
+
+    #[test]
+    fn the_offsets_of_an_insole_without_calibration_are_measured() {
+        let (offset, standing_n) = evaluate(5956, 0, 0.0, false);
+        assert_eq!(offset, 5956);
+        assert!((standing_n - 400.0).abs() < 4.0, "{standing_n:.1} N of 400 N");
+    }
 
     #[test]
     fn an_insole_that_stores_nothing_is_refused_before_the_session() {
